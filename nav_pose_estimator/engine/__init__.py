@@ -1,0 +1,1 @@
+"""Stateful estimators without ROS: samples in, solutions and events out."""

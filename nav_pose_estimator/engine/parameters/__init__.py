@@ -1,0 +1,27 @@
+"""Every parameter of the package with its default, unit, range and meaning. Nothing is written twice.
+
+The tree is what a user writes in YAML: ``gnss.delay`` is ``Parameters().gnss.delay``.
+"""
+
+from dataclasses import dataclass, field
+
+from nav_pose_estimator.engine.parameters.aids import AidParameters
+from nav_pose_estimator.engine.parameters.alignment import AlignmentParameters
+from nav_pose_estimator.engine.parameters.attitude import AttitudeParameters
+from nav_pose_estimator.engine.parameters.gnss import GnssParameters
+from nav_pose_estimator.engine.parameters.imu import ImuParameters
+from nav_pose_estimator.engine.parameters.learner import LearnerParameters
+from nav_pose_estimator.engine.parameters.navigator import NavigatorParameters
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The whole tree."""
+
+    imu: ImuParameters = field(default_factory=ImuParameters)
+    gnss: GnssParameters = field(default_factory=GnssParameters)
+    attitude: AttitudeParameters = field(default_factory=AttitudeParameters)
+    alignment: AlignmentParameters = field(default_factory=AlignmentParameters)
+    navigator: NavigatorParameters = field(default_factory=NavigatorParameters)
+    aids: AidParameters = field(default_factory=AidParameters)
+    learner: LearnerParameters = field(default_factory=LearnerParameters)

@@ -1,0 +1,30 @@
+"""Parameters of the inertial sensors."""
+
+from dataclasses import dataclass
+
+from nav_pose_estimator.engine.parameter_schema import param
+
+
+@dataclass(frozen=True)
+class ImuParameters:
+    """How the IMU is mounted and how good it is in flight (vibration included: about twice the data sheet)."""
+
+    mounting_rpy: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), "rad", "Roll, pitch, yaw of the sensor in the body frame (fixed axes x, y, z)", -3.2, 3.2
+    )
+    convention: str = param("flu", "", "Axes of the sensor as published", choices=("flu", "frd"))
+    sampling: str = param(
+        "mean",
+        "",
+        "mean: values are means over the interval that ends at the stamp; point: instantaneous values",
+        choices=("mean", "point"),
+    )
+    gyro_noise: float = param(2.0e-4, "rad/s/sqrt(Hz)", "Gyroscope noise density in flight", 1e-7, 0.1, mutable=True)
+    accel_noise: float = param(3.0e-3, "m/s^2/sqrt(Hz)", "Accelerometer noise density in flight", 1e-6, 10.0, mutable=True)
+    gyro_bias_sd: float = param(4.0e-5, "rad/s", "Steady-state deviation of the gyroscope bias", 0.0, 0.1, mutable=True)
+    gyro_bias_tau: float = param(300.0, "s", "Correlation time of the gyroscope bias", 1.0, 1e6)
+    accel_bias_sd: float = param(5.0e-3, "m/s^2", "Steady-state deviation of the accelerometer bias", 0.0, 1.0, mutable=True)
+    accel_bias_tau: float = param(300.0, "s", "Correlation time of the accelerometer bias", 1.0, 1e6)
+    max_gap: float = param(1.0, "s", "A longer gap in the IMU data restarts the alignment", 0.05, 60.0)
+    max_rate: float = param(70.0, "rad/s", "A larger angular rate is rejected as damaged", 1.0, 1000.0)
+    max_force: float = param(400.0, "m/s^2", "A larger specific force is rejected as damaged", 20.0, 10000.0)

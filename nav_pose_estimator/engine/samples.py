@@ -1,0 +1,132 @@
+"""What goes into an engine: one frozen dataclass per sensor. Stamps are integer nanoseconds, frames FLU and ENU.
+
+``None`` means unknown: a sensor that gives no covariance gives ``None``, never an invented number.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+Vector3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSample:
+    """Angular rate ``gyro`` [rad/s] and specific force ``accel`` [m/s^2] in the body frame."""
+
+    stamp_ns: int
+    gyro: Vector3
+    accel: Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class ImuBlock:
+    """Consecutive IMU samples: ``stamps_ns`` (N,) int64, ``gyro`` (N, 3) [rad/s], ``accel`` (N, 3) [m/s^2]."""
+
+    stamps_ns: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class GnssFix:
+    """Geodetic position. ``status`` as in NavSatStatus (>= 0 is a fix). ``cov_enu`` (3, 3) [m^2] or None if unknown."""
+
+    stamp_ns: int
+    lat: float  # rad
+    lon: float  # rad
+    alt: float  # m above the ellipsoid
+    status: int = 0
+    cov_enu: np.ndarray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class GnssVelocity:
+    """Velocity over ground, ENU [m/s]. An axis that the receiver does not measure is NaN. ``cov_enu`` (3, 3) or None."""
+
+    stamp_ns: int
+    vel_enu: Vector3
+    cov_enu: np.ndarray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SatelliteCount:
+    """Number of satellites used. ``count`` None: the receiver says that it does not know (255 in MAVLink).
+
+    MAVROS sends the count without a header: ``stamp_ns`` is then None and the count belongs to the last fix.
+    """
+
+    stamp_ns: int | None
+    count: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class MagSample:
+    """Magnetic field in the body frame [T]; an absent axis is NaN."""
+
+    stamp_ns: int
+    field: Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class PressureSample:
+    """Static air pressure [Pa], variance [Pa^2] or None."""
+
+    stamp_ns: int
+    pressure: float
+    variance: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class BodyVelocity:
+    """Velocity in the sensor frame [m/s] (DVL, optical flow, wheel). An axis not measured is NaN."""
+
+    stamp_ns: int
+    velocity: Vector3
+    cov: np.ndarray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SetPose:
+    """Pose given from outside, in the local ENU frame of the origin. ``cov`` (6, 6): x, y, z, rotations, or None."""
+
+    stamp_ns: int
+    position_enu: Vector3
+    q_nb: tuple[float, float, float, float]
+    cov: np.ndarray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeSample:
+    """Attitude from another estimator: ``q_nb`` scalar first, ``cov_n`` (3, 3) [rad^2] about n axes."""
+
+    stamp_ns: int
+    q_nb: tuple[float, float, float, float]
+    cov_n: np.ndarray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityError:
+    """Predicted error of the navigator's horizontal velocity (estimate minus truth), ENU [m/s], ``cov`` (2, 2)."""
+
+    stamp_ns: int
+    dv_en: tuple[float, float]
+    cov: np.ndarray
+
+
+Sample = (
+    ImuSample
+    | ImuBlock
+    | GnssFix
+    | GnssVelocity
+    | SatelliteCount
+    | MagSample
+    | PressureSample
+    | BodyVelocity
+    | SetPose
+    | AttitudeSample
+    | VelocityError
+)

@@ -1,0 +1,89 @@
+"""What comes out of an engine: solutions, events, and the words that say how things stand."""
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+
+
+class Mode(Enum):
+    """State of the navigator; the same words in topics, diagnostics, reports and logs."""
+
+    WAITING_IMU = "WAITING_IMU"
+    ALIGNING = "ALIGNING"
+    NO_ORIGIN = "NO_ORIGIN"
+    AIDED = "AIDED"
+    COASTING = "COASTING"  # GNSS lost, other aids or learned models still bound the drift
+    DEAD_RECKONING = "DEAD_RECKONING"  # nothing but the IMU
+    EXPIRED = "EXPIRED"  # unaided for longer than the allowed time
+    REACQUIRING = "REACQUIRING"  # GNSS is back and being checked
+
+
+class Level(Enum):
+    """Severity of an event."""
+
+    DEBUG = 0
+    INFO = 1
+    WARN = 2
+    ERROR = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened: ``name`` is a counter on diagnostics (``imu.rejected.nan``), ``text`` one clear sentence.
+
+    ``text`` is empty for events that are only counted.
+    """
+
+    stamp_ns: int
+    name: str
+    level: Level = Level.DEBUG
+    text: str = ""
+    data: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeSolution:
+    """Attitude ``q_nb`` (4,), covariance about n axes ``cov_n`` (3, 3) [rad^2], bias-corrected rate [rad/s]."""
+
+    stamp_ns: int
+    q_nb: np.ndarray
+    cov_n: np.ndarray
+    rate_b: np.ndarray
+    accel_b: np.ndarray
+    gyro_bias: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class NavSolution:
+    """Navigation solution at one stamp. ``cov`` (15, 15) in the order of ``core.layout``, or None between its steps."""
+
+    stamp_ns: int
+    mode: Mode
+    lat: float
+    lon: float
+    alt: float
+    vel_n: np.ndarray  # (3,) m/s
+    q_nb: np.ndarray  # (4,)
+    rate_b: np.ndarray  # (3,) bias-corrected, rad/s
+    force_b: np.ndarray  # (3,) bias-corrected specific force, m/s^2
+    gyro_bias: np.ndarray
+    accel_bias: np.ndarray
+    cov: np.ndarray
+    position_enu: np.ndarray  # (3,) m from the origin
+    correction_enu: np.ndarray  # (3,) m: sum of all position resets, map -> odom
+    reset_count: int
+
+
+@dataclass(frozen=True, slots=True)
+class NavBlock:
+    """Solutions of consecutive IMU samples: ``stamps_ns`` (N,), ``rows`` (N, OUT_COLUMNS) of ``core.layout``."""
+
+    stamps_ns: np.ndarray
+    rows: np.ndarray
+    mode: Mode
+    reset_count: int
+    correction_enu: np.ndarray
+
+
+Output = NavSolution | NavBlock | AttitudeSolution | Event

@@ -1,0 +1,1 @@
+"""Work on recorded data: bags, replay, benchmarks, reports. Never imports rclpy."""

@@ -1,0 +1,1 @@
+"""The boundary to ROS 2: messages, parameters, QoS, diagnostics."""
