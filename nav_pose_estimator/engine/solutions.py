@@ -86,4 +86,31 @@ class NavBlock:
     correction_enu: np.ndarray
 
 
-Output = NavSolution | NavBlock | AttitudeSolution | Event
+@dataclass(frozen=True, slots=True)
+class AttitudeBlock:
+    """Attitudes of consecutive IMU samples: ``q_nb`` (N, 4), ``tilt_sd`` and ``yaw_sd`` (N,) [rad], ``gyro_bias`` (N, 3)."""
+
+    stamps_ns: np.ndarray
+    q_nb: np.ndarray
+    tilt_sd: np.ndarray
+    yaw_sd: np.ndarray
+    gyro_bias: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """What a pilot wants to know, and every counter (``imu.rejected.nan`` -> 3)."""
+
+    stamp_ns: int
+    mode: Mode
+    waiting_for: str  # one sentence while not AIDED, else empty
+    seconds_coasting: float
+    horizontal_sd: float  # m, now
+    horizontal_sd_in_30_s: float  # m, if GNSS stays away
+    gnss_refusal: str  # why the last fix was not used, else empty
+    satellites: int | None
+    counters: dict[str, int]
+    values: dict[str, float]  # nis means, rates, delays ...
+
+
+Output = NavSolution | NavBlock | AttitudeSolution | AttitudeBlock | Event
