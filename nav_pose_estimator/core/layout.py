@@ -52,7 +52,9 @@ DRAG_PSD = 12  # (1/s)^2/s
 GYRO_MATRIX_PSD = 13  # 1/s
 I_WIND_DRAG = 14  # index of the wind and drag block in the error state, -1 without
 I_GYRO_MATRIX = 15  # index of the gyro-matrix block in the error state, -1 without
-POINT_SAMPLED = 16  # 1: IMU values are instantaneous (trapezoidal rule), 0: means over the interval that ends at the stamp
+POINT_SAMPLED = (
+    16  # 1: IMU values are instantaneous (trapezoidal rule), 0: means over the interval that ends at the stamp
+)
 CONSTANTS_SIZE = 17
 
 # --- IMU block and output rows -------------------------------------------------------------------------------------

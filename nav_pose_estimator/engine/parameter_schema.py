@@ -8,8 +8,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
+from nav_pose_estimator.errors import UserError
 
-class ParameterError(ValueError):
+
+class ParameterError(UserError):
     """A parameter that does not exist, has the wrong type or lies outside its range. The text is for the user."""
 
 
@@ -37,9 +39,7 @@ def param(
     mutable: bool = False,
 ) -> Any:
     """Declare a field. ``default`` bool, int, float, str or a tuple of floats; unit "" for a pure number."""
-    meta = dict(
-        unit=unit, description=description, minimum=minimum, maximum=maximum, choices=choices, mutable=mutable
-    )
+    meta = dict(unit=unit, description=description, minimum=minimum, maximum=maximum, choices=choices, mutable=mutable)
     return field(default=default, metadata=meta)
 
 
