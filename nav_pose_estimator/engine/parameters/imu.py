@@ -32,3 +32,6 @@ class ImuParameters:
     max_gap: float = param(1.0, "s", "A longer gap in the IMU data restarts the alignment", 0.05, 60.0)
     max_rate: float = param(70.0, "rad/s", "A larger angular rate is rejected as damaged", 1.0, 1000.0)
     max_force: float = param(400.0, "m/s^2", "A larger specific force is rejected as damaged", 20.0, 10000.0)
+    stuck_time: float = param(
+        0.5, "s", "A sensor that repeats one value exactly for so long counts as stuck", 0.05, 60.0
+    )
