@@ -7,6 +7,24 @@ from nav_pose_estimator.engine.parameter_schema import param
 
 @dataclass(frozen=True)
 class AidParameters:
-    """Parameters of the aids besides GNSS."""
+    """Each aid can be switched off; each has its noise floor."""
 
     magnetometer: bool = param(True, "", "Use the magnetometer for heading")
+    magnetometer_sd: float = param(0.1, "rad", "Deviation of a magnetic heading", 0.01, 3.0, mutable=True)
+    magnetometer_period: float = param(0.5, "s", "Shortest time between two magnetic headings", 0.0, 60.0)
+    declination: float = param(0.0, "rad", "Magnetic declination, east positive", -3.15, 3.15)
+    barometer: bool = param(True, "", "Use the barometer for height")
+    barometer_sd: float = param(1.5, "m", "Deviation of a barometric height", 0.05, 50.0, mutable=True)
+    barometer_period: float = param(0.2, "s", "Shortest time between two barometric heights", 0.0, 60.0)
+    barometer_tau: float = param(60.0, "s", "Time constant of the barometer's reference while GNSS is good", 1.0, 1e5)
+    body_velocity: bool = param(True, "", "Use the velocity sensor (DVL, optical flow, wheel)")
+    body_velocity_sd: float = param(0.1, "m/s", "Smallest deviation of a body velocity", 0.001, 10.0, mutable=True)
+    body_velocity_delay: float = param(0.0, "s", "Stamp minus time of validity of a body velocity", -1.0, 1.0)
+    body_velocity_lever: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), "m", "Velocity sensor from the IMU, body frame", -50.0, 50.0
+    )
+    body_velocity_rpy: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), "rad", "Roll, pitch, yaw of the velocity sensor in the body frame", -3.2, 3.2
+    )
+    zero_velocity: bool = param(True, "", "Hold the velocity at zero while the vehicle provably rests")
+    zero_velocity_sd: float = param(0.05, "m/s", "Deviation of the velocity at rest", 0.001, 1.0, mutable=True)

@@ -1,12 +1,72 @@
 """Parameters of GNSS: latency, antenna, gate, re-acquisition."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from nav_pose_estimator.engine.parameter_schema import param
 
 
 @dataclass(frozen=True)
+class GateParameters:
+    """When a fix is good enough to be used."""
+
+    satellite_source: str = param(
+        "uint32",
+        "",
+        "Where the number of satellites comes from; none: status and accuracy decide alone",
+        choices=("uint32", "gpsfix", "gpsraw", "navpvt", "px4", "none"),
+    )
+    min_satellites_enter: int = param(6, "", "Satellites needed to begin using GNSS", 0, 100, mutable=True)
+    min_satellites_leave: int = param(5, "", "With fewer satellites GNSS is dropped at once", 0, 100, mutable=True)
+    hold: float = param(2.0, "s", "How long the count must be good before GNSS is used", 0.0, 60.0, mutable=True)
+    count_max_age: float = param(2.0, "s", "An older satellite count is stale", 0.1, 60.0, mutable=True)
+    count_timeout: float = param(5.0, "s", "Without a known count for this long the gate stops counting", 0.5, 600.0)
+    max_age: float = param(1.0, "s", "An older fix is useless", 0.05, 10.0, mutable=True)
+    max_horizontal_sd: float = param(10.0, "m", "Largest stated horizontal deviation", 0.1, 1000.0, mutable=True)
+    max_vertical_sd: float = param(20.0, "m", "Largest stated vertical deviation", 0.1, 1000.0, mutable=True)
+
+
+@dataclass(frozen=True)
+class ReacquisitionParameters:
+    """How GNSS must prove itself after an outage."""
+
+    policy: str = param(
+        "blend",
+        "",
+        "blend: expected returns are corrections, others resets; reset: always; hold: unexpected ones wait",
+        choices=("blend", "reset", "hold"),
+    )
+    fixes: int = param(5, "", "Mutually consistent fixes before GNSS is trusted again", 1, 100, mutable=True)
+    min_duration: float = param(0.8, "s", "... that span at least this time", 0.0, 60.0, mutable=True)
+    sigmas: float = param(5.0, "", "Width of every statistical bound in standard deviations", 1.0, 20.0, mutable=True)
+    max_speed: float = param(60.0, "m/s", "Fastest the vehicle can be", 0.1, 400.0, mutable=True)
+    max_acceleration: float = param(40.0, "m/s^2", "Strongest acceleration of the vehicle", 0.1, 500.0, mutable=True)
+    velocity_tolerance: float = param(
+        1.0, "m/s", "Disagreement allowed between a fix's velocity and its motion", 0.05, 20.0, mutable=True
+    )
+    contradiction_time: float = param(
+        8.0, "s", "Persistence that outweighs the filter's own covariance", 0.5, 600.0, mutable=True
+    )
+    implausible_time: float = param(
+        30.0, "s", "Persistence that outweighs the physical bound", 1.0, 3600.0, mutable=True
+    )
+    track_timeout: float = param(2.0, "s", "A series of fixes that pauses for longer is forgotten", 0.2, 60.0)
+    probation: float = param(120.0, "s", "Longest time during which a return may be reopened", 0.0, 3600.0)
+
+
+@dataclass(frozen=True)
 class GnssParameters:
-    """Parameters of GNSS: latency, antenna, gate, re-acquisition."""
+    """Latency, antenna and noise of the receiver."""
 
     delay: float = param(0.0, "s", "Stamp minus time of validity of a fix", -1.0, 1.0)
+    lever_arm: tuple[float, ...] = param((0.0, 0.0, 0.0), "m", "Antenna from the IMU, body frame", -50.0, 50.0)
+    position_sd: float = param(1.5, "m", "Smallest horizontal deviation of a fix", 0.001, 100.0, mutable=True)
+    vertical_sd: float = param(2.5, "m", "Smallest vertical deviation of a fix", 0.001, 100.0, mutable=True)
+    velocity_sd: float = param(0.1, "m/s", "Smallest horizontal deviation of a velocity", 0.001, 10.0, mutable=True)
+    velocity_vertical_sd: float = param(
+        0.15, "m/s", "Smallest vertical deviation of a velocity", 0.001, 10.0, mutable=True
+    )
+    position_correlation: float = param(
+        1.0, "s", "Fixes closer than this share their error, so each counts for less", 0.0, 100.0, mutable=True
+    )
+    gate: GateParameters = field(default_factory=GateParameters)
+    reacquisition: ReacquisitionParameters = field(default_factory=ReacquisitionParameters)

@@ -1,0 +1,40 @@
+"""What an engine has to say: events in order, and how often each kind of event happened."""
+
+from collections import Counter
+
+from nav_pose_estimator.engine.solutions import Event, Level
+
+
+class Journal:
+    """Events since the last ``drain`` and counters since the start."""
+
+    def __init__(self) -> None:
+        self.counters: Counter[str] = Counter()
+        self._events: list[Event] = []
+
+    def count(self, name: str) -> None:
+        """Count something that happens too often for words."""
+        self.counters[name] += 1
+
+    def say(self, stamp_ns: int, name: str, level: Level, text: str, **data: float) -> None:
+        """Count it and hand it on."""
+        self.add(Event(stamp_ns, name, level, text, data))
+
+    def add(self, event: Event) -> None:
+        """Count an event made elsewhere and hand it on."""
+        self.counters[event.name] += 1
+        self._events.append(event)
+
+    def drain(self) -> list[Event]:
+        """The events since the last call."""
+        if not self._events:
+            return []
+        events, self._events = self._events, []
+        return events
+
+    def copy(self) -> "Journal":
+        """An independent copy."""
+        twin = Journal()
+        twin.counters = Counter(self.counters)
+        twin._events = list(self._events)
+        return twin

@@ -1,0 +1,68 @@
+"""Parameters of the ROS boundary: message types, frames, rates. Plain data; replay ignores what it does not need."""
+
+from dataclasses import dataclass, field
+
+from nav_pose_estimator.engine.parameter_schema import param
+
+
+@dataclass(frozen=True)
+class InputParameters:
+    """The message type on each input topic, as the driver publishes it."""
+
+    imu: str = param("imu", "", "imu/data_raw: sensor_msgs/Imu or px4_msgs/SensorCombined", choices=("imu", "px4"))
+    fix: str = param(
+        "navsatfix",
+        "",
+        "gps/fix: sensor_msgs/NavSatFix, gps_msgs/GPSFix or px4_msgs/SensorGps",
+        choices=("navsatfix", "gpsfix", "px4"),
+    )
+    velocity: str = param(
+        "twist_with_covariance",
+        "",
+        "gps/vel: geometry_msgs/TwistWithCovarianceStamped or TwistStamped (ENU), gps_msgs/GPSFix, px4_msgs/SensorGps",
+        choices=("twist_with_covariance", "twist", "gpsfix", "px4", "none"),
+    )
+    vertical_velocity: bool = param(True, "", "The driver fills the vertical velocity of gps/vel (MAVROS does not)")
+    satellites: str = param(
+        "uint32",
+        "",
+        "gps/satellites: std_msgs/UInt32, gps_msgs/GPSFix, mavros_msgs/GPSRAW, ublox_msgs/NavPVT, px4_msgs/SensorGps; "
+        "none: the number of satellites is not known",
+        choices=("uint32", "gpsfix", "gpsraw", "navpvt", "px4", "none"),
+    )
+    queue: int = param(50, "", "Messages kept per input while the node is busy", 1, 1000)
+    max_stamp_regression: float = param(
+        1.0, "s", "Stamps that go back by more, three times in a row, are a new run (bag loop): reset", 0.1, 3600.0
+    )
+
+
+@dataclass(frozen=True)
+class FrameParameters:
+    """Frame names of REP-105."""
+
+    map: str = param("map", "", "World frame that takes the jumps")
+    odom: str = param("odom", "", "World frame in which base_link moves without jumps")
+    base_link: str = param("base_link", "", "Body frame, FLU")
+    publish_tf: bool = param(False, "", "Publish map -> odom -> base_link on /tf (needs tf2_msgs)")
+
+
+@dataclass(frozen=True)
+class OutputParameters:
+    """How often results are published."""
+
+    odometry_rate: float = param(
+        100.0, "Hz", "Highest rate of odometry/filtered and tf; 0: with every IMU sample", 0.0, 2000.0
+    )
+    attitude_rate: float = param(0.0, "Hz", "Highest rate of imu/data; 0: with every IMU sample", 0.0, 2000.0)
+    fix_rate: float = param(5.0, "Hz", "Highest rate of gps/filtered; 0: with every IMU sample", 0.0, 2000.0)
+    bias_rate: float = param(1.0, "Hz", "Highest rate of the bias topics; 0: with every IMU sample", 0.0, 2000.0)
+    diagnostics_period: float = param(1.0, "s", "Time between two messages on /diagnostics and ~/status", 0.1, 60.0)
+
+
+@dataclass(frozen=True)
+class RosParameters:
+    """Everything at the boundary."""
+
+    input: InputParameters = field(default_factory=InputParameters)
+    frames: FrameParameters = field(default_factory=FrameParameters)
+    output: OutputParameters = field(default_factory=OutputParameters)

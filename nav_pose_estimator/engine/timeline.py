@@ -1,0 +1,219 @@
+"""The filter on its time line: IMU rows carry it on, observations act at their own time of validity, however late.
+
+The time line keeps the last second or so of IMU rows, observations and checkpoints of the filter. An observation from
+the past restores the last checkpoint before it and replays what came after. Because every observation splits the IMU
+interval at its own time, a late or out-of-order observation leads to the same numbers as a punctual one.
+"""
+
+from __future__ import annotations
+
+import bisect
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nav_pose_estimator.core.layout import IMU_COLUMNS, IMU_T, OUT_COLUMNS, POINT_SAMPLED, TIME
+from nav_pose_estimator.core.strapdown import flush_covariance, run_imu
+
+
+@dataclass(slots=True)
+class Observation:
+    """One observation at its time of validity ``t`` [s]. ``apply`` of the engine knows what to do with ``kind``.
+
+    Observations of equal time act in the order of ``priority``, then of arrival. ``memory`` keeps what was decided when
+    it first acted (used or not, and why), so that a replay does not count or decide twice.
+    """
+
+    t: float
+    kind: str
+    arguments: tuple
+    priority: int = 5
+    arrival: int = 0
+    memory: dict = field(default_factory=dict)
+
+    @property
+    def key(self) -> tuple[float, int, int]:
+        return (self.t, self.priority, self.arrival)
+
+
+@dataclass(slots=True)
+class _Checkpoint:
+    t: float
+    nav: np.ndarray
+    P: np.ndarray
+
+
+Apply = Callable[[Observation, np.ndarray, np.ndarray], None]
+
+
+class Timeline:
+    """Nominal state ``nav`` and covariance ``P`` at the time of the last IMU row, with a memory of ``window`` seconds."""
+
+    def __init__(self, constants: np.ndarray, apply: Apply, window: float, checkpoint_period: float = 0.2) -> None:
+        self.constants = constants
+        self._apply = apply
+        self._window = window
+        self._period = checkpoint_period
+        self.nav = np.empty(0)
+        self.P = np.empty((0, 0))
+        self._rows = np.empty((0, IMU_COLUMNS))  # a buffer with room at the end; the live part is [_first:_last]
+        self._first = self._last = 0
+        self._checkpoints: deque[_Checkpoint] = deque()
+        self._observations: list[Observation] = []  # sorted by key
+        self._done = 0  # observations before this index have acted on nav
+        self._dirty: float | None = None  # earliest time that must be replayed
+        self._arrivals = 0
+
+    # --- start and state ---------------------------------------------------------------------------------------------
+
+    def start(self, nav: np.ndarray, P: np.ndarray) -> None:
+        """Begin at ``nav[TIME]`` with rows already known (``remember``) replayed up to the present."""
+        self.nav = nav.copy()
+        self.P = P.copy()
+        self._checkpoints.clear()
+        self._checkpoints.append(_Checkpoint(float(nav[TIME]), self.nav.copy(), self.P.copy()))
+        self._observations = [o for o in self._observations if o.t > nav[TIME]]
+        self._done = 0
+        self._dirty = None
+        rows = self._live()
+        todo = rows[rows[:, IMU_T] > nav[TIME]]
+        if len(todo):
+            self._run(todo, np.empty((len(todo), OUT_COLUMNS)))
+
+    def remember(self, rows: np.ndarray) -> None:
+        """Keep IMU ``rows`` (N, 7) without a running filter, so that an alignment in the past can catch up."""
+        self._append(rows)
+
+    @property
+    def running(self) -> bool:
+        return self.nav.size > 0
+
+    @property
+    def time(self) -> float:
+        return float(self.nav[TIME])
+
+    def copy(self, apply: Apply) -> Timeline:
+        """An independent copy that applies observations through ``apply``."""
+        twin = Timeline(self.constants.copy(), apply, self._window, self._period)
+        twin.nav, twin.P = self.nav.copy(), self.P.copy()
+        twin._rows = self._rows[self._first : self._last].copy()
+        twin._last = len(twin._rows)
+        twin._checkpoints = deque(self._checkpoints)  # checkpoints are never written to
+        twin._observations = [
+            Observation(o.t, o.kind, o.arguments, o.priority, o.arrival, dict(o.memory)) for o in self._observations
+        ]
+        twin._done, twin._dirty, twin._arrivals = self._done, self._dirty, self._arrivals
+        return twin
+
+    # --- input -------------------------------------------------------------------------------------------------------
+
+    def observe(self, t: float, kind: str, arguments: tuple, priority: int = 5) -> bool:
+        """Insert an observation valid at ``t``. False when it is older than the memory: then nothing happens."""
+        if self.running and t <= self._checkpoints[0].t:
+            return False
+        self._arrivals += 1
+        observation = Observation(t, kind, arguments, priority, self._arrivals)
+        index = bisect.bisect(self._observations, observation.key, key=lambda o: o.key)
+        self._observations.insert(index, observation)
+        if self.running and t <= self.time:
+            self._dirty = t if self._dirty is None else min(self._dirty, t)
+        return True
+
+    def advance(self, rows: np.ndarray) -> np.ndarray:
+        """Carry the filter over IMU ``rows`` (N, 7), later than ``time``; returns output rows (N, OUT_COLUMNS)."""
+        self.settle()
+        self._append(rows)
+        out = np.empty((len(rows), OUT_COLUMNS))
+        self._run(rows, out)
+        self._forget()
+        return out
+
+    def settle(self) -> None:
+        """Replay from the earliest observation that has not acted yet. ``nav`` and ``P`` are then up to date."""
+        if self._dirty is None:
+            return
+        now, dirty = self.time, self._dirty
+        self._dirty = None
+        while len(self._checkpoints) > 1 and self._checkpoints[-1].t >= dirty:
+            self._checkpoints.pop()
+        start = self._checkpoints[-1]
+        self.nav[:] = start.nav
+        self.P[:] = start.P
+        self._done = bisect.bisect_right(self._observations, start.t, key=lambda o: o.t)
+        rows = self._live()
+        begin, end = np.searchsorted(rows[:, IMU_T], (start.t, now), side="right")
+        self._run(rows[begin:end], np.empty((end - begin, OUT_COLUMNS)))
+
+    # --- inside ------------------------------------------------------------------------------------------------------
+
+    def _run(self, rows: np.ndarray, out: np.ndarray) -> None:
+        """Process consecutive rows with the observations that fall into them."""
+        times = rows[:, IMU_T]
+        at, count = 0, len(rows)
+        while at < count:
+            due = self._observations[self._done].t if self._done < len(self._observations) else np.inf
+            mark = self._checkpoints[-1].t + self._period
+            # rows that end before the observation, at most one past the checkpoint mark
+            stop = min(int(np.searchsorted(times, due)), int(np.searchsorted(times, mark)) + 1, count)
+            if stop > at:
+                run_imu(self.nav, self.P, self.constants, rows[at:stop], out[at:stop])
+                at = stop
+            elif due <= times[at]:
+                self._split(rows[at], due)
+                if due == times[at]:
+                    run_imu(self.nav, self.P, self.constants, rows[at : at + 1], out[at : at + 1])
+                    at += 1
+            if at and self.nav[TIME] == times[at - 1] and times[at - 1] >= mark:
+                self._checkpoints.append(_Checkpoint(self.time, self.nav.copy(), self.P.copy()))
+
+    def _split(self, row: np.ndarray, due: float) -> None:
+        """Carry the filter into the interval of ``row`` up to ``due`` and let every observation of that time act."""
+        if due > self.time:
+            part = row.copy()
+            part[IMU_T] = due
+            if self.constants[POINT_SAMPLED]:
+                self._interpolate(part, row, due)
+            run_imu(self.nav, self.P, self.constants, part[np.newaxis], np.empty((1, OUT_COLUMNS)))
+        flush_covariance(self.nav, self.P, self.constants)
+        while self._done < len(self._observations) and self._observations[self._done].t <= due:
+            self._apply(self._observations[self._done], self.nav, self.P)
+            self._done += 1
+
+    def _interpolate(self, part: np.ndarray, row: np.ndarray, due: float) -> None:
+        live = self._live()
+        before = live[max(int(np.searchsorted(live[:, IMU_T], row[IMU_T])) - 1, 0)]
+        span = row[IMU_T] - before[IMU_T]
+        if span > 0.0:
+            share = (due - before[IMU_T]) / span
+            part[1:] = before[1:] + share * (row[1:] - before[1:])
+
+    def _live(self) -> np.ndarray:
+        return self._rows[self._first : self._last]
+
+    def _append(self, rows: np.ndarray) -> None:
+        need = len(rows)
+        if self._last + need > len(self._rows):
+            live = self._live()
+            room = np.empty((2 * (len(live) + need) + 256, IMU_COLUMNS))
+            room[: len(live)] = live
+            self._rows, self._first, self._last = room, 0, len(live)
+        self._rows[self._last : self._last + need] = rows
+        self._last += need
+        if not self.running:
+            self._drop_rows_before(rows[-1, IMU_T] - self._window)
+
+    def _forget(self) -> None:
+        horizon = self.time - self._window
+        while len(self._checkpoints) > 1 and self._checkpoints[1].t <= horizon:
+            self._checkpoints.popleft()
+        oldest = self._checkpoints[0].t
+        drop = bisect.bisect_right(self._observations, oldest, key=lambda o: o.t)
+        del self._observations[:drop]
+        self._done -= drop
+        self._drop_rows_before(oldest)
+
+    def _drop_rows_before(self, t: float) -> None:
+        # the row at or before t stays: point-sampled data interpolate from it
+        self._first += max(int(np.searchsorted(self._live()[:, IMU_T], t)) - 1, 0)
