@@ -6,11 +6,9 @@ From there come the ROS parameter descriptors, the YAML files, the documentation
 import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 from nav_pose_estimator.errors import UserError
-
-T = TypeVar("T")
 
 
 class ParameterError(UserError):
@@ -125,6 +123,6 @@ def _kind(default: Any) -> str:
     return {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}[type(default)]
 
 
-def settings(kind: type[T], group: Any) -> T:
+def settings[T](kind: type[T], group: Any) -> T:
     """An instance of the core's settings class ``kind`` from the fields of ``group`` that have the same names."""
     return kind(**{item.name: getattr(group, item.name) for item in fields(kind)})  # type: ignore[arg-type]

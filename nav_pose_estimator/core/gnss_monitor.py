@@ -1,0 +1,179 @@
+"""Is this fix good enough? The gate by satellite count, fix status, age and stated accuracy.
+
+Pure Python and without a clock: time comes with each call, float seconds since the engine's epoch. All that changes
+is one ``state`` of immutable parts, so that ``dataclasses.replace(gate.state)`` is a snapshot.
+"""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Something the pilot should hear of: dotted ``name``, ``severity`` info, warn or error, one sentence ``text``."""
+
+    name: str
+    severity: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class GateSettings:
+    """Thresholds of ``GnssGate``; times in seconds, accuracies as one standard deviation in metres."""
+
+    satellite_source: str  # "none": there is no count, only status and accuracy decide
+    min_satellites_enter: int
+    min_satellites_leave: int
+    hold: float  # the count stays at or above the enter threshold this long before the gate opens
+    count_max_age: float  # an older count is stale
+    count_timeout: float  # without a known count for this long the gate stops waiting for one
+    max_age: float  # an older fix is useless
+    max_horizontal_sd: float
+    max_vertical_sd: float
+
+
+@dataclass(slots=True)
+class GateState:
+    """All that changes in a ``GnssGate``."""
+
+    open: bool = False
+    inactive: bool = False  # no count to be had: status and accuracy decide alone
+    count: int | None = None
+    count_state: str = "missing"  # known, unknown, stale, missing
+    count_time: float = -math.inf  # of the last known count
+    last_update: float = -math.inf  # of the last count message, known or not
+    first_fix: float | None = None
+    good_since: float | None = None  # count at or above the enter threshold without a break
+    usable_since: float | None = None  # fixes usable without a break
+    notices: tuple[Notice, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """``usable`` or not, the dotted ``reason`` (a counter), and what happened since the last verdict."""
+
+    usable: bool
+    reason: str
+    notices: tuple[Notice, ...] = ()
+
+
+class GnssGate:
+    """Gate by satellite count with hysteresis, fix status, age and stated accuracy.
+
+    The gate opens when the count has been at or above ``min_satellites_enter`` for ``hold`` and closes at once below
+    ``min_satellites_leave``. Receivers that send the count without a header send it after its fix, so a fix is judged
+    by the last count that is not older than ``count_max_age``.
+
+    A count that is unknown (``None``) or stale neither opens nor closes the gate: it stays as it is, and the change of
+    ``state.count_state`` is a notice. Only when no count has been known for ``count_timeout`` does the gate give up
+    counting, loudly: ``state.inactive``; status and accuracy then decide alone until a count is known again.
+    """
+
+    def __init__(self, settings: GateSettings):
+        self.settings = settings
+        self.state = GateState()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.state = GateState()
+        if self.settings.satellite_source == "none":
+            self._deactivate("no source of a satellite count is configured")
+
+    def update_count(self, t: float, count: int | None) -> None:
+        """Take a satellite count; ``None`` means that the receiver does not know."""
+        s = self.state
+        if t < s.last_update:
+            self._note("gnss.count.out_of_order", "info", "A satellite count older than the last one is ignored.")
+            return
+        s.last_update = t
+        if self.settings.satellite_source == "none":
+            return
+        if count is None:
+            self._set_count_state("unknown")
+            s.good_since = None
+            return
+        if t - s.count_time > self.settings.count_max_age or count < self.settings.min_satellites_enter:
+            s.good_since = None
+        s.count, s.count_time, s.inactive = count, t, False
+        self._set_count_state("known")
+        if count >= self.settings.min_satellites_enter and s.good_since is None:
+            s.good_since = t
+        if s.open and count < self.settings.min_satellites_leave:
+            self._close(f"{count} satellites, fewer than {self.settings.min_satellites_leave}")
+
+    def assess_fix(
+        self,
+        t: float,
+        status: int,
+        horizontal_sd: float | None = None,
+        vertical_sd: float | None = None,
+        age: float = 0.0,
+    ) -> Verdict:
+        """Judge one fix: NavSatStatus ``status``, accuracy [m] or ``None`` if unknown, ``age`` [s] on arrival."""
+        s = self.state
+        s.first_fix = t if s.first_fix is None else s.first_fix
+        reason = self._quality(status, horizontal_sd, vertical_sd, age) or self._count_reason(t)
+        if reason:
+            s.usable_since = None
+        elif s.usable_since is None:
+            s.usable_since = t
+        notices, s.notices = s.notices, ()
+        return Verdict(not reason, reason or "gnss.usable", notices)
+
+    def _quality(self, status: int, horizontal_sd: float | None, vertical_sd: float | None, age: float) -> str:
+        settings = self.settings
+        if status < 0:
+            return "gnss.rejected.status"
+        if not age <= settings.max_age:
+            return "gnss.rejected.age"
+        # written so that NaN is rejected too
+        bad_horizontal = horizontal_sd is not None and not horizontal_sd <= settings.max_horizontal_sd
+        bad_vertical = vertical_sd is not None and not vertical_sd <= settings.max_vertical_sd
+        return "gnss.rejected.accuracy" if bad_horizontal or bad_vertical else ""
+
+    def _count_reason(self, t: float) -> str:
+        """Why the count keeps the fix out; empty if it does not."""
+        s, settings = self.state, self.settings
+        if s.inactive:
+            return ""
+        since_known = t - max(s.count_time, s.first_fix)
+        if since_known > settings.count_timeout:
+            self._deactivate(f"no satellite count for {since_known:.0f} s from source {settings.satellite_source!r}")
+            return ""
+        if s.count_state == "known" and t - s.count_time > settings.count_max_age:
+            self._set_count_state("stale")
+            s.good_since = None
+        if s.open:
+            return ""
+        if s.count_state != "known":
+            return f"gnss.waiting.count_{s.count_state}"
+        if s.count < settings.min_satellites_enter:
+            return "gnss.rejected.satellites"
+        if t - s.good_since < settings.hold:
+            return "gnss.waiting.hold"
+        s.open = True
+        self._note("gnss.gate.opened", "info", f"GNSS gate open: {s.count} satellites for {settings.hold:g} s.")
+        return ""
+
+    def _set_count_state(self, new: str) -> None:
+        s = self.state
+        if new == s.count_state:
+            return
+        s.count_state = new
+        if new in ("unknown", "stale"):
+            stays = "open" if s.open else "closed"
+            self._note(f"gnss.count.{new}", "warn", f"The satellite count is {new}; the GNSS gate stays {stays}.")
+
+    def _close(self, why: str) -> None:
+        self.state.open = False
+        self._note("gnss.gate.closed", "warn", f"GNSS gate closed: {why}.")
+
+    def _deactivate(self, why: str) -> None:
+        self.state.inactive = True
+        self._note(
+            "gnss.gate.inactive", "error", f"GNSS gate by satellites is inactive: {why}; status and accuracy only."
+        )
+
+    def _note(self, name: str, severity: str, text: str) -> None:
+        self.state.notices += (Notice(name, severity, text),)
