@@ -155,6 +155,15 @@ def without_vertical(adapter: Adapter) -> Adapter:
     return adapt
 
 
+def from_ned(adapter: Adapter) -> Adapter:
+    """``adapter`` for a driver that publishes velocities in North-East-Down."""
+
+    def adapt(message: Any) -> Converted:
+        return tuple(_ned_to_enu(item) if isinstance(item, GnssVelocity) else item for item in adapter(message))
+
+    return adapt
+
+
 def vector(value: Any) -> Vector3:
     """A geometry_msgs/Vector3 or Point as three floats."""
     return float(value.x), float(value.y), float(value.z)
@@ -168,6 +177,13 @@ def quaternion(value: Any) -> tuple[float, float, float, float] | None:
         return None
     w, x, y, z = (c / norm for c in q)
     return w, x, y, z
+
+
+def _ned_to_enu(velocity: GnssVelocity) -> GnssVelocity:
+    north, east, down = velocity.vel_enu
+    cov = velocity.cov_enu
+    turned = None if cov is None else cov[np.ix_((1, 0, 2), (1, 0, 2))] * np.outer((1, 1, -1), (1, 1, -1))
+    return GnssVelocity(velocity.stamp_ns, (east, north, -down), turned)
 
 
 def _drop_up(velocity: GnssVelocity) -> GnssVelocity:

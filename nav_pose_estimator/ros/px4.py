@@ -40,12 +40,12 @@ def fix(message: Any) -> Converted:
 
 
 def velocity(message: Any) -> Converted:
-    """SensorGps to :class:`GnssVelocity`, NED turned to ENU; nothing where PX4 says that it is not valid.
+    """SensorGps to :class:`GnssVelocity`, NED turned to ENU; an event where PX4 says that it is not valid.
 
     ``s_variance_m_s`` is, in spite of its name, the accuracy of the speed in m/s.
     """
     if not message.vel_ned_valid:
-        return ()
+        return (Event(_stamp_ns(message), "gnss.velocity.rejected.invalid"),)
     accuracy = float(message.s_variance_m_s)
     cov = np.eye(3) * accuracy**2 if 0.0 < accuracy < math.inf else None
     vel_enu = float(message.vel_e_m_s), float(message.vel_n_m_s), -float(message.vel_d_m_s)

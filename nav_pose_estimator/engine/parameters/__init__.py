@@ -12,6 +12,7 @@ from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.parameters.imu import ImuParameters
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.engine.parameters.navigator import NavigatorParameters
+from nav_pose_estimator.engine.parameters.ros import RosParameters
 
 
 @dataclass(frozen=True)
@@ -25,3 +26,4 @@ class Parameters:
     navigator: NavigatorParameters = field(default_factory=NavigatorParameters)
     aids: AidParameters = field(default_factory=AidParameters)
     learner: LearnerParameters = field(default_factory=LearnerParameters)
+    ros: RosParameters = field(default_factory=RosParameters)

@@ -22,6 +22,7 @@ class InputParameters:
         "gps/vel: geometry_msgs/TwistWithCovarianceStamped or TwistStamped (ENU), gps_msgs/GPSFix, px4_msgs/SensorGps",
         choices=("twist_with_covariance", "twist", "gpsfix", "px4", "none"),
     )
+    velocity_frame: str = param("enu", "", "World axes of a twist on gps/vel", choices=("enu", "ned"))
     vertical_velocity: bool = param(True, "", "The driver fills the vertical velocity of gps/vel (MAVROS does not)")
     satellites: str = param(
         "uint32",
