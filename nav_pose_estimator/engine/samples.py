@@ -109,11 +109,36 @@ class AttitudeSample:
 
 
 @dataclass(frozen=True, slots=True)
+class NavigatorVelocity:
+    """Velocity of the navigator, ENU [m/s]: with it the attitude filter tells acceleration from gravity.
+
+    ``valid`` while GNSS or another velocity aids the navigator; a coasting navigator would feed its own errors back.
+    """
+
+    stamp_ns: int
+    vel_enu: Vector3
+    valid: bool = True
+
+
+@dataclass(frozen=True, slots=True)
 class VelocityError:
     """Predicted error of the navigator's horizontal velocity (estimate minus truth), ENU [m/s], ``cov`` (2, 2)."""
 
     stamp_ns: int
     dv_en: tuple[float, float]
+    cov: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What the flight so far lets expect: ``kind`` horizontal_velocity [m/s, ENU] or horizontal_position (lat, lon) [rad].
+
+    ``cov`` (2, 2) in m/s or m, East and North.
+    """
+
+    stamp_ns: int
+    kind: str
+    value: tuple[float, float]
     cov: np.ndarray
 
 
@@ -128,5 +153,7 @@ Sample = (
     | BodyVelocity
     | SetPose
     | AttitudeSample
+    | NavigatorVelocity
     | VelocityError
+    | Prior
 )

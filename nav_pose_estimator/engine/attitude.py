@@ -1,0 +1,302 @@
+"""Attitude engine: IMU, magnetometer and the navigator's velocity in; attitude with covariance and events out."""
+
+import copy
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nav_pose_estimator.core.attitude_layout import BIAS, COV, FORCE, HEAD_SIZE, QUAT, RATE
+from nav_pose_estimator.engine import parameter_schema
+from nav_pose_estimator.engine.attitude_filters import KERNELS, MAKE_STATE
+from nav_pose_estimator.engine.imu_input import CLOCK_JUMP, RESTARTS, ImuInput
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, NavigatorVelocity, Sample
+from nav_pose_estimator.engine.solutions import AttitudeBlock, AttitudeSolution, Event, Level, Mode, Output, Status
+from nav_pose_estimator.errors import UserError
+
+_NS = 1e-9
+_NO_FIELD = np.empty((0, 3))
+_DISTURBED, _UNDISTURBED = 0.1, 0.5  # weights of the field at which a disturbance begins and ends
+_STALE_MAG_NS = 500_000_000
+_VELOCITY_GAP_NS = 1_000_000_000
+
+
+@dataclass
+class _Memory:
+    """All that changes while the engine runs."""
+
+    state: np.ndarray
+    last_ns: int | None = None
+    started_ns: int = 0
+    mag_ns: int | None = None
+    disturbed: bool = False
+    velocity: NavigatorVelocity | None = None
+
+
+class AttitudeEngine:
+    """Attitude from a stream of samples; see ``AttitudeParameters`` for the choice of filter. Not thread-safe."""
+
+    def __init__(self, parameters: Parameters | None = None) -> None:
+        self._parameters = parameters or Parameters()
+        p = self._parameters.attitude
+        self._kernels = KERNELS[p.filter]
+        self._door = ImuInput(self._parameters.imu)
+        self._hard_iron = np.array(p.mag_hard_iron)
+        self._soft_iron = np.array(p.mag_soft_iron).reshape(3, 3)
+        self._counters: Counter[str] = Counter()
+        self._memory = self._fresh()
+
+    def _fresh(self) -> _Memory:
+        return _Memory(MAKE_STATE[self._parameters.attitude.filter](self._parameters))
+
+    # --- the face shared by all engines ----------------------------------------------------------------------------
+
+    def feed(self, sample: Sample) -> list[Output]:
+        """Solutions and events that follow from ``sample``, in order. Samples that are of no use here give nothing."""
+        if isinstance(sample, ImuSample):
+            return [self._handle(item) for item in self._door.accept(sample)]
+        if isinstance(sample, ImuBlock):
+            return [self._handle(item) for item in self._door.accept_block(sample)]
+        if isinstance(sample, MagSample):
+            return [self._handle(item) for item in self._on_mag(sample)]
+        if isinstance(sample, NavigatorVelocity):
+            return [self._handle(item) for item in self._on_velocity(sample)]
+        return []
+
+    def _handle(self, item: ImuSample | ImuBlock | Event) -> Output:
+        """One thing at a time, in order: an event in the middle of a block acts before what follows it."""
+        if isinstance(item, ImuSample):
+            return self._on_imu(item)
+        if isinstance(item, ImuBlock):
+            return self._on_block(item, _NO_FIELD)
+        self._counters[item.name] += 1
+        if item.name in RESTARTS:
+            self._restart(item.name)
+        return item
+
+    def status(self) -> Status:
+        """How the filter stands; ``values`` holds deviations [deg] and what was learned."""
+        memory, s = self._memory, self._memory.state
+        settled = memory.last_ns is not None and self._age() >= 1.0
+        mode = Mode.WAITING_IMU if memory.last_ns is None else Mode.AIDED if settled else Mode.ALIGNING
+        values = {
+            "tilt_sd_deg": math.degrees(math.sqrt(max(s[COV], s[COV + 4]))),
+            "yaw_sd_deg": math.degrees(math.sqrt(s[COV + 8])),
+            "gyro_bias_deg_s": math.degrees(float(np.linalg.norm(s[BIAS : BIAS + 3]))),
+            "field_trust": float(s[self._kernels.MAG_WEIGHT]) if memory.mag_ns is not None else 0.0,
+        }
+        return Status(
+            stamp_ns=memory.last_ns or 0,
+            mode=mode,
+            waiting_for=self._waiting_for(),
+            seconds_coasting=0.0,
+            horizontal_sd=math.nan,
+            horizontal_sd_in_30_s=math.nan,
+            gnss_refusal="",
+            satellites=None,
+            counters=dict(self._counters),
+            values=values,
+        )
+
+    def snapshot(self) -> Any:
+        """Everything that changes, to be given to :meth:`restore`. Counters go on counting."""
+        return copy.deepcopy(self._memory), self._door.snapshot()
+
+    def restore(self, snapshot: Any) -> None:
+        """Go back to an earlier :meth:`snapshot`."""
+        memory, door = snapshot
+        self._memory = copy.deepcopy(memory)
+        self._door.restore(door)
+
+    def reset(self, stamp_ns: int, reason: str) -> list[Output]:
+        """Forget everything but the counters, and say why."""
+        self._memory = self._fresh()
+        self._door.reset()
+        text = f"the attitude filter starts anew: {reason}"
+        return [self._handle(Event(stamp_ns, "attitude.reset", Level.WARN, text))]
+
+    def warm_up(self) -> None:
+        """Compile (or load) every kernel now, so that no sample has to wait for it."""
+        twin, stamps = AttitudeEngine(self._parameters), np.array([1, 2]) * 10_000_000
+        twin.feed(
+            ImuBlock(stamps, np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1e-3]]), np.array([[0, 0, 9.8], [0, 0, 9.81]]))
+        )
+        twin.feed(ImuSample(30_000_000, (0.0, 0.0, 2e-3), (0.0, 0.0, 9.82)))
+        twin.feed(MagSample(30_000_000, (0.0, 2e-5, -4e-5)))
+        twin.feed(NavigatorVelocity(20_000_000, (0.0, 0.0, 0.0)))
+        twin.feed(NavigatorVelocity(30_000_000, (0.0, 0.0, 0.0)))
+
+    # --- IMU -------------------------------------------------------------------------------------------------------
+
+    def _on_imu(self, sample: ImuSample) -> AttitudeSolution:
+        memory = self._memory
+        s = memory.state
+        dt = 0.0 if memory.last_ns is None else (sample.stamp_ns - memory.last_ns) * _NS
+        if memory.last_ns is None:
+            memory.started_ns = sample.stamp_ns
+        memory.last_ns = sample.stamp_ns
+        self._kernels.step(s, dt, *sample.gyro, *sample.accel)
+        head = s[:HEAD_SIZE].copy()
+        return AttitudeSolution(
+            stamp_ns=sample.stamp_ns,
+            q_nb=head[QUAT : QUAT + 4],
+            cov_n=head[COV : COV + 9].reshape(3, 3),
+            rate_b=head[RATE : RATE + 3],
+            accel_b=head[FORCE : FORCE + 3],
+            gyro_bias=head[BIAS : BIAS + 3],
+        )
+
+    def _on_block(self, block: ImuBlock, mag: np.ndarray) -> AttitudeBlock:
+        memory = self._memory
+        if memory.last_ns is None:
+            memory.last_ns = memory.started_ns = int(block.stamps_ns[0])
+        imu = np.empty((len(block), 7))
+        imu[:, 0] = np.diff(block.stamps_ns, prepend=memory.last_ns) * _NS
+        imu[:, 1:4], imu[:, 4:7] = block.gyro, block.accel
+        out = np.empty((len(block), HEAD_SIZE))
+        self._kernels.run(memory.state, imu, mag, out)
+        memory.last_ns = int(block.stamps_ns[-1])
+        return AttitudeBlock(
+            stamps_ns=block.stamps_ns,
+            q_nb=out[:, QUAT : QUAT + 4],
+            tilt_sd=np.sqrt(np.maximum(out[:, COV], out[:, COV + 4])),
+            yaw_sd=np.sqrt(out[:, COV + 8]),
+            gyro_bias=out[:, BIAS : BIAS + 3],
+        )
+
+    def _restart(self, name: str) -> None:
+        """Start levelling again; what was learned of the sensors stays unless the clock is a new one."""
+        memory = self._memory
+        if name == CLOCK_JUMP:
+            self._memory = self._fresh()
+            return
+        memory.state[self._kernels.AGE] = -1.0
+        memory.last_ns, memory.velocity = None, None
+
+    # --- magnetometer and navigator --------------------------------------------------------------------------------
+
+    def _on_mag(self, sample: MagSample) -> list[Event]:
+        memory, stamp = self._memory, sample.stamp_ns
+        if not self._parameters.aids.magnetometer:
+            return [Event(stamp, "mag.ignored")]
+        if not all(map(math.isfinite, sample.field)):
+            return [Event(stamp, "mag.rejected.nan")]
+        if memory.last_ns is None:
+            return [Event(stamp, "mag.rejected.no_attitude_yet")]
+        if memory.mag_ns is not None and stamp <= memory.mag_ns:
+            return [Event(stamp, "mag.rejected.stamp")]
+        if abs(stamp - memory.last_ns) > _STALE_MAG_NS:
+            return [Event(stamp, "mag.rejected.stale")]
+        memory.mag_ns = stamp
+        field = self._soft_iron @ (np.array(sample.field) - self._hard_iron)
+        self._kernels.correct_heading(memory.state, *self._door.to_body(tuple(field.tolist())))
+        return self._disturbance(stamp)
+
+    def _disturbance(self, stamp: int) -> list[Event]:
+        """Begin and end of a disturbed magnetic field; each refused sample is counted."""
+        memory, weight = self._memory, self._memory.state[self._kernels.MAG_WEIGHT]
+        events = [Event(stamp, "mag.rejected.disturbed")] if weight < _DISTURBED else []
+        if weight < _DISTURBED and not memory.disturbed:
+            memory.disturbed = True
+            text = "the magnetic field is disturbed: heading by gyroscope alone"
+            return [*events, Event(stamp, "mag.disturbed", Level.WARN, text)]
+        if weight > _UNDISTURBED and memory.disturbed:
+            memory.disturbed = False
+            return [Event(stamp, "mag.undisturbed", Level.INFO, "the magnetic field is undisturbed again")]
+        return events
+
+    def _on_velocity(self, sample: NavigatorVelocity) -> list[Event]:
+        memory, stamp, before = self._memory, sample.stamp_ns, self._memory.velocity
+        if not all(map(math.isfinite, sample.vel_enu)):
+            return [Event(stamp, "navigator_velocity.rejected.nan")]
+        if memory.last_ns is None:
+            return [Event(stamp, "navigator_velocity.rejected.no_attitude_yet")]
+        if before is not None and stamp <= before.stamp_ns:
+            return [Event(stamp, "navigator_velocity.rejected.stamp")]
+        memory.velocity = sample
+        if before is None or not (sample.valid and before.valid) or stamp - before.stamp_ns > _VELOCITY_GAP_NS:
+            return []
+        dt = (stamp - before.stamp_ns) * _NS
+        change = (now - then for now, then in zip(sample.vel_enu, before.vel_enu, strict=True))
+        self._kernels.subtract_velocity_change(memory.state, *change, dt, 2.0 * dt)
+        return []
+
+    # --- recorded arrays -------------------------------------------------------------------------------------------
+
+    def run_array(self, t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, mag: np.ndarray | None) -> np.ndarray:
+        """The attitudes (N, 4) of recorded arrays; see :func:`estimate_attitude`, which checks them first."""
+        stamps = np.rint((t - t[0]) * 1e9).astype(np.int64) + round(1e9)
+        q, row = np.full((len(t), 4), np.nan), 0
+        field = _NO_FIELD if mag is None or not self._parameters.aids.magnetometer else self._field_in_b(mag)
+        for item in self._door.accept_block(ImuBlock(stamps, gyro, accel)):
+            if isinstance(item, Event):
+                self._handle(item)
+                continue
+            rows = row + np.flatnonzero(np.isin(stamps[row:], item.stamps_ns))[: len(item)]
+            q[rows] = self._on_block(item, field[rows] if len(field) else _NO_FIELD).q_nb
+            row = rows[-1] + 1
+        return _hold(q)
+
+    def _field_in_b(self, mag: np.ndarray) -> np.ndarray:
+        field = (np.asarray(mag, dtype=float) - self._hard_iron) @ self._soft_iron.T
+        return np.column_stack(self._door.to_body(tuple(field.T)))
+
+    # --- the rest --------------------------------------------------------------------------------------------------
+
+    def _age(self) -> float:
+        return ((self._memory.last_ns or 0) - self._memory.started_ns) * _NS
+
+    def _waiting_for(self) -> str:
+        if self._memory.last_ns is None:
+            return "no IMU sample has come yet"
+        if self._age() < 1.0:
+            return "levelling: the first second of data"
+        return ""
+
+
+def estimate_attitude(
+    t: np.ndarray,
+    gyro: np.ndarray,
+    accel: np.ndarray,
+    mag: np.ndarray | None = None,
+    method: str = "complementary",
+    params: Mapping[str, Any] | Parameters | None = None,
+) -> np.ndarray:
+    """Attitude of recorded data, causal: row k uses rows 0 ... k only.
+
+    ``t`` (N,) [s], increasing; ``gyro`` (N, 3) [rad/s]; ``accel`` (N, 3) [m/s^2], +g up at rest; ``mag`` (N, 3), any
+    unit, NaN rows where there is none, or None. ``method`` complementary or two_stage. ``params`` the parameter tree,
+    or dotted names in it (``{"attitude.kp": 0.3}``). Returns (N, 4) quaternions w, x, y, z that take body (FLU) to ENU;
+    without a magnetometer the yaw starts near 0. A sample that has to be refused (NaN, out of range, out of order)
+    repeats the estimate ahead of it.
+    """
+    t, gyro, accel = (np.ascontiguousarray(x, dtype=float) for x in (t, gyro, accel))
+    _check_shapes(t, gyro, accel, mag)
+    tree = params if isinstance(params, Parameters) else parameter_schema.update(Parameters(), params or {})
+    engine = AttitudeEngine(parameter_schema.update(tree, {"attitude.filter": method}))
+    if len(t) == 0:
+        return np.empty((0, 4))
+    return engine.run_array(t, gyro, accel, mag)
+
+
+def _check_shapes(t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, mag: np.ndarray | None) -> None:
+    if t.ndim != 1:
+        raise UserError(f"t has shape {t.shape}, not (N,)")
+    for name, value in (("gyro", gyro), ("accel", accel), ("mag", mag)):
+        if value is not None and np.shape(value) != (len(t), 3):
+            raise UserError(f"{name} has shape {np.shape(value)}, not ({len(t)}, 3) as t has {len(t)} values")
+    if not np.isfinite(t).all():
+        raise UserError("t holds NaN or infinity")
+
+
+def _hold(q: np.ndarray) -> np.ndarray:
+    """``q`` (N, 4) with each NaN row replaced by the row ahead of it, level ahead of the first."""
+    known = ~np.isnan(q[:, 0])
+    last = np.maximum.accumulate(np.where(known, np.arange(len(q)), -1))
+    held = q[np.maximum(last, 0)]
+    held[last < 0] = (1.0, 0.0, 0.0, 0.0)
+    return held
