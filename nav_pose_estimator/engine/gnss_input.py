@@ -7,9 +7,10 @@ import numpy as np
 
 from nav_pose_estimator.core import measurements
 from nav_pose_estimator.core.earth import radii
-from nav_pose_estimator.core.gnss_monitor import GateSettings, GnssGate, Notice, Reacquisition, ReacquisitionSettings
+from nav_pose_estimator.core.gnss_monitor import GateSettings, GnssGate, Notice
 from nav_pose_estimator.core.kalman import correct, gated_correct
 from nav_pose_estimator.core.layout import ALT, DPOS, DVEL, LAT, LON, VEL
+from nav_pose_estimator.core.reacquisition import Reacquisition, ReacquisitionSettings
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, SatelliteCount

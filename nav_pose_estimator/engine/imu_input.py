@@ -7,7 +7,7 @@ with whole-array comparisons that no rule applies to a block and otherwise walks
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,19 +50,24 @@ class _Memory:
 
 def axes_matrix(parameters: ImuParameters) -> np.ndarray:
     """C_bs (3, 3): sensor axes as published (``convention``, then ``mounting_rpy``) into body axes FLU."""
-    roll, pitch, yaw = parameters.mounting_rpy
+    matrix = rotation_from_rpy(parameters.mounting_rpy)
+    if parameters.convention == "frd":
+        matrix = matrix @ np.diag([1.0, -1.0, -1.0])
+    exact = np.round(matrix)  # a quarter turn is exact, not 6e-17 beside it
+    return np.where(np.abs(matrix - exact) < 1e-12, exact, matrix)
+
+
+def rotation_from_rpy(rpy: Sequence[float]) -> np.ndarray:
+    """Rotation matrix (3, 3) of roll, pitch, yaw [rad] about the fixed axes x, y, z."""
+    roll, pitch, yaw = rpy
     cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
-    matrix = np.array(
+    return np.array(
         [
             [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
             [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
             [-sp, cp * sr, cp * cr],
         ]
     )
-    if parameters.convention == "frd":
-        matrix = matrix @ np.diag([1.0, -1.0, -1.0])
-    exact = np.round(matrix)  # a quarter turn is exact, not 6e-17 beside it
-    return np.where(np.abs(matrix - exact) < 1e-12, exact, matrix)
 
 
 class ImuInput:

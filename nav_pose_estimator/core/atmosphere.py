@@ -1,0 +1,16 @@
+"""Pressure and height in the standard atmosphere (ICAO, ISO 2533), below 11 km."""
+
+_SEA_LEVEL_PRESSURE = 101_325.0  # Pa
+_SEA_LEVEL_TEMPERATURE = 288.15  # K
+_LAPSE_RATE = 0.0065  # K/m
+_EXPONENT = 0.190263  # R L / (g M)
+
+
+def pressure_height(pressure: float) -> float:
+    """Pressure altitude [m] of a static ``pressure`` [Pa]."""
+    return _SEA_LEVEL_TEMPERATURE / _LAPSE_RATE * (1.0 - (pressure / _SEA_LEVEL_PRESSURE) ** _EXPONENT)
+
+
+def height_pressure(height: float) -> float:
+    """Static pressure [Pa] at a pressure altitude ``height`` [m]; the inverse of ``pressure_height``."""
+    return _SEA_LEVEL_PRESSURE * (1.0 - height * _LAPSE_RATE / _SEA_LEVEL_TEMPERATURE) ** (1.0 / _EXPONENT)

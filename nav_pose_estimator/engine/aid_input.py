@@ -1,0 +1,166 @@
+"""Aids besides GNSS: magnetometer, barometer, velocity sensor, and what a learner predicts. Samples to observations."""
+
+import copy
+import math
+
+import numpy as np
+
+from nav_pose_estimator.core import measurements
+from nav_pose_estimator.core.atmosphere import pressure_height
+from nav_pose_estimator.core.kalman import gated_correct
+from nav_pose_estimator.core.layout import ALT, PHI
+from nav_pose_estimator.engine.imu_input import rotation_from_rpy
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import BodyVelocity, MagSample, PressureSample, Prior, VelocityError
+from nav_pose_estimator.engine.timeline import Observation
+
+_LINEARISE = {
+    "height": measurements.height,
+    "magnetic_heading": measurements.magnetic_heading,
+    "body_velocity": measurements.body_velocity,
+    "velocity_error": measurements.velocity_error,
+    "horizontal_velocity": measurements.horizontal_velocity,
+    "horizontal_position": measurements.horizontal_position,
+    "drag_force": measurements.drag_force,
+}
+_BOUNDING = frozenset(("body_velocity", "velocity_error", "horizontal_velocity", "horizontal_position", "drag_force"))
+
+
+class AidInput:
+    """Turns aid samples into observations and applies them when their time has come."""
+
+    def __init__(self, parameters: Parameters, gates: list[tuple[float, float]], journal: Journal) -> None:
+        self._parameters = parameters.aids
+        self._gates = gates
+        self._journal = journal
+        self._velocity_axes = rotation_from_rpy(parameters.aids.body_velocity_rpy)
+        self._last: dict[str, float] = {}
+        self.last_bounding = -math.inf  # when the drift was last bounded by something other than GNSS
+        self._baro_offset = math.nan  # barometric minus filter height
+        self._baro_since = 0.0
+        self._mag_offset = math.nan  # magnetic minus filter heading
+        self._mag_since = 0.0
+
+    def copy(self, journal: Journal) -> "AidInput":
+        """An independent copy that reports to ``journal``."""
+        twin = copy.copy(self)
+        twin._journal = journal
+        twin._last = dict(self._last)
+        return twin
+
+    # --- arrival: (time of validity offset, kind, arguments) or None ---------------------------------------------------
+
+    def magnetometer(self, sample: MagSample, t: float) -> tuple | None:
+        """A levelled heading, at most every ``magnetometer_period``."""
+        if not self._parameters.magnetometer or not self._is_due("magnetic_heading", t):
+            return None
+        if not all(map(math.isfinite, sample.field)) or not any(sample.field):
+            return self._refuse("mag.rejected.value")
+        return t, "magnetic_heading", sample.field
+
+    def barometer(self, sample: PressureSample, t: float) -> tuple | None:
+        """A height against the reference that is learned while GNSS is good."""
+        if not self._parameters.barometer or not self._is_due("height", t):
+            return None
+        if not 1_000.0 < sample.pressure < 120_000.0:
+            return self._refuse("baro.rejected.value")
+        return t, "height", (pressure_height(sample.pressure),)
+
+    def body_velocity(self, sample: BodyVelocity, t: float) -> tuple | None:
+        """A velocity over ground in the sensor's axes."""
+        if not self._parameters.body_velocity:
+            return None
+        if not any(map(math.isfinite, sample.velocity)):
+            return self._refuse("body_velocity.rejected.value")
+        floor = self._parameters.body_velocity_sd**2
+        R = np.diag([floor] * 3) if sample.cov is None else np.array(sample.cov, float)
+        R[np.diag_indices(3)] = np.maximum(np.diag(R), floor)
+        for axis in range(3):
+            if not math.isfinite(sample.velocity[axis]):
+                R[axis, axis] = 1e6  # an axis that is not measured says nothing
+        velocity = self._velocity_axes @ np.nan_to_num(np.array(sample.velocity))
+        R = self._velocity_axes @ R @ self._velocity_axes.T
+        lever = np.array(self._parameters.body_velocity_lever)
+        return t - self._parameters.body_velocity_delay, "body_velocity", (velocity, lever, R)
+
+    def velocity_error(self, sample: VelocityError, t: float) -> tuple | None:
+        """What a network predicts of the navigator's own velocity error."""
+        if not (np.isfinite(sample.dv_en).all() and np.isfinite(sample.cov).all()):
+            return self._refuse("outage.rejected.value")
+        return t, "velocity_error", (*sample.dv_en, np.array(sample.cov, float))
+
+    def prior(self, sample: Prior, t: float) -> tuple | None:
+        """What the flight so far says of velocity or position."""
+        if not (np.isfinite(sample.value).all() and np.isfinite(sample.cov).all()):
+            return self._refuse("outage.rejected.value")
+        return t, sample.kind, (*sample.value, np.array(sample.cov, float))
+
+    # --- application -------------------------------------------------------------------------------------------------
+
+    def apply(self, o: Observation, nav: np.ndarray, P: np.ndarray, aided: bool) -> None:
+        """Let one observation act. ``aided``: GNSS is good at its time, so references may be learned."""
+        if o.kind == "height":
+            prepared = self._prepare_height(o, nav, P, aided)
+        elif o.kind == "magnetic_heading":
+            prepared = self._prepare_heading(o, nav, P, aided)
+        else:
+            prepared = o.arguments[:-1], o.arguments[-1]
+        if prepared is None:
+            return
+        arguments, R = prepared
+        z, H = _LINEARISE[o.kind](nav, len(P), *arguments)
+        status, _ = gated_correct(nav, P, z, H, R, *self._gates[len(z) - 1])
+        if o.memory.get("counted"):
+            return
+        o.memory["counted"] = True
+        self._journal.count(f"{o.kind}.{('rejected', 'used', 'inflated')[status]}")
+        if status and o.kind in _BOUNDING:
+            self.last_bounding = max(self.last_bounding, o.t)
+
+    def _prepare_height(self, o: Observation, nav: np.ndarray, P: np.ndarray, aided: bool) -> tuple | None:
+        """Learn the reference while GNSS is good; without GNSS use it."""
+        if aided and "offset" not in o.memory:
+            difference = o.arguments[0] - float(nav[ALT])
+            if math.isnan(self._baro_offset):
+                self._baro_offset, self._baro_since = difference, o.t
+            share = self._parameters.barometer_period / min(
+                max(o.t - self._baro_since, self._parameters.barometer_period), self._parameters.barometer_tau
+            )
+            self._baro_offset += min(share, 1.0) * (difference - self._baro_offset)
+        o.memory.setdefault("offset", self._baro_offset)
+        offset = o.memory["offset"]
+        if aided or math.isnan(offset):
+            return None
+        return (o.arguments[0] - offset,), np.array([[self._parameters.barometer_sd**2]])
+
+    def _prepare_heading(self, o: Observation, nav: np.ndarray, P: np.ndarray, aided: bool) -> tuple | None:
+        """While GNSS shows the heading learn the magnetometer's offset; otherwise let it hold the heading."""
+        field = tuple(o.arguments)
+        heading_sd = math.sqrt(P[PHI + 2, PHI + 2])
+        if aided and heading_sd < 0.2 and "offset" not in o.memory:
+            z, _ = measurements.magnetic_heading(nav, len(P), *field, self._parameters.declination)
+            if math.isnan(self._mag_offset):
+                self._mag_offset, self._mag_since = float(z[0]), o.t
+            share = self._parameters.magnetometer_period / min(max(o.t - self._mag_since, 1.0), 100.0)
+            self._mag_offset += min(share, 1.0) * math.remainder(float(z[0]) - self._mag_offset, 2.0 * math.pi)
+        o.memory.setdefault("offset", self._mag_offset)
+        offset = o.memory["offset"]
+        if math.isnan(offset) or (aided and heading_sd < 0.2):
+            return None
+        tilt_var = P[PHI, PHI] + P[PHI + 1, PHI + 1]
+        R = self._parameters.magnetometer_sd**2 * (1.0 + 5.0 / max(self._parameters.magnetometer_period, 0.1))
+        return (*field, self._parameters.declination + offset), np.array([[R + 4.0 * tilt_var]])
+
+    def _is_due(self, kind: str, t: float) -> bool:
+        period = {
+            "magnetic_heading": self._parameters.magnetometer_period,
+            "height": self._parameters.barometer_period,
+        }[kind]
+        if t - self._last.get(kind, -math.inf) < period - 1e-6:
+            return False
+        self._last[kind] = t
+        return True
+
+    def _refuse(self, name: str) -> None:
+        self._journal.count(name)
