@@ -49,7 +49,7 @@ Apply = Callable[[Observation, np.ndarray, np.ndarray], None]
 
 
 class Timeline:
-    """Nominal state ``nav`` and covariance ``P`` at the time of the last IMU row, with a memory of ``window`` seconds."""
+    """Nominal state ``nav`` and covariance ``P`` at the last IMU row, with a memory of ``window`` seconds."""
 
     def __init__(self, constants: np.ndarray, apply: Apply, window: float, checkpoint_period: float = 0.2) -> None:
         self.constants = constants
@@ -65,6 +65,7 @@ class Timeline:
         self._done = 0  # observations before this index have acted on nav
         self._dirty: float | None = None  # earliest time that must be replayed
         self._arrivals = 0
+        self.replaying = False  # True while ``settle`` repeats what was done before
 
     # --- start and state ---------------------------------------------------------------------------------------------
 
@@ -107,6 +108,10 @@ class Timeline:
         twin._done, twin._dirty, twin._arrivals = self._done, self._dirty, self._arrivals
         return twin
 
+    def next_observation(self) -> float:
+        """Time of the earliest observation that waits for the future, inf without one."""
+        return self._observations[self._done].t if self._done < len(self._observations) else np.inf
+
     # --- input -------------------------------------------------------------------------------------------------------
 
     def observe(self, t: float, kind: str, arguments: tuple, priority: int = 5) -> bool:
@@ -144,7 +149,9 @@ class Timeline:
         self._done = bisect.bisect_right(self._observations, start.t, key=lambda o: o.t)
         rows = self._live()
         begin, end = np.searchsorted(rows[:, IMU_T], (start.t, now), side="right")
+        self.replaying = True
         self._run(rows[begin:end], np.empty((end - begin, OUT_COLUMNS)))
+        self.replaying = False
 
     # --- inside ------------------------------------------------------------------------------------------------------
 
@@ -153,7 +160,7 @@ class Timeline:
         times = rows[:, IMU_T]
         at, count = 0, len(rows)
         while at < count:
-            due = self._observations[self._done].t if self._done < len(self._observations) else np.inf
+            due = self.next_observation()
             mark = self._checkpoints[-1].t + self._period
             # rows that end before the observation, at most one past the checkpoint mark
             stop = min(int(np.searchsorted(times, due)), int(np.searchsorted(times, mark)) + 1, count)
