@@ -49,7 +49,7 @@ class AidInput:
         twin._last = dict(self._last)
         return twin
 
-    # --- arrival: (time of validity offset, kind, arguments) or None ---------------------------------------------------
+    # --- arrival: (time of validity, kind, arguments) or None --------------------------------------------------------
 
     def magnetometer(self, sample: MagSample, t: float) -> tuple | None:
         """A levelled heading, at most every ``magnetometer_period``."""

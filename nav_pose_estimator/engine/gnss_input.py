@@ -112,7 +112,7 @@ class GnssInput:
         self.last_used = max(self.last_used, t)
         self.refusal = ""
 
-    # --- application, in the order of the times of validity ------------------------------------------------------------
+    # --- application, in the order of the times of validity ----------------------------------------------------------
 
     def apply(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
         """Let one observation of this input act on the filter."""

@@ -39,7 +39,14 @@ def param(
     mutable: bool = False,
 ) -> Any:
     """Declare a field. ``default`` bool, int, float, str or a tuple of floats; unit "" for a pure number."""
-    meta = dict(unit=unit, description=description, minimum=minimum, maximum=maximum, choices=choices, mutable=mutable)
+    meta = {
+        "unit": unit,
+        "description": description,
+        "minimum": minimum,
+        "maximum": maximum,
+        "choices": choices,
+        "mutable": mutable,
+    }
     return field(default=default, metadata=meta)
 
 
@@ -81,7 +88,7 @@ def check(spec: Spec, value: Any) -> Any:
 
 
 def update(group: Any, values: Mapping[str, Any]) -> Any:
-    """A copy of ``group`` with the dotted ``values`` set. Raises ``ParameterError`` for an unknown name or a bad value."""
+    """A copy of ``group`` with the dotted ``values`` set; ``ParameterError`` for an unknown name or a bad value."""
     known = {spec.key: spec for spec in specs(group)}
     for key, value in values.items():
         if key not in known:

@@ -45,7 +45,7 @@ class GnssFix:
 
 @dataclass(frozen=True, slots=True)
 class GnssVelocity:
-    """Velocity over ground, ENU [m/s]. An axis that the receiver does not measure is NaN. ``cov_enu`` (3, 3) or None."""
+    """Velocity over ground, ENU [m/s]. An axis that is not measured is NaN. ``cov_enu`` (3, 3) or None."""
 
     stamp_ns: int
     vel_enu: Vector3
@@ -131,7 +131,7 @@ class VelocityError:
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What the flight so far lets expect: ``kind`` horizontal_velocity [m/s, ENU] or horizontal_position (lat, lon) [rad].
+    """What the flight so far lets expect: ``kind`` horizontal_velocity [m/s] or horizontal_position (lat, lon) [rad].
 
     ``cov`` (2, 2) in m/s or m, East and North.
     """

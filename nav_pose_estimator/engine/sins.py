@@ -1,4 +1,4 @@
-"""The strapdown navigator: samples in, navigation solutions and events out. Node, replay and simulator use this class."""
+"""The strapdown navigator: samples in, navigation solutions and events out. Node and replay use this class."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ class Level(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened: ``name`` is a counter on diagnostics (``imu.rejected.nan``), ``text`` one clear sentence.
+    """Something that happened: ``name`` is a counter on diagnostics (``imu.rejected.nan``), ``text`` one sentence.
 
     ``text`` is empty for events that are only counted.
     """
@@ -88,7 +88,7 @@ class NavBlock:
 
 @dataclass(frozen=True, slots=True)
 class AttitudeBlock:
-    """Attitudes of consecutive IMU samples: ``q_nb`` (N, 4), ``tilt_sd`` and ``yaw_sd`` (N,) [rad], ``gyro_bias`` (N, 3)."""
+    """Attitudes of consecutive IMU samples: ``q_nb`` (N, 4), ``tilt_sd``, ``yaw_sd`` (N,) [rad], ``gyro_bias`` (N, 3)."""
 
     stamps_ns: np.ndarray
     q_nb: np.ndarray
