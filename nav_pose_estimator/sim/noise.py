@@ -1,0 +1,37 @@
+"""Random processes of the simulation, and one independent random stream for every name."""
+
+from zlib import crc32
+
+import numpy as np
+from scipy.signal import lfilter
+
+
+def stream(seed: int, name: str) -> np.random.Generator:
+    """A generator that depends on ``seed`` and ``name`` alone: one more sensor changes nothing for the others."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(crc32(name.encode()),)))
+
+
+def gauss_markov(
+    rng: np.random.Generator, count: int, dt: float, sd: float | np.ndarray, tau: float, axes: int = 3
+) -> np.ndarray:
+    """Stationary first-order Gauss-Markov process (count, axes) of standard deviation ``sd`` and correlation time ``tau``.
+
+    Its autocorrelation is sd^2 exp(-|t| / tau) at every step (Gelb, Applied Optimal Estimation, section 3.8).
+    """
+    white = rng.standard_normal((count, axes))
+    decay = np.exp(-dt / tau)
+    white[1:] *= np.sqrt(-np.expm1(-2.0 * dt / tau))
+    return lfilter([1.0], [1.0, -decay], white, axis=0) * sd
+
+
+def random_walk(rng: np.random.Generator, count: int, dt: float, density: float, axes: int = 3) -> np.ndarray:
+    """Brownian motion from zero, (count, axes), ``density`` in units per square root of a second."""
+    steps = rng.standard_normal((count, axes)) * (density * np.sqrt(dt))
+    steps[:1] = 0.0
+    return np.cumsum(steps, axis=0)
+
+
+def white_noise(rng: np.random.Generator, count: int, dt: float, density: float, axes: int = 3) -> np.ndarray:
+    """Means over ``dt`` of white noise, (count, axes). ``density`` in units per root hertz: the integral has variance
+    density^2 t."""
+    return rng.standard_normal((count, axes)) * (density / np.sqrt(dt))

@@ -1,0 +1,33 @@
+"""Wind: a mean, gusts and a slow drift."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nav_pose_estimator.sim.noise import gauss_markov, random_walk
+
+
+@dataclass(frozen=True)
+class Wind:
+    """Velocity of the air over ground, East-North-Up."""
+
+    mean: float = 0.0  # m/s, horizontal
+    gust_sd: float = 0.0  # m/s per horizontal axis, Gauss-Markov; half as much vertically
+    gust_tau: float = 10.0  # s
+    walk: float = 0.0  # m/s/sqrt(s) per horizontal axis: the mean itself drifts
+    direction: float | None = None  # rad from East, counter-clockwise, where the air goes to; None: random
+
+    def sample(self, rng: np.random.Generator, count: int, dt: float) -> np.ndarray:
+        """Wind at ``count`` equidistant times, (count, 3) [m/s]."""
+        towards = rng.uniform(-np.pi, np.pi)
+        if self.direction is not None:
+            towards = self.direction
+        wind = gauss_markov(rng, count, dt, self.gust_sd * np.array([1.0, 1.0, 0.5]), self.gust_tau)
+        wind[:, :2] += random_walk(rng, count, dt, self.walk, axes=2)
+        return wind + self.mean * np.array([np.cos(towards), np.sin(towards), 0.0])
+
+
+CALM = Wind(mean=0.5, gust_sd=0.05)
+LIGHT = Wind(mean=2.0, gust_sd=0.2)
+MODERATE = Wind(mean=5.0, gust_sd=0.6)
+DRIFTING = Wind(mean=2.0, gust_sd=0.2, walk=0.05)
