@@ -1,0 +1,181 @@
+"""Forced GNSS outages: which they are, taking GNSS out of the stream, and the proof that it is out.
+
+An outage [start, end) is counted in seconds from the bag's first stamp. A GNSS sample belongs to it when it was *valid*
+inside: stamp minus latency. A fix measured before the outage that arrives in its first tenths of a second is used, as
+from a real receiver; one measured inside that arrives after its end is not.
+"""
+
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample, SatelliteCount
+from nav_pose_estimator.errors import UserError
+
+GNSS_SAMPLES = (GnssFix, GnssVelocity, SatelliteCount)
+
+
+class OutageError(UserError):
+    """An outage that cannot be. The text is for the user."""
+
+
+class GnssLeak(AssertionError):
+    """GNSS from inside an outage was about to reach an estimator: a defect of this package, never of the input."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Outage:
+    """GNSS is away for ``length`` seconds from ``start`` [s since the bag's first stamp]."""
+
+    start: float
+    length: float
+
+    @property
+    def end(self) -> float:
+        return self.start + self.length
+
+
+def parse_outage(text: str) -> Outage:
+    """``START:LENGTH`` in seconds."""
+    start, length = _two_numbers(text, "--outage", "START:LENGTH")
+    if start < 0.0:
+        raise OutageError(f"--outage {text}: the start must not be negative")
+    return Outage(start, length)
+
+
+def parse_outage_every(text: str) -> tuple[float, float]:
+    """``PERIOD:LENGTH`` in seconds; the period must leave time to recover."""
+    period, length = _two_numbers(text, "--outage-every", "PERIOD:LENGTH")
+    if period <= length:
+        raise OutageError(f"--outage-every {text}: the period must be longer than the outage")
+    return period, length
+
+
+def _two_numbers(text: str, option: str, form: str) -> tuple[float, float]:
+    first, mark, second = text.partition(":")
+    try:
+        values = float(first), float(second)
+    except ValueError:
+        mark = ""
+        values = 0.0, 0.0
+    if not mark or not all(abs(value) < 1e9 for value in values):  # false for NaN and infinity
+        raise OutageError(f"{option} {text!r}: write {form} in seconds, for example 120:30")
+    if values[1] <= 0.0:
+        raise OutageError(f"{option} {text}: the length must be positive")
+    return values
+
+
+def periodic(period: float, length: float, first: float, end: float) -> list[Outage]:
+    """Outages of ``length`` every ``period`` seconds from ``first`` on, all over before ``end``."""
+    count = int((end - length - first) / period + 1e-9) + 1 if end - length >= first else 0
+    return [Outage(first + i * period, length) for i in range(count)]
+
+
+def check_separate(outages: Iterable[Outage]) -> list[Outage]:
+    """The outages in order of time. Raises ``OutageError`` where two of them overlap."""
+    ordered = sorted(outages)
+    for before, after in pairwise(ordered):
+        if after.start < before.end:
+            raise OutageError(
+                f"the outages {before.start:g}:{before.length:g} and {after.start:g}:{after.length:g} overlap"
+            )
+    return ordered
+
+
+class _Clock:
+    """Latest stamp seen, which dates a sample that has no header."""
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+
+    def advance(self, sample: Sample) -> None:
+        stamp = int(sample.stamps_ns[-1]) if isinstance(sample, ImuBlock) else sample.stamp_ns
+        if stamp is not None:
+            self.now_ns = max(self.now_ns, stamp)
+
+
+class GnssRemoval:
+    """Takes everything that GNSS measured inside the outages out of a stream of samples.
+
+    A satellite count without a header goes with its fix, and is removed as well when it arrives inside an outage: a
+    count that came before its fix would otherwise tell of the sky inside.
+    """
+
+    def __init__(self, outages: list[Outage], epoch_ns: int, delay: float) -> None:
+        """``epoch_ns`` is the bag's first stamp, ``delay`` [s] the latency of the fixes."""
+        self._starts = [epoch_ns + round(outage.start * 1e9) for outage in outages]
+        self._ends = [epoch_ns + round(outage.end * 1e9) for outage in outages]
+        self._delay_ns = round(delay * 1e9)
+        self._last_removed = False
+        self._clock = _Clock()
+        self.removed: list[GnssFix | GnssVelocity | SatelliteCount] = []
+
+    def keep(self, sample: Sample) -> bool:
+        """False for a sample that must not be used; it is then in ``removed``."""
+        self._clock.advance(sample)
+        if not isinstance(sample, GNSS_SAMPLES):
+            return True
+        if isinstance(sample, SatelliteCount):
+            stamp = self._clock.now_ns if sample.stamp_ns is None else sample.stamp_ns
+            inside = self._last_removed or self._inside(stamp) or self._inside(stamp - self._delay_ns)
+        else:
+            inside = self._inside(sample.stamp_ns - self._delay_ns)
+            if isinstance(sample, GnssFix):
+                self._last_removed = inside
+        if inside:
+            self.removed.append(sample)
+        return not inside
+
+    def filter(self, samples: Iterable[Sample]) -> Iterator[Sample]:
+        """The samples that may be used."""
+        return (sample for sample in samples if self.keep(sample))
+
+    def _inside(self, time_ns: int) -> bool:
+        index = bisect_right(self._starts, time_ns) - 1
+        return index >= 0 and time_ns < self._ends[index]
+
+
+class OutageProof:
+    """Stands at the door of an estimator and looks at every sample that goes in; knows nothing of the removal.
+
+    ``check`` raises :class:`GnssLeak` for GNSS that was valid inside an outage. ``seen`` counts what was looked at.
+    """
+
+    def __init__(self, outages: list[Outage], epoch_ns: int, delay: float) -> None:
+        self._bounds = [(epoch_ns + round(o.start * 1e9), epoch_ns + round(o.end * 1e9)) for o in outages]
+        self._delay_ns = round(delay * 1e9)
+        self._clock = _Clock()
+        self._last_fix_ns: int | None = None
+        self.seen = 0
+        self.closest_ns: int | None = None
+
+    def check(self, sample: Sample) -> None:
+        """Raise if ``sample`` carries anything that GNSS measured inside an outage."""
+        self._clock.advance(sample)
+        if not isinstance(sample, GNSS_SAMPLES):
+            return
+        self.seen += 1
+        for time_ns in self._times_of(sample):
+            for start, end in self._bounds:
+                distance = max(start - time_ns, time_ns - end + 1)
+                if distance <= 0:
+                    kind, late = type(sample).__name__, (time_ns - start) * 1e-9
+                    raise GnssLeak(f"a {kind} valid {late:.3f} s after the start of an outage reached the estimator")
+                self.closest_ns = distance if self.closest_ns is None else min(self.closest_ns, distance)
+
+    def _times_of(self, sample: GnssFix | GnssVelocity | SatelliteCount) -> list[int]:
+        if isinstance(sample, SatelliteCount):
+            if sample.stamp_ns is not None:
+                return [sample.stamp_ns]
+            # Without a header it is as old as its fix at most and as new as the last stamp at most.
+            return [self._clock.now_ns] + ([] if self._last_fix_ns is None else [self._last_fix_ns])
+        valid = sample.stamp_ns - self._delay_ns
+        if isinstance(sample, GnssFix):
+            self._last_fix_ns = valid
+        return [valid]
+
+    def summary(self) -> dict[str, float | int | None]:
+        """What the proof saw, for the records of a run."""
+        closest = None if self.closest_ns is None else self.closest_ns * 1e-9
+        return {"gnss_samples_fed": self.seen, "valid_inside_an_outage": 0, "closest_s": closest}

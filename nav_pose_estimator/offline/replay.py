@@ -1,0 +1,159 @@
+"""A recording through the pose estimator: the engine of the nodes, no middleware, as fast as the machine goes."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
+from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution, Output, Status
+from nav_pose_estimator.offline.outage_errors import OutageErrors, judge
+from nav_pose_estimator.offline.outages import GnssRemoval, Outage, OutageProof
+from nav_pose_estimator.offline.recording import Recording
+from nav_pose_estimator.offline.tracks import Reference, Track, TrackRecorder
+
+STATE_PERIOD_NS = 1_000_000_000
+"""Full states (biases, covariance) are kept once a second: the last IMU sample of a block is then fed by itself."""
+Progress = Callable[[int], None]
+
+
+@dataclass
+class Record:
+    """Everything that came out of an estimator."""
+
+    epoch_ns: int
+    tracks: TrackRecorder
+    states: list[NavSolution] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    modes: list[tuple[float, Mode]] = field(default_factory=list)
+    imu_samples: int = 0
+    resets: Counter[int] = field(default_factory=Counter)
+
+    def take(self, outputs: Iterable[Output]) -> None:
+        """File the outputs of one call of ``feed``."""
+        for output in outputs:
+            if isinstance(output, NavBlock):
+                self.tracks.add(output)
+                self._note_mode(int(output.stamps_ns[0]), output.mode)
+            elif isinstance(output, NavSolution):
+                self.states.append(output)
+                self.tracks.add(as_block(output))
+                self._note_mode(output.stamp_ns, output.mode)
+            elif isinstance(output, Event) and output.text:
+                self.events.append(output)
+
+    def _note_mode(self, stamp_ns: int, mode: Mode) -> None:
+        if not self.modes or self.modes[-1][1] is not mode:
+            self.modes.append(((stamp_ns - self.epoch_ns) * 1e-9, mode))
+
+
+@dataclass
+class ReplayResult:
+    """A finished replay."""
+
+    recording: Recording
+    parameters: Parameters
+    outages: list[Outage]
+    reference: Reference
+    fix_times: np.ndarray
+    track: Track
+    record: Record
+    status: Status
+    origin: tuple[float, float, float] | None
+    errors: list[OutageErrors]
+    proof: dict[str, float | int | None]
+    seconds: float  # spent in the estimator
+
+
+def as_block(solution: NavSolution) -> NavBlock:
+    """One solution in the form of a block."""
+    variances = np.diag(solution.cov)[:9]
+    row = np.concatenate(
+        [
+            [0.0, solution.lat, solution.lon, solution.alt],
+            solution.vel_n,
+            solution.q_nb,
+            solution.rate_b,
+            solution.force_b,
+            variances,
+        ]
+    )
+    stamps = np.array([solution.stamp_ns], np.int64)
+    return NavBlock(stamps, row[None, :], solution.mode, solution.reset_count, solution.correction_enu)
+
+
+def replay(
+    recording: Recording, parameters: Parameters, outages: list[Outage], progress: Progress | None = None
+) -> ReplayResult:
+    """Run a recording with GNSS taken away in ``outages``. ``progress`` is called with the IMU samples just done."""
+    engine = PoseEstimator(parameters)
+    engine.warm_up()
+    delay = parameters.gnss.delay
+    removal = GnssRemoval(outages, recording.epoch_ns, delay)
+    proof = OutageProof(outages, recording.epoch_ns, delay)
+    record = Record(recording.epoch_ns, TrackRecorder(recording.epoch_ns))
+    began = time.perf_counter()
+    run(engine, removal.filter(recording.samples), record, proof, progress)
+    seconds = time.perf_counter() - began
+    reference = recording.reference(delay)
+    fix_times = recording.fix_times(delay)
+    track = record.tracks.track()
+    lever = reference_lever(reference, parameters)
+    return ReplayResult(
+        recording=recording,
+        parameters=parameters,
+        outages=outages,
+        reference=reference,
+        fix_times=fix_times,
+        track=track,
+        record=record,
+        status=engine.status(),
+        origin=engine.origin,
+        errors=[judge(outage, fix_times, reference, track, lever) for outage in outages],
+        proof=proof.summary(),
+        seconds=seconds,
+    )
+
+
+def reference_lever(reference: Reference, parameters: Parameters) -> np.ndarray:
+    """From the IMU to the point that the reference describes: the antenna for GNSS, the IMU itself for ground truth."""
+    return np.array(parameters.gnss.lever_arm) if reference.kind == "GNSS" else np.zeros(3)
+
+
+def run(
+    engine: PoseEstimator,
+    samples: Iterable[Sample],
+    record: Record,
+    proof: OutageProof,
+    progress: Progress | None = None,
+) -> None:
+    """Feed ``samples``; every one of them passes the proof that it carries nothing from inside an outage."""
+    next_state = 0
+    for sample in samples:
+        proof.check(sample)
+        if not isinstance(sample, ImuBlock):
+            record.take(engine.feed(sample))
+            continue
+        record.imu_samples += len(sample)
+        last_ns = int(sample.stamps_ns[-1])
+        if not next_state - 2 * STATE_PERIOD_NS < last_ns < next_state:  # also after a clock that went back
+            next_state = last_ns + STATE_PERIOD_NS
+            if len(sample) > 1:
+                record.take(engine.feed(_rows(sample, slice(0, -1))))
+            record.take(engine.feed(_last(sample)))
+        else:
+            record.take(engine.feed(sample))
+        if progress is not None:
+            progress(len(sample))
+
+
+def _rows(block: ImuBlock, chosen: slice) -> ImuBlock:
+    return ImuBlock(block.stamps_ns[chosen], block.gyro[chosen], block.accel[chosen])
+
+
+def _last(block: ImuBlock) -> ImuSample:
+    return ImuSample(int(block.stamps_ns[-1]), tuple(block.gyro[-1].tolist()), tuple(block.accel[-1].tolist()))

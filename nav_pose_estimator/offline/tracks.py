@@ -1,0 +1,190 @@
+"""Where the vehicle was: the estimate as it comes out of an engine, and the reference that it is judged against.
+
+Times are seconds since the bag's first stamp, angles radians, heights metres above the ellipsoid, vectors ENU.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from nav_pose_estimator.core.earth import radii_many
+from nav_pose_estimator.core.layout import OUT_COLUMNS, OUT_POS, OUT_QUAT, OUT_VAR, OUT_VEL
+from nav_pose_estimator.core.rotation import quat_rotate_many
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
+from nav_pose_estimator.engine.solutions import NavBlock
+
+Array = np.ndarray
+_VAR_DVEL, _VAR_DPOS = OUT_VAR + 3, OUT_VAR + 6
+TRACK_HZ = 50.0
+"""Rows of the estimate that are kept. Straight lines between them are off by less than 1 mm at 20 m/s^2."""
+
+
+def displacement_enu(position: Array, reference: Array) -> Array:
+    """East, North, Up [m] from ``reference`` (..., 3) to ``position`` (..., 3), both lat, lon, alt, close together."""
+    r_m, r_n = radii_many(reference[..., 0])
+    height = reference[..., 2]
+    lon = np.mod(position[..., 1] - reference[..., 1] + np.pi, 2.0 * np.pi) - np.pi
+    east = lon * (r_n + height) * np.cos(reference[..., 0])
+    north = (position[..., 0] - reference[..., 0]) * (r_m + height)
+    return np.stack([east, north, position[..., 2] - height], axis=-1)
+
+
+@dataclass(frozen=True)
+class Track:
+    """The estimate: times ``t`` (N,), ``rows`` (N, OUT_COLUMNS) of ``core.layout``."""
+
+    t: Array
+    rows: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def position(self) -> Array:
+        """(N, 3) latitude, longitude, height."""
+        return self.rows[:, OUT_POS : OUT_POS + 3]
+
+    @property
+    def velocity(self) -> Array:
+        """(N, 3) m/s."""
+        return self.rows[:, OUT_VEL : OUT_VEL + 3]
+
+    @property
+    def q_nb(self) -> Array:
+        """(N, 4) scalar first."""
+        return self.rows[:, OUT_QUAT : OUT_QUAT + 4]
+
+    @property
+    def horizontal_sd(self) -> Array:
+        """(N,) m: root of the sum of the East and North variances."""
+        return np.sqrt(self.rows[:, _VAR_DPOS] + self.rows[:, _VAR_DPOS + 1])
+
+    def sd(self, what: str) -> Array:
+        """(N, 3) deviations of ``attitude`` [rad], ``velocity`` [m/s] or ``position`` [m]."""
+        start = {"attitude": OUT_VAR, "velocity": _VAR_DVEL, "position": _VAR_DPOS}[what]
+        return np.sqrt(np.maximum(self.rows[:, start : start + 3], 0.0))
+
+    def at(self, times: Array) -> Array:
+        """Rows (M, OUT_COLUMNS) at ``times`` (M,), on straight lines; NaN where the track does not reach."""
+        if len(self.t) == 0:
+            return np.full((len(times), OUT_COLUMNS), np.nan)
+        i = np.clip(np.searchsorted(self.t, times) - 1, 0, max(len(self.t) - 2, 0))
+        j = np.minimum(i + 1, len(self.t) - 1)
+        span = np.maximum(self.t[j] - self.t[i], 1e-9)
+        weight = ((times - self.t[i]) / span)[:, None]
+        rows = self.rows[i] + weight * (self.rows[j] - self.rows[i])
+        slack = 1.5 * span  # the last fixes of an outage may be a little newer than the last IMU sample
+        outside = (times < self.t[0] - 1e-9) | (times > self.t[-1] + np.minimum(slack, 0.1))
+        rows[outside] = np.nan
+        return rows
+
+    def antenna_at(self, times: Array, lever: Array) -> Array:
+        """(M, 3) latitude, longitude, height of the antenna at ``times``, ``lever`` (3,) from the IMU in the body."""
+        rows = self.at(times)
+        position = rows[:, OUT_POS : OUT_POS + 3]
+        return position if not np.any(lever) else shift(position, quat_rotate_many(_unit(rows), lever))
+
+
+def _unit(rows: Array) -> Array:
+    q = rows[:, OUT_QUAT : OUT_QUAT + 4]
+    return q / np.linalg.norm(q, axis=1, keepdims=True)
+
+
+def shift(position: Array, enu: Array) -> Array:
+    """``position`` (..., 3) moved by ``enu`` (..., 3) [m]."""
+    r_m, r_n = radii_many(position[..., 0])
+    lat = position[..., 0] + enu[..., 1] / (r_m + position[..., 2])
+    lon = position[..., 1] + enu[..., 0] / ((r_n + position[..., 2]) * np.cos(position[..., 0]))
+    return np.stack([lat, lon, position[..., 2] + enu[..., 2]], axis=-1)
+
+
+class TrackRecorder:
+    """Collects blocks of solutions, at most ``rate_hz`` rows a second."""
+
+    def __init__(self, epoch_ns: int, rate_hz: float = TRACK_HZ) -> None:
+        self._epoch_ns = epoch_ns
+        self._slot_ns = max(round(1e9 / rate_hz), 1)
+        self._last_slot = -(1 << 62)
+        self._stamps: list[Array] = []
+        self._rows: list[Array] = []
+
+    def add(self, block: NavBlock) -> None:
+        """Keep the first row of ``block`` in every time slot."""
+        slots = block.stamps_ns // self._slot_ns
+        if len(slots) == 1:  # the usual case where other sensors speak between any two IMU messages
+            if int(slots[0]) != self._last_slot:
+                self._keep(block.stamps_ns, block.rows.copy(), int(slots[0]))
+            return
+        fresh = np.diff(slots, prepend=self._last_slot) != 0
+        if fresh.any():
+            self._keep(block.stamps_ns[fresh], block.rows[fresh], int(slots[-1]))
+
+    def _keep(self, stamps: Array, rows: Array, slot: int) -> None:
+        self._stamps.append(stamps)
+        self._rows.append(rows)
+        self._last_slot = slot
+
+    def track(self) -> Track:
+        """All that was kept, in order of time. After a clock that went back only what followed is in order: sorted."""
+        if not self._rows:
+            return Track(np.empty(0), np.empty((0, OUT_COLUMNS)))
+        t = (np.concatenate(self._stamps) - self._epoch_ns) * 1e-9
+        rows = np.concatenate(self._rows)
+        if np.any(np.diff(t) < 0.0):
+            order = np.argsort(t, kind="stable")
+            t, rows = t[order], rows[order]
+        return Track(t, rows)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the estimate is judged against. ``kind`` is "ground truth" or "GNSS"; ``velocity`` (N, 3) may hold NaN."""
+
+    kind: str
+    t: Array
+    position: Array  # (N, 3) latitude, longitude, height
+    velocity: Array | None = None
+    q_nb: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def at(self, times: Array) -> Array:
+        """(M, 3) latitude, longitude, height at ``times``; NaN outside."""
+        if len(self.t) == 0:
+            return np.full((len(times), 3), np.nan)
+        columns = [np.interp(times, self.t, self.position[:, i], left=np.nan, right=np.nan) for i in range(3)]
+        return np.stack(columns, axis=-1)
+
+    def travelled(self, start: float, end: float) -> float:
+        """Horizontal distance [m] from ``start`` to ``end``: the integral of the speed, else the length of the path."""
+        inside = (self.t >= start) & (self.t <= end)
+        t = self.t[inside]
+        if len(t) < 2:
+            return float("nan")
+        if self.velocity is not None:
+            speed = np.linalg.norm(self.velocity[inside, :2], axis=1)
+            if np.isfinite(speed).all():
+                return float(np.trapezoid(speed, t))
+        steps = np.diff(displacement_enu(self.position[inside], self.position[inside][0])[:, :2], axis=0)
+        return float(np.linalg.norm(steps, axis=1).sum())
+
+
+def gnss_reference(
+    fixes: Iterable[GnssFix], velocities: Iterable[GnssVelocity], epoch_ns: int, delay: float
+) -> Reference:
+    """The fixes of a receiver as a reference, each at its time of validity (stamp minus ``delay`` [s])."""
+    good = {fix.stamp_ns: fix for fix in fixes if fix.status >= 0 and np.isfinite([fix.lat, fix.lon, fix.alt]).all()}
+    stamps = sorted(good)
+    position = np.array([[good[s].lat, good[s].lon, good[s].alt] for s in stamps]).reshape(-1, 3)
+    speeds = {v.stamp_ns: v.vel_enu for v in velocities}
+    velocity = None
+    if speeds and stamps:
+        known = np.array(sorted(speeds))
+        nearest = known[np.clip(np.searchsorted(known, np.array(stamps) - 50_000_000), 0, len(known) - 1)]
+        close = np.abs(nearest - np.array(stamps)) <= 100_000_000
+        velocity = np.array([speeds[int(n)] for n in nearest])
+        velocity[~close] = np.nan
+    t = (np.array(stamps, np.int64) - epoch_ns) * 1e-9 - delay
+    return Reference("GNSS", t, position, velocity)
