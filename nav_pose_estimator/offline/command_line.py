@@ -1,103 +1,211 @@
-"""The command line: which command does what, and how errors end.
+"""The command line: finds the module of a command, loads only that, and turns what went wrong into one sentence.
 
-A command is a module with ``add_arguments(parser)`` and ``run(arguments) -> int``; it is imported when it is called.
-Exit codes: 0 done, 2 wrong use or bad input (one sentence on stderr), 1 anything else.
+Exit codes: 0 done, 2 wrong use or bad input, 1 anything else, 130 interrupted. ``NAV_POSE_DEBUG=1`` shows tracebacks.
+A command on recordings is a module with ``add_arguments(parser)`` and ``run(arguments) -> int``; a node is a module
+with ``main(arguments)``, which gets its ROS arguments untouched.
 """
 
 import argparse
+import difflib
 import os
 import sys
-from collections.abc import Sequence
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
+from typing import NoReturn
 
 from nav_pose_estimator import __version__
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline import process_clock  # noqa: F401  loaded first: it dates the start of the process
 
 PROGRAM = "nav_pose_estimator"
+DONE, FAILED, WRONG_USE, INTERRUPTED = 0, 1, 2, 130
+_FILE_ERRORS = (FileNotFoundError, FileExistsError, IsADirectoryError, NotADirectoryError, PermissionError)
+
+
+@dataclass(frozen=True)
+class Command:
+    """Where a command lives and what it does, in one line."""
+
+    module: str
+    summary: str
+    examples: tuple[str, ...]
+
+    @property
+    def is_node(self) -> bool:
+        """Nodes get ROS arguments, the others options."""
+        return self.module.startswith("nodes.")
+
+
+_ROS_EXAMPLE = "--ros-args --params-file config/nav_pose_estimator.yaml -r imu/data_raw:=/imu"
 COMMANDS = {
-    "replay": ("nav_pose_estimator.offline.replay_command", "run a rosbag2 through the estimator, with GNSS outages"),
-    "benchmark": ("nav_pose_estimator.offline.benchmark_command", "outages over many bags, attitude, speed"),
-    "simulate": ("nav_pose_estimator.offline.simulate_command", "write a rosbag2 of a simulated flight with its truth"),
+    "replay": Command(
+        "offline.replay_command",
+        "replay a rosbag2, take GNSS away, see how far the pose drifts",
+        ("replay my_flight --outage 90:30", "replay my_flight.mcap --outage-every 60:30 --out out/my_flight"),
+    ),
+    "simulate": Command(
+        "offline.simulate_command",
+        "write a rosbag2 of a simulated flight with its true motion",
+        ("simulate out/flight --scenario multirotor_outage --duration 300 --seed 1 --imu icm42688",),
+    ),
+    "benchmark": Command(
+        "offline.benchmark_command",
+        "compare methods over many outages, attitude filters, or measure speed",
+        (
+            "benchmark outage flights/*_bag --lengths 10,30,60 --methods coast,hold,best --out out/outages",
+            "benchmark attitude trials/*.npz --methods complementary,two_stage --out out/attitude",
+            "benchmark speed --out out/speed",
+        ),
+    ),
+    "attitude_node": Command(
+        "nodes.attitude_node", "node: orientation from gyroscope, accelerometer, magnetometer", (_ROS_EXAMPLE,)
+    ),
+    "sins_node": Command(
+        "nodes.sins_node", "node: strapdown navigator and Kalman filter with GNSS gate", (_ROS_EXAMPLE,)
+    ),
+    "anfis_node": Command(
+        "nodes.anfis_node", "node: learns the drift in flight, predicts it in outages", (_ROS_EXAMPLE,)
+    ),
+    "pose_estimator": Command("nodes.pose_estimator", "the three nodes in one process", (_ROS_EXAMPLE,)),
+    "synthetic_sensors": Command(
+        "nodes.synthetic_sensors", "node: publishes simulated sensors in wall or simulated time", ("--ros-args",)
+    ),
 }
-NODES = {
-    "attitude_node": "attitude from IMU and magnetometer",
-    "sins_node": "strapdown navigator with its Kalman filter",
-    "anfis_node": "learns to bridge GNSS outages",
-    "pose_estimator": "the three nodes in one process",
-    "synthetic_sensors": "publishes synthetic IMU and GNSS",
-}
-OK, FAILED, WRONG_USE = 0, 1, 2
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Run one command; returns the exit code."""
-    name = arguments[0] if arguments else ""
-    if name in NODES:
-        return _run_node(name, list(arguments[1:]))
-    if name in ("-h", "--help"):
-        print(_overview())
-        return OK
-    if name == "--version":
-        print(f"{PROGRAM} {__version__}")
-        return OK
-    if name not in COMMANDS:
-        what = f"there is no command {name!r}" if name else "a command is missing"
-        print(f"{PROGRAM}: {what}; choose from {', '.join([*COMMANDS, *NODES])}", file=sys.stderr)
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one sentence instead of repeating the whole usage."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UserError(f"{message} (see {self.prog} --help)")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """``nav_pose_estimator COMMAND ...``: returns the exit code."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if given and given[0] in COMMANDS:
+        return run_command(given[0], given[1:])
+    return _guard(PROGRAM, partial(_without_command, given))
+
+
+def run_command(name: str, arguments: Sequence[str] | None = None) -> int:
+    """One command by its name: returns the exit code."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    command = COMMANDS[name]
+    return _guard(name, partial(_run_node if command.is_node else _run_offline, name, command, given))
+
+
+def _without_command(given: list[str]) -> int:
+    parser = _Parser(
+        prog=PROGRAM,
+        usage=f"{PROGRAM} COMMAND ...",
+        description="Pose estimation for drones that lose GNSS.",
+        epilog=_command_list() + f"\n\n{PROGRAM} COMMAND --help says more.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
+    parser.add_argument("command", nargs="?", help=argparse.SUPPRESS)
+    name = parser.parse_known_args(given)[0].command
+    if name is None:
+        parser.print_help(sys.stderr)
         return WRONG_USE
-    return run_command(name, list(arguments[1:]))
+    close = difflib.get_close_matches(name, COMMANDS, n=1)
+    raise UserError(
+        f"there is no command {name!r}; "
+        + (f"did you mean {close[0]}?" if close else f"choose from {', '.join(COMMANDS)}")
+    )
 
 
-def run_command(name: str, arguments: list[str]) -> int:
-    """Run one of ``COMMANDS``; every error that the user can mend becomes one line and exit code 2."""
-    parser = argparse.ArgumentParser(prog=f"{PROGRAM} {name}")
+def _command_list() -> str:
+    width = max(map(len, COMMANDS))
+    return "commands:\n" + "\n".join(f"  {name:{width}}  {command.summary}" for name, command in COMMANDS.items())
+
+
+def _run_offline(name: str, command: Command, given: list[str]) -> int:
+    module = import_module(f"{PROGRAM}.{command.module}")
+    parser = _parser(name, command)
+    module.add_arguments(parser)
+    return module.run(parser.parse_args(given)) or DONE
+
+
+def _run_node(name: str, command: Command, given: list[str]) -> int:
+    mine, ros = _split_ros(given)
+    parser = _parser(name, command)
+    parser.usage = f"{parser.prog} [--ros-args ROS ARGUMENTS]"
+    parser.description = f"{command.summary}. All parameters: docs/parameters.md."
+    parser.parse_args(mine)
     try:
-        module = import_module(COMMANDS[name][0])
-        module.add_arguments(parser)
-        return int(module.run(parser.parse_args(arguments)) or OK)
-    except UserError as error:
-        print(f"{PROGRAM} {name}: {error}", file=sys.stderr)
-        return WRONG_USE
-    except KeyboardInterrupt:
-        print(f"{PROGRAM} {name}: interrupted", file=sys.stderr)
-        return FAILED
-    except BrokenPipeError:  # the reader of our output has gone, as in "replay ... | head"
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
-    except SystemExit as stop:  # argparse: 0 after --help, 2 after wrong use
-        return stop.code if isinstance(stop.code, int) else FAILED
-
-
-def replay_main() -> None:
-    """Entry point of the installed executable ``replay``."""
-    sys.exit(run_command("replay", sys.argv[1:]))
-
-
-def benchmark_main() -> None:
-    """Entry point of the installed executable ``benchmark``."""
-    sys.exit(run_command("benchmark", sys.argv[1:]))
-
-
-def simulate_main() -> None:
-    """Entry point of the installed executable ``simulate``."""
-    sys.exit(run_command("simulate", sys.argv[1:]))
-
-
-def _run_node(name: str, arguments: list[str]) -> int:
-    try:
-        module = import_module(f"nav_pose_estimator.nodes.{name}")
+        module = import_module(f"{PROGRAM}.{command.module}")
     except ModuleNotFoundError as error:
-        if (error.name or "").startswith(PROGRAM):
+        if error.name != "rclpy":
             raise
-        print(f"{PROGRAM} {name}: needs ROS 2, but {error.name} is not installed", file=sys.stderr)
-        return WRONG_USE
-    return int(module.main(arguments) or OK)
+        raise UserError(
+            f"{name} needs ROS 2 Jazzy, and rclpy is not there: run 'make setup', or source /opt/ros/jazzy/setup.bash"
+        ) from None
+    return module.main(ros) or DONE
 
 
-def _overview() -> str:
-    width = max(map(len, [*COMMANDS, *NODES])) + 2
-    lines = [f"usage: {PROGRAM} COMMAND ...", "", "on recordings:"]
-    lines += [f"  {name.ljust(width)}{text}" for name, (_, text) in COMMANDS.items()]
-    lines += ["", "nodes (ROS 2 arguments follow):"]
-    lines += [f"  {name.ljust(width)}{text}" for name, text in NODES.items()]
-    return "\n".join([*lines, "", f"{PROGRAM} COMMAND --help tells the rest."])
+def _split_ros(given: list[str]) -> tuple[list[str], list[str]]:
+    """Our arguments, and those between ``--ros-args`` and ``--`` (or the end), which are left as they are."""
+    mine: list[str] = []
+    ros: list[str] = []
+    inside = False
+    for argument in given:
+        inside = inside or argument == "--ros-args"
+        (ros if inside else mine).append(argument)
+        inside = inside and argument != "--"
+    return mine, ros
+
+
+def _parser(name: str, command: Command) -> argparse.ArgumentParser:
+    examples = "\n".join(
+        f"  {PROGRAM} {text if text.startswith(name) else f'{name} {text}'}" for text in command.examples
+    )
+    return _Parser(
+        prog=f"{PROGRAM} {name}",
+        epilog=f"examples:\n{examples}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def _guard(name: str, action: Callable[[], int]) -> int:
+    """Run ``action``; whatever it raises becomes one sentence on stderr and an exit code."""
+    try:
+        return action()
+    except UserError as error:
+        return _complain(name, str(error), WRONG_USE)
+    except _FILE_ERRORS as error:
+        return _complain(name, f"{error.filename}: {error.strerror}", WRONG_USE)
+    except KeyboardInterrupt:
+        return _complain(name, "interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has left: nothing more to say
+        return FAILED
+    except Exception as error:
+        return _complain(name, f"{_describe(error)} (NAV_POSE_DEBUG=1 shows where)", FAILED)
+
+
+def _describe(error: Exception) -> str:
+    if isinstance(error, ModuleNotFoundError) and not (error.name or "").startswith(PROGRAM):
+        return f"the Python package {error.name} is not installed, see requirements.txt"
+    return f"failed: {type(error).__name__}: {' '.join(str(error).split())}"
+
+
+def _complain(name: str, text: str, code: int) -> int:
+    if os.environ.get("NAV_POSE_DEBUG", "0") not in ("", "0"):
+        traceback.print_exc()
+    print(f"{name}: {text}", file=sys.stderr)
+    return code
+
+
+# What the executables in lib/nav_pose_estimator call.
+attitude_node = partial(run_command, "attitude_node")
+sins_node = partial(run_command, "sins_node")
+anfis_node = partial(run_command, "anfis_node")
+pose_estimator = partial(run_command, "pose_estimator")
+synthetic_sensors = partial(run_command, "synthetic_sensors")
+simulate = partial(run_command, "simulate")
+replay = partial(run_command, "replay")
+benchmark = partial(run_command, "benchmark")

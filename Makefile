@@ -1,0 +1,47 @@
+# Two commands on a fresh machine:  make demo   make test
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+export PYTHON
+
+IN_ENVIRONMENT := tools/in_environment.sh
+DEMO_BAG := bags/multirotor_outage
+OUT := out/demo
+# Kernels are compiled when first called: two workers pay on two cores or more. Add options with ARGS="-k strapdown -x".
+PYTEST := $(IN_ENVIRONMENT) env ROS_PYTHON_CHECK_FIELDS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python -m pytest -n 2 --dist loadfile
+
+.PHONY: help demo setup test lint types test-plain test-all docs clean
+
+help: ## Show this list
+	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/^([a-z-]+):[^#]*## /  make \1\t/' | expand -t 18
+
+demo: ## Replay a shipped flight with a 30 s GNSS outage and show what the pose did
+	@tools/setup_environment.sh run
+	@$(IN_ENVIRONMENT) python -m nav_pose_estimator replay $(DEMO_BAG) --outage 90:30 --out $(OUT)
+
+setup: ## Everything for the nodes, in .venv
+	@tools/setup_environment.sh run ros
+
+test: ## Lint, types, and every test (plain Python and compiled)
+	@tools/setup_environment.sh run ros dev peers
+	@$(MAKE) --no-print-directory lint types test-plain test-all
+
+lint:
+	@tools/setup_environment.sh dev
+	@$(IN_ENVIRONMENT) ruff check .
+	@$(IN_ENVIRONMENT) ruff format --check .
+
+types:
+	@$(IN_ENVIRONMENT) mypy
+
+test-plain: # the numerical core once more, without the compiler
+	@NUMBA_DISABLE_JIT=1 $(PYTEST) test/core $(ARGS)
+
+test-all:
+	@$(PYTEST) $(ARGS)
+
+docs: ## Write config/nav_pose_estimator.yaml and docs/parameters.md from the code
+	@$(IN_ENVIRONMENT) python -m nav_pose_estimator.offline.parameter_docs
+
+clean: ## Remove what was built (not .venv)
+	rm -rf build install log out .pytest_cache .ruff_cache .mypy_cache .hypothesis *.egg-info
+	find nav_pose_estimator test -name __pycache__ -prune -exec rm -rf {} +

@@ -1,0 +1,57 @@
+"""The ament_python package: modules, executables and what goes into share."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "nav_pose_estimator"
+SHARE = f"share/{NAME}"
+COMMANDS = (
+    "attitude_node",
+    "sins_node",
+    "anfis_node",
+    "pose_estimator",
+    "synthetic_sensors",
+    "simulate",
+    "replay",
+    "benchmark",
+)
+
+
+def shared_files(folder: str) -> list[tuple[str, list[str]]]:
+    """Every file below ``folder``, as setuptools wants it: one entry per directory of share."""
+    found: dict[str, list[str]] = {}
+    for path in sorted(Path(folder).rglob("*")):
+        if path.is_file():
+            found.setdefault(f"{SHARE}/{path.parent.as_posix()}", []).append(path.as_posix())
+    return list(found.items())
+
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Pose estimation for drones that lose GNSS",
+    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    license="Apache-2.0",
+    maintainer="The nav_pose_estimator maintainers",
+    maintainer_email="maintainers@nav-pose-estimator.example",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (SHARE, ["package.xml"]),
+        *shared_files("config"),
+        *shared_files("bags"),
+    ],
+    zip_safe=False,
+    python_requires=">=3.11",
+    install_requires=["setuptools", "numpy>=1.26", "scipy>=1.11", "PyYAML>=6.0"],
+    extras_require={
+        "offline": ["rosbags>=0.11", "matplotlib>=3.6", "tqdm>=4.66"],
+        "compiled": ["numba>=0.61"],
+    },
+    entry_points={
+        "console_scripts": [f"{command} = {NAME}.offline.command_line:{command}" for command in COMMANDS],
+    },
+)
