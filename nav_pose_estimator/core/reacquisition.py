@@ -75,6 +75,7 @@ class ReacquisitionState:
     anchor: Fix | None = None  # last fused fix that is beyond doubt
     approved: Fix | None = None  # last fix that was let through
     tracks: tuple[Track, ...] = ()
+    loose: Track | None = None  # fixes that follow each other in space, whatever their velocities say
     returned: Return | None = None
     confirmed: bool = False  # the operator agrees to the next jump
 
@@ -96,10 +97,11 @@ class Decision:
     notice: Notice | None = None
 
 
-EXPECTED, CONTRADICTION, IMPLAUSIBLE = 0, 1, 2
-_ZONES = ("expected", "contradiction", "implausible")
+EXPECTED, CONTRADICTION, IMPLAUSIBLE, INCONSISTENT = 0, 1, 2, 3
+_ZONES = ("expected", "contradiction", "implausible", "inconsistent")
 _MAX_TRACKS = 4
-_TINY = 1e-9  # m: a sigma of zero must not divide
+_SCATTER = 0.33  # fixes within seconds share most of their error: what scatters between them is a third of their sigma
+_TINY = 1e-6  # m: a sigma of zero must not divide; s: rounding of times
 
 
 class Reacquisition:
@@ -112,7 +114,9 @@ class Reacquisition:
     * expected: within ``sigmas`` of the filter's prediction: at once;
     * contradiction: outside, but within reach (``max_speed`` times the time since the last trusted fix, plus
       ``sigmas``): ``contradiction_time``;
-    * implausible: out of reach, or faster than ``max_speed``: ``implausible_time``, and a loud notice.
+    * implausible: out of reach, or faster than ``max_speed``: ``implausible_time``, and a loud notice;
+    * inconsistent: fixes that follow each other, but contradict their own velocities, as those of a spoofer or of a
+      receiver with a broken velocity: as implausible.
 
     So nothing locks GNSS out for ever, neither after an outage nor when a step makes the filter reject every fix. A
     return stays open to doubt for as long as the outage lasted (at most ``probation``): a track that agrees better
@@ -167,6 +171,8 @@ class Reacquisition:
         track = self._follow(fix, _velocity(velocity_enu))
         zone = self._zone(track, sigmas)
         waiting_for = self._waiting_for(track, zone, offset, lost)
+        if waiting_for and not self._waiting_for(self.state.loose, INCONSISTENT, offset, lost):
+            track, zone, waiting_for = self.state.loose, INCONSISTENT, ""
         if waiting_for:
             return Decision("wait" if lost else "reject", waiting_for, offset, sigmas)
         return self._approve(fix, track, zone, offset, sigmas, predicted_sd, gap_s)
@@ -179,17 +185,23 @@ class Reacquisition:
         if s.returned is None or last_fused > s.returned.until:
             s.anchor, s.returned = s.approved, None
         s.tracks = tuple(track for track in s.tracks if track.first.t > last_fused)
+        if s.loose is not None and s.loose.first.t <= last_fused:
+            s.loose = None
 
     def _follow(self, fix: Fix, velocity: Vector3 | None) -> Track:
         """The track that the fix belongs to, carried on to it; a new one if it fits none."""
-        live = [track for track in self.state.tracks if fix.t - track.t <= self.settings.track_timeout]
+        timeout, loose = self.settings.track_timeout, self.state.loose
+        new = Track(fix, fix.t, fix.position, fix.position, velocity)
+        goes_on = loose is not None and fix.t - loose.t <= timeout and self._fits(loose, fix, None)
+        self.state.loose = _advance(loose, fix, None) if goes_on else new
+        live = [track for track in self.state.tracks if fix.t - track.t <= timeout]
         fitting = [track for track in live if self._fits(track, fix, velocity)]
         if fitting:
             old = max(fitting, key=lambda track: track.count)
             live.remove(old)
             moved = _advance(old, fix, velocity)
         else:
-            moved = Track(fix, fix.t, fix.position, fix.position, velocity)
+            moved = new
         live.sort(key=lambda track: -track.count)
         self.state.tracks = (moved, *live[: _MAX_TRACKS - 1])
         return moved
@@ -197,7 +209,7 @@ class Reacquisition:
     def _fits(self, track: Track, fix: Fix, velocity: Vector3 | None) -> bool:
         settings = self.settings
         dt = fix.t - track.t
-        slack = settings.sigmas * math.hypot(max(fix.sd), max(track.first.sd))
+        slack = settings.sigmas * _SCATTER * math.hypot(max(fix.sd), max(track.first.sd))
         if velocity is None or track.velocity is None:
             return math.dist(fix.position, track.last_position) <= settings.max_speed * dt + slack
         if math.dist(velocity, track.velocity) > settings.max_acceleration * dt + 2 * settings.velocity_tolerance:
@@ -219,9 +231,9 @@ class Reacquisition:
     def _waiting_for(self, track: Track, zone: int, offset: Vector3, lost: bool) -> str:
         """Reason to go on waiting, empty when the track has earned trust."""
         settings = self.settings
-        if track.count < settings.fixes or track.duration < settings.min_duration:
+        if track.count < settings.fixes or track.duration < settings.min_duration - _TINY:
             return "gnss.waiting.consistency" if lost else "gnss.rejected.innovation"
-        if track.duration < self._required(zone, track, offset):
+        if track.duration < self._required(zone, track, offset) - _TINY:
             return f"gnss.{'waiting' if lost else 'rejected'}.{_ZONES[zone]}"
         rivals = [other.count for other in self.state.tracks if other is not track and other.t > track.first.t]
         if track.count < 2 * max(rivals, default=0) and track.duration < settings.implausible_time:
@@ -233,7 +245,7 @@ class Reacquisition:
     def _required(self, zone: int, track: Track, offset: Vector3) -> float:
         """How long a track in ``zone`` must last [s]."""
         settings, returned = self.settings, self.state.returned
-        if zone == IMPLAUSIBLE:
+        if zone >= IMPLAUSIBLE:
             return settings.implausible_time
         if zone == EXPECTED:
             return settings.min_duration
@@ -268,7 +280,7 @@ class Reacquisition:
             f"GNSS {'changed its mind' if reopened else 'is back'}: {math.hypot(*offset):.1f} m from the prediction "
             f"({sigmas:.1f} sigma), {_ZONES[zone]}, {track.count} consistent fixes over {track.duration:.1f} s."
         )
-        severity = ("info", "warn", "error")[zone]
+        severity = ("info", "warn", "error", "error")[zone]
         name = f"gnss.{'reset' if resets else 'reacquired'}.{'reopened' if reopened else _ZONES[zone]}"
         notice = Notice(name, severity, text)
         return Decision("reset" if resets else "fuse", name, offset, sigmas, gated=False, notice=notice)
