@@ -29,7 +29,7 @@ from nav_pose_estimator.core.layout import (
     VEL,
     WIND,
 )
-from nav_pose_estimator.core.rotation import quat_to_matrix
+from nav_pose_estimator.core.rotation import quat_to_matrix, wrap_angle
 
 
 @kernel
@@ -43,7 +43,7 @@ def gnss_position(nav, states, lat, lon, alt, lever):
     for i in range(3):
         arm[i] = C[i, 0] * lever[0] + C[i, 1] * lever[1] + C[i, 2] * lever[2]
         H[i, DPOS + i] = 1.0
-    d_lon = math.remainder(nav[LON] - lon, 2.0 * math.pi)
+    d_lon = wrap_angle(nav[LON] - lon)
     z[0] = d_lon * (r_n + nav[ALT]) * math.cos(nav[LAT]) + arm[0]
     z[1] = (nav[LAT] - lat) * (r_m + nav[ALT]) + arm[1]
     z[2] = nav[ALT] - alt + arm[2]
@@ -80,7 +80,7 @@ def horizontal_position(nav, states, lat, lon):
     z = np.zeros(2)
     H = np.zeros((2, states))
     r_m, r_n = radii(nav[LAT])
-    z[0] = math.remainder(nav[LON] - lon, 2.0 * math.pi) * (r_n + nav[ALT]) * math.cos(nav[LAT])
+    z[0] = wrap_angle(nav[LON] - lon) * (r_n + nav[ALT]) * math.cos(nav[LAT])
     z[1] = (nav[LAT] - lat) * (r_m + nav[ALT])
     H[0, DPOS] = 1.0
     H[1, DPOS + 1] = 1.0
@@ -136,7 +136,7 @@ def magnetic_heading(nav, states, mag_x, mag_y, mag_z, declination):
     C = quat_to_matrix(nav[QUAT : QUAT + 4])
     east = C[0, 0] * mag_x + C[0, 1] * mag_y + C[0, 2] * mag_z
     north = C[1, 0] * mag_x + C[1, 1] * mag_y + C[1, 2] * mag_z
-    z = np.array([math.remainder(math.atan2(east, north) - declination, 2.0 * math.pi)])
+    z = np.array([wrap_angle(math.atan2(east, north) - declination)])
     H = np.zeros((1, states))
     H[0, PHI + 2] = 1.0
     return z, H

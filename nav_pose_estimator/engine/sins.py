@@ -8,7 +8,7 @@ import numpy as np
 
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.earth import lla_to_enu
-from nav_pose_estimator.core.error_model import predicted_horizontal_sd
+from nav_pose_estimator.core.kalman import predicted_horizontal_sd
 from nav_pose_estimator.engine import filter_setup, start_up
 from nav_pose_estimator.engine.aid_input import AidInput
 from nav_pose_estimator.engine.gnss_input import POSITION, VELOCITY, GnssInput

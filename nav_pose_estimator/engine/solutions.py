@@ -88,7 +88,7 @@ class NavBlock:
 
 @dataclass(frozen=True, slots=True)
 class AttitudeBlock:
-    """Attitudes of consecutive IMU samples: ``q_nb`` (N, 4), ``tilt_sd``, ``yaw_sd`` (N,) [rad], ``gyro_bias`` (N, 3)."""
+    """Attitudes of consecutive IMU samples: ``q_nb`` (N, 4), ``tilt_sd``, ``yaw_sd`` (N,) [rad], ``gyro_bias``."""
 
     stamps_ns: np.ndarray
     q_nb: np.ndarray
