@@ -94,21 +94,20 @@ def choose(
 ) -> tuple[Parameters, str]:
     """Parameters with the latency to use, and one sentence that says where it is from.
 
-    ``option`` is what the user gave: seconds, ``auto`` or None. Then a configuration file decides, then NAME.json.
+    ``option`` is what the user gave: seconds, ``auto`` (from the data) or None: then a configuration file decides, else
+    NAME.json beside the bag.
     """
     if option is None and config is not None:
         return parameters, f"GNSS latency {parameters.gnss.delay:g} s (from {config.name} or default)"
-    if option is None or option == AUTO:
+    if option == AUTO:
+        found = estimate(recording, parameters, until)
+        return update(parameters, {"gnss.delay": found.delay}), describe(found)
+    if option is None:
         known = recording.sidecar.get("gnss_latency_est_s")
         if isinstance(known, (int, float)):
-            delay, how = float(known), f"GNSS latency {known:g} s (from {recording.name}.json)"
-        elif option is None:
-            how = f"GNSS latency {parameters.gnss.delay:g} s (default; --gnss-delay auto estimates it)"
-            return parameters, how
-        else:
-            found = estimate(recording, parameters, until)
-            delay, how = found.delay, describe(found)
-        return update(parameters, {"gnss.delay": delay}), how
+            how = f"GNSS latency {known:g} s (from {recording.name}.json)"
+            return update(parameters, {"gnss.delay": float(known)}), how
+        return parameters, f"GNSS latency {parameters.gnss.delay:g} s (default; --gnss-delay auto estimates it)"
     try:
         delay = float(option)
     except ValueError:

@@ -18,7 +18,8 @@ letter-spacing:-.01em}h2{font-size:17px;margin:34px 0 8px}p{margin:6px 0 10px}.s
 .tile b{display:block;font-size:21px;font-weight:600;letter-spacing:-.01em}.tile span{color:var(--soft);font-size:13px}
 figure{margin:0;background:var(--card);border:1px solid var(--rule);border-radius:8px;padding:8px}
 figure+figure{margin-top:8px}figcaption{color:var(--soft);font-size:13px;padding:2px 6px 4px}
-svg{display:block;width:100%;height:auto}.scroll{overflow-x:auto}table{border-collapse:collapse;width:100%;font-size:14px}th,td{padding:4px 10px;
+svg{display:block;width:100%;height:auto}.scroll{overflow-x:auto}
+table{border-collapse:collapse;width:100%;font-size:14px}th,td{padding:4px 10px;
 text-align:right;border-bottom:1px solid var(--rule);white-space:nowrap}th{color:var(--soft);font-weight:500}
 th:first-child,td:first-child,td.text,th.text{text-align:left}td.text{white-space:normal}td.best{font-weight:650}
 .line{fill:none;stroke-width:1.5;stroke-linejoin:round}.key{fill:none;stroke-width:3}.band{stroke:none;opacity:.22}

@@ -79,7 +79,7 @@ def write_summary(path: Path, result: ReplayResult, wall_seconds: float) -> dict
         "versions": versions(),
         "parameters": flatten(result.parameters),
     }
-    summary = _plain(summary)
+    summary = plain(summary)
     path.write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     return summary
 
@@ -128,14 +128,14 @@ def _kernels() -> str:
     return "compiled" if COMPILED else "plain Python"
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """``value`` in the types of JSON; numbers that are not finite become null."""
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, str) or value is None or isinstance(value, bool):
         return value
     if isinstance(value, Iterable):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, (float, np.floating)):
         return float(value) if math.isfinite(value) else None
     return int(value)

@@ -59,7 +59,8 @@ class SqliteFile:
     def _counts(self) -> dict[int, int]:
         try:
             return dict(self._database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
-        except sqlite3.Error:  # reading will say so, and give what can be had
+        except sqlite3.Error as error:
+            self.warnings.append(f"{self.path.name} is damaged ({error}): its messages cannot be counted")
             return {}
 
     def _has_table(self, name: str) -> bool:
