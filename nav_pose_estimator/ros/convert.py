@@ -19,6 +19,7 @@ from nav_pose_estimator.engine.samples import (
     GnssVelocity,
     ImuSample,
     MagSample,
+    NavigatorVelocity,
     PressureSample,
     Sample,
     SetPose,
@@ -133,17 +134,19 @@ def set_pose(message: Any, frame: str = "map") -> Converted:
 
 
 def odometry_velocity(message: Any) -> Converted:
-    """The velocity of a nav_msgs/Odometry (twist in the body, REP-105) turned by its pose: :class:`GnssVelocity`."""
+    """The velocity of a nav_msgs/Odometry (twist in the body, REP-105), turned by its pose: :class:`NavigatorVelocity`.
+
+    An unknown covariance says that nobody vouches for the velocity: it is then not valid.
+    """
     stamp = stamp_ns(message)
     q_nb = quaternion(message.pose.pose.orientation)
     if q_nb is None:
         text = "an odometry message holds no orientation; not used"
-        return (Event(stamp, "odometry.rejected.orientation", Level.WARN, text),)
+        return (Event(stamp, "navigator_velocity.rejected.orientation", Level.WARN, text),)
+    velocity = quat_to_matrix(np.array(q_nb)) @ np.array(vector(message.twist.twist.linear))
     cov = covariance.read(message.twist.covariance, 6, block=3)
-    C_nb = quat_to_matrix(np.array(q_nb))
-    velocity = C_nb @ np.array(vector(message.twist.twist.linear))
-    cov_n = None if cov.matrix is None else C_nb @ cov.matrix @ C_nb.T
-    return (GnssVelocity(stamp, tuple(velocity.tolist()), cov_n), *_flaw(stamp, "odometry", cov.flaw))
+    known = cov.knowledge is Knowledge.KNOWN
+    return (NavigatorVelocity(stamp, tuple(velocity.tolist()), known), *_flaw(stamp, "navigator_velocity", cov.flaw))
 
 
 def without_vertical(adapter: Adapter) -> Adapter:

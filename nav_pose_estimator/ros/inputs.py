@@ -1,11 +1,12 @@
-"""Which message type a topic carries, and who turns it into samples: one table, chosen by the ``ros.input`` parameters."""
+"""Which message type a topic carries and who turns it into samples: one table, chosen by ``ros.input`` parameters."""
 
 import importlib
 from dataclasses import dataclass
 from typing import Any
 
 from nav_pose_estimator.engine.parameter_schema import ParameterError
-from nav_pose_estimator.engine.parameters.ros import InputParameters, RosParameters
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.ros import InputParameters
 from nav_pose_estimator.ros import convert, gps_umd, px4, satellites
 from nav_pose_estimator.ros.convert import Adapter, Converted
 
@@ -58,11 +59,11 @@ def imu_input(parameters: InputParameters) -> Input:
     return Input("imu/data_raw", *_IMU[parameters.imu])
 
 
-def gnss_inputs(parameters: InputParameters) -> list[Input]:
+def gnss_inputs(parameters: InputParameters, satellite_source: str) -> list[Input]:
     """``gps/satellites``, ``gps/vel`` and ``gps/fix``, as far as they are there. The count first: it judges the fix."""
     inputs = []
-    if parameters.satellites != "none":
-        inputs.append(Input("gps/satellites", *_SATELLITES[parameters.satellites]))
+    if satellite_source != "none":
+        inputs.append(Input("gps/satellites", *_SATELLITES[satellite_source]))
     if parameters.velocity != "none":
         package, name, adapter = _VELOCITY[parameters.velocity]
         if parameters.velocity_frame == "ned":
@@ -73,14 +74,14 @@ def gnss_inputs(parameters: InputParameters) -> list[Input]:
     return [*inputs, Input("gps/fix", *_FIX[parameters.fix])]
 
 
-def navigator_inputs(parameters: RosParameters) -> list[Input]:
+def navigator_inputs(parameters: Parameters) -> list[Input]:
     """All inputs of the navigator except the IMU."""
 
     def set_pose(message: Any) -> Converted:
-        return convert.set_pose(message, parameters.frames.map)
+        return convert.set_pose(message, parameters.ros.frames.map)
 
     return [
-        *gnss_inputs(parameters.input),
+        *gnss_inputs(parameters.ros.input, parameters.gnss.gate.satellite_source),
         magnetometer_input(),
         Input("baro", "sensor_msgs", "FluidPressure", convert.fluid_pressure),
         Input("body_velocity", "geometry_msgs", "TwistWithCovarianceStamped", convert.body_velocity),

@@ -7,7 +7,7 @@ from nav_pose_estimator.engine.parameter_schema import param
 
 @dataclass(frozen=True)
 class InputParameters:
-    """The message type on each input topic, as the driver publishes it."""
+    """The message type on each input topic, as the driver publishes it (gps/satellites: ``gnss.gate.satellite_source``)."""
 
     imu: str = param("imu", "", "imu/data_raw: sensor_msgs/Imu or px4_msgs/SensorCombined", choices=("imu", "px4"))
     fix: str = param(
@@ -24,13 +24,6 @@ class InputParameters:
     )
     velocity_frame: str = param("enu", "", "World axes of a twist on gps/vel", choices=("enu", "ned"))
     vertical_velocity: bool = param(True, "", "The driver fills the vertical velocity of gps/vel (MAVROS does not)")
-    satellites: str = param(
-        "uint32",
-        "",
-        "gps/satellites: std_msgs/UInt32, gps_msgs/GPSFix, mavros_msgs/GPSRAW, ublox_msgs/NavPVT, px4_msgs/SensorGps; "
-        "none: the number of satellites is not known",
-        choices=("uint32", "gpsfix", "gpsraw", "navpvt", "px4", "none"),
-    )
     queue: int = param(50, "", "Messages kept per input while the node is busy", 1, 1000)
     max_stamp_regression: float = param(
         1.0, "s", "Stamps that go back by more, three times in a row, are a new run (bag loop): reset", 0.1, 3600.0

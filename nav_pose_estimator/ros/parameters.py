@@ -1,0 +1,88 @@
+"""The parameter tree as ROS parameters: declared with range, unit and meaning, checked by the tree's own rules.
+
+A parameter file with a name that does not exist, a wrong type or a value out of range stops the node before it starts
+(``ParameterError``, one sentence). Running, only parameters marked mutable can be set; the others are read-only.
+"""
+
+import sys
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from nav_pose_estimator.engine.parameter_schema import ParameterError, Spec, specs, update
+from nav_pose_estimator.engine.parameters import Parameters
+
+_OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+
+
+def declare(node: Node) -> Parameters:
+    """Declare the whole tree on ``node``; return it with the overrides of command line and files."""
+    parameters = update(Parameters(), overrides(node))
+    declarations = [(spec.key, _ros_value(spec.default), descriptor(spec)) for spec in specs(parameters)]
+    node.declare_parameters("", declarations, ignore_override=True)
+    return parameters
+
+
+def overrides(node: Node) -> dict[str, Any]:
+    """What files and command line set for ``node``, without what rclpy itself understands."""
+    given = node._parameter_overrides  # rclpy has no public way to see an override that nobody declares
+    return {name: _tree_value(item.value) for name, item in given.items() if not name.startswith(_OF_RCLPY)}
+
+
+def descriptor(spec: Spec) -> ParameterDescriptor:
+    """Range, unit and meaning of one parameter for ``ros2 param describe``."""
+    unit = f" [{spec.unit}]" if spec.unit else ""
+    result = ParameterDescriptor(description=spec.description + unit, read_only=not spec.mutable)
+    if spec.choices:
+        result.additional_constraints = f"one of {', '.join(spec.choices)}"
+    if spec.minimum is None and spec.maximum is None:
+        return result
+    if isinstance(spec.default, float):
+        low = -sys.float_info.max if spec.minimum is None else float(spec.minimum)
+        high = sys.float_info.max if spec.maximum is None else float(spec.maximum)
+        result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    elif isinstance(spec.default, int):
+        low = -(2**63) if spec.minimum is None else int(spec.minimum)
+        high = 2**63 - 1 if spec.maximum is None else int(spec.maximum)
+        result.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+    else:
+        result.additional_constraints = f"each from {spec.minimum:g} to {spec.maximum:g}"
+    return result
+
+
+class LiveParameters:
+    """Keeps ``current`` up to date while the node runs; ``apply`` gets every new tree that was accepted."""
+
+    def __init__(self, node: Node, current: Parameters, apply: Callable[[Parameters], None]) -> None:
+        self.current = current
+        self._apply = apply
+        node.add_on_set_parameters_callback(self._check)
+        node.add_post_set_parameters_callback(self._set)
+
+    def _check(self, changes: list[Parameter]) -> SetParametersResult:
+        try:
+            update(self.current, self._ours(changes))
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _set(self, changes: list[Parameter]) -> None:
+        ours = self._ours(changes)
+        if ours:
+            self.current = update(self.current, ours)
+            self._apply(self.current)
+
+    def _ours(self, changes: Iterable[Parameter]) -> dict[str, Any]:
+        return {item.name: _tree_value(item.value) for item in changes if not item.name.startswith(_OF_RCLPY)}
+
+
+def _ros_value(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _tree_value(value: Any) -> Any:
+    """rclpy gives arrays as array.array or list."""
+    return value if isinstance(value, (bool, int, float, str, type(None))) else tuple(value)

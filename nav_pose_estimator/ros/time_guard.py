@@ -1,0 +1,90 @@
+"""Time that starts again: a bag that loops, a simulation that restarts, a clock set back.
+
+A stamp that goes back is no proof: one message can be damaged, GNSS stamps can lie in the past. IMU stamps that go back
+three times in a row are. What came meanwhile is held and handed on after the reset, so that the new run loses nothing
+and its results equal those of a first run.
+"""
+
+from dataclasses import dataclass
+
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
+
+_PROOF = 3  # IMU samples in a row
+_PATIENCE = 64  # samples held at most
+
+
+@dataclass(frozen=True, slots=True)
+class Admission:
+    """What to feed now, in order; ``back_s`` > 0: time went back so far, reset the engine first."""
+
+    samples: tuple[Sample, ...]
+    back_s: float = 0.0
+
+
+_NOTHING = Admission(())
+
+
+class TimeGuard:
+    """Watches the stamps on their way into an engine. Needs no clock."""
+
+    def __init__(self, max_regression_ns: int) -> None:
+        self._limit = max_regression_ns
+        self.newest_ns = 0
+        self._held: list[Sample] = []
+        self._imu_held = 0
+        self._expected = False
+
+    def expect_restart(self) -> None:
+        """The clock itself jumped back (/clock): the first stamp that goes back is proof enough."""
+        self._expected = True
+
+    def admit(self, sample: Sample) -> Admission:
+        """What ``sample`` leads to."""
+        stamp = _stamp(sample)
+        is_imu = isinstance(sample, ImuSample)
+        if stamp is None or stamp <= 0:
+            back = bool(self._held)  # a count without a stamp keeps its place
+        else:
+            back = self.newest_ns - stamp > self._limit
+        if not back:
+            if is_imu and stamp > self.newest_ns:
+                self.newest_ns = stamp
+            if not self._held:
+                return Admission((sample,))
+            return self._release(sample) if is_imu else self._hold(sample, False)
+        if self._expected and stamp:
+            return self._restart(sample)
+        return self._hold(sample, is_imu)
+
+    def forget(self) -> None:
+        """Start from nothing."""
+        self.newest_ns, self._imu_held, self._expected = 0, 0, False
+        self._held.clear()
+
+    def _hold(self, sample: Sample, is_imu: bool) -> Admission:
+        if is_imu and self._imu_held + 1 >= _PROOF:
+            return self._restart(sample)
+        if len(self._held) >= _PATIENCE:
+            return self._release(sample)
+        self._held.append(sample)
+        self._imu_held += is_imu
+        return _NOTHING
+
+    def _release(self, sample: Sample) -> Admission:
+        """Time goes on: what was held is late or damaged, and the engine says so."""
+        samples = (*self._held, sample)
+        self._held.clear()
+        self._imu_held = 0
+        return Admission(samples)
+
+    def _restart(self, sample: Sample) -> Admission:
+        samples = (*self._held, sample)
+        stamps = [stamp for stamp in map(_stamp, samples) if stamp]
+        back = (self.newest_ns - min(stamps)) * 1e-9
+        self.forget()
+        self.newest_ns = max((s.stamp_ns for s in samples if isinstance(s, ImuSample)), default=0)
+        return Admission(samples, back)
+
+
+def _stamp(sample: Sample) -> int | None:
+    return int(sample.stamps_ns[-1]) if isinstance(sample, ImuBlock) else sample.stamp_ns
