@@ -1,8 +1,8 @@
 """A fixed wing: runway, climb, then straight legs, coordinated turns, climbs and descents through moving air.
 
 Bank, airspeed and climb angle are smooth functions of time; the course through the air turns at g tan(bank) / airspeed,
-which keeps the specific force in the plane of symmetry (Groves, 2nd ed., section 15.1 on coordinated turns is a use of it).
-The aircraft is carried along by the wind, in which gusts shorter than its own inertia are smoothed out.
+which keeps the specific force in the plane of symmetry. The wind carries the aircraft along; gusts too short for its
+inertia are smoothed out.
 """
 
 from dataclasses import dataclass
@@ -78,7 +78,7 @@ def _plan(plan: Flight, rng: np.random.Generator, ticks: np.ndarray) -> tuple[np
         bank[middle:last] = side * angle
         # Height above the first level in units of (seconds at the steepest path): climbs and descents stay within 20.
         path = rng.uniform(-1.0, 1.0)
-        path = -abs(path) if height > 20.0 else (abs(path) if height < 0.0 else path)
+        path = -abs(path) if height > 20.0 else (abs(path) if height < 5.0 else path)
         climb[first:middle] = path * plan.climb
         height += path * leg
         now += leg + turn

@@ -14,9 +14,9 @@ def stream(seed: int, name: str) -> np.random.Generator:
 def gauss_markov(
     rng: np.random.Generator, count: int, dt: float, sd: float | np.ndarray, tau: float, axes: int = 3
 ) -> np.ndarray:
-    """Stationary first-order Gauss-Markov process (count, axes) of standard deviation ``sd`` and correlation time ``tau``.
+    """Stationary first-order Gauss-Markov process (count, axes) of deviation ``sd`` and correlation time ``tau`` [s].
 
-    Its autocorrelation is sd^2 exp(-|t| / tau) at every step (Gelb, Applied Optimal Estimation, section 3.8).
+    Its autocorrelation is sd^2 exp(-|t| / tau) whatever the step (Gelb, Applied Optimal Estimation, chapter 3).
     """
     white = rng.standard_normal((count, axes))
     decay = np.exp(-dt / tau)

@@ -1,7 +1,7 @@
 """A car on a winding, hilly road, with stops: no side slip and no lift-off, so its velocity points along its x axis.
 
-The road is a curve over the distance driven (course and slope), the drive a distance over time. Both are smooth splines,
-every derivative follows by the chain rule.
+The road is a curve over the distance driven (course and slope), the drive a distance over time. Both are smooth
+splines; all derivatives follow by the chain rule.
 """
 
 from dataclasses import dataclass
@@ -17,6 +17,8 @@ _METRE = 2.0
 """m: grid of the road."""
 _TICK = 0.1
 """s: grid of the drive."""
+_SMOOTH = 0.6
+"""s: deviation of the Gauss window that rounds off the drive."""
 
 
 @dataclass(frozen=True)
@@ -101,9 +103,9 @@ def _timetable(
     time = np.concatenate([[0.0], np.cumsum(driving)])
     waits = np.zeros_like(time)
     waits[rows] = rng.uniform(*plan.stop, len(rows))
-    waits[0] = plan.rest
+    waits[0] = plan.rest + 4.0 * _SMOOTH
     leave = time + np.cumsum(waits)
     ticks = np.arange(-2.0, duration + 10.0, _TICK)
     both = np.column_stack([leave - waits, leave]).ravel()
     distance = np.interp(ticks, both, np.repeat(road, 2))
-    return ticks, gaussian_filter1d(distance, 0.6 / _TICK, mode="nearest")
+    return ticks, gaussian_filter1d(distance, _SMOOTH / _TICK, mode="nearest")

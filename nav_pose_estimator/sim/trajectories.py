@@ -6,9 +6,9 @@ North-Up axes at the origin, fixed to the Earth. In that frame the laws of an in
     f_b    = C_bt (dv_t/dt + 2 w_ie_t x v_t - g_t)
     w_ib_b = w_tb_b + C_bt w_ie_t
 
-(Groves, Principles of GNSS, Inertial and Multisensor Integrated Navigation Systems, 2nd ed., section 5.3; the frame does
-not turn against the Earth, so there is no transport rate). An IMU delivers their means over its sample interval; they
-are found by Gauss-Legendre quadrature with three nodes, whose error is of order dt^6.
+(Groves, Principles of GNSS, Inertial and Multisensor Integrated Navigation Systems, 2nd ed., section 5.3; the frame
+does not turn against the Earth, so there is no transport rate). An IMU delivers their means over its sample interval;
+they are found by Gauss-Legendre quadrature with three nodes, whose error is of order dt^6.
 """
 
 from collections.abc import Callable

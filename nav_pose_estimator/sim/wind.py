@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nav_pose_estimator.sim.motions import minimum_jerk
 from nav_pose_estimator.sim.noise import gauss_markov, random_walk
 
 
@@ -16,15 +17,22 @@ class Wind:
     gust_tau: float = 10.0  # s
     walk: float = 0.0  # m/s/sqrt(s) per horizontal axis: the mean itself drifts
     direction: float | None = None  # rad from East, counter-clockwise, where the air goes to; None: random
+    shift: float = 0.0  # m/s, change of the mean across its direction
+    shift_at: float = 0.0  # s, middle of the change
+    shift_length: float = 10.0  # s
 
     def sample(self, rng: np.random.Generator, count: int, dt: float) -> np.ndarray:
-        """Wind at ``count`` equidistant times, (count, 3) [m/s]."""
+        """Wind at ``count`` equidistant times from 0 on, (count, 3) [m/s]."""
         towards = rng.uniform(-np.pi, np.pi)
         if self.direction is not None:
             towards = self.direction
         wind = gauss_markov(rng, count, dt, self.gust_sd * np.array([1.0, 1.0, 0.5]), self.gust_tau)
         wind[:, :2] += random_walk(rng, count, dt, self.walk, axes=2)
-        return wind + self.mean * np.array([np.cos(towards), np.sin(towards), 0.0])
+        wind += self.mean * np.array([np.cos(towards), np.sin(towards), 0.0])
+        if self.shift:
+            step = minimum_jerk((np.arange(count) * dt - self.shift_at) / self.shift_length + 0.5)[0]
+            wind += np.outer(self.shift * step, [-np.sin(towards), np.cos(towards), 0.0])
+        return wind
 
 
 CALM = Wind(mean=0.5, gust_sd=0.05)

@@ -1,0 +1,194 @@
+"""Named stories: a vehicle on a mission in a wind, its sensors, and what goes wrong with them."""
+
+import difflib
+import math
+from dataclasses import dataclass, field, replace
+
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.sim import motions, sensors
+from nav_pose_estimator.sim.faults import Fault, Shift
+from nav_pose_estimator.sim.imu_grades import ImuGrade, imu_grade
+from nav_pose_estimator.sim.missions import Mission
+from nav_pose_estimator.sim.noise import stream
+from nav_pose_estimator.sim.recording import Recording
+from nav_pose_estimator.sim.sensors import Barometer, Gnss, Magnetometer
+from nav_pose_estimator.sim.trajectories import Origin, sample_times
+from nav_pose_estimator.sim.vehicles import FixedWing, Multirotor, Prescribed, RoadVehicle, Vehicle
+from nav_pose_estimator.sim.wind import CALM, DRIFTING, LIGHT, MODERATE, Wind
+
+START_NS = 1_700_000_000_000_000_000
+"""Stamp of time zero."""
+HOME = Origin(math.radians(47.3977), math.radians(8.5456), 488.0)
+"""Where the stories begin, if they do not say otherwise."""
+MAX_DURATION = 24.0 * 3600.0
+"""s"""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A story that can be told with any seed and any IMU."""
+
+    name: str
+    description: str
+    vehicle: Vehicle
+    wind: Wind = field(default_factory=Wind)
+    duration: float = 600.0  # s
+    gnss: Gnss | None = field(default_factory=Gnss)
+    magnetometer: Magnetometer | None = field(default_factory=Magnetometer)
+    barometer: Barometer | None = field(default_factory=Barometer)
+    faults: tuple[Fault, ...] = ()
+    imu_rate: float = 200.0  # Hz
+    origin: Origin = HOME
+
+
+_TRAVEL = Multirotor(Mission())
+_HOVER = Multirotor(Mission("hover", speed=1.0, acceleration=0.5, leg=(0.3, 1.5), dwell=(5.0, 20.0), radius=4.0))
+_STOP_AND_GO = Multirotor(
+    Mission("stop_and_go", speed=14.0, acceleration=5.0, leg=(60.0, 130.0), dwell=(6.0, 25.0), radius=200.0)
+)
+_LOST_300 = Gnss(drops=((120.0, 60.0, 0),))
+
+_ALL = (
+    Scenario(
+        "multirotor_outage",
+        "A quadrotor between waypoints in light wind, meant for replay with a GNSS outage",
+        _TRAVEL,
+        LIGHT,
+    ),
+    Scenario("multirotor_calm", "Waypoints in calm air: wind 0.5 m/s, gusts 0.05 m/s", _TRAVEL, CALM),
+    Scenario("multirotor_light", "Waypoints in light wind: 2 m/s, gusts 0.2 m/s", _TRAVEL, LIGHT),
+    Scenario("multirotor_moderate", "Waypoints in moderate wind: 5 m/s, gusts 0.6 m/s", _TRAVEL, MODERATE),
+    Scenario("multirotor_wind_walk", "Light wind that drifts by 0.05 m/s per root second", _TRAVEL, DRIFTING),
+    Scenario(
+        "wind_shift",
+        "The wind turns by 3 m/s at 300 s, shortly before one would lose GNSS",
+        _TRAVEL,
+        replace(LIGHT, shift=3.0, shift_at=300.0),
+    ),
+    Scenario("laps", "A quadrotor on ellipses at 8 m/s, nose forward", Multirotor(Mission("laps")), LIGHT),
+    Scenario("hover", "A quadrotor that hovers, turns and shifts by a metre", _HOVER, LIGHT),
+    Scenario("stop_and_go", "A quadrotor that dashes at up to 14 m/s and hovers in between", _STOP_AND_GO, LIGHT),
+    Scenario(
+        "start_in_air",
+        "The recording begins in flight: no rest to align on",
+        Multirotor(Mission(rest=0.0)),
+        LIGHT,
+    ),
+    Scenario("fixed_wing", "A small fixed wing: runway, climb, coordinated turns", FixedWing(), LIGHT),
+    Scenario("road_vehicle", "A car with bends, slopes and stops", RoadVehicle(), duration=900.0),
+    Scenario("at_rest", "Nothing moves", Prescribed(motions.at_rest(0.02, -0.03, 0.7)), duration=300.0),
+    Scenario("coning", "A cone of 3 deg at 5 Hz in place", Prescribed(motions.coning()), duration=120.0),
+    Scenario("figure_eight", "A level figure of eight", Prescribed(motions.figure_eight()), duration=300.0),
+    Scenario("closed_curve", "Aerobatics on a closed curve", Prescribed(motions.closed_curve()), duration=120.0),
+    Scenario(
+        "coordinated_acceleration",
+        "Lean 15 deg for 10 s: the accelerometer swears that the vehicle is level",
+        Prescribed(motions.coordinated_acceleration()),
+        duration=60.0,
+    ),
+    Scenario(
+        "sats_3",
+        "From 120 to 180 s three satellites are left; fixes go on, poorer and poorer",
+        _TRAVEL,
+        LIGHT,
+        300.0,
+        gnss=Gnss(drops=((120.0, 60.0, 3),)),
+    ),
+    Scenario(
+        "spike_15m",
+        "Single fixes lie 15 m off at 100, 130 and 160 s",
+        _TRAVEL,
+        LIGHT,
+        240.0,
+        faults=tuple(Shift(GnssFix, start, 0.19, (9.0, -12.0, 0.0)) for start in (100.0, 130.0, 160.0)),
+    ),
+    Scenario(
+        "return_offset_300m",
+        "GNSS is lost from 120 to 180 s, comes back 300 m off for 20 s, then true",
+        _TRAVEL,
+        LIGHT,
+        300.0,
+        gnss=_LOST_300,
+        faults=(Shift(GnssFix, 180.0, 20.0, (180.0, 240.0, 0.0)),),
+    ),
+    Scenario(
+        "velocity_jump",
+        "GNSS velocity is wrong by 5 m/s from 120 to 130 s, positions stay true",
+        _TRAVEL,
+        LIGHT,
+        240.0,
+        faults=(Shift(GnssVelocity, 120.0, 10.0, (4.0, 3.0, 0.0)),),
+    ),
+    Scenario("late_gnss", "Fixes arrive 0.3 s late with true stamps", _TRAVEL, LIGHT, 300.0, gnss=Gnss(transport=0.3)),
+    Scenario(
+        "gnss_latency",
+        "Fixes are stamped 0.25 s after they were valid, as many drivers do",
+        _TRAVEL,
+        LIGHT,
+        300.0,
+        gnss=Gnss(latency=0.25),
+    ),
+    Scenario(
+        "magnetic_disturbance",
+        "Something of iron turns the compass by about 40 deg from 120 to 150 s",
+        _TRAVEL,
+        LIGHT,
+        240.0,
+        magnetometer=Magnetometer(disturbances=((120.0, 30.0, (18e-6, 0.0, 5e-6)),)),
+    ),
+    Scenario("no_magnetometer", "Heading has to come from GNSS velocity", _TRAVEL, LIGHT, 300.0, magnetometer=None),
+)
+SCENARIOS = {scenario.name: scenario for scenario in _ALL}
+
+
+def find_scenario(name: str | Scenario) -> Scenario:
+    """The scenario of that name. Raises ``UserError`` with the nearest name for one that does not exist."""
+    if isinstance(name, Scenario):
+        return name
+    if name not in SCENARIOS:
+        close = difflib.get_close_matches(name, SCENARIOS, n=1, cutoff=0.4)
+        hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(SCENARIOS)}"
+        raise UserError(f"there is no scenario {name!r}; {hint}")
+    return SCENARIOS[name]
+
+
+def generate(
+    scenario: str | Scenario,
+    duration: float | None = None,
+    seed: int = 0,
+    imu: str | ImuGrade = "icm42688",
+    imu_rate: float | None = None,
+) -> Recording:
+    """Tell the story for ``duration`` [s]. The same arguments give the same recording, bit for bit.
+
+    The motion depends on scenario, duration, rate and seed alone: two IMU grades of one seed fly the same flight.
+    Raises ``UserError`` for a scenario, a grade or a number that makes no sense.
+    """
+    scenario, grade = find_scenario(scenario), imu_grade(imu)
+    duration = _within("duration", scenario.duration if duration is None else duration, 1.0, MAX_DURATION, "s")
+    rate = _within("IMU rate", scenario.imu_rate if imu_rate is None else imu_rate, 10.0, 4000.0, "Hz")
+    if seed < 0:
+        raise UserError(f"seed {seed} is negative; give 0 or more")
+    truth = scenario.vehicle.move(sample_times(duration, rate), scenario.origin, scenario.wind, seed)
+    imu_data = sensors.imu(truth, grade, stream(seed, "imu"), START_NS)
+    others = []
+    for name, model in (
+        ("gnss", scenario.gnss),
+        ("magnetometer", scenario.magnetometer),
+        ("barometer", scenario.barometer),
+    ):
+        if model is not None:
+            others += getattr(sensors, name)(truth, model, stream(seed, name), START_NS)
+    others.sort(key=lambda timed: timed.arrival_ns)
+    block = imu_data.block
+    recording = Recording(
+        scenario.name, seed, grade, scenario.origin, START_NS, truth, imu_data, block, block.stamps_ns, others
+    )
+    return recording.with_faults(*scenario.faults)
+
+
+def _within(what: str, value: float, low: float, high: float, unit: str) -> float:
+    if not low <= value <= high:  # also refuses NaN
+        raise UserError(f"a {what} of {value:g} {unit} makes no sense; give {low:g} to {high:g} {unit}")
+    return float(value)
