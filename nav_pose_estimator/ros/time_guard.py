@@ -30,6 +30,7 @@ class TimeGuard:
     def __init__(self, max_regression_ns: int) -> None:
         self._limit = max_regression_ns
         self.newest_ns = 0
+        self._ahead_ns = 0  # of a leap that nothing has continued yet
         self._held: list[Sample] = []
         self._imu_held = 0
         self._expected = False
@@ -41,14 +42,12 @@ class TimeGuard:
     def admit(self, sample: Sample) -> Admission:
         """What ``sample`` leads to."""
         stamp = _stamp(sample)
-        is_imu = isinstance(sample, ImuSample)
-        if stamp is None or stamp <= 0:
-            back = bool(self._held)  # a count without a stamp keeps its place
-        else:
-            back = self.newest_ns - stamp > self._limit
+        is_imu = isinstance(sample, ImuSample) and sample.stamp_ns > 0
+        # without a stamp there is nothing to judge, but the sample keeps its place behind what is held
+        back = self.newest_ns - stamp > self._limit if stamp and stamp > 0 else bool(self._held)
         if not back:
-            if is_imu and stamp > self.newest_ns:
-                self.newest_ns = stamp
+            if is_imu:
+                self._advance(sample.stamp_ns)
             if not self._held:
                 return Admission((sample,))
             return self._release(sample) if is_imu else self._hold(sample, False)
@@ -58,8 +57,16 @@ class TimeGuard:
 
     def forget(self) -> None:
         """Start from nothing."""
-        self.newest_ns, self._imu_held, self._expected = 0, 0, False
+        self.newest_ns = self._ahead_ns = self._imu_held = 0
+        self._expected = False
         self._held.clear()
+
+    def _advance(self, stamp: int) -> None:
+        """A leap ahead counts when a second stamp continues it: one alone is a damaged stamp."""
+        if stamp - self.newest_ns <= self._limit or not self.newest_ns or 0 < stamp - self._ahead_ns <= self._limit:
+            self.newest_ns = max(stamp, self.newest_ns)
+        else:
+            self._ahead_ns = stamp
 
     def _hold(self, sample: Sample, is_imu: bool) -> Admission:
         if is_imu and self._imu_held + 1 >= _PROOF:

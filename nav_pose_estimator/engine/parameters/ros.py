@@ -7,7 +7,7 @@ from nav_pose_estimator.engine.parameter_schema import param
 
 @dataclass(frozen=True)
 class InputParameters:
-    """The message type on each input topic, as the driver publishes it (gps/satellites: ``gnss.gate.satellite_source``)."""
+    """The message type on each input topic, as the driver publishes it; that of gps/satellites is in ``gnss.gate``."""
 
     imu: str = param("imu", "", "imu/data_raw: sensor_msgs/Imu or px4_msgs/SensorCombined", choices=("imu", "px4"))
     fix: str = param(

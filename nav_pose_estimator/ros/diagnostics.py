@@ -1,0 +1,85 @@
+"""/diagnostics and ~/status: what :mod:`wording` says, as messages."""
+
+import time
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from nav_pose_estimator.engine.solutions import Status
+from nav_pose_estimator.ros import qos, wording
+from nav_pose_estimator.ros.messages import fill_stamp
+
+
+class InputWatch:
+    """Counts the messages of one input. The only place that asks a wall clock, and nothing estimates with it."""
+
+    def __init__(self, node: Node, topic: str, needed: bool) -> None:
+        self.topic = topic
+        self._node, self._needed = node, needed
+        self._total = self._reported = self._lost = 0
+        self._last = self._reported_at = time.monotonic()
+        self._ever = False
+
+    def saw(self) -> None:
+        """One message came."""
+        self._total += 1
+
+    def lost(self, count: int) -> None:
+        """The middleware dropped ``count`` messages."""
+        self._lost += count
+
+    def report(self) -> wording.InputReport:
+        """What happened since the last report."""
+        now, new = time.monotonic(), self._total - self._reported
+        if new:
+            self._last, self._ever = now, True
+        rate = new / max(now - self._reported_at, 1e-3)
+        self._reported, self._reported_at = self._total, now
+        age = now - self._last if self._ever or now - self._last < 2.0 else float("inf")
+        publishers = self._node.count_publishers(self._node.resolve_topic_name(self.topic))
+        return wording.InputReport(self.topic, self._total, rate, self._lost, age, publishers, self._needed)
+
+
+class Diagnostics:
+    """Publishes the state of one node."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._name = node.get_fully_qualified_name().lstrip("/")
+        self._array = qos.advertise(node, DiagnosticArray, "/diagnostics")
+        self._status = qos.advertise(node, DiagnosticStatus, "~/status", qos.latched())
+
+    def publish(self, status: Status, watches: list[InputWatch], counters: Mapping[str, int]) -> None:
+        """Everything, on both topics."""
+        reports = [watch.report() for watch in watches]
+        level, text = wording.input_sentence(reports)
+        state = self.publish_status(status)
+        every = Counter(status.counters) + Counter(counters)
+        counted = [(key, str(count)) for key, count in sorted(every.items())]
+        message = DiagnosticArray(
+            status=[
+                state,
+                self._message("inputs", level, text, wording.input_facts(reports)),
+                self._message("counters", wording.OK, f"{len(counted)} kinds of events", counted),
+            ]
+        )
+        fill_stamp(message.header.stamp, self._node.get_clock().now().nanoseconds)
+        self._array.publish(message)
+
+    def publish_status(self, status: Status) -> Any:
+        """~/status alone (at once when the mode changes)."""
+        state = self._message("", wording.level_of(status), wording.sentence(status), wording.facts(status))
+        self._status.publish(state)
+        return state
+
+    def _message(self, part: str, level: int, text: str, pairs: list[tuple[str, str]]) -> DiagnosticStatus:
+        return DiagnosticStatus(
+            level=bytes([level]),
+            name=f"{self._name}: {part}" if part else self._name,
+            message=text,
+            hardware_id=self._name,
+            values=[KeyValue(key=key, value=value) for key, value in pairs],
+        )

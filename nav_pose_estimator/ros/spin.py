@@ -1,0 +1,72 @@
+"""The life of a node: start, spin, stop. The only spin loop of the package.
+
+Ends with exit code 0 on SIGINT and SIGTERM. ``spin_once`` with a time-out works in every release of rclpy, also where
+``spin`` misses signals; the events executor, where there is one, halves the cost of a callback.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+try:
+    from rclpy.impl.implementation_singleton import rclpy_implementation
+
+    RCLError: type[Exception] = rclpy_implementation.RCLError
+except (ImportError, AttributeError):  # no such internals: nothing to tell apart
+    RCLError = RuntimeError
+
+from nav_pose_estimator.errors import UserError
+
+_TIMEOUT = 0.25  # s: how soon a signal is seen at the latest
+
+
+def make_executor(context: Any = None) -> Any:
+    """The events executor where rclpy has it (7.1.4 and later), else the single-threaded one."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
+
+
+def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+    """Create the node, spin until a signal or shutdown, clean up; returns the exit code. ``UserError`` passes through."""
+    node = None
+    try:
+        _init(arguments)
+        node = make_node()
+        _spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except UserError:
+        raise
+    except Exception:
+        if rclpy.ok():
+            raise  # anything else is the shutdown that came in between
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+def _init(arguments: Sequence[str] | None) -> None:
+    try:
+        rclpy.init(args=None if arguments is None else list(arguments))
+    except RCLError as error:
+        reason = " ".join(str(error).split(", at ")[0].split())
+        raise UserError(f"ROS does not accept the arguments: {reason}") from None
+
+
+def _spin(node: Node) -> None:
+    executor = make_executor()
+    executor.add_node(node)
+    try:
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=_TIMEOUT)
+    finally:
+        executor.remove_node(node)
+        executor.shutdown()

@@ -1,0 +1,103 @@
+"""What a pilot reads: status and inputs in sentences. Pure functions of plain data."""
+
+import math
+from dataclasses import dataclass
+
+from nav_pose_estimator.engine.solutions import Mode, Status
+
+OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs/DiagnosticStatus
+
+_LEVELS = {Mode.AIDED: OK, Mode.EXPIRED: ERROR}
+_MEANINGS = {
+    Mode.WAITING_IMU: "waiting for the IMU",
+    Mode.ALIGNING: "aligning",
+    Mode.NO_ORIGIN: "level, but without a position",
+    Mode.AIDED: "GNSS is used",
+    Mode.COASTING: "GNSS is lost, other aids hold the drift",
+    Mode.DEAD_RECKONING: "GNSS is lost, nothing but the IMU",
+    Mode.EXPIRED: "too long without GNSS: do not trust the position",
+    Mode.REACQUIRING: "GNSS is back and being checked",
+}
+
+
+@dataclass(frozen=True)
+class InputReport:
+    """How one input topic does: messages in all, since the last report, lost on the way; age of the last one [s]."""
+
+    topic: str
+    total: int
+    rate: float
+    lost: int
+    age: float
+    publishers: int
+    needed: bool
+
+
+def level_of(status: Status) -> int:
+    """OK, WARN or ERROR for the mode."""
+    return _LEVELS.get(status.mode, WARN)
+
+
+def sentence(status: Status) -> str:
+    """How things stand, in one sentence."""
+    parts = [f"{status.mode.value}: {_MEANINGS[status.mode]}"]
+    if status.waiting_for:
+        parts.append(status.waiting_for)
+    if status.seconds_coasting > 0.0:
+        parts.append(f"for {status.seconds_coasting:.0f} s")
+    if math.isfinite(status.horizontal_sd):
+        parts.append(f"position good to {metres(status.horizontal_sd)} (1 sigma)")
+    if status.mode is not Mode.AIDED and math.isfinite(status.horizontal_sd_in_30_s):
+        parts.append(f"to {metres(status.horizontal_sd_in_30_s)} in 30 s")
+    if status.gnss_refusal:
+        parts.append(f"GNSS refused: {status.gnss_refusal}")
+    return ", ".join(parts)
+
+
+def facts(status: Status) -> list[tuple[str, str]]:
+    """Key and value, the same keys in every message."""
+    satellites = "unknown" if status.satellites is None else str(status.satellites)
+    pairs = [
+        ("mode", status.mode.value),
+        ("waiting for", status.waiting_for or "-"),
+        ("seconds without GNSS", f"{status.seconds_coasting:.1f}"),
+        ("horizontal sigma [m]", number(status.horizontal_sd)),
+        ("horizontal sigma in 30 s [m]", number(status.horizontal_sd_in_30_s)),
+        ("GNSS refused because", status.gnss_refusal or "-"),
+        ("satellites", satellites),
+    ]
+    return pairs + [(key, number(value)) for key, value in sorted(status.values.items())]
+
+
+def input_sentence(reports: list[InputReport]) -> tuple[int, str]:
+    """Level and sentence for the inputs: silence of a needed one is a warning."""
+    silent = [report for report in reports if report.needed and report.age > 2.0]
+    if not silent:
+        return OK, "all needed inputs arrive"
+    words = []
+    for report in silent:
+        since = "never came" if not math.isfinite(report.age) else f"silent for {report.age:.0f} s"
+        words.append(f"{report.topic} {since} ({report.publishers} publishers)")
+    return WARN, "; ".join(words)
+
+
+def input_facts(reports: list[InputReport]) -> list[tuple[str, str]]:
+    """Rate, age and losses of every input."""
+    return [
+        (
+            report.topic,
+            f"{report.rate:.1f} Hz, {report.total} in all, {report.lost} lost, last {number(report.age)} s ago, "
+            f"{report.publishers} publishers",
+        )
+        for report in reports
+    ]
+
+
+def metres(value: float) -> str:
+    """A length for the eye."""
+    return f"{value:.1f} m" if value < 10.0 else f"{value:.0f} m" if value < 10_000.0 else f"{value / 1000:.0f} km"
+
+
+def number(value: float) -> str:
+    """A number for the eye; what is not finite is unknown."""
+    return f"{value:.4g}" if math.isfinite(value) else "unknown"
