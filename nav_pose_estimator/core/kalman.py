@@ -1,7 +1,7 @@
 """Kalman filter of the error state, closed loop: an observation corrects the nominal state and the error is zero again.
 
 An observation is ``z`` (m,), estimate minus measurement, with ``H`` (m, n) such that z = H error + noise, and the
-noise covariance ``R`` (m, m). All arrays are float64 and contiguous; ``nav`` and ``P`` are changed in place. Bring ``P``
+noise covariance ``R`` (m, m). All arrays are float64 and contiguous; ``nav`` and ``P`` change in place. Bring ``P``
 to the time of ``nav`` first (``core.strapdown.flush_covariance``).
 
 The optional blocks follow the base states in a fixed order, wind and drag first, so the size n says which are there.
