@@ -73,8 +73,11 @@ make_venv() {
         fail "$python cannot make a virtual environment; on Ubuntu: apt install python3.12-venv"
 }
 
+# pip speaks only when it fails.
 pip_install() {
-    "$VENV/bin/python" -m pip install --quiet --disable-pip-version-check "$@"
+    "$VENV/bin/python" -m pip install --disable-pip-version-check "$@" >"$VENV/pip.log" 2>&1 && return
+    tail -n 15 "$VENV/pip.log" >&2
+    return 1
 }
 
 run_requirements() {

@@ -16,7 +16,7 @@ from nav_pose_estimator.engine.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
 from nav_pose_estimator.offline import latency, methods
-from nav_pose_estimator.offline.configuration import load_parameters
+from nav_pose_estimator.offline.config_file import load_parameters
 from nav_pose_estimator.offline.flight_window import flight_window, outage_starts
 from nav_pose_estimator.offline.outage_errors import NOT_AIDED, OutageErrors, judge
 from nav_pose_estimator.offline.outages import GnssLeak, GnssRemoval, Outage, OutageProof
