@@ -158,12 +158,12 @@ def body_velocity(nav, states, velocity, lever):
         z[i] = C[0, i] * v[0] + C[1, i] * v[1] + C[2, i] * v[2] + swing[i] - velocity[i]
         _velocity_in_body_row(H, i, C, v)
     # -[l x] on the gyroscope bias
-    H[0, D_GYRO_BIAS + 1] = -lever[2]
-    H[0, D_GYRO_BIAS + 2] = lever[1]
-    H[1, D_GYRO_BIAS] = lever[2]
-    H[1, D_GYRO_BIAS + 2] = -lever[0]
-    H[2, D_GYRO_BIAS] = -lever[1]
-    H[2, D_GYRO_BIAS + 1] = lever[0]
+    H[0, D_GYRO_BIAS + 1] = lever[2]
+    H[0, D_GYRO_BIAS + 2] = -lever[1]
+    H[1, D_GYRO_BIAS] = -lever[2]
+    H[1, D_GYRO_BIAS + 2] = lever[0]
+    H[2, D_GYRO_BIAS] = lever[1]
+    H[2, D_GYRO_BIAS + 1] = -lever[0]
     return z, H
 
 

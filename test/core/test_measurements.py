@@ -1,0 +1,81 @@
+"""Every observation matrix against central differences of the observation itself."""
+
+import numpy as np
+import pytest
+
+from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.core import measurements
+from nav_pose_estimator.core.kalman import inject
+from nav_pose_estimator.core.rotation import quat_from_euler
+
+N = at.BASE_STATES + at.WIND_DRAG_STATES
+LEVER = np.array([0.3, -0.2, 0.5])
+
+
+def state() -> np.ndarray:
+    """A moving, tilted, turning vehicle with biases and wind."""
+    nav = np.zeros(at.NAV_SIZE)
+    nav[at.LAT : at.VEL] = 0.8, 0.2, 300.0
+    nav[at.VEL : at.VEL + 3] = 4.0, -7.0, 1.5
+    nav[at.QUAT : at.QUAT + 4] = quat_from_euler(0.2, -0.1, 2.0)
+    nav[at.WIND : at.WIND + 2] = 1.0, -2.0
+    nav[at.DRAG : at.DRAG + 2] = 0.3, 0.2
+    nav[at.PREV_RATE : at.PREV_RATE + 3] = 0.4, -0.3, 0.9
+    nav[at.PREV_FORCE : at.PREV_FORCE + 3] = -0.7, 0.4, 9.9
+    return nav
+
+
+CASES = {
+    "gnss_position": (measurements.gnss_position, (0.80001, 0.20002, 290.0, LEVER)),
+    "gnss_velocity": (measurements.gnss_velocity, (np.array([3.0, -6.0, 1.0]), LEVER)),
+    "horizontal_position": (measurements.horizontal_position, (0.80001, 0.20002)),
+    "horizontal_velocity": (measurements.horizontal_velocity, (3.0, -6.0)),
+    "vertical_velocity": (measurements.vertical_velocity, (1.0,)),
+    "height": (measurements.height, (290.0,)),
+    "body_velocity": (measurements.body_velocity, (np.array([3.0, -6.0, 1.0]), LEVER)),
+    "drag_force": (measurements.drag_force, (at.BASE_STATES,)),
+}
+
+
+def disturbed(nav: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """``nav`` with ``error`` in it, the corrected rate and force included: a correction by -error."""
+    other = nav.copy()
+    inject(other, -error)
+    # the sensors' values are fixed: a bias estimate that moves shows in the corrected rate and force
+    for corrected, bias in ((at.PREV_RATE, at.GYRO_BIAS), (at.PREV_FORCE, at.ACCEL_BIAS)):
+        other[corrected : corrected + 3] -= other[bias : bias + 3] - nav[bias : bias + 3]
+    return other
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_observation_matrix_is_the_derivative(name: str) -> None:
+    function, arguments = CASES[name]
+    nav = state()
+    _, H = function(nav, N, *arguments)
+    numeric = np.empty_like(H)
+    for k in range(N):
+        step = np.zeros(N)
+        step[k] = 1e-5
+        plus, _ = function(disturbed(nav, step), N, *arguments)
+        minus, _ = function(disturbed(nav, -step), N, *arguments)
+        numeric[:, k] = (plus - minus) / 2e-5
+    np.testing.assert_allclose(H, numeric, atol=2e-5)
+
+
+def test_magnetic_heading_sees_the_misalignment_about_up() -> None:
+    nav = state()
+    error = np.zeros(N)
+    error[at.PHI + 2] = 0.01
+    field_n = np.array([0.0, 20e-6, -40e-6])
+    C = measurements.quat_to_matrix(nav[at.QUAT : at.QUAT + 4])
+    field = C.T @ field_n
+    z, H = measurements.magnetic_heading(disturbed(nav, error), N, *field, 0.0)
+    assert z[0] == pytest.approx(0.01, abs=1e-4)
+    assert np.flatnonzero(H[0]).tolist() == [at.PHI + 2]
+
+
+def test_position_across_the_date_line_is_near() -> None:
+    nav = state()
+    nav[at.LON] = np.pi - 1e-7
+    z, _ = measurements.gnss_position(nav, N, nav[at.LAT], -np.pi + 1e-7, nav[at.ALT], np.zeros(3))
+    assert abs(z[0]) < 2.0
