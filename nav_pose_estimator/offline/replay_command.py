@@ -34,8 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Carry the command out. Raises ``UserError`` for what the user can mend."""
     from nav_pose_estimator.offline import latency, methods, outages
+    from nav_pose_estimator.offline.aid_option import with_aids
     from nav_pose_estimator.offline.config_file import load_parameters
-    from nav_pose_estimator.offline.configuration import with_aids
     from nav_pose_estimator.offline.recording import load
     from nav_pose_estimator.offline.topic_map import parse_remaps
 

@@ -1,10 +1,12 @@
-"""The options of the command line that change parameters."""
+"""``--aid``: which aids besides IMU and GNSS a run may use."""
 
 from dataclasses import fields
 
 from nav_pose_estimator.engine.parameter_schema import ParameterError, update
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.aids import AidParameters
+
+NONE = "none"
 
 
 def aid_names() -> list[str]:
@@ -13,11 +15,11 @@ def aid_names() -> list[str]:
 
 
 def with_aids(parameters: Parameters, text: str) -> Parameters:
-    """``parameters`` with exactly the aids of a comma-separated list switched on; ``none`` for GNSS and IMU alone."""
+    """``parameters`` with exactly the aids of a comma-separated list switched on; ``none`` for no aid at all."""
     chosen = [name.strip() for name in text.split(",") if name.strip()]
     known = aid_names()
-    unknown = [name for name in chosen if name not in known and name != "none"]
+    unknown = [name for name in chosen if name not in known and name != NONE]
     if unknown or not chosen:
         what = f"there is no aid {unknown[0]!r}" if unknown else "it names no aid"
-        raise ParameterError(f"--aid {text}: {what}; choose from {', '.join(known)} or none")
+        raise ParameterError(f"--aid {text}: {what}; choose from {', '.join(known)} or {NONE}")
     return update(parameters, {f"aids.{name}": name in chosen for name in known})
