@@ -75,23 +75,24 @@ def _check_agreement(name: str, tree: Mapping[str, Any], seen: dict[str, tuple[s
 
 
 def _sections(content: Mapping[str, Any], name: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """(node name without namespace, its tree); a namespace may be written as a level of its own."""
+    """(node name, its tree); a namespace may be part of the name or a level of its own."""
     for key, body in content.items():
         if key == SECTION:
             if body is not None and not isinstance(body, Mapping):
                 raise ParameterError(f"{SECTION} of {name} is not a mapping of names to values")
             yield name, body or {}
         elif isinstance(body, Mapping):
-            yield from _sections(body, str(key).rsplit("/", 1)[-1])
+            yield from _sections(body, str(key))
 
 
 def _rank(name: str) -> int:
     """How particular a section is, from 1; 0 for one that does not concern us."""
-    if name == COMPOSED_NODE:
+    own = name.rsplit("/", 1)[-1]  # without namespace
+    if own == COMPOSED_NODE:
         return _COMPOSED
-    if name in SINGLE_NODES:
+    if own in SINGLE_NODES:
         return _SINGLE
-    concerns_us = "*" in name and any(fnmatchcase(node, name) for node in (*SINGLE_NODES, COMPOSED_NODE))
+    concerns_us = "*" in own and any(fnmatchcase(node, own) for node in (*SINGLE_NODES, COMPOSED_NODE))
     return _WILDCARD if concerns_us else 0
 
 
