@@ -78,11 +78,16 @@ class AttitudeEngine:
             self._restart(item.name)
         return item
 
+    @property
+    def mode(self) -> Mode:
+        """AIDED once the attitude is level."""
+        if self._memory.last_ns is None:
+            return Mode.WAITING_IMU
+        return Mode.AIDED if self._age() >= 1.0 else Mode.ALIGNING
+
     def status(self) -> Status:
         """How the filter stands; ``values`` holds deviations [deg] and what was learned."""
         memory, s = self._memory, self._memory.state
-        settled = memory.last_ns is not None and self._age() >= 1.0
-        mode = Mode.WAITING_IMU if memory.last_ns is None else Mode.AIDED if settled else Mode.ALIGNING
         values = {
             "tilt_sd_deg": math.degrees(math.sqrt(max(s[COV], s[COV + 4]))),
             "yaw_sd_deg": math.degrees(math.sqrt(s[COV + 8])),
@@ -91,7 +96,7 @@ class AttitudeEngine:
         }
         return Status(
             stamp_ns=memory.last_ns or 0,
-            mode=mode,
+            mode=self.mode,
             waiting_for=self._waiting_for(),
             seconds_coasting=0.0,
             horizontal_sd=math.nan,

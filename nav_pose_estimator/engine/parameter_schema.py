@@ -6,9 +6,11 @@ From there come the ROS parameter descriptors, the YAML files, the documentation
 import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from nav_pose_estimator.errors import UserError
+
+_Settings = TypeVar("_Settings")
 
 
 class ParameterError(UserError):
@@ -130,6 +132,6 @@ def _kind(default: Any) -> str:
     return {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}[type(default)]
 
 
-def settings[T](kind: type[T], group: Any) -> T:
+def settings(kind: type[_Settings], group: Any) -> _Settings:
     """An instance of the core's settings class ``kind`` from the fields of ``group`` that have the same names."""
     return kind(**{item.name: getattr(group, item.name) for item in fields(kind)})  # type: ignore[arg-type]

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.engine.attitude import AttitudeEngine
+from nav_pose_estimator.engine.habits import Habits
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, NavigatorVelocity, Sample
 from nav_pose_estimator.engine.sins import SinsEngine
 from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution, Output, Status
 
-_VELOCITY_PERIOD_NS = 100_000_000
+_EXCHANGE_NS = 250_000_000
+"""The estimators talk to each other at the first IMU sample of every such period, whatever the size of the blocks."""
 
 
 class PoseEstimator:
@@ -24,32 +27,56 @@ class PoseEstimator:
         self.parameters = parameters or Parameters()
         self.sins = SinsEngine(self.parameters)
         self.attitude = AttitudeEngine(self.parameters) if attitude else None
-        self._next_velocity_ns = 0
+        learner = self.parameters.learner
+        self.habits = Habits(learner) if learner.enabled and learner.method != "coast" else None
+        self._period = 0
 
     def feed(self, sample: Sample) -> list[Output]:
         """Take one sample; returns solutions and events in order: attitude first, then navigation."""
+        if isinstance(sample, ImuBlock):
+            return [output for piece in self._pieces(sample) for output in self._feed(piece)]
+        return self._feed(sample)
+
+    def _pieces(self, block: ImuBlock) -> list[ImuBlock]:
+        """``block`` cut behind each sample at which the estimators talk: blocks give what single samples give."""
+        periods = block.stamps_ns // _EXCHANGE_NS
+        begins = np.flatnonzero(np.diff(periods, prepend=self._period)) + 1
+        cuts = [0, *(i for i in begins.tolist() if i < len(block)), len(block)]
+        return [ImuBlock(block.stamps_ns[a:b], block.gyro[a:b], block.accel[a:b]) for a, b in itertools.pairwise(cuts)]
+
+    def _feed(self, sample: Sample) -> list[Output]:
         outputs: list[Output] = []
         if self.attitude is not None and isinstance(sample, (ImuSample, ImuBlock, MagSample)):
             # what the attitude filter says of the IMU the navigator says as well: told once
             outputs += [o for o in self.attitude.feed(sample) if not _is_imu_event(o)]
         solutions = self.sins.feed(sample)
-        if self.attitude is not None:
-            self._share_velocity(solutions)
-        return outputs + solutions
+        outputs += solutions
+        if isinstance(sample, (ImuSample, ImuBlock)) and self._is_time_to_talk(sample):
+            outputs += self._exchange(solutions)
+        return outputs
 
-    def _share_velocity(self, outputs: list[Output]) -> None:
-        """Give the attitude filter the navigator's velocity, ten times a second."""
-        for output in outputs:
-            if isinstance(output, NavSolution):
-                stamp, velocity = output.stamp_ns, output.vel_n
-            elif isinstance(output, NavBlock):
-                stamp, velocity = int(output.stamps_ns[-1]), output.rows[-1, at.OUT_VEL : at.OUT_QUAT]
-            else:
-                continue
-            if stamp >= self._next_velocity_ns or stamp < self._next_velocity_ns - 10 * _VELOCITY_PERIOD_NS:
-                self._next_velocity_ns = stamp + _VELOCITY_PERIOD_NS
-                valid = output.mode is Mode.AIDED
-                self.attitude.feed(NavigatorVelocity(stamp, tuple(np.asarray(velocity).tolist()), valid))
+    def _is_time_to_talk(self, sample: ImuSample | ImuBlock) -> bool:
+        stamp = sample.stamp_ns if isinstance(sample, ImuSample) else int(sample.stamps_ns[-1])
+        period, self._period = self._period, stamp // _EXCHANGE_NS
+        return self._period != period
+
+    def _exchange(self, solutions: list[Output]) -> list[Output]:
+        """The navigator's velocity for the attitude filter; the flight's habits for the navigator in an outage."""
+        moved = [o for o in solutions if isinstance(o, (NavBlock, NavSolution))]
+        if not moved:
+            return []
+        self._share_velocity(moved[-1])
+        priors = [] if self.habits is None else self.habits.feed(moved[-1])
+        return [event for prior in priors for event in self.sins.feed(prior)]
+
+    def _share_velocity(self, output: NavBlock | NavSolution) -> None:
+        if self.attitude is None:
+            return
+        if isinstance(output, NavSolution):
+            stamp, velocity = output.stamp_ns, output.vel_n
+        else:
+            stamp, velocity = int(output.stamps_ns[-1]), output.rows[-1, at.OUT_VEL : at.OUT_QUAT]
+        self.attitude.feed(NavigatorVelocity(stamp, tuple(velocity.tolist()), output.mode is Mode.AIDED))
 
     @property
     def mode(self) -> Mode:
@@ -71,7 +98,7 @@ class PoseEstimator:
 
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
         """Start again."""
-        self._next_velocity_ns = 0
+        self._period = 0
         attitude = [] if self.attitude is None else self.attitude.reset(stamp_ns, reason)
         return attitude + self.sins.reset(stamp_ns, reason)
 
@@ -84,11 +111,14 @@ class PoseEstimator:
     def snapshot(self) -> Any:
         """Everything that changes, to be given to ``restore``."""
         attitude = None if self.attitude is None else self.attitude.snapshot()
-        return self.sins.snapshot(), attitude, self._next_velocity_ns
+        habits = None if self.habits is None else self.habits.copy()
+        return self.sins.snapshot(), attitude, habits, self._period
 
     def restore(self, snapshot: Any) -> None:
         """Go back to an earlier ``snapshot``."""
-        sins, attitude, self._next_velocity_ns = snapshot
+        sins, attitude, habits, self._period = snapshot
+        if self.habits is not None and habits is not None:
+            self.habits = habits.copy()
         self.sins.restore(sins)
         if self.attitude is not None and attitude is not None:
             self.attitude.restore(attitude)
