@@ -6,6 +6,7 @@ rosbags writes the files; its call per message is replaced by one per chunk, whi
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,11 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.cdr_packing import typestore
+from nav_pose_estimator.offline.mcap_file import zstandard
 
 MCAP, SQLITE3 = "mcap", "sqlite3"
+FAST, SMALL = 3, 19
+"""Levels of zstd: the second takes 15 times as long and saves 10 %."""
 CHUNK_BYTES = 1 << 20
 _BAG_FILES = (".yaml", ".mcap", ".db3", ".zstd", ".db3-shm", ".db3-wal")
 METADATA_VERSION = 9  # of rosbag2 in Jazzy
@@ -60,12 +64,13 @@ def write_bag(
     topics: Sequence[Messages],
     storage: str = MCAP,
     force: bool = False,
+    level: int = FAST,
     notes: Mapping[str, str] | None = None,
 ) -> None:
     """Write ``topics`` as the rosbag2 ``path`` (a folder), in order of receipt; equal times in the order of ``topics``.
 
-    ``notes`` go into metadata.yaml. An existing bag is replaced only with ``force``, and nothing but a bag ever is.
-    Raises ``UserError``.
+    ``level`` of zstd: ``FAST`` or ``SMALL``. ``notes`` go into metadata.yaml. An existing bag is replaced only with
+    ``force``, and nothing but a bag ever is. Raises ``UserError``.
     """
     path = Path(path)
     if storage not in (MCAP, SQLITE3):
@@ -75,6 +80,8 @@ def write_bag(
         shutil.rmtree(path)
     try:
         with _Writer(path, version=METADATA_VERSION, storage_plugin=StoragePlugin[storage.upper()]) as writer:
+            if storage == MCAP:
+                writer.storage.compressor = partial(zstandard().compress, level=level)
             for key, value in (notes or {}).items():
                 writer.set_custom_data(key, value)
             _write(writer, topics)

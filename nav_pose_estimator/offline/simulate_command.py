@@ -20,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--imu-rate", type=float, metavar="HZ", help="IMU rate (default: that of the scenario)")
     add("--truth-rate", type=float, default=50.0, metavar="HZ", help="rate of /ground_truth/odom (default: 50)")
     add("--storage", choices=("mcap", "sqlite3"), default="mcap", help="file format (default: mcap)")
+    add("--small", action="store_true", help="compress harder (mcap): slower, 10 %% smaller")
     add("--force", action="store_true", help="replace an existing bag")
     add("--list", action="store_true", help="list scenarios and IMU grades, write nothing")
 
@@ -33,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.bag is None:
         raise UserError("give the folder of the new bag, or --list to see what there is")
-    from nav_pose_estimator.offline.bag_writer import check_room
+    from nav_pose_estimator.offline.bag_writer import FAST, SMALL, check_room
     from nav_pose_estimator.offline.simulated_bag import write_recording
 
     if not 0.1 <= arguments.truth_rate <= 4000.0:
@@ -41,7 +42,8 @@ def run(arguments: argparse.Namespace) -> int:
     find_scenario(arguments.scenario)
     check_room(arguments.bag, arguments.force)  # before the work, not after it
     recording = generate(arguments.scenario, arguments.duration, arguments.seed, arguments.imu, arguments.imu_rate)
-    write_recording(arguments.bag, recording, arguments.storage, arguments.force, arguments.truth_rate)
+    level = SMALL if arguments.small else FAST
+    write_recording(arguments.bag, recording, arguments.storage, arguments.force, arguments.truth_rate, level)
     print(
         f"{arguments.bag}: {recording.scenario}, {recording.truth.t[-1]:g} s, IMU {recording.imu_grade.name} "
         f"at {1.0 / recording.truth.dt:g} Hz, {len(recording.imu) + len(recording.others)} sensor messages"

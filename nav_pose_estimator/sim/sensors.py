@@ -56,7 +56,8 @@ def imu(truth: Truth, grade: ImuGrade, rng: np.random.Generator, start_ns: int) 
         bias = bias + gauss_markov(rng, n, dt, sd, tau)
         measured = values + values @ matrix.T + bias + white_noise(rng, n, dt, noise)
         if resolution > 0.0:
-            measured = np.round(measured / resolution) * resolution
+            # Drivers scale the sensor's integers in single precision.
+            measured = np.float32(np.round(measured / resolution) * resolution).astype(float)
         halves.append((measured, bias, matrix))
     (gyro, gyro_bias, gyro_matrix), (accel, accel_bias, accel_matrix) = halves
     block = ImuBlock(to_ns(truth.t, start_ns), gyro, accel)
@@ -128,7 +129,7 @@ def _satellites(model: Gnss, rng: np.random.Generator, t: np.ndarray) -> np.ndar
 class Magnetometer:
     """A calibrated magnetometer: what the calibration left over, and the field of the place."""
 
-    rate: float = 25.0  # Hz
+    rate: float = 10.0  # Hz
     strength: float = 48e-6  # T
     declination: float = 0.0  # rad, east positive
     inclination: float = 1.10  # rad, down positive
@@ -168,7 +169,7 @@ def magnetometer(truth: Truth, model: Magnetometer, rng: np.random.Generator, st
 class Barometer:
     """A barometer whose reference drifts with the weather and with its own warmth."""
 
-    rate: float = 20.0  # Hz
+    rate: float = 10.0  # Hz
     noise: float = 2.0  # Pa per sample
     offset_sd: float = 150.0  # Pa: weather against the standard atmosphere
     drift: float = 0.3  # Pa/sqrt(s), random walk
