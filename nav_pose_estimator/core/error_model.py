@@ -25,7 +25,7 @@ import math
 import numpy as np
 
 from nav_pose_estimator.core.earth import E2, MIN_COS_LAT, OMEGA, A, gravity_from_sine
-from nav_pose_estimator.core.jit import kernel
+from nav_pose_estimator.core.jit import COMPILED, kernel
 from nav_pose_estimator.core.layout import (
     ACCEL_BIAS_PSD,
     ACCEL_BIAS_RATE,
@@ -60,31 +60,7 @@ from nav_pose_estimator.core.layout import (
 from nav_pose_estimator.core.triples import add_scaled, cross, load3, load4, q_columns, q_exp, q_multiply, scale, store3
 
 EAST, NORTH, UP = 0, 1, 2
-
-
-@kernel
-def covariance_step(nav, P, constants):
-    """Bring ``P`` (n, n) over the time since the last step; empties the sums in ``nav``. Nothing happens without time.
-
-    The transition is second order in the step and a congruence, so ``P`` stays exactly symmetric and, but for rounding,
-    positive definite. Noise is integrated by the trapezoidal rule. The attitude is that of the middle of the step, the
-    specific force its mean.
-    """
-    T = nav[SUM_TIME]
-    if T <= 0.0:
-        return
-    f_n = scale(1.0 / T, load3(nav, SUM_FORCE))
-    turn = load3(nav, SUM_RATE)
-    C = q_columns(q_multiply(load4(nav, QUAT), q_exp(scale(-0.5, turn))))
-    F = np.zeros_like(P)
-    fill_system_matrix(F, nav, constants, f_n, scale(1.0 / T, turn), C)
-    propagate_covariance(P, F, constants, T)
-    if nav[SUM_GAP] > 0.0:
-        _add_gap(P, constants, nav[SUM_GAP])
-        nav[SUM_GAP] = 0.0
-    nav[SUM_TIME] = 0.0
-    store3(nav, SUM_FORCE, (0.0, 0.0, 0.0))
-    store3(nav, SUM_RATE, (0.0, 0.0, 0.0))
+LANES = 8  # float64 numbers in the widest vector register
 
 
 @kernel
@@ -156,59 +132,84 @@ def fill_system_matrix(F, nav, constants, f_n, w_b, C):
 
 
 @kernel
-def propagate_covariance(P, F, constants, T):
+def _propagate_by_shears(P, F, constants, T):
     """``P <- Phi (P + Q T / 2) Phi' + Q T / 2``, in place, with Phi of second order in the step ``T`` [s].
 
-    Phi is Strang's splitting of exp(F T): attitude and position half a step, velocity and biases a whole step, then
-    position and attitude the other half. Each part changes single states by the others, an elementary shear.
+    Phi is Strang's splitting of exp(F T): half of the Gauss-Markov decay, velocity half a step, attitude and position a
+    whole step, then the other halves of velocity and decay. Each part changes three states by the others, a shear.
     """
-    row = np.empty(P.shape[0])
-    _add_noise(P, constants, 0.5 * T)
-    for i in range(PHI, PHI + 3):
-        _shear(P, F, i, 0.5 * T, row)
-    for i in range(DPOS, DPOS + 3):
-        _shear(P, F, i, 0.5 * T, row)
-    for i in range(DVEL, DVEL + 3):
-        _shear(P, F, i, T, row)
-    _decay(P, F, T)
-    for i in range(DPOS + 2, DPOS - 1, -1):
-        _shear(P, F, i, 0.5 * T, row)
-    for i in range(PHI + 2, PHI - 1, -1):
-        _shear(P, F, i, 0.5 * T, row)
-    _add_noise(P, constants, 0.5 * T)
-
-
-@kernel
-def _shear(P, F, i, T, row):
-    """``P <- S P S'`` with S = I + T e_i F[i, :]: state ``i`` grows by its rate; zeros of F cost nothing."""
     n = P.shape[0]
-    for k in range(n):
-        row[k] = P[i, k]
-    for j in range(n):
-        c = F[i, j] * T
-        if c != 0.0:
-            for k in range(n):
-                row[k] += c * P[j, k]
-    variance = row[i]
-    for j in range(n):
-        variance += F[i, j] * T * row[j]
-    row[i] = variance
-    for k in range(n):
-        P[i, k] = row[k]
-        P[k, i] = row[k]
-
-
-@kernel
-def _decay(P, F, T):
-    """Gauss-Markov states shrink by exp(-T / tau); exact."""
-    n = P.shape[0]
+    decay = np.ones(n)
     for i in range(D_GYRO_BIAS, n):
         if F[i, i] != 0.0:
-            factor = math.exp(F[i, i] * T)
-            for k in range(n):
-                P[i, k] *= factor
-            for k in range(n):
-                P[k, i] *= factor
+            decay[i] = math.exp(0.5 * T * F[i, i])
+    _add_noise(P, constants, 0.5 * T)
+    W = np.zeros((n, (n + LANES - 1) // LANES * LANES))  # rows end with a whole vector: loops without remainder
+    rows = np.zeros((3, W.shape[1]))
+    for i in range(n):
+        for k in range(n):
+            W[i, k] = decay[i] * decay[k] * P[i, k]
+    _shear(W, F, DVEL, 0.5 * T, rows)
+    _shear(W, F, PHI, T, rows)
+    _shear(W, F, DPOS, T, rows)
+    _shear(W, F, DVEL, 0.5 * T, rows)
+    for i in range(n):
+        for k in range(n):
+            P[i, k] = decay[i] * decay[k] * W[i, k]
+    _add_noise(P, constants, 0.5 * T)
+
+
+@kernel
+def _shear(W, F, b, T, rows):
+    """``W <- S W S'`` with S = I + T F[b:b+3] in rows b to b+2: three states grow by their rates.
+
+    ``W`` (n, width) is symmetric in its first n columns and zero beyond; ``rows`` (3, width) is scratch.
+    """
+    n, width = W.shape
+    for i in range(3):
+        for k in range(width):
+            rows[i, k] = W[b + i, k]
+    for j in range(n):
+        c0, c1, c2 = T * F[b, j], T * F[b + 1, j], T * F[b + 2, j]
+        if c0 != 0.0 or c1 != 0.0 or c2 != 0.0:
+            for k in range(width):
+                rows[0, k] += c0 * W[j, k]
+                rows[1, k] += c1 * W[j, k]
+                rows[2, k] += c2 * W[j, k]
+    # The block on the diagonal takes the shear from the other side, too; six sums side by side keep the adders busy.
+    s00, s10, s11, s20, s21, s22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(n):
+        c0, c1, c2 = F[b, j], F[b + 1, j], F[b + 2, j]
+        s00 += rows[0, j] * c0
+        s10 += rows[1, j] * c0
+        s11 += rows[1, j] * c1
+        s20 += rows[2, j] * c0
+        s21 += rows[2, j] * c1
+        s22 += rows[2, j] * c2
+    rows[0, b] += T * s00
+    rows[1, b] += T * s10
+    rows[1, b + 1] += T * s11
+    rows[2, b] += T * s20
+    rows[2, b + 1] += T * s21
+    rows[2, b + 2] += T * s22
+    rows[0, b + 1], rows[0, b + 2], rows[1, b + 2] = rows[1, b], rows[2, b], rows[2, b + 1]
+    for i in range(3):
+        for k in range(n):
+            W[b + i, k] = rows[i, k]
+            W[k, b + i] = rows[i, k]
+
+
+def _propagate_by_products(P, F, constants, T):
+    """The same step, and as accurate, by products of whole matrices: without a compiler numpy is faster than loops."""
+    transition = np.eye(len(P)) + T * F + (0.5 * T * T) * (F @ F)
+    _add_noise(P, constants, 0.5 * T)
+    later = transition @ P @ transition.T
+    P[:] = 0.5 * (later + later.T)
+    _add_noise(P, constants, 0.5 * T)
+
+
+propagate_covariance = _propagate_by_shears if COMPILED else _propagate_by_products
+"""(P, F, constants, T): bring ``P`` (n, n) over ``T`` [s] with the system matrix ``F`` (n, n), in place."""
 
 
 @kernel
@@ -262,3 +263,28 @@ def _add_column(F, row, column, v):
     """``F[row:row+3, column] += v``."""
     for i in range(3):
         F[row + i, column] += v[i]
+
+
+@kernel
+def covariance_step(nav, P, constants):
+    """Bring ``P`` (n, n) over the time since the last step; empties the sums in ``nav``. Nothing happens without time.
+
+    The transition is second order in the step and a congruence, so ``P`` stays exactly symmetric and, but for rounding,
+    positive definite. Noise is integrated by the trapezoidal rule. The attitude is that of the middle of the step, the
+    specific force its mean.
+    """
+    T = nav[SUM_TIME]
+    if T <= 0.0:
+        return
+    f_n = scale(1.0 / T, load3(nav, SUM_FORCE))
+    turn = load3(nav, SUM_RATE)
+    C = q_columns(q_multiply(load4(nav, QUAT), q_exp(scale(-0.5, turn))))
+    F = np.zeros_like(P)
+    fill_system_matrix(F, nav, constants, f_n, scale(1.0 / T, turn), C)
+    propagate_covariance(P, F, constants, T)
+    if nav[SUM_GAP] > 0.0:
+        _add_gap(P, constants, nav[SUM_GAP])
+        nav[SUM_GAP] = 0.0
+    nav[SUM_TIME] = 0.0
+    store3(nav, SUM_FORCE, (0.0, 0.0, 0.0))
+    store3(nav, SUM_RATE, (0.0, 0.0, 0.0))
