@@ -61,12 +61,12 @@ class GnssParameters:
     lever_arm: tuple[float, ...] = param((0.0, 0.0, 0.0), "m", "Antenna from the IMU, body frame", -50.0, 50.0)
     position_sd: float = param(1.5, "m", "Smallest horizontal deviation of a fix", 0.001, 100.0, mutable=True)
     vertical_sd: float = param(2.5, "m", "Smallest vertical deviation of a fix", 0.001, 100.0, mutable=True)
-    velocity_sd: float = param(0.1, "m/s", "Smallest horizontal deviation of a velocity", 0.001, 10.0, mutable=True)
+    velocity_sd: float = param(0.5, "m/s", "Smallest horizontal deviation of a velocity", 0.001, 10.0, mutable=True)
     velocity_vertical_sd: float = param(
-        0.15, "m/s", "Smallest vertical deviation of a velocity", 0.001, 10.0, mutable=True
+        0.75, "m/s", "Smallest vertical deviation of a velocity", 0.001, 10.0, mutable=True
     )
     position_correlation: float = param(
-        1.0, "s", "Fixes closer than this share their error, so each counts for less", 0.0, 100.0, mutable=True
+        2.0, "s", "Fixes closer than this share their error, so each counts for less", 0.0, 100.0, mutable=True
     )
     gate: GateParameters = field(default_factory=GateParameters)
     reacquisition: ReacquisitionParameters = field(default_factory=ReacquisitionParameters)

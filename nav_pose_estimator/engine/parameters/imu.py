@@ -19,14 +19,14 @@ class ImuParameters:
         "mean: values are means over the interval that ends at the stamp; point: instantaneous values",
         choices=("mean", "point"),
     )
-    gyro_noise: float = param(2.0e-4, "rad/s/sqrt(Hz)", "Gyroscope noise density in flight", 1e-7, 0.1, mutable=True)
+    gyro_noise: float = param(5.0e-4, "rad/s/sqrt(Hz)", "Gyroscope noise density in flight", 1e-7, 0.1, mutable=True)
     accel_noise: float = param(
-        3.0e-3, "m/s^2/sqrt(Hz)", "Accelerometer noise density in flight", 1e-6, 10.0, mutable=True
+        0.02, "m/s^2/sqrt(Hz)", "Accelerometer noise density in flight", 1e-6, 10.0, mutable=True
     )
-    gyro_bias_sd: float = param(4.0e-5, "rad/s", "Steady-state deviation of the gyroscope bias", 0.0, 0.1, mutable=True)
-    gyro_bias_tau: float = param(300.0, "s", "Correlation time of the gyroscope bias", 1.0, 1e6)
+    gyro_bias_sd: float = param(5.0e-3, "rad/s", "Steady-state deviation of the gyroscope bias", 0.0, 0.1, mutable=True)
+    gyro_bias_tau: float = param(3000.0, "s", "Correlation time of the gyroscope bias", 1.0, 1e6)
     accel_bias_sd: float = param(
-        5.0e-3, "m/s^2", "Steady-state deviation of the accelerometer bias", 0.0, 1.0, mutable=True
+        0.1, "m/s^2", "Steady-state deviation of the accelerometer bias", 0.0, 1.0, mutable=True
     )
     accel_bias_tau: float = param(300.0, "s", "Correlation time of the accelerometer bias", 1.0, 1e6)
     gap: float = param(0.06, "s", "A longer interval between samples counts as missing data", 0.001, 10.0)
