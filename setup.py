@@ -48,7 +48,7 @@ setup(
     python_requires=">=3.11",
     install_requires=["setuptools", "numpy>=1.26", "scipy>=1.11", "PyYAML>=6.0"],
     extras_require={
-        "offline": ["rosbags>=0.11", "matplotlib>=3.6", "tqdm>=4.66"],
+        "offline": ["rosbags>=0.11", "tqdm>=4.66"],
         "compiled": ["numba>=0.61"],
     },
     entry_points={
