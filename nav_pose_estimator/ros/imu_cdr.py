@@ -29,3 +29,11 @@ def decode_imu(data: bytes) -> Converted | None:
     if gyro_cov == -1.0 or accel_cov == -1.0:
         return imu_sample(sample, gyro_cov == -1.0, accel_cov == -1.0)
     return (sample,)
+
+
+def peek_stamp_ns(data: bytes) -> int:
+    """The header stamp of any serialized message that begins with a header; 0 for an unexpected layout."""
+    if len(data) < 16 or data[:2] != _ENCAPSULATION:
+        return 0
+    sec, nanosec, _ = _HEADER.unpack_from(data, 4)
+    return sec * NS_PER_S + nanosec

@@ -33,7 +33,7 @@ def make_executor(context: Any = None) -> Any:
 
 
 def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
-    """Create the node, spin until a signal or shutdown, clean up; returns the exit code. ``UserError`` passes through."""
+    """Create the node, spin until a signal or shutdown, clean up; returns the exit code. Raises ``UserError``."""
     node = None
     try:
         _init(arguments)

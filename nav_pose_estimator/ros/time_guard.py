@@ -11,6 +11,7 @@ from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
 
 _PROOF = 3  # IMU samples in a row
 _PATIENCE = 64  # samples held at most
+_IN_FLIGHT = 1000  # samples that may still come from before a jump of the clock
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,32 +34,31 @@ class TimeGuard:
         self._ahead_ns = 0  # of a leap that nothing has continued yet
         self._held: list[Sample] = []
         self._imu_held = 0
-        self._expected = False
+        self._expected = 0  # for how many samples a single IMU stamp that goes back is proof enough
 
     def expect_restart(self) -> None:
-        """The clock itself jumped back (/clock): the first stamp that goes back is proof enough."""
-        self._expected = True
+        """The clock itself jumped back (/clock): the first IMU stamp that goes back is proof enough."""
+        self._expected = _IN_FLIGHT
 
     def admit(self, sample: Sample) -> Admission:
         """What ``sample`` leads to."""
         stamp = _stamp(sample)
         is_imu = isinstance(sample, ImuSample) and sample.stamp_ns > 0
         # without a stamp there is nothing to judge, but the sample keeps its place behind what is held
-        back = self.newest_ns - stamp > self._limit if stamp and stamp > 0 else bool(self._held)
+        limit = 0 if self._expected and is_imu else self._limit
+        back = self.newest_ns - stamp > limit if stamp and stamp > 0 else bool(self._held)
+        self._expected = max(self._expected - 1, 0)
         if not back:
             if is_imu:
                 self._advance(sample.stamp_ns)
             if not self._held:
                 return Admission((sample,))
             return self._release(sample) if is_imu else self._hold(sample, False)
-        if self._expected and stamp:
-            return self._restart(sample)
-        return self._hold(sample, is_imu)
+        return self._restart(sample) if is_imu and limit == 0 else self._hold(sample, is_imu)
 
     def forget(self) -> None:
         """Start from nothing."""
-        self.newest_ns = self._ahead_ns = self._imu_held = 0
-        self._expected = False
+        self.newest_ns = self._ahead_ns = self._imu_held = self._expected = 0
         self._held.clear()
 
     def _advance(self, stamp: int) -> None:

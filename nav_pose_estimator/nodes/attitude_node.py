@@ -1,0 +1,64 @@
+"""attitude_node: orientation from gyroscope, accelerometer and magnetometer; imu/data."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from nav_msgs.msg import Odometry
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Bool
+
+from nav_pose_estimator.engine.attitude import AttitudeEngine
+from nav_pose_estimator.engine.samples import NavigatorVelocity
+from nav_pose_estimator.engine.solutions import AttitudeSolution
+from nav_pose_estimator.ros import inputs, qos, spin
+from nav_pose_estimator.ros.convert import Converted, odometry_velocity
+from nav_pose_estimator.ros.estimator_node import EstimatorNode
+from nav_pose_estimator.ros.imu_cdr import peek_stamp_ns
+from nav_pose_estimator.ros.outputs import AttitudeOutput
+from nav_pose_estimator.ros.pace import Pace
+
+_VELOCITY_RATE = 10.0  # Hz: how often the navigator's velocity is looked at
+
+
+class AttitudeNode(EstimatorNode):
+    """Works alone; with the navigator's odometry it also tells acceleration from gravity."""
+
+    def __init__(self) -> None:
+        super().__init__("attitude_node", AttitudeEngine)
+        self._output = AttitudeOutput(self, self.parameters)
+        self._denied = True  # until the navigator says that GNSS aids it
+        self._velocity_pace = Pace(_VELOCITY_RATE)
+        self.listen_imu(inputs.imu_input(self.parameters.ros.input))
+        self.listen(inputs.magnetometer_input())
+        watch = self.watch("odometry/filtered", needed=False)
+        qos.subscribe(
+            self,
+            Odometry,
+            "odometry/filtered",
+            lambda data: self.receive(watch, self._velocity, data),
+            qos.sensor(self.parameters.ros.input.queue),
+            raw=True,
+        )
+        qos.subscribe(self, Bool, "gnss/denied", self._on_denied, qos.latched())
+        self.get_logger().info("ready")
+
+    def publish(self, solution: AttitudeSolution) -> None:
+        """imu/data."""
+        self._output.publish(solution)
+
+    def _velocity(self, data: bytes) -> Converted:
+        if not self._velocity_pace.is_due(peek_stamp_ns(data)):
+            return ()
+        items = odometry_velocity(deserialize_message(data, Odometry))
+        return tuple(
+            replace(item, valid=item.valid and not self._denied) if isinstance(item, NavigatorVelocity) else item
+            for item in items
+        )
+
+    def _on_denied(self, message: Bool) -> None:
+        self._denied = message.data
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node; returns the exit code."""
+    return spin.run(AttitudeNode, arguments)

@@ -1,0 +1,169 @@
+"""What the nodes share: parameters, inputs, the time guard, events, diagnostics, services around one engine."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from std_srvs.srv import SetBool, Trigger
+
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import Sample
+from nav_pose_estimator.engine.solutions import Event, Level, Mode, Output
+from nav_pose_estimator.ros import qos
+from nav_pose_estimator.ros.convert import Converted
+from nav_pose_estimator.ros.diagnostics import Diagnostics, InputWatch
+from nav_pose_estimator.ros.imu_cdr import decode_imu
+from nav_pose_estimator.ros.inputs import Input
+from nav_pose_estimator.ros.logbook import Logbook
+from nav_pose_estimator.ros.messages import is_finite
+from nav_pose_estimator.ros.parameters import LiveParameters, declare
+from nav_pose_estimator.ros.time_guard import TimeGuard
+
+
+class EstimatorNode(Node):
+    """A node around one engine. Subclasses subscribe with ``listen`` and publish in ``publish``.
+
+    Whatever a message does, the node lives on: errors in callbacks are counted and said in one sentence.
+    """
+
+    def __init__(self, name: str, make_engine: Callable[[Parameters], Any]) -> None:
+        super().__init__(name)
+        self.parameters = declare(self)
+        self.logbook = Logbook(self.get_logger())
+        self.engine = make_engine(self.parameters)
+        self.engine.warm_up()
+        self._live = LiveParameters(self, self.parameters, self._set_parameters)
+        self._guard = TimeGuard(round(self.parameters.ros.input.max_stamp_regression * 1e9))
+        self._mode: Mode | None = None
+        self._watches: list[InputWatch] = []
+        self._diagnostics = Diagnostics(self)
+        # a steady clock: diagnostics must speak up when /clock is what is missing
+        period = self.parameters.ros.output.diagnostics_period
+        self._timer = self.create_timer(period, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        back = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
+        self._jump = self.get_clock().create_jump_callback(back, post_callback=self._on_clock_jump)
+        self._reset_service = self.create_service(Trigger, "~/reset", self._on_reset)
+
+    def offer_gnss_switch(self) -> None:
+        """Service ~/use_gnss: take GNSS away and give it back (outage drill)."""
+        self._gnss_service = self.create_service(SetBool, "~/use_gnss", self._on_use_gnss)
+
+    # --- inputs ----------------------------------------------------------------------------------------------------
+
+    def listen(self, source: Input, needed: bool = False) -> None:
+        """Subscribe to ``source``; a ``needed`` one that is silent is a warning on diagnostics."""
+        watch = self.watch(source.topic, needed)
+        callback = partial(self.receive, watch, source.adapter)
+        qos.subscribe(self, source.message_class(), source.topic, callback, self._input_qos(), on_lost=watch.lost)
+
+    def listen_imu(self, source: Input) -> None:
+        """Subscribe to the IMU: sensor_msgs/Imu is decoded from its bytes."""
+        kind, watch = source.message_class(), self.watch(source.topic, True)
+        raw = source.package == "sensor_msgs"
+
+        def adapt(data: bytes) -> Converted:
+            decoded = decode_imu(data)
+            return source.adapter(deserialize_message(data, kind)) if decoded is None else decoded
+
+        callback = partial(self.receive, watch, adapt if raw else source.adapter)
+        qos.subscribe(self, kind, source.topic, callback, self._input_qos(), raw=raw, on_lost=watch.lost)
+
+    def watch(self, topic: str, needed: bool) -> InputWatch:
+        """A counter for a topic that is subscribed to elsewhere."""
+        self._watches.append(InputWatch(self, topic, needed))
+        return self._watches[-1]
+
+    def receive(self, watch: InputWatch, adapter: Callable[[Any], Converted], message: Any) -> None:
+        """The callback of every subscription."""
+        watch.saw()
+        try:
+            for item in adapter(message):
+                if isinstance(item, Event):
+                    self.logbook.note(item)
+                else:
+                    self.take(item)
+        except Exception as error:
+            self._note_failure(watch.topic, error)
+
+    def take(self, sample: Sample) -> None:
+        """Feed one sample and publish what follows."""
+        admission = self._guard.admit(sample)
+        if admission.back_s > 0.0:
+            stamp = min(s.stamp_ns for s in admission.samples if s.stamp_ns)
+            reason = f"time went back by {admission.back_s:.1f} s"
+            self.deliver(self.engine.reset(stamp, reason))
+        for ready in admission.samples:
+            self.deliver(self.engine.feed(ready))
+
+    # --- outputs ---------------------------------------------------------------------------------------------------
+
+    def deliver(self, outputs: list[Output]) -> None:
+        """Say events, publish solutions, tell a change of mode at once."""
+        for output in outputs:
+            if isinstance(output, Event):
+                self.logbook.note(output)
+            elif is_finite(output):
+                self.publish(output)
+            else:
+                text = "a solution that is not a number is withheld"
+                self.logbook.note(Event(output.stamp_ns, "output.withheld.nan", Level.ERROR, text))
+        mode = self.engine.mode
+        if mode is not self._mode:
+            self._mode = mode
+            self._diagnostics.publish_status(self.engine.status())
+
+    def publish(self, solution: Output) -> None:
+        """Publish one solution."""
+        raise NotImplementedError
+
+    def destroy_node(self) -> None:
+        """Also stop listening to the clock."""
+        self._jump.unregister()
+        super().destroy_node()
+
+    # --- callbacks -------------------------------------------------------------------------------------------------
+
+    def _on_timer(self) -> None:
+        try:
+            own = {k: v for k, v in self.logbook.counters.items() if k not in self.engine.status().counters}
+            self._diagnostics.publish(self.engine.status(), self._watches, own)
+        except Exception as error:
+            self._note_failure("diagnostics", error)
+
+    def _on_clock_jump(self, jump: TimeJump) -> None:
+        self._guard.expect_restart()
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            self.deliver(self.engine.reset(self._guard.newest_ns, "asked for by a service call"))
+            self._guard.forget()
+            response.success, response.message = True, "started again"
+        except Exception as error:
+            self._note_failure("~/reset", error)
+            response.success, response.message = False, str(error)
+        return response
+
+    def _on_use_gnss(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self.engine.set_use_gnss(request.data)
+        response.success = True
+        response.message = "GNSS is used" if request.data else "GNSS is not used until it is switched on again"
+        self.logbook.note(Event(self._guard.newest_ns, "mode.use_gnss", Level.WARN, f"operator: {response.message}"))
+        return response
+
+    def _set_parameters(self, parameters: Parameters) -> None:
+        self.parameters = parameters
+        self.engine.set_parameters(parameters)
+        self.logbook.note(Event(self._guard.newest_ns, "parameters.changed", Level.INFO, "parameters were changed"))
+
+    def _note_failure(self, where: str, error: Exception) -> None:
+        if not self.context.ok():
+            return  # shutting down: publishers are gone
+        text = f"{where}: {type(error).__name__}: {' '.join(str(error).split())}; the message is not used"
+        self.logbook.note(Event(self._guard.newest_ns, f"callback.failed.{where}", Level.ERROR, text))
+
+    def _input_qos(self) -> Any:
+        return qos.sensor(self.parameters.ros.input.queue)

@@ -1,0 +1,123 @@
+"""Topics that estimators publish. Messages are made once and refilled; rates are kept by stamps."""
+
+import importlib
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Vector3Stamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from sensor_msgs.msg import Imu, NavSatFix
+from std_msgs.msg import Bool
+
+from nav_pose_estimator.engine.modes import DENIED
+from nav_pose_estimator.engine.parameter_schema import ParameterError
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolution
+from nav_pose_estimator.ros import messages, qos
+from nav_pose_estimator.ros.pace import Pace
+
+
+class AttitudeOutput:
+    """imu/data."""
+
+    def __init__(self, node: Node, parameters: Parameters) -> None:
+        self._world_frame = parameters.attitude.world_frame
+        self._pace = Pace(parameters.ros.output.attitude_rate)
+        self._publisher = qos.advertise(node, Imu, "imu/data")
+        self._message = Imu()
+        self._message.header.frame_id = parameters.ros.frames.base_link
+
+    def publish(self, solution: AttitudeSolution) -> None:
+        """One attitude, if it is due."""
+        if self._pace.is_due(solution.stamp_ns):
+            messages.fill_imu(self._message, solution, self._world_frame)
+            self._publisher.publish(self._message)
+
+
+class NavigationOutput:
+    """odometry/filtered, gps/filtered, ~/pose, ~/origin, ~/bias/*, gnss/denied and /tf."""
+
+    def __init__(self, node: Node, parameters: Parameters) -> None:
+        frames, rates = parameters.ros.frames, parameters.ros.output
+        self._odometry = qos.advertise(node, Odometry, "odometry/filtered")
+        self._pose = qos.advertise(node, PoseWithCovarianceStamped, "~/pose")
+        self._fix = qos.advertise(node, NavSatFix, "gps/filtered")
+        self._origin = qos.advertise(node, NavSatFix, "~/origin", qos.latched())
+        self._denied = qos.advertise(node, Bool, "gnss/denied", qos.latched())
+        self._gyro_bias = qos.advertise(node, Vector3Stamped, "~/bias/gyro")
+        self._accel_bias = qos.advertise(node, Vector3Stamped, "~/bias/accel")
+        self._tf = Transforms(node, frames) if frames.publish_tf else None
+        self._odometry_pace = Pace(rates.odometry_rate)
+        self._fix_pace, self._bias_pace = Pace(rates.fix_rate), Pace(rates.bias_rate)
+        self._odometry_message, self._pose_message, self._fix_message = (
+            Odometry(),
+            PoseWithCovarianceStamped(),
+            NavSatFix(),
+        )
+        self._odometry_message.header.frame_id = frames.odom
+        self._odometry_message.child_frame_id = frames.base_link
+        self._pose_message.header.frame_id = self._map = frames.map
+        self._fix_message.header.frame_id = self._base_link = frames.base_link
+        self._bias_message = Vector3Stamped()
+        self._bias_message.header.frame_id = frames.base_link
+        self._published_origin: tuple[float, float, float] | None = None
+        self._is_denied: bool | None = None
+
+    def publish(self, solution: NavSolution) -> None:
+        """One solution, on every topic where it is due."""
+        stamp = solution.stamp_ns
+        self._publish_denied(solution.mode in DENIED)
+        if self._odometry_pace.is_due(stamp):
+            messages.fill_odometry(self._odometry_message, solution)
+            self._odometry.publish(self._odometry_message)
+            messages.fill_pose(self._pose_message, solution)
+            self._pose.publish(self._pose_message)
+            if self._tf is not None:
+                self._tf.publish(solution)
+        if self._fix_pace.is_due(stamp):
+            messages.fill_fix(self._fix_message, solution, solution.mode is not Mode.EXPIRED)
+            self._fix.publish(self._fix_message)
+        if self._bias_pace.is_due(stamp):
+            for publisher, bias in ((self._gyro_bias, solution.gyro_bias), (self._accel_bias, solution.accel_bias)):
+                messages.fill_vector_stamped(self._bias_message, stamp, bias)
+                publisher.publish(self._bias_message)
+
+    def publish_origin(self, stamp_ns: int, origin: tuple[float, float, float] | None) -> None:
+        """The zero of map, when it is new."""
+        if origin is None or origin == self._published_origin:
+            return
+        self._published_origin = origin
+        message = NavSatFix()
+        message.header.frame_id = self._map
+        messages.fill_origin(message, stamp_ns, origin)
+        self._origin.publish(message)
+
+    def _publish_denied(self, denied: bool) -> None:
+        if denied != self._is_denied:
+            self._is_denied = denied
+            self._denied.publish(Bool(data=denied))
+
+
+class Transforms:
+    """map -> odom -> base_link on /tf."""
+
+    def __init__(self, node: Node, frames: Any) -> None:
+        try:
+            self._kind = importlib.import_module("tf2_msgs.msg").TFMessage
+        except ImportError:
+            raise ParameterError(
+                "ros.frames.publish_tf is true, but tf2_msgs is not installed here; "
+                "install ros-jazzy-tf2-msgs or set it to false"
+            ) from None
+        self._publisher = qos.advertise(node, self._kind, "/tf")
+        self._jumps, self._motion = TransformStamped(), TransformStamped()
+        self._jumps.header.frame_id, self._jumps.child_frame_id = frames.map, frames.odom
+        self._motion.header.frame_id, self._motion.child_frame_id = frames.odom, frames.base_link
+
+    def publish(self, solution: NavSolution) -> None:
+        """Both transforms of one solution."""
+        moved = solution.position_enu - solution.correction_enu
+        messages.fill_transform(self._jumps, solution.stamp_ns, np.asarray(solution.correction_enu))
+        messages.fill_transform(self._motion, solution.stamp_ns, moved, solution.q_nb)
+        self._publisher.publish(self._kind(transforms=[self._jumps, self._motion]))
