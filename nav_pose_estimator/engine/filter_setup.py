@@ -1,7 +1,7 @@
 """From parameters to the numbers that the kernels work with."""
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.engine.parameters import Parameters
@@ -57,4 +57,4 @@ def gates(parameters: Parameters) -> list[tuple[float, float]]:
     """(soft, hard) chi-square thresholds for 1, 2 and 3 degrees of freedom."""
     navigator = parameters.navigator
     probabilities = navigator.gate_probability, navigator.reject_probability
-    return [tuple(float(chi2.ppf(p, dof)) for p in probabilities) for dof in (1, 2, 3)]
+    return [tuple(float(chdtri(dof, 1.0 - p)) for p in probabilities) for dof in (1, 2, 3)]

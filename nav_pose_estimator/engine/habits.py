@@ -24,7 +24,7 @@ from nav_pose_estimator.engine.samples import Prior
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
 
 _SECOND_NS = 1_000_000_000
-_MEMORY = 300  # s of flight that show whether the vehicle ever slows down
+_MEMORY = 120  # s of flight that show whether the vehicle ever slows down
 _ENOUGH = 20  # s of flight below which nothing is known
 
 

@@ -29,6 +29,7 @@ _BACKWARD_RUN = 3  # so many that agree on an earlier time are a clock set back
 _CLIPPED_RUN = 3  # so many equal values in a row on one axis ...
 _CLIPPED_RATE = 4.3  # ... beyond the smallest usual range (250 deg/s) are a saturated gyroscope [rad/s]
 _CLIPPED_FORCE = 19.0  # ... beyond the smallest usual range (2 g) are a saturated accelerometer [m/s^2]
+_FEW = 4  # up to so many samples are checked faster one by one than by whole-array comparisons
 _NS = 1e-9
 
 
@@ -124,7 +125,7 @@ class ImuInput:
 
     def accept_block(self, block: ImuBlock) -> list[ImuBlock | Event]:
         """What follows from ``block``, in order: events and the accepted runs of samples in body axes."""
-        if len(block) and self._is_clean(block):
+        if len(block) > _FEW and self._is_clean(block):
             self._remember_end(block)
             return [self._block_to_body(block)]
         stamps, gyro, accel = block.stamps_ns.tolist(), block.gyro.tolist(), block.accel.tolist()

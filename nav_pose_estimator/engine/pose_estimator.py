@@ -39,6 +39,8 @@ class PoseEstimator:
 
     def _pieces(self, block: ImuBlock) -> list[ImuBlock]:
         """``block`` cut behind each sample at which the estimators talk: blocks give what single samples give."""
+        if len(block) == 0 or block.stamps_ns[0] // _EXCHANGE_NS == self._period == block.stamps_ns[-1] // _EXCHANGE_NS:
+            return [block]
         periods = block.stamps_ns // _EXCHANGE_NS
         begins = np.flatnonzero(np.diff(periods, prepend=self._period)) + 1
         cuts = [0, *(i for i in begins.tolist() if i < len(block)), len(block)]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.earth import lla_to_enu
+from nav_pose_estimator.core.earth import lla_to_enu, radii
 from nav_pose_estimator.core.kalman import predicted_horizontal_sd
 from nav_pose_estimator.engine import filter_setup, start_up
 from nav_pose_estimator.engine.aid_input import AidInput
@@ -217,11 +217,11 @@ class SinsEngine:
 
     def _settle(self) -> None:
         """Let late observations act; what they move is a correction of the map, not motion of the vehicle."""
+        if self._timeline.is_settled:
+            return
         before = self._timeline.nav[at.LAT : at.VEL].copy()
         self._timeline.settle()
-        after = self._timeline.nav[at.LAT : at.VEL]
-        if not np.array_equal(before, after):
-            self._shift += lla_to_enu(*after, *before)
+        self._shift += _step_enu(before, self._timeline.nav)
 
     def _align(self, row: np.ndarray) -> None:
         self._timeline.remember(row)
@@ -374,7 +374,7 @@ class SinsEngine:
             aided = o.t - self._gnss.last_used <= self.parameters.navigator.lost_after
             self._aids.apply(o, nav, P, aided)
         if not self._timeline.replaying:
-            self._shift += lla_to_enu(*nav[at.LAT : at.VEL], *before)
+            self._shift += _step_enu(before, nav)
 
     def _time_of(self, stamp_ns: int, family: str) -> float | None:
         """Engine time of a stamp; None (and counted) before the first IMU sample or without a stamp."""
@@ -396,3 +396,10 @@ class SinsEngine:
 
     def _stamp(self, t: float) -> int:
         return int(self._epoch_ns or 0) + round(t * 1e9)
+
+
+def _step_enu(before: np.ndarray, nav: np.ndarray) -> np.ndarray:
+    """A correction of the position (3,) [m, ENU], which is small against the Earth."""
+    r_m, r_n = radii(nav[at.LAT])
+    d_lat, d_lon, d_alt = (nav[at.LAT : at.VEL] - before).tolist()
+    return np.array([d_lon * (r_n + nav[at.ALT]) * math.cos(nav[at.LAT]), d_lat * (r_m + nav[at.ALT]), d_alt])

@@ -1,0 +1,162 @@
+"""Scenarios of the navigator on simulated flights: modes, accuracy, honesty, and that nothing breaks it."""
+
+import math
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+import pytest
+
+from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.core.earth import lla_to_enu
+from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.samples import (
+    GnssFix,
+    GnssVelocity,
+    ImuBlock,
+    ImuSample,
+    Sample,
+    SatelliteCount,
+)
+from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution
+from nav_pose_estimator.sim.recording import Recording
+from nav_pose_estimator.sim.scenarios import generate
+
+GNSS = (GnssFix, GnssVelocity, SatelliteCount)
+
+
+@pytest.fixture(scope="module")
+def flight() -> Recording:
+    return generate("multirotor_outage", duration=120.0, seed=5, imu_rate=100.0)
+
+
+def seconds(recording: Recording, sample: Sample) -> float:
+    stamp = sample.stamps_ns[-1] if isinstance(sample, ImuBlock) else sample.stamp_ns
+    return math.nan if stamp is None else (int(stamp) - recording.start_ns) * 1e-9
+
+
+def without_gnss(recording: Recording, start: float, length: float) -> Iterator[Sample]:
+    last = 0.0
+    for sample in recording.samples():
+        last = last if math.isnan(seconds(recording, sample)) else seconds(recording, sample)
+        if not (isinstance(sample, GNSS) and start <= last < start + length):
+            yield sample
+
+
+def play(samples: Iterable[Sample], **overrides: object) -> tuple[PoseEstimator, list]:
+    engine = PoseEstimator(update(Parameters(), {k.replace("__", "."): v for k, v in overrides.items()}))
+    return engine, [output for sample in samples for output in engine.feed(sample)]
+
+
+def track(outputs: list) -> tuple[np.ndarray, np.ndarray, list[Mode]]:
+    """Stamps (N,), rows (N, OUT_COLUMNS) and the mode of every row."""
+    blocks = [o for o in outputs if isinstance(o, NavBlock)]
+    modes = [b.mode for b in blocks for _ in range(len(b.stamps_ns))]
+    return np.concatenate([b.stamps_ns for b in blocks]), np.concatenate([b.rows for b in blocks]), modes
+
+
+def errors(recording: Recording, stamps: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Horizontal position error (N,) [m] against the truth."""
+    truth = recording.truth
+    t = (stamps - recording.start_ns) * 1e-9
+    lat, lon, h = (np.interp(t, truth.t, c) for c in (truth.lat, truth.lon, truth.alt))
+    enu = lla_to_enu(rows[:, at.OUT_POS], rows[:, at.OUT_POS + 1], rows[:, at.OUT_POS + 2], lat[0], lon[0], h[0])
+    return np.hypot(*(enu - lla_to_enu(lat, lon, h, lat[0], lon[0], h[0]))[:, :2].T)
+
+
+def test_an_outage_and_back(flight: Recording) -> None:
+    """GIVEN a flight WHEN GNSS is gone for 30 s THEN the modes tell, the drift is small and sigma covers it."""
+    _, outputs = play(without_gnss(flight, 60.0, 30.0))
+    stamps, rows, modes = track(outputs)
+    t = (stamps - flight.start_ns) * 1e-9
+    error = errors(flight, stamps, rows)
+    sigma = np.sqrt(rows[:, at.OUT_VAR + at.DPOS] + rows[:, at.OUT_VAR + at.DPOS + 1])
+    order = list(dict.fromkeys(modes))
+    assert order[0] is Mode.AIDED
+    assert Mode.REACQUIRING in order
+    assert modes[-1] is Mode.AIDED
+    assert {m for m, s in zip(modes, t, strict=True) if 62.0 < s < 88.0} <= {Mode.COASTING, Mode.DEAD_RECKONING}
+    assert error[(t > 40) & (t < 60)].max() < 5.0
+    assert error[(t > 85) & (t < 90)].max() < 60.0
+    assert np.mean(error[t > 40] < 3.0 * sigma[t > 40]) > 0.97
+    assert error[t > 105].max() < 5.0
+
+
+def test_blocks_and_single_samples_are_equal_bit_for_bit(flight: Recording) -> None:
+    _, blocks = play(without_gnss(flight, 30.0, 10.0))
+    _, rows, modes = track(blocks)
+    singles = [s for block in without_gnss(flight, 30.0, 10.0) for s in in_singles(block)]
+    _, outputs = play(singles)
+    solutions = [o for o in outputs if isinstance(o, NavSolution)]
+    assert [s.mode for s in solutions] == modes
+    np.testing.assert_array_equal([[s.lat, s.lon, s.alt] for s in solutions], rows[:, at.OUT_POS : at.OUT_VEL])
+    np.testing.assert_array_equal([s.q_nb for s in solutions], rows[:, at.OUT_QUAT : at.OUT_RATE])
+
+
+def in_singles(sample: Sample) -> list[Sample]:
+    if not isinstance(sample, ImuBlock):
+        return [sample]
+    rows = zip(sample.stamps_ns.tolist(), sample.gyro.tolist(), sample.accel.tolist(), strict=True)
+    return [ImuSample(t, tuple(w), tuple(f)) for t, w, f in rows]
+
+
+def test_a_snapshot_lives_its_own_life(flight: Recording) -> None:
+    samples = list(flight.samples())
+    half = len(samples) // 2
+    engine, _ = play(samples[:half])
+    kept = engine.snapshot()
+    first = [o for s in samples[half:] for o in engine.feed(s)]
+    engine.restore(kept)
+    second = [o for s in samples[half:] for o in engine.feed(s)]
+    np.testing.assert_array_equal(track(first)[1], track(second)[1])
+
+
+def test_the_operator_can_take_gnss_away(flight: Recording) -> None:
+    engine = PoseEstimator()
+    seen = set()
+    for sample in flight.samples():
+        if seconds(flight, sample) > 50.0:
+            engine.set_use_gnss(False)
+        engine.feed(sample)
+        seen.add(engine.mode)
+    assert engine.mode in (Mode.COASTING, Mode.DEAD_RECKONING)
+    assert engine.status().counters["gnss.rejected.disabled"] > 5
+
+
+@pytest.mark.parametrize(
+    ("spoil", "counter"),
+    [
+        (lambda s: ImuSample(s.stamp_ns, (math.nan, 0.0, 0.0), s.accel), "imu.rejected.nan"),
+        (lambda s: ImuSample(s.stamp_ns, s.gyro, (math.inf, 0.0, 0.0)), "imu.rejected.nan"),
+        (lambda s: ImuSample(0, s.gyro, s.accel), "imu.rejected.zero_stamp"),
+        (lambda s: ImuSample(s.stamp_ns - 30_000_000, s.gyro, s.accel), "imu.rejected.backward"),
+    ],
+)
+def test_damaged_imu_samples_are_counted_and_harm_nothing(flight: Recording, spoil, counter: str) -> None:
+    samples = [s for sample in without_gnss(flight, 500.0, 1.0) for s in in_singles(sample)][:4000]
+    spoiled = [spoil(s) if isinstance(s, ImuSample) and i % 97 == 96 else s for i, s in enumerate(samples)]
+    engine, outputs = play(spoiled)
+    assert engine.status().counters[counter] > 10
+    assert all(np.isfinite([o.lat, *o.vel_n, *o.q_nb]).all() for o in outputs if isinstance(o, NavSolution))
+    assert engine.mode is Mode.AIDED
+
+
+def test_a_long_gap_starts_again(flight: Recording) -> None:
+    """GIVEN an aided navigator WHEN the IMU is silent for 5 s THEN it says so and aligns again."""
+    cut = [s for s in flight.samples() if not 50.0 < seconds(flight, s) < 55.0]
+    engine, outputs = play(cut)
+    assert any(isinstance(o, Event) and o.name == "imu.gap" for o in outputs)
+    assert any(isinstance(o, Event) and o.name == "reset" for o in outputs)
+    assert engine.mode is Mode.AIDED
+
+
+def test_a_second_lap_equals_the_first(flight: Recording) -> None:
+    """GIVEN a recording WHEN it is played twice in a row THEN the time jump resets all and lap two equals lap one."""
+    samples = [s for s in flight.samples() if not seconds(flight, s) > 60.0]
+    engine = PoseEstimator()
+    laps = []
+    for _ in range(2):
+        laps.append(track([o for s in samples for o in engine.feed(s)]))
+        engine.reset(samples[0].stamps_ns[0], "the recording starts again")
+    np.testing.assert_array_equal(laps[0][1], laps[1][1])
