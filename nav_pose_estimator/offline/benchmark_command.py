@@ -10,6 +10,7 @@ import sys
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, fields
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 from nav_pose_estimator.errors import UserError
@@ -28,8 +29,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parts = parser.add_subparsers(dest="part", required=True, metavar="{outage,attitude,speed}")
     _add_outage(parts.add_parser("outage", help=PARTS["outage"], description=PARTS["outage"]))
     for name in ("attitude", "speed"):
-        part = parts.add_parser(name, help=PARTS[name], description=PARTS[name])
-        import_module(f"nav_pose_estimator.offline.{name}_benchmark").add_arguments(part)
+        module = f"nav_pose_estimator.offline.{name}_benchmark"
+        if find_spec(module) is not None:
+            part = parts.add_parser(name, help=PARTS[name], description=PARTS[name])
+            import_module(module).add_arguments(part)
 
 
 def _add_outage(part: argparse.ArgumentParser) -> None:

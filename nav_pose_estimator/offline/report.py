@@ -54,7 +54,9 @@ OUTAGE_HEADER = ["start s", "length s", "end m", "rms m", "max m", "vertical m",
 def mode_spans(result: ReplayResult) -> list[tuple[float, float, Mode]]:
     """(start, end, mode) over the whole replay."""
     modes = result.record.modes
-    first = [(0.0, modes[0][0], Mode.ALIGNING)] if modes and modes[0][0] > 0.0 else []
+    if not modes:
+        return [(0.0, result.recording.duration, result.status.mode)]
+    first = [(0.0, modes[0][0], Mode.ALIGNING)] if modes[0][0] > 0.0 else []
     ends = [start for start, _ in modes[1:]] + [result.recording.duration]
     return first + [(start, end, mode) for (start, mode), end in zip(modes, ends, strict=True)]
 

@@ -292,7 +292,7 @@ def _replay(scratch: Path) -> list[Figure]:
     ]
 
 
-def write_flight_bag(path: Path, seconds: float, imu_hz: float = IMU_HZ) -> None:
+def write_flight_bag(path: Path, seconds: float, imu_hz: float = IMU_HZ, gnss_hz: float = 5.0) -> None:
     """``plain_flight`` as a rosbag2 (mcap)."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
@@ -302,7 +302,7 @@ def write_flight_bag(path: Path, seconds: float, imu_hz: float = IMU_HZ) -> None
     store = get_typestore(Stores.ROS2_JAZZY)
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {}
-        for sample in samples(seconds, imu_hz):
+        for sample in samples(seconds, imu_hz, gnss_hz):
             parts = _singles([sample], len(sample)) if isinstance(sample, ImuBlock) else [sample]
             for part in parts:
                 topic, kind, raw = message_of(part, store)

@@ -159,15 +159,17 @@ class Reference:
 
     def travelled(self, start: float, end: float) -> float:
         """Horizontal distance [m] from ``start`` to ``end``: the integral of the speed, else the length of the path."""
-        inside = (self.t >= start) & (self.t <= end)
-        t = self.t[inside]
-        if len(t) < 2:
+        inside = (self.t > start) & (self.t < end)
+        t = np.concatenate([[start], self.t[inside], [end]])
+        if len(t) < 4 or end - start > 2.0 * (t[-2] - t[1]):
             return float("nan")
         if self.velocity is not None:
-            speed = np.linalg.norm(self.velocity[inside, :2], axis=1)
-            if np.isfinite(speed).all():
-                return float(np.trapezoid(speed, t))
-        steps = np.diff(displacement_enu(self.position[inside], self.position[inside][0])[:, :2], axis=0)
+            speed = np.linalg.norm(self.velocity[:, :2], axis=1)
+            if np.isfinite(speed[inside]).all():
+                known = np.isfinite(speed)
+                return float(np.trapezoid(np.interp(t, self.t[known], speed[known]), t))
+        position = self.at(np.clip(t, self.t[0], self.t[-1]))
+        steps = np.diff(displacement_enu(position, position[0])[:, :2], axis=0)
         return float(np.linalg.norm(steps, axis=1).sum())
 
 

@@ -4,9 +4,9 @@ import shutil
 
 import numpy as np
 import pytest
-from conftest import COUNT, EPOCH_NS, FIX, IMU, MAG, count, fix, flight, imu, write_bag
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
+from small_bags import COUNT, EPOCH_NS, FIX, IMU, MAG, count, fix, flight, imu, write_bag
 
 from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, MagSample, PressureSample, SatelliteCount
 from nav_pose_estimator.offline.bag_reader import BagReader, read_samples
@@ -191,8 +191,8 @@ def test_a_remap_to_a_missing_topic_or_a_wrong_type_is_refused(mcap_bag):
         BagReader(mcap_bag, {"/imu/data_raw": "/imu/mag"})
 
 
-def test_the_autopilots_reference_is_never_an_input(tmp_path, flights):
-    with BagReader(flights / "px4_quad_0107_bag") as reader:
+def test_the_autopilots_reference_is_never_an_input(shared_data):
+    with BagReader(shared_data / "flights" / "px4_quad_0107_bag") as reader:
         assert "/reference/odom" in reader.bag.topics
         assert all(topic.name != "/reference/odom" for topic in reader.topics.topics.values())
 
@@ -273,8 +273,8 @@ def test_a_missing_path_an_empty_folder_and_a_lost_file_are_one_sentence(tmp_pat
 
 
 def test_a_damaged_message_is_counted_not_fatal(tmp_path):
-    from conftest import STORE
     from rosbags.rosbag2 import Writer
+    from small_bags import STORE
 
     path = tmp_path / "bag"
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
