@@ -1,0 +1,402 @@
+"""Start-up alignment: from raw IMU, GNSS and magnetometer to a first navigation state with an honest covariance.
+
+Three ways lead to it, and the data choose:
+
+* at rest: roll and pitch from the mean specific force, gyroscope bias from the mean rate, heading from the
+  magnetometer when its field is plausible;
+* at rest without a magnetometer: level and biases are kept, and the heading comes from the first motion;
+* in motion: a rough level from the mean specific force; a bank of heading hypotheses
+  (``core.heading_hypotheses``) follows GNSS velocity until one heading has won. A plausible magnetometer gives the
+  bank its first guess, not more: one that has not been calibrated may be wrong by any angle.
+
+Fixes act at their time of validity, which may lie in the past. The result is valid at the last fix (in motion) or at
+the last IMU sample (at rest), and whoever starts a navigator from it replays the IMU from there.
+"""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.earth import earth_rate_n
+from nav_pose_estimator.core.filter_setup import make_constants
+from nav_pose_estimator.core.heading_hypotheses import HeadingHypotheses
+from nav_pose_estimator.core.layout import (
+    ALT,
+    BASE_STATES,
+    D_ACCEL_BIAS,
+    D_GYRO_BIAS,
+    DPOS,
+    DVEL,
+    GYRO_BIAS,
+    IMU_ACCEL,
+    IMU_COLUMNS,
+    IMU_GYRO,
+    IMU_T,
+    LAT,
+    NAV_SIZE,
+    PHI,
+    PREV_FORCE,
+    PREV_RATE,
+    QUAT,
+    TIME,
+    VEL,
+)
+from nav_pose_estimator.core.levelling import (
+    field_doubt,
+    level_attitude,
+    level_covariance,
+    level_in_motion,
+    magnetic_yaw,
+    turned,
+)
+from nav_pose_estimator.core.rest import RestDetector, RestSettings
+from nav_pose_estimator.core.rotation import quat_to_matrix, wrap_angle
+
+Array = NDArray[np.float64]
+
+_MAG_WINDOW = 1.0  # s of magnetometer that make one heading
+_LEVEL_WINDOW = 1.0  # s of IMU that give a level in motion
+_LEVEL_AGE = 20.0  # s: what an older rest has taught is forgotten (the IMU since then has to be kept)
+_FIX_AGE = 2.0  # s: an older fix does not tell where the vehicle is
+_RESIDUAL_RATE_SD = 2e-4  # rad/s: what a rest leaves open of the gyroscope bias
+_LOST_NIS = 12.0  # mean NIS per degree of freedom above which the bank has gone astray
+_LOST_UPDATES = 25
+_SHARED_ELSEWHERE = ("gyro_noise", "accel_noise", "declination", "lever_arm")
+
+
+@dataclass(frozen=True, slots=True)
+class AlignmentSettings:
+    """What the aligner has to know; deviations are one sigma."""
+
+    gyro_noise: float  # rad/s/sqrt(Hz)
+    accel_noise: float  # m/s^2/sqrt(Hz)
+    declination: float  # rad, east positive
+    lever_arm: tuple[float, ...]  # m, antenna from the IMU, body frame
+    static_window: float  # s at rest that level the filter
+    rest_gyro_sd: float  # rad/s, thresholds of the rest detector
+    rest_accel_sd: float  # m/s^2
+    rest_rate: float  # rad/s
+    rest_speed: float  # m/s, GNSS speed above which there is no rest
+    gyro_bias_sd: float  # rad/s, before anything is known
+    accel_bias_sd: float  # m/s^2
+    tilt_sd: float  # rad, of a level found in motion
+    hypotheses: int
+    heading_sd: float  # rad, the heading must be this good
+    min_time: float  # s of GNSS before the hypotheses may decide
+    mag_heading_sd: float  # rad, of a magnetic heading before the first flight
+    mag_trust: float  # probability that a plausible magnetometer is within that
+
+    @classmethod
+    def shared(cls) -> tuple[str, ...]:
+        """Names of the settings that belong to the alignment alone."""
+        return tuple(item.name for item in fields(cls) if item.name not in _SHARED_ELSEWHERE)
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """A first state: ``nav`` (NAV_SIZE,) of ``core.layout`` valid at ``t``, covariance ``P`` (15, 15), and how it came.
+
+    Without ``has_position`` only attitude and gyroscope bias mean something.
+    """
+
+    t: float
+    nav: Array
+    P: Array
+    method: str
+    has_position: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class _Fix:
+    t: float
+    position: tuple[float, float, float]
+    velocity: Array | None
+    position_sd: Array
+    velocity_sd: Array
+
+
+@dataclass(frozen=True, slots=True)
+class _Level:
+    """What a rest has taught: attitude at heading zero and mean rate, with their covariance (15, 15)."""
+
+    t: float
+    q: Array
+    rate: Array
+    P: Array
+
+
+class Aligner:
+    """Feed it samples in order of arrival until ``result`` is there. Times are seconds since the engine's epoch."""
+
+    def __init__(self, settings: AlignmentSettings) -> None:
+        s = self.settings = settings
+        self._constants = make_constants(
+            gyro_noise=s.gyro_noise,
+            accel_noise=s.accel_noise,
+            gyro_bias_sd=1e-4,
+            gyro_bias_tau=300.0,
+            accel_bias_sd=0.02,
+            accel_bias_tau=300.0,
+            covariance_period=0.05,
+            gap_dt=0.1,
+            gap_rate_sd=0.3,
+            gap_accel_sd=2.0,
+        )
+        self._lever = np.array(s.lever_arm, dtype=float)
+        self._rest = RestDetector(RestSettings(s.static_window, s.rest_gyro_sd, s.rest_accel_sd, s.rest_rate, 0.8))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._rest.reset()
+        self._rows: list[tuple[float, ...]] = []
+        self._fixes: deque[_Fix] = deque()
+        self._mags: deque[tuple[float, Sequence[float]]] = deque()
+        self._now = -math.inf
+        self._last_fix: _Fix | None = None
+        self._level: _Level | None = None
+        self._bank: HeadingHypotheses | None = None
+        self._bank_start = 0.0
+        self._from_rest = False
+        self._mag_doubt = "no magnetometer"
+        self._done: Alignment | None = None
+        self.restarts = 0
+        """How often a bank of hypotheses that had gone astray was started anew."""
+
+    # --- samples -----------------------------------------------------------------------------------------------------
+
+    def imu(self, t: float, gyro: Sequence[float], accel: Sequence[float]) -> None:
+        """One IMU sample: rate [rad/s] and specific force [m/s^2] in b."""
+        if t <= self._now or (self._done is not None and self._done.has_position):
+            return
+        self._now = t
+        self._rows.append((t, gyro[0], gyro[1], gyro[2], accel[0], accel[1], accel[2]))
+        self._rest.update(t, gyro, accel)
+        while self._fixes and self._fixes[0].t <= t:
+            self._take(self._fixes.popleft())
+        if self._is_resting():
+            self._learn_from_rest()
+        else:
+            self._done = None if self._done is None or not self._done.has_position else self._done
+        if len(self._rows) > 64 and self._rows[len(self._rows) // 2][0] < self._keep_from():
+            self._rows = [row for row in self._rows if row[0] >= self._keep_from()]
+
+    def gnss(
+        self,
+        t_valid: float,
+        lat: float,
+        lon: float,
+        alt: float,
+        vel_enu: Sequence[float] | None,
+        pos_sd: float,
+        vel_sd: float,
+    ) -> None:
+        """A fix valid at ``t_valid``: rad, rad, m; velocity ENU [m/s] or None, vertical NaN if missing; deviations."""
+        if self._last_fix is not None and t_valid <= self._last_fix.t:
+            return
+        velocity, velocity_sd = None, np.full(3, max(vel_sd, 0.05)) * (1.0, 1.0, 1.5)
+        if vel_enu is not None and math.isfinite(vel_enu[0]) and math.isfinite(vel_enu[1]):
+            velocity = np.array(vel_enu, dtype=float)
+            if not math.isfinite(velocity[2]):
+                velocity[2], velocity_sd[2] = 0.0, 30.0
+        fix = _Fix(t_valid, (lat, lon, alt), velocity, pos_sd * np.array([1.0, 1.0, 1.7]), velocity_sd)
+        self._last_fix = fix
+        if t_valid <= self._now:
+            self._take(fix)
+        else:
+            self._fixes.append(fix)
+
+    def mag(self, t: float, field: Sequence[float]) -> None:
+        """Magnetic field in b [T]."""
+        self._mags.append((t, field))
+        while self._mags[0][0] < t - _MAG_WINDOW:
+            self._mags.popleft()
+
+    # --- outcome -----------------------------------------------------------------------------------------------------
+
+    def result(self) -> Alignment | None:
+        """The alignment once it is good enough; without position when GNSS is all that is missing."""
+        return self._done
+
+    def waiting_for(self) -> str:
+        """What is missing, one sentence; empty when nothing is."""
+        if self._done is not None and self._done.has_position:
+            return ""
+        if self._done is not None:
+            return "Level and heading are known; waiting for a GNSS fix."
+        if not self._rows:
+            return "Waiting for IMU data."
+        fix = self._last_fix
+        if fix is None:
+            rest = "" if self._rest.at_rest else f" or rest with a magnetometer ({self._rest.why_not()})"
+            return f"Waiting for a GNSS fix{rest}."
+        if self._bank is not None:
+            _, sd = self._bank.heading()
+            limit = math.degrees(self.settings.heading_sd)
+            return (
+                f"Finding the heading from motion: {math.degrees(sd):.0f} deg so far, {limit:.0f} deg needed; "
+                "speed up, brake or turn."
+            )
+        if self._is_resting():
+            return f"Level is known; heading needs motion, because there is {self._mag_doubt}."
+        return "Waiting for GNSS to show the vehicle's motion."
+
+    # --- rest --------------------------------------------------------------------------------------------------------
+
+    def _is_resting(self) -> bool:
+        fix = self._last_fix
+        moving = fix is not None and fix.velocity is not None and math.hypot(*fix.velocity) > self.settings.rest_speed
+        return self._rest.at_rest and not moving
+
+    def _learn_from_rest(self) -> None:
+        """Level and gyroscope bias; and with a magnetic heading the result."""
+        s = self.settings
+        self._bank = None
+        if self._level is not None and self._now - self._level.t < 0.1 * s.static_window:
+            return
+        q = level_attitude(self._rest.mean_force)
+        rate_sd = float(max(self._rest.rate_sd)) * 0.2
+        P = level_covariance(q, rate_sd, _RESIDUAL_RATE_SD, s.accel_bias_sd, s.static_window)
+        self._level = _Level(self._now, q, self._rest.mean_rate, P)
+        yaw = self._magnetic_yaw(q)
+        if yaw is None:
+            self._done = None
+            return
+        fix = self._last_fix
+        known = fix is not None and self._now - fix.t < _FIX_AGE
+        nav, P = self._start_from_level(self._level, yaw, fix if known else None)
+        P[PHI + 2, PHI + 2] = s.mag_heading_sd**2
+        self._done = Alignment(self._now, nav, P, "at rest, magnetic heading", has_position=known)
+
+    def _start_from_level(self, level: _Level, yaw: float, fix: _Fix | None) -> tuple[Array, Array]:
+        """State and covariance at the time of ``level`` for a given yaw."""
+        nav, P = np.zeros(NAV_SIZE), level.P.copy()
+        nav[QUAT : QUAT + 4] = turned(level.q, yaw)
+        turn = np.eye(BASE_STATES)
+        turn[PHI : PHI + 2, PHI : PHI + 2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
+        P = turn @ P @ turn.T
+        nav[GYRO_BIAS : GYRO_BIAS + 3] = level.rate
+        if fix is not None:
+            C = quat_to_matrix(nav[QUAT : QUAT + 4])
+            nav[GYRO_BIAS : GYRO_BIAS + 3] -= C.T @ earth_rate_n(fix.position[0])
+        self._place(nav, P, fix)
+        self._set_memory(nav, level.t)
+        return nav, P
+
+    # --- motion ------------------------------------------------------------------------------------------------------
+
+    def _take(self, fix: _Fix) -> None:
+        """Let a fix act at its time, which the IMU has reached."""
+        if self._is_resting() or (self._done is not None and self._done.has_position):
+            return
+        if self._bank is None and not self._start_bank(fix):
+            return
+        bank = self._bank
+        bank.run(self._rows_between(bank.time, fix.t))
+        bank.fuse(fix.position, fix.position_sd, fix.velocity, fix.velocity_sd)
+        _, sd = bank.heading()
+        if sd <= self.settings.heading_sd and fix.t - self._bank_start >= self.settings.min_time:
+            nav, P = bank.merged()
+            how = "at rest, heading from the first motion" if self._from_rest else "in motion, heading from GNSS"
+            self._done = Alignment(fix.t, nav, P, how)
+        elif bank.updates > _LOST_UPDATES and bank.nis > _LOST_NIS:
+            self.restarts += 1
+            self._bank = self._level = None
+
+    def _start_bank(self, fix: _Fix) -> bool:
+        """Start the hypotheses from the last rest, else from a level in motion; False if not yet possible."""
+        s, level = self.settings, self._level
+        self._from_rest = level is not None and self._now - level.t < _LEVEL_AGE
+        if self._from_rest:
+            if fix.t <= level.t:
+                return False
+            nav, P = self._start_from_level(level, 0.0, None)
+            P[DPOS : DPOS + 3, DPOS : DPOS + 3] = np.diag((fix.position_sd + 5.0) ** 2)
+            nav[LAT : ALT + 1] = fix.position
+            q = level.q
+        else:
+            rows = self._rows_between(fix.t - _LEVEL_WINDOW, fix.t)
+            if len(rows) < 3 or rows[0, IMU_T] > fix.t - 0.7 * _LEVEL_WINDOW:
+                return False
+            nav, P, q = self._start_in_motion(rows, fix)
+        self._bank = HeadingHypotheses(nav, P, s.hypotheses, self._constants, self._lever, self._prior(q))
+        self._bank_start = fix.t
+        return True
+
+    def _start_in_motion(self, rows: Array, fix: _Fix) -> tuple[Array, Array, Array]:
+        s = self.settings
+        nav, P = np.zeros(NAV_SIZE), np.zeros((BASE_STATES, BASE_STATES))
+        q = level_in_motion(rows)
+        nav[QUAT : QUAT + 4] = q
+        for start, sd in ((PHI, s.tilt_sd), (D_GYRO_BIAS, s.gyro_bias_sd), (D_ACCEL_BIAS, s.accel_bias_sd)):
+            P[start : start + 3, start : start + 3] = sd**2 * np.eye(3)
+        self._place(nav, P, fix)
+        self._set_memory(nav, fix.t)
+        return nav, P, q
+
+    def _prior(self, q_level: Array) -> Array | None:
+        """Logarithm of each hypothesis's weight from the magnetometer, None when it says nothing."""
+        s = self.settings
+        yaw = self._magnetic_yaw(q_level)
+        if yaw is None:
+            return None
+        spacing = 2.0 * math.pi / s.hypotheses
+        sd = math.hypot(s.mag_heading_sd, 0.3 * spacing)
+        away = np.array([wrap_angle(k * spacing - yaw) for k in range(s.hypotheses)])
+        likelihood = np.exp(-0.5 * (away / sd) ** 2)
+        return np.log(s.mag_trust * likelihood / likelihood.sum() + (1.0 - s.mag_trust) / s.hypotheses)
+
+    # --- small things ------------------------------------------------------------------------------------------------
+
+    def _magnetic_yaw(self, q_level: Array) -> float | None:
+        """Yaw from the last second of magnetometer; None, with the reason noted, when it cannot be believed."""
+        recent = [field for t, field in self._mags if t >= self._now - _MAG_WINDOW]
+        if not recent:
+            self._mag_doubt = "no magnetometer"
+            return None
+        field = np.mean(np.array(recent, dtype=float), axis=0)
+        lat, lon = (None, None) if self._last_fix is None else self._last_fix.position[:2]
+        self._mag_doubt = field_doubt(q_level, field, lat, lon)
+        return None if self._mag_doubt else magnetic_yaw(q_level, field, self.settings.declination)
+
+    def _place(self, nav: Array, P: Array, fix: _Fix | None) -> None:
+        """Position and velocity from a fix; without one position is unknown and velocity about zero."""
+        position_sd, velocity_sd = np.full(3, 1e3), np.full(3, 0.5)
+        if fix is not None:
+            nav[LAT : ALT + 1] = fix.position
+            position_sd = fix.position_sd
+            if fix.velocity is not None:
+                nav[VEL : VEL + 3] = fix.velocity
+                velocity_sd = np.maximum(fix.velocity_sd, 0.2)
+            elif not self._is_resting():
+                velocity_sd = np.full(3, 10.0)
+        for start, sd in ((DVEL, velocity_sd), (DPOS, position_sd)):
+            P[start : start + 3, start : start + 3] = np.diag(sd**2)
+
+    def _set_memory(self, nav: Array, t: float) -> None:
+        """Time and the integrator's memory of the last IMU row up to ``t``."""
+        row = next((row for row in reversed(self._rows) if row[IMU_T] <= t), self._rows[0])
+        nav[TIME] = t
+        nav[PREV_RATE : PREV_RATE + 3] = np.array(row[IMU_GYRO:IMU_ACCEL]) - nav[GYRO_BIAS : GYRO_BIAS + 3]
+        nav[PREV_FORCE : PREV_FORCE + 3] = row[IMU_ACCEL:IMU_COLUMNS]
+
+    def _rows_between(self, start: float, end: float) -> Array:
+        """IMU rows (N, 7) after ``start`` up to ``end``; the row across ``end`` counts up to it."""
+        rows = [row for row in self._rows if start < row[IMU_T] < end]
+        after = next((row for row in self._rows if row[IMU_T] >= end), None)
+        if after is not None:
+            rows.append((end, *after[IMU_GYRO:]))
+        return np.array(rows, dtype=float).reshape(-1, IMU_COLUMNS)
+
+    def _keep_from(self) -> float:
+        """IMU rows before this time are not needed any more."""
+        if self._bank is not None:
+            return self._bank.time
+        oldest = self._now - _LEVEL_WINDOW - _FIX_AGE
+        if self._level is not None and self._now - self._level.t < _LEVEL_AGE:
+            return min(self._level.t, oldest)
+        return oldest
