@@ -9,11 +9,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from nav_pose_estimator.core.jit import COMPILED
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SHARED = Path(os.environ.get("NAV_POSE_SHARED", REPOSITORY.parent / "shared"))
+
+# Property tests: the same examples each time, and no clock (the first call of a kernel may compile it).
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.load_profile("repeatable")
 
 # Before any test imports rclpy: stay on this host, and let rclpy check the types of message fields.
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
