@@ -32,13 +32,20 @@ def make_executor(context: Any = None) -> Any:
     return EventsExecutor(context=context)
 
 
-def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
-    """Create the node, spin until a signal or shutdown, clean up; returns the exit code. Raises ``UserError``."""
+def run(
+    make_node: Callable[[], Node],
+    arguments: Sequence[str] | None = None,
+    is_over: Callable[[Any], bool] = lambda node: False,
+) -> int:
+    """Create the node, spin until a signal, a shutdown or ``is_over(node)``, clean up; returns the exit code.
+
+    Raises ``UserError`` for arguments and parameters that make no sense.
+    """
     node = None
     try:
         _init(arguments)
         node = make_node()
-        _spin(node)
+        _spin(node, is_over)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except UserError:
@@ -61,11 +68,11 @@ def _init(arguments: Sequence[str] | None) -> None:
         raise UserError(f"ROS does not accept the arguments: {reason}") from None
 
 
-def _spin(node: Node) -> None:
+def _spin(node: Node, is_over: Callable[[Any], bool]) -> None:
     executor = make_executor()
     executor.add_node(node)
     try:
-        while rclpy.ok():
+        while rclpy.ok() and not is_over(node):
             executor.spin_once(timeout_sec=_TIMEOUT)
     finally:
         executor.remove_node(node)
