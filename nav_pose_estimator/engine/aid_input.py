@@ -31,16 +31,19 @@ class AidInput:
     """Turns aid samples into observations and applies them when their time has come."""
 
     def __init__(self, parameters: Parameters, gates: list[tuple[float, float]], journal: Journal) -> None:
-        self._parameters = parameters.aids
-        self._gates = gates
         self._journal = journal
-        self._velocity_axes = rotation_from_rpy(parameters.aids.body_velocity_rpy)
+        self.set_parameters(parameters, gates)
         self._last: dict[str, float] = {}
         self.last_bounding = -math.inf  # when the drift was last bounded by something other than GNSS
         self._baro_offset = math.nan  # barometric minus filter height
         self._baro_since = 0.0
         self._mag_offset = math.nan  # magnetic minus filter heading
         self._mag_since = 0.0
+
+    def set_parameters(self, parameters: Parameters, gates: list[tuple[float, float]]) -> None:
+        """New noises and periods; what was learned of offsets stays."""
+        self._parameters, self._gates = parameters.aids, gates
+        self._velocity_axes = rotation_from_rpy(parameters.aids.body_velocity_rpy)
 
     def copy(self, journal: Journal) -> "AidInput":
         """An independent copy that reports to ``journal``."""

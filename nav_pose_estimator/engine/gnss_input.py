@@ -26,15 +26,10 @@ class GnssInput:
 
     def __init__(self, parameters: GnssParameters, lost_after: float, gates: tuple[float, float], journal: Journal):
         """``gates``: chi-square thresholds per degree-of-freedom function, see ``filter_setup.gates``."""
-        self._parameters = parameters
         self._journal = journal
-        self._gates = gates
-        self._lever = np.array(parameters.lever_arm)
-        gate, back = parameters.gate, parameters.reacquisition
-        self._gate = GnssGate(GateSettings(**{name: getattr(gate, name) for name in GateSettings.__slots__}))
-        shared = {name: getattr(back, name) for name in ReacquisitionSettings.__slots__ if name != "loss_time"}
-        self._guard = Reacquisition(ReacquisitionSettings(loss_time=lost_after, **shared))
-        self._lost_after = lost_after
+        self._gate = GnssGate(_gate_settings(parameters))
+        self._guard = Reacquisition(_return_settings(parameters, lost_after))
+        self.set_parameters(parameters, lost_after, gates)
         self.enabled = True
         self.refusal = "no fix has arrived yet"
         self.satellites: int | None = None
@@ -47,6 +42,13 @@ class GnssInput:
         self._origin: tuple[float, float, float] | None = None
         self._last_fix_t = -math.inf
         self._fix_period = 1.0
+
+    def set_parameters(self, parameters: GnssParameters, lost_after: float, gates: tuple[float, float]) -> None:
+        """New thresholds and noises; gate and re-acquisition stay as they stand."""
+        self._parameters, self._gates, self._lost_after = parameters, gates, lost_after
+        self._lever = np.array(parameters.lever_arm)
+        self._gate.settings = _gate_settings(parameters)
+        self._guard.settings = _return_settings(parameters, lost_after)
 
     def copy(self, journal: Journal) -> "GnssInput":
         """An independent copy that reports to ``journal``."""
@@ -240,3 +242,14 @@ def _decorrelate(P: np.ndarray, start: int, R: np.ndarray) -> None:
     P[start : start + 3, :] = 0.0
     P[:, start : start + 3] = 0.0
     P[start : start + 3, start : start + 3] = R
+
+
+def _gate_settings(parameters: GnssParameters) -> GateSettings:
+    return GateSettings(**{name: getattr(parameters.gate, name) for name in GateSettings.__slots__})
+
+
+def _return_settings(parameters: GnssParameters, lost_after: float) -> ReacquisitionSettings:
+    shared = (name for name in ReacquisitionSettings.__slots__ if name != "loss_time")
+    return ReacquisitionSettings(
+        loss_time=lost_after, **{name: getattr(parameters.reacquisition, name) for name in shared}
+    )

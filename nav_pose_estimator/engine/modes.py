@@ -24,6 +24,10 @@ class ModeKeeper:
         self._parameters = parameters
         self.mode = Mode.WAITING_IMU
 
+    def set_parameters(self, parameters: NavigatorParameters) -> None:
+        """New times that separate the modes."""
+        self._parameters = parameters
+
     def copy(self) -> ModeKeeper:
         """An independent copy."""
         return copy.copy(self)

@@ -94,6 +94,13 @@ class PoseEstimator:
         """Switch GNSS off and on again (outage drill)."""
         self.sins.set_use_gnss(flag)
 
+    def set_parameters(self, parameters: Parameters) -> None:
+        """Change what is marked mutable in flight."""
+        self.parameters = parameters
+        self.sins.set_parameters(parameters)
+        if self.attitude is not None:
+            self.attitude.set_parameters(parameters)
+
     def status(self) -> Status:
         """The navigator's status."""
         return self.sins.status()

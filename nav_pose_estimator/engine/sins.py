@@ -107,6 +107,16 @@ class SinsEngine:
         """Switch GNSS off and on again (outage drill)."""
         self._gnss_enabled = self._gnss.enabled = flag
 
+    def set_parameters(self, parameters: Parameters) -> None:
+        """Change what is marked mutable while the filter runs; the rest must be as it was."""
+        self.parameters = parameters
+        self._constants = filter_setup.constants(parameters)
+        self._gates = filter_setup.gates(parameters)
+        self._timeline.constants[:] = self._constants
+        self._gnss.set_parameters(parameters.gnss, parameters.navigator.lost_after, self._gates)
+        self._aids.set_parameters(parameters, self._gates)
+        self._modes.set_parameters(parameters.navigator)
+
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
         """Forget the solution and align again. The local frame's origin stays."""
         self._journal.say(stamp_ns, "reset", Level.WARN, f"the navigator starts again: {reason}")

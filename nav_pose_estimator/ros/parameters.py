@@ -19,7 +19,7 @@ _OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 def declare(node: Node, defaults: Any = None) -> Any:
-    """Declare a whole tree (the estimators' if none is given); return it with the overrides of files and command line."""
+    """Declare a whole tree (the estimators' by default); return it with the overrides of files and command line."""
     parameters = update(Parameters() if defaults is None else defaults, overrides(node))
     declarations = [(spec.key, _ros_value(spec.default), descriptor(spec)) for spec in specs(parameters)]
     node.declare_parameters("", declarations, ignore_override=True)
