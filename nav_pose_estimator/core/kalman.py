@@ -19,7 +19,7 @@ import numpy as np
 
 from nav_pose_estimator.core.earth import cos_latitude, gravity, radii
 from nav_pose_estimator.core.error_model import propagate_covariance, system_matrix
-from nav_pose_estimator.core.jit import kernel
+from nav_pose_estimator.core.jit import COMPILED, kernel
 from nav_pose_estimator.core.layout import (
     ACCEL_BIAS,
     ALT,
@@ -216,20 +216,7 @@ def _widened(P, H, R, factor):
 
 
 @kernel
-def _update(nav, P, z, H, R, gain):
-    """Correct ``nav`` and ``P`` with a given gain."""
-    m, n = H.shape
-    error = np.zeros(n)
-    for i in range(n):
-        for r in range(m):
-            error[i] += gain[i, r] * z[r]
-    _joseph(P, H, R, gain)
-    _turn_misalignment(P, load3(error, PHI))
-    inject(nav, error)
-
-
-@kernel
-def _joseph(P, H, R, gain):
+def _joseph_by_loops(P, H, R, gain):
     """``P <- (I - K H) P (I - K H)' + K R K'``, each half computed once; zeros of I - K H cost nothing."""
     m, n = H.shape
     M = np.zeros((n, n))
@@ -257,6 +244,16 @@ def _joseph(P, H, R, gain):
             P[j, i] = total
 
 
+def _joseph_by_products(P, H, R, gain):
+    """The same by products of whole matrices: without a compiler numpy is faster than loops."""
+    M = np.eye(len(P)) - gain @ H
+    later = M @ P @ M.T + gain @ R @ gain.T
+    P[:] = 0.5 * (later + later.T)
+
+
+_joseph = _joseph_by_loops if COMPILED else _joseph_by_products
+
+
 @kernel
 def _turn_misalignment(P, phi):
     """Express ``P`` in the misalignment that is left after C <- Exp(phi) C: phi' = (I + [phi x] / 2) (phi_old - phi).
@@ -281,6 +278,19 @@ def _turn_misalignment(P, phi):
         for j in range(i, 3):
             P[PHI + i, PHI + j] = row[j]
             P[PHI + j, PHI + i] = row[j]
+
+
+@kernel
+def _update(nav, P, z, H, R, gain):
+    """Correct ``nav`` and ``P`` with a given gain."""
+    m, n = H.shape
+    error = np.zeros(n)
+    for i in range(n):
+        for r in range(m):
+            error[i] += gain[i, r] * z[r]
+    _joseph(P, H, R, gain)
+    _turn_misalignment(P, load3(error, PHI))
+    inject(nav, error)
 
 
 # --- outlook -------------------------------------------------------------------------------------------------------
