@@ -20,9 +20,10 @@ SHARED = Path(os.environ.get("NAV_POSE_SHARED", REPOSITORY.parent / "shared"))
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
-# Before any test imports rclpy: stay on this host, and let rclpy check the types of message fields.
+# Before any test imports rclpy: stay on this host, let rclpy check the types of message fields, find ROS from wheels.
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
+os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -61,11 +62,6 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 @pytest.fixture
 def child_environment(ros_domain: int) -> dict[str, str]:
     """Environment for a child process that runs a node of this package."""
-    environment = dict(os.environ)
-    environment["ROS_DOMAIN_ID"] = str(ros_domain)
+    environment = dict(os.environ, ROS_DOMAIN_ID=str(ros_domain), PYTHONUNBUFFERED="1")
     environment["PYTHONPATH"] = os.pathsep.join([str(REPOSITORY), *filter(None, [environment.get("PYTHONPATH")])])
-    environment["PYTHONUNBUFFERED"] = "1"
-    prefix = environment.get("AMENT_PREFIX_PATH", "")
-    if sys.prefix not in prefix.split(os.pathsep):
-        environment["AMENT_PREFIX_PATH"] = os.pathsep.join(filter(None, [sys.prefix, prefix]))
     return environment

@@ -3,8 +3,11 @@
 import os
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,7 +15,8 @@ import pytest
 from nav_pose_estimator.offline.command_line import COMMANDS
 
 NAME = "nav_pose_estimator"
-pytestmark = pytest.mark.skipif(shutil.which("colcon") is None, reason="needs colcon (requirements-dev.txt)")
+COLCON = shutil.which("colcon", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
+pytestmark = pytest.mark.skipif(COLCON is None, reason="needs colcon (requirements-dev.txt)")
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +24,7 @@ def install(tmp_path_factory, repository) -> Path:
     """GIVEN the repository built by colcon; its install folder."""
     base = tmp_path_factory.mktemp("colcon")
     command = [
-        *("colcon", "--log-base", str(base / "log"), "build", "--paths", str(repository), "--packages-select", NAME),
+        *(COLCON, "--log-base", str(base / "log"), "build", "--paths", str(repository), "--packages-select", NAME),
         *("--build-base", str(base / "build"), "--install-base", str(base / "install")),
     ]
     done = subprocess.run(command, cwd=base, capture_output=True, text=True, timeout=300, check=False)
@@ -86,3 +90,97 @@ def test_an_executable_gives_the_exit_code_of_wrong_use(built, install):
     done = built(f"{shlex.quote(str(install / NAME / 'lib' / NAME / 'replay'))} no_such_bag")
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+# --- nodes from the built package ----------------------------------------------------------------------------------
+ESTIMATORS = ("attitude_node", "sins_node", "anfis_node", "pose_estimator")
+
+
+@pytest.fixture
+def observer(ros_domain):
+    """A node that looks at the graph; ``wait_for(condition)`` spins it until the condition holds, at most 30 s."""
+    rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 (make setup)")
+    rclpy.init()
+    node = rclpy.create_node("observer")
+
+    def wait_for(condition: Callable[[], bool]) -> bool:
+        deadline = time.monotonic() + 30.0
+        while not condition() and time.monotonic() < deadline:
+            rclpy.spin_once(node, timeout_sec=0.1)
+        return condition()
+
+    yield node, wait_for
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+@pytest.fixture
+def start(install, tmp_path, child_environment):
+    """Starts executables of the built package; whatever still runs at the end of the test is stopped."""
+    running: list[subprocess.Popen] = []
+
+    def executable(name: str, *arguments: str) -> subprocess.Popen:
+        script = f". {shlex.quote(str(install / 'local_setup.bash'))} && exec {NAME}/lib/{NAME}/{name} " + shlex.join(
+            arguments
+        )
+        environment = {key: value for key, value in child_environment.items() if key != "PYTHONPATH"}
+        environment["NUMBA_DISABLE_JIT"] = "1"  # a fresh install has no compiled kernels yet, and none are needed here
+        with (tmp_path / f"{name}.log").open("w", encoding="utf-8") as log:
+            running.append(
+                subprocess.Popen(
+                    ["bash", "-c", script], cwd=install, env=environment, stdout=log, stderr=subprocess.STDOUT
+                )
+            )
+        return running[-1]
+
+    yield executable
+    for process in running:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_a_node_takes_what_ros_gives(observer, start, tmp_path, name):
+    """GIVEN namespace, remap, parameter file, -p and use_sim_time WHEN it runs THEN the graph shows each."""
+    from rcl_interfaces.srv import GetParameters
+
+    node, wait_for = observer
+    (tmp_path / "drone.yaml").write_text("/**: {ros__parameters: {gnss: {delay: 0.125}}}", encoding="utf-8")
+    process = start(
+        *(name, "--ros-args", "-r", "__ns:=/drone", "-r", "imu/data_raw:=/raw/imu", "-p", "use_sim_time:=true"),
+        *("-p", "imu.max_gap:=0.75", "--params-file", str(tmp_path / "drone.yaml")),
+    )
+    log = tmp_path / f"{name}.log"
+    client = node.create_client(GetParameters, f"/drone/{name}/get_parameters")
+    assert wait_for(lambda: client.service_is_ready() or process.poll() is not None)
+    assert process.poll() is None, log.read_text()
+    answer = client.call_async(GetParameters.Request(names=["use_sim_time", "gnss.delay", "imu.max_gap"]))
+    assert wait_for(answer.done), log.read_text()
+    sim_time, delay, max_gap = answer.result().values
+    assert (sim_time.bool_value, delay.double_value, max_gap.double_value) == (True, 0.125, 0.75)
+    assert wait_for(lambda: any(i.node_name == name for i in node.get_subscriptions_info_by_topic("/raw/imu")))
+
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=15.0) == 0, log.read_text()
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (("-p", "gnss.dely:=0.1"), "gnss.dely"),
+        (("-p", "gnss.delay:=fast"), "gnss.delay"),
+        (("-p", "gnss.delay:=99.0"), "gnss.delay"),
+        (("--params-file", "nowhere.yaml"), "nowhere.yaml"),
+        (("-p", "nonsense"), "nonsense"),
+    ],
+)
+def test_a_node_refuses_what_does_not_fit(start, tmp_path, given, says):
+    """WHEN a parameter or a ROS argument does not fit THEN the node ends with code 2 and one sentence, no traceback."""
+    pytest.importorskip("rclpy", reason="needs ROS 2 (make setup)")
+    process = start("sins_node", "--ros-args", *given)
+    code = process.wait(timeout=30.0)
+    text = (tmp_path / "sins_node.log").read_text()
+    assert code == 2, text
+    assert says in text
+    assert "Traceback" not in text
