@@ -57,4 +57,5 @@ def gates(parameters: Parameters) -> list[tuple[float, float]]:
     """(soft, hard) chi-square thresholds for 1, 2 and 3 degrees of freedom."""
     navigator = parameters.navigator
     probabilities = navigator.gate_probability, navigator.reject_probability
-    return [tuple(float(chdtri(dof, 1.0 - p)) for p in probabilities) for dof in (1, 2, 3)]
+    soft, hard = (chdtri((1, 2, 3), 1.0 - p) for p in probabilities)
+    return list(zip(soft.tolist(), hard.tolist(), strict=True))

@@ -24,7 +24,9 @@ _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
 class GnssInput:
     """Turns fixes and velocities into observations, and applies them when their time has come."""
 
-    def __init__(self, parameters: GnssParameters, lost_after: float, gates: tuple[float, float], journal: Journal):
+    def __init__(
+        self, parameters: GnssParameters, lost_after: float, gates: list[tuple[float, float]], journal: Journal
+    ):
         """``gates``: chi-square thresholds per degree-of-freedom function, see ``filter_setup.gates``."""
         self._journal = journal
         self._gate = GnssGate(_gate_settings(parameters))
@@ -43,7 +45,7 @@ class GnssInput:
         self._last_fix_t = -math.inf
         self._fix_period = 1.0
 
-    def set_parameters(self, parameters: GnssParameters, lost_after: float, gates: tuple[float, float]) -> None:
+    def set_parameters(self, parameters: GnssParameters, lost_after: float, gates: list[tuple[float, float]]) -> None:
         """New thresholds and noises; gate and re-acquisition stay as they stand."""
         self._parameters, self._gates, self._lost_after = parameters, gates, lost_after
         self._lever = np.array(parameters.lever_arm)

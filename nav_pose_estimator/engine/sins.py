@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -53,7 +55,7 @@ class SinsEngine:
         self._input = ImuInput(self.parameters.imu)
         self._gnss_enabled = True
         self._origin: tuple[float, float, float] | None = None
-        self._handlers = {
+        self._handlers: dict[type, Callable[[Any], list[Output]]] = {
             ImuSample: self._on_imu,
             ImuBlock: self._on_imu_block,
             GnssFix: self._on_fix,
@@ -154,7 +156,7 @@ class SinsEngine:
     def snapshot(self) -> SinsEngine:
         """An independent copy of the engine as it stands."""
         twin = object.__new__(SinsEngine)
-        twin.__init__(self.parameters)
+        twin.__init__(self.parameters)  # type: ignore[misc]
         twin.restore(self)
         return twin
 
@@ -255,6 +257,7 @@ class SinsEngine:
         self._modes.update(now, self._gnss, self._aids, self._journal, self._stamp)
 
     def _solution(self, block: NavBlock) -> NavSolution:
+        assert self._origin is not None  # set when the navigator starts, before the first block
         row, nav = block.rows[0], self._timeline.nav
         lat, lon, alt = row[at.OUT_POS : at.OUT_VEL].tolist()
         return NavSolution(
@@ -362,7 +365,7 @@ class SinsEngine:
             return []
         return self._aid(prepare(sample, t), sample.stamp_ns)
 
-    def _aid(self, prepared: tuple | None, stamp_ns: int) -> list[Output]:
+    def _aid(self, prepared: tuple[float, str, Any] | None, stamp_ns: int) -> list[Output]:
         if prepared is not None:
             self._observe(*prepared, stamp_ns)
         return []

@@ -47,12 +47,12 @@ class StartUp:
     def imu(self, row: np.ndarray) -> None:
         """One IMU row [t, gyro, accel] in body axes."""
         self.time = float(row[at.IMU_T])
-        self._aligner.imu(self.time, row[at.IMU_GYRO : at.IMU_ACCEL], row[at.IMU_ACCEL :])
+        self._aligner.imu(self.time, row[at.IMU_GYRO : at.IMU_ACCEL].tolist(), row[at.IMU_ACCEL :].tolist())
 
     def mag(self, t: float, field: tuple[float, float, float]) -> None:
         """Magnetic field in b."""
         if self._use_mag and all(map(math.isfinite, field)):
-            self._aligner.mag(t, np.array(field))
+            self._aligner.mag(t, field)
 
     def attitude(self, t: float, sample: AttitudeSample) -> None:
         """Attitude of the attitude filter: the aligner levels itself, so this is only a hint."""
@@ -96,6 +96,8 @@ class StartUp:
         return next((v for v in reversed(self._velocities) if abs(v[0] - t) < _SAME_EPOCH), None)
 
     def _hand_on(self, vel_enu: tuple | None, velocity_R: np.ndarray | None) -> None:
+        if self._pending_fix is None:
+            return
         t, fix, R = self._pending_fix
         self._pending_fix = None
         velocity_sd = 0.0 if velocity_R is None else float(math.sqrt(velocity_R[0, 0]))
