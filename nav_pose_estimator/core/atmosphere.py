@@ -1,4 +1,10 @@
-"""Pressure and height in the standard atmosphere (ICAO, ISO 2533), below 11 km."""
+"""Pressure and height in the standard atmosphere (ICAO, ISO 2533), below 11 km. Numbers and arrays alike."""
+
+from typing import TypeVar
+
+from numpy.typing import NDArray
+
+Numbers = TypeVar("Numbers", float, NDArray)
 
 _SEA_LEVEL_PRESSURE = 101_325.0  # Pa
 _SEA_LEVEL_TEMPERATURE = 288.15  # K
@@ -6,11 +12,11 @@ _LAPSE_RATE = 0.0065  # K/m
 _EXPONENT = 0.190263  # R L / (g M)
 
 
-def pressure_height(pressure: float) -> float:
+def pressure_height(pressure: Numbers) -> Numbers:
     """Pressure altitude [m] of a static ``pressure`` [Pa]."""
     return _SEA_LEVEL_TEMPERATURE / _LAPSE_RATE * (1.0 - (pressure / _SEA_LEVEL_PRESSURE) ** _EXPONENT)
 
 
-def height_pressure(height: float) -> float:
+def height_pressure(height: Numbers) -> Numbers:
     """Static pressure [Pa] at a pressure altitude ``height`` [m]; the inverse of ``pressure_height``."""
     return _SEA_LEVEL_PRESSURE * (1.0 - height * _LAPSE_RATE / _SEA_LEVEL_TEMPERATURE) ** (1.0 / _EXPONENT)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from rosbags.interfaces import (
@@ -32,7 +32,7 @@ FAST, SMALL = 3, 19
 """Levels of zstd: the second takes 15 times as long and saves 10 %."""
 CHUNK_BYTES = 1 << 20
 _BAG_FILES = (".yaml", ".mcap", ".db3", ".zstd", ".db3-shm", ".db3-wal")
-METADATA_VERSION = 9  # of rosbag2 in Jazzy
+METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
 
 _NEVER = QosTime(2147483647, 4294967295)
 LATCHED = Qos(
@@ -79,9 +79,7 @@ def write_bag(
     if path.exists():
         shutil.rmtree(path)
     try:
-        with _Writer(path, version=METADATA_VERSION, storage_plugin=StoragePlugin[storage.upper()]) as writer:
-            if storage == MCAP:
-                writer.storage.compressor = partial(zstandard().compress, level=level)
+        with _Writer(path, storage, level) as writer:
             for key, value in (notes or {}).items():
                 writer.set_custom_data(key, value)
             _write(writer, topics)
@@ -183,10 +181,16 @@ class _Writer(Writer):
 
     STORAGE_PLUGINS = {StoragePlugin.MCAP: _McapStorage, StoragePlugin.SQLITE3: _SqliteStorage}  # noqa: RUF012
 
-    def open(self) -> None:
-        if self.storage_plugin == StoragePlugin.MCAP:
+    def __init__(self, path: Path, storage: str, level: int) -> None:
+        super().__init__(path, version=METADATA_VERSION, storage_plugin=StoragePlugin[storage.upper()])
+        self._level = level
+        if storage == MCAP:
             self.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+
+    def open(self) -> None:
         super().open()
+        if isinstance(self.storage, _McapStorage):
+            self.storage.compressor = partial(zstandard().compress, level=self._level)
 
     def write_sorted(self, owners: np.ndarray, times: np.ndarray, payloads: list[bytes]) -> None:
         """Messages in order of time; ``owners`` (N,) are connection ids."""

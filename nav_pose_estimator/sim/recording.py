@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -61,15 +62,14 @@ class Recording:
         if imu:
             single = zip(self.imu_arrivals_ns.tolist(), self._imu_samples(0, len(self.imu), False), strict=True)
             stream = apply([Timed(*pair) for pair in single], imu, self.start_ns)
-            recording = replace(
-                recording,
-                imu=ImuBlock(
-                    np.array([timed.sample.stamp_ns for timed in stream], dtype=np.int64),
-                    np.array([timed.sample.gyro for timed in stream]).reshape(-1, 3),
-                    np.array([timed.sample.accel for timed in stream]).reshape(-1, 3),
-                ),
-                imu_arrivals_ns=np.array([timed.arrival_ns for timed in stream], dtype=np.int64),
+            left: list[Any] = [timed.sample for timed in stream]
+            block = ImuBlock(
+                np.array([sample.stamp_ns for sample in left], dtype=np.int64),
+                np.array([sample.gyro for sample in left]).reshape(-1, 3),
+                np.array([sample.accel for sample in left]).reshape(-1, 3),
             )
+            arrivals = np.array([timed.arrival_ns for timed in stream], dtype=np.int64)
+            recording = replace(recording, imu=block, imu_arrivals_ns=arrivals)
         return recording
 
     def _imu_samples(self, first: int, last: int, blocks: bool) -> Iterator[Sample]:

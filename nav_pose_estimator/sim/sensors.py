@@ -106,8 +106,8 @@ def gnss(truth: Truth, model: Gnss, rng: np.random.Generator, start_ns: int) -> 
     for i in range(len(t)):
         stamp, arrival, n = int(stamps[i]), int(arrivals[i]), int(count[i])
         cov = np.diag(position_var) * poor[i] ** 2 if model.accuracy and n else None
-        place = (lat[i], lon[i], alt[i]) if n else (np.nan, np.nan, np.nan)
-        stream.append(Timed(arrival, GnssFix(stamp, *map(float, place), status=0 if n else -1, cov_enu=cov)))
+        fix = GnssFix(stamp, float(lat[i]), float(lon[i]), float(alt[i]), 0, cov)
+        stream.append(Timed(arrival, fix if n else GnssFix(stamp, np.nan, np.nan, np.nan, -1)))
         if model.velocity and n:
             cov = np.diag(np.square(model.velocity_noise)) * poor[i] ** 2 if model.accuracy else None
             stream.append(Timed(arrival + 50_000, GnssVelocity(stamp, tuple(velocity[i].tolist()), cov)))

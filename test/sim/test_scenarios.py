@@ -106,7 +106,8 @@ def test_wind_statistics() -> None:
 
 
 def test_story_of_the_wrong_return() -> None:
-    recording = generate("return_offset_300m", 210.0, seed=1, imu_rate=20.0)
+    parked = replace(find_scenario("return_offset_300m"), vehicle=find_scenario("at_rest").vehicle)
+    recording = generate(parked, 210.0, seed=1, imu_rate=20.0)
     truth = recording.truth
 
     def miss(sample: GnssFix) -> float:

@@ -86,6 +86,7 @@ def test_references_are_consistent(style: str) -> None:
     assert np.abs(np.diff(refs[:, YAW])).max() < 0.02  # no jumps
 
 
+@pytest.mark.compiled
 def test_speeds_of_the_missions() -> None:
     def speeds(name: str) -> np.ndarray:
         truth = find_scenario(name).vehicle.move(sample_times(100.0, 100.0), HOME, LIGHT, seed=2)
