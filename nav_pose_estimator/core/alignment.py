@@ -155,7 +155,7 @@ class Aligner:
         self._rest.reset()
         self._rows: list[tuple[float, ...]] = []
         self._fixes: deque[_Fix] = deque()
-        self._mags: deque[tuple[float, Sequence[float]]] = deque()
+        self._mags: deque[tuple[float, np.ndarray]] = deque()
         self._now = -math.inf
         self._last_fix: _Fix | None = None
         self._level: _Level | None = None
@@ -169,7 +169,7 @@ class Aligner:
 
     # --- samples -----------------------------------------------------------------------------------------------------
 
-    def imu(self, t: float, gyro: Sequence[float], accel: Sequence[float]) -> None:
+    def imu(self, t: float, gyro: np.ndarray, accel: np.ndarray) -> None:
         """One IMU sample: rate [rad/s] and specific force [m/s^2] in b."""
         if t <= self._now or (self._done is not None and self._done.has_position):
             return
@@ -210,7 +210,7 @@ class Aligner:
         else:
             self._fixes.append(fix)
 
-    def mag(self, t: float, field: Sequence[float]) -> None:
+    def mag(self, t: float, field: np.ndarray) -> None:
         """Magnetic field in b [T]."""
         self._mags.append((t, field))
         while self._mags[0][0] < t - _MAG_WINDOW:

@@ -47,12 +47,12 @@ class StartUp:
     def imu(self, row: np.ndarray) -> None:
         """One IMU row [t, gyro, accel] in body axes."""
         self.time = float(row[at.IMU_T])
-        self._aligner.imu(self.time, row[at.IMU_GYRO : at.IMU_ACCEL].tolist(), row[at.IMU_ACCEL :].tolist())
+        self._aligner.imu(self.time, row[at.IMU_GYRO : at.IMU_ACCEL], row[at.IMU_ACCEL :])
 
     def mag(self, t: float, field: tuple[float, float, float]) -> None:
         """Magnetic field in b."""
         if self._use_mag and all(map(math.isfinite, field)):
-            self._aligner.mag(t, field)
+            self._aligner.mag(t, np.array(field))
 
     def attitude(self, t: float, sample: AttitudeSample) -> None:
         """Attitude of the attitude filter: the aligner levels itself, so this is only a hint."""
