@@ -1,7 +1,7 @@
-"""Linearised observations of the navigation state: each function returns ``(z, H)`` with ``z = estimate - measurement``.
+"""Linearised observations of the navigation state: each returns ``(z, H)`` with ``z = estimate - measurement``.
 
 ``H`` maps the error state (``core.layout``, estimate minus truth) to ``z``; it has as many columns as the filter has
-states. Noise belongs to the caller, who knows the sensor. Frames: n is ENU, b is FLU. All kernels run compiled or plain.
+states. Noise belongs to the caller, who knows the sensor. Frames: n is ENU, b is FLU. Compiled or plain.
 
 Sources: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., eq. 14.103-14.115
 (position and velocity with lever arm, there with the opposite sign of the attitude error); CN113777645A step 3.

@@ -7,7 +7,7 @@ import numpy as np
 
 from nav_pose_estimator.core import measurements
 from nav_pose_estimator.core.atmosphere import pressure_height
-from nav_pose_estimator.core.kalman import gated_correct
+from nav_pose_estimator.core.kalman import correct, gated_correct
 from nav_pose_estimator.core.layout import ALT, PHI
 from nav_pose_estimator.engine.imu_input import rotation_from_rpy
 from nav_pose_estimator.engine.journal import Journal
@@ -24,6 +24,7 @@ _LINEARISE = {
     "horizontal_position": measurements.horizontal_position,
     "drag_force": measurements.drag_force,
 }
+_PRIORS = frozenset(("horizontal_velocity", "horizontal_position"))
 _BOUNDING = frozenset(("body_velocity", "velocity_error", "horizontal_velocity", "horizontal_position", "drag_force"))
 
 
@@ -113,7 +114,12 @@ class AidInput:
             return
         arguments, R = prepared
         z, H = _LINEARISE[o.kind](nav, len(P), *arguments)
-        status, _ = gated_correct(nav, P, z, H, R, *self._gates[len(z) - 1])
+        if o.kind in _PRIORS:
+            # a prior is no sensor that could fail: gating it would let go of a drifting navigator for good
+            correct(nav, P, z, H, R)
+            status = 1
+        else:
+            status, _ = gated_correct(nav, P, z, H, R, *self._gates[len(z) - 1])
         if o.memory.get("counted"):
             return
         o.memory["counted"] = True

@@ -46,7 +46,7 @@ class Habits:
 
     def reset(self) -> None:
         """Forget the flight."""
-        self.__init__(self._parameters)
+        self.__init__(self._parameters)  # type: ignore[misc]
 
     def feed(self, output: NavBlock | NavSolution) -> list[Prior]:
         """Learn from an aided solution, or give the priors that are due in an outage."""
@@ -71,7 +71,9 @@ class Habits:
             self.reason = f"the vehicle does not slow down (90 % of the flight above {slow:.1f} m/s)"
             return []
         self.reason = ""
-        mean_square = float(np.square(seen[-30:, 2:]).sum(axis=1).mean())
+        square = np.square(seen[:, 2:]).sum(axis=1)
+        # a vehicle that hovers now but has flown before may fly again
+        mean_square = max(float(square[-30:].mean()), self._parameters.habit_share * float(square.mean()))
         variance = max(0.5 * mean_square * self._parameters.velocity_prior_weight, 0.05**2)
         priors = [Prior(stamp, "horizontal_velocity", (0.0, 0.0), variance * np.eye(2))]
         if self._parameters.method == "best":

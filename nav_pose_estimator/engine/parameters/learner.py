@@ -17,9 +17,16 @@ class LearnerParameters:
         choices=("coast", "velocity_prior", "best"),
     )
     slow_speed: float = param(
-        2.0, "m/s", "A vehicle that is slower than this for a tenth of its flight can hover", 0.0, 50.0
+        5.0, "m/s", "A vehicle that is slower than this for a tenth of its flight can hover", 0.0, 50.0
     )
-    velocity_prior_weight: float = param(1.0, "", "Factor on the variance of the velocity prior", 0.1, 100.0)
+    habit_share: float = param(
+        0.3,
+        "",
+        "How much of the last two minutes' mean square speed is expected of a vehicle that hovers now",
+        0.0,
+        1.0,
+    )
+    velocity_prior_weight: float = param(4.0, "", "Factor on the variance of the velocity prior", 0.1, 100.0)
     position_prior_weight: float = param(
         30.0, "", "Factor on the variance of the position prior, once a second", 1.0, 1e4
     )
