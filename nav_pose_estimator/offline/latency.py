@@ -5,28 +5,40 @@ GNSS stamps moved, so that the prediction horizon is the same for all of them an
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
-from nav_pose_estimator.core.layout import OUT_POS, OUT_T, OUT_VEL
+from nav_pose_estimator.core.layout import OUT_COLUMNS, OUT_POS, OUT_T, OUT_VEL
 from nav_pose_estimator.engine.parameter_schema import update
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample, SatelliteCount
+from nav_pose_estimator.engine.samples import (
+    GnssFix,
+    GnssVelocity,
+    ImuBlock,
+    MagSample,
+    PressureSample,
+    Sample,
+    SatelliteCount,
+)
 from nav_pose_estimator.engine.sins import SinsEngine
 from nav_pose_estimator.engine.solutions import NavBlock
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.recording import Recording
 from nav_pose_estimator.offline.tracks import displacement_enu
 
-COARSE = np.arange(-0.1, 0.601, 0.05)
-FINE = 0.01  # s
-WINDOW = 240.0  # s of data are enough
+COARSE = np.arange(-0.1, 0.601, 0.1)  # s
+COARSE_WINDOW, WINDOW = 150.0, 600.0  # s of data for the search, and for the final figure
+RESOLUTION = 0.004  # s
 MIN_DATA = 20.0  # s
 SETTLE = 15.0  # s after the start of the filter in which innovations do not count
-WEAK = 0.03  # relative rise of the innovations 0.1 s beside the minimum below which it is weak
+CORRELATION = 2.0  # s: innovations closer than this are not independent
+MOVING, LASTING = 2.0, 50  # m/s, fixes
+RUN_UP_NS = 40 * 10**9  # data before the motion, for the filter to start on
+WEAK = 0.02  # s: a larger deviation of the estimate is called a weak minimum
+COMPASS_NS = 200_000_000  # the heading needs no more than this many nanoseconds between magnetometer samples
 AUTO = "auto"
 
 
@@ -37,56 +49,52 @@ class Latency:
     delay: float
     rise: float
     trials: np.ndarray  # (K,) s
-    innovations: np.ndarray  # (K,) RMS
+    innovations: np.ndarray  # (K,) RMS, m/s (m where the bag has no GNSS velocity)
     seconds: float  # of data used
+
+    @property
+    def sd(self) -> float:
+        """Deviation of the estimate [s], from the curvature of the likelihood of Gaussian innovations."""
+        information = 2.0 * self.seconds / CORRELATION * self.rise
+        return 0.1 / math.sqrt(information) if information > 0.0 else math.inf
 
     @property
     def weak(self) -> bool:
         """True when the data hardly tell one latency from another."""
-        return not self.rise >= WEAK
+        return not self.sd <= WEAK
 
 
 def estimate(recording: Recording, parameters: Parameters, until: float = math.inf) -> Latency:
     """Estimate the latency from data before ``until`` [s]. Raises ``UserError`` where there is too little of it."""
-    stream = _Stream(recording, parameters, until)
+    search = _Stream(recording, parameters, until, COARSE_WINDOW)
+    coarse = min(COARSE.tolist(), key=search.innovation_rms)
+    stream = _Stream(recording, parameters, until, WINDOW)
     cost: dict[float, float] = {}
 
     def trial(delay: float) -> float:
-        delay = round(delay, 4)
+        delay = round(float(delay), 4)
         if delay not in cost:
             cost[delay] = stream.innovation_rms(delay)
         return cost[delay]
 
-    best = _refine(trial, float(min(COARSE, key=trial)))
-    here = trial(best)
-    if not math.isfinite(here):
+    if not math.isfinite(trial(coarse)):
         raise UserError("the latency cannot be estimated: the filter did not start on the data before the first outage")
-    rise = min(trial(best - 0.1), trial(best + 0.1)) / max(here, 1e-9) - 1.0
+    found = minimize_scalar(trial, bounds=(coarse - 0.1, coarse + 0.1), method="bounded", options={"xatol": RESOLUTION})
+    best = round(float(found.x), 4)
+    rise = 0.5 * (trial(best - 0.1) + trial(best + 0.1)) / max(trial(best), 1e-9) - 1.0
     trials = np.array(sorted(cost))
-    return Latency(best, rise, trials, np.array([cost[t] for t in trials]), stream.seconds)
-
-
-def _refine(trial: Callable[[float], float], coarse: float) -> float:
-    """The minimum near ``coarse``: fine steps, then the vertex of the parabola through the best three."""
-    grid = [coarse + i * FINE for i in range(-4, 5)]
-    values = [trial(delay) for delay in grid]
-    i = int(np.argmin(values))
-    if not 0 < i < len(grid) - 1:
-        return grid[i]
-    low, mid, high = values[i - 1 : i + 2]
-    bend = low - 2.0 * mid + high
-    return grid[i] + (0.5 * FINE * (low - high) / bend if bend > 0.0 else 0.0)
+    return Latency(best, rise, trials, np.array([cost[t] for t in trials.tolist()]), stream.seconds)
 
 
 def describe(latency: Latency) -> str:
     """The estimate in words."""
     text = f"GNSS latency {latency.delay:.3f} s from {latency.seconds:.0f} s of data"
-    if latency.weak:
-        return (
-            f"{text}: weak minimum (0.1 s beside it the innovations grow by only {100.0 * latency.rise:.1f} %); "
-            "fly with more acceleration, or trust the receiver's data sheet"
-        )
-    return f"{text} (0.1 s beside it the innovations grow by {100.0 * latency.rise:.0f} %)"
+    if not latency.weak:
+        return f"{text} (deviation {latency.sd:.3f} s)"
+    return (
+        f"{text}: weak minimum (deviation {latency.sd:.2f} s); "
+        "fly with more acceleration, or trust the receiver's data sheet"
+    )
 
 
 def choose(
@@ -118,11 +126,11 @@ def choose(
 class _Stream:
     """The data in arrays, so that a trial only merges them anew."""
 
-    def __init__(self, recording: Recording, parameters: Parameters, until: float) -> None:
+    def __init__(self, recording: Recording, parameters: Parameters, until: float, window: float) -> None:
         self._parameters = update(parameters, {"gnss.delay": 0.0})
-        limit = recording.epoch_ns + round(min(until, recording.duration + 1.0, 1e9) * 1e9)
+        limit = recording.epoch_ns + round(min(until, recording.duration + 1.0) * 1e9)
         start = self._start(recording, limit)
-        limit = min(limit, start + round(WINDOW * 1e9))
+        limit = min(limit, start + round(window * 1e9))
         blocks = [s for s in recording.samples if isinstance(s, ImuBlock) and len(s)]
         stamps = np.concatenate([b.stamps_ns for b in blocks])
         good = (stamps >= start) & (stamps < limit) & (np.maximum.accumulate(stamps) == stamps)
@@ -131,39 +139,38 @@ class _Stream:
             np.concatenate([b.gyro for b in blocks])[good],
             np.concatenate([b.accel for b in blocks])[good],
         )
-        self._others = [
-            s for s in recording.samples if not isinstance(s, ImuBlock) and s.stamp_ns and start <= s.stamp_ns < limit
-        ]
-        self.seconds = (limit - start) * 1e-9 if math.isfinite(until) else len(self._imu) and self._span()
-        self.seconds = min(self.seconds, self._span())
+        self._others = _useful(recording.samples, start, limit)
+        self.seconds = float(stamps[good][-1] - stamps[good][0]) * 1e-9 if good.any() else 0.0
         if self.seconds < MIN_DATA or not any(isinstance(s, GnssFix) for s in self._others):
-            raise UserError(
-                "the latency cannot be estimated: there are less than 20 s of fixes before the first outage"
-            )
+            raise UserError("the latency cannot be estimated: less than 20 s of fixes come before the first outage")
         self._with_velocity = any(isinstance(s, GnssVelocity) for s in self._others)
 
     @staticmethod
     def _start(recording: Recording, limit: int) -> int:
         """A little before the vehicle begins to move: standing still tells nothing of the latency."""
-        moving = [v.stamp_ns for v in recording.velocities if math.hypot(*v.vel_enu[:2]) > 2.0 and v.stamp_ns < limit]
-        return max(recording.epoch_ns, (moving[0] if moving else 0) - round(40e9))
-
-    def _span(self) -> float:
-        return float(self._imu.stamps_ns[-1] - self._imu.stamps_ns[0]) * 1e-9 if len(self._imu) else 0.0
+        early = [v for v in recording.velocities if v.stamp_ns < limit]
+        moving = np.array([math.hypot(*v.vel_enu[:2]) > MOVING for v in early])
+        # a receiver on the ground may jump now and then; flying is to move for most of the next fixes
+        lasting = np.convolve(moving, np.ones(LASTING), "full")[LASTING - 1 :] > 0.6 * LASTING
+        first = int(np.argmax(lasting)) if lasting.any() else 0
+        return max(recording.epoch_ns, early[first].stamp_ns - RUN_UP_NS) if early else recording.epoch_ns
 
     def innovation_rms(self, delay: float) -> float:
         """RMS of the horizontal innovations with the fixes moved by ``delay`` [s]; infinite if the filter fails."""
         engine = SinsEngine(self._parameters)
-        errors, began, before = [], math.inf, None
+        judged = GnssVelocity if self._with_velocity else GnssFix
+        errors: list[float] = []
+        rows, last_ns, first_ns = np.empty((0, OUT_COLUMNS)), 0, 0
         for sample in self._merged(round(delay * 1e9)):
-            if isinstance(sample, GnssVelocity if self._with_velocity else GnssFix) and before is not None:
-                t = (sample.stamp_ns - before[0]) * 1e-9
-                if before[2] > began + SETTLE and t < 0.1:
-                    errors.append(_innovation(sample, before[1], t))
+            if isinstance(sample, judged) and len(rows) == 2 and last_ns > first_ns + round(SETTLE * 1e9):
+                ahead = (sample.stamp_ns - last_ns) * 1e-9
+                if ahead < 0.1:
+                    errors.append(_innovation(sample, rows, ahead))
             for output in engine.feed(sample):
-                if isinstance(output, NavBlock) and len(output.rows) > 1:
-                    before = (int(output.stamps_ns[-1]), output.rows[-2:], float(output.stamps_ns[-1]) * 1e-9)
-                    began = min(began, before[2])
+                if isinstance(output, NavBlock):
+                    rows = np.vstack([rows[-1:], output.rows[-2:]])[-2:]
+                    last_ns = int(output.stamps_ns[-1])
+                    first_ns = first_ns or last_ns
         return math.sqrt(np.mean(np.square(errors))) if len(errors) > 20 else math.inf
 
     def _merged(self, delay_ns: int) -> list[Sample]:
@@ -179,6 +186,25 @@ class _Stream:
                 done = cut
             out.append(sample)
         return out
+
+
+def _useful(samples: list[Sample], start: int, limit: int) -> list[Sample]:
+    """What bears on the horizontal velocity, with the magnetometer thinned: every sample more is a block less."""
+    out: list[Sample] = []
+    next_mag = 0
+    for sample in samples:
+        if (
+            isinstance(sample, (ImuBlock, PressureSample))
+            or not sample.stamp_ns
+            or not start <= sample.stamp_ns < limit
+        ):
+            continue
+        if isinstance(sample, MagSample):
+            if sample.stamp_ns < next_mag:
+                continue
+            next_mag = sample.stamp_ns + COMPASS_NS
+        out.append(sample)
+    return out
 
 
 def _moved(sample: Sample, delay_ns: int) -> Sample:
