@@ -244,8 +244,10 @@ class ImuInput:
         memory, stamps, gyro, accel = self._memory, block.stamps_ns, block.gyro, block.accel
         if memory.stuck or memory.saturated or stamps[0] <= 0:
             return False
-        steps = np.diff(stamps, prepend=stamps[0] - 1 if memory.last_ns is None else memory.last_ns)
-        if not (steps.min() > 0 and steps.max() <= self._max_gap_ns):
+        if memory.last_ns is not None and not 0 < stamps[0] - memory.last_ns <= self._max_gap_ns:
+            return False
+        steps = stamps[1:] - stamps[:-1]
+        if len(steps) and not (steps.min() > 0 and steps.max() <= self._max_gap_ns):
             return False
         limits = self._limits
         if not (np.abs(gyro).max() <= limits.max_rate and np.abs(accel).max() <= limits.max_force):  # false for NaN

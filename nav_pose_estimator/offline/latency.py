@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from nav_pose_estimator.core.layout import OUT_COLUMNS, OUT_POS, OUT_T, OUT_VEL
 from nav_pose_estimator.engine.parameter_schema import update
@@ -66,6 +65,8 @@ class Latency:
 
 def estimate(recording: Recording, parameters: Parameters, until: float = math.inf) -> Latency:
     """Estimate the latency from data before ``until`` [s]. Raises ``UserError`` where there is too little of it."""
+    from scipy.optimize import minimize_scalar  # late: most commands know the latency, and it takes long to load
+
     search = _Stream(recording, parameters, until, COARSE_WINDOW)
     coarse = min(COARSE.tolist(), key=search.innovation_rms)
     stream = _Stream(recording, parameters, until, WINDOW)

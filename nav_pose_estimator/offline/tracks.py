@@ -112,11 +112,8 @@ class TrackRecorder:
     def add(self, block: NavBlock) -> None:
         """Keep the first row of ``block`` in every time slot."""
         slots = block.stamps_ns // self._slot_ns
-        if len(slots) == 1:  # the usual case where other sensors speak between any two IMU messages
-            if int(slots[0]) != self._last_slot:
-                self._keep(block.stamps_ns, block.rows.copy(), int(slots[0]))
-            return
-        fresh = np.diff(slots, prepend=self._last_slot) != 0
+        fresh = np.empty(len(slots), bool)
+        fresh[0], fresh[1:] = slots[0] != self._last_slot, slots[1:] != slots[:-1]
         if fresh.any():
             self._keep(block.stamps_ns[fresh], block.rows[fresh], int(slots[-1]))
 
