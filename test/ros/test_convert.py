@@ -158,7 +158,7 @@ def test_unknown_status_and_no_fix_stay_negative(status):
     ids=["zeros", "mavros_unknown", "absent", "type_unknown"],
 )
 def test_a_covariance_that_the_driver_does_not_know_is_none(cov, cov_type):
-    assert [item for item in convert.nav_sat_fix(fix_message(cov=cov, cov_type=cov_type))][0].cov_enu is None
+    assert convert.nav_sat_fix(fix_message(cov=cov, cov_type=cov_type))[0].cov_enu is None
 
 
 def test_a_flawed_covariance_gives_the_fix_and_an_event():
@@ -224,23 +224,23 @@ def test_a_count_is_a_number_or_unknown_never_invented(adapter, message, count):
 
 
 def px4_gps(**changes) -> Message:
-    values = dict(
-        timestamp=1_700_000_000_123_456,
-        timestamp_sample=5,
-        latitude_deg=47.0,
-        longitude_deg=8.5,
-        altitude_ellipsoid_m=548.0,
-        altitude_msl_m=500.0,
-        fix_type=3,
-        eph=1.5,
-        epv=2.0,
-        vel_n_m_s=1.0,
-        vel_e_m_s=2.0,
-        vel_d_m_s=3.0,
-        s_variance_m_s=0.3,
-        vel_ned_valid=True,
-        satellites_used=14,
-    )
+    values = {
+        "timestamp": 1_700_000_000_123_456,
+        "timestamp_sample": 5,
+        "latitude_deg": 47.0,
+        "longitude_deg": 8.5,
+        "altitude_ellipsoid_m": 548.0,
+        "altitude_msl_m": 500.0,
+        "fix_type": 3,
+        "eph": 1.5,
+        "epv": 2.0,
+        "vel_n_m_s": 1.0,
+        "vel_e_m_s": 2.0,
+        "vel_d_m_s": 3.0,
+        "s_variance_m_s": 0.3,
+        "vel_ned_valid": True,
+        "satellites_used": 14,
+    }
     return Message(**{**values, **changes})
 
 
@@ -263,15 +263,21 @@ def test_px4_says_what_is_not_valid():
     message = Message(timestamp=7, accelerometer_timestamp_relative=0x7FFFFFFF)
     assert px4.imu(message)[0].name == "imu.rejected.absent"
     single = np.array([1.0, 2.0, 3.0], np.float32)
-    message = Message(
-        timestamp=7, accelerometer_timestamp_relative=0, gyro_rad=single, accelerometer_m_s2=single
-    )
+    message = Message(timestamp=7, accelerometer_timestamp_relative=0, gyro_rad=single, accelerometer_m_s2=single)
     assert px4.imu(message) == (ImuSample(7000, (1.0, 2.0, 3.0), (1.0, 2.0, 3.0)),)
 
 
 # --- the others ----------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("value", "variance", "flaw"), [(0.0, None, ""), (4.0, 4.0, ""), (-3.0, None, "negative"),
-                                                         (math.nan, None, "not_finite"), (1e300, None, "too_large")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("value", "variance", "flaw"),
+    [
+        (0.0, None, ""),
+        (4.0, 4.0, ""),
+        (-3.0, None, "negative"),
+        (math.nan, None, "not_finite"),
+        (1e300, None, "too_large"),
+    ],
+)
 def test_pressure_and_its_variance(value, variance, flaw):
     sample, *events = convert.fluid_pressure(Message(header=header(), fluid_pressure=95_000.0, variance=value))
     assert (sample.pressure, sample.variance) == (95_000.0, variance)
