@@ -156,22 +156,27 @@ def _innovations(result: ReplayResult) -> Iterator[str]:
     if len(fixes) == 0:
         return
     position = result.track.antenna_at(fixes.t, np.array(result.parameters.gnss.lever_arm))
-    plot = _plot(result, "fix minus prediction, m", y_range=None)
+    plot = _plot(result, "fix minus prediction while aided, m")
     innovation = -displacement_enu(position, fixes.position)
     _three(plot, fixes.t, _outside(result, fixes.t, innovation), ("East", "North", "Up"))
     yield plot.render()
     if fixes.velocity is not None:
-        plot = _plot(result, "GNSS velocity minus prediction, m/s")
+        plot = _plot(result, "GNSS velocity minus prediction while aided, m/s")
         difference = fixes.velocity - result.track.at(fixes.t)[:, OUT_VEL:OUT_QUAT]
         _three(plot, fixes.t, _outside(result, fixes.t, difference), ("East", "North", "Up"))
         yield plot.render()
 
 
 def _outside(result: ReplayResult, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """``values`` with NaN inside the outages: there is no innovation without a fix."""
+    """``values`` with NaN where the filter was not AIDED: fixes under test at a return would hide all the others."""
     values = values.copy()
+    aided = np.zeros(len(times), bool)
+    for start, end, mode in mode_spans(result):
+        aided |= (mode is Mode.AIDED) & (times >= start) & (times < end)
     for outage in result.outages:
-        values[(times >= outage.start) & (times < outage.end)] = np.nan
+        # the first fixes after a return correct what the outage left behind
+        aided &= (times < outage.start) | (times >= outage.end + 2.0)
+    values[~aided] = np.nan
     return values
 
 

@@ -215,12 +215,12 @@ def _attitude_peers(imu: ImuBlock) -> list[Figure]:
     if find_spec("imufusion") is not None:
         import imufusion
 
-        degrees = np.degrees(gyro)
+        degrees, force = np.degrees(gyro), accel / 9.81
 
         def fuse() -> None:
             peer = imufusion.Ahrs()
             for i in range(4000):
-                peer.update_no_magnetometer(degrees[i], accel[i] / 9.81, 1.0 / IMU_HZ)
+                peer.update_no_magnetometer(degrees[i], force[i])
 
         with suppress(AttributeError, TypeError):  # its interface differs between versions: no comparison then
             figures.append(Figure("  peer imufusion (C), one call each", 1e6 * best_time(fuse) / 4000, "us/update"))

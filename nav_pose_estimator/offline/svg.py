@@ -8,7 +8,7 @@ import numpy as np
 
 Array = np.ndarray
 MAX_POINTS = 1200  # of one line; more than the screen has pixels shows nothing
-_LEFT, _RIGHT, _TOP, _BOTTOM = 58, 14, 12, 30
+_LEFT, _RIGHT, _TOP, _BOTTOM = 58, 14, 26, 30
 
 
 def thin(x: Array, *ys: Array, points: int = MAX_POINTS) -> tuple[Array, ...]:
@@ -132,7 +132,7 @@ class Plot:
         parts.append(
             f'<text class="axis" text-anchor="end" x="{right}" y="{self.height - 2}">{escape(self.x_label)}</text>'
         )
-        parts.append(f'<text class="axis" x="{left + 6}" y="{_TOP + 11}">{escape(self.y_label)}</text>')
+        parts.append(f'<text class="axis" x="{left}" y="{_TOP - 9}">{escape(self.y_label)}</text>')
         return parts
 
     def _span(self, scale_x: "_Scale", start: float, end: float, style: str) -> str:
@@ -144,8 +144,8 @@ class Plot:
         parts, x = [], self.width - _RIGHT - 6
         for label, style in reversed(self._legend):
             width = 6.6 * len(label)
-            parts.append(f'<text class="axis" text-anchor="end" x="{x:.0f}" y="{_TOP + 11}">{escape(label)}</text>')
-            parts.append(f'<path class="key {style}" d="M{x - width - 20:.0f} {_TOP + 7}h14"/>')
+            parts.append(f'<text class="axis" text-anchor="end" x="{x:.0f}" y="{_TOP - 9}">{escape(label)}</text>')
+            parts.append(f'<path class="key {style}" d="M{x - width - 22:.0f} {_TOP - 13}h14"/>')
             x -= width + 34
         return "".join(parts)
 
@@ -169,8 +169,10 @@ class _Scale:
     def ticks(self, about: int) -> list[float]:
         if not self.log:
             return ticks(self.low, self.high, about)
-        powers = range(math.ceil(math.log10(self.low) - 1e-9), math.floor(math.log10(self.high) + 1e-9) + 1)
-        return [10.0**p for p in powers]
+        powers = range(math.floor(math.log10(self.low)), math.ceil(math.log10(self.high)) + 1)
+        steps = (1.0,) if len(powers) > about + 2 else (1.0, 3.0)
+        values = [step * 10.0**p for p in powers for step in steps]
+        return [value for value in values if self.low * 0.999 <= value <= self.high * 1.001]
 
 
 def _limits(parts: list[Array], margin: float, log: bool = False) -> tuple[float, float]:
