@@ -9,7 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from nav_pose_estimator.core.attitude_layout import BIAS, COV, FORCE, HEAD_SIZE, QUAT, RATE
+from nav_pose_estimator.core.attitude_layout import (
+    AGE,
+    BIAS,
+    COV,
+    FIELD_TRUST,
+    FORCE,
+    HEAD_SIZE,
+    QUAT,
+    RATE,
+)
+from nav_pose_estimator.core.attitude_motion import subtract_velocity_change
 from nav_pose_estimator.engine import parameter_schema
 from nav_pose_estimator.engine.attitude_filters import KERNELS, MAKE_STATE
 from nav_pose_estimator.engine.imu_input import CLOCK_JUMP, RESTARTS, ImuInput
@@ -20,7 +30,7 @@ from nav_pose_estimator.errors import UserError
 
 _NS = 1e-9
 _NO_FIELD = np.empty((0, 3))
-_DISTURBED, _UNDISTURBED = 0.1, 0.5  # weights of the field at which a disturbance begins and ends
+_DISTURBED, _UNDISTURBED = 0.1, 0.5  # trusts of the field at which a disturbance begins and ends
 _STALE_MAG_NS = 500_000_000
 _VELOCITY_GAP_NS = 1_000_000_000
 
@@ -45,8 +55,8 @@ class AttitudeEngine:
         p = self._parameters.attitude
         self._kernels = KERNELS[p.filter]
         self._door = ImuInput(self._parameters.imu)
-        self._hard_iron = np.array(p.mag_hard_iron)
-        self._soft_iron = np.array(p.mag_soft_iron).reshape(3, 3)
+        self._hard_iron = np.array(p.hard_iron)
+        self._soft_iron = np.array(p.soft_iron).reshape(3, 3)
         self._counters: Counter[str] = Counter()
         self._memory = self._fresh()
 
@@ -92,7 +102,7 @@ class AttitudeEngine:
             "tilt_sd_deg": math.degrees(math.sqrt(max(s[COV], s[COV + 4]))),
             "yaw_sd_deg": math.degrees(math.sqrt(s[COV + 8])),
             "gyro_bias_deg_s": math.degrees(float(np.linalg.norm(s[BIAS : BIAS + 3]))),
-            "field_trust": float(s[self._kernels.MAG_WEIGHT]) if memory.mag_ns is not None else 0.0,
+            "field_trust": float(s[FIELD_TRUST]) if memory.mag_ns is not None else 0.0,
         }
         return Status(
             stamp_ns=memory.last_ns or 0,
@@ -183,7 +193,7 @@ class AttitudeEngine:
         if name == CLOCK_JUMP:
             self._memory = self._fresh()
             return
-        memory.state[self._kernels.AGE] = -1.0
+        memory.state[AGE] = -1.0
         memory.last_ns, memory.velocity = None, None
 
     # --- magnetometer and navigator --------------------------------------------------------------------------------
@@ -202,12 +212,12 @@ class AttitudeEngine:
             return [Event(stamp, "mag.rejected.stale")]
         memory.mag_ns = stamp
         field = self._soft_iron @ (np.array(sample.field) - self._hard_iron)
-        self._kernels.correct_heading(memory.state, *self._door.to_body(tuple(field.tolist())))
+        self._kernels.add_magnetic_field(memory.state, *self._door.to_body(tuple(field.tolist())))
         return self._disturbance(stamp)
 
     def _disturbance(self, stamp: int) -> list[Event]:
         """Begin and end of a disturbed magnetic field; each refused sample is counted."""
-        memory, weight = self._memory, self._memory.state[self._kernels.MAG_WEIGHT]
+        memory, weight = self._memory, self._memory.state[FIELD_TRUST]
         events = [Event(stamp, "mag.rejected.disturbed")] if weight < _DISTURBED else []
         if weight < _DISTURBED and not memory.disturbed:
             memory.disturbed = True
@@ -230,8 +240,8 @@ class AttitudeEngine:
         if before is None or not (sample.valid and before.valid) or stamp - before.stamp_ns > _VELOCITY_GAP_NS:
             return []
         dt = (stamp - before.stamp_ns) * _NS
-        change = (now - then for now, then in zip(sample.vel_enu, before.vel_enu, strict=True))
-        self._kernels.subtract_velocity_change(memory.state, *change, dt, 2.0 * dt)
+        change = tuple(now - then for now, then in zip(sample.vel_enu, before.vel_enu, strict=True))
+        subtract_velocity_change(memory.state, change, dt, 2.0 * dt, math.hypot(*sample.vel_enu))
         return []
 
     # --- recorded arrays -------------------------------------------------------------------------------------------

@@ -1,24 +1,75 @@
-"""The two attitude filters behind one face: how parameters become the constants in a filter's state vector."""
+"""The attitude filters behind one face: how parameters become the constants in a filter's state vector."""
+
+import math
 
 import numpy as np
 
+from nav_pose_estimator.core import attitude_layout as at
 from nav_pose_estimator.core import complementary
-from nav_pose_estimator.core.attitude_layout import QUAT
 from nav_pose_estimator.engine.parameters import Parameters
+
+_FIXED = {
+    at.MOTION_RISE: 2.0,
+    at.MOTION_FALL: 10.0,
+    at.STILL_PSD: 1e-3,
+    at.LEVEL_AFTER: 0.3,
+    at.LEARN_PSD: 3e-7,
+    at.ANOMALY_TAU: 0.3,
+    at.NEW_TAU: 3.0,
+    at.NEW_LIMIT: 0.05,
+    at.NEW_HEADING_VAR: 0.5,
+    at.AGE: -1.0,
+    at.QUAT: 1.0,
+    at.FIELD_TRUST: 1.0,
+    at.TRUST: 1.0,
+}
+"""Constants that no user has a reason to turn, and the state ahead of the first sample."""
+
+
+def _fill_shared(s: np.ndarray, parameters: Parameters) -> None:
+    p, imu, navigator = parameters.attitude, parameters.imu, parameters.navigator
+    values = _FIXED | {
+        at.PERIOD: p.feedback_period,
+        at.GRAVITY: p.gravity,
+        at.POINT: float(imu.sampling == "point"),
+        at.GAP_DT: imu.gap,
+        at.GAP_RATE_SD: navigator.gap_rate_sd,
+        at.WANDER_PSD: p.wander**2,
+        at.BIAS_PSD: p.bias_walk**2,
+        at.MATRIX_PSD: p.matrix_walk**2,
+        at.SWAY_PSD: p.sway_noise**2,
+        at.MOTION_FLOOR: p.motion_floor**2,
+        at.MOTION_TAU: p.motion_tau,
+        at.STILL_RATE: p.still_rate,
+        at.STILL_FORCE: p.still_force,
+        at.STILL_NORM: p.still_norm,
+        at.LEARN_AFTER: p.learn_after,
+        at.BIAS_LIMIT: p.max_bias,
+        at.REJECT_FROM: p.reject_from,
+        at.REJECT_TO: max(p.reject_to, p.reject_from + 1e-3),
+        at.TIMING_SD: p.timing_sd,
+        at.DECLINATION: parameters.aids.declination,
+        at.HEADING_PSD: p.heading_noise**2,
+        at.ANOMALY_GAIN: p.anomaly_gain,
+        at.FIELD_TAU: p.field_tau,
+        at.NEW_AFTER: p.new_field_after,
+    }
+    for slot, value in values.items():
+        s[slot] = value
 
 
 def complementary_state(parameters: Parameters) -> np.ndarray:
     """State vector of ``core.complementary`` that waits for its first sample."""
-    p, imu, c = parameters.attitude, parameters.imu, complementary
+    p, c = parameters.attitude, complementary
     s = np.zeros(c.SIZE)
-    s[QUAT], s[c.AGE], s[c.MAG_WEIGHT] = 1.0, -1.0, 1.0
-    s[c.KP], s[c.TAU], s[c.GRAVITY] = p.kp, p.tau, p.gravity
-    s[c.REJECT_FROM], s[c.REJECT_TO] = p.reject_from, max(p.reject_to, p.reject_from + 1e-3)
-    s[c.REST_RATE_LIMIT], s[c.REST_FORCE_LIMIT], s[c.REST_AFTER] = p.rest_rate, p.rest_force, p.rest_after
-    s[c.BIAS_LIMIT], s[c.BIAS_VAR] = p.max_bias, p.initial_bias_sd**2
-    s[c.TAU_MAG], s[c.NORM_SD], s[c.DIP_SD] = p.mag_tau, p.mag_norm_sd, p.mag_dip_sd
-    s[c.GYRO_PSD], s[c.BIAS_PSD] = imu.gyro_noise**2, 2.0 * imu.gyro_bias_sd**2 / imu.gyro_bias_tau
-    s[c.ACCEL_SD] = p.accel_sd
+    _fill_shared(s, parameters)
+    s[c.TILT_VAR], s[c.HEADING_VAR], s[c.SWAY_START_VAR] = p.initial_tilt_sd**2, math.pi**2 / 3.0, 0.01
+    P = s[c.COVARIANCE : c.GAIN].reshape(c.STATES, c.STATES)
+    for i in range(3):
+        P[c.D_BIAS + i, c.D_BIAS + i] = p.initial_bias_sd**2
+        for j in range(3):
+            k = c.D_MATRIX + 3 * i + j
+            P[k, k] = (p.scale_sd if i == j else p.misalignment_sd) ** 2
     return s
 
 

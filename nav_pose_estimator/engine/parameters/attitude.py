@@ -7,27 +7,41 @@ from nav_pose_estimator.engine.parameter_schema import param
 
 @dataclass(frozen=True)
 class AttitudeParameters:
-    """One set for all motions; see docs/attitude.md for where the numbers come from."""
+    """One set for all motions; docs/attitude.md tells where the numbers come from and how flat their optima are."""
 
     filter: str = param("complementary", "", "Attitude filter", choices=("complementary", "two_stage"))
     world_frame: str = param("enu", "", "Axes of the published attitude (ned: body FRD)", choices=("enu", "ned"))
-    kp: float = param(0.4, "1/s", "Gain of the feedback from the low-passed specific force", 0.001, 10.0)
-    tau: float = param(2.1, "s", "Time constant of the earth-frame low-pass of the specific force", 0.0, 60.0)
-    reject_from: float = param(0.4, "m/s^2", "The feedback fades from this error of the low-passed norm on", 0.0, 50.0)
-    reject_to: float = param(4.0, "m/s^2", "... and is gone at this one", 0.01, 100.0)
-    rest_rate: float = param(0.035, "rad/s", "At rest the rate departs less from its mean", 1e-4, 1.0)
-    rest_force: float = param(0.5, "m/s^2", "At rest the specific force departs less from its mean", 1e-3, 5.0)
-    rest_after: float = param(1.5, "s", "Rest is believed after so long", 0.1, 60.0)
-    max_bias: float = param(0.05, "rad/s", "A larger mean rate is motion, not gyroscope bias", 0.0, 1.0)
+    feedback_period: float = param(0.05, "s", "Time between feedbacks of specific force and field", 0.005, 1.0)
+    gravity: float = param(9.81, "m/s^2", "Local gravity", 9.7, 9.9)
+    # --- the gyroscope ---
+    wander: float = param(0.004, "rad/sqrt(s)", "Walk of the attitude by gyroscope noise in motion", 1e-6, 0.1)
     initial_bias_sd: float = param(0.01, "rad/s", "Deviation of the gyroscope bias at power-on", 0.0, 1.0)
-    accel_sd: float = param(0.3, "m/s^2", "Typical vehicle acceleration left after the low-pass", 1e-3, 10.0)
-    mag_tau: float = param(10.0, "s", "Time constant of the heading's correction", 0.1, 1e4)
-    mag_norm_sd: float = param(0.05, "", "Deviation of the undisturbed field's norm, relative", 1e-3, 1.0)
-    mag_dip_sd: float = param(0.22, "rad", "Deviation of the undisturbed field's dip", 1e-3, 1.6)
-    mag_hard_iron: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0), "T", "Constant field of the vehicle, subtracted from the magnetometer (sensor axes)", -1.0, 1.0
+    bias_walk: float = param(3e-5, "rad/s/sqrt(s)", "Random walk of the gyroscope bias", 0.0, 0.01)
+    scale_sd: float = param(0.005, "", "Deviation of the gyroscope's scale factors", 0.0, 0.1)
+    misalignment_sd: float = param(0.003, "", "Deviation of the gyroscope's misalignments", 0.0, 0.1)
+    matrix_walk: float = param(5e-5, "1/sqrt(s)", "Random walk of scale factors and misalignments", 0.0, 0.01)
+    timing_sd: float = param(0.0025, "s", "Unknown delay of the IMU; enters the covariance only", 0.0, 0.1)
+    # --- the specific force ---
+    initial_tilt_sd: float = param(0.15, "rad", "Deviation of the tilt from the first sample alone", 1e-3, 1.0)
+    motion_floor: float = param(0.26, "m/s*sqrt(s)", "Root density of the vehicle's sway in slow motion", 1e-3, 100.0)
+    motion_tau: float = param(0.28, "s", "How long a sway of the vehicle lasts", 0.0, 60.0)
+    sway_noise: float = param(0.03, "m/s/sqrt(s)", "Random walk of the sway by accelerometer noise", 0.0, 10.0)
+    reject_from: float = param(0.4, "m/s^2", "p(a) falls below 1 at this error of the low-passed norm", 0.0, 50.0)
+    reject_to: float = param(4.0, "m/s^2", "... and is gone at this one", 0.01, 100.0)
+    # --- rest ---
+    still_rate: float = param(0.035, "rad/s", "At rest the rate departs less from its mean", 1e-4, 1.0)
+    still_force: float = param(0.5, "m/s^2", "At rest the specific force departs less from its mean", 1e-3, 5.0)
+    still_norm: float = param(0.3, "m/s^2", "At rest the specific force is as long as gravity within", 1e-3, 5.0)
+    learn_after: float = param(1.5, "s", "The mean rate is the gyroscope bias after so long at rest", 0.1, 60.0)
+    max_bias: float = param(0.05, "rad/s", "A larger mean rate is motion, not gyroscope bias", 0.0, 1.0)
+    # --- the magnetometer ---
+    heading_noise: float = param(0.32, "rad*sqrt(s)", "Root density of the error of a magnetic heading", 1e-3, 100.0)
+    anomaly_gain: float = param(20.0, "", "Noise per anomaly (squared, relative to the horizontal field)", 0.0, 1e4)
+    field_tau: float = param(20.0, "s", "Memory of the learned field", 0.1, 1e4)
+    new_field_after: float = param(15.0, "s", "A steady new field is accepted after so long at the latest", 1.0, 1e4)
+    hard_iron: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), "T", "Constant field of the vehicle, subtracted (sensor axes)", -1.0, 1.0
     )
-    mag_soft_iron: tuple[float, ...] = param(
+    soft_iron: tuple[float, ...] = param(
         (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), "", "Matrix on the field, row by row (sensor axes)", -10.0, 10.0
     )
-    gravity: float = param(9.81, "m/s^2", "Local gravity", 9.7, 9.9)
