@@ -14,16 +14,12 @@ PREDICTORS = (HOLD, CONST_VELOCITY)
 """Methods that go on from the state of ``coast`` at the start of the outage."""
 CLASSICAL = (COAST, HOLD, CONST_VELOCITY, "velocity_prior", "drag")
 """The rivals that a learned method has to beat."""
-OUTAGE_METHOD = "learner.method"
+METHOD_PARAMETER = "learner.method"
+LEARNED = ("velocity_prior", "drag", "anfis", "anfis_linear", "cnn_lstm")
 
 OVERRIDES: dict[str, Mapping[str, Any]] = {
     COAST: {"learner.enabled": False},
-    "velocity_prior": {"learner.enabled": True, OUTAGE_METHOD: "velocity_prior"},
-    "drag": {"learner.enabled": False, "navigator.wind_drag_states": True},
-    "anfis": {"learner.enabled": True, OUTAGE_METHOD: "anfis"},
-    "anfis_linear": {"learner.enabled": True, OUTAGE_METHOD: "anfis_linear"},
-    "cnn_lstm": {"learner.enabled": True, OUTAGE_METHOD: "cnn_lstm"},
-    BEST: {},
+    **{name: {"learner.enabled": True, METHOD_PARAMETER: name} for name in (*LEARNED, BEST)},
 }
 
 

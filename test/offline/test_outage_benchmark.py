@@ -137,7 +137,7 @@ def test_a_missing_bag_is_named_before_anything_runs(tmp_path, capsys):
 
 
 def test_two_processes_give_what_one_gives(bag, tmp_path):
-    options = ["--lengths", "10", "--every", "20", "--methods", "coast,drag"]
+    options = ["--lengths", "10", "--every", "20", "--methods", "coast,velocity_prior"]
     for jobs in ("1", "2"):
         assert main(["benchmark", "outage", str(bag), *options, "--jobs", jobs, "--out", str(tmp_path / jobs)]) == 0
     assert rows_of(tmp_path / "1") == rows_of(tmp_path / "2")
