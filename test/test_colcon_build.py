@@ -93,7 +93,7 @@ def test_an_executable_gives_the_exit_code_of_wrong_use(built, install):
 
 
 # --- nodes from the built package ----------------------------------------------------------------------------------
-ESTIMATORS = ("attitude_node", "sins_node", "anfis_node", "pose_estimator")
+ESTIMATORS = ("attitude_node", "sins_node", "pose_estimator")
 
 
 @pytest.fixture

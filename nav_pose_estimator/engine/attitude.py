@@ -9,16 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from nav_pose_estimator.core.attitude_layout import (
-    AGE,
-    BIAS,
-    COV,
-    FIELD_TRUST,
-    FORCE,
-    HEAD_SIZE,
-    QUAT,
-    RATE,
-)
+from nav_pose_estimator.core import attitude_layout as at
 from nav_pose_estimator.core.attitude_motion import subtract_velocity_change
 from nav_pose_estimator.engine import parameter_schema
 from nav_pose_estimator.engine.attitude_filters import KERNELS, MAKE_STATE
@@ -99,10 +90,10 @@ class AttitudeEngine:
         """How the filter stands; ``values`` holds deviations [deg] and what was learned."""
         memory, s = self._memory, self._memory.state
         values = {
-            "tilt_sd_deg": math.degrees(math.sqrt(max(s[COV], s[COV + 4]))),
-            "yaw_sd_deg": math.degrees(math.sqrt(s[COV + 8])),
-            "gyro_bias_deg_s": math.degrees(float(np.linalg.norm(s[BIAS : BIAS + 3]))),
-            "field_trust": float(s[FIELD_TRUST]) if memory.mag_ns is not None else 0.0,
+            "tilt_sd_deg": math.degrees(math.sqrt(max(s[at.COV], s[at.COV + 4]))),
+            "yaw_sd_deg": math.degrees(math.sqrt(s[at.COV + 8])),
+            "gyro_bias_deg_s": math.degrees(float(np.linalg.norm(s[at.BIAS : at.BIAS + 3]))),
+            "field_trust": float(s[at.FIELD_TRUST]) if memory.mag_ns is not None else 0.0,
         }
         return Status(
             stamp_ns=memory.last_ns or 0,
@@ -159,14 +150,14 @@ class AttitudeEngine:
             memory.started_ns = sample.stamp_ns
         memory.last_ns = sample.stamp_ns
         self._kernels.step(s, dt, *sample.gyro, *sample.accel)
-        head = s[:HEAD_SIZE].copy()
+        head = s[: at.HEAD_SIZE].copy()
         return AttitudeSolution(
             stamp_ns=sample.stamp_ns,
-            q_nb=head[QUAT : QUAT + 4],
-            cov_n=head[COV : COV + 9].reshape(3, 3),
-            rate_b=head[RATE : RATE + 3],
-            accel_b=head[FORCE : FORCE + 3],
-            gyro_bias=head[BIAS : BIAS + 3],
+            q_nb=head[at.QUAT : at.QUAT + 4],
+            cov_n=head[at.COV : at.COV + 9].reshape(3, 3),
+            rate_b=head[at.RATE : at.RATE + 3],
+            accel_b=head[at.FORCE : at.FORCE + 3],
+            gyro_bias=head[at.BIAS : at.BIAS + 3],
         )
 
     def _on_block(self, block: ImuBlock, mag: np.ndarray) -> AttitudeBlock:
@@ -176,15 +167,15 @@ class AttitudeEngine:
         imu = np.empty((len(block), 7))
         imu[:, 0] = np.diff(block.stamps_ns, prepend=memory.last_ns) * _NS
         imu[:, 1:4], imu[:, 4:7] = block.gyro, block.accel
-        out = np.empty((len(block), HEAD_SIZE))
+        out = np.empty((len(block), at.BLOCK_COLUMNS))
         self._kernels.run(memory.state, imu, mag, out)
         memory.last_ns = int(block.stamps_ns[-1])
         return AttitudeBlock(
             stamps_ns=block.stamps_ns,
-            q_nb=out[:, QUAT : QUAT + 4],
-            tilt_sd=np.sqrt(np.maximum(out[:, COV], out[:, COV + 4])),
-            yaw_sd=np.sqrt(out[:, COV + 8]),
-            gyro_bias=out[:, BIAS : BIAS + 3],
+            q_nb=out[:, at.BLOCK_QUAT : at.BLOCK_QUAT + 4],
+            tilt_sd=np.sqrt(out[:, at.BLOCK_TILT_VAR]),
+            yaw_sd=np.sqrt(out[:, at.BLOCK_YAW_VAR]),
+            gyro_bias=out[:, at.BLOCK_BIAS : at.BLOCK_BIAS + 3],
         )
 
     def _restart(self, name: str) -> None:
@@ -193,7 +184,7 @@ class AttitudeEngine:
         if name == CLOCK_JUMP:
             self._memory = self._fresh()
             return
-        memory.state[AGE] = -1.0
+        memory.state[at.AGE] = -1.0
         memory.last_ns, memory.velocity = None, None
 
     # --- magnetometer and navigator --------------------------------------------------------------------------------
@@ -217,7 +208,7 @@ class AttitudeEngine:
 
     def _disturbance(self, stamp: int) -> list[Event]:
         """Begin and end of a disturbed magnetic field; each refused sample is counted."""
-        memory, weight = self._memory, self._memory.state[FIELD_TRUST]
+        memory, weight = self._memory, self._memory.state[at.FIELD_TRUST]
         events = [Event(stamp, "mag.rejected.disturbed")] if weight < _DISTURBED else []
         if weight < _DISTURBED and not memory.disturbed:
             memory.disturbed = True

@@ -4,52 +4,39 @@ import numpy as np
 from scipy.special import chdtri
 
 from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.core.filter_setup import make_constants
 from nav_pose_estimator.engine.parameters import Parameters
 
 
 def constants(parameters: Parameters) -> np.ndarray:
-    """The vector of filter constants, by name (``core.layout``)."""
+    """The vector of filter constants (``core.layout``)."""
     imu, navigator = parameters.imu, parameters.navigator
-    c = np.zeros(at.CONSTANTS_SIZE)
-    c[at.GYRO_NOISE_PSD] = imu.gyro_noise**2
-    c[at.ACCEL_NOISE_PSD] = imu.accel_noise**2
-    c[at.GYRO_BIAS_PSD] = 2.0 * imu.gyro_bias_sd**2 / imu.gyro_bias_tau
-    c[at.GYRO_BIAS_RATE] = 1.0 / imu.gyro_bias_tau
-    c[at.ACCEL_BIAS_PSD] = 2.0 * imu.accel_bias_sd**2 / imu.accel_bias_tau
-    c[at.ACCEL_BIAS_RATE] = 1.0 / imu.accel_bias_tau
-    c[at.COV_PERIOD] = navigator.covariance_period
-    c[at.GAP_DT] = imu.gap
-    c[at.GAP_RATE_SD] = navigator.gap_rate_sd
-    c[at.GAP_ACCEL_SD] = navigator.gap_force_sd
-    c[at.WIND_PSD] = navigator.wind_walk**2
-    c[at.DRAG_PSD] = navigator.drag_walk**2
-    c[at.GYRO_MATRIX_PSD] = 1e-12
-    c[at.I_WIND_DRAG] = at.BASE_STATES if navigator.wind_drag_states else -1
-    after_wind = at.BASE_STATES + at.WIND_DRAG_STATES * navigator.wind_drag_states
-    c[at.I_GYRO_MATRIX] = after_wind if navigator.gyro_matrix_states else -1
-    c[at.POINT_SAMPLED] = float(imu.sampling == "point")
-    return c
+    return make_constants(
+        gyro_noise=imu.gyro_noise,
+        accel_noise=imu.accel_noise,
+        gyro_bias_sd=imu.gyro_bias_sd,
+        gyro_bias_tau=imu.gyro_bias_tau,
+        accel_bias_sd=imu.accel_bias_sd,
+        accel_bias_tau=imu.accel_bias_tau,
+        covariance_period=navigator.covariance_period,
+        gap_dt=imu.gap,
+        gap_rate_sd=navigator.gap_rate_sd,
+        gap_accel_sd=navigator.gap_force_sd,
+        point_sampled=imu.sampling == "point",
+        gyro_matrix_states=navigator.gyro_matrix_states,
+        gyro_matrix_walk=1e-6,
+    )
 
 
 def states(parameters: Parameters) -> int:
     """Length of the error state."""
-    navigator = parameters.navigator
-    extra = at.WIND_DRAG_STATES * navigator.wind_drag_states + at.GYRO_MATRIX_STATES * navigator.gyro_matrix_states
-    return at.BASE_STATES + extra
+    return at.BASE_STATES + at.GYRO_MATRIX_STATES * parameters.navigator.gyro_matrix_states
 
 
-def with_optional_blocks(P: np.ndarray, nav: np.ndarray, parameters: Parameters) -> np.ndarray:
-    """``P`` (15, 15) of an alignment enlarged to the filter's states; sets the nominal drag in ``nav``."""
-    navigator = parameters.navigator
-    sd: list[float] = []
-    if navigator.wind_drag_states:
-        nav[at.DRAG : at.DRAG + 2] = navigator.drag
-        sd += [navigator.wind_sd] * 2 + [navigator.drag_sd] * 2
-    if navigator.gyro_matrix_states:
-        sd += [navigator.gyro_matrix_sd] * at.GYRO_MATRIX_STATES
-    full = np.zeros((at.BASE_STATES + len(sd),) * 2)
+def with_optional_blocks(P: np.ndarray, parameters: Parameters) -> np.ndarray:
+    """``P`` (15, 15) of an alignment enlarged to the filter's states."""
+    full = np.diag(np.full(states(parameters), parameters.navigator.gyro_matrix_sd**2))
     full[: at.BASE_STATES, : at.BASE_STATES] = P
-    full[range(at.BASE_STATES, len(full)), range(at.BASE_STATES, len(full))] = np.square(sd)
     return full
 
 

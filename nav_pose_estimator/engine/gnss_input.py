@@ -210,6 +210,12 @@ class GnssInput:
         else:
             self._journal.count("gnss.used.velocity")
 
+    @property
+    def origin(self) -> tuple[float, float, float]:
+        """Origin of the local frame; only a running filter has one."""
+        assert self._origin is not None, "the filter does not run yet"
+        return self._origin
+
     # --- small things ------------------------------------------------------------------------------------------------
 
     def _refuse(self, stamp_ns: int, name: str, why: str) -> bool:

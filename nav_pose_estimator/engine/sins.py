@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.earth import lla_to_enu, radii
 from nav_pose_estimator.core.kalman import predicted_horizontal_sd
 from nav_pose_estimator.engine import filter_setup, start_up
 from nav_pose_estimator.engine.aid_input import AidInput
@@ -33,8 +32,8 @@ from nav_pose_estimator.engine.samples import (
     SetPose,
     VelocityError,
 )
-from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, NavSolution, Output, Status
-from nav_pose_estimator.engine.timeline import Observation, Timeline
+from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, Output, Status
+from nav_pose_estimator.engine.timeline import Observation, Timeline, single_solution, step_enu
 
 _NS = 1e-9
 _PRIORITY = {POSITION: 0, VELOCITY: 1}
@@ -183,7 +182,10 @@ class SinsEngine:
                 self._note_imu(item)
             else:
                 row = np.array([[self._seconds(item.stamp_ns), *item.gyro, *item.accel]])
-                outputs += [self._solution(b) for b in self._advance(np.array([item.stamp_ns]), row)]
+                outputs += [
+                    single_solution(block, self._timeline, self._gnss.origin)
+                    for block in self._advance(np.array([item.stamp_ns]), row)
+                ]
         return outputs
 
     def _on_imu_block(self, block: ImuBlock) -> list[Output]:
@@ -233,7 +235,7 @@ class SinsEngine:
             return
         before = self._timeline.nav[at.LAT : at.VEL].copy()
         self._timeline.settle()
-        self._shift += _step_enu(before, self._timeline.nav)
+        self._shift += step_enu(before, self._timeline.nav)
 
     def _align(self, row: np.ndarray) -> None:
         self._timeline.remember(row)
@@ -249,34 +251,12 @@ class SinsEngine:
         nav, P = start.nav.copy(), start.P
         if self._origin is None:
             self._origin = tuple(nav[at.LAT : at.VEL].tolist())
-        P = filter_setup.with_optional_blocks(P, nav, self.parameters)
+        P = filter_setup.with_optional_blocks(P, self.parameters)
         self._gnss.begin(float(nav[at.TIME]), self._origin)
         self._timeline.start(nav, P)
         text = f"aligned ({start.method}), heading to {math.degrees(math.sqrt(P[at.PHI + 2, at.PHI + 2])):.1f} deg"
         self._journal.say(self._stamp(now), "aligned", Level.INFO, text)
         self._modes.update(now, self._gnss, self._aids, self._journal, self._stamp)
-
-    def _solution(self, block: NavBlock) -> NavSolution:
-        assert self._origin is not None  # set when the navigator starts, before the first block
-        row, nav = block.rows[0], self._timeline.nav
-        lat, lon, alt = row[at.OUT_POS : at.OUT_VEL].tolist()
-        return NavSolution(
-            stamp_ns=int(block.stamps_ns[0]),
-            mode=block.mode,
-            lat=lat,
-            lon=lon,
-            alt=alt,
-            vel_n=row[at.OUT_VEL : at.OUT_QUAT],
-            q_nb=row[at.OUT_QUAT : at.OUT_RATE],
-            rate_b=row[at.OUT_RATE : at.OUT_FORCE],
-            force_b=row[at.OUT_FORCE : at.OUT_VAR],
-            gyro_bias=nav[at.GYRO_BIAS : at.ACCEL_BIAS].copy(),
-            accel_bias=nav[at.ACCEL_BIAS : at.WIND].copy(),
-            cov=self._timeline.P[: at.BASE_STATES, : at.BASE_STATES].copy(),
-            position_enu=lla_to_enu(lat, lon, alt, *self._origin),
-            correction_enu=block.correction_enu,
-            reset_count=block.reset_count,
-        )
 
     # --- GNSS --------------------------------------------------------------------------------------------------------
 
@@ -387,7 +367,7 @@ class SinsEngine:
             aided = o.t - self._gnss.last_used <= self.parameters.navigator.lost_after
             self._aids.apply(o, nav, P, aided)
         if not self._timeline.replaying:
-            self._shift += _step_enu(before, nav)
+            self._shift += step_enu(before, nav)
 
     def _time_of(self, stamp_ns: int, family: str) -> float | None:
         """Engine time of a stamp; None (and counted) before the first IMU sample or without a stamp."""
@@ -409,10 +389,3 @@ class SinsEngine:
 
     def _stamp(self, t: float) -> int:
         return int(self._epoch_ns or 0) + round(t * 1e9)
-
-
-def _step_enu(before: np.ndarray, nav: np.ndarray) -> np.ndarray:
-    """A correction of the position (3,) [m, ENU], which is small against the Earth."""
-    r_m, r_n = radii(nav[at.LAT])
-    d_lat, d_lon, d_alt = (nav[at.LAT : at.VEL] - before).tolist()
-    return np.array([d_lon * (r_n + nav[at.ALT]) * math.cos(nav[at.LAT]), d_lat * (r_m + nav[at.ALT]), d_alt])

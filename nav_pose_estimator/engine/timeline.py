@@ -8,14 +8,18 @@ interval at its own time, a late or out-of-order observation leads to the same n
 from __future__ import annotations
 
 import bisect
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from nav_pose_estimator.core.layout import IMU_COLUMNS, IMU_T, OUT_COLUMNS, POINT_SAMPLED, TIME
+from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.core.earth import lla_to_enu, radii
+from nav_pose_estimator.core.layout import ALT, IMU_COLUMNS, IMU_T, LAT, OUT_COLUMNS, POINT_SAMPLED, TIME, VEL
 from nav_pose_estimator.core.strapdown import flush_covariance, run_imu
+from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 
 
 @dataclass(slots=True)
@@ -229,3 +233,33 @@ class Timeline:
     def _drop_rows_before(self, t: float) -> None:
         # the row at or before t stays: point-sampled data interpolate from it
         self._first += max(int(np.searchsorted(self._live()[:, IMU_T], t)) - 1, 0)
+
+
+def step_enu(before: np.ndarray, nav: np.ndarray) -> np.ndarray:
+    """A correction of the position (3,) [m, ENU], which is small against the Earth."""
+    r_m, r_n = radii(nav[LAT])
+    d_lat, d_lon, d_alt = (nav[LAT:VEL] - before).tolist()
+    return np.array([d_lon * (r_n + nav[ALT]) * math.cos(nav[LAT]), d_lat * (r_m + nav[ALT]), d_alt])
+
+
+def single_solution(block: NavBlock, timeline: Timeline, origin: tuple[float, float, float]) -> NavSolution:
+    """The solution of a block of one sample, at which ``timeline`` stands, with its covariance and biases."""
+    row, nav = block.rows[0], timeline.nav
+    lat, lon, alt = row[at.OUT_POS : at.OUT_VEL].tolist()
+    return NavSolution(
+        stamp_ns=int(block.stamps_ns[0]),
+        mode=block.mode,
+        lat=lat,
+        lon=lon,
+        alt=alt,
+        vel_n=row[at.OUT_VEL : at.OUT_QUAT],
+        q_nb=row[at.OUT_QUAT : at.OUT_RATE],
+        rate_b=row[at.OUT_RATE : at.OUT_FORCE],
+        force_b=row[at.OUT_FORCE : at.OUT_VAR],
+        gyro_bias=nav[at.GYRO_BIAS : at.ACCEL_BIAS].copy(),
+        accel_bias=nav[at.ACCEL_BIAS : at.WIND].copy(),
+        cov=timeline.P[: at.BASE_STATES, : at.BASE_STATES].copy(),
+        position_enu=lla_to_enu(lat, lon, alt, *origin),
+        correction_enu=block.correction_enu,
+        reset_count=block.reset_count,
+    )

@@ -11,21 +11,7 @@ class NavigatorParameters:
 
     covariance_period: float = param(0.02, "s", "Time between covariance steps", 0.001, 1.0)
     memory: float = param(1.5, "s", "How old an observation may be when it arrives", 0.1, 10.0)
-    wind_drag_states: bool = param(False, "", "Estimate wind and linear drag from the specific force (multirotors)")
     gyro_matrix_states: bool = param(False, "", "Estimate the gyroscope's scale factors and misalignments (9 states)")
-    wind_sd: float = param(3.0, "m/s", "Deviation of the wind before it is known", 0.1, 50.0)
-    wind_walk: float = param(0.1, "m/s/sqrt(s)", "Random walk of the wind", 0.0, 10.0, mutable=True)
-    drag: float = param(0.25, "1/s", "Linear drag coefficient before it is known", 0.0, 5.0)
-    drag_sd: float = param(0.15, "1/s", "Deviation of the drag coefficient before it is known", 0.0, 5.0)
-    drag_walk: float = param(0.002, "1/s/sqrt(s)", "Random walk of the drag coefficient", 0.0, 1.0, mutable=True)
-    drag_noise: float = param(
-        0.6,
-        "m/s^2",
-        "Deviation of a one-second mean of the specific force from the drag model",
-        0.01,
-        20.0,
-        mutable=True,
-    )
     gyro_matrix_sd: float = param(
         0.005, "", "Deviation of scale factors and misalignments before they are known", 0.0, 0.1
     )
