@@ -43,6 +43,7 @@ from nav_pose_estimator.core.attitude_layout import (
     SUM_RATE_SQUARE,
     SUM_TIME,
     SUM_TURN,
+    SUM_WALK,
     SWAY,
     TIMING_SD,
     TRUST,
@@ -132,16 +133,11 @@ def propagate(s, dt, w, f):
         s[SUM_TURN + i] += turn[i]
         s[SUM_FORCE_N + i] += dt * f_n[i]
     s[SWAY + 2] -= dt * s[GRAVITY]
+    gap = s[GAP_RATE_SD] * dt if dt > s[GAP_DT] else 0.0
+    s[SUM_WALK] += (s[WANDER_PSD] + s[EXTRA_PSD]) * dt + gap * gap
     s[SUM_TIME] += dt
     s[SUM_RATE_SQUARE] += dt * dot(w, w)
     s[SUM_FORCE_SQUARE] += dt * dot(f, f)
-
-
-@kernel
-def wander(s, dt):
-    """Variance [rad^2] per axis by which the attitude walks in ``dt`` [s], a gap in the data included."""
-    gap = s[GAP_RATE_SD] * dt if dt > s[GAP_DT] else 0.0
-    return (s[WANDER_PSD] + s[EXTRA_PSD]) * dt + gap * gap
 
 
 @kernel
@@ -203,6 +199,17 @@ def write_covariance(s, P):
     for i in range(3):
         for j in range(3):
             s[COV + 3 * i + j] = P[i, j] + delay * r[i] * r[j]
+
+
+@kernel
+def write_row(s, out, row):
+    """The present estimate into ``out`` [row]: attitude (4), larger variance of tilt, variance of heading, bias (3)."""
+    for i in range(4):
+        out[row, i] = s[QUAT + i]
+    out[row, 4] = max(s[COV], s[COV + 4])
+    out[row, 5] = s[COV + 8]
+    for i in range(3):
+        out[row, 6 + i] = s[BIAS + i]
 
 
 @kernel

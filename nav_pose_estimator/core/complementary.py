@@ -26,7 +26,6 @@ from nav_pose_estimator.core.attitude_layout import (
     COLUMNS,
     FIELD_H,
     FIELD_TRUST,
-    HEAD_SIZE,
     HEADING_PSD,
     LEARN_AFTER,
     LEARN_PSD,
@@ -47,6 +46,7 @@ from nav_pose_estimator.core.attitude_layout import (
     SUM_RATE,
     SUM_TIME,
     SUM_TURN,
+    SUM_WALK,
     SWAY,
     SWAY_PSD,
     SWAY_VAR,
@@ -59,21 +59,22 @@ from nav_pose_estimator.core.attitude_motion import (
     propagate,
     turn_heading,
     turn_in_n,
-    wander,
     watch_acceleration,
     watch_rest,
     write_covariance,
+    write_row,
 )
 from nav_pose_estimator.core.jit import kernel
 from nav_pose_estimator.core.magnetic_field import FIRST, NOTHING, USUAL, observe_field
-from nav_pose_estimator.core.triples import load4, q_columns
+from nav_pose_estimator.core.triples import load3, load4, q_columns
 
 # --- error state and where its covariance and scratch space lie ----------------------------------------------------
 PHI, D_SWAY, D_BIAS, D_MATRIX, STATES = 0, 3, 5, 8, 17
 COVARIANCE = OWN  # (17, 17)
 GAIN = COVARIANCE + STATES * STATES  # 17: last Kalman gain
-TURN_MAP = GAIN + STATES  # (3, 12): change of phi in the window by bias and matrix
-CROSS = TURN_MAP + 36  # (3, 17): TURN_MAP times the covariance of bias and matrix
+GAIN_2 = GAIN + STATES  # 17: the second one of a pair
+BODY_TURN = GAIN_2 + STATES  # (3, 17): covariance of the window's turn in b, caused by bias and matrix, with all states
+CROSS = BODY_TURN + 3 * STATES  # (3, 17): the same in n, as a change of phi
 TILT_VAR, HEADING_VAR, SWAY_START_VAR = CROSS + 51, CROSS + 52, CROSS + 53  # initial variances
 SIZE = SWAY_START_VAR + 1
 
@@ -87,13 +88,9 @@ def step(s, dt, wx, wy, wz, fx, fy, fz):
     if s[AGE] < 0.0:
         _start(s, (wx, wy, wz), (fx, fy, fz))
         return
-    P = s[COVARIANCE:GAIN].reshape(STATES, STATES)
     propagate(s, dt, (wx, wy, wz), (fx, fy, fz))
-    walk = wander(s, dt)
-    for i in range(3):
-        P[i, i] += walk
-    if s[SUM_TIME] >= s[PERIOD] * 0.999:
-        _feed_back(s, P)
+    if s[SUM_TIME] >= 0.999 * s[PERIOD]:
+        _feed_back(s, s[COVARIANCE:GAIN].reshape(STATES, STATES))
 
 
 @kernel
@@ -111,14 +108,13 @@ def run(s, imu, mag, out):
     """Loop of :func:`step` and :func:`add_magnetic_field`: the batch form, identical to single calls.
 
     ``imu`` (N, 7): dt, rate, force. ``mag`` (N, 3) or (0, 3): field that follows each IMU sample, NaN for none.
-    ``out`` (N, HEAD_SIZE) receives the head of the state after each sample.
+    ``out`` (N, BLOCK_COLUMNS) receives attitude, variances and bias after each sample.
     """
     for i in range(len(imu)):
         step(s, imu[i, 0], imu[i, 1], imu[i, 2], imu[i, 3], imu[i, 4], imu[i, 5], imu[i, 6])
         if len(mag) > 0 and not math.isnan(mag[i, 0] + mag[i, 1] + mag[i, 2]):
             add_magnetic_field(s, mag[i, 0], mag[i, 1], mag[i, 2])
-        for j in range(HEAD_SIZE):
-            out[i, j] = s[j]
+        write_row(s, out, i)
 
 
 @kernel
@@ -144,8 +140,7 @@ def _feed_back(s, P):
     watch_acceleration(s)
     _propagate_covariance(s, P, window)
     noise = _sway_noise(s, window)
-    for axis in range(2):
-        _correct(s, P, D_SWAY + axis, s[SWAY + axis], noise)
+    _level(s, P, noise)
     if s[STILL_TIME] > s[LEARN_AFTER]:
         for axis in range(3):
             residual = s[SUM_RATE + axis] / window - s[BIAS + axis]
@@ -169,35 +164,41 @@ def _sway_noise(s, window):
 
 @kernel
 def _propagate_covariance(s, P, window):
-    """P <- F P F' + Q over the window: bias and matrix turn, tilt sways."""
-    A = s[TURN_MAP:CROSS].reshape(3, 12)
-    X = s[CROSS : CROSS + 51].reshape(3, STATES)
-    now = q_columns(load4(s, QUAT))
-    for k in range(3):  # C of mid-window from both ends; column k takes bias k and row k of the matrix
-        for i in range(3):
-            c = 0.5 * (s[COLUMNS + 3 * k + i] + now[k][i])
-            A[i, k] = -c * window
-            for m in range(3):
-                A[i, 3 + 3 * k + m] = -c * s[SUM_TURN + m]
-    for i in range(3):
+    """P <- F P F' + Q over the window: bias and matrix turn, tilt sways.
+
+    Body axis k turns by ``window`` times bias k plus row k of the matrix times the turn of the window; ``Y`` holds the
+    covariance of that sum with all states, X = -C Y that of the resulting change of phi.
+    """
+    Y = s[BODY_TURN:CROSS].reshape(3, STATES)
+    X = s[CROSS:TILT_VAR].reshape(3, STATES)
+    now, turn = q_columns(load4(s, QUAT)), load3(s, SUM_TURN)
+    for k in range(3):
+        row = D_MATRIX + 3 * k
         for j in range(STATES):
-            total = 0.0
-            for k in range(12):
-                total += A[i, k] * P[D_BIAS + k, j]
-            X[i, j] = total
+            Y[k, j] = (
+                window * P[D_BIAS + k, j] + turn[0] * P[row, j] + turn[1] * P[row + 1, j] + turn[2] * P[row + 2, j]
+            )
+        for i in range(3):  # C of mid-window, from both ends
+            s[COLUMNS + 3 * k + i] = -0.5 * (s[COLUMNS + 3 * k + i] + now[k][i])
+    for i in range(3):
+        a, b, c = s[COLUMNS + i], s[COLUMNS + 3 + i], s[COLUMNS + 6 + i]
+        for j in range(STATES):
+            X[i, j] = a * Y[0, j] + b * Y[1, j] + c * Y[2, j]
     for i in range(3):
         for j in range(3, STATES):
             P[i, j] += X[i, j]
             P[j, i] = P[i, j]
         for j in range(3):
             total = X[i, j] + X[j, i]
-            for k in range(12):
-                total += X[i, D_BIAS + k] * A[j, k]
+            for k in range(3):
+                row = D_MATRIX + 3 * k
+                along = turn[0] * X[i, row] + turn[1] * X[i, row + 1] + turn[2] * X[i, row + 2]
+                total += (window * X[i, D_BIAS + k] + along) * s[COLUMNS + 3 * k + j]
             P[i, j] += total
     _sway_by_tilt(P, s[SUM_FORCE_N + 2])
-    for i in range(D_SWAY, STATES):
-        psd = s[SWAY_PSD] if i < D_BIAS else s[BIAS_PSD] if i < D_MATRIX else s[MATRIX_PSD]
-        P[i, i] += psd * window
+    for i in range(STATES):
+        psd = 0.0 if i < D_SWAY else s[SWAY_PSD] if i < D_BIAS else s[BIAS_PSD] if i < D_MATRIX else s[MATRIX_PSD]
+        P[i, i] += psd * window + (s[SUM_WALK] if i < D_SWAY else 0.0)
 
 
 @kernel
@@ -212,6 +213,28 @@ def _sway_by_tilt(P, up):
 
 
 @kernel
+def _level(s, P, variance):
+    """Kalman update by the sway East and North, both observed as zero with ``variance``, in one pass over P."""
+    spread = P[D_SWAY, D_SWAY] + variance
+    for i in range(STATES):
+        s[GAIN + i] = P[i, D_SWAY] / spread
+    share = spread * s[GAIN + D_SWAY + 1]  # of the second observation that the first one explains
+    spread_2 = P[D_SWAY + 1, D_SWAY + 1] - share * s[GAIN + D_SWAY + 1] + variance
+    for i in range(STATES):
+        s[GAIN_2 + i] = (P[i, D_SWAY + 1] - share * s[GAIN + i]) / spread_2
+    for i in range(STATES):
+        a, b = spread * s[GAIN + i], spread_2 * s[GAIN_2 + i]
+        for j in range(i, STATES):
+            P[i, j] -= a * s[GAIN + j] + b * s[GAIN_2 + j]
+            P[j, i] = P[i, j]
+    east = s[SWAY]
+    north = s[SWAY + 1] - s[GAIN + D_SWAY + 1] * east
+    for i in range(STATES):
+        s[GAIN + i] = s[GAIN + i] * east + s[GAIN_2 + i] * north
+    _apply(s, 1.0)
+
+
+@kernel
 def _correct(s, P, index, residual, variance):
     """Kalman update by one observed error state, ``residual`` with ``variance``, and into the estimate with it."""
     spread = P[index, index] + variance
@@ -221,6 +244,12 @@ def _correct(s, P, index, residual, variance):
         for j in range(i, STATES):
             P[i, j] -= spread * s[GAIN + i] * s[GAIN + j]
             P[j, i] = P[i, j]
+    _apply(s, residual)
+
+
+@kernel
+def _apply(s, residual):
+    """Put GAIN times ``residual`` into the estimate."""
     turn_in_n(s, (s[GAIN] * residual, s[GAIN + 1] * residual, s[GAIN + 2] * residual))
     s[SWAY] -= s[GAIN + D_SWAY] * residual
     s[SWAY + 1] -= s[GAIN + D_SWAY + 1] * residual
