@@ -3,7 +3,7 @@
 Times are seconds since the bag's first stamp, angles radians, heights metres above the ellipsoid, vectors ENU.
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from nav_pose_estimator.engine.solutions import NavBlock
 
 Array = np.ndarray
 _VAR_DVEL, _VAR_DPOS = OUT_VAR + 3, OUT_VAR + 6
+_SAME_EPOCH_NS = 100_000_000
 TRACK_HZ = 50.0
 """Rows of the estimate that are kept. Straight lines between them are off by less than 1 mm at 20 m/s^2."""
 
@@ -171,19 +172,24 @@ class Reference:
 
 
 def gnss_reference(
-    fixes: Iterable[GnssFix], velocities: Iterable[GnssVelocity], epoch_ns: int, delay: float
+    fixes: Sequence[GnssFix], velocities: Sequence[GnssVelocity], epoch_ns: int, delay: float
 ) -> Reference:
     """The fixes of a receiver as a reference, each at its time of validity (stamp minus ``delay`` [s])."""
-    good = {fix.stamp_ns: fix for fix in fixes if fix.status >= 0 and np.isfinite([fix.lat, fix.lon, fix.alt]).all()}
-    stamps = sorted(good)
-    position = np.array([[good[s].lat, good[s].lon, good[s].alt] for s in stamps]).reshape(-1, 3)
-    speeds = {v.stamp_ns: v.vel_enu for v in velocities}
-    velocity = None
-    if speeds and stamps:
-        known = np.array(sorted(speeds))
-        nearest = known[np.clip(np.searchsorted(known, np.array(stamps) - 50_000_000), 0, len(known) - 1)]
-        close = np.abs(nearest - np.array(stamps)) <= 100_000_000
-        velocity = np.array([speeds[int(n)] for n in nearest])
-        velocity[~close] = np.nan
-    t = (np.array(stamps, np.int64) - epoch_ns) * 1e-9 - delay
-    return Reference("GNSS", t, position, velocity)
+    rows = np.array([(f.lat, f.lon, f.alt, f.status) for f in fixes], float).reshape(-1, 4)
+    stamps = np.array([f.stamp_ns for f in fixes], np.int64)
+    good = np.isfinite(rows).all(axis=1) & (rows[:, 3] >= 0.0) & (stamps > 0)
+    stamps, first = np.unique(stamps[good], return_index=True)  # in order of time, repeated fixes once
+    velocity = _velocities_at(stamps, velocities) if velocities else None
+    return Reference("GNSS", (stamps - epoch_ns) * 1e-9 - delay, rows[good][first, :3], velocity)
+
+
+def _velocities_at(stamps: Array, velocities: Sequence[GnssVelocity]) -> Array:
+    """(N, 3) the velocity nearest to each of ``stamps`` (N,), NaN where none is within 0.1 s."""
+    known, first = np.unique(np.array([v.stamp_ns for v in velocities], np.int64), return_index=True)
+    values = np.array([v.vel_enu for v in velocities], float)[first]
+    after = np.clip(np.searchsorted(known, stamps), 0, len(known) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(np.abs(known[before] - stamps) < np.abs(known[after] - stamps), before, after)
+    found = values[nearest]
+    found[np.abs(known[nearest] - stamps) > _SAME_EPOCH_NS] = np.nan
+    return found
