@@ -34,7 +34,7 @@ from nav_pose_estimator.core.rotation import quat_to_matrix, wrap_angle
 
 @kernel
 def gnss_position(nav, states, lat, lon, alt, lever):
-    """Antenna position. ``lat``, ``lon`` [rad], ``alt`` [m], ``lever`` (3,) antenna from the IMU in b [m]; z in m, ENU."""
+    """Antenna position. ``lat``, ``lon`` [rad], ``alt`` [m], ``lever`` (3,) IMU to antenna in b [m]; z in m, ENU."""
     z = np.zeros(3)
     H = np.zeros((3, states))
     C = quat_to_matrix(nav[QUAT : QUAT + 4])
@@ -169,9 +169,9 @@ def body_velocity(nav, states, velocity, lever):
 
 @kernel
 def drag_force(nav, states, i_wind_drag):
-    """Specific force along body x and y against linear drag, ``f_xy = -D (C^T (v - w))_xy`` (z: expected minus measured).
+    """Specific force along body x and y against linear drag, ``f_xy = -D (C^T (v - w))_xy``; z: expected minus measured.
 
-    Linear rotor drag: Martin and Salaun, The true role of accelerometer feedback in quadrotor control, ICRA 2010, eq. 9.
+    Linear rotor drag: Martin, Salaun, The true role of accelerometer feedback in quadrotor control, ICRA 2010, eq. 9.
     The states wind (2) and D (2) start at ``i_wind_drag``; they are "what is missing", like the biases.
     """
     z = np.zeros(2)

@@ -13,12 +13,12 @@ import yaml
 
 from nav_pose_estimator.engine.parameter_schema import ParameterError, update
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.ros import READ_BY_ROS
 
 SECTION = "ros__parameters"
 SINGLE_NODES = ("attitude_node", "sins_node", "anfis_node")
 COMPOSED_NODE = "pose_estimator"
 _WILDCARD, _SINGLE, _COMPOSED = 1, 2, 3
-_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 def load_parameters(path: Path | str | None) -> Parameters:
@@ -101,5 +101,5 @@ def _flatten(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
         key = f"{prefix}{name}"
         if isinstance(value, Mapping):
             yield from _flatten(value, f"{key}.")
-        elif not key.startswith(_OF_ROS):
+        elif not key.startswith(READ_BY_ROS):
             yield key, value

@@ -14,8 +14,7 @@ from rclpy.parameter import Parameter
 
 from nav_pose_estimator.engine.parameter_schema import ParameterError, Spec, specs, update
 from nav_pose_estimator.engine.parameters import Parameters
-
-_OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+from nav_pose_estimator.engine.parameters.ros import READ_BY_ROS
 
 
 def declare(node: Node, defaults: Any = None) -> Any:
@@ -29,7 +28,7 @@ def declare(node: Node, defaults: Any = None) -> Any:
 def overrides(node: Node) -> dict[str, Any]:
     """What files and command line set for ``node``, without what rclpy itself understands."""
     given = node._parameter_overrides  # rclpy has no public way to see an override that nobody declares
-    return {name: _tree_value(item.value) for name, item in given.items() if not name.startswith(_OF_RCLPY)}
+    return {name: _tree_value(item.value) for name, item in given.items() if not name.startswith(READ_BY_ROS)}
 
 
 def descriptor(spec: Spec) -> ParameterDescriptor:
@@ -76,7 +75,7 @@ class LiveParameters:
             self._apply(self.current)
 
     def _ours(self, changes: Iterable[Parameter]) -> dict[str, Any]:
-        return {item.name: _tree_value(item.value) for item in changes if not item.name.startswith(_OF_RCLPY)}
+        return {item.name: _tree_value(item.value) for item in changes if not item.name.startswith(READ_BY_ROS)}
 
 
 def _ros_value(value: Any) -> Any:

@@ -4,6 +4,9 @@ from dataclasses import dataclass, field
 
 from nav_pose_estimator.engine.parameter_schema import param
 
+READ_BY_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+"""How the parameters begin that rclpy itself reads; they stand in the same files and are none of ours."""
+
 
 @dataclass(frozen=True)
 class InputParameters:
