@@ -1,0 +1,346 @@
+"""Hybrid learning: consequents by least squares, premises by conjugate gradient on the reduced objective.
+
+    E(v, Theta) = 1/(2 N) ||Phi(v) Theta - T||^2 + rho/2 ||Theta||^2 + kappa/2 ||v - v0||^2 / dim v            (1)
+
+The consequents Theta enter linearly. They are eliminated: E*(v) = min_Theta E(v, Theta) (variable projection, Golub &
+Pereyra 1973), and the gradient of E* is the partial gradient of E at the best Theta. So every evaluation is a forward
+pass with least squares and a backward pass with the gradient, as in Jang's hybrid rule (1993) and in CN113777645A
+(claim 3), and yet the conjugate gradient sees one fixed function; if the two passes took turns, the function would
+change under its feet with every step. Everything here works on standardised numbers.
+"""
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from nav_pose_estimator.core.conjugate_gradient import fletcher_reeves
+from nav_pose_estimator.core.swarm import particle_swarm
+from nav_pose_estimator.core.takagi_sugeno import (
+    Premises,
+    design_matrix,
+    log_firing,
+    memberships,
+    normalise_firing,
+    outputs,
+    turn_into_slopes,
+    with_one,
+)
+
+_METRIC_DAMPING = 0.1  # of its mean diagonal
+_METRIC_SAMPLES = 2  # at least, per premise parameter
+_PARTICLES = 24
+_RIDGES = 10.0 ** np.arange(-9, 0)
+_CAUTION = 1.4  # of the cross-validation about degrees of freedom: 1 is the plain form, which chooses too little ridge
+
+
+def positive_factor(matrix: np.ndarray) -> tuple[np.ndarray, float]:
+    """Lower Cholesky factor of a symmetric matrix and the jitter that it took.
+
+    Jitter is a multiple of the mean diagonal added to the diagonal: 0, and when rounding has made the matrix indefinite
+    1e-14, 1e-12, ... The upper triangle of the factor is not cleared.
+    """
+    jitter, scale = 0.0, max(float(np.trace(matrix)) / len(matrix), 1e-300)
+    while True:
+        try:
+            return cho_factor(matrix + jitter * scale * np.eye(len(matrix)), lower=True)[0], jitter
+        except np.linalg.LinAlgError:
+            jitter = max(100.0 * jitter, 1e-14)
+
+
+def ridge_least_squares(design: np.ndarray, targets: np.ndarray, ridge: float) -> np.ndarray:
+    """Theta (P, m) that minimises 1/(2 N) ||Phi Theta - T||^2 + ridge/2 ||Theta||^2, by Cholesky.
+
+    ``design`` (P, N) is Phi transposed, ``targets`` (m, N). The regressors of a fuzzy network are always nearly
+    dependent (the normalised strengths sum to 1): ``ridge`` > 0 decides what the data leave open.
+    """
+    return _ridge(design, targets, ridge)[0]
+
+
+def _ridge(design: np.ndarray, targets: np.ndarray, ridge: float) -> tuple[np.ndarray, np.ndarray, float]:
+    factor, jitter = positive_factor(_normal_matrix(design, ridge))
+    return cho_solve((factor, True), design @ targets.T / targets.shape[1]), factor, jitter
+
+
+def _normal_matrix(design: np.ndarray, ridge: float) -> np.ndarray:
+    matrix = design @ design.T
+    matrix /= design.shape[1]
+    matrix.flat[:: len(matrix) + 1] += ridge
+    return matrix
+
+
+def choose_ridge(design: np.ndarray, targets: np.ndarray) -> float:
+    """The ridge among 1e-9, 1e-8 ... 0.1 with the least generalised cross-validation error.
+
+    GCV = RSS / N / (1 - 1.4 df / N)^2 (Golub, Heath & Wahba 1979; the factor: Cummins, Filloon & Nychka 2001), from one
+    eigendecomposition for all candidates.
+    """
+    samples = targets.shape[1]
+    values, vectors = np.linalg.eigh(_normal_matrix(design, 0.0))
+    values = np.maximum(values, 0.0)
+    moments = vectors.T @ (design @ targets.T) / samples
+
+    def error(ridge: float) -> float:
+        residual = targets - (vectors @ (moments / (values + ridge)[:, None])).T @ design
+        freedom = 1.0 - _CAUTION * float(np.sum(values / (values + ridge))) / samples
+        return float(np.mean(np.square(residual))) / max(freedom, 1e-3) ** 2
+
+    return float(min(_RIDGES, key=error))
+
+
+class RecursiveLeastSquares:
+    """Least squares one sample at a time, with exponential forgetting (Ljung 1999, eq. 11.12; Jang 1993, eq. 17).
+
+    ``theta`` (P, m) minimises sum_k forgetting^(K-k) ||t_k - theta' phi_k||^2 + forgetting^K ridge ||theta||^2. With
+    forgetting 1 it equals ``ridge_least_squares`` with ridge / N. Without excitation forgetting lets the covariance
+    grow without limit: its trace is held at ``trace_cap``, and ``capped`` counts how often.
+    """
+
+    def __init__(
+        self, features: int, outputs: int, *, ridge: float = 1e-3, forgetting: float = 0.999, trace_cap: float = 1e6
+    ) -> None:
+        self.theta = np.zeros((features, outputs))
+        self.covariance = np.eye(features) / ridge
+        self.forgetting = forgetting
+        self.trace_cap = max(trace_cap, features / ridge)
+        self.capped = 0
+
+    def update(self, phi: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """Learn one sample, ``phi`` (P,) and ``target`` (m,); return the error (m,) of the prediction made before."""
+        error = target - phi @ self.theta
+        spread = self.covariance @ phi
+        gain = spread / (self.forgetting + phi @ spread)
+        self.theta += np.outer(gain, error)
+        self.covariance -= np.outer(gain, spread)
+        self.covariance /= self.forgetting
+        self.covariance = 0.5 * (self.covariance + self.covariance.T)
+        trace = np.trace(self.covariance)
+        if trace > self.trace_cap:
+            self.covariance *= self.trace_cap / trace
+            self.capped += 1
+        return error
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """What one evaluation leaves behind: the linear problem at ``vector`` and the premises' way into it."""
+
+    vector: np.ndarray
+    consequents: np.ndarray  # (P, m)
+    factor: np.ndarray  # (P, P) lower Cholesky factor of the normal equations
+    design: np.ndarray  # (P, N)
+    slopes: np.ndarray  # (3, n, R, N) d ln mu / d v
+    influence: np.ndarray  # (R, m, N) d y / d ln w
+    rmse: float
+
+
+class ReducedObjective:
+    """E*(v) of equation (1) and its gradient, for ``fletcher_reeves`` or any other minimiser.
+
+    ``premises`` are the start v0, ``inputs`` (n, N) and ``targets`` (m, N) standardised. ``ridge`` None: chosen by
+    ``choose_ridge`` at the start. ``prior`` None: the mean square residual at the start times dim v / N, as if the
+    premises were known to one deviation of their input. ``evaluations`` and ``jittered`` (evaluations whose normal
+    equations needed jitter) count.
+    """
+
+    def __init__(
+        self, premises: Premises, inputs: np.ndarray, targets: np.ndarray, ridge: float | None, prior: float | None
+    ) -> None:
+        self.premises = premises
+        self.inputs, self.targets = np.ascontiguousarray(inputs), np.ascontiguousarray(targets)
+        self.extended = with_one(self.inputs)
+        self.start = premises.vector()
+        self.evaluations = self.jittered = 0
+        self._last: _Pass | None = None
+        design = design_matrix(normalise_firing(log_firing(premises, self.inputs)), self.extended)
+        self.ridge = choose_ridge(design, self.targets) if ridge is None else ridge
+        if prior is None:
+            residual = ridge_least_squares(design, self.targets, self.ridge).T @ design - self.targets
+            prior = float(np.mean(np.square(residual))) * len(self.start) / self.targets.shape[1]
+        self.prior = prior
+
+    def __call__(self, vector: np.ndarray) -> tuple[float, np.ndarray]:
+        """Value and gradient at ``vector`` (3 n R,); infinite where the numbers leave the range of float64."""
+        self.evaluations += 1
+        with np.errstate(all="ignore"):
+            premises = self.premises.with_vector(vector)
+            layer = memberships(premises, self.inputs)
+            firing = normalise_firing(layer[0].sum(axis=0))
+            if not np.isfinite(firing.sum()):
+                return np.inf, np.zeros_like(vector)
+            design = design_matrix(firing, self.extended)
+            consequents, factor, jitter = _ridge(design, self.targets, self.ridge)
+            self.jittered += jitter > 0.0
+            turn_into_slopes(layer, premises, self.inputs)
+        residual = consequents.T @ design - self.targets
+        influence = self._influence(firing, consequents, residual)
+        rmse = float(np.sqrt(np.mean(np.square(residual))))
+        self._last = _Pass(vector.copy(), consequents, factor, design, layer, influence, rmse)
+        push = np.einsum("imk,mk->ik", influence, residual) / residual.shape[1]
+        move = vector - self.start
+        gradient = np.einsum("ajik,ik->aji", layer, push).ravel() + self.prior / len(move) * move
+        return self._value(residual, consequents, move), gradient
+
+    def _value(self, residual: np.ndarray, consequents: np.ndarray, move: np.ndarray) -> float:
+        fit = np.vdot(residual, residual) / residual.shape[1]
+        return 0.5 * float(
+            fit + self.ridge * np.vdot(consequents, consequents) + self.prior / len(move) * np.vdot(move, move)
+        )
+
+    def _influence(self, firing: np.ndarray, consequents: np.ndarray, residual: np.ndarray) -> np.ndarray:
+        """d y / d ln w_i = wn_i (h_i - y), (R, m, N), with h_i the consequent of rule i."""
+        rules, terms = len(firing), len(self.extended)
+        h = consequents.reshape(rules, terms, -1).transpose(0, 2, 1) @ self.extended
+        return firing[:, None, :] * (h - (residual + self.targets))
+
+    def _pass(self, vector: np.ndarray) -> _Pass:
+        if self._last is None or not np.array_equal(self._last.vector, vector):
+            self(vector)
+        assert self._last is not None
+        return self._last
+
+    def consequents(self, vector: np.ndarray) -> np.ndarray:
+        """The best consequents (R (n + 1), m) at ``vector``."""
+        return self._pass(vector).consequents
+
+    def rmse(self, vector: np.ndarray) -> float:
+        """Root mean square of the standardised residuals at ``vector``."""
+        return self._pass(vector).rmse
+
+    def metric(self, vector: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """The function g -> M^-1 g, M the damped Gauss-Newton matrix of E* at ``vector`` (Kaufman 1975).
+
+        With J = d y / d v at fixed consequents, M = J' (I - Phi (Phi'Phi + N rho I)^-1 Phi') J / N + damping. It only
+        has to be roughly right: of many samples every second, third, ... is used.
+        """
+        last, size = self._pass(vector), len(vector)
+        step = max(1, self.targets.shape[1] // (_METRIC_SAMPLES * size))
+        design, slopes = last.design[:, ::step], last.slopes[..., ::step]
+        samples = design.shape[1]
+        factor = last.factor if step == 1 else positive_factor(_normal_matrix(design, self.ridge))[0]
+        matrix = np.zeros((size, size))
+        for influence in last.influence[..., ::step].transpose(1, 0, 2):
+            jacobian = (slopes * influence).reshape(size, samples)
+            explained = solve_triangular(factor, design @ jacobian.T, lower=True) / samples
+            matrix += jacobian @ jacobian.T / samples - explained.T @ explained
+        matrix.flat[:: size + 1] += _METRIC_DAMPING * max(np.trace(matrix) / size, 0.0) + self.prior / size
+        factor, _ = positive_factor(matrix)
+        return lambda gradient: cho_solve((factor, True), gradient)
+
+    def curvature(self, vector: np.ndarray, direction: np.ndarray) -> float:
+        """p' M p along ``direction`` p, with the Gauss-Newton matrix M of ``metric`` from all samples and undamped."""
+        last = self._pass(vector)
+        push = np.einsum("ajik,aji->ik", last.slopes, direction.reshape(last.slopes.shape[:3]))
+        change = np.einsum("imk,ik->mk", last.influence, push)
+        explained = solve_triangular(last.factor, last.design @ change.T, lower=True) / change.shape[1]
+        square = np.vdot(change, change) / change.shape[1] - np.vdot(explained, explained)
+        return float(square) + self.prior / len(vector) * float(direction @ direction)
+
+
+@dataclass(frozen=True)
+class LearningCurve:
+    """What happened in training. Entry 0 of the curves is the start; RMS errors as parts of the targets' deviation.
+
+    ``best`` is the entry that was kept, ``stopped`` why learning ended: "one rule", "iterations", "converged" or
+    "validation". ``jittered`` counts evaluations whose normal equations needed jitter.
+    """
+
+    training: tuple[float, ...]
+    validation: tuple[float, ...]
+    best: int
+    stopped: str
+    evaluations: int
+    jittered: int
+    ridge: float
+    prior: float
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Standardised samples that are not learnt: ``inputs`` (n, N), ``targets`` (m, N)."""
+
+    inputs: np.ndarray
+    targets: np.ndarray
+
+    def rmse(self, premises: Premises, consequents: np.ndarray) -> float:
+        """Root mean square of the standardised residuals."""
+        return float(np.sqrt(np.mean(np.square(outputs(premises, consequents, self.inputs) - self.targets))))
+
+
+def frcg_steps(objective: ReducedObjective) -> Iterator[np.ndarray]:
+    """Premise vectors by Fletcher-Reeves in the Gauss-Newton metric."""
+    for iterate in fletcher_reeves(objective, objective.start, objective.metric, objective.curvature):
+        yield iterate.x
+
+
+def swarm_steps(
+    objective: ReducedObjective,
+    validation: Validation | None,
+    *,
+    iterations: int,
+    random: np.random.Generator,
+) -> Iterator[np.ndarray]:
+    """Premise vectors by particle swarm. Fitness is the error of validation, without it the objective.
+
+    The box around the start: centres +-1 (one deviation of the input), ln a +-1, softplus^-1(b - 1/2) +-2.
+    """
+    reach = np.repeat([1.0, 1.0, 2.0], len(objective.start) // 3)
+
+    def fitness(vector: np.ndarray) -> float:
+        value, _ = objective(vector)
+        if validation is None or not np.isfinite(value):
+            return value
+        return validation.rmse(objective.premises.with_vector(vector), objective.consequents(vector))
+
+    low, high = objective.start - reach, objective.start + reach
+    for vector, _ in particle_swarm(
+        fitness, objective.start, low, high, particles=_PARTICLES, iterations=iterations, random=random
+    ):
+        yield vector
+
+
+def learn_premises(
+    objective: ReducedObjective,
+    steps: Iterator[np.ndarray],
+    validation: Validation | None,
+    *,
+    iterations: int,
+    patience: int,
+    tolerance: float,
+) -> tuple[Premises, np.ndarray, LearningCurve]:
+    """Follow ``steps`` and keep the best: of the validation where there is one, else the last.
+
+    Ends after ``iterations``, when the validation has not improved for ``patience`` steps, or when the training error
+    has fallen by less than the part ``tolerance`` over ``patience`` steps. Returns premises, consequents, curve.
+    """
+    best, best_at, stopped = objective.start, 0, "iterations"
+    training, scores = [objective.rmse(best)], []
+    if validation:
+        scores.append(validation.rmse(objective.premises, objective.consequents(best)))
+    if objective.premises.rules == 1:  # one rule always fires with strength 1: its bells have no part in the output
+        iterations, stopped = 0, "one rule"
+    for vector in itertools.islice(steps, iterations):
+        training.append(objective.rmse(vector))
+        if validation:
+            scores.append(validation.rmse(objective.premises.with_vector(vector), objective.consequents(vector)))
+        if not validation or scores[-1] < scores[best_at]:
+            best, best_at = vector, len(training) - 1
+        stopped = _stop_reason(training, best_at, patience, tolerance)
+        if stopped != "iterations":
+            break
+    if stopped == "iterations" and len(training) <= iterations:
+        stopped = "converged"  # no direction led any further down
+    consequents = objective.consequents(best)
+    counts = objective.evaluations, objective.jittered, objective.ridge, objective.prior
+    curve = LearningCurve(tuple(training), tuple(scores), best_at, stopped, *counts)
+    return objective.premises.with_vector(best), consequents, curve
+
+
+def _stop_reason(training: list[float], best_at: int, patience: int, tolerance: float) -> str:
+    if len(training) - 1 - best_at >= patience:
+        return "validation"
+    if len(training) > patience and training[-1] > (1.0 - tolerance) * training[-1 - patience]:
+        return "converged"
+    return "iterations"
