@@ -169,7 +169,7 @@ def body_velocity(nav, states, velocity, lever):
 
 @kernel
 def drag_force(nav, states, i_wind_drag):
-    """Specific force along body x and y against linear drag, ``f_xy = -D (C^T (v - w))_xy``; z: expected minus measured.
+    """Specific force along body x and y against linear drag, ``f_xy = -D (C^T (v - w))_xy``; z: expected - measured.
 
     Linear rotor drag: Martin, Salaun, The true role of accelerometer feedback in quadrotor control, ICRA 2010, eq. 9.
     The states wind (2) and D (2) start at ``i_wind_drag``; they are "what is missing", like the biases.
