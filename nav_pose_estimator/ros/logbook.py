@@ -16,12 +16,7 @@ class Logbook:
     """Where a node writes down what happened."""
 
     def __init__(self, logger: Any) -> None:
-        self._write = {
-            Level.DEBUG: logger.debug,
-            Level.INFO: logger.info,
-            Level.WARN: logger.warning,
-            Level.ERROR: logger.error,
-        }
+        self._logger = logger
         self.counters: Counter[str] = Counter()
 
     def note(self, event: Event) -> None:
@@ -31,6 +26,17 @@ class Logbook:
             return
         count = self.counters[event.name]
         if event.name.startswith(_ALWAYS) or count == 1:
-            self._write[event.level](event.text)
+            self._say(event.level, event.text)
         elif math.log10(count).is_integer():
-            self._write[event.level](f"{event.text} ({count} times so far)")
+            self._say(event.level, f"{event.text} ({count} times so far)")
+
+    def _say(self, level: Level, text: str) -> None:
+        # rclpy wants one severity for each place in the code that logs
+        if level is Level.ERROR:
+            self._logger.error(text)
+        elif level is Level.WARN:
+            self._logger.warning(text)
+        elif level is Level.INFO:
+            self._logger.info(text)
+        else:
+            self._logger.debug(text)
