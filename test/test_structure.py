@@ -3,7 +3,7 @@
 import ast
 import re
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -12,6 +12,7 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 PACKAGE = REPOSITORY / "nav_pose_estimator"
 NAME = PACKAGE.name
 MODULES = sorted(PACKAGE.rglob("*.py"))
+TESTS = sorted((REPOSITORY / "test").rglob("*.py"))
 
 # Each part may import itself, these other parts, and what stands at the top (conventions, errors).
 MAY_IMPORT = {
@@ -22,7 +23,6 @@ MAY_IMPORT = {
     "offline": {"core", "engine", "sim", "ros"},
     "nodes": {"core", "engine", "sim", "ros"},
 }
-NUMERICS_ONLY = {"numpy", "scipy", "numba"}
 ROS_LIBRARIES = re.compile(r"^(rclpy|ament_index_python|\w+_msgs|rcl_interfaces|builtin_interfaces|std_srvs)(\.|$)")
 
 
@@ -45,34 +45,44 @@ def relative(path: Path) -> str:
     return path.relative_to(REPOSITORY).as_posix()
 
 
-@pytest.mark.parametrize("path", [p for p in MODULES if part(p) in MAY_IMPORT], ids=relative)
-def test_dependencies_point_inwards(path):
-    allowed = MAY_IMPORT[part(path)] | {part(path)}
-    for line, name in imports(path):
+def offending_imports(parts: set[str], is_forbidden: Callable[[Path, str], bool]) -> list[str]:
+    return [
+        f"{relative(path)}:{line} imports {name}"
+        for path in MODULES
+        if part(path) in parts
+        for line, name in imports(path)
+        if is_forbidden(path, name)
+    ]
+
+
+def test_dependencies_point_inwards():
+    def points_outwards(path: Path, name: str) -> bool:
         pieces = name.split(".")
-        if pieces[0] == NAME and len(pieces) > 1 and pieces[1] in MAY_IMPORT:
-            assert pieces[1] in allowed, f"{relative(path)}:{line} imports {name}"
+        if pieces[0] != NAME or len(pieces) < 2 or pieces[1] not in MAY_IMPORT:
+            return False
+        return pieces[1] not in MAY_IMPORT[part(path)] | {part(path)}
+
+    assert offending_imports(set(MAY_IMPORT), points_outwards) == []
 
 
-@pytest.mark.parametrize("path", sorted((PACKAGE / "core").rglob("*.py")), ids=relative)
-def test_core_is_pure_numerics(path):
-    forbidden = {"logging", "time", "datetime", "yaml", "pathlib", "io", "os", "rclpy", "random"}
-    if path.name == "jit.py":
-        forbidden -= {"os"}  # whether to compile is read from the environment, once
-    for line, name in imports(path):
-        assert name.split(".")[0] not in forbidden, f"{relative(path)}:{line} imports {name}"
+def test_core_is_pure_numerics():
+    forbidden = {"logging", "time", "datetime", "yaml", "pathlib", "io", "random"}
+    assert offending_imports({"core"}, lambda path, name: name.split(".")[0] in forbidden) == []
 
 
-@pytest.mark.parametrize("path", [p for p in MODULES if part(p) in {"core", "engine", "sim", "offline"}], ids=relative)
-def test_ros_stays_outside(path):
-    for line, name in imports(path):
-        assert not ROS_LIBRARIES.match(name), f"{relative(path)}:{line} imports {name}"
+def test_core_reads_the_environment_only_to_learn_whether_to_compile():
+    assert {relative(p) for p in MODULES if part(p) == "core" and ("os" in {n for _, n in imports(p)})} <= {
+        f"{NAME}/core/jit.py"
+    }
 
 
-@pytest.mark.parametrize("path", sorted((PACKAGE / "engine").rglob("*.py")), ids=relative)
-def test_engines_ask_no_clock(path):
-    for line, name in imports(path):
-        assert name.split(".")[0] not in {"time", "datetime"}, f"{relative(path)}:{line} imports {name}"
+def test_ros_stays_outside():
+    inside = {"core", "engine", "sim", "offline"}
+    assert offending_imports(inside, lambda path, name: ROS_LIBRARIES.match(name) is not None) == []
+
+
+def test_engines_ask_no_clock():
+    assert offending_imports({"engine"}, lambda path, name: name.split(".")[0] in {"time", "datetime"}) == []
 
 
 def test_offline_reaches_no_rclpy_by_detours():
@@ -92,24 +102,23 @@ def test_offline_reaches_no_rclpy_by_detours():
     assert PACKAGE / "ros" / "convert.py" in reached
 
 
-@pytest.mark.parametrize("path", [*MODULES, *sorted((REPOSITORY / "test").rglob("*.py"))], ids=relative)
-def test_a_file_has_at_most_400_lines(path):
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 400
+def test_a_file_has_at_most_400_lines():
+    lengths = {relative(path): len(path.read_text(encoding="utf-8").splitlines()) for path in [*MODULES, *TESTS]}
+    assert {path: length for path, length in lengths.items() if length > 400} == {}
 
 
-def functions(path: Path) -> Iterator[ast.FunctionDef]:
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
-            yield node
-
-
-@pytest.mark.parametrize("path", MODULES, ids=relative)
-def test_public_functions_of_modules_have_docstrings(path):
+def undocumented(path: Path) -> Iterator[str]:
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    assert ast.get_docstring(tree) is not None or not tree.body, f"{relative(path)} has no docstring"
-    for node in tree.body:
-        if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
-            assert ast.get_docstring(node), f"{relative(path)}:{node.lineno}: {node.name} has no docstring"
+    if tree.body and not ast.get_docstring(tree):
+        yield relative(path)
+    definitions = (node for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef)))
+    for node in definitions:
+        if not node.name.startswith("_") and not ast.get_docstring(node):
+            yield f"{relative(path)}:{node.lineno}: {node.name}"
+
+
+def test_modules_and_their_public_names_have_docstrings():
+    assert [missing for path in MODULES for missing in undocumented(path)] == []
 
 
 def test_nothing_spins_forever():
