@@ -1,7 +1,6 @@
 """A recording through the pose estimator: the engine of the nodes, no middleware, as fast as the machine goes."""
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
@@ -18,6 +17,8 @@ from nav_pose_estimator.offline.tracks import Reference, Track, TrackRecorder
 
 STATE_PERIOD_NS = 1_000_000_000
 """Full states (biases, covariance) are kept once a second: the last IMU sample of a block is then fed by itself."""
+RESET = "reset"
+"""Event after which the navigator aligns again."""
 Progress = Callable[[int], None]
 
 
@@ -31,7 +32,6 @@ class Record:
     events: list[Event] = field(default_factory=list)
     modes: list[tuple[float, Mode]] = field(default_factory=list)
     imu_samples: int = 0
-    resets: Counter[int] = field(default_factory=Counter)
 
     def take(self, outputs: Iterable[Output]) -> None:
         """File the outputs of one call of ``feed``."""
@@ -43,8 +43,14 @@ class Record:
                 self.states.append(output)
                 self.tracks.add(as_block(output))
                 self._note_mode(output.stamp_ns, output.mode)
-            elif isinstance(output, Event) and output.text:
-                self.events.append(output)
+            elif isinstance(output, Event):
+                self._note_event(output)
+
+    def _note_event(self, event: Event) -> None:
+        if event.name == RESET:  # until the next solution there is none: the mode before must not seem to last
+            self._note_mode(event.stamp_ns, Mode.ALIGNING)
+        if event.text:
+            self.events.append(event)
 
     def _note_mode(self, stamp_ns: int, mode: Mode) -> None:
         if not self.modes or self.modes[-1][1] is not mode:

@@ -15,7 +15,7 @@ from nav_pose_estimator.engine.parameter_schema import update
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.samples import GnssVelocity, ImuBlock
-from nav_pose_estimator.engine.solutions import NavBlock
+from nav_pose_estimator.engine.solutions import Mode, NavBlock
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline import latency, methods, svg
 from nav_pose_estimator.offline.command_line import main
@@ -23,6 +23,7 @@ from nav_pose_estimator.offline.outages import Outage
 from nav_pose_estimator.offline.plain_flight import samples
 from nav_pose_estimator.offline.recording import Recording, load
 from nav_pose_estimator.offline.replay import replay
+from nav_pose_estimator.offline.report import mode_spans
 from nav_pose_estimator.offline.speed_benchmark import write_flight_bag
 from nav_pose_estimator.offline.tracks import TrackRecorder
 
@@ -280,6 +281,19 @@ def _bag_of_imu_only(tmp_path) -> Path:
 
     times = range(EPOCH_NS, EPOCH_NS + 5 * 10**9, 10**7)
     return write_bag(tmp_path / "imu_only", [(t, "/imu/data_raw", IMU, imu(t)) for t in times])
+
+
+def test_a_gap_shows_as_a_new_alignment():
+    recording = plain_recording(seconds=60.0)
+    gap = (10**18 + 30 * 10**9, 10**18 + 35 * 10**9)
+    recording.samples = [s for s in recording.samples if not gap[0] < _last_stamp(s) < gap[1]]
+    result = replay(recording, methods.apply(Parameters(), "coast"), [])
+    spans = mode_spans(result)
+    realigning = [(start, end) for start, end, mode in spans if mode is Mode.ALIGNING and start > 20.0]
+    assert len(realigning) == 1
+    assert realigning[0][0] == pytest.approx(35.0, abs=0.2)
+    assert spans[-1][2] is Mode.AIDED
+    assert np.isfinite(result.track.rows).all()
 
 
 def test_zero_stamps_are_named(tmp_path):
