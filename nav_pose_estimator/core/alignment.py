@@ -16,11 +16,12 @@ the last IMU sample (at rest), and whoever starts a navigator from it replays th
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nav_pose_estimator.core.alignment_types import Alignment, AlignmentSettings
 from nav_pose_estimator.core.earth import earth_rate_n
 from nav_pose_estimator.core.filter_setup import make_constants
 from nav_pose_estimator.core.heading_hypotheses import HeadingHypotheses
@@ -63,51 +64,12 @@ _LEVEL_WINDOW = 1.0  # s of IMU that give a level in motion
 _LEVEL_AGE = 20.0  # s: what an older rest has taught is forgotten (the IMU since then has to be kept)
 _FIX_AGE = 2.0  # s: an older fix does not tell where the vehicle is
 _RESIDUAL_RATE_SD = 2e-4  # rad/s: what a rest leaves open of the gyroscope bias
+_SLOW_SPEED = 1.5  # m/s: receivers hold or smooth the velocity of a slow antenna
+_SLOW_SD = 1.0  # m/s at standstill
+_VELOCITY_CORRELATION = 0.3  # s: fixes closer than this share their velocity error
 _LOST_NIS = 12.0  # mean NIS per degree of freedom above which the bank has gone astray
 _LOST_UPDATES = 25
 _SHARED_ELSEWHERE = ("gyro_noise", "accel_noise", "declination", "lever_arm")
-
-
-@dataclass(frozen=True, slots=True)
-class AlignmentSettings:
-    """What the aligner has to know; deviations are one sigma."""
-
-    gyro_noise: float  # rad/s/sqrt(Hz)
-    accel_noise: float  # m/s^2/sqrt(Hz)
-    declination: float  # rad, east positive
-    lever_arm: tuple[float, ...]  # m, antenna from the IMU, body frame
-    static_window: float  # s at rest that level the filter
-    rest_gyro_sd: float  # rad/s, thresholds of the rest detector
-    rest_accel_sd: float  # m/s^2
-    rest_rate: float  # rad/s
-    rest_speed: float  # m/s, GNSS speed above which there is no rest
-    gyro_bias_sd: float  # rad/s, before anything is known
-    accel_bias_sd: float  # m/s^2
-    tilt_sd: float  # rad, of a level found in motion
-    hypotheses: int
-    heading_sd: float  # rad, the heading must be this good
-    min_time: float  # s of GNSS before the hypotheses may decide
-    mag_heading_sd: float  # rad, of a magnetic heading before the first flight
-    mag_trust: float  # probability that a plausible magnetometer is within that
-
-    @classmethod
-    def shared(cls) -> tuple[str, ...]:
-        """Names of the settings that belong to the alignment alone."""
-        return tuple(item.name for item in fields(cls) if item.name not in _SHARED_ELSEWHERE)
-
-
-@dataclass(frozen=True, slots=True)
-class Alignment:
-    """A first state: ``nav`` (NAV_SIZE,) of ``core.layout`` valid at ``t``, covariance ``P`` (15, 15), and how it came.
-
-    Without ``has_position`` only attitude and gyroscope bias mean something.
-    """
-
-    t: float
-    nav: Array
-    P: Array
-    method: str
-    has_position: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,6 +165,11 @@ class Aligner:
             velocity = np.array(vel_enu, dtype=float)
             if not math.isfinite(velocity[2]):
                 velocity[2], velocity_sd[2] = 0.0, 30.0
+        if velocity is not None:
+            speed = math.hypot(*velocity)
+            velocity_sd = np.hypot(velocity_sd, _SLOW_SD * max(1.0 - speed / _SLOW_SPEED, 0.0))
+        period = 1.0 if self._last_fix is None else min(max(t_valid - self._last_fix.t, 0.02), 1.0)
+        velocity_sd = velocity_sd * math.sqrt(1.0 + _VELOCITY_CORRELATION / period)
         fix = _Fix(t_valid, (lat, lon, alt), velocity, pos_sd * np.array([1.0, 1.0, 1.7]), velocity_sd)
         self._last_fix = fix
         if t_valid <= self._now:

@@ -14,6 +14,7 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, NavigatorVelocity, Sample
 from nav_pose_estimator.engine.sins import SinsEngine
 from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution, Output, Status
+from nav_pose_estimator.engine.virtual_outages import VirtualOutages
 
 _EXCHANGE_NS = 250_000_000
 """The estimators talk to each other at the first IMU sample of every such period, whatever the size of the blocks."""
@@ -29,6 +30,7 @@ class PoseEstimator:
         self.attitude = AttitudeEngine(self.parameters) if attitude else None
         learner = self.parameters.learner
         self.habits = Habits(learner) if learner.enabled and learner.method != "coast" else None
+        self.rehearsals = VirtualOutages()
         self._period = 0
 
     def feed(self, sample: Sample) -> list[Output]:
@@ -53,6 +55,7 @@ class PoseEstimator:
             outputs += [o for o in self.attitude.feed(sample) if not _is_imu_event(o)]
         solutions = self.sins.feed(sample)
         outputs += solutions
+        self.rehearsals.feed(sample)
         if isinstance(sample, (ImuSample, ImuBlock)) and self._is_time_to_talk(sample):
             outputs += self._exchange(solutions)
         return outputs
@@ -68,7 +71,13 @@ class PoseEstimator:
         if not moved:
             return []
         self._share_velocity(moved[-1])
-        priors = [] if self.habits is None else self.habits.feed(moved[-1])
+        if self.habits is None:
+            return []
+        priors = self.habits.feed(moved[-1])
+        last = moved[-1]
+        self.rehearsals.step(_stamp(last), self.sins, self.habits)
+        if not self.rehearsals.priors_help:
+            return []
         return [event for prior in priors for event in self.sins.feed(prior)]
 
     def _share_velocity(self, output: NavBlock | NavSolution) -> None:
@@ -108,6 +117,9 @@ class PoseEstimator:
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
         """Start again."""
         self._period = 0
+        self.rehearsals = VirtualOutages()
+        if self.habits is not None:
+            self.habits.reset()
         attitude = [] if self.attitude is None else self.attitude.reset(stamp_ns, reason)
         return attitude + self.sins.reset(stamp_ns, reason)
 
@@ -121,16 +133,21 @@ class PoseEstimator:
         """Everything that changes, to be given to ``restore``."""
         attitude = None if self.attitude is None else self.attitude.snapshot()
         habits = None if self.habits is None else self.habits.copy()
-        return self.sins.snapshot(), attitude, habits, self._period
+        return self.sins.snapshot(), attitude, habits, self.rehearsals.copy(), self._period
 
     def restore(self, snapshot: Any) -> None:
         """Go back to an earlier ``snapshot``."""
-        sins, attitude, habits, self._period = snapshot
+        sins, attitude, habits, rehearsals, self._period = snapshot
+        self.rehearsals = rehearsals.copy()
         if self.habits is not None and habits is not None:
             self.habits = habits.copy()
         self.sins.restore(sins)
         if self.attitude is not None and attitude is not None:
             self.attitude.restore(attitude)
+
+
+def _stamp(output: NavBlock | NavSolution) -> int:
+    return output.stamp_ns if isinstance(output, NavSolution) else int(output.stamps_ns[-1])
 
 
 def _is_imu_event(output: Output) -> bool:

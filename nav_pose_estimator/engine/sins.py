@@ -99,6 +99,11 @@ class SinsEngine:
         """Latitude, longitude [rad] and height [m] of the local frame, None until the first trusted position."""
         return self._origin
 
+    def nominal_state(self) -> np.ndarray:
+        """The nominal state (``core.layout``) at the last IMU sample, with everything that has arrived; a copy."""
+        self._settle()
+        return self._timeline.nav.copy()
+
     @property
     def journal(self) -> Journal:
         """Counters of everything that was used, refused or reset."""

@@ -10,7 +10,8 @@ import numpy as np
 
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core import measurements
-from nav_pose_estimator.core.alignment import Aligner, Alignment, AlignmentSettings
+from nav_pose_estimator.core.alignment import Aligner
+from nav_pose_estimator.core.alignment_types import Alignment, AlignmentSettings
 from nav_pose_estimator.core.earth import enu_to_lla
 from nav_pose_estimator.core.kalman import correct, gated_correct
 from nav_pose_estimator.core.strapdown import flush_covariance, run_imu
