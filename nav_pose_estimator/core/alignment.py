@@ -69,7 +69,6 @@ _SLOW_SD = 1.0  # m/s at standstill
 _VELOCITY_CORRELATION = 0.3  # s: fixes closer than this share their velocity error
 _LOST_NIS = 12.0  # mean NIS per degree of freedom above which the bank has gone astray
 _LOST_UPDATES = 25
-_SHARED_ELSEWHERE = ("gyro_noise", "accel_noise", "declination", "lever_arm")
 
 
 @dataclass(frozen=True, slots=True)

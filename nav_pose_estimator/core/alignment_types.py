@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+_SHARED_ELSEWHERE = ("gyro_noise", "accel_noise", "declination", "lever_arm")
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ class LearnerParameters:
         0.0,
         1.0,
     )
-    velocity_prior_weight: float = param(8.0, "", "Factor on the variance of the velocity prior", 0.1, 100.0)
+    velocity_prior_weight: float = param(6.0, "", "Factor on the variance of the velocity prior", 0.1, 100.0)
     position_prior_weight: float = param(
         30.0, "", "Factor on the variance of the position prior, once a second", 1.0, 1e4
     )
