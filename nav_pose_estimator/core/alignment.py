@@ -47,11 +47,10 @@ from nav_pose_estimator.core.layout import (
     VEL,
 )
 from nav_pose_estimator.core.levelling import (
-    field_doubt,
+    Compass,
     level_attitude,
     level_covariance,
     level_in_motion,
-    magnetic_yaw,
     turned,
 )
 from nav_pose_estimator.core.rest import RestDetector, RestSettings
@@ -59,11 +58,11 @@ from nav_pose_estimator.core.rotation import quat_to_matrix, wrap_angle
 
 Array = NDArray[np.float64]
 
-_MAG_WINDOW = 1.0  # s of magnetometer that make one heading
 _LEVEL_WINDOW = 1.0  # s of IMU that give a level in motion
 _LEVEL_AGE = 20.0  # s: what an older rest has taught is forgotten (the IMU since then has to be kept)
 _FIX_AGE = 2.0  # s: an older fix does not tell where the vehicle is
 _RESIDUAL_RATE_SD = 2e-4  # rad/s: what a rest leaves open of the gyroscope bias
+_VELOCITY_FLOOR = 0.1  # m/s
 _SLOW_SPEED = 1.5  # m/s: receivers hold or smooth the velocity of a slow antenna
 _SLOW_SD = 1.0  # m/s at standstill
 _VELOCITY_CORRELATION = 0.3  # s: fixes closer than this share their velocity error
@@ -116,14 +115,13 @@ class Aligner:
         self._rest.reset()
         self._rows: list[tuple[float, ...]] = []
         self._fixes: deque[_Fix] = deque()
-        self._mags: deque[tuple[float, np.ndarray]] = deque()
+        self._compass = Compass(self.settings.declination)
         self._now = -math.inf
         self._last_fix: _Fix | None = None
         self._level: _Level | None = None
         self._bank: HeadingHypotheses | None = None
         self._bank_start = 0.0
         self._from_rest = False
-        self._mag_doubt = "no magnetometer"
         self._done: Alignment | None = None
         self.restarts = 0
         """How often a bank of hypotheses that had gone astray was started anew."""
@@ -132,17 +130,19 @@ class Aligner:
 
     def imu(self, t: float, gyro: np.ndarray, accel: np.ndarray) -> None:
         """One IMU sample: rate [rad/s] and specific force [m/s^2] in b."""
-        if t <= self._now or (self._done is not None and self._done.has_position):
+        if t <= self._now or self._complete:
             return
         self._now = t
         self._rows.append((t, gyro[0], gyro[1], gyro[2], accel[0], accel[1], accel[2]))
         self._rest.update(t, gyro, accel)
         while self._fixes and self._fixes[0].t <= t:
             self._take(self._fixes.popleft())
+        if self._complete:
+            return
         if self._is_resting():
             self._learn_from_rest()
         else:
-            self._done = None if self._done is None or not self._done.has_position else self._done
+            self._done = None  # an attitude found at rest does not outlive the rest
         if len(self._rows) > 64 and self._rows[len(self._rows) // 2][0] < self._keep_from():
             self._rows = [row for row in self._rows if row[0] >= self._keep_from()]
 
@@ -159,16 +159,8 @@ class Aligner:
         """A fix valid at ``t_valid``: rad, rad, m; velocity ENU [m/s] or None, vertical NaN if missing; deviations."""
         if self._last_fix is not None and t_valid <= self._last_fix.t:
             return
-        velocity, velocity_sd = None, np.full(3, max(vel_sd, 0.05)) * (1.0, 1.0, 1.5)
-        if vel_enu is not None and math.isfinite(vel_enu[0]) and math.isfinite(vel_enu[1]):
-            velocity = np.array(vel_enu, dtype=float)
-            if not math.isfinite(velocity[2]):
-                velocity[2], velocity_sd[2] = 0.0, 30.0
-        if velocity is not None:
-            speed = math.hypot(*velocity)
-            velocity_sd = np.hypot(velocity_sd, _SLOW_SD * max(1.0 - speed / _SLOW_SPEED, 0.0))
-        period = 1.0 if self._last_fix is None else min(max(t_valid - self._last_fix.t, 0.02), 1.0)
-        velocity_sd = velocity_sd * math.sqrt(1.0 + _VELOCITY_CORRELATION / period)
+        period = 1.0 if self._last_fix is None else min(t_valid - self._last_fix.t, 1.0)
+        velocity, velocity_sd = _velocity(vel_enu, vel_sd, period)
         fix = _Fix(t_valid, (lat, lon, alt), velocity, pos_sd * np.array([1.0, 1.0, 1.7]), velocity_sd)
         self._last_fix = fix
         if t_valid <= self._now:
@@ -178,9 +170,7 @@ class Aligner:
 
     def mag(self, t: float, field: np.ndarray) -> None:
         """Magnetic field in b [T]."""
-        self._mags.append((t, field))
-        while self._mags[0][0] < t - _MAG_WINDOW:
-            self._mags.popleft()
+        self._compass.add(t, field)
 
     # --- outcome -----------------------------------------------------------------------------------------------------
 
@@ -190,7 +180,7 @@ class Aligner:
 
     def waiting_for(self) -> str:
         """What is missing, one sentence; empty when nothing is."""
-        if self._done is not None and self._done.has_position:
+        if self._complete:
             return ""
         if self._done is not None:
             return "Level and heading are known; waiting for a GNSS fix."
@@ -208,8 +198,12 @@ class Aligner:
                 "speed up, brake or turn."
             )
         if self._is_resting():
-            return f"Level is known; heading needs motion, because there is {self._mag_doubt}."
+            return f"Level is known; heading needs motion, because there is {self._compass.doubt}."
         return "Waiting for GNSS to show the vehicle's motion."
+
+    @property
+    def _complete(self) -> bool:
+        return self._done is not None and self._done.has_position
 
     # --- rest --------------------------------------------------------------------------------------------------------
 
@@ -236,7 +230,7 @@ class Aligner:
         known = fix is not None and self._now - fix.t < _FIX_AGE
         nav, P = self._start_from_level(self._level, yaw, fix if known else None)
         P[PHI + 2, PHI + 2] = s.mag_heading_sd**2
-        self._done = Alignment(self._now, nav, P, "at rest, magnetic heading", has_position=known)
+        self._finish(self._now, nav, P, "at rest, magnetic heading", has_position=known)
 
     def _start_from_level(self, level: _Level, yaw: float, fix: _Fix | None) -> tuple[Array, Array]:
         """State and covariance at the time of ``level`` for a given yaw."""
@@ -257,7 +251,7 @@ class Aligner:
 
     def _take(self, fix: _Fix) -> None:
         """Let a fix act at its time, which the IMU has reached."""
-        if self._is_resting() or (self._done is not None and self._done.has_position):
+        if self._is_resting() or self._complete:
             return
         if self._bank is None and not self._start_bank(fix):
             return
@@ -268,7 +262,7 @@ class Aligner:
         if sd <= self.settings.heading_sd and fix.t - self._bank_start >= self.settings.min_time:
             nav, P = bank.merged()
             how = "at rest, heading from the first motion" if self._from_rest else "in motion, heading from GNSS"
-            self._done = Alignment(fix.t, nav, P, how)
+            self._finish(fix.t, nav, P, how)
         elif bank.updates > _LOST_UPDATES and bank.nis > _LOST_NIS:
             self.restarts += 1
             self._bank = self._level = None
@@ -319,15 +313,12 @@ class Aligner:
     # --- small things ------------------------------------------------------------------------------------------------
 
     def _magnetic_yaw(self, q_level: Array) -> float | None:
-        """Yaw from the last second of magnetometer; None, with the reason noted, when it cannot be believed."""
-        recent = [field for t, field in self._mags if t >= self._now - _MAG_WINDOW]
-        if not recent:
-            self._mag_doubt = "no magnetometer"
-            return None
-        field = np.mean(np.array(recent, dtype=float), axis=0)
+        """Yaw from the magnetometer, None when it cannot be believed (the compass knows why)."""
         lat, lon = (None, None) if self._last_fix is None else self._last_fix.position[:2]
-        self._mag_doubt = field_doubt(q_level, field, lat, lon)
-        return None if self._mag_doubt else magnetic_yaw(q_level, field, self.settings.declination)
+        return self._compass.yaw(self._now, q_level, lat, lon)
+
+    def _finish(self, t: float, nav: Array, P: Array, method: str, has_position: bool = True) -> None:
+        self._done = Alignment(float(t), nav, 0.5 * (P + P.T), method, bool(has_position))
 
     def _place(self, nav: Array, P: Array, fix: _Fix | None) -> None:
         """Position and velocity from a fix; without one position is unknown and velocity about zero."""
@@ -366,3 +357,15 @@ class Aligner:
         if self._level is not None and self._now - self._level.t < _LEVEL_AGE:
             return min(self._level.t, oldest)
         return oldest
+
+
+def _velocity(vel_enu: Sequence[float] | None, sd: float, period: float) -> tuple[Array | None, Array]:
+    """Velocity (3,) or None, and the deviations (3,) that make its errors look independent from fix to fix."""
+    spread = max(sd, _VELOCITY_FLOOR) * np.array([1.0, 1.0, 1.5])
+    if vel_enu is None or not (math.isfinite(vel_enu[0]) and math.isfinite(vel_enu[1])):
+        return None, spread
+    velocity = np.array(vel_enu, dtype=float)
+    if not math.isfinite(velocity[2]):
+        velocity[2], spread[2] = 0.0, 30.0
+    slow = max(1.0 - math.hypot(*velocity) / _SLOW_SPEED, 0.0)
+    return velocity, np.hypot(spread, _SLOW_SD * slow) * math.sqrt(1.0 + _VELOCITY_CORRELATION / period)

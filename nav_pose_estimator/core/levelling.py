@@ -5,6 +5,7 @@ Sources: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Naviga
 """
 
 import math
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -27,6 +28,7 @@ STANDARD_GRAVITY = 9.80665
 
 _GEOMAGNETIC_POLE = math.radians(80.65), math.radians(-72.68)  # latitude, longitude of the dipole's axis, 2020
 _FIELD_STRENGTH = 18e-6, 75e-6  # T: 22 to 67 on the Earth's surface, and some error of calibration
+_COMPASS_WINDOW = 1.0  # s of magnetometer that make one heading
 _DIP_TOLERANCE = math.radians(25.0)  # of a dipole's dip, which is wrong by up to 20 deg itself
 
 
@@ -110,3 +112,31 @@ def dipole_dip(lat: float, lon: float) -> float:
     pole_lat, pole_lon = _GEOMAGNETIC_POLE
     sine = math.sin(lat) * math.sin(pole_lat) + math.cos(lat) * math.cos(pole_lat) * math.cos(lon - pole_lon)
     return math.atan2(2.0 * sine, math.sqrt(max(1.0 - sine * sine, 0.0)))
+
+
+class Compass:
+    """The mean field of the last second, and whether it can be believed."""
+
+    def __init__(self, declination: float) -> None:
+        self._declination = declination
+        self._fields: deque[tuple[float, Sequence[float]]] = deque()
+        self.doubt = "no magnetometer"
+        """Why the last ``yaw`` was None, one clause."""
+
+    def add(self, t: float, field: Sequence[float]) -> None:
+        """One field (3,) [T] in b at ``t`` [s]; a field with a missing axis is left out."""
+        if not all(map(math.isfinite, field)):
+            return
+        self._fields.append((t, field))
+        while self._fields[0][0] < t - _COMPASS_WINDOW:
+            self._fields.popleft()
+
+    def yaw(self, now: float, q_level: Array, lat: float | None, lon: float | None) -> float | None:
+        """Yaw [rad] of a body whose attitude at yaw zero is ``q_level``; None when the field cannot be believed."""
+        recent = [field for t, field in self._fields if t >= now - _COMPASS_WINDOW]
+        if not recent:
+            self.doubt = "no magnetometer"
+            return None
+        field = np.mean(np.array(recent, dtype=float), axis=0)
+        self.doubt = field_doubt(q_level, field, lat, lon)
+        return None if self.doubt else magnetic_yaw(q_level, field, self._declination)
