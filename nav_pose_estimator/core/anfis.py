@@ -131,7 +131,7 @@ class Anfis:
     width: float = 1.0
     clip: float = 4.0
     seed: int = 0
-    curve: LearningCurve | None = field(default=None, init=False, repr=False)
+    curve: LearningCurve | None = field(default=None, init=False, repr=False, compare=False)
     """How the last training went."""
 
     def __post_init__(self) -> None:

@@ -52,7 +52,7 @@ def fuzzifier(points: np.ndarray) -> float:
     away = points - points.mean(axis=0)
     away = away / np.maximum(np.sqrt(np.square(away).sum(axis=1)), 1e-12)[:, None]
     largest = float(np.linalg.eigvalsh(away.T @ away / len(away))[-1])
-    return 2.0 if largest >= 0.5 else min(2.0, 1.0 + largest / (1.0 - 2.0 * largest))
+    return 2.0 if largest >= 0.5 else min(2.0, 1.0 + max(largest / (1.0 - 2.0 * largest), 0.01))
 
 
 def fuzzy_memberships(points: np.ndarray, centres: np.ndarray, exponent: float) -> np.ndarray:
