@@ -29,7 +29,7 @@ class NavigatorParameters:
     gap_rate_sd: float = param(0.3, "rad/s", "Unknown angular rate while IMU data are missing", 0.0, 10.0)
     gap_force_sd: float = param(2.0, "m/s^2", "Unknown specific force while IMU data are missing", 0.0, 50.0)
     lost_after: float = param(
-        1.0, "s", "Time without a used fix after which GNSS counts as lost", 0.2, 30.0, mutable=True
+        1.5, "s", "Time without a used fix after which GNSS counts as lost", 0.2, 30.0, mutable=True
     )
     expire_after: float = param(
         600.0, "s", "Time without any position after which the solution expires", 1.0, 1e6, mutable=True
