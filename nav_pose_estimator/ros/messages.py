@@ -18,6 +18,7 @@ from nav_pose_estimator.ros.convert import NS_PER_S
 
 _STATUS_FIX, _STATUS_NO_FIX, _SERVICE_GPS = 0, -1, 1  # sensor_msgs/NavSatStatus
 _COVARIANCE_KNOWN = 3  # sensor_msgs/NavSatFix
+_NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def fill_stamp(stamp: Any, stamp_ns: int) -> None:
@@ -82,7 +83,7 @@ def fill_transform(message: Any, stamp_ns: int, translation: np.ndarray, q: np.n
     """geometry_msgs/TransformStamped; ``q`` scalar first, None for no rotation."""
     fill_stamp(message.header.stamp, stamp_ns)
     _fill_vector(message.transform.translation, translation)
-    _fill_quaternion(message.transform.rotation, (1.0, 0.0, 0.0, 0.0) if q is None else q)
+    _fill_quaternion(message.transform.rotation, _NO_ROTATION if q is None else q)
 
 
 def pose_covariance(P: np.ndarray) -> np.ndarray:
@@ -114,12 +115,12 @@ def is_finite(solution: NavSolution | AttitudeSolution) -> bool:
         parts = (solution.q_nb, solution.cov_n, solution.rate_b, solution.accel_b)
     else:
         parts = (solution.position_enu, solution.vel_n, solution.q_nb, solution.rate_b, solution.cov)
-    return math.isfinite(sum(float(np.sum(part)) for part in parts))
+    return math.isfinite(sum(part.sum() for part in parts))
 
 
-def _fill_vector(target: Any, values: Any) -> None:
-    target.x, target.y, target.z = map(float, values)
+def _fill_vector(target: Any, values: np.ndarray) -> None:
+    target.x, target.y, target.z = values.tolist()
 
 
-def _fill_quaternion(target: Any, q: Any) -> None:
-    target.w, target.x, target.y, target.z = map(float, q)
+def _fill_quaternion(target: Any, q: np.ndarray) -> None:
+    target.w, target.x, target.y, target.z = q.tolist()

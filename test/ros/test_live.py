@@ -1,0 +1,195 @@
+"""Nodes as processes, over DDS on this host: modes through an outage, latched facts, QoS, names, signals."""
+
+import math
+import signal
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Imu, NavSatFix
+from std_msgs.msg import Bool
+from std_srvs.srv import SetBool, Trigger
+
+from nav_pose_estimator.core.earth import lla_to_enu
+from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.samples import ImuSample
+from nav_pose_estimator.engine.solutions import NavSolution
+from nav_pose_estimator.ros import convert
+from nav_pose_estimator.ros.sample_messages import to_message
+from nav_pose_estimator.sim.scenarios import generate
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+RELIABLE = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
+
+pytestmark = pytest.mark.compiled
+
+
+def mode_of(statuses: list[DiagnosticStatus]) -> str:
+    return statuses[-1].message.split(":")[0] if statuses else ""
+
+
+def test_an_outage_and_the_return_over_topics(launch, observer):
+    """GIVEN a flight in simulated time, in a namespace and with a remapped topic
+    WHEN GNSS is taken away and given back THEN modes, latched topics and accuracy follow, and odom never jumps."""
+    name = "/drone/pose_estimator"
+    status = observer.listen(DiagnosticStatus, f"{name}/status", LATCHED)
+    odometry = observer.listen(Odometry, "/drone/odom")
+    truth = observer.listen(Odometry, "/drone/ground_truth/odom")
+    pose = observer.listen(PoseWithCovarianceStamped, f"{name}/pose")
+    names = ("-r", "__ns:=/drone")
+    estimator = launch("pose_estimator", *names, "-r", "odometry/filtered:=odom", "-p", "use_sim_time:=true")
+    estimator.wait_for("ready")
+    story = ("scenario:=hover", "duration:=120.0", "sim_time:=true", "speed:=2.0", "imu_rate:=100.0", "seed:=4")
+    sensors = launch("synthetic_sensors", *names, *(a for s in story for a in ("-p", s)))
+
+    observer.until(lambda: mode_of(status) == "AIDED", "AIDED")
+    answer = observer.call(SetBool, f"{name}/use_gnss", SetBool.Request(data=False))
+    assert answer.success
+    observer.until(lambda: mode_of(status) == "DEAD_RECKONING", "DEAD_RECKONING")
+    assert "GNSS refused: " in status[-1].message
+    late = observer.listen(Bool, "/drone/gnss/denied", LATCHED)
+    observer.until(lambda: late and late[-1].data, "gnss/denied")
+    observer.call(SetBool, f"{name}/use_gnss", SetBool.Request(data=True))
+    observer.until(lambda: mode_of(status) == "AIDED", "AIDED again")
+    observer.until(lambda: not late[-1].data, "gnss/denied false")
+
+    origin = observer.listen(NavSatFix, f"{name}/origin", LATCHED)
+    observer.until(lambda: origin, "the latched origin")
+    assert (origin[-1].latitude, origin[-1].longitude) == pytest.approx((47.3977, 8.5456), abs=1e-3)
+    assert (odometry[-1].header.frame_id, odometry[-1].child_frame_id) == ("odom", "base_link")
+    check_continuity(odometry)
+    check_accuracy(pose, truth, origin[-1])
+    assert sensors.stop() == 0
+    assert estimator.stop() == 0, estimator.text()
+    assert "Traceback" not in estimator.text()
+
+
+def check_continuity(odometry: list[Odometry]) -> None:
+    """base_link moves in odom no faster than the vehicle: no step at the outage, none at the return."""
+    t = np.array([convert.stamp_ns(m) for m in odometry]) * 1e-9
+    p = np.array([convert.vector(m.pose.pose.position) for m in odometry])
+    v = np.linalg.norm([convert.vector(m.twist.twist.linear) for m in odometry], axis=1)
+    assert len(p) > 200
+    steps, dt = np.linalg.norm(np.diff(p, axis=0), axis=1), np.diff(t)
+    assert np.all(steps <= np.maximum(v[1:], v[:-1]) * dt + 0.01), steps.max()
+
+
+def check_accuracy(pose: list[PoseWithCovarianceStamped], truth: list[Odometry], origin: NavSatFix) -> None:
+    """The last poses in map, against the truth, within what GNSS can give."""
+    recording = generate("hover", duration=1.0)
+    offset = lla_to_enu(
+        math.radians(origin.latitude), math.radians(origin.longitude), origin.altitude, *recording.origin
+    )
+    true = {convert.stamp_ns(m): np.array(convert.vector(m.pose.pose.position)) for m in truth}
+    pairs = [
+        (np.array(convert.vector(m.pose.pose.position)) + offset, true[convert.stamp_ns(m)])
+        for m in pose[-300:]
+        if convert.stamp_ns(m) in true
+    ]
+    assert len(pairs) > 20
+    horizontal = [math.hypot(*(a - b)[:2]) for a, b in pairs]
+    assert float(np.median(horizontal)) < 4.0, horizontal
+
+
+def test_two_processes_equal_the_engine_alone(launch, observer):
+    """GIVEN sensors and navigator in two processes WHEN a flight is flown THEN its poses equal those of the engine."""
+    reliable = [
+        f"qos_overrides./{topic}.subscription.{setting}"
+        for topic in ("imu/data_raw", "gps/fix", "gps/vel", "gps/satellites", "imu/mag", "baro")
+        for setting in ("reliability:=reliable", "depth:=1000")
+    ]
+    settings = [a for s in [*reliable, "ros.output.odometry_rate:=0.0"] for a in ("-p", s)]
+    launch("sins_node", *settings).wait_for("ready")
+    poses = observer.listen(PoseWithCovarianceStamped, "/sins_node/pose", QoSProfile(depth=1000))
+    flight = generate("multirotor_outage", duration=20.0, seed=6, imu_rate=100.0)
+    story = ("duration:=20.0", "seed:=6", "imu_rate:=100.0", "sim_time:=true", "speed:=2.0", "truth_rate:=0.0")
+    sensors = launch("synthetic_sensors", *(a for s in story for a in ("-p", s)))
+    end = int(flight.imu.stamps_ns[-1])
+    observer.until(lambda: poses and convert.stamp_ns(poses[-1]) == end, "the end of the flight")
+    assert sensors.process.wait(timeout=30) == 0
+
+    engine = PoseEstimator(attitude=False)
+    alone, last_fix = {}, 0
+    for sample in flight.samples(blocks=False):
+        message = to_message(sample)
+        if not isinstance(sample, ImuSample):
+            last_fix = last_fix if message.__class__ is not NavSatFix else sample.stamp_ns
+            sample = sample if message.__class__ is not NavSatFix else convert.nav_sat_fix(message)[0]
+        for output in engine.feed(sample):
+            # just after a fix it is chance whether its message overtakes that of the IMU
+            if isinstance(output, NavSolution) and output.stamp_ns > last_fix + 50_000_000:
+                alone[output.stamp_ns] = output
+    common = [(m.pose.pose, alone[convert.stamp_ns(m)]) for m in poses if convert.stamp_ns(m) in alone]
+    assert len(common) > 0.95 * len(alone) > 500
+    for pose, solution in common:
+        assert math.dist(convert.vector(pose.position), solution.position_enu) < 1e-3
+        w, x, y, z = solution.q_nb
+        cosine = abs(w * pose.orientation.w + x * pose.orientation.x + y * pose.orientation.y + z * pose.orientation.z)
+        assert math.degrees(2.0 * math.acos(min(cosine, 1.0))) < 0.01
+
+
+def test_every_kind_of_publisher_is_heard_and_a_misfit_is_named(launch, observer):
+    """Scenario 12: best effort and reliable publishers both reach the node; a wrong override is named in the log."""
+    node = launch("attitude_node", "-r", "__node:=one")
+    strict = launch(
+        "attitude_node",
+        *("-r", "__node:=strict", "-r", "imu/data:=strict/data"),
+        *("-p", "qos_overrides./imu/data_raw.subscription.reliability:=reliable"),
+    )
+    heard = observer.listen(Imu, "/imu/data")
+    node.wait_for("ready")
+    strict.wait_for("ready")
+    stamp = 1_700_000_000_000_000_000
+    for profile in (BEST_EFFORT, RELIABLE):
+        publisher = observer.node.create_publisher(Imu, "/imu/data_raw", profile)
+        before = len(heard)
+
+        def tick(publisher=publisher) -> bool:
+            nonlocal stamp
+            stamp += 10_000_000
+            publisher.publish(to_message(ImuSample(stamp, (0.0, 0.0, 1e-4 * (stamp % 7)), (0.0, 0.0, 9.81))))
+            return False
+
+        observer.until(lambda before=before, tick=tick: tick() or len(heard) > before + 5, f"imu/data from {profile}")
+        if profile is BEST_EFFORT:
+            strict.wait_for("topic 'imu/data_raw', offering incompatible QoS")
+            assert "RELIABILITY" in strict.text()
+        observer.node.destroy_publisher(publisher)
+    assert node.stop(signal.SIGTERM) == 0, node.text()
+    assert strict.stop(signal.SIGINT) == 0, strict.text()
+
+
+def test_a_navigator_without_data_says_what_it_misses(launch, observer):
+    node = launch("sins_node", "-p", "ros.output.diagnostics_period:=0.2")
+    arrays = observer.listen(DiagnosticArray, "/diagnostics")
+    observer.until(
+        lambda: any("imu/data_raw never came" in s.message for a in arrays for s in a.status), "the missing IMU"
+    )
+    state = arrays[-1].status[0]
+    assert (state.name, state.message) == (
+        "sins_node",
+        "WAITING_IMU: waiting for the IMU, no IMU data has arrived yet",
+    ) or state.message.startswith("WAITING_IMU: ")
+    assert observer.call(Trigger, "/sins_node/reset", Trigger.Request()).success
+    assert node.stop(signal.SIGTERM) == 0, node.text()
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM], ids=lambda s: s.name)
+@pytest.mark.parametrize("command", ["attitude_node", "synthetic_sensors"])
+def test_a_signal_ends_a_node_with_code_0(launch, command, how):
+    child = launch(command)
+    child.wait_for("ready" if command == "attitude_node" else "messages")
+    assert child.stop(how) == 0, child.text()
+    assert "Traceback" not in child.text()
+
+
+def test_a_file_with_a_wrong_value_ends_a_node_with_code_2(launch, tmp_path):
+    file = tmp_path / "wrong.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    gnss:\n      delay: 9.0\n")
+    child = launch("sins_node", "--params-file", str(file))
+    assert child.process.wait(timeout=30) == 2
+    assert child.text().strip() == "sins_node: gnss.delay: 9 is above the maximum 1 s"
