@@ -45,6 +45,9 @@ from nav_pose_estimator.core.attitude_layout import (
     SUM_TURN,
     SUM_WALK,
     SWAY,
+    SWAY_LOW,
+    SWAY_TILT,
+    SWAY_VAR,
     TIMING_SD,
     TRUST,
     WANDER_PSD,
@@ -186,19 +189,25 @@ def turn_heading(s, angle):
     """Turn by ``angle`` [rad] counter-clockwise about the vertical, all that is remembered in n included."""
     turn_in_n(s, (0.0, 0.0, angle))
     c, d = math.cos(angle), math.sin(angle)
-    for i in (SWAY, LOW_FORCE, SUM_FORCE_N, SUM_FIELD, COLUMNS, COLUMNS + 3, COLUMNS + 6):
+    for i in (SWAY, SWAY_LOW, LOW_FORCE, SUM_FORCE_N, SUM_FIELD, COLUMNS, COLUMNS + 3, COLUMNS + 6):
         x, y = s[i], s[i + 1]
         s[i], s[i + 1] = c * x - d * y, d * x + c * y
 
 
 @kernel
 def write_covariance(s, P):
-    """The head's covariance: the filter's own ``P`` [:3, :3], and the rate times an unknown delay of the sensor."""
+    """The head's covariance: the filter's own ``P`` [:3, :3] and what it does not model.
+
+    That is the rate times an unknown delay of the sensor, and tilt that lasts as long as the acceleration does.
+    """
     r = q_rotate(load4(s, QUAT), load3(s, RATE))
     delay = s[TIMING_SD] * s[TIMING_SD]
     for i in range(3):
         for j in range(3):
             s[COV + 3 * i + j] = P[i, j] + delay * r[i] * r[j]
+    lasting = s[SWAY_TILT] * s[SWAY_TILT] * s[SWAY_VAR]
+    s[COV] += lasting
+    s[COV + 4] += lasting
 
 
 @kernel

@@ -48,6 +48,7 @@ from nav_pose_estimator.core.attitude_layout import (
     SUM_TURN,
     SUM_WALK,
     SWAY,
+    SWAY_LOW,
     SWAY_PSD,
     SWAY_VAR,
     TRUST,
@@ -77,6 +78,8 @@ BODY_TURN = GAIN_2 + STATES  # (3, 17): covariance of the window's turn in b, ca
 CROSS = BODY_TURN + 3 * STATES  # (3, 17): the same in n, as a change of phi
 TILT_VAR, HEADING_VAR, SWAY_START_VAR = CROSS + 51, CROSS + 52, CROSS + 53  # initial variances
 SIZE = SWAY_START_VAR + 1
+
+_LOW_TAU = 2.0  # s: what is left of the sway after this low-pass lasts
 
 
 @kernel
@@ -128,7 +131,7 @@ def _start(s, w, f):
     P[0, 0] = P[1, 1] = s[TILT_VAR]
     P[2, 2] = s[HEADING_VAR]
     P[D_SWAY, D_SWAY] = P[D_SWAY + 1, D_SWAY + 1] = s[SWAY_START_VAR]
-    s[SWAY_VAR] = s[MOTION_FLOOR]
+    s[SWAY_LOW] = s[SWAY_LOW + 1] = s[SWAY_VAR] = 0.0
     write_covariance(s, P)
 
 
@@ -154,7 +157,10 @@ def _feed_back(s, P):
 @kernel
 def _sway_noise(s, window):
     """Variance of the window's sway as an observation of zero: what the vehicle itself moves, divided by p(a)."""
-    square = 0.5 * (s[SWAY] * s[SWAY] + s[SWAY + 1] * s[SWAY + 1])
+    gain = min(1.0, window / _LOW_TAU)
+    s[SWAY_LOW] += gain * (s[SWAY] - s[SWAY_LOW])
+    s[SWAY_LOW + 1] += gain * (s[SWAY + 1] - s[SWAY_LOW + 1])
+    square = 0.5 * (s[SWAY_LOW] * s[SWAY_LOW] + s[SWAY_LOW + 1] * s[SWAY_LOW + 1])
     tau = s[MOTION_RISE] if square > s[SWAY_VAR] else s[MOTION_FALL]
     s[SWAY_VAR] += min(1.0, window / tau) * (square - s[SWAY_VAR])
     if s[STILL_TIME] > s[LEVEL_AFTER]:

@@ -48,6 +48,7 @@ def _fill_shared(s: np.ndarray, parameters: Parameters) -> None:
         at.REJECT_FROM: p.reject_from,
         at.REJECT_TO: max(p.reject_to, p.reject_from + 1e-3),
         at.TIMING_SD: p.timing_sd,
+        at.SWAY_TILT: p.sway_tilt,
         at.DECLINATION: parameters.aids.declination,
         at.HEADING_PSD: p.heading_noise**2,
         at.ANOMALY_GAIN: p.anomaly_gain,

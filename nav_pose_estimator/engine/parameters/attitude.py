@@ -23,9 +23,12 @@ class AttitudeParameters:
     timing_sd: float = param(0.0025, "s", "Unknown delay of the IMU; enters the covariance only", 0.0, 0.1)
     # --- the specific force ---
     initial_tilt_sd: float = param(0.15, "rad", "Deviation of the tilt from the first sample alone", 1e-3, 1.0)
-    motion_floor: float = param(0.17, "m/s*sqrt(s)", "Root density of the vehicle's sway in slow motion", 1e-3, 100.0)
-    motion_tau: float = param(0.12, "s", "How long a sway of the vehicle lasts", 0.0, 60.0)
+    motion_floor: float = param(0.17, "m/s*sqrt(s)", "Root density of the vehicle's sway at the least", 1e-3, 100.0)
+    motion_tau: float = param(1.0, "s", "How long a sway lasts: density of the sway per variance, halved", 0.0, 60.0)
     sway_noise: float = param(0.02, "m/s/sqrt(s)", "Random walk of the sway by accelerometer noise", 0.0, 10.0)
+    sway_tilt: float = param(
+        0.008, "rad/(m/s)", "Tilt per lasting sway, by acceleration that lasts; covariance only", 0.0, 1.0
+    )
     reject_from: float = param(0.4, "m/s^2", "p(a) falls below 1 at this error of the low-passed norm", 0.0, 50.0)
     reject_to: float = param(4.0, "m/s^2", "... and is gone at this one", 0.01, 100.0)
     # --- rest ---
