@@ -23,6 +23,7 @@ Groves, second edition, section 14.2.4; G. Strang, SIAM J. Numerical Analysis 5(
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nav_pose_estimator.core.earth import E2, MIN_COS_LAT, OMEGA, A, gravity_from_sine
 from nav_pose_estimator.core.jit import COMPILED, kernel
@@ -59,15 +60,16 @@ from nav_pose_estimator.core.layout import (
 )
 from nav_pose_estimator.core.triples import add_scaled, cross, load3, load4, q_columns, q_exp, q_multiply, scale, store3
 
+Array = NDArray[np.float64]
+
 EAST, NORTH, UP = 0, 1, 2
 LANES = 8  # float64 numbers in the widest vector register
 
 
-@kernel
-def system_matrix(nav, constants, states, f_n, w_b):
+def system_matrix(nav: Array, constants: Array, states: int, f_n: Array, w_b: Array) -> Array:
     """F (states, states) at the state ``nav`` for specific force ``f_n`` (3,) [m/s^2] and rate ``w_b`` (3,) [rad/s]."""
     F = np.zeros((states, states))
-    fill_system_matrix(F, nav, constants, f_n, w_b, q_columns(load4(nav, QUAT)))
+    fill_system_matrix(F, nav, constants, load3(f_n, 0), load3(w_b, 0), q_columns(load4(nav, QUAT)))
     return F
 
 
@@ -139,20 +141,17 @@ def _propagate_by_shears(P, F, constants, T):
     whole step, then the other halves of velocity and decay. Each part changes three states by the others, a shear.
     """
     n = P.shape[0]
-    decay = np.ones(n)
-    for i in range(D_GYRO_BIAS, n):
-        if F[i, i] != 0.0:
-            decay[i] = math.exp(0.5 * T * F[i, i])
+    decay = np.empty(n)
+    for i in range(n):
+        decay[i] = math.exp(0.5 * T * F[i, i]) if i >= D_GYRO_BIAS and F[i, i] != 0.0 else 1.0
     _add_noise(P, constants, 0.5 * T)
     W = np.zeros((n, (n + LANES - 1) // LANES * LANES))  # rows end with a whole vector: loops without remainder
     rows = np.zeros((3, W.shape[1]))
     for i in range(n):
         for k in range(n):
             W[i, k] = decay[i] * decay[k] * P[i, k]
-    _shear(W, F, DVEL, 0.5 * T, rows)
-    _shear(W, F, PHI, T, rows)
-    _shear(W, F, DPOS, T, rows)
-    _shear(W, F, DVEL, 0.5 * T, rows)
+    for block, step in ((DVEL, 0.5 * T), (PHI, T), (DPOS, T), (DVEL, 0.5 * T)):
+        _shear(W, F, block, step, rows)
     for i in range(n):
         for k in range(n):
             P[i, k] = decay[i] * decay[k] * W[i, k]

@@ -4,7 +4,9 @@ A kernel is written with scalars and explicit loops over small arrays. That is w
 plain Python runs faster than numpy calls on 3-vectors.
 """
 
+import hashlib
 import os
+from types import ModuleType
 
 try:
     import numba
@@ -19,4 +21,37 @@ def kernel(function):
     """Compile ``function`` with numba (cached on disk, float64, no fast-math); without numba return it unchanged."""
     if numba is None:
         return function
-    return numba.njit(cache=True, error_model="numpy")(function)
+    compiled = numba.njit(cache=True, error_model="numpy")(function)
+    if not COMPILED or _tie_cache_to_sources(compiled):
+        return compiled
+    return numba.njit(error_model="numpy")(function)
+
+
+def _tie_cache_to_sources(compiled) -> bool:
+    """Make the cached machine code of a kernel stale when anything that was compiled into it has changed.
+
+    By itself numba looks at the kernel's own file only. Numbers and kernels of other files are compiled in as well:
+    with an old cache, a new ``core.layout`` would be read at the old places. False when this numba keeps its cache some
+    other way: the kernel then has to do without.
+    """
+    parts = _compiled_in(compiled.py_func.__globals__)
+    try:
+        file = compiled._cache._cache_file
+        compiled.source_stamp = hashlib.sha256(repr((file._source_stamp, parts)).encode()).hexdigest()
+        file._source_stamp = compiled.source_stamp
+    except AttributeError:
+        return False
+    return True
+
+
+def _compiled_in(names: dict) -> list:
+    """What kernels may take from a module's globals: numbers, kernels, and those of modules of this package."""
+    parts = []
+    for name, value in sorted(names.items()):
+        if isinstance(value, int | float | tuple):
+            parts.append((name, value))
+        elif isinstance(value, ModuleType) and value.__name__.startswith(__package__):
+            parts.append((name, _compiled_in(vars(value))))
+        elif hasattr(value, "source_stamp"):
+            parts.append((name, value.source_stamp))
+    return parts

@@ -16,6 +16,7 @@ J. Sola (2017), section 6.3 (reset; here the attitude error is defined in n, whi
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nav_pose_estimator.core.earth import cos_latitude, gravity, radii
 from nav_pose_estimator.core.error_model import propagate_covariance, system_matrix
@@ -41,6 +42,8 @@ from nav_pose_estimator.core.layout import (
 )
 from nav_pose_estimator.core.rotation import wrap_angle
 from nav_pose_estimator.core.triples import add, cross, load3, load4, q_exp, q_multiply, q_polish, scale, store4
+
+Array = NDArray[np.float64]
 
 REJECTED, ACCEPTED, INFLATED = 0, 1, 2
 """Status of ``gated_correct``: left out, taken as it is, taken with more noise than it claims."""
@@ -71,19 +74,15 @@ def gated_correct(nav, P, z, H, R, soft, hard):
     with S = H P H' + R, which makes its NIS exactly ``soft``. Beyond, or when not finite, it is REJECTED and nothing
     changes.
     """
-    m, n = H.shape
-    gain = np.empty((n, m))
-    nis = _gain(P, z, H, R, gain)
+    nis = innovation(P, z, H, R)
     if not (nis <= hard and nis < math.inf):
         return REJECTED, nis
-    if nis <= soft:
-        _update(nav, P, z, H, R, gain)
-        return ACCEPTED, nis
-    wider = _widened(P, H, R, nis / soft - 1.0)
-    if _gain(P, z, H, wider, gain) == math.inf:
+    status, noise = ACCEPTED, R
+    if nis > soft:
+        status, noise = INFLATED, _widened(P, H, R, nis / soft - 1.0)
+    if correct(nav, P, z, H, noise) == math.inf:
         return REJECTED, nis
-    _update(nav, P, z, H, wider, gain)
-    return INFLATED, nis
+    return status, nis
 
 
 @kernel
@@ -300,19 +299,16 @@ def horizontal_sd(P):
     return math.sqrt(P[DPOS, DPOS] + P[DPOS + 1, DPOS + 1])
 
 
-@kernel
-def predicted_horizontal_sd(nav, P, constants, seconds):
+def predicted_horizontal_sd(nav: Array, P: Array, constants: Array, seconds: float) -> float:
     """``horizontal_sd`` [m] that ``P`` will have when nothing but the IMU is used for ``seconds`` from now.
 
     The vehicle is taken to hold its attitude and velocity: any vehicle's mean specific force over such a time is close
     to the reaction to gravity.
     """
-    if not seconds > 0.0:
-        return horizontal_sd(P)
     later = P.copy()
     f_n = np.array((0.0, 0.0, gravity(nav[LAT], nav[ALT])))
-    F = system_matrix(nav, constants, P.shape[0], f_n, np.zeros(3))
-    steps = math.ceil(seconds / PREDICTION_STEP)
+    F = system_matrix(nav, constants, len(P), f_n, np.zeros(3))
+    steps = math.ceil(max(seconds, 0.0) / PREDICTION_STEP)
     for _ in range(steps):
         propagate_covariance(later, F, constants, seconds / steps)
-    return horizontal_sd(later)
+    return float(horizontal_sd(later))

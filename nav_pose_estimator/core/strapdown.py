@@ -98,10 +98,8 @@ def run_imu(nav, P, constants, imu, out):
         write_output(nav, P, out[i])
 
 
-@kernel
-def flush_covariance(nav, P, constants):
-    """Bring ``P`` to the time of ``nav`` now: before a measurement, or before ``P`` is shown."""
-    covariance_step(nav, P, constants)
+flush_covariance = covariance_step
+"""(nav, P, constants): bring ``P`` to the time of ``nav`` now, before a measurement or before ``P`` is shown."""
 
 
 @kernel

@@ -1,0 +1,53 @@
+"""Compiled kernels are found again on disk, and never when something that went into them has changed."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from nav_pose_estimator.core.jit import COMPILED, numba
+
+NUMBERS = """from nav_pose_estimator.core.jit import kernel
+PLACE = {place}
+
+@kernel
+def double(x):
+    return {factor} * x
+"""
+USER = """from nav_pose_estimator.core.jit import kernel
+from numbers_of_others import PLACE, double
+
+@kernel
+def outer(x):
+    return double(x) + PLACE
+
+print(outer(10.0), sum(outer.stats.cache_hits.values()))
+"""
+
+
+def run(folder: Path) -> str:
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment["PYTHONPATH"] = os.pathsep.join([str(folder), str(Path(__file__).resolve().parents[2])])
+    command = [sys.executable, str(folder / "user.py")]
+    return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout.strip()
+
+
+@pytest.mark.compiled
+def test_a_cached_kernel_is_used_until_a_number_or_a_kernel_in_it_changes(tmp_path):
+    (tmp_path / "user.py").write_text(USER)
+    others = tmp_path / "numbers_of_others.py"
+    others.write_text(NUMBERS.format(place=3, factor=2.0))
+    assert run(tmp_path) == "23.0 0"
+    assert run(tmp_path) == "23.0 1"
+    others.write_text(NUMBERS.format(place=4, factor=2.0))
+    assert run(tmp_path) == "24.0 0"
+    others.write_text(NUMBERS.format(place=4, factor=5.0))
+    assert run(tmp_path) == "54.0 0"
+    assert run(tmp_path) == "54.0 1"
+
+
+def test_mode_follows_the_environment():
+    expected = numba is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
+    assert expected == COMPILED
