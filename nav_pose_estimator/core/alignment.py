@@ -144,7 +144,8 @@ class Aligner:
         else:
             self._done = None  # an attitude found at rest does not outlive the rest
         if len(self._rows) > 64 and self._rows[len(self._rows) // 2][0] < self._keep_from():
-            self._rows = [row for row in self._rows if row[0] >= self._keep_from()]
+            oldest = self._keep_from()
+            self._rows = [row for row in self._rows if row[0] >= oldest]
 
     def gnss(
         self,
@@ -199,6 +200,8 @@ class Aligner:
             )
         if self._is_resting():
             return f"Level is known; heading needs motion, because there is {self._compass.doubt}."
+        if self._rest.at_rest:
+            return "The IMU is at rest, but GNSS reports motion; waiting for them to agree, or for acceleration."
         return "Waiting for GNSS to show the vehicle's motion."
 
     @property
@@ -253,7 +256,9 @@ class Aligner:
         """Let a fix act at its time, which the IMU has reached."""
         if self._is_resting() or self._complete:
             return
-        if self._bank is None and not self._start_bank(fix):
+        # Without acceleration nothing is learned of the heading: a bank does not start while the IMU rests, even
+        # though a receiver that has just been switched on may report motion.
+        if self._bank is None and (self._rest.at_rest or not self._start_bank(fix)):
             return
         bank = self._bank
         bank.run(self._rows_between(bank.time, fix.t))

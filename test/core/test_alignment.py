@@ -185,6 +185,15 @@ def test_at_rest_without_magnetometer_no_heading_is_invented():
     assert "needs motion" in aligner.waiting_for()
 
 
+def test_a_receiver_that_reports_motion_at_rest_starts_nothing():
+    """GIVEN a vehicle at rest WHEN a receiver just switched on reports 3 m/s THEN no heading is made of it."""
+    story = Story(at_rest(), 20.0)
+    story.velocities += np.outer(2.0 + np.sin(story.fixes.t), (3.0, 2.0, 0.0))
+    aligner = Aligner(settings())
+    assert story.tell(aligner)[0] is None
+    assert "GNSS reports motion" in aligner.waiting_for()
+
+
 def test_each_missing_thing_is_told():
     aligner = Aligner(settings())
     assert "IMU" in aligner.waiting_for()
@@ -229,6 +238,13 @@ def test_in_motion_the_heading_is_found_by_hypotheses(yaw, circumstances):
     assert_honest(story, result)
     assert math.sqrt(result.P[2, 2]) < 1.5 * settings().heading_sd
     assert abs(story.error(result)[2]) < math.radians(25.0)
+
+
+def test_in_motion_without_compiled_kernels_too():
+    """The one test in motion that also runs with kernels in plain Python."""
+    story = Story(facing(WEAVE, 1.0), 8.0, rate=50.0, seed=2)
+    result, _ = story.tell(Aligner(settings(hypotheses=6, heading_sd=0.3)))
+    assert_honest(story, result)
 
 
 @pytest.mark.compiled
