@@ -176,6 +176,8 @@ def watch_acceleration(s):
     low = load3(s, LOW_FORCE)
     off = abs(math.sqrt(dot(low, low)) - s[GRAVITY])
     s[TRUST] = min(max((s[REJECT_TO] - off) / (s[REJECT_TO] - s[REJECT_FROM]), _MIN_TRUST), 1.0)
+    if s[FROZEN] > 0.0:
+        s[TRUST] = _MIN_TRUST
 
 
 @kernel

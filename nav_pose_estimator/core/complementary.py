@@ -24,6 +24,7 @@ from nav_pose_estimator.core.attitude_layout import (
     BIAS,
     BIAS_PSD,
     COLUMNS,
+    EXTRA_SWAY_PSD,
     FIELD_H,
     FIELD_TRUST,
     HEADING_PSD,
@@ -203,7 +204,15 @@ def _propagate_covariance(s, P, window):
             P[i, j] += total
     _sway_by_tilt(P, s[SUM_FORCE_N + 2])
     for i in range(STATES):
-        psd = 0.0 if i < D_SWAY else s[SWAY_PSD] if i < D_BIAS else s[BIAS_PSD] if i < D_MATRIX else s[MATRIX_PSD]
+        psd = (
+            0.0
+            if i < D_SWAY
+            else s[SWAY_PSD] + s[EXTRA_SWAY_PSD]
+            if i < D_BIAS
+            else s[BIAS_PSD]
+            if i < D_MATRIX
+            else s[MATRIX_PSD]
+        )
         P[i, i] += psd * window + (s[SUM_WALK] if i < D_SWAY else 0.0)
 
 

@@ -13,7 +13,16 @@ from nav_pose_estimator.core import attitude_layout as at
 from nav_pose_estimator.core.attitude_motion import subtract_velocity_change
 from nav_pose_estimator.engine import parameter_schema
 from nav_pose_estimator.engine.attitude_filters import KERNELS, MAKE_STATE
-from nav_pose_estimator.engine.imu_input import CLOCK_JUMP, RESTARTS, ImuInput
+from nav_pose_estimator.engine.imu_input import (
+    CLOCK_JUMP,
+    RESTARTS,
+    SATURATED_ACCEL,
+    SATURATED_END,
+    SATURATED_GYRO,
+    STUCK,
+    STUCK_END,
+    ImuInput,
+)
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, NavigatorVelocity, Sample
 from nav_pose_estimator.engine.solutions import AttitudeBlock, AttitudeSolution, Event, Level, Mode, Output, Status
@@ -24,6 +33,17 @@ _NO_FIELD = np.empty((0, 3))
 _DISTURBED, _UNDISTURBED = 0.1, 0.5  # trusts of the field at which a disturbance begins and ends
 _STALE_MAG_NS = 500_000_000
 _VELOCITY_GAP_NS = 1_000_000_000
+_KNOWN_HEADING = 0.35  # rad: a wider heading cannot turn the navigator's velocity into the filter's axes
+
+_HEALTHY = {at.EXTRA_PSD: 0.0, at.EXTRA_SWAY_PSD: 0.0, at.FROZEN: 0.0}
+_SENSOR_TROUBLE: dict[str, dict[int, float]] = {
+    SATURATED_GYRO: {at.EXTRA_PSD: 0.1},  # about 1 rad/s missing, for about 0.1 s
+    SATURATED_ACCEL: {at.EXTRA_SWAY_PSD: 2.5},  # about 5 m/s^2 missing, for about 0.1 s
+    SATURATED_END: _HEALTHY,
+    STUCK: {at.EXTRA_PSD: 0.1, at.FROZEN: 1.0},
+    STUCK_END: _HEALTHY,
+}
+"""What the filter has to know of a sensor in trouble, by the event that tells of it."""
 
 
 @dataclass
@@ -77,6 +97,8 @@ class AttitudeEngine:
         self._counters[item.name] += 1
         if item.name in RESTARTS:
             self._restart(item.name)
+        for slot, value in _SENSOR_TROUBLE.get(item.name, {}).items():
+            self._memory.state[slot] = value
         return item
 
     @property
@@ -121,6 +143,11 @@ class AttitudeEngine:
         memory, door = snapshot
         self._memory = copy.deepcopy(memory)
         self._door.restore(door)
+
+    def set_parameters(self, parameters: Parameters) -> None:
+        """Take new constants while the filter runs; estimates stay. The filter itself must be the same."""
+        self._parameters = parameters
+        self._memory.state[at.PERIOD : at.OWN] = MAKE_STATE[parameters.attitude.filter](parameters)[at.PERIOD : at.OWN]
 
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
         """Forget everything but the counters, and say why."""
@@ -230,10 +257,22 @@ class AttitudeEngine:
         memory.velocity = sample
         if before is None or not (sample.valid and before.valid) or stamp - before.stamp_ns > _VELOCITY_GAP_NS:
             return []
-        dt = (stamp - before.stamp_ns) * _NS
-        change = tuple(now - then for now, then in zip(sample.vel_enu, before.vel_enu, strict=True))
+        turn = self._heading_from(sample)
+        if turn is None:
+            return [Event(stamp, "navigator_velocity.ignored.heading_unknown")]
+        dt, c, d = (stamp - before.stamp_ns) * _NS, math.cos(turn), math.sin(turn)
+        east, north, up = (now - then for now, then in zip(sample.vel_enu, before.vel_enu, strict=True))
+        change = (c * east - d * north, d * east + c * north, up)
         subtract_velocity_change(memory.state, change, dt, 2.0 * dt, math.hypot(*sample.vel_enu))
         return []
+
+    def _heading_from(self, sample: NavigatorVelocity) -> float | None:
+        """Angle from the navigator's axes to the filter's about Up; None when neither can be trusted to be the same."""
+        s = self._memory.state
+        if sample.q_nb is None:
+            return 0.0 if s[at.COV + 8] < _KNOWN_HEADING**2 else None
+        (a, b, c, d), (w, x, y, z) = s[at.QUAT : at.QUAT + 4].tolist(), sample.q_nb
+        return 2.0 * math.atan2(d * w - a * z + c * x - b * y, a * w + b * x + c * y + d * z)
 
     # --- recorded arrays -------------------------------------------------------------------------------------------
 

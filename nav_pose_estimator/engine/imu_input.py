@@ -23,6 +23,9 @@ RESTARTS = frozenset((GAP, CLOCK_JUMP))
 
 STUCK = "imu.stuck"
 STUCK_END = "imu.stuck.ended"
+SATURATED_GYRO = "imu.saturated.gyroscope"
+SATURATED_ACCEL = "imu.saturated.accelerometer"
+SATURATED_END = "imu.saturated.ended"
 
 _GAP_RUN = 2  # so many samples in a row that agree on a later time end a gap; one alone is a damaged stamp
 _BACKWARD_RUN = 3  # so many that agree on an earlier time are a clock set back
@@ -206,7 +209,7 @@ class ImuInput:
             return [self._event(stamp, STUCK_END, "the IMU's values change again", level=Level.INFO)]
         which = "gyroscope and accelerometer" if gyro and accel else "gyroscope" if gyro else "accelerometer"
         text = f"the {which} repeated one value exactly for {self._limits.stuck_time:g} s: stuck, or made without noise"
-        return [self._event(stamp, STUCK, text)]
+        return [self._event(stamp, STUCK, text, gyro=float(gyro), accel=float(accel))]
 
     def _is_extreme(self, sample: ImuSample) -> bool:
         rate, force = _CLIPPED_RATE, _CLIPPED_FORCE
@@ -223,13 +226,17 @@ class ImuInput:
             clipped = clipped[:3] + _count_equal(sample.accel, memory.accel, _CLIPPED_FORCE, clipped[3:])
         memory.clipped, values = clipped, (*sample.gyro, *sample.accel)
         saturated = max(memory.clipped) >= _CLIPPED_RUN
-        begins, memory.saturated = saturated and not memory.saturated, saturated
-        if not begins:
+        if saturated == memory.saturated:
             return []
-        which = "gyroscope" if max(memory.clipped[:3]) >= _CLIPPED_RUN else "accelerometer"
+        memory.saturated = saturated
+        if not saturated:
+            return [self._event(sample.stamp_ns, SATURATED_END, "the IMU is within its range again", level=Level.INFO)]
         value = max((abs(v) for v, n in zip(values, memory.clipped, strict=True) if n >= _CLIPPED_RUN))
-        text = f"the {which} is saturated at {value:.4g} {'rad/s' if which == 'gyroscope' else 'm/s^2'}"
-        return [self._event(sample.stamp_ns, f"imu.saturated.{which}", text, value=value)]
+        if max(memory.clipped[:3]) >= _CLIPPED_RUN:
+            text = f"the gyroscope is saturated at {value:.4g} rad/s"
+            return [self._event(sample.stamp_ns, SATURATED_GYRO, text, value=value)]
+        text = f"the accelerometer is saturated at {value:.4g} m/s^2"
+        return [self._event(sample.stamp_ns, SATURATED_ACCEL, text, value=value)]
 
     def _event(self, stamp: int, name: str, text: str, level: Level = Level.WARN, **data: float) -> Event:
         """Counted every time, told in words the 1st, 10th, 100th ... time."""

@@ -84,10 +84,12 @@ class PoseEstimator:
         if self.attitude is None:
             return
         if isinstance(output, NavSolution):
-            stamp, velocity = output.stamp_ns, output.vel_n
+            stamp, velocity, q_nb = output.stamp_ns, output.vel_n, output.q_nb
         else:
-            stamp, velocity = int(output.stamps_ns[-1]), output.rows[-1, at.OUT_VEL : at.OUT_QUAT]
-        self.attitude.feed(NavigatorVelocity(stamp, tuple(velocity.tolist()), output.mode is Mode.AIDED))
+            stamp, last = int(output.stamps_ns[-1]), output.rows[-1]
+            velocity, q_nb = last[at.OUT_VEL : at.OUT_QUAT], last[at.OUT_QUAT : at.OUT_RATE]
+        aided = output.mode is Mode.AIDED
+        self.attitude.feed(NavigatorVelocity(stamp, tuple(velocity.tolist()), aided, tuple(q_nb.tolist())))
 
     @property
     def mode(self) -> Mode:

@@ -113,11 +113,13 @@ class NavigatorVelocity:
     """Velocity of the navigator, ENU [m/s]: with it the attitude filter tells acceleration from gravity.
 
     ``valid`` while GNSS or another velocity aids the navigator; a coasting navigator would feed its own errors back.
+    ``q_nb`` is the navigator's attitude: its heading may differ from the filter's. None if unknown.
     """
 
     stamp_ns: int
     vel_enu: Vector3
     valid: bool = True
+    q_nb: tuple[float, float, float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -85,6 +85,7 @@ def test_a_stuck_sensor_is_told_once_and_its_recovery_too():
 def test_a_clipped_axis_is_told_but_a_repeated_slow_sensor_is_not():
     clipped = [sample(k, gyro=(0.01 * math.sin(k), 8.7, 0.0)) for k in range(5)]
     assert names(feed(clipped)) == ["imu.saturated.gyroscope"]
+    assert names(feed([*clipped, sample(5)])) == ["imu.saturated.gyroscope", "imu.saturated.ended"]
     repeated = [sample(k, gyro=(0.01 * math.sin(k // 4), 8.0 + k // 4, 0.0)) for k in range(40)]
     assert names(feed(repeated)) == []
 
