@@ -203,17 +203,12 @@ def _propagate_covariance(s, P, window):
                 total += (window * X[i, D_BIAS + k] + along) * s[COLUMNS + 3 * k + j]
             P[i, j] += total
     _sway_by_tilt(P, s[SUM_FORCE_N + 2])
-    for i in range(STATES):
-        psd = (
-            0.0
-            if i < D_SWAY
-            else s[SWAY_PSD] + s[EXTRA_SWAY_PSD]
-            if i < D_BIAS
-            else s[BIAS_PSD]
-            if i < D_MATRIX
-            else s[MATRIX_PSD]
-        )
-        P[i, i] += psd * window + (s[SUM_WALK] if i < D_SWAY else 0.0)
+    for i in range(D_SWAY):
+        P[i, i] += s[SUM_WALK]
+    for i in range(D_SWAY, D_BIAS):
+        P[i, i] += (s[SWAY_PSD] + s[EXTRA_SWAY_PSD]) * window
+    for i in range(D_BIAS, STATES):
+        P[i, i] += (s[BIAS_PSD] if i < D_MATRIX else s[MATRIX_PSD]) * window
 
 
 @kernel

@@ -130,10 +130,6 @@ class AttitudeEngine:
             values=values,
         )
 
-    def set_parameters(self, parameters: Parameters) -> None:
-        """Nothing of this filter is mutable in flight; kept for a restart."""
-        self._parameters = parameters
-
     def snapshot(self) -> Any:
         """Everything that changes, to be given to :meth:`restore`. Counters go on counting."""
         return copy.deepcopy(self._memory), self._door.snapshot()

@@ -11,37 +11,65 @@ class AttitudeParameters:
 
     filter: str = param("complementary", "", "Attitude filter", choices=("complementary", "two_stage"))
     world_frame: str = param("enu", "", "Axes of the published attitude (ned: body FRD)", choices=("enu", "ned"))
-    feedback_period: float = param(0.05, "s", "Time between feedbacks of specific force and field", 0.005, 1.0)
-    gravity: float = param(9.81, "m/s^2", "Local gravity", 9.7, 9.9)
+    feedback_period: float = param(
+        0.05, "s", "Time between feedbacks of specific force and field", 0.005, 1.0, mutable=True
+    )
+    gravity: float = param(9.81, "m/s^2", "Local gravity", 9.7, 9.9, mutable=True)
     # --- the gyroscope ---
-    wander: float = param(0.0026, "rad/sqrt(s)", "Walk of the attitude by gyroscope noise in motion", 1e-6, 0.1)
+    wander: float = param(
+        0.0026, "rad/sqrt(s)", "Walk of the attitude by gyroscope noise in motion", 1e-6, 0.1, mutable=True
+    )
     initial_bias_sd: float = param(0.01, "rad/s", "Deviation of the gyroscope bias at power-on", 0.0, 1.0)
-    bias_walk: float = param(3e-5, "rad/s/sqrt(s)", "Random walk of the gyroscope bias", 0.0, 0.01)
-    scale_sd: float = param(0.0035, "", "Deviation of the gyroscope's scale factors", 0.0, 0.1)
-    misalignment_sd: float = param(0.002, "", "Deviation of the gyroscope's misalignments", 0.0, 0.1)
-    matrix_walk: float = param(5e-5, "1/sqrt(s)", "Random walk of scale factors and misalignments", 0.0, 0.01)
-    timing_sd: float = param(0.0025, "s", "Unknown delay of the IMU; enters the covariance only", 0.0, 0.1)
+    bias_walk: float = param(3e-5, "rad/s/sqrt(s)", "Random walk of the gyroscope bias", 0.0, 0.01, mutable=True)
+    scale_sd: float = param(0.0035, "", "Deviation of the gyroscope's scale factors", 0.0, 0.1, mutable=True)
+    misalignment_sd: float = param(0.002, "", "Deviation of the gyroscope's misalignments", 0.0, 0.1, mutable=True)
+    matrix_walk: float = param(
+        5e-5, "1/sqrt(s)", "Random walk of scale factors and misalignments", 0.0, 0.01, mutable=True
+    )
+    timing_sd: float = param(
+        0.0025, "s", "Unknown delay of the IMU; enters the covariance only", 0.0, 0.1, mutable=True
+    )
     # --- the specific force ---
     initial_tilt_sd: float = param(0.15, "rad", "Deviation of the tilt from the first sample alone", 1e-3, 1.0)
-    motion_floor: float = param(0.17, "m/s*sqrt(s)", "Root density of the vehicle's sway at the least", 1e-3, 100.0)
-    motion_tau: float = param(1.0, "s", "How long a sway lasts: density of the sway per variance, halved", 0.0, 60.0)
-    sway_noise: float = param(0.02, "m/s/sqrt(s)", "Random walk of the sway by accelerometer noise", 0.0, 10.0)
-    sway_tilt: float = param(
-        0.008, "rad/(m/s)", "Tilt per lasting sway, by acceleration that lasts; covariance only", 0.0, 1.0
+    motion_floor: float = param(
+        0.17, "m/s*sqrt(s)", "Root density of the vehicle's sway at the least", 1e-3, 100.0, mutable=True
     )
-    reject_from: float = param(0.4, "m/s^2", "p(a) falls below 1 at this error of the low-passed norm", 0.0, 50.0)
-    reject_to: float = param(4.0, "m/s^2", "... and is gone at this one", 0.01, 100.0)
+    motion_tau: float = param(
+        1.0, "s", "How long a sway lasts: density of the sway per variance, halved", 0.0, 60.0, mutable=True
+    )
+    sway_noise: float = param(
+        0.02, "m/s/sqrt(s)", "Random walk of the sway by accelerometer noise", 0.0, 10.0, mutable=True
+    )
+    sway_tilt: float = param(
+        0.008, "rad/(m/s)", "Tilt per lasting sway, by acceleration that lasts; covariance only", 0.0, 1.0, mutable=True
+    )
+    reject_from: float = param(
+        0.4, "m/s^2", "p(a) falls below 1 at this error of the low-passed norm", 0.0, 50.0, mutable=True
+    )
+    reject_to: float = param(4.0, "m/s^2", "... and is gone at this one", 0.01, 100.0, mutable=True)
     # --- rest ---
-    still_rate: float = param(0.035, "rad/s", "At rest the rate departs less from its mean", 1e-4, 1.0)
-    still_force: float = param(0.5, "m/s^2", "At rest the specific force departs less from its mean", 1e-3, 5.0)
-    still_norm: float = param(0.3, "m/s^2", "At rest the specific force is as long as gravity within", 1e-3, 5.0)
-    learn_after: float = param(1.5, "s", "The mean rate is the gyroscope bias after so long at rest", 0.1, 60.0)
-    max_bias: float = param(0.05, "rad/s", "A larger mean rate is motion, not gyroscope bias", 0.0, 1.0)
+    still_rate: float = param(0.035, "rad/s", "At rest the rate departs less from its mean", 1e-4, 1.0, mutable=True)
+    still_force: float = param(
+        0.5, "m/s^2", "At rest the specific force departs less from its mean", 1e-3, 5.0, mutable=True
+    )
+    still_norm: float = param(
+        0.3, "m/s^2", "At rest the specific force is as long as gravity within", 1e-3, 5.0, mutable=True
+    )
+    learn_after: float = param(
+        1.5, "s", "The mean rate is the gyroscope bias after so long at rest", 0.1, 60.0, mutable=True
+    )
+    max_bias: float = param(0.05, "rad/s", "A larger mean rate is motion, not gyroscope bias", 0.0, 1.0, mutable=True)
     # --- the magnetometer ---
-    heading_noise: float = param(0.32, "rad*sqrt(s)", "Root density of the error of a magnetic heading", 1e-3, 100.0)
-    anomaly_gain: float = param(20.0, "", "Noise per anomaly (squared, relative to the horizontal field)", 0.0, 1e4)
-    field_tau: float = param(20.0, "s", "Memory of the learned field", 0.1, 1e4)
-    new_field_after: float = param(15.0, "s", "A steady new field is accepted after so long at the latest", 1.0, 1e4)
+    heading_noise: float = param(
+        0.32, "rad*sqrt(s)", "Root density of the error of a magnetic heading", 1e-3, 100.0, mutable=True
+    )
+    anomaly_gain: float = param(
+        20.0, "", "Noise per anomaly (squared, relative to the horizontal field)", 0.0, 1e4, mutable=True
+    )
+    field_tau: float = param(20.0, "s", "Memory of the learned field", 0.1, 1e4, mutable=True)
+    new_field_after: float = param(
+        15.0, "s", "A steady new field is accepted after so long at the latest", 1.0, 1e4, mutable=True
+    )
     hard_iron: tuple[float, ...] = param(
         (0.0, 0.0, 0.0), "T", "Constant field of the vehicle, subtracted (sensor axes)", -1.0, 1.0
     )
