@@ -146,7 +146,10 @@ def odometry_velocity(message: Any) -> Converted:
     velocity = quat_to_matrix(np.array(q_nb)) @ np.array(vector(message.twist.twist.linear))
     cov = covariance.read(message.twist.covariance, 6, block=3)
     known = cov.knowledge is Knowledge.KNOWN
-    return (NavigatorVelocity(stamp, tuple(velocity.tolist()), known, q_nb), *_flaw(stamp, "navigator_velocity", cov.flaw))
+    return (
+        NavigatorVelocity(stamp, tuple(velocity.tolist()), known, q_nb),
+        *_flaw(stamp, "navigator_velocity", cov.flaw),
+    )
 
 
 def without_vertical(adapter: Adapter) -> Adapter:
