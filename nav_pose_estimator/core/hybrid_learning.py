@@ -32,6 +32,7 @@ from nav_pose_estimator.core.takagi_sugeno import (
 _METRIC_DAMPING = 0.1  # of its mean diagonal
 _METRIC_SAMPLES = 2  # at least, per premise parameter
 _PARTICLES = 24
+_PRIOR = 0.05  # of sigma^2 dim v / N, see ReducedObjective
 _RIDGES = 10.0 ** np.arange(-9, 0)
 _CAUTION = 1.4  # of the cross-validation about degrees of freedom: 1 is the plain form, which chooses too little ridge
 
@@ -140,9 +141,9 @@ class ReducedObjective:
     """E*(v) of equation (1) and its gradient, for ``fletcher_reeves`` or any other minimiser.
 
     ``premises`` are the start v0, ``inputs`` (n, N) and ``targets`` (m, N) standardised. ``ridge`` None: chosen by
-    ``choose_ridge`` at the start. ``prior`` None: the mean square residual at the start times dim v / N, as if the
-    premises were known to one deviation of their input. ``evaluations`` and ``jittered`` (evaluations whose normal
-    equations needed jitter) count.
+    ``choose_ridge`` at the start. ``prior`` None: 0.05 of what makes a movement of the premises by one as unlikely as
+    one deviation of the residuals at the start (sigma^2 dim v / N): learning will leave smaller residuals.
+    ``evaluations`` and ``jittered`` (evaluations whose normal equations needed jitter) count.
     """
 
     def __init__(
@@ -158,7 +159,7 @@ class ReducedObjective:
         self.ridge = choose_ridge(design, self.targets) if ridge is None else ridge
         if prior is None:
             residual = ridge_least_squares(design, self.targets, self.ridge).T @ design - self.targets
-            prior = float(np.mean(np.square(residual))) * len(self.start) / self.targets.shape[1]
+            prior = _PRIOR * float(np.mean(np.square(residual))) * len(self.start) / self.targets.shape[1]
         self.prior = prior
 
     def __call__(self, vector: np.ndarray) -> tuple[float, np.ndarray]:
@@ -210,27 +211,31 @@ class ReducedObjective:
         return self._pass(vector).rmse
 
     def metric(self, vector: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """The function g -> M^-1 g, M the damped Gauss-Newton matrix of E* at ``vector`` (Kaufman 1975).
+        """The function g -> M^-1 g, M the damped Gauss-Newton matrix of E* at ``vector`` (Kaufman 1975), rule by rule.
 
-        With J = d y / d v at fixed consequents, M = J' (I - Phi (Phi'Phi + N rho I)^-1 Phi') J / N + damping. It only
-        has to be roughly right: of many samples every second, third, ... is used.
+        With J = d y / d v at fixed consequents, M = J' (I - Phi (Phi'Phi + N rho I)^-1 Phi') J / N + damping; what
+        couples the bells of different rules is left out. It only has to be roughly right: of many samples every second,
+        third, ... is used.
         """
-        last, size = self._pass(vector), len(vector)
-        step = max(1, self.targets.shape[1] // (_METRIC_SAMPLES * size))
-        design, slopes = last.design[:, ::step], last.slopes[..., ::step]
-        samples = design.shape[1]
+        last = self._pass(vector)
+        step = max(1, self.targets.shape[1] // (_METRIC_SAMPLES * len(vector)))
+        design = last.design[:, ::step]
         factor = last.factor if step == 1 else positive_factor(_normal_matrix(design, self.ridge))[0]
-        matrix = np.zeros((size, size))
+        by_rule = last.slopes[..., ::step].transpose(2, 0, 1, 3).reshape(len(last.influence), -1, design.shape[1])
+        rules, size, samples = by_rule.shape
+        blocks = np.zeros((rules, size, size))
         for influence in last.influence[..., ::step].transpose(1, 0, 2):
-            jacobian = (slopes * influence).reshape(size, samples)
-            explained = solve_triangular(factor, design @ jacobian.T, lower=True) / samples
-            matrix += jacobian @ jacobian.T / samples - explained.T @ explained
-        matrix.flat[:: size + 1] += _METRIC_DAMPING * max(np.trace(matrix) / size, 0.0) + self.prior / size
-        factor, _ = positive_factor(matrix)
-        return lambda gradient: cho_solve((factor, True), gradient)
+            jacobian = by_rule * influence[:, None, :]
+            moments = design @ jacobian.reshape(rules * size, samples).T / samples
+            explained = solve_triangular(factor, moments, lower=True).T.reshape(rules, size, -1)
+            blocks += jacobian @ jacobian.transpose(0, 2, 1) / samples - explained @ explained.transpose(0, 2, 1)
+        mean = max(np.trace(blocks, axis1=1, axis2=2).sum(), 0.0) / len(vector)
+        blocks += (_METRIC_DAMPING * mean + self.prior / len(vector) + 1e-300) * np.eye(size)
+        inverse = np.linalg.inv(blocks)
+        return lambda gradient: np.einsum("rij,jr->ir", inverse, gradient.reshape(size, rules)).ravel()
 
     def curvature(self, vector: np.ndarray, direction: np.ndarray) -> float:
-        """p' M p along ``direction`` p, with the Gauss-Newton matrix M of ``metric`` from all samples and undamped."""
+        """p' M p along ``direction`` p, with the whole Gauss-Newton matrix M from all samples, undamped."""
         last = self._pass(vector)
         push = np.einsum("ajik,aji->ik", last.slopes, direction.reshape(last.slopes.shape[:3]))
         change = np.einsum("imk,ik->mk", last.influence, push)

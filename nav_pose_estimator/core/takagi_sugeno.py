@@ -178,3 +178,12 @@ def predict_row(packed, x, y):
     for o in range(m):
         y[o] = packed[4 + 2 * n + o] + packed[4 + 2 * n + m + o] * (y[o] / total)
     return True
+
+
+@kernel
+def predict_rows(packed, x, y):
+    """``predict_row`` for every row of ``x`` (N, n) into ``y`` (N, m); false if any row is not finite."""
+    finite = True
+    for row in range(len(x)):
+        finite = predict_row(packed, x[row], y[row]) and finite
+    return finite

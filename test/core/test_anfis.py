@@ -33,6 +33,35 @@ def test_learns_a_smooth_map_in_physical_units(partition):
     assert relative_error(model, *product_of_sines(400, seed=2)) < 0.03
 
 
+def mackey_glass(interpolate: bool) -> tuple[np.ndarray, np.ndarray]:
+    """1000 samples x(t-18), x(t-12), x(t-6), x(t) -> x(t+6) from t = 118 on; RK4, step 0.1, x(0) = 1.2, delay 17.
+
+    Within a step the delayed value is interpolated, or held as in the classic generator.
+    """
+    x = np.zeros(12171)
+    x[170] = 1.2
+    for k in range(170, 12170):
+        a = x[k - 170]
+        c = x[k - 169] if interpolate else a
+        drive = [0.2 * v / (1.0 + v**10) for v in (a, 0.5 * (a + c), c)]
+        k1 = drive[0] - 0.1 * x[k]
+        k2 = drive[1] - 0.1 * (x[k] + 0.05 * k1)
+        k3 = drive[1] - 0.1 * (x[k] + 0.05 * k2)
+        k4 = drive[2] - 0.1 * (x[k] + 0.1 * k3)
+        x[k + 1] = x[k] + 0.1 / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    x, t = x[170::10], np.arange(118, 1118)
+    return np.column_stack([x[t - 18], x[t - 12], x[t - 6], x[t]]), x[t + 6][:, None]
+
+
+@pytest.mark.parametrize("interpolate", [False, True])
+def test_mackey_glass_with_sixteen_rules(interpolate):
+    x, y = mackey_glass(interpolate)
+    model = Anfis(rules=16).fit(x[:500], y[:500])
+    error = np.square(model.predict(x) - y)
+    assert np.sqrt(error[:500].mean()) < 0.0013
+    assert np.sqrt(error[500:].mean()) < 0.0020
+
+
 def test_premise_learning_pays():
     x, y = product_of_sines(400)
     fixed, learnt = (Anfis(4, iterations=n).fit(x, y) for n in (0, 50))

@@ -131,12 +131,16 @@ def test_consequents_minimise_the_full_objective(objective):
         assert full(best + 1e-3 * random.normal(size=best.shape)) > value
 
 
-def test_curvature_is_the_undamped_metric(objective):
+def test_metric_is_the_damped_curvature_within_a_rule(objective):
     random = np.random.default_rng(8)
-    directions = random.normal(size=(4, len(objective.start)))
     solve = objective.metric(objective.start)
     metric = np.linalg.inv(np.array([solve(unit) for unit in np.eye(len(objective.start))]))
-    damping = [(p @ metric @ p - objective.curvature(objective.start, p)) / (p @ p) for p in directions]
+    damping = []
+    for rule in range(objective.premises.rules):
+        p = np.zeros((3, *objective.premises.centre.shape))
+        p[:, :, rule] = random.normal(size=(3, 3))
+        p = p.ravel()
+        damping.append((p @ metric @ p - objective.curvature(objective.start, p)) / (p @ p))
     assert damping[0] > 0.0
     np.testing.assert_allclose(damping, damping[0], rtol=1e-6)
 
