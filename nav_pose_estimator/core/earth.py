@@ -89,6 +89,23 @@ def transport_rate_n(lat, h, v_n):
     return np.array((-v_n[1] / (R_M + h), east, east * math.sin(lat) / cos_latitude(lat)))
 
 
+@kernel
+def lla_to_ecef_point(lat, lon, h):
+    """``lla_to_ecef`` (3,) of one position."""
+    _, R_N = radii(lat)
+    p = (R_N + h) * math.cos(lat)
+    return np.array((p * math.cos(lon), p * math.sin(lon), (R_N * (1.0 - E2) + h) * math.sin(lat)))
+
+
+@kernel
+def lla_to_enu_point(lat, lon, h, origin_lat, origin_lon, origin_h):
+    """``lla_to_enu`` (3,) of one position."""
+    d = lla_to_ecef_point(lat, lon, h) - lla_to_ecef_point(origin_lat, origin_lon, origin_h)
+    sl, cl, so, co = math.sin(origin_lat), math.cos(origin_lat), math.sin(origin_lon), math.cos(origin_lon)
+    outward = co * d[0] + so * d[1]
+    return np.array((co * d[1] - so * d[0], cl * d[2] - sl * outward, cl * outward + sl * d[2]))
+
+
 # --- numpy forms for arrays ----------------------------------------------------------------------------------------
 def radii_many(lat: ArrayLike) -> tuple[Array, Array]:
     """``radii`` of latitudes (...)."""
@@ -113,7 +130,7 @@ def earth_rate_n_many(lat: ArrayLike) -> Array:
 
 def transport_rate_n_many(lat: ArrayLike, h: ArrayLike, v_n: ArrayLike) -> Array:
     """``transport_rate_n`` (..., 3) at latitudes and heights (...) for velocities (..., 3)."""
-    v_n = np.asarray(v_n, dtype=float)
+    h, v_n = np.asarray(h, dtype=float), np.asarray(v_n, dtype=float)
     R_M, R_N = radii_many(lat)
     east = v_n[..., 0] / (R_N + h)
     up = east * np.sin(lat) / np.maximum(np.cos(lat), MIN_COS_LAT)
@@ -124,6 +141,7 @@ def transport_rate_n_many(lat: ArrayLike, h: ArrayLike, v_n: ArrayLike) -> Array
 def lla_to_ecef(lat: ArrayLike, lon: ArrayLike, h: ArrayLike) -> Array:
     """Earth-fixed positions (..., 3) [m] of geodetic positions."""
     _, R_N = radii_many(lat)
+    h = np.asarray(h, dtype=float)
     p = (R_N + h) * np.cos(lat)
     x, y, z = np.broadcast_arrays(p * np.cos(lon), p * np.sin(lon), (R_N * (1.0 - E2) + h) * np.sin(lat))
     return np.stack((x, y, z), axis=-1)

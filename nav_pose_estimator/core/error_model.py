@@ -58,7 +58,18 @@ from nav_pose_estimator.core.layout import (
     WIND_PSD,
     WIND_RATE,
 )
-from nav_pose_estimator.core.triples import add_scaled, cross, load3, load4, q_columns, q_exp, q_multiply, scale, store3
+from nav_pose_estimator.core.triples import (
+    add,
+    add_scaled,
+    cross,
+    load3,
+    load4,
+    q_columns,
+    q_exp,
+    q_multiply,
+    scale,
+    store3,
+)
 
 Array = NDArray[np.float64]
 
@@ -76,47 +87,8 @@ def system_matrix(nav: Array, constants: Array, states: int, f_n: Array, w_b: Ar
 @kernel
 def fill_system_matrix(F, nav, constants, f_n, w_b, C):
     """Write F into a matrix of zeros. ``C`` holds the three columns of C_nb."""
-    s = math.sin(nav[LAT])
-    c = max(math.cos(nav[LAT]), MIN_COS_LAT)
-    h = nav[ALT]
-    v = load3(nav, VEL)
-    w2 = 1.0 - E2 * s * s
-    R_N = A / math.sqrt(w2)
-    i_m = 1.0 / (R_N * (1.0 - E2) / w2 + h)  # 1 / (R_M + h)
-    i_n = 1.0 / (R_N + h)
-    tan = s / c
-    w_ie = (0.0, OMEGA * c, OMEGA * s)
-    w_en = (-v[NORTH] * i_m, v[EAST] * i_n, v[EAST] * tan * i_n)
-    # change of w_en with each velocity, of w_ie and w_en with metres North and Up
-    by_east = (0.0, i_n, tan * i_n)
-    by_north = (-i_m, 0.0, 0.0)
-    w_ie_north = (0.0, -w_ie[UP] * i_m, w_ie[NORTH] * i_m)
-    w_en_north = (0.0, 0.0, v[EAST] * i_n * i_m / (c * c))
-    w_en_up = (-w_en[EAST] * i_m, -w_en[NORTH] * i_n, -w_en[UP] * i_n)
-    w_in_north = add_scaled(w_ie_north, 1.0, w_en_north)
-
-    _add_skew(F, PHI, PHI, -1.0, add_scaled(w_en, 1.0, w_ie))
-    _add_column(F, PHI, DVEL + EAST, by_east)
-    _add_column(F, PHI, DVEL + NORTH, by_north)
-    _add_column(F, PHI, DPOS + NORTH, w_in_north)
-    _add_column(F, PHI, DPOS + UP, w_en_up)
-
+    _fill_level_frame(F, nav)
     _add_skew(F, DVEL, PHI, 1.0, f_n)
-    _add_skew(F, DVEL, DVEL, -1.0, add_scaled(w_en, 2.0, w_ie))
-    _add_column(F, DVEL, DVEL + EAST, cross(v, by_east))
-    _add_column(F, DVEL, DVEL + NORTH, cross(v, by_north))
-    _add_column(F, DVEL, DPOS + NORTH, cross(v, add_scaled(w_in_north, 1.0, w_ie_north)))
-    _add_column(F, DVEL, DPOS + UP, cross(v, w_en_up))
-    F[DVEL + UP, DPOS + UP] += 2.0 * gravity_from_sine(s * s, h) * math.sqrt(i_m * i_n)
-
-    for i in range(3):
-        F[DPOS + i, DVEL + i] = 1.0
-    F[DPOS + EAST, DPOS + EAST] = (v[UP] - v[NORTH] * tan) * i_n
-    F[DPOS + EAST, DPOS + NORTH] = w_en[UP]
-    F[DPOS + EAST, DPOS + UP] = -w_en[NORTH]
-    F[DPOS + NORTH, DPOS + NORTH] = v[UP] * i_m
-    F[DPOS + NORTH, DPOS + UP] = w_en[EAST]
-
     for j in range(3):
         _add_column(F, PHI, D_GYRO_BIAS + j, scale(-1.0, C[j]))
         _add_column(F, DVEL, D_ACCEL_BIAS + j, C[j])
@@ -131,6 +103,47 @@ def fill_system_matrix(F, nav, constants, f_n, w_b, C):
         for i in range(3):
             for j in range(3):
                 _add_column(F, PHI, matrix + 3 * i + j, scale(-w_b[j], C[i]))
+
+
+@kernel
+def _fill_level_frame(F, nav):
+    """What position and velocity do to attitude, velocity and position by the rotation and curvature of the Earth."""
+    s = math.sin(nav[LAT])
+    c = max(math.cos(nav[LAT]), MIN_COS_LAT)
+    h = nav[ALT]
+    v = load3(nav, VEL)
+    w2 = 1.0 - E2 * s * s
+    R_N = A / math.sqrt(w2)
+    i_m = 1.0 / (R_N * (1.0 - E2) / w2 + h)  # 1 / (R_M + h)
+    i_n = 1.0 / (R_N + h)
+    tan = s / c
+    w_ie = (0.0, OMEGA * c, OMEGA * s)
+    w_en = (-v[NORTH] * i_m, v[EAST] * i_n, v[EAST] * tan * i_n)
+    # change of w_en with velocity East and North; of w_ie and of w_in with metres North; of w_en with metres Up
+    by_east = (0.0, i_n, tan * i_n)
+    by_north = (-i_m, 0.0, 0.0)
+    earth_north = (0.0, -w_ie[UP] * i_m, w_ie[NORTH] * i_m)
+    north = (0.0, earth_north[1], earth_north[2] + v[EAST] * i_n * i_m / (c * c))
+    up = (-w_en[EAST] * i_m, -w_en[NORTH] * i_n, -w_en[UP] * i_n)
+
+    _add_skew(F, PHI, PHI, -1.0, add(w_en, w_ie))
+    _add_column(F, PHI, DVEL + EAST, by_east)
+    _add_column(F, PHI, DVEL + NORTH, by_north)
+    _add_column(F, PHI, DPOS + NORTH, north)
+    _add_column(F, PHI, DPOS + UP, up)
+    _add_skew(F, DVEL, DVEL, -1.0, add_scaled(w_en, 2.0, w_ie))
+    _add_column(F, DVEL, DVEL + EAST, cross(v, by_east))
+    _add_column(F, DVEL, DVEL + NORTH, cross(v, by_north))
+    _add_column(F, DVEL, DPOS + NORTH, cross(v, add(north, earth_north)))
+    _add_column(F, DVEL, DPOS + UP, cross(v, up))
+    F[DVEL + UP, DPOS + UP] += 2.0 * gravity_from_sine(s * s, h) * math.sqrt(i_m * i_n)
+    for i in range(3):
+        F[DPOS + i, DVEL + i] = 1.0
+    F[DPOS + EAST, DPOS + EAST] = (v[UP] - v[NORTH] * tan) * i_n
+    F[DPOS + EAST, DPOS + NORTH] = w_en[UP]
+    F[DPOS + EAST, DPOS + UP] = -w_en[NORTH]
+    F[DPOS + NORTH, DPOS + NORTH] = v[UP] * i_m
+    F[DPOS + NORTH, DPOS + UP] = w_en[EAST]
 
 
 @kernel

@@ -7,11 +7,12 @@ plain Python runs faster than numpy calls on 3-vectors.
 import hashlib
 import os
 from types import ModuleType
+from typing import Any
 
 try:
     import numba
 except ImportError:
-    numba = None
+    numba = None  # type: ignore[assignment]
 
 COMPILED: bool = numba is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
 """True when kernels run as machine code in this process."""
@@ -44,9 +45,9 @@ def _tie_cache_to_sources(compiled) -> bool:
     return True
 
 
-def _compiled_in(names: dict) -> list:
+def _compiled_in(names: dict[str, Any]) -> list[Any]:
     """What kernels may take from a module's globals: numbers, kernels, and those of modules of this package."""
-    parts = []
+    parts: list[Any] = []
     for name, value in sorted(names.items()):
         if isinstance(value, int | float | tuple):
             parts.append((name, value))

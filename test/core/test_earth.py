@@ -99,3 +99,11 @@ def test_a_pole_is_finite(lat):
     assert np.isfinite(earth.transport_rate_n(lat, 0.0, np.array([50.0, 50.0, 0.0]))).all()
     assert earth.cos_latitude(lat) == earth.MIN_COS_LAT
     assert earth.ecef_to_lla(earth.lla_to_ecef(lat, 0.3, 10.0))[2] == pytest.approx(10.0, abs=1e-8)
+
+
+@given(st.floats(-1.5, 1.5), longitude, height, *[st.floats(-0.01, 0.01)] * 2, st.floats(-1e3, 1e3))
+def test_one_point_and_many_agree(lat, lon, h, d_lat, d_lon, d_h):
+    there = lat + d_lat, lon + d_lon, h + d_h
+    assert np.allclose(earth.lla_to_ecef_point(*there), earth.lla_to_ecef(*there), rtol=0.0, atol=1e-8)
+    one, many = earth.lla_to_enu_point(*there, lat, lon, h), earth.lla_to_enu(*there, lat, lon, h)
+    assert np.allclose(one, many, rtol=0.0, atol=1e-7)
