@@ -258,9 +258,11 @@ class Aligner:
             return
         # Without acceleration nothing is learned of the heading: a bank does not start while the IMU rests, even
         # though a receiver that has just been switched on may report motion.
-        if self._bank is None and (self._rest.at_rest or not self._start_bank(fix)):
-            return
+        if self._bank is None and not self._rest.at_rest:
+            self._bank = self._start_bank(fix)
         bank = self._bank
+        if bank is None:
+            return
         bank.run(self._rows_between(bank.time, fix.t))
         bank.fuse(fix.position, fix.position_sd, fix.velocity, fix.velocity_sd)
         _, sd = bank.heading()
@@ -272,13 +274,13 @@ class Aligner:
             self.restarts += 1
             self._bank = self._level = None
 
-    def _start_bank(self, fix: _Fix) -> bool:
-        """Start the hypotheses from the last rest, else from a level in motion; False if not yet possible."""
+    def _start_bank(self, fix: _Fix) -> HeadingHypotheses | None:
+        """Hypotheses from the last rest, else from a level in motion; None if not yet possible."""
         s, level = self.settings, self._level
-        self._from_rest = level is not None and self._now - level.t < _LEVEL_AGE
-        if self._from_rest:
+        if level is not None and self._now - level.t < _LEVEL_AGE:
             if fix.t <= level.t:
-                return False
+                return None
+            self._from_rest = True
             nav, P = self._start_from_level(level, 0.0, None)
             P[DPOS : DPOS + 3, DPOS : DPOS + 3] = np.diag((fix.position_sd + 5.0) ** 2)
             nav[LAT : ALT + 1] = fix.position
@@ -286,11 +288,11 @@ class Aligner:
         else:
             rows = self._rows_between(fix.t - _LEVEL_WINDOW, fix.t)
             if len(rows) < 3 or rows[0, IMU_T] > fix.t - 0.7 * _LEVEL_WINDOW:
-                return False
+                return None
+            self._from_rest = False
             nav, P, q = self._start_in_motion(rows, fix)
-        self._bank = HeadingHypotheses(nav, P, s.hypotheses, self._constants, self._lever, self._prior(q))
         self._bank_start = fix.t
-        return True
+        return HeadingHypotheses(nav, P, s.hypotheses, self._constants, self._lever, self._prior(q))
 
     def _start_in_motion(self, rows: Array, fix: _Fix) -> tuple[Array, Array, Array]:
         s = self.settings

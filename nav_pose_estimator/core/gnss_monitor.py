@@ -38,12 +38,12 @@ class GateState:
 
     open: bool = False
     inactive: bool = False  # no count to be had: status and accuracy decide alone
-    count: int | None = None
+    count: int = 0  # the last known one
     count_state: str = "missing"  # known, unknown, stale, missing
     count_time: float = -math.inf  # of the last known count
     last_update: float = -math.inf  # of the last count message, known or not
-    first_fix: float | None = None
-    good_since: float | None = None  # count at or above the enter threshold without a break
+    first_fix: float = math.inf
+    good_since: float = math.inf  # count at or above the enter threshold without a break; inf: it is not
     usable_since: float | None = None  # fixes usable without a break
     notices: tuple[Notice, ...] = ()
 
@@ -91,14 +91,14 @@ class GnssGate:
             return
         if count is None:
             self._set_count_state("unknown")
-            s.good_since = None
+            s.good_since = math.inf
             return
         if t - s.count_time > self.settings.count_max_age or count < self.settings.min_satellites_enter:
-            s.good_since = None
+            s.good_since = math.inf
         s.count, s.count_time, s.inactive = count, t, False
         self._set_count_state("known")
-        if count >= self.settings.min_satellites_enter and s.good_since is None:
-            s.good_since = t
+        if count >= self.settings.min_satellites_enter:
+            s.good_since = min(s.good_since, t)
         if s.open and count < self.settings.min_satellites_leave:
             self._close(f"{count} satellites, fewer than {self.settings.min_satellites_leave}")
 
@@ -112,7 +112,7 @@ class GnssGate:
     ) -> Verdict:
         """Judge one fix: NavSatStatus ``status``, accuracy [m] or ``None`` if unknown, ``age`` [s] on arrival."""
         s = self.state
-        s.first_fix = t if s.first_fix is None else s.first_fix
+        s.first_fix = min(s.first_fix, t)
         reason = self._quality(status, horizontal_sd, vertical_sd, age) or self._count_reason(t)
         if reason:
             s.usable_since = None
@@ -143,7 +143,7 @@ class GnssGate:
             return ""
         if s.count_state == "known" and t - s.count_time > settings.count_max_age:
             self._set_count_state("stale")
-            s.good_since = None
+            s.good_since = math.inf
         if s.open:
             return ""
         if s.count_state != "known":

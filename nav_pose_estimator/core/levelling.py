@@ -22,6 +22,7 @@ from nav_pose_estimator.core.rotation import (
 )
 
 Array = NDArray[np.float64]
+Vector = Sequence[float] | Array
 
 STANDARD_GRAVITY = 9.80665
 """m/s^2, where the latitude is not known."""
@@ -32,7 +33,7 @@ _COMPASS_WINDOW = 1.0  # s of magnetometer that make one heading
 _DIP_TOLERANCE = math.radians(25.0)  # of a dipole's dip, which is wrong by up to 20 deg itself
 
 
-def level_attitude(force: Sequence[float]) -> Array:
+def level_attitude(force: Vector) -> Array:
     """``q_nb`` (4,) at yaw zero of a body that feels the mean specific force ``force`` (3,)."""
     x, y, z = (float(f) for f in force)
     return quat_from_euler(math.atan2(y, z), math.atan2(-x, math.hypot(y, z)), 0.0)
@@ -77,7 +78,7 @@ def level_in_motion(rows: Array) -> Array:
     return level_attitude(total)
 
 
-def magnetic_yaw(q_level: Array, field: Sequence[float], declination: float) -> float:
+def magnetic_yaw(q_level: Array, field: Vector, declination: float) -> float:
     """Yaw [rad], counter-clockwise from East, that puts the field (3,) in b on the magnetic meridian.
 
     ``q_level`` is the attitude at yaw zero, ``declination`` [rad] positive when magnetic North lies East of North.
@@ -86,7 +87,7 @@ def magnetic_yaw(q_level: Array, field: Sequence[float], declination: float) -> 
     return wrap_angle(0.5 * math.pi - declination - math.atan2(y, x))
 
 
-def field_doubt(q_level: Array, field: Sequence[float], lat: float | None, lon: float | None) -> str:
+def field_doubt(q_level: Array, field: Vector, lat: float | None, lon: float | None) -> str:
     """Why the field (3,) [T] cannot be the Earth's, one clause; empty when it may be.
 
     The strength must be one that occurs on Earth; where the position is known, the dip must be near that of the
@@ -119,11 +120,11 @@ class Compass:
 
     def __init__(self, declination: float) -> None:
         self._declination = declination
-        self._fields: deque[tuple[float, Sequence[float]]] = deque()
+        self._fields: deque[tuple[float, Vector]] = deque()
         self.doubt = "no magnetometer"
         """Why the last ``yaw`` was None, one clause."""
 
-    def add(self, t: float, field: Sequence[float]) -> None:
+    def add(self, t: float, field: Vector) -> None:
         """One field (3,) [T] in b at ``t`` [s]; a field with a missing axis is left out."""
         if not all(map(math.isfinite, field)):
             return

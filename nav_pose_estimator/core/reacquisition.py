@@ -171,8 +171,9 @@ class Reacquisition:
         track = self._follow(fix, _velocity(velocity_enu))
         zone = self._zone(track, sigmas)
         waiting_for = self._waiting_for(track, zone, offset, lost)
-        if waiting_for and not self._waiting_for(self.state.loose, INCONSISTENT, offset, lost):
-            track, zone, waiting_for = self.state.loose, INCONSISTENT, ""
+        loose = self.state.loose
+        if waiting_for and loose is not None and not self._waiting_for(loose, INCONSISTENT, offset, lost):
+            track, zone, waiting_for = loose, INCONSISTENT, ""
         if waiting_for:
             return Decision("wait" if lost else "reject", waiting_for, offset, sigmas)
         return self._approve(fix, track, zone, offset, sigmas, predicted_sd, gap_s)
@@ -192,8 +193,10 @@ class Reacquisition:
         """The track that the fix belongs to, carried on to it; a new one if it fits none."""
         timeout, loose = self.settings.track_timeout, self.state.loose
         new = Track(fix, fix.t, fix.position, fix.position, velocity)
-        goes_on = loose is not None and fix.t - loose.t <= timeout and self._fits(loose, fix, None)
-        self.state.loose = _advance(loose, fix, None) if goes_on else new
+        if loose is not None and fix.t - loose.t <= timeout and self._fits(loose, fix, None):
+            self.state.loose = _advance(loose, fix, None)
+        else:
+            self.state.loose = new
         live = [track for track in self.state.tracks if fix.t - track.t <= timeout]
         fitting = [track for track in live if self._fits(track, fix, velocity)]
         if fitting:
@@ -251,27 +254,27 @@ class Reacquisition:
             return settings.min_duration
         if returned is None or track.first.t > returned.until:
             return settings.contradiction_time
-        if not self._agrees_with_unaided(track, offset):
+        if not self._agrees_with_unaided(returned, track, offset):
             return settings.contradiction_time
         if returned.zone != EXPECTED:
             return settings.min_duration
         lasted = track.first.t - returned.t
         return min(max(lasted, settings.min_duration), settings.contradiction_time)
 
-    def _agrees_with_unaided(self, track: Track, offset: Vector3) -> bool:
+    def _agrees_with_unaided(self, returned: Return, track: Track, offset: Vector3) -> bool:
         """Whether the track lies where the filter was before the return that is now in doubt."""
-        returned = self.state.returned
         return _sigmas(_sum(offset, returned.offset), track.first.sd, returned.sd) <= self.settings.sigmas
 
     def _approve(
         self, fix: Fix, track: Track, zone: int, offset: Vector3, sigmas: float, predicted_sd: Vector3, gap_s: float
     ) -> Decision:
         s, settings = self.state, self.settings
-        reopened = zone != EXPECTED and s.returned is not None and track.first.t <= s.returned.until
-        if reopened:
+        returned = s.returned
+        reopened = zone != EXPECTED and returned is not None and track.first.t <= returned.until
+        if reopened and returned is not None:
             # the doubt is still about the same outage: go on comparing with the prediction from before its end
-            first_zone = EXPECTED if self._agrees_with_unaided(track, offset) else CONTRADICTION
-            s.returned = replace(s.returned, t=fix.t, offset=_sum(offset, s.returned.offset), zone=first_zone)
+            first_zone = EXPECTED if self._agrees_with_unaided(returned, track, offset) else CONTRADICTION
+            s.returned = replace(returned, t=fix.t, offset=_sum(offset, returned.offset), zone=first_zone)
         else:
             s.returned = Return(fix.t, fix.t + min(gap_s, settings.probation), offset, predicted_sd, zone)
         s.approved, s.confirmed = fix, False
@@ -288,13 +291,16 @@ class Reacquisition:
 
 def _carried(track: Track, t: float, velocity: Vector3) -> Vector3:
     """Where the track's first fix has got to by ``t`` (trapezoidal rule on the velocities)."""
+    before = velocity if track.velocity is None else track.velocity
     half = 0.5 * (t - track.t)
-    return tuple(p + half * (a + b) for p, a, b in zip(track.position, track.velocity, velocity, strict=True))
+    x, y, z = (p + half * (a + b) for p, a, b in zip(track.position, before, velocity, strict=True))
+    return x, y, z
 
 
 def _advance(track: Track, fix: Fix, velocity: Vector3 | None) -> Track:
-    known = velocity is not None and track.velocity is not None
-    position = _carried(track, fix.t, velocity) if known else fix.position
+    position = fix.position
+    if velocity is not None and track.velocity is not None:
+        position = _carried(track, fix.t, velocity)
     return replace(
         track, t=fix.t, position=position, last_position=fix.position, velocity=velocity, count=track.count + 1
     )
@@ -303,7 +309,8 @@ def _advance(track: Track, fix: Fix, velocity: Vector3 | None) -> Track:
 def _vector(value: float | Sequence[float]) -> Vector3:
     if isinstance(value, (int, float)):
         return (float(value),) * 3
-    return tuple(float(item) for item in value)
+    x, y, z = (float(item) for item in value)
+    return x, y, z
 
 
 def _velocity(value: Sequence[float] | None) -> Vector3 | None:

@@ -84,6 +84,11 @@ class StartUp:
         return result if result is not None and result.has_position else None
 
     @property
+    def restarts(self) -> int:
+        """How often heading hypotheses that had gone astray were started anew."""
+        return self._aligner.restarts
+
+    @property
     def has_attitude(self) -> bool:
         """True when only the position is missing."""
         return self._aligner.result() is not None

@@ -185,6 +185,16 @@ def test_at_rest_without_magnetometer_no_heading_is_invented():
     assert "needs motion" in aligner.waiting_for()
 
 
+def test_a_large_gyroscope_offset_at_rest_is_learned_not_taken_for_a_turn():
+    """GIVEN an uncalibrated gyroscope with 20 deg/s of offset at rest THEN the offset is found in one window."""
+    offset = np.radians((-9.0, -3.0, 17.0))
+    story = Story(at_rest(0.05, 0.0, 1.0), 5.0, field_n=FIELD_N)
+    story.gyro += offset
+    result, t = story.tell(Aligner(settings()))
+    assert t < 2.7
+    np.testing.assert_allclose(result.nav[at.GYRO_BIAS : at.GYRO_BIAS + 3], GYRO_BIAS + offset, atol=8e-4)
+
+
 def test_a_receiver_that_reports_motion_at_rest_starts_nothing():
     """GIVEN a vehicle at rest WHEN a receiver just switched on reports 3 m/s THEN no heading is made of it."""
     story = Story(at_rest(), 20.0)

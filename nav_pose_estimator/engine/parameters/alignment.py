@@ -12,7 +12,13 @@ class AlignmentParameters:
     static_window: float = param(2.0, "s", "Length of the rest window that levels the filter", 0.5, 60.0)
     rest_gyro_sd: float = param(0.02, "rad/s", "Spread of the angular rate above which there is no rest", 1e-5, 1.0)
     rest_accel_sd: float = param(0.35, "m/s^2", "Spread of the force above which there is no rest", 1e-4, 10.0)
-    rest_rate: float = param(0.1, "rad/s", "Mean angular rate above which there is no rest", 1e-4, 1.0)
+    rest_rate: float = param(
+        0.45,
+        "rad/s",
+        "Mean angular rate above which there is no rest; a gyroscope's offset when switched on is less",
+        1e-4,
+        1.0,
+    )
     rest_speed: float = param(1.0, "m/s", "GNSS speed above which there is no rest", 0.05, 10.0)
     gyro_bias_sd: float = param(0.02, "rad/s", "Deviation of the gyroscope bias before anything is known", 1e-5, 1.0)
     accel_bias_sd: float = param(
