@@ -29,6 +29,7 @@ from nav_pose_estimator.engine.solutions import AttitudeBlock, AttitudeSolution,
 from nav_pose_estimator.errors import UserError
 
 _NS = 1e-9
+_FIRST_NS = 1_000_000_000  # stamp of the first recorded sample
 _NO_FIELD = np.empty((0, 3))
 _DISTURBED, _UNDISTURBED = 0.1, 0.5  # trusts of the field at which a disturbance begins and ends
 _STALE_MAG_NS = 500_000_000
@@ -93,7 +94,7 @@ class AttitudeEngine:
         if isinstance(item, ImuSample):
             return self._on_imu(item)
         if isinstance(item, ImuBlock):
-            return self._on_block(item, _NO_FIELD)
+            return self._on_block(item)
         self._counters[item.name] += 1
         if item.name in RESTARTS:
             self._restart(item.name)
@@ -183,23 +184,21 @@ class AttitudeEngine:
             gyro_bias=head[at.BIAS : at.BIAS + 3],
         )
 
-    def _on_block(self, block: ImuBlock, mag: np.ndarray) -> AttitudeBlock:
+    def _on_block(self, block: ImuBlock) -> AttitudeBlock:
+        return _as_block(block.stamps_ns, self._run(block, _NO_FIELD))
+
+    def _run(self, block: ImuBlock, field: np.ndarray) -> np.ndarray:
+        """Rows (N, BLOCK_COLUMNS) of accepted samples; ``field`` (N, 3) or (0, 3) in b."""
         memory = self._memory
         if memory.last_ns is None:
             memory.last_ns = memory.started_ns = int(block.stamps_ns[0])
         imu = np.empty((len(block), 7))
         imu[:, 0] = np.diff(block.stamps_ns, prepend=memory.last_ns) * _NS
         imu[:, 1:4], imu[:, 4:7] = block.gyro, block.accel
-        out = np.empty((len(block), at.BLOCK_COLUMNS))
-        self._kernels.run(memory.state, imu, mag, out)
+        rows = np.empty((len(block), at.BLOCK_COLUMNS))
+        self._kernels.run(memory.state, imu, field, rows)
         memory.last_ns = int(block.stamps_ns[-1])
-        return AttitudeBlock(
-            stamps_ns=block.stamps_ns,
-            q_nb=out[:, at.BLOCK_QUAT : at.BLOCK_QUAT + 4],
-            tilt_sd=np.sqrt(out[:, at.BLOCK_TILT_VAR]),
-            yaw_sd=np.sqrt(out[:, at.BLOCK_YAW_VAR]),
-            gyro_bias=out[:, at.BLOCK_BIAS : at.BLOCK_BIAS + 3],
-        )
+        return rows
 
     def _restart(self, name: str) -> None:
         """Start levelling again; what was learned of the sensors stays unless the clock is a new one."""
@@ -272,19 +271,25 @@ class AttitudeEngine:
 
     # --- recorded arrays -------------------------------------------------------------------------------------------
 
-    def run_array(self, t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, mag: np.ndarray | None) -> np.ndarray:
-        """The attitudes (N, 4) of recorded arrays; see :func:`estimate_attitude`, which checks them first."""
-        stamps = np.rint((t - t[0]) * 1e9).astype(np.int64) + round(1e9)
-        q, row = np.full((len(t), 4), np.nan), 0
+    def feed_recorded(self, block: ImuBlock, mag: np.ndarray | None = None) -> AttitudeBlock:
+        """One row for every sample of ``block``, refused ones included: they repeat the row ahead of them.
+
+        ``mag`` (N, 3) is the field that follows each IMU sample, any unit, NaN for none.
+        """
+        if not len(block):
+            return _as_block(block.stamps_ns, np.empty((0, at.BLOCK_COLUMNS)))
+        rows = np.full((len(block), at.BLOCK_COLUMNS), np.nan)
         field = _NO_FIELD if mag is None or not self._parameters.aids.magnetometer else self._field_in_b(mag)
-        for item in self._door.accept_block(ImuBlock(stamps, gyro, accel)):
+        done = 0
+        for item in self._door.accept_block(block):
             if isinstance(item, Event):
                 self._handle(item)
                 continue
-            rows = row + np.flatnonzero(np.isin(stamps[row:], item.stamps_ns))[: len(item)]
-            q[rows] = self._on_block(item, field[rows] if len(field) else _NO_FIELD).q_nb
-            row = rows[-1] + 1
-        return _hold(q)
+            stamps, first = np.unique(block.stamps_ns[done:], return_index=True)
+            where = done + first[np.searchsorted(stamps, item.stamps_ns)]
+            rows[where] = self._run(item, field[where] if len(field) else _NO_FIELD)
+            done = int(where[-1]) + 1
+        return _as_block(block.stamps_ns, _hold(rows))
 
     def _field_in_b(self, mag: np.ndarray) -> np.ndarray:
         field = (np.asarray(mag, dtype=float) - self._hard_iron) @ self._soft_iron.T
@@ -315,17 +320,16 @@ def estimate_attitude(
 
     ``t`` (N,) [s], increasing; ``gyro`` (N, 3) [rad/s]; ``accel`` (N, 3) [m/s^2], +g up at rest; ``mag`` (N, 3), any
     unit, NaN rows where there is none, or None. ``method`` complementary or two_stage. ``params`` the parameter tree,
-    or dotted names in it (``{"attitude.kp": 0.3}``). Returns (N, 4) quaternions w, x, y, z that take body (FLU) to ENU;
-    without a magnetometer the yaw starts near 0. A sample that has to be refused (NaN, out of range, out of order)
-    repeats the estimate ahead of it.
+    or dotted names in it (``{"attitude.wander": 0.003}``). Returns (N, 4) quaternions w, x, y, z that take body (FLU)
+    to ENU; without a magnetometer the yaw starts near 0. A sample that has to be refused (NaN, out of range, out of
+    order) repeats the estimate ahead of it.
     """
     t, gyro, accel = (np.ascontiguousarray(x, dtype=float) for x in (t, gyro, accel))
     _check_shapes(t, gyro, accel, mag)
     tree = params if isinstance(params, Parameters) else parameter_schema.update(Parameters(), params or {})
     engine = AttitudeEngine(parameter_schema.update(tree, {"attitude.filter": method}))
-    if len(t) == 0:
-        return np.empty((0, 4))
-    return engine.run_array(t, gyro, accel, mag)
+    stamps = np.rint((t - t[:1]) * 1e9).astype(np.int64) + _FIRST_NS
+    return engine.feed_recorded(ImuBlock(stamps, gyro, accel), mag).q_nb
 
 
 def _check_shapes(t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, mag: np.ndarray | None) -> None:
@@ -338,10 +342,21 @@ def _check_shapes(t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, mag: np.nd
         raise UserError("t holds NaN or infinity")
 
 
-def _hold(q: np.ndarray) -> np.ndarray:
-    """``q`` (N, 4) with each NaN row replaced by the row ahead of it, level ahead of the first."""
-    known = ~np.isnan(q[:, 0])
-    last = np.maximum.accumulate(np.where(known, np.arange(len(q)), -1))
-    held = q[np.maximum(last, 0)]
-    held[last < 0] = (1.0, 0.0, 0.0, 0.0)
+def _as_block(stamps_ns: np.ndarray, rows: np.ndarray) -> AttitudeBlock:
+    return AttitudeBlock(
+        stamps_ns=stamps_ns,
+        q_nb=rows[:, at.BLOCK_QUAT : at.BLOCK_QUAT + 4],
+        tilt_sd=np.sqrt(rows[:, at.BLOCK_TILT_VAR]),
+        yaw_sd=np.sqrt(rows[:, at.BLOCK_YAW_VAR]),
+        gyro_bias=rows[:, at.BLOCK_BIAS : at.BLOCK_BIAS + 3],
+    )
+
+
+def _hold(rows: np.ndarray) -> np.ndarray:
+    """``rows`` with each NaN row replaced by the row ahead of it; ahead of the first, level and all unknown."""
+    last = np.maximum.accumulate(np.where(np.isnan(rows[:, 0]), -1, np.arange(len(rows))))
+    held = rows[np.maximum(last, 0)]
+    held[last < 0] = 0.0
+    held[last < 0, at.BLOCK_QUAT] = 1.0
+    held[last < 0, at.BLOCK_TILT_VAR : at.BLOCK_BIAS] = math.pi**2 / 3.0
     return held

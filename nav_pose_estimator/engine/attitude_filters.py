@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from nav_pose_estimator.core import attitude_layout as at
-from nav_pose_estimator.core import complementary
+from nav_pose_estimator.core import complementary, two_stage
 from nav_pose_estimator.engine.parameters import Parameters
 
 _FIXED = {
@@ -74,5 +74,18 @@ def complementary_state(parameters: Parameters) -> np.ndarray:
     return s
 
 
-MAKE_STATE = {"complementary": complementary_state}
-KERNELS = {"complementary": complementary}
+def two_stage_state(parameters: Parameters) -> np.ndarray:
+    """State vector of ``core.two_stage`` that waits for its first sample."""
+    p, t, c = parameters.attitude.two_stage, two_stage, parameters.attitude
+    s = np.zeros(t.SIZE)
+    _fill_shared(s, parameters)
+    s[at.WANDER_PSD], s[at.HEADING_PSD] = p.wander**2, p.heading_noise**2
+    s[t.TILT_VAR], s[t.HEADING_VAR] = c.initial_tilt_sd**2, math.pi**2 / 3.0
+    s[t.R1_START], s[t.SHARED], s[t.LITERAL] = p.force_sd**2, p.shared_windows, float(p.correction == "literal")
+    s[t.REGULATOR_P], s[t.REGULATOR_I], s[t.REGULATOR_BAND] = p.regulator_p, p.regulator_i, p.regulator_band
+    s[t.BIAS_TAU_START], s[t.BIAS_TAU] = p.bias_tau_start, p.bias_tau
+    return s
+
+
+MAKE_STATE = {"complementary": complementary_state, "two_stage": two_stage_state}
+KERNELS = {"complementary": complementary, "two_stage": two_stage}

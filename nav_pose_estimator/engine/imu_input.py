@@ -33,6 +33,7 @@ _CLIPPED_RUN = 3  # so many equal values in a row on one axis ...
 _CLIPPED_RATE = 4.3  # ... beyond the smallest usual range (250 deg/s) are a saturated gyroscope [rad/s]
 _CLIPPED_FORCE = 19.0  # ... beyond the smallest usual range (2 g) are a saturated accelerometer [m/s^2]
 _FEW = 4  # up to so many samples are checked faster one by one than by whole-array comparisons
+_MANY = 64  # a longer block with something in it is halved: most of it may be clean
 _NS = 1e-9
 
 
@@ -128,9 +129,14 @@ class ImuInput:
 
     def accept_block(self, block: ImuBlock) -> list[ImuBlock | Event]:
         """What follows from ``block``, in order: events and the accepted runs of samples in body axes."""
-        if len(block) > _FEW and self._is_clean(block):
-            self._remember_end(block)
-            return [self._block_to_body(block)]
+        if len(block) > _FEW:
+            since = self._quiet_since(block)
+            if since is not None:
+                self._remember_end(block, since)
+                return [self._block_to_body(block)]
+        if len(block) > _MANY:
+            half = len(block) // 2
+            return self.accept_block(_part(block, 0, half)) + self.accept_block(_part(block, half, len(block)))
         stamps, gyro, accel = block.stamps_ns.tolist(), block.gyro.tolist(), block.accel.tolist()
         rows = zip(stamps, gyro, accel, strict=True)
         items = (item for t, w, f in rows for item in self.accept(ImuSample(t, tuple(w), tuple(f))))
@@ -246,30 +252,54 @@ class ImuInput:
 
     # --- blocks ----------------------------------------------------------------------------------------------------
 
-    def _is_clean(self, block: ImuBlock) -> bool:
-        """True when provably no rule of :meth:`accept` speaks up for any sample of ``block``."""
+    def _quiet_since(self, block: ImuBlock) -> tuple[int, int] | None:
+        """None when a rule of :meth:`accept` may speak up; else since when each sensor repeats its last value [ns]."""
         memory, stamps, gyro, accel = self._memory, block.stamps_ns, block.gyro, block.accel
         if memory.stuck or memory.saturated or stamps[0] <= 0:
-            return False
+            return None
         if memory.last_ns is not None and not 0 < stamps[0] - memory.last_ns <= self._max_gap_ns:
-            return False
+            return None
         steps = stamps[1:] - stamps[:-1]
         if len(steps) and not (steps.min() > 0 and steps.max() <= self._max_gap_ns):
-            return False
+            return None
         limits = self._limits
         if not (np.abs(gyro).max() <= limits.max_rate and np.abs(accel).max() <= limits.max_force):  # false for NaN
-            return False
-        return not (_repeats(gyro, memory.gyro, _CLIPPED_RATE) or _repeats(accel, memory.accel, _CLIPPED_FORCE))
+            return None
+        since = self._repeats_since(gyro, memory.gyro, memory.gyro_since_ns, _CLIPPED_RATE, stamps)
+        if since is None:
+            return None
+        other = self._repeats_since(accel, memory.accel, memory.accel_since_ns, _CLIPPED_FORCE, stamps)
+        return None if other is None else (since, other)
 
-    def _remember_end(self, block: ImuBlock) -> None:
-        memory, stamp = self._memory, int(block.stamps_ns[-1])
-        memory.last_ns, memory.elsewhere_run = stamp, 0
-        memory.gyro, memory.accel = tuple(block.gyro[-1].tolist()), tuple(block.accel[-1].tolist())
-        memory.gyro_since_ns = memory.accel_since_ns = stamp
-        nothing, zero = (math.nan,) * 3, (0,) * 3
-        memory.clipped = _count_equal(memory.gyro, nothing, _CLIPPED_RATE, zero) + _count_equal(
-            memory.accel, nothing, _CLIPPED_FORCE, zero
-        )
+    def _repeats_since(
+        self, values: np.ndarray, before: Vector3, since_ns: int, bound: float, stamps: np.ndarray
+    ) -> int | None:
+        """Since when the last row repeats itself; None if any run is long enough for stuck, or an axis clips."""
+        equal = np.empty(values.shape, dtype=bool)
+        equal[0], equal[1:] = values[0] == before, values[1:] == values[:-1]
+        if not equal.any():
+            return int(stamps[-1])
+        rows = equal.all(axis=1)
+        if (equal & (np.abs(values) > bound) & ~rows[:, None]).any():
+            return None
+        if not rows.any():
+            return int(stamps[-1])
+        begin = np.maximum.accumulate(np.where(rows, -1, np.arange(len(rows))))  # -1: the run began ahead of the block
+        since = np.where(begin < 0, since_ns, stamps[begin])
+        if (rows & (stamps - since >= self._stuck_ns)).any():
+            return None
+        return int(since[-1])
+
+    def _remember_end(self, block: ImuBlock, since: tuple[int, int]) -> None:
+        memory = self._memory
+        gyro, accel = tuple(block.gyro[-1].tolist()), tuple(block.accel[-1].tolist())
+        if since[0] != memory.gyro_since_ns:
+            memory.clipped = _count_one(gyro, _CLIPPED_RATE) + memory.clipped[3:]
+        if since[1] != memory.accel_since_ns:
+            memory.clipped = memory.clipped[:3] + _count_one(accel, _CLIPPED_FORCE)
+        memory.last_ns, memory.elsewhere_run = int(block.stamps_ns[-1]), 0
+        memory.gyro, memory.accel = gyro, accel
+        memory.gyro_since_ns, memory.accel_since_ns = since
 
     def _block_to_body(self, block: ImuBlock) -> ImuBlock:
         if self._rows is None:
@@ -285,11 +315,13 @@ def _count_equal(values: Vector3, before: Vector3, bound: float, counts: tuple[i
     return tuple(0 if abs(v) <= bound else n + 1 if v == b else 1 for v, b, n in rows)
 
 
-def _repeats(values: np.ndarray, before: Vector3, bound: float) -> bool:
-    """True when a row of ``values`` (N, 3) equals the row ahead of it, or one axis does beyond ``bound``."""
-    equal = np.empty(values.shape, dtype=bool)
-    equal[0], equal[1:] = values[0] == before, values[1:] == values[:-1]
-    return bool(equal.any() and (equal.all(axis=1).any() or (equal & (np.abs(values) > bound)).any()))
+def _count_one(values: Vector3, bound: float) -> tuple[int, ...]:
+    """The counts of :func:`_count_equal` for values of which none repeats."""
+    return tuple(int(abs(v) > bound) for v in values)
+
+
+def _part(block: ImuBlock, start: int, end: int) -> ImuBlock:
+    return ImuBlock(block.stamps_ns[start:end], block.gyro[start:end], block.accel[start:end])
 
 
 def _joined(items: Iterable[ImuSample | Event]) -> list[ImuBlock | Event]:

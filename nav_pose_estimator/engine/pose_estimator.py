@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.engine import rehearsal_flight
 from nav_pose_estimator.engine.attitude import AttitudeEngine
 from nav_pose_estimator.engine.habits import Habits
 from nav_pose_estimator.engine.parameters import Parameters
@@ -130,6 +131,7 @@ class PoseEstimator:
         self.sins.warm_up()
         if self.attitude is not None:
             self.attitude.warm_up()
+        rehearsal_flight.rehearse(lambda: PoseEstimator(self.parameters))
 
     def snapshot(self) -> Any:
         """Everything that changes, to be given to ``restore``."""

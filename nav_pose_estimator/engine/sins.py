@@ -10,7 +10,7 @@ import numpy as np
 
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.kalman import predicted_horizontal_sd
-from nav_pose_estimator.engine import filter_setup, start_up
+from nav_pose_estimator.engine import filter_setup, rehearsal_flight, start_up
 from nav_pose_estimator.engine.aid_input import AidInput
 from nav_pose_estimator.engine.gnss_input import POSITION, VELOCITY, GnssInput
 from nav_pose_estimator.engine.imu_input import RESTARTS, ImuInput
@@ -150,12 +150,16 @@ class SinsEngine:
             gnss_refusal=self._gnss.refusal,
             satellites=self._gnss.satellites,
             counters=dict(self._journal.counters),
-            values={f"nis.{kind}": value for kind, value in self._gnss.nis.items()},
+            values={
+                "alignment.restarts": float(self._aligner.restarts),
+                **{f"nis.{kind}": value for kind, value in self._gnss.nis.items()},
+            },
         )
 
     def warm_up(self) -> None:
         """Compile every kernel now, so that no flight waits for a compiler."""
         start_up.warm_up(self._constants, filter_setup.states(self.parameters))
+        rehearsal_flight.rehearse(lambda: SinsEngine(self.parameters))
 
     def snapshot(self) -> SinsEngine:
         """An independent copy of the engine as it stands."""

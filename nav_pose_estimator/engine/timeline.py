@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.earth import lla_to_enu, radii
+from nav_pose_estimator.core.earth import lla_to_enu_point, radii
 from nav_pose_estimator.core.layout import ALT, IMU_COLUMNS, IMU_T, LAT, OUT_COLUMNS, POINT_SAMPLED, TIME, VEL
 from nav_pose_estimator.core.strapdown import flush_covariance, run_imu
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
@@ -259,7 +259,7 @@ def single_solution(block: NavBlock, timeline: Timeline, origin: tuple[float, fl
         gyro_bias=nav[at.GYRO_BIAS : at.ACCEL_BIAS].copy(),
         accel_bias=nav[at.ACCEL_BIAS : at.WIND].copy(),
         cov=timeline.P[: at.BASE_STATES, : at.BASE_STATES].copy(),
-        position_enu=lla_to_enu(lat, lon, alt, *origin),
+        position_enu=lla_to_enu_point(lat, lon, alt, *origin),
         correction_enu=block.correction_enu,
         reset_count=block.reset_count,
     )

@@ -13,7 +13,15 @@ import numpy as np
 
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.engine.habits import Habits
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, Sample, SatelliteCount, SetPose
+from nav_pose_estimator.engine.samples import (
+    GnssFix,
+    GnssVelocity,
+    ImuBlock,
+    ImuSample,
+    Sample,
+    SatelliteCount,
+    SetPose,
+)
 from nav_pose_estimator.engine.sins import SinsEngine
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution, Output
 from nav_pose_estimator.engine.timeline import step_enu
@@ -33,6 +41,7 @@ class VirtualOutages:
         self._helped: SinsEngine | None = None
         self._habits: Habits | None = None
         self._latest: NavBlock | NavSolution | None = None  # of the helped copy
+        self._waiting: list[ImuSample] = []  # IMU samples that the copies get as one block: a tenth of the work
         self._next_ns = 0
         self._until_ns = 0
         self._squares: deque[tuple[float, float]] = deque(maxlen=_KEPT)  # errors coasting and helped, m^2
@@ -44,6 +53,7 @@ class VirtualOutages:
         twin._helped = self._helped and self._helped.snapshot()
         twin._habits = self._habits and self._habits.copy()
         twin._squares = self._squares.copy()
+        twin._waiting = self._waiting.copy()
         return twin
 
     @property
@@ -60,11 +70,15 @@ class VirtualOutages:
         """Hand a sample to the copies; nothing that comes from GNSS reaches them."""
         if self._coasting is None or self._helped is None or isinstance(sample, _FROM_GNSS):
             return
-        self._coasting.feed(sample)
-        self._latest = last_solution(self._helped.feed(sample)) or self._latest
+        if isinstance(sample, ImuSample):
+            self._waiting.append(sample)
+            return
+        self._catch_up()
+        self._fly(sample)
 
     def step(self, stamp_ns: int, sins: SinsEngine, habits: Habits) -> None:
         """Called several times a second behind ``feed``: start, help, or judge."""
+        self._catch_up()
         if sins.mode is not Mode.AIDED:
             self._stop()
         elif self._helped is None or self._coasting is None or self._habits is None:
@@ -78,6 +92,20 @@ class VirtualOutages:
             for prior in self._habits.feed(self._latest):
                 self._helped.feed(prior)
 
+    def _catch_up(self) -> None:
+        """Fly the copies up to the last IMU sample."""
+        if self._waiting:
+            stamps = np.array([sample.stamp_ns for sample in self._waiting])
+            gyro = np.array([sample.gyro for sample in self._waiting])
+            accel = np.array([sample.accel for sample in self._waiting])
+            self._waiting.clear()
+            self._fly(ImuBlock(stamps, gyro, accel))
+
+    def _fly(self, sample: Sample) -> None:
+        if self._coasting is not None and self._helped is not None:
+            self._coasting.feed(sample)
+            self._latest = last_solution(self._helped.feed(sample)) or self._latest
+
     def _start(self, stamp_ns: int, sins: SinsEngine, habits: Habits) -> None:
         self._coasting, self._helped, self._habits = sins.snapshot(), sins.snapshot(), habits.copy()
         self._latest = None
@@ -85,6 +113,7 @@ class VirtualOutages:
 
     def _stop(self) -> None:
         self._coasting = self._helped = self._habits = self._latest = None
+        self._waiting.clear()
 
 
 def _squared_error(engine: SinsEngine, truth: np.ndarray) -> float:

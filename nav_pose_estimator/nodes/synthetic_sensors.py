@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -50,22 +51,22 @@ class SyntheticSensors(Node):
     # --- time ------------------------------------------------------------------------------------------------------
 
     def _on_timer(self) -> None:
-        if self._began is None and not self._begin():
+        if self._began is None:
+            self._begin()
             return
         now = round((time.monotonic() - self._began) * self._speed * 1e9)
         self._publish_until(min(now, self._length_ns))
         if now >= self._length_ns:
             self._finish_lap()
 
-    def _begin(self) -> bool:
+    def _begin(self) -> None:
         """Start a lap, as soon as somebody listens."""
         waits = self._parameters_of_story.wait_for_subscriber
         if waits and not self._outputs[ImuSample].get_subscription_count():
-            return False
+            return
         self._began, self._next, self._next_truth, self._next_clock_ns = time.monotonic(), 0, 0, 0
         # simulated time starts anew in every lap, wall time goes on
         self._shift_ns = 0 if self._clock_output is not None else time.time_ns() - self._start_ns
-        return True
 
     def _finish_lap(self) -> None:
         self._lap += 1
@@ -90,7 +91,7 @@ class SyntheticSensors(Node):
             self._next_truth += 1
 
     def _publish(self, timed: Timed) -> None:
-        sample = timed.sample
+        sample: Any = timed.sample
         if sample.stamp_ns is not None and self._shift_ns:
             sample = replace(sample, stamp_ns=sample.stamp_ns + self._shift_ns)
         self._outputs[type(sample)].publish(to_message(sample))

@@ -12,16 +12,16 @@ from std_srvs.srv import SetBool, Trigger
 
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import Sample
-from nav_pose_estimator.engine.solutions import Event, Level, Mode, Output
+from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Mode, NavSolution, Output
 from nav_pose_estimator.ros import qos
 from nav_pose_estimator.ros.convert import Converted
 from nav_pose_estimator.ros.diagnostics import Diagnostics, InputWatch
 from nav_pose_estimator.ros.imu_cdr import decode_imu
 from nav_pose_estimator.ros.inputs import Input
 from nav_pose_estimator.ros.logbook import Logbook
-from nav_pose_estimator.ros.messages import is_finite
+from nav_pose_estimator.ros.messages import is_finite, warm_up
 from nav_pose_estimator.ros.parameters import LiveParameters, declare
-from nav_pose_estimator.ros.time_guard import TimeGuard
+from nav_pose_estimator.ros.time_guard import TimeGuard, stamp_of
 
 
 class EstimatorNode(Node):
@@ -36,6 +36,7 @@ class EstimatorNode(Node):
         self.logbook = Logbook(self.get_logger())
         self.engine = make_engine(self.parameters)
         self.engine.warm_up()
+        warm_up()
         self._live = LiveParameters(self, self.parameters, self._set_parameters)
         self._guard = TimeGuard(round(self.parameters.ros.input.max_stamp_regression * 1e9))
         self._mode: Mode | None = None
@@ -93,7 +94,7 @@ class EstimatorNode(Node):
         """Feed one sample and publish what follows."""
         admission = self._guard.admit(sample)
         if admission.back_s > 0.0:
-            stamp = min(s.stamp_ns for s in admission.samples if s.stamp_ns)
+            stamp = min(filter(None, map(stamp_of, admission.samples)))
             reason = f"time went back by {admission.back_s:.1f} s"
             self.deliver(self.engine.reset(stamp, reason))
         for ready in admission.samples:
@@ -106,6 +107,8 @@ class EstimatorNode(Node):
         for output in outputs:
             if isinstance(output, Event):
                 self.logbook.note(output)
+            elif not isinstance(output, (NavSolution, AttitudeSolution)):
+                continue  # blocks come from blocks, and nodes feed none
             elif is_finite(output):
                 self.publish(output)
             else:
@@ -116,8 +119,8 @@ class EstimatorNode(Node):
             self._mode = mode
             self._diagnostics.publish_status(self.engine.status())
 
-    def publish(self, solution: Output) -> None:
-        """Publish one solution."""
+    def publish(self, solution: Any) -> None:
+        """Publish one solution of the kind that the engine gives."""
         raise NotImplementedError
 
     def destroy_node(self) -> None:

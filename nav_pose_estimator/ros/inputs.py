@@ -19,7 +19,7 @@ _FIX = {
     "gpsfix": ("gps_msgs", "GPSFix", gps_umd.fix),
     "px4": ("px4_msgs", "SensorGps", px4.fix),
 }
-_VELOCITY = {
+_VELOCITY: dict[str, tuple[str, str, Adapter]] = {
     "twist_with_covariance": ("geometry_msgs", "TwistWithCovarianceStamped", convert.twist_with_covariance),
     "twist": ("geometry_msgs", "TwistStamped", convert.twist),
     "gpsfix": ("gps_msgs", "GPSFix", gps_umd.velocity),

@@ -109,8 +109,15 @@ def twist_covariance(P: np.ndarray, C_nb: np.ndarray, vel_n: np.ndarray) -> np.n
     return J @ P @ J.T
 
 
+def warm_up() -> None:
+    """Call the kernels that messages need once."""
+    pose_covariance(np.eye(BASE_STATES))
+    twist_covariance(np.eye(BASE_STATES), quat_to_matrix(_NO_ROTATION), np.zeros(3))
+
+
 def is_finite(solution: NavSolution | AttitudeSolution) -> bool:
     """Whether every number that goes into messages is one: nothing else may leave a node."""
+    parts: tuple[np.ndarray, ...]
     if isinstance(solution, AttitudeSolution):
         parts = (solution.q_nb, solution.cov_n, solution.rate_b, solution.accel_b)
     else:

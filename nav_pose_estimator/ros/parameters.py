@@ -20,7 +20,7 @@ from nav_pose_estimator.engine.parameters.ros import READ_BY_ROS
 def declare(node: Node, defaults: Any = None) -> Any:
     """Declare a whole tree (the estimators' by default); return it with the overrides of files and command line."""
     parameters = update(Parameters() if defaults is None else defaults, overrides(node))
-    declarations = [(spec.key, _ros_value(spec.default), descriptor(spec)) for spec in specs(parameters)]
+    declarations: list[Any] = [(spec.key, _ros_value(spec.default), descriptor(spec)) for spec in specs(parameters)]
     node.declare_parameters("", declarations, ignore_override=True)
     return parameters
 

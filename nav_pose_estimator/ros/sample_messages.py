@@ -1,6 +1,7 @@
 """Samples to messages, as a driver would publish them: the inverse of :mod:`convert`, for simulated sensors."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from nav_pose_estimator.engine.samples import (
 )
 from nav_pose_estimator.ros.messages import fill_stamp
 from nav_pose_estimator.ros.satellites import MAVLINK_UNKNOWN
+from nav_pose_estimator.ros.time_guard import stamp_of
 
 TOPICS: dict[type, tuple[str, Any]] = {
     ImuSample: ("imu/data_raw", Imu),
@@ -41,8 +43,9 @@ def to_message(sample: Sample) -> Any:
     """A new message for ``sample``; its stamp is that of the sample."""
     message = TOPICS[type(sample)][1]()
     _FILL[type(sample)](message, sample)
-    if sample.stamp_ns is not None:
-        fill_stamp(message.header.stamp, sample.stamp_ns)
+    stamp = stamp_of(sample)
+    if stamp is not None:
+        fill_stamp(message.header.stamp, stamp)
         message.header.frame_id = "imu_link" if isinstance(sample, (ImuSample, MagSample)) else "gps"
     return message
 
@@ -73,9 +76,8 @@ def _fix(message: NavSatFix, sample: GnssFix) -> None:
     message.status.status, message.status.service = sample.status, 1
     message.latitude, message.longitude = math.degrees(sample.lat), math.degrees(sample.lon)
     message.altitude = float(sample.alt)
-    known = sample.cov_enu is not None
-    message.position_covariance_type = _COVARIANCE_KNOWN if known else _COVARIANCE_UNKNOWN
-    if known:
+    message.position_covariance_type = _COVARIANCE_UNKNOWN if sample.cov_enu is None else _COVARIANCE_KNOWN
+    if sample.cov_enu is not None:
         message.position_covariance[:] = sample.cov_enu.ravel()
 
 
@@ -107,7 +109,7 @@ def _vector(target: Any, values: Any) -> None:
     target.x, target.y, target.z = map(float, values)
 
 
-_FILL = {
+_FILL: dict[type, Callable[[Any, Any], None]] = {
     ImuSample: _imu,
     MagSample: _mag,
     GnssFix: _fix,

@@ -42,15 +42,15 @@ class TimeGuard:
 
     def admit(self, sample: Sample) -> Admission:
         """What ``sample`` leads to."""
-        stamp = _stamp(sample)
+        stamp = stamp_of(sample)
         is_imu = isinstance(sample, ImuSample) and sample.stamp_ns > 0
         # without a stamp there is nothing to judge, but the sample keeps its place behind what is held
         limit = 0 if self._expected and is_imu else self._limit
         back = self.newest_ns - stamp > limit if stamp and stamp > 0 else bool(self._held)
         self._expected = max(self._expected - 1, 0)
         if not back:
-            if is_imu:
-                self._advance(sample.stamp_ns)
+            if is_imu and stamp:
+                self._advance(stamp)
             if not self._held:
                 return Admission((sample,))
             return self._release(sample) if is_imu else self._hold(sample, False)
@@ -86,12 +86,13 @@ class TimeGuard:
 
     def _restart(self, sample: Sample) -> Admission:
         samples = (*self._held, sample)
-        stamps = [stamp for stamp in map(_stamp, samples) if stamp]
+        stamps = [stamp for stamp in map(stamp_of, samples) if stamp]
         back = (self.newest_ns - min(stamps)) * 1e-9
         self.forget()
         self.newest_ns = max((s.stamp_ns for s in samples if isinstance(s, ImuSample)), default=0)
         return Admission(samples, back)
 
 
-def _stamp(sample: Sample) -> int | None:
+def stamp_of(sample: Sample) -> int | None:
+    """The stamp of a sample, of a block its last one; None for a count that came without a header."""
     return int(sample.stamps_ns[-1]) if isinstance(sample, ImuBlock) else sample.stamp_ns

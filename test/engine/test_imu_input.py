@@ -121,7 +121,7 @@ FAULTS = st.sampled_from(["good", "good", "good", "nan", "repeat", "clip", "back
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.lists(FAULTS, min_size=1, max_size=40), st.integers(1, 40))
+@given(st.lists(FAULTS, min_size=1, max_size=150), st.integers(1, 150))
 def test_blocks_and_single_samples_tell_the_same_story(faults, size):
     samples, stamp = [], START
     for k, fault in enumerate(faults):

@@ -110,7 +110,7 @@ def test_two_processes_equal_the_engine_alone(launch, observer):
     sensors = launch("synthetic_sensors", *(a for s in story for a in ("-p", s)))
     end = int(flight.imu.stamps_ns[-1])
     observer.until(lambda: poses and convert.stamp_ns(poses[-1]) == end, "the end of the flight")
-    assert sensors.process.wait(timeout=30) == 0
+    assert sensors.process.wait(timeout=120) == 0
 
     engine = PoseEstimator(attitude=False)
     alone, last_fix = {}, 0
@@ -158,7 +158,6 @@ def test_every_kind_of_publisher_is_heard_and_a_misfit_is_named(launch, observer
         if profile is BEST_EFFORT:
             strict.wait_for("topic 'imu/data_raw', offering incompatible QoS")
             assert "RELIABILITY" in strict.text()
-        observer.node.destroy_publisher(publisher)
     assert node.stop(signal.SIGTERM) == 0, node.text()
     assert strict.stop(signal.SIGINT) == 0, strict.text()
 
@@ -191,5 +190,5 @@ def test_a_file_with_a_wrong_value_ends_a_node_with_code_2(launch, tmp_path):
     file = tmp_path / "wrong.yaml"
     file.write_text("/**:\n  ros__parameters:\n    gnss:\n      delay: 9.0\n")
     child = launch("sins_node", "--params-file", str(file))
-    assert child.process.wait(timeout=30) == 2
+    assert child.process.wait(timeout=120) == 2
     assert child.text().strip() == "sins_node: gnss.delay: 9 is above the maximum 1 s"

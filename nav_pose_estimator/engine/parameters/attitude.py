@@ -1,8 +1,26 @@
 """Parameters of the attitude filters."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from nav_pose_estimator.engine.parameter_schema import param
+
+
+@dataclass(frozen=True)
+class TwoStageParameters:
+    """What only the two-stage filter has; the rest it shares with the complementary filter."""
+
+    wander: float = param(0.009, "rad/sqrt(s)", "Walk of the attitude by gyroscope errors in motion", 1e-6, 1.0)
+    force_sd: float = param(0.8, "m/s^2", "Deviation of the low-passed force at the start", 1e-3, 10.0)
+    shared_windows: float = param(10.0, "", "Feedback windows of the low-passed force that share their noise", 1.0, 1e4)
+    regulator_p: float = param(0.05, "", "Proportional gain of the regulator of the force's noise", 0.0, 1.0)
+    regulator_i: float = param(0.002, "", "Integral gain of the regulator", 0.0, 1.0)
+    regulator_band: float = param(1.0, "", "The integral works below this relative mismatch", 0.0, 100.0)
+    heading_noise: float = param(0.15, "rad*sqrt(s)", "Root density of the error of a magnetic heading", 1e-3, 100.0)
+    bias_tau_start: float = param(25.0, "s", "Smoothing of the gyroscope bias in motion at first", 1.0, 1e4)
+    bias_tau: float = param(1000.0, "s", "... and later", 1.0, 1e5)
+    correction: str = param(
+        "projected", "", "literal zeroes components of the quaternion", choices=("projected", "literal")
+    )
 
 
 @dataclass(frozen=True)
@@ -76,3 +94,4 @@ class AttitudeParameters:
     soft_iron: tuple[float, ...] = param(
         (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), "", "Matrix on the field, row by row (sensor axes)", -10.0, 10.0
     )
+    two_stage: TwoStageParameters = field(default_factory=TwoStageParameters)
