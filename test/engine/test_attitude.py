@@ -125,12 +125,16 @@ def test_a_long_acceleration_leaves_little_tilt_when_the_navigator_helps(method:
     assert 0.0 < worst < bound_deg
 
 
-def test_larger_accelerometer_noise_makes_the_regulated_noise_larger() -> None:
+def test_larger_sway_makes_the_regulated_noise_larger() -> None:
     """The regulator of the two-stage filter moves the right way: up with the scatter, down without."""
     noises = []
-    for noise in (0.05, 3.0):
+    for sway in (0.1, 6.0):
+        block = at_rest((1.0, 0.0, 0.0, 0.0), 60.0, noise=0.5)
+        rng = np.random.default_rng(7)
+        slow = np.repeat(rng.normal(0.0, sway, (60, 2)), RATE, axis=0)
+        accel = block.accel + np.column_stack([slow, np.zeros(len(slow))])
         subject = engine("two_stage")
-        subject.feed(at_rest((1.0, 0.0, 0.0, 0.0), 60.0, noise=noise))
+        subject.feed(ImuBlock(block.stamps_ns, block.gyro, accel))
         state = subject.snapshot()[0].state
         noises.append(float(state[two_stage.R1] / state[two_stage.R1_START]))
     assert noises[0] < noises[1]
