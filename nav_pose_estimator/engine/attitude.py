@@ -258,7 +258,8 @@ class AttitudeEngine:
         dt, c, d = (stamp - before.stamp_ns) * _NS, math.cos(turn), math.sin(turn)
         east, north, up = (now - then for now, then in zip(sample.vel_enu, before.vel_enu, strict=True))
         change = (c * east - d * north, d * east + c * north, up)
-        subtract_velocity_change(memory.state, change, dt, 2.0 * dt, math.hypot(*sample.vel_enu))
+        speed = -1.0 if sample.drifting else math.hypot(*sample.vel_enu)
+        subtract_velocity_change(memory.state, change, dt, 2.0 * dt, speed)
         return []
 
     def _heading_from(self, sample: NavigatorVelocity) -> float | None:

@@ -17,6 +17,7 @@ from nav_pose_estimator.engine.sins import SinsEngine
 from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution, Output, Status
 from nav_pose_estimator.engine.virtual_outages import VirtualOutages
 
+_GOOD_TILT = 0.05  # rad: about what manoeuvres cost the attitude filter on its own
 _EXCHANGE_NS = 250_000_000
 """The estimators talk to each other at the first IMU sample of every such period, whatever the size of the blocks."""
 
@@ -85,12 +86,15 @@ class PoseEstimator:
         if self.attitude is None:
             return
         if isinstance(output, NavSolution):
-            stamp, velocity, q_nb = output.stamp_ns, output.vel_n, output.q_nb
+            stamp, velocity, q_nb, tilt_var = output.stamp_ns, output.vel_n, output.q_nb, np.diag(output.cov)[:2]
         else:
             stamp, last = int(output.stamps_ns[-1]), output.rows[-1]
             velocity, q_nb = last[at.OUT_VEL : at.OUT_QUAT], last[at.OUT_QUAT : at.OUT_RATE]
+            tilt_var = last[at.OUT_VAR : at.OUT_VAR + 2]
         aided = output.mode is Mode.AIDED
-        self.attitude.feed(NavigatorVelocity(stamp, tuple(velocity.tolist()), aided, tuple(q_nb.tolist())))
+        valid = aided or float(tilt_var.max()) < _GOOD_TILT**2
+        sample = NavigatorVelocity(stamp, tuple(velocity.tolist()), valid, tuple(q_nb.tolist()), drifting=not aided)
+        self.attitude.feed(sample)
 
     @property
     def mode(self) -> Mode:

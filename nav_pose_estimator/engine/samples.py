@@ -112,7 +112,8 @@ class AttitudeSample:
 class NavigatorVelocity:
     """Velocity of the navigator, ENU [m/s]: with it the attitude filter tells acceleration from gravity.
 
-    ``valid`` while GNSS or another velocity aids the navigator; a coasting navigator would feed its own errors back.
+    ``valid`` while GNSS or another velocity aids the navigator, or its tilt is still good: a navigator that has lost
+    its tilt would feed its own errors back.
     ``q_nb`` is the navigator's attitude: its heading may differ from the filter's. None if unknown.
     """
 
@@ -120,6 +121,7 @@ class NavigatorVelocity:
     vel_enu: Vector3
     valid: bool = True
     q_nb: tuple[float, float, float, float] | None = None
+    drifting: bool = False  # nothing but the IMU carries it: its change means something, its value does not
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,16 @@ from nav_pose_estimator.engine.attitude import AttitudeEngine
 from nav_pose_estimator.engine.imu_input import axes_matrix
 from nav_pose_estimator.engine.parameter_schema import update
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, NavigatorVelocity
+from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.samples import (
+    GnssFix,
+    GnssVelocity,
+    ImuBlock,
+    ImuSample,
+    MagSample,
+    NavigatorVelocity,
+    SatelliteCount,
+)
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.sim.scenarios import generate
@@ -165,6 +174,22 @@ def test_damaged_samples_are_events_and_no_nan_comes_out(method: str) -> None:
     assert names == ["imu.rejected.nan", "imu.rejected.zero_stamp", "imu.rejected.backward"]
     (good,) = subject.feed(ImuSample(4_000_000_000, (0.0, 0.0, 0.1), (0.0, 0.0, 9.8)))
     assert np.isfinite([*good.q_nb, *good.cov_n.ravel()]).all()
+
+
+def test_a_coasting_navigator_goes_on_helping() -> None:
+    """GIVEN a fixed wing in turns WHEN GNSS is gone for 60 s THEN the filter's tilt stays below 2 deg."""
+    flight = generate("fixed_wing", duration=200.0, seed=1, imu="icm42688_calibrated", imu_rate=RATE)
+    estimator, now, worst = PoseEstimator(update(Parameters(), {"learner.enabled": False})), 0.0, 0.0
+    for sample in flight.samples():
+        if isinstance(sample, ImuBlock):
+            now = (int(sample.stamps_ns[-1]) - flight.start_ns) * 1e-9
+        elif now > 140.0 and isinstance(sample, (GnssFix, GnssVelocity, SatelliteCount)):
+            continue
+        for out in estimator.feed(sample):
+            if hasattr(out, "tilt_sd") and now > 145.0:
+                truth = flight.truth.at((out.stamps_ns[-1:] - flight.start_ns) * 1e-9)
+                worst = max(worst, float(tilt_deg(out.q_nb[-1], truth.q_nb[0])[0]))
+    assert 0.0 < worst < 2.0
 
 
 def test_a_stuck_sensor_is_noticed() -> None:
