@@ -69,6 +69,7 @@ SIZE = R1_START + 10
 _SCATTER_WINDOWS = 20.0
 _REST_COUNTS = 20.0  # a second at rest tells as much of the bias as so many in motion
 _REST_TAU = 5.0  # s: smoothing of the bias at rest
+_SHARED_HEADING = 1.5  # heading errors of a field last for seconds: the deviation that P makes of them is too small
 _STEP_DOWN, _STEP_UP = -0.3, 0.5  # bounds of one relative step of R1
 _LEAST, _MOST = 0.05, 50.0  # bounds of R1, relative to its start
 
@@ -312,7 +313,7 @@ def _normalise(s):
 
 @kernel
 def _write(s, P):
-    """The misalignment about n axes is twice the quaternion's error along those directions."""
+    """The misalignment about n axes is twice the quaternion's error along those directions; honest about heading."""
     T = s[TILT_COV:R1].reshape(3, 3)
     for a in range(3):
         u = _direction(s, a)
@@ -322,4 +323,7 @@ def _write(s, P):
                 for j in range(4):
                     total += u[i] * P[i, j] * v[j]
             T[a, b] = 4.0 * total
+    for a in range(3):
+        T[2, a] *= _SHARED_HEADING
+        T[a, 2] *= _SHARED_HEADING
     write_covariance(s, T)
