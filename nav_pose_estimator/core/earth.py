@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nav_pose_estimator.core.jit import kernel
+from nav_pose_estimator.core.jit import inlined, kernel
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ MAX_LAT = math.acos(MIN_COS_LAT)
 
 
 # --- kernels for one point -----------------------------------------------------------------------------------------
-@kernel
+@inlined
 def radii(lat):
     """(R_M, R_N): radii of curvature in the meridian and in the prime vertical [m]."""
     s = math.sin(lat)
@@ -54,20 +54,20 @@ def radii(lat):
     return R_N * (1.0 - E2) / w2, R_N
 
 
-@kernel
+@inlined
 def cos_latitude(lat):
     """Cosine of the latitude, at least ``MIN_COS_LAT``."""
     return max(math.cos(lat), MIN_COS_LAT)
 
 
-@kernel
+@inlined
 def gravity(lat, h):
     """Normal gravity [m/s^2], positive down: Somigliana's formula with the free-air terms up to h^2."""
     s = math.sin(lat)
     return gravity_from_sine(s * s, h)
 
 
-@kernel
+@inlined
 def gravity_from_sine(s2, h):
     """``gravity`` from the squared sine of the latitude."""
     surface = GAMMA_E * (1.0 + SOMIGLIANA_K * s2) / math.sqrt(1.0 - E2 * s2)
