@@ -75,7 +75,7 @@ def propagate(nav, P, constants, imu_row):
     An interval may be split in two, say at the time of a measurement: pass the same values twice when samples are means
     over the interval, interpolated values when they are instantaneous.
     """
-    if _integrate(nav, constants, imu_row[IMU_T], load3(imu_row, IMU_GYRO), load3(imu_row, IMU_ACCEL)):
+    if integrate(nav, constants, imu_row[IMU_T], load3(imu_row, IMU_GYRO), load3(imu_row, IMU_ACCEL)):
         covariance_step(nav, P, constants)
 
 
@@ -86,7 +86,7 @@ def run_imu(nav, P, constants, imu, out):
     for i in range(imu.shape[0]):
         gyro = (imu[i, IMU_GYRO], imu[i, IMU_GYRO + 1], imu[i, IMU_GYRO + 2])
         accel = (imu[i, IMU_ACCEL], imu[i, IMU_ACCEL + 1], imu[i, IMU_ACCEL + 2])
-        if _integrate(nav, constants, imu[i, IMU_T], gyro, accel):
+        if integrate(nav, constants, imu[i, IMU_T], gyro, accel):
             covariance_step_in(nav, P, constants, space)
         write_output(nav, P, out, i)
 
@@ -96,7 +96,7 @@ flush_covariance = covariance_step
 
 
 @inlined
-def _integrate(nav, constants, t, gyro, accel):
+def integrate(nav, constants, t, gyro, accel):
     """Bring ``nav`` to time ``t``; True when the covariance is due. The step comes at the sample nearest to its time:
 
     jittering stamps do not make it slip by a whole sample.

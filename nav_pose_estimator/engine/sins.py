@@ -32,8 +32,8 @@ from nav_pose_estimator.engine.samples import (
     SetPose,
     VelocityError,
 )
-from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, Output, Status
-from nav_pose_estimator.engine.timeline import Observation, Timeline, single_solution, step_enu
+from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, NavSolution, Output, Status
+from nav_pose_estimator.engine.timeline import Observation, Timeline, step_enu
 
 _NS = 1e-9
 _PRIORITY = {POSITION: 0, VELOCITY: 1}
@@ -74,20 +74,27 @@ class SinsEngine:
         """The state of an engine that has seen nothing; counters, origin and the operator's choice stay."""
         p = self.parameters
         self._epoch_ns: int | None = None
+        self._zero_ns = 0  # the same once it is known
+        # Up to here nothing but IMU samples can happen: no observation waits, the mode stays. Every other input ends it.
+        self._quiet_until = -math.inf
         self._timeline = Timeline(self._constants, self._apply, p.navigator.memory)
         self._gnss = GnssInput(p.gnss, p.navigator.lost_after, self._gates, self._journal)
         self._gnss.enabled = self._gnss_enabled
         self._aids = AidInput(p, self._gates, self._journal)
         self._aligner = start_up.StartUp(p)
         self._modes = ModeKeeper(p.navigator)
-        self._shift = np.zeros(3)  # sum of all corrections of the position, ENU
+        self._shift = np.zeros(3)  # sum of all corrections of the position, ENU; solutions share it: never written to
 
     # --- public ------------------------------------------------------------------------------------------------------
 
     def feed(self, sample: Sample) -> list[Output]:
         """Take one sample; returns the solutions and events that follow from it."""
-        outputs = self._handlers[type(sample)](sample)
-        return [*self._journal.drain(), *outputs]
+        kind = type(sample)
+        if kind is not ImuSample:
+            self._quiet_until = -math.inf
+        outputs = self._handlers[kind](sample)
+        events = self._journal.drain()
+        return [*events, *outputs] if events else outputs
 
     @property
     def mode(self) -> Mode:
@@ -118,6 +125,7 @@ class SinsEngine:
         self.parameters = parameters
         self._constants = filter_setup.constants(parameters)
         self._gates = filter_setup.gates(parameters)
+        self._quiet_until = -math.inf
         self._timeline.constants[:] = self._constants
         self._gnss.set_parameters(parameters.gnss, parameters.navigator.lost_after, self._gates)
         self._aids.set_parameters(parameters, self._gates)
@@ -174,7 +182,8 @@ class SinsEngine:
         self._input.restore(snapshot._input.snapshot())
         self._gnss_enabled = snapshot._gnss_enabled
         self._origin = snapshot._origin
-        self._epoch_ns = snapshot._epoch_ns
+        self._epoch_ns, self._zero_ns = snapshot._epoch_ns, snapshot._zero_ns
+        self._quiet_until = -math.inf
         self._timeline = snapshot._timeline.copy(self._apply)
         self._gnss = snapshot._gnss.copy(self._journal)
         self._aids = snapshot._aids.copy(self._journal)
@@ -185,17 +194,24 @@ class SinsEngine:
     # --- IMU ---------------------------------------------------------------------------------------------------------
 
     def _on_imu(self, sample: ImuSample) -> list[Output]:
+        t = (sample.stamp_ns - self._zero_ns) * _NS
+        if t < self._quiet_until and self._input.passes(sample):
+            gyro, accel = self._input.to_body(sample.gyro), self._input.to_body(sample.accel)
+            values = self._timeline.advance_one(t, gyro, accel)
+            return [NavSolution(sample.stamp_ns, self._modes.mode, values, self._shift, self._gnss.resets)]
         outputs: list[Output] = []
         for item in self._input.accept(sample):
             if isinstance(item, Event):
                 self._note_imu(item)
             else:
                 row = np.array([[self._seconds(item.stamp_ns), *item.gyro, *item.accel]])
-                outputs += [
-                    single_solution(block, self._timeline, self._gnss.origin)
-                    for block in self._advance(np.array([item.stamp_ns]), row)
-                ]
+                outputs += [self._solution(block) for block in self._advance(np.array([item.stamp_ns]), row)]
         return outputs
+
+    def _solution(self, block: NavBlock) -> NavSolution:
+        """The solution of a block of one sample, at which the filter stands."""
+        values = self._timeline.complete(block.rows[0])
+        return NavSolution(int(block.stamps_ns[0]), block.mode, values, block.correction_enu, block.reset_count)
 
     def _on_imu_block(self, block: ImuBlock) -> list[Output]:
         outputs: list[Output] = []
@@ -233,10 +249,12 @@ class SinsEngine:
         self._settle()
         times = rows[:, at.IMU_T]
         limit = min(self._modes.deadline(times[0], self._gnss, self._aids), self._timeline.next_observation())
-        count = max(int(np.searchsorted(times, limit)), 1)
+        count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
         out = self._timeline.advance(rows[:count])
         mode = self._modes.update(float(times[count - 1]), self._gnss, self._aids, self._journal, self._stamp)
-        return NavBlock(stamps_ns[:count], out, mode, self._gnss.resets, self._shift.copy())
+        deadline = self._modes.deadline(float(times[count - 1]), self._gnss, self._aids)
+        self._quiet_until = min(deadline, self._timeline.next_observation())
+        return NavBlock(stamps_ns[:count], out, mode, self._gnss.resets, self._shift)
 
     def _settle(self) -> None:
         """Let late observations act; what they move is a correction of the map, not motion of the vehicle."""
@@ -244,7 +262,7 @@ class SinsEngine:
             return
         before = self._timeline.nav[at.LAT : at.VEL].copy()
         self._timeline.settle()
-        self._shift += step_enu(before, self._timeline.nav)
+        self._shift = self._shift + step_enu(before, self._timeline.nav)
 
     def _align(self, row: np.ndarray) -> None:
         self._timeline.remember(row)
@@ -262,7 +280,7 @@ class SinsEngine:
             self._origin = tuple(nav[at.LAT : at.VEL].tolist())
         P = filter_setup.with_optional_blocks(P, self.parameters)
         self._gnss.begin(float(nav[at.TIME]), self._origin)
-        self._timeline.start(nav, P)
+        self._timeline.start(nav, P, self._origin)
         text = f"aligned ({start.method}), heading to {math.degrees(math.sqrt(P[at.PHI + 2, at.PHI + 2])):.1f} deg"
         self._journal.say(self._stamp(now), "aligned", Level.INFO, text)
         self._modes.update(now, self._gnss, self._aids, self._journal, self._stamp)
@@ -376,7 +394,7 @@ class SinsEngine:
             aided = o.t - self._gnss.last_used <= self.parameters.navigator.lost_after
             self._aids.apply(o, nav, P, aided)
         if not self._timeline.replaying:
-            self._shift += step_enu(before, nav)
+            self._shift = self._shift + step_enu(before, nav)
 
     def _time_of(self, stamp_ns: int, family: str) -> float | None:
         """Engine time of a stamp; None (and counted) before the first IMU sample or without a stamp."""
@@ -393,7 +411,7 @@ class SinsEngine:
 
     def _seconds(self, stamp_ns):
         if self._epoch_ns is None:
-            self._epoch_ns = int(stamp_ns if np.isscalar(stamp_ns) else stamp_ns[0])
+            self._epoch_ns = self._zero_ns = int(stamp_ns if np.isscalar(stamp_ns) else stamp_ns[0])
         return (stamp_ns - self._epoch_ns) * _NS
 
     def _stamp(self, t: float) -> int:

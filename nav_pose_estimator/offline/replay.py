@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from nav_pose_estimator.core.layout import OUT_COLUMNS
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
@@ -77,17 +78,7 @@ class ReplayResult:
 
 def as_block(solution: NavSolution) -> NavBlock:
     """One solution in the form of a block."""
-    variances = np.diag(solution.cov)[:9]
-    row = np.concatenate(
-        [
-            [0.0, solution.lat, solution.lon, solution.alt],
-            solution.vel_n,
-            solution.q_nb,
-            solution.rate_b,
-            solution.force_b,
-            variances,
-        ]
-    )
+    row = solution.values[:OUT_COLUMNS]
     stamps = np.array([solution.stamp_ns], np.int64)
     return NavBlock(stamps, row[None, :], solution.mode, solution.reset_count, solution.correction_enu)
 

@@ -123,6 +123,6 @@ def test_memory_stays_bounded() -> None:
     for k, chunk in enumerate(np.split(imu_rows(40.0), 80)):
         timeline.observe(0.5 * k + 0.25, "velocity", (0.0, 0.0, 0.0), 1)
         timeline.advance(chunk)
-    assert len(timeline._checkpoints) < 12
+    assert timeline.checkpoints < 12
     assert len(timeline._observations) < 8
     assert len(timeline._rows) < 3000
