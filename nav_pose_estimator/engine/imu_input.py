@@ -298,12 +298,12 @@ class ImuInput:
     def _block_passes(self, block: ImuBlock) -> bool:
         """``_quiet_since`` in one compiled pass, for blocks in which no sensor repeats itself: nearly all."""
         memory, limits = self._memory, self._limits
-        if memory.stuck or memory.saturated or memory.last_ns is None:
-            return False
-        before = memory.gyro + memory.accel
-        bounds = (limits.max_rate, limits.max_force, _CLIPPED_RATE, _CLIPPED_FORCE)
         stamps, gyro, accel = block.stamps_ns, block.gyro, block.accel
-        return is_unremarkable(stamps, gyro, accel, memory.last_ns, before, self._max_gap_ns, bounds)
+        if memory.stuck or memory.saturated or not len(stamps) or stamps[0] <= 0:
+            return False
+        last_ns = int(stamps[0]) - 1 if memory.last_ns is None else memory.last_ns
+        bounds = (limits.max_rate, limits.max_force, _CLIPPED_RATE, _CLIPPED_FORCE)
+        return is_unremarkable(stamps, gyro, accel, last_ns, memory.gyro + memory.accel, self._max_gap_ns, bounds)
 
     def _quiet_since(self, block: ImuBlock) -> tuple[int, int] | None:
         """None when a rule of :meth:`accept` may speak up; else since when each sensor repeats its last value [ns]."""
@@ -370,7 +370,8 @@ def _count_equal(values: Vector3, before: Vector3, bound: float, counts: tuple[i
 
 def _count_one(values: Vector3, bound: float) -> tuple[int, ...]:
     """The counts of :func:`_count_equal` for values of which none repeats."""
-    return tuple(int(abs(v) > bound) for v in values)
+    x, y, z = values
+    return int(abs(x) > bound), int(abs(y) > bound), int(abs(z) > bound)
 
 
 def _part(block: ImuBlock, start: int, end: int) -> ImuBlock:

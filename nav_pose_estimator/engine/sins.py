@@ -204,6 +204,7 @@ class SinsEngine:
             if isinstance(item, Event):
                 self._note_imu(item)
             else:
+                self._begin(item.stamp_ns)
                 row = np.array([[self._seconds(item.stamp_ns), *item.gyro, *item.accel]])
                 outputs += [self._solution(block) for block in self._advance(np.array([item.stamp_ns]), row)]
         return outputs
@@ -220,7 +221,8 @@ class SinsEngine:
                 self._note_imu(item)
                 continue
             rows = np.empty((len(item), at.IMU_COLUMNS))
-            rows[:, at.IMU_T] = self._seconds(item.stamps_ns)
+            self._begin(int(item.stamps_ns[0]))
+            rows[:, at.IMU_T] = (item.stamps_ns - self._zero_ns) * _NS
             rows[:, at.IMU_GYRO : at.IMU_ACCEL] = item.gyro
             rows[:, at.IMU_ACCEL :] = item.accel
             outputs += self._advance(item.stamps_ns, rows)
@@ -409,10 +411,13 @@ class SinsEngine:
     def _now(self) -> float:
         return self._timeline.time if self._timeline.running else self._aligner.time
 
-    def _seconds(self, stamp_ns):
+    def _begin(self, stamp_ns: int) -> None:
+        """The first IMU sample is the zero of the engine's time."""
         if self._epoch_ns is None:
-            self._epoch_ns = self._zero_ns = int(stamp_ns if np.isscalar(stamp_ns) else stamp_ns[0])
-        return (stamp_ns - self._epoch_ns) * _NS
+            self._epoch_ns = self._zero_ns = stamp_ns
+
+    def _seconds(self, stamp_ns: int) -> float:
+        return (stamp_ns - self._zero_ns) * _NS
 
     def _stamp(self, t: float) -> int:
         return int(self._epoch_ns or 0) + round(t * 1e9)

@@ -5,6 +5,7 @@ from enum import Enum
 
 import numpy as np
 
+from nav_pose_estimator.core import attitude_layout as head
 from nav_pose_estimator.core import layout as at
 
 
@@ -46,14 +47,35 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class AttitudeSolution:
-    """Attitude ``q_nb`` (4,), covariance about n axes ``cov_n`` (3, 3) [rad^2], bias-corrected rate [rad/s]."""
+    """Attitude at one stamp. ``values`` (HEAD_SIZE,) of ``core.attitude_layout``; the properties are parts of it."""
 
     stamp_ns: int
-    q_nb: np.ndarray
-    cov_n: np.ndarray
-    rate_b: np.ndarray
-    accel_b: np.ndarray
-    gyro_bias: np.ndarray
+    values: np.ndarray
+
+    @property
+    def q_nb(self) -> np.ndarray:
+        """(4,) scalar first."""
+        return self.values[head.QUAT : head.QUAT + 4]
+
+    @property
+    def cov_n(self) -> np.ndarray:
+        """(3, 3) covariance about n axes, rad^2."""
+        return self.values[head.COV : head.COV + 9].reshape(3, 3)
+
+    @property
+    def rate_b(self) -> np.ndarray:
+        """(3,) bias-corrected angular rate, rad/s."""
+        return self.values[head.RATE : head.RATE + 3]
+
+    @property
+    def accel_b(self) -> np.ndarray:
+        """(3,) specific force, m/s^2."""
+        return self.values[head.FORCE : head.FORCE + 3]
+
+    @property
+    def gyro_bias(self) -> np.ndarray:
+        """(3,) rad/s."""
+        return self.values[head.BIAS : head.BIAS + 3]
 
 
 @dataclass(frozen=True, slots=True)
