@@ -36,6 +36,8 @@ from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, Na
 from nav_pose_estimator.engine.timeline import Observation, Timeline, step_enu
 
 _NS = 1e-9
+_UNEVENTFUL = frozenset((ImuSample, ImuBlock, MagSample, PressureSample, AttitudeSample))
+"""Samples that change neither mode nor GNSS unless an observation comes of them."""
 _PRIORITY = {POSITION: 0, VELOCITY: 1}
 _LATE = "an observation arrived later than the filter's memory reaches; it is not used"
 
@@ -90,7 +92,7 @@ class SinsEngine:
     def feed(self, sample: Sample) -> list[Output]:
         """Take one sample; returns the solutions and events that follow from it."""
         kind = type(sample)
-        if kind is not ImuSample:
+        if kind not in _UNEVENTFUL:
             self._quiet_until = -math.inf
         outputs = self._handlers[kind](sample)
         events = self._journal.drain()
@@ -236,6 +238,8 @@ class SinsEngine:
 
     def _advance(self, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
         """Carry the filter over ``rows``; one block for each stretch of constant mode."""
+        if rows[-1, at.IMU_T] < self._quiet_until:
+            return [self._block(stamps_ns, self._timeline.advance(rows))]
         done = 0
         while done < len(rows) and not self._timeline.running:
             self._align(rows[done : done + 1])
@@ -246,17 +250,22 @@ class SinsEngine:
             done += len(blocks[-1].stamps_ns)
         return blocks
 
+    def _block(self, stamps_ns: np.ndarray, out: np.ndarray) -> NavBlock:
+        return NavBlock(stamps_ns, out, self._modes.mode, self._gnss.resets, self._shift)
+
     def _advance_in_one_mode(self, stamps_ns: np.ndarray, rows: np.ndarray) -> NavBlock:
         """As many rows as the mode stays the same for: up to a deadline or to the next observation that waits."""
         self._settle()
         times = rows[:, at.IMU_T]
-        limit = min(self._modes.deadline(times[0], self._gnss, self._aids), self._timeline.next_observation())
+        deadline = self._modes.deadline(float(times[0]), self._gnss, self._aids)
+        limit = min(deadline, self._timeline.next_observation())
         count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
         out = self._timeline.advance(rows[:count])
-        mode = self._modes.update(float(times[count - 1]), self._gnss, self._aids, self._journal, self._stamp)
-        deadline = self._modes.deadline(float(times[count - 1]), self._gnss, self._aids)
+        now = float(times[count - 1])
+        self._modes.update(now, self._gnss, self._aids, self._journal, self._stamp)
+        deadline = self._modes.deadline(now, self._gnss, self._aids)
         self._quiet_until = min(deadline, self._timeline.next_observation())
-        return NavBlock(stamps_ns[:count], out, mode, self._gnss.resets, self._shift)
+        return self._block(stamps_ns[:count], out)
 
     def _settle(self) -> None:
         """Let late observations act; what they move is a correction of the map, not motion of the vehicle."""
@@ -382,6 +391,7 @@ class SinsEngine:
     # --- inside ------------------------------------------------------------------------------------------------------
 
     def _observe(self, t: float, kind: str, arguments: tuple, stamp_ns: int) -> None:
+        self._quiet_until = -math.inf
         if t > self._now() + 1.0:
             self._journal.say(stamp_ns, f"{kind}.rejected.future", Level.WARN, f"{kind}: stamp ahead of the IMU's time")
         elif not self._timeline.observe(t, kind, arguments, _PRIORITY.get(kind, 5)):
