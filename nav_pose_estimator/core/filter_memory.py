@@ -71,6 +71,14 @@ def add_checkpoint(memory):
 
 
 @kernel
+def renew_checkpoint(memory):
+    """Where the newest checkpoint is of the present time, make it again: the filter has been corrected since."""
+    if memory[checkpoint_start(memory, int(memory[NEWEST])) + TIME] == memory[NAV + TIME]:
+        memory[NEWEST] -= 1.0
+        add_checkpoint(memory)
+
+
+@kernel
 def drop_before(memory, t):
     """Drop all checkpoints before ``t`` but the last of them; returns the time of the oldest that is left."""
     while memory[OLDEST] < memory[NEWEST] and memory[checkpoint_start(memory, int(memory[OLDEST]) + 1) + TIME] <= t:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import bisect
 import math
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -50,6 +51,7 @@ class Observation:
         return (self.t, self.priority, self.arrival)
 
 
+_KEY, _TIME = operator.attrgetter("key"), operator.attrgetter("t")
 Apply = Callable[[Observation, np.ndarray, np.ndarray], None]
 
 
@@ -67,11 +69,13 @@ class Timeline:
         self._first = self._last = 0
         self._observations: list[Observation] = []  # sorted by key
         self._done = 0  # observations before this index have acted on nav
-        self._dirty: float | None = None  # earliest time that must be replayed
+        self._dirty: float | None = None  # earliest time of an observation that has not acted
+        self._late = False  # whether time has passed since then, so that the past must be replayed
+        self._started = -math.inf
         self._arrivals = 0
         self._tidy_at = -math.inf  # when what has become too old is dropped next
         self.running = False
-        self.replaying = False  # True while ``settle`` repeats what was done before
+        self.replaying = False  # True while ``settle`` is at work
 
     def _hold(self, filter_memory: np.ndarray) -> None:
         """Work on ``filter_memory``; ``nav``, ``P`` and ``constants`` are parts of it."""
@@ -95,10 +99,10 @@ class Timeline:
         fresh[memory.HEAD : memory.HEAD + P.size] = P.ravel()
         self._hold(fresh)
         memory.add_checkpoint(fresh)
-        self.running = True
+        self.running, self._started = True, self.time
         self._observations = [o for o in self._observations if o.t > self.time]
         self._done = 0
-        self._dirty = None
+        self._dirty, self._late = None, False
         self._tidy_at = -math.inf
         rows = self._live()
         todo = rows[rows[:, IMU_T] > self.time]
@@ -129,6 +133,7 @@ class Timeline:
             Observation(o.t, o.kind, o.arguments, o.priority, o.arrival, dict(o.memory)) for o in self._observations
         ]
         twin._done, twin._dirty, twin._arrivals = self._done, self._dirty, self._arrivals
+        twin._late, twin._started = self._late, self._started
         twin._tidy_at, twin.running = self._tidy_at, self.running
         return twin
 
@@ -145,13 +150,18 @@ class Timeline:
 
     def observe(self, t: float, kind: str, arguments: tuple, priority: int = 5) -> bool:
         """Insert an observation valid at ``t``. False when it is older than the memory: then nothing happens."""
-        if self.running and t <= self._forget():
-            return False
+        if self.running:
+            now = self.time
+            # the oldest checkpoint lies before the window, unless the filter has just been started
+            certain = t > now - self._window and t > self._started
+            if not certain and t <= self._forget():
+                return False
         self._arrivals += 1
         observation = Observation(t, kind, arguments, priority, self._arrivals)
-        index = bisect.bisect(self._observations, observation.key, key=lambda o: o.key)
+        index = bisect.bisect(self._observations, observation.key, key=_KEY)
         self._observations.insert(index, observation)
-        if self.running and t <= self.time:
+        if self.running and t <= now:
+            self._late = self._late or t < now or index < self._done
             self._dirty = t if self._dirty is None else min(self._dirty, t)
         return True
 
@@ -187,18 +197,33 @@ class Timeline:
         """Replay from the earliest observation that has not acted yet. ``nav`` and ``P`` are then up to date."""
         if self._dirty is None:
             return
-        now, dirty = self.time, self._dirty
-        self._dirty = None
-        memory.restore_before(self._memory, dirty)
-        start = self.time
-        self._done = bisect.bisect_right(self._observations, start, key=lambda o: o.t)
-        rows = self._live()
-        begin, end = np.searchsorted(rows[:, IMU_T], (start, now), side="right")
+        now, dirty, late = self.time, self._dirty, self._late
+        self._dirty, self._late = None, False
         self.replaying = True
-        self._run(rows[begin:end], np.empty((end - begin, OUT_COLUMNS)))
+        if late:
+            self._replay_from(dirty, now)
+        else:
+            self._act_now(now)
         self.replaying = False
 
     # --- inside ------------------------------------------------------------------------------------------------------
+
+    def _replay_from(self, dirty: float, now: float) -> None:
+        memory.restore_before(self._memory, dirty)
+        start = self.time
+        self._done = bisect.bisect_right(self._observations, start, key=_TIME)
+        rows = self._live()
+        begin, end = np.searchsorted(rows[:, IMU_T], (start, now), side="right")
+        self._run(rows[begin:end], np.empty((end - begin, OUT_COLUMNS)))
+
+    def _act_now(self, now: float) -> None:
+        """Observations of the very time at which the filter stands act on it as it is, and on a checkpoint just made.
+
+        The same in numbers as if they had been known before.
+        """
+        memory.stand_at(self._memory, self._rows[self._last - 1])
+        self._observe_up_to(now)
+        memory.renew_checkpoint(self._memory)
 
     def _run(self, rows: np.ndarray, out: np.ndarray) -> None:
         """Process consecutive rows with the observations that fall into them."""
@@ -223,6 +248,9 @@ class Timeline:
         if self.constants[POINT_SAMPLED]:
             self._interpolate(part, row, due)
         memory.stand_at(self._memory, part)
+        self._observe_up_to(due)
+
+    def _observe_up_to(self, due: float) -> None:
         while self._done < len(self._observations) and self._observations[self._done].t <= due:
             self._apply(self._observations[self._done], self.nav, self.P)
             self._done += 1
@@ -260,7 +288,7 @@ class Timeline:
         """
         now = self.time
         oldest = memory.drop_before(self._memory, now - self._window)
-        drop = bisect.bisect_right(self._observations, oldest, key=lambda o: o.t)
+        drop = bisect.bisect_right(self._observations, oldest, key=_TIME)
         del self._observations[:drop]
         self._done -= drop
         self._drop_rows_before(oldest)
