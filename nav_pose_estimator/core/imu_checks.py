@@ -1,4 +1,4 @@
-"""Is there anything to say about a block of IMU samples? One compiled pass, for the engines' door."""
+"""Questions about a block of IMU samples that one compiled pass answers at a tenth of the cost of numpy calls."""
 
 from nav_pose_estimator.core.jit import kernel
 
@@ -30,5 +30,14 @@ def is_unremarkable(stamps, gyro, accel, last_ns, before, step_ns, bounds):
                 if abs(f) > usual_force:
                     return False
         if same_gyro == 3 or same_accel == 3:
+            return False
+    return True
+
+
+@kernel
+def stays_in_period(stamps, period, length):
+    """Whether every one of ``stamps`` (N,) [ns] lies in the ``period``-th stretch of ``length`` [ns]."""
+    for i in range(len(stamps)):
+        if stamps[i] // length != period:
             return False
     return True
