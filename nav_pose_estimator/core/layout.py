@@ -62,3 +62,8 @@ IMU_T, IMU_GYRO, IMU_ACCEL, IMU_COLUMNS = 0, 1, 4, 7  # t [s since epoch], gyro 
 OUT_T, OUT_POS, OUT_VEL, OUT_QUAT, OUT_RATE, OUT_FORCE, OUT_VAR, OUT_COLUMNS = 0, 1, 4, 7, 11, 14, 17, 26
 """Rows of the navigator's output: t, (lat, lon, alt), v_n (3), q_nb (4), bias-corrected rate (3) and force (3) in b,
 variances of phi, dv, dp (9)."""
+SOLUTION_BIASES = OUT_COLUMNS  # 6: gyroscope, accelerometer
+SOLUTION_ENU = SOLUTION_BIASES + 6  # 3: position from the origin, m
+SOLUTION_COV = SOLUTION_ENU + 3  # 225: covariance of the base states, row-major
+SOLUTION_SIZE = SOLUTION_COV + BASE_STATES * BASE_STATES
+"""A solution of one sample: an output row and what follows it."""

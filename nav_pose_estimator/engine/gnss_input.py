@@ -148,8 +148,8 @@ class GnssInput:
         stamp, _, velocity, R = o.arguments
         predicted = self._local(nav)
         fix = [p - d for p, d in zip(predicted, z.tolist(), strict=True)]
-        sd = np.sqrt(np.diag(R)).tolist()
-        predicted_sd = np.sqrt(np.diag(P)[DPOS : DPOS + 3]).tolist()
+        sd = np.sqrt(R.diagonal()).tolist()
+        predicted_sd = np.sqrt(P.diagonal()[DPOS : DPOS + 3]).tolist()
         gap = max(o.t - self.last_used, 0.0)
         decision = self._guard.offer(o.t, fix, velocity, sd, predicted, predicted_sd, gap)
         if decision.notice is not None:
