@@ -11,6 +11,7 @@ from nav_pose_estimator.core.gnss_monitor import GateSettings, GnssGate, Notice
 from nav_pose_estimator.core.kalman import correct, gated_correct
 from nav_pose_estimator.core.layout import ALT, DPOS, DVEL, LAT, LON, VEL
 from nav_pose_estimator.core.reacquisition import Reacquisition, ReacquisitionSettings
+from nav_pose_estimator.core.return_evidence import Evidence, weigh
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, SatelliteCount
@@ -18,6 +19,8 @@ from nav_pose_estimator.engine.solutions import Level
 from nav_pose_estimator.engine.timeline import Observation
 
 POSITION, VELOCITY = "gnss_position", "gnss_velocity"
+_SAME_MOTION = 1.0  # s: over this time the navigator knows the change of velocity better than a receiver
+_RESET_VELOCITY_SD = (0.3, 0.3, 0.5)  # m/s
 _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
 
 
@@ -37,10 +40,11 @@ class GnssInput:
         self.satellites: int | None = None
         self.last_used = -math.inf  # time of validity of the last fix that corrected the filter
         self.last_offered = -math.inf  # ... that was good enough to be considered
-        self.lost_since = math.nan
         self.resets = 0
+        self.last_reset_m = math.nan  # size of the last one
         self.nis = {POSITION: 0.0, VELOCITY: 0.0}
         self._usable = False
+        self._misfit: tuple[float, np.ndarray, np.ndarray] | None = None  # time, navigator minus receiver [m/s], R
         self._origin: tuple[float, float, float] | None = None
         self._last_fix_t = -math.inf
         self._fix_period = 1.0
@@ -70,6 +74,9 @@ class GnssInput:
 
     def fix(self, sample: GnssFix, t: float, now: float) -> bool:
         """Judge a fix valid at ``t`` that arrives ``now``; True when it may be offered to the filter."""
+        self._usable = False
+        if sample.status < 0:
+            return self._refuse(sample.stamp_ns, "gnss.rejected.status", "the receiver has no fix")
         if not all(map(math.isfinite, (sample.lat, sample.lon, sample.alt))) or abs(sample.lat) > math.pi / 2:
             return self._refuse(sample.stamp_ns, "gnss.rejected.value", "the fix holds NaN or an impossible latitude")
         if not self.enabled:
@@ -126,14 +133,14 @@ class GnssInput:
             self._apply_velocity(o, nav, P)
 
     def _apply_position(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
-        stamp, position, velocity, R = o.arguments
+        stamp, position, R = o.arguments
         z, H = measurements.gnss_position(nav, len(P), *position, self._lever)
         first = not o.memory
         if first:
-            o.memory["action"] = self._decide(o, nav, P, z)
+            o.memory["action"] = self._decide(o, nav, P, z, H)
         action = o.memory["action"]
         if action == "reset":
-            self._reset(nav, P, z, velocity, R, first)
+            self._reset(o, nav, P, z, R, first)
         elif action == "ungated":
             correct(nav, P, z, H, R)
         elif action == "gated":
@@ -144,53 +151,73 @@ class GnssInput:
         if first and action in ("reset", "ungated"):
             self._used(o.t)
 
-    def _decide(self, o: Observation, nav: np.ndarray, P: np.ndarray, z: np.ndarray) -> str:
-        stamp, _, velocity, R = o.arguments
+    def _decide(self, o: Observation, nav: np.ndarray, P: np.ndarray, z: np.ndarray, H: np.ndarray) -> str:
+        stamp, _, R = o.arguments
         predicted = self._local(nav)
         fix = [p - d for p, d in zip(predicted, z.tolist(), strict=True)]
         sd = np.sqrt(np.diag(R)).tolist()
         predicted_sd = np.sqrt(np.diag(P)[DPOS : DPOS + 3]).tolist()
         gap = max(o.t - self.last_used, 0.0)
-        decision = self._guard.offer(o.t, fix, velocity, sd, predicted, predicted_sd, gap)
+        velocity, evidence = self._velocity_now(o, nav, P, z, H)
+        decision = self._guard.offer(o.t, fix, velocity, sd, predicted, predicted_sd, gap, evidence)
         if decision.notice is not None:
-            self._tell(stamp, decision.notice, offset_m=math.hypot(*decision.offset))
+            self._tell(stamp, decision.notice, offset_m=math.hypot(*decision.offset), gap_s=gap)
         if decision.action in ("wait", "reject"):
             self._refuse(stamp, decision.reason, decision.reason)
             return decision.action
         if decision.action == "fuse":
             return "gated" if decision.gated else "ungated"
+        o.memory["velocity"] = velocity
         return "reset"
+
+    def _velocity_now(
+        self, o: Observation, nav: np.ndarray, P: np.ndarray, z: np.ndarray, H: np.ndarray
+    ) -> tuple[list[float] | None, Evidence | None]:
+        """The receiver's velocity at the time of a fix, and what both say together; None without a recent velocity.
+
+        The velocity may have come a little before the fix: over such a time the navigator knows how it changed.
+        """
+        if self._misfit is None or not 0.0 <= o.t - self._misfit[0] <= _SAME_MOTION:
+            return None, None
+        _, misfit, velocity_R = self._misfit
+        rows = len(misfit)
+        own, velocity_H = measurements.gnss_velocity(nav, len(P), np.zeros(3), self._lever)
+        R = np.zeros((3 + rows, 3 + rows))
+        R[:3, :3], R[3:, 3:] = o.arguments[2], velocity_R
+        evidence = weigh(np.concatenate([z, misfit]), np.concatenate([H, velocity_H[:rows]]), P, R)
+        return [*(own[:rows] - misfit).tolist(), math.nan][:3], evidence
 
     def _apply_velocity(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
         stamp, velocity, R = o.arguments
-        if not o.memory:
+        first = not o.memory
+        if first:
             o.memory["use"] = o.t - self.last_used <= self._lost_after
-            if not o.memory["use"]:
-                self._journal.count("gnss.rejected.velocity_without_position")
-        if not o.memory["use"]:
-            return
         z, H = measurements.gnss_velocity(nav, len(P), velocity, self._lever)
         rows = 3 if math.isfinite(velocity[2]) else 2
-        soft_hard = self._gates[rows - 1]
-        status, nis = gated_correct(nav, P, z[:rows], H[:rows], R[:rows, :rows], *soft_hard)
-        if "counted" not in o.memory:
-            o.memory["counted"] = True
-            self._note(VELOCITY, stamp, o.t, status, nis, rows)
+        if o.memory["use"]:
+            status, nis = gated_correct(nav, P, z[:rows], H[:rows], R[:rows, :rows], *self._gates[rows - 1])
+            if first:
+                self._note(VELOCITY, stamp, o.t, status, nis, rows)
+                z, _ = measurements.gnss_velocity(nav, len(P), velocity, self._lever)
+        elif first:
+            self._journal.count("gnss.rejected.velocity_without_position")
+        if first:
+            self._misfit = (o.t, z[:rows], R[:rows, :rows])
 
-    def _reset(self, nav, P, z, velocity, R, first: bool) -> None:
+    def _reset(self, o: Observation, nav: np.ndarray, P: np.ndarray, z: np.ndarray, R: np.ndarray, first: bool) -> None:
         """Put position (and velocity where known) on the fix and forget their correlations."""
         r_m, r_n = radii(nav[LAT])
         nav[LON] -= z[0] / ((r_n + nav[ALT]) * math.cos(nav[LAT]))
         nav[LAT] -= z[1] / (r_m + nav[ALT])
         nav[ALT] -= z[2]
-        _decorrelate(P, DPOS, R)
-        if velocity is not None:
-            for i, value in enumerate(velocity):
-                if math.isfinite(value):
-                    nav[VEL + i] = value
-            _decorrelate(P, DVEL, np.diag([0.3, 0.3, 0.5]) ** 2)
+        _decorrelate(P, DPOS, np.asarray(R))
+        for axis, value in enumerate(o.memory["velocity"] or ()):
+            if math.isfinite(value):
+                nav[VEL + axis] = value
+                _decorrelate(P, DVEL + axis, np.array([[_RESET_VELOCITY_SD[axis] ** 2]]))
         if first:
             self.resets += 1
+            self.last_reset_m = float(np.linalg.norm(z))
 
     def _used(self, t: float) -> None:
         self.last_used = max(self.last_used, t)
@@ -219,7 +246,6 @@ class GnssInput:
     # --- small things ------------------------------------------------------------------------------------------------
 
     def _refuse(self, stamp_ns: int, name: str, why: str) -> bool:
-        self._usable = self._usable and name.endswith("innovation")
         if why != self.refusal:
             self._journal.say(stamp_ns, name, Level.INFO, f"GNSS not used: {why}")
         else:
@@ -247,9 +273,10 @@ def _floored(cov: np.ndarray | None, floor: np.ndarray) -> np.ndarray:
 
 
 def _decorrelate(P: np.ndarray, start: int, R: np.ndarray) -> None:
-    P[start : start + 3, :] = 0.0
-    P[:, start : start + 3] = 0.0
-    P[start : start + 3, start : start + 3] = R
+    end = start + len(R)
+    P[start:end, :] = 0.0
+    P[:, start:end] = 0.0
+    P[start:end, start:end] = R
 
 
 def _gate_settings(parameters: GnssParameters) -> GateSettings:

@@ -25,6 +25,7 @@ from nav_pose_estimator.engine.samples import (
     ImuBlock,
     ImuSample,
     MagSample,
+    NavigatorVelocity,
     PressureSample,
     Prior,
     Sample,
@@ -67,6 +68,7 @@ class SinsEngine:
             Prior: self._on_prior,
             SetPose: self._on_set_pose,
             AttitudeSample: self._on_attitude,
+            NavigatorVelocity: lambda sample: [],  # its own, meant for the attitude filter
         }
         self._clear()
 
@@ -285,9 +287,7 @@ class SinsEngine:
             return []
         R = self._gnss.position_noise(sample)
         if self._timeline.running:
-            # a reset wants the velocity of the same epoch where it is already known
-            velocity = self._aligner.velocity_at(t)
-            arguments = (sample.stamp_ns, (sample.lat, sample.lon, sample.alt), velocity, R)
+            arguments = (sample.stamp_ns, (sample.lat, sample.lon, sample.alt), R)
             self._observe(t, POSITION, arguments, sample.stamp_ns)
         else:
             self._aligner.fix(t, sample, R)

@@ -73,11 +73,6 @@ class StartUp:
         if self._pending_fix is not None and abs(self._pending_fix[0] - t) < _SAME_EPOCH:
             self._hand_on(vel_enu, R)
 
-    def velocity_at(self, t: float) -> tuple | None:
-        """The velocity of the same epoch as a fix at ``t``, if it is known already."""
-        near = self._near(t)
-        return None if near is None else near[1]
-
     def result(self) -> Alignment | None:
         """The finished alignment with position, or None."""
         result = self._aligner.result()
