@@ -2,6 +2,7 @@
 
 import copy
 import math
+from collections import deque
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from nav_pose_estimator.core.layout import ALT, DPOS, DVEL, LAT, LON, VEL
 from nav_pose_estimator.core.reacquisition import Reacquisition, ReacquisitionSettings
 from nav_pose_estimator.core.return_evidence import Evidence, weigh
 from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.number_checks import is_covariance, is_position, is_within
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, SatelliteCount
 from nav_pose_estimator.engine.solutions import Level
@@ -20,6 +22,8 @@ from nav_pose_estimator.engine.timeline import Observation
 
 POSITION, VELOCITY = "gnss_position", "gnss_velocity"
 _SAME_MOTION = 1.0  # s: over this time the navigator knows the change of velocity better than a receiver
+_NIS_MEMORY = 300  # fixes that the 99th percentile is taken from
+_LARGEST_SPEED = 1e3  # m/s: receivers stop at 500
 _RESET_VELOCITY_SD = (0.3, 0.3, 0.5)  # m/s
 _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
 
@@ -42,7 +46,9 @@ class GnssInput:
         self.last_offered = -math.inf  # ... that was good enough to be considered
         self.resets = 0
         self.last_reset_m = math.nan  # size of the last one
-        self.nis = {POSITION: 0.0, VELOCITY: 0.0}
+        self.nis = {POSITION: 0.0, VELOCITY: 0.0}  # sliding mean per degree of freedom
+        self._recent_nis: dict[str, deque[float]] = {kind: deque(maxlen=_NIS_MEMORY) for kind in self.nis}
+        self._gate_radius = math.nan  # m: how far off a fix may lie and still be taken as it is
         self._usable = False
         self._misfit: tuple[float, np.ndarray, np.ndarray] | None = None  # time, navigator minus receiver [m/s], R
         self._origin: tuple[float, float, float] | None = None
@@ -63,6 +69,7 @@ class GnssInput:
         twin._gate = copy.deepcopy(self._gate)
         twin._guard = copy.deepcopy(self._guard)
         twin.nis = dict(self.nis)
+        twin._recent_nis = {kind: values.copy() for kind, values in self._recent_nis.items()}
         return twin
 
     # --- arrival -----------------------------------------------------------------------------------------------------
@@ -77,11 +84,12 @@ class GnssInput:
         self._usable = False
         if sample.status < 0:
             return self._refuse(sample.stamp_ns, "gnss.rejected.status", "the receiver has no fix")
-        if not all(map(math.isfinite, (sample.lat, sample.lon, sample.alt))) or abs(sample.lat) > math.pi / 2:
-            return self._refuse(sample.stamp_ns, "gnss.rejected.value", "the fix holds NaN or an impossible latitude")
+        if not is_position(sample.lat, sample.lon, sample.alt):
+            return self._refuse(sample.stamp_ns, "gnss.rejected.value", "the fix holds NaN or is no place on Earth")
         if not self.enabled:
             return self._refuse(sample.stamp_ns, "gnss.rejected.disabled", "GNSS is switched off by the operator")
-        sd = None if sample.cov_enu is None else np.sqrt(np.maximum(np.diag(sample.cov_enu), 0.0))
+        cov = self._known(sample.cov_enu, "position")
+        sd = None if cov is None else np.sqrt(np.diag(cov))
         horizontal = None if sd is None else float(max(sd[0], sd[1]))
         vertical = None if sd is None else float(sd[2])
         verdict = self._gate.assess_fix(t, sample.status, horizontal, vertical, age=max(now - t, 0.0))
@@ -98,7 +106,8 @@ class GnssInput:
 
     def velocity(self, sample: GnssVelocity) -> bool:
         """Judge a velocity: it is as good as the last fix."""
-        if not all(map(math.isfinite, sample.vel_enu[:2])):
+        up = sample.vel_enu[2]
+        if not is_within(sample.vel_enu[:2], _LARGEST_SPEED) or abs(up) > _LARGEST_SPEED:
             self._journal.count("gnss.rejected.velocity_value")
             return False
         if not (self._usable and self.enabled):
@@ -109,13 +118,21 @@ class GnssInput:
     def position_noise(self, sample: GnssFix) -> np.ndarray:
         """R (3, 3) [m^2]: what the receiver states, at least the floor, inflated for errors shared between fixes."""
         floor = np.array([self._parameters.position_sd] * 2 + [self._parameters.vertical_sd]) ** 2
-        R = _floored(sample.cov_enu, floor)
+        R = _floored(self._known(sample.cov_enu), floor)
         return R * (1.0 + self._parameters.position_correlation / self._fix_period)
 
     def velocity_noise(self, sample: GnssVelocity) -> np.ndarray:
         """R (3, 3) [(m/s)^2]: the floor, or what the receiver states where that is larger."""
         floor = np.array([self._parameters.velocity_sd] * 2 + [self._parameters.velocity_vertical_sd]) ** 2
-        return _floored(sample.cov_enu, floor)
+        return _floored(self._known(sample.cov_enu, "velocity"), floor)
+
+    def _known(self, cov: np.ndarray | None, what: str = "") -> np.ndarray | None:
+        """``cov`` unless it is no covariance: then it is as good as unknown, and counted as ``what``."""
+        if cov is None or is_covariance(cov, 3):
+            return cov
+        if what:
+            self._journal.count(f"gnss.{what}.covariance.flawed")
+        return None
 
     def begin(self, t: float, origin: tuple[float, float, float]) -> None:
         """The filter starts at ``t`` on the strength of GNSS."""
@@ -158,6 +175,7 @@ class GnssInput:
         sd = np.sqrt(np.diag(R)).tolist()
         predicted_sd = np.sqrt(np.diag(P)[DPOS : DPOS + 3]).tolist()
         gap = max(o.t - self.last_used, 0.0)
+        self._gate_radius = self._guard.settings.sigmas * math.hypot(max(sd[:2]), max(predicted_sd[:2]))
         velocity, evidence = self._velocity_now(o, nav, P, z, H)
         decision = self._guard.offer(o.t, fix, velocity, sd, predicted, predicted_sd, gap, evidence)
         if decision.notice is not None:
@@ -225,7 +243,9 @@ class GnssInput:
         self._journal.count("gnss.used.position")
 
     def _note(self, kind: str, stamp: int, t: float, status: int, nis: float, dof: int) -> None:
-        self.nis[kind] += 0.02 * (nis / dof - self.nis[kind])
+        if math.isfinite(nis):
+            self.nis[kind] += 0.02 * (nis / dof - self.nis[kind])
+            self._recent_nis[kind].append(nis / dof)
         name = kind.removeprefix("gnss_")
         if status == 0:
             self._refuse(stamp, f"gnss.rejected.{name}_innovation", f"the {name} disagrees with the filter")
@@ -236,6 +256,15 @@ class GnssInput:
             self._used(t)
         else:
             self._journal.count("gnss.used.velocity")
+
+    def figures(self) -> dict[str, float]:
+        """How GNSS agrees with the filter: NIS per degree of freedom (1 is honest), the gate's width, the resets."""
+        figures = {f"nis.{kind}": value for kind, value in self.nis.items()}
+        for kind, values in self._recent_nis.items():
+            figures[f"nis.{kind}.p99"] = float(np.quantile(values, 0.99)) if values else math.nan
+        figures["gnss.gate_radius_m"] = self._gate_radius
+        figures["gnss.resets"], figures["gnss.last_reset_m"] = float(self.resets), self.last_reset_m
+        return figures
 
     @property
     def origin(self) -> tuple[float, float, float]:

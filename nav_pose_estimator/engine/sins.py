@@ -152,10 +152,7 @@ class SinsEngine:
             gnss_refusal=self._gnss.refusal,
             satellites=self._gnss.satellites,
             counters=dict(self._journal.counters),
-            values={
-                "alignment.restarts": float(self._aligner.restarts),
-                **{f"nis.{kind}": value for kind, value in self._gnss.nis.items()},
-            },
+            values={"alignment.restarts": float(self._aligner.restarts), **self._gnss.figures()},
         )
 
     def warm_up(self) -> None:
@@ -337,9 +334,11 @@ class SinsEngine:
         return []
 
     def _on_set_pose(self, sample: SetPose) -> list[Output]:
-        text = "a pose can be set only while the navigator waits for an origin or has one"
-        if self._origin is None or not self._timeline.running:
-            self._journal.say(sample.stamp_ns, "set_pose.rejected.no_origin", Level.WARN, text)
+        running = self._origin is not None and self._timeline.running
+        refusal = "no_origin" if not running else "value" if not start_up.is_sound(sample) else ""
+        if refusal or self._origin is None:
+            text = f"set_pose is not used: {start_up.POSE_REFUSALS[refusal]}"
+            self._journal.say(sample.stamp_ns, f"set_pose.rejected.{refusal}", Level.WARN, text)
             return []
         self._settle()
         start_up.set_pose(self._timeline.nav, self._timeline.P, sample, self._origin)
