@@ -45,8 +45,8 @@ class Fix:
 class Track:
     """Consistent fixes: the first one, carried along by the fixes' own velocities, and how often it was confirmed.
 
-    ``zone`` and ``unexplained`` (``core.return_evidence``) are the worst that any of them was found with: waiting
-    alone, while the filter's sigma grows, makes no doubtful track a credible one.
+    ``unexplained`` (``core.return_evidence``) is the worst that any of them was found with: waiting alone, while the
+    filter's sigma grows, makes no doubtful track a credible one.
     """
 
     first: Fix
@@ -55,7 +55,6 @@ class Track:
     last_position: Vector3
     velocity: Vector3 | None
     count: int = 1
-    zone: int = 0
     unexplained: float = 0.0
 
     @property
@@ -109,7 +108,8 @@ _ZONES = ("expected", "contradiction", "unexplained", "implausible", "inconsiste
 _SEVERITIES = ("info", "warn", "error", "error", "error")
 _MAX_TRACKS = 4
 _SCATTER = 0.33  # fixes within seconds share most of their error: what scatters between them is a third of their sigma
-_EASY = 0.6  # share of the bound on what is unexplained up to which a return is as good as any
+_EASY = 0.5  # share of the bound on what is unexplained up to which a return is as good as any
+_DRIFT_SPEED = 8.0  # m/s, of a navigator a minute into an outage: to doubt a jump must not cost more than the jump
 _DECISIVE = 6.0  # difference of squared deviations that makes one of two places twenty times more likely
 _TINY = 1e-6  # m: a sigma of zero must not divide; s: rounding of times
 
@@ -124,8 +124,8 @@ class Reacquisition:
     * expected: within ``sigmas`` of the filter's prediction, in position and velocity together: at once;
     * contradiction: outside, but the filter may simply have drifted more than it knows: ``contradiction_time``;
     * unexplained: no drift that fits the receiver's own velocity leads there (``core.return_evidence``), as when a
-      position comes back 300 m off while its velocity is right: ``implausible_time``, and a loud notice. The nearer a
-      track comes to this, the longer it has to last;
+      position comes back 300 m off while its velocity is right: up to ``implausible_time``, and a loud notice. The
+      nearer a track comes to this and the larger the jump, the longer it has to last;
     * implausible: out of reach (``max_speed`` times the time since the last trusted fix, plus ``sigmas``), or faster
       than ``max_speed``: the same;
     * inconsistent: fixes that follow each other, but contradict their own velocities, as those of a spoofer or of a
@@ -183,8 +183,8 @@ class Reacquisition:
         if not lost and sigmas <= self.settings.sigmas:
             self.state.approved = fix
             return Decision("fuse", "gnss.fuse", offset, sigmas)
-        track = self._placed(self._follow(fix, _velocity(velocity_enu)), sigmas, evidence)
-        zone = track.zone
+        track = self._weighed(self._follow(fix, _velocity(velocity_enu)), evidence)
+        zone = self._zone(track, sigmas if evidence is None else max(sigmas, evidence.joint))
         waiting_for = self._waiting_for(track, zone, offset, lost)
         loose = self.state.loose
         if waiting_for and loose is not None and not self._waiting_for(loose, INCONSISTENT, offset, lost):
@@ -235,15 +235,14 @@ class Reacquisition:
         drift = settings.velocity_tolerance * (fix.t - track.first.t)
         return math.dist(fix.position, _carried(track, fix.t, velocity)) <= slack + drift
 
-    def _placed(self, track: Track, sigmas: float, evidence: Evidence | None) -> Track:
-        """The track, which stands first, with its zone."""
-        zone = max(track.zone, self._zone(track, sigmas, evidence))
-        unexplained = max(track.unexplained, 0.0 if evidence is None else evidence.unexplained)
-        track = replace(track, zone=zone, unexplained=unexplained)
-        self.state.tracks = (track, *self.state.tracks[1:])
+    def _weighed(self, track: Track, evidence: Evidence | None) -> Track:
+        """The track, which stands first, with the worst that was found of it."""
+        if evidence is not None and evidence.unexplained > track.unexplained:
+            track = replace(track, unexplained=evidence.unexplained)
+            self.state.tracks = (track, *self.state.tracks[1:])
         return track
 
-    def _zone(self, track: Track, sigmas: float, evidence: Evidence | None) -> int:
+    def _zone(self, track: Track, sigmas: float) -> int:
         settings, anchor = self.settings, self.state.anchor
         if anchor is not None:
             reach = settings.max_speed * max(track.first.t - anchor.t, 0.0)
@@ -252,10 +251,9 @@ class Reacquisition:
                 return IMPLAUSIBLE
         if track.velocity is not None and math.hypot(*track.velocity) > settings.max_speed:
             return IMPLAUSIBLE
-        if evidence is not None and evidence.unexplained > settings.sigmas:
+        if track.unexplained > settings.sigmas:
             return UNEXPLAINED
-        joint = sigmas if evidence is None else max(sigmas, evidence.joint)
-        return EXPECTED if joint <= settings.sigmas else CONTRADICTION
+        return EXPECTED if sigmas <= settings.sigmas else CONTRADICTION
 
     def _waiting_for(self, track: Track, zone: int, offset: Vector3, lost: bool) -> str:
         """Reason to go on waiting, empty when the track has earned trust."""
@@ -279,7 +277,8 @@ class Reacquisition:
             return settings.implausible_time
         usual = settings.min_duration if zone == EXPECTED else settings.contradiction_time
         doubt = (track.unexplained / settings.sigmas - _EASY) / (1.0 - _EASY)
-        usual += min(max(doubt, 0.0), 1.0) * max(settings.implausible_time - usual, 0.0)
+        longest = min(settings.implausible_time - usual, math.hypot(*offset) / _DRIFT_SPEED)
+        usual += min(max(doubt, 0.0), 1.0) * max(longest, 0.0)
         if zone == EXPECTED or returned is None or track.first.t > returned.until:
             return usual
         there = self._from_unaided(returned, track, offset)
