@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from nav_pose_estimator.core.gnss_monitor import Notice
-from nav_pose_estimator.core.return_evidence import Evidence
 
 Vector3 = tuple[float, float, float]
 
@@ -45,8 +44,8 @@ class Fix:
 class Track:
     """Consistent fixes: the first one, carried along by the fixes' own velocities, and how often it was confirmed.
 
-    ``unexplained`` (``core.return_evidence``) is the worst that any of them was found with: waiting alone, while the
-    filter's sigma grows, makes no doubtful track a credible one.
+    ``unexplained`` (``core.return_evidence``) is the worst that its first fixes were found with: waiting alone, while
+    the filter's sigma grows, makes no doubtful track a credible one.
     """
 
     first: Fix
@@ -121,7 +120,7 @@ class Reacquisition:
     other, each one being where the first one and the velocities in between say. How long a track must last depends on
     where it lies:
 
-    * expected: within ``sigmas`` of the filter's prediction, in position and velocity together: at once;
+    * expected: within ``sigmas`` of the filter's prediction: at once;
     * contradiction: outside, but the filter may simply have drifted more than it knows: ``contradiction_time``;
     * unexplained: no drift that fits the receiver's own velocity leads there (``core.return_evidence``), as when a
       position comes back 300 m off while its velocity is right: up to ``implausible_time``, and a loud notice. The
@@ -161,7 +160,7 @@ class Reacquisition:
         predicted_enu: Sequence[float],
         predicted_sd: float | Sequence[float],
         gap_s: float,
-        evidence: Evidence | None = None,
+        unexplained: float = 0.0,
     ) -> Decision:
         """Decide on one fix.
 
@@ -172,7 +171,8 @@ class Reacquisition:
             sd, predicted_sd: one sigma [m], a number or (3,) ENU.
             gap_s: seconds since the last fix that the filter took. A fix that was approved here and then refused by
                 the filter's own gate shows up as a gap that goes on.
-            evidence: position and velocity against the filter together; ``None`` when there is no velocity.
+            unexplained: what of position and velocity together no drift explains (``core.return_evidence``), 0.0
+                when there is no velocity.
         """
         fix = Fix(t, _vector(position_enu), _vector(sd))
         offset = _difference(fix.position, _vector(predicted_enu))
@@ -183,8 +183,8 @@ class Reacquisition:
         if not lost and sigmas <= self.settings.sigmas:
             self.state.approved = fix
             return Decision("fuse", "gnss.fuse", offset, sigmas)
-        track = self._weighed(self._follow(fix, _velocity(velocity_enu)), evidence)
-        zone = self._zone(track, sigmas if evidence is None else max(sigmas, evidence.joint))
+        track = self._weighed(self._follow(fix, _velocity(velocity_enu)), unexplained)
+        zone = self._zone(track, sigmas)
         waiting_for = self._waiting_for(track, zone, offset, lost)
         loose = self.state.loose
         if waiting_for and loose is not None and not self._waiting_for(loose, INCONSISTENT, offset, lost):
@@ -235,10 +235,10 @@ class Reacquisition:
         drift = settings.velocity_tolerance * (fix.t - track.first.t)
         return math.dist(fix.position, _carried(track, fix.t, velocity)) <= slack + drift
 
-    def _weighed(self, track: Track, evidence: Evidence | None) -> Track:
-        """The track, which stands first, with the worst that was found of it."""
-        if evidence is not None and evidence.unexplained > track.unexplained:
-            track = replace(track, unexplained=evidence.unexplained)
+    def _weighed(self, track: Track, unexplained: float) -> Track:
+        """The track, which stands first, with the worst that was found of it while it was young."""
+        if track.count <= self.settings.fixes and unexplained > track.unexplained:
+            track = replace(track, unexplained=unexplained)
             self.state.tracks = (track, *self.state.tracks[1:])
         return track
 

@@ -12,7 +12,8 @@ from nav_pose_estimator.core.gnss_monitor import GateSettings, GnssGate, Notice
 from nav_pose_estimator.core.kalman import correct, gated_correct
 from nav_pose_estimator.core.layout import ALT, DPOS, DVEL, LAT, LON, VEL
 from nav_pose_estimator.core.reacquisition import Reacquisition, ReacquisitionSettings
-from nav_pose_estimator.core.return_evidence import Evidence, weigh
+from nav_pose_estimator.core.return_evidence import unexplained
+from nav_pose_estimator.core.walk_off import WalkOff
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_covariance, is_position, is_within
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
@@ -22,6 +23,7 @@ from nav_pose_estimator.engine.timeline import Observation
 
 POSITION, VELOCITY = "gnss_position", "gnss_velocity"
 _SAME_MOTION = 1.0  # s: over this time the navigator knows the change of velocity better than a receiver
+_CHANCE = 2.5  # deviations by which two fixes minutes apart may differ
 _NIS_MEMORY = 300  # fixes that the 99th percentile is taken from
 _LARGEST_SPEED = 1e3  # m/s: receivers stop at 500
 _RESET_VELOCITY_SD = (0.3, 0.3, 0.5)  # m/s
@@ -38,6 +40,8 @@ class GnssInput:
         self._journal = journal
         self._gate = GnssGate(_gate_settings(parameters))
         self._guard = Reacquisition(_return_settings(parameters, lost_after))
+        self._walk_off = WalkOff()
+        self._drifts = False
         self.set_parameters(parameters, lost_after, gates)
         self.enabled = True
         self.refusal = "no fix has arrived yet"
@@ -68,6 +72,7 @@ class GnssInput:
         twin._journal = journal
         twin._gate = copy.deepcopy(self._gate)
         twin._guard = copy.deepcopy(self._guard)
+        twin._walk_off = copy.copy(self._walk_off)  # its state is immutable
         twin.nis = dict(self.nis)
         twin._recent_nis = {kind: values.copy() for kind, values in self._recent_nis.items()}
         return twin
@@ -176,34 +181,49 @@ class GnssInput:
         predicted_sd = np.sqrt(np.diag(P)[DPOS : DPOS + 3]).tolist()
         gap = max(o.t - self.last_used, 0.0)
         self._gate_radius = self._guard.settings.sigmas * math.hypot(max(sd[:2]), max(predicted_sd[:2]))
-        velocity, evidence = self._velocity_now(o, nav, P, z, H)
-        decision = self._guard.offer(o.t, fix, velocity, sd, predicted, predicted_sd, gap, evidence)
+        velocity, strange = self._velocity_now(o, nav, P, z, H)
+        decision = self._guard.offer(o.t, fix, velocity, sd, predicted, predicted_sd, gap, strange)
         if decision.notice is not None:
             self._tell(stamp, decision.notice, offset_m=math.hypot(*decision.offset), gap_s=gap)
         if decision.action in ("wait", "reject"):
             self._refuse(stamp, decision.reason, decision.reason)
             return decision.action
+        self._watch_drift(o, fix, velocity, _CHANCE * max(sd[:2]))
         if decision.action == "fuse":
             return "gated" if decision.gated else "ungated"
         o.memory["velocity"] = velocity
         return "reset"
 
+    def _watch_drift(self, o: Observation, fix: list[float], velocity: list[float] | None, scatter: float) -> None:
+        """Tell when positions leave the receiver's own velocities, and when they agree again."""
+        speed = self._walk_off.update(o.t, fix, velocity, scatter)
+        self._journal.counters["gnss.drift.fixes"] += speed > 0.0
+        if (speed > 0.0) == self._drifts:
+            return
+        self._drifts = speed > 0.0
+        if self._drifts:
+            text = f"GNSS positions drift by {speed:.1f} m/s against the receiver's own velocity: do not trust them"
+            self._journal.say(o.arguments[0], "gnss.drift", Level.WARN, text, speed=speed)
+        else:
+            text = "GNSS positions agree with the receiver's velocity again"
+            self._journal.say(o.arguments[0], "gnss.drift.ended", Level.INFO, text)
+
     def _velocity_now(
         self, o: Observation, nav: np.ndarray, P: np.ndarray, z: np.ndarray, H: np.ndarray
-    ) -> tuple[list[float] | None, Evidence | None]:
-        """The receiver's velocity at the time of a fix, and what both say together; None without a recent velocity.
+    ) -> tuple[list[float] | None, float]:
+        """The receiver's velocity at the time of a fix, and what of both no drift explains; None without a velocity.
 
         The velocity may have come a little before the fix: over such a time the navigator knows how it changed.
         """
         if self._misfit is None or not 0.0 <= o.t - self._misfit[0] <= _SAME_MOTION:
-            return None, None
+            return None, 0.0
         _, misfit, velocity_R = self._misfit
         rows = len(misfit)
         own, velocity_H = measurements.gnss_velocity(nav, len(P), np.zeros(3), self._lever)
         R = np.zeros((3 + rows, 3 + rows))
         R[:3, :3], R[3:, 3:] = o.arguments[2], velocity_R
-        evidence = weigh(np.concatenate([z, misfit]), np.concatenate([H, velocity_H[:rows]]), P, R)
-        return [*(own[:rows] - misfit).tolist(), math.nan][:3], evidence
+        strange = unexplained(np.concatenate([z, misfit]), np.concatenate([H, velocity_H[:rows]]), P, R)
+        return [*(own[:rows] - misfit).tolist(), math.nan][:3], strange
 
     def _apply_velocity(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
         stamp, velocity, R = o.arguments
