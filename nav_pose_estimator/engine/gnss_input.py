@@ -3,6 +3,7 @@
 import copy
 import math
 from collections import deque
+from itertools import pairwise
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from nav_pose_estimator.engine.timeline import Observation
 POSITION, VELOCITY = "gnss_position", "gnss_velocity"
 _SAME_MOTION = 1.0  # s: over this time the navigator knows the change of velocity better than a receiver
 _CHANCE = 2.5  # deviations by which two fixes minutes apart may differ
+_PERIOD_MEMORY = 6  # fixes that the period is taken from
 _NIS_MEMORY = 300  # fixes that the 99th percentile is taken from
 _LARGEST_SPEED = 1e3  # m/s: receivers stop at 500
 _RESET_VELOCITY_SD = (0.3, 0.3, 0.5)  # m/s
@@ -56,8 +58,7 @@ class GnssInput:
         self._usable = False
         self._misfit: tuple[float, np.ndarray, np.ndarray] | None = None  # time, navigator minus receiver [m/s], R
         self._origin: tuple[float, float, float] | None = None
-        self._last_fix_t = -math.inf
-        self._fix_period = 1.0
+        self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
 
     def set_parameters(self, parameters: GnssParameters, lost_after: float, gates: list[tuple[float, float]]) -> None:
         """New thresholds and noises; gate and re-acquisition stay as they stand."""
@@ -102,9 +103,7 @@ class GnssInput:
             self._tell(sample.stamp_ns, notice)
         if not verdict.usable:
             return self._refuse(sample.stamp_ns, verdict.reason, verdict.reason)
-        if t > self._last_fix_t:
-            self._fix_period = min(max(t - self._last_fix_t, 0.02), 5.0)
-            self._last_fix_t = t
+        self._fix_times = tuple(sorted((*self._fix_times, t))[-_PERIOD_MEMORY:])
         self._usable = True
         self.last_offered = t
         return True
@@ -124,7 +123,12 @@ class GnssInput:
         """R (3, 3) [m^2]: what the receiver states, at least the floor, inflated for errors shared between fixes."""
         floor = np.array([self._parameters.position_sd] * 2 + [self._parameters.vertical_sd]) ** 2
         R = _floored(self._known(sample.cov_enu), floor)
-        return R * (1.0 + self._parameters.position_correlation / self._fix_period)
+        return R * (1.0 + self._parameters.position_correlation / self._fix_period())
+
+    def _fix_period(self) -> float:
+        """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
+        steps = [b - a for a, b in pairwise(self._fix_times)]
+        return min(max(min(steps, default=1.0), 0.02), 5.0)
 
     def velocity_noise(self, sample: GnssVelocity) -> np.ndarray:
         """R (3, 3) [(m/s)^2]: the floor, or what the receiver states where that is larger."""
