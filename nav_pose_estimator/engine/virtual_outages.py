@@ -13,6 +13,7 @@ import numpy as np
 
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.engine.habits import Habits
+from nav_pose_estimator.engine.modes import DENIED
 from nav_pose_estimator.engine.samples import (
     GnssFix,
     GnssVelocity,
@@ -79,7 +80,7 @@ class VirtualOutages:
     def step(self, stamp_ns: int, sins: SinsEngine, habits: Habits) -> None:
         """Called several times a second behind ``feed``: start, help, or judge."""
         self._catch_up()
-        if sins.mode is not Mode.AIDED:
+        if sins.mode is not Mode.AIDED or self._has_restarted():
             self._stop()
         elif self._helped is None or self._coasting is None or self._habits is None:
             if stamp_ns >= self._next_ns or stamp_ns < self._next_ns - _PERIOD_NS:
@@ -91,6 +92,10 @@ class VirtualOutages:
         elif self._latest is not None:
             for prior in self._habits.feed(self._latest):
                 self._helped.feed(prior)
+
+    def _has_restarted(self) -> bool:
+        """A gap in the IMU data makes the copies align again, for which they lack GNSS."""
+        return self._coasting is not None and self._coasting.mode not in (*DENIED, Mode.AIDED)
 
     def _catch_up(self) -> None:
         """Fly the copies up to the last IMU sample."""
