@@ -11,6 +11,7 @@ from nav_pose_estimator.core.kalman import gated_correct
 from nav_pose_estimator.core.layout import ALT, PHI
 from nav_pose_estimator.engine.imu_input import rotation_from_rpy
 from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import BodyVelocity, MagSample, PressureSample
 from nav_pose_estimator.engine.timeline import Observation
@@ -20,6 +21,8 @@ _LINEARISE = {
     "magnetic_heading": measurements.magnetic_heading,
     "body_velocity": measurements.body_velocity,
 }
+_LARGEST_SPEED = 1e3  # m/s
+_LARGEST_FIELD = 1e6  # in any unit
 _BOUNDING = frozenset(("body_velocity",))
 
 
@@ -54,7 +57,7 @@ class AidInput:
         """A levelled heading, at most every ``magnetometer_period``."""
         if not self._parameters.magnetometer or not self._is_due("magnetic_heading", t):
             return None
-        if not all(map(math.isfinite, sample.field)) or not any(sample.field):
+        if not is_within(sample.field, _LARGEST_FIELD) or not any(sample.field):
             return self._refuse("mag.rejected.value")
         return t, "magnetic_heading", sample.field
 
@@ -70,10 +73,14 @@ class AidInput:
         """A velocity over ground in the sensor's axes."""
         if not self._parameters.body_velocity:
             return None
-        if not any(map(math.isfinite, sample.velocity)):
+        measured = [value for value in sample.velocity if not math.isnan(value)]
+        if not measured or not is_within(measured, _LARGEST_SPEED):
             return self._refuse("body_velocity.rejected.value")
+        known = sample.cov is not None and is_covariance(sample.cov, 3)
+        if sample.cov is not None and not known:
+            self._journal.count("body_velocity.covariance.flawed")
         floor = self._parameters.body_velocity_sd**2
-        R = np.diag([floor] * 3) if sample.cov is None else np.array(sample.cov, float)
+        R = np.array(sample.cov, float) if known else np.diag([floor] * 3)
         R[np.diag_indices(3)] = np.maximum(np.diag(R), floor)
         for axis in range(3):
             if not math.isfinite(sample.velocity[axis]):

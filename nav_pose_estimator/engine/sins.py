@@ -26,6 +26,7 @@ from nav_pose_estimator.engine.samples import (
     ImuSample,
     MagSample,
     MotionEvidence,
+    NavigatorVelocity,
     PressureSample,
     Sample,
     SatelliteCount,
@@ -67,6 +68,7 @@ class SinsEngine:
             MotionEvidence: self._on_motion,
             SetPose: self._on_set_pose,
             AttitudeSample: self._on_attitude,
+            NavigatorVelocity: lambda sample: [],  # its own, meant for the attitude filter
         }
         self._clear()
 
@@ -157,10 +159,7 @@ class SinsEngine:
             gnss_refusal=self._gnss.refusal,
             satellites=self._gnss.satellites,
             counters=dict(self._journal.counters),
-            values={
-                "alignment.restarts": float(self._aligner.restarts),
-                **{f"nis.{kind}": value for kind, value in self._gnss.nis.items()},
-            },
+            values={"alignment.restarts": float(self._aligner.restarts), **self._gnss.figures()},
         )
 
     def warm_up(self) -> None:
@@ -306,9 +305,7 @@ class SinsEngine:
             return []
         R = self._gnss.position_noise(sample)
         if self._timeline.running:
-            # a reset wants the velocity of the same epoch where it is already known
-            velocity = self._aligner.velocity_at(t)
-            arguments = (sample.stamp_ns, (sample.lat, sample.lon, sample.alt), velocity, R)
+            arguments = (sample.stamp_ns, (sample.lat, sample.lon, sample.alt), R)
             self._observe(t, POSITION, arguments, sample.stamp_ns)
         else:
             self._aligner.fix(t, sample, R)
@@ -360,9 +357,11 @@ class SinsEngine:
         return []
 
     def _on_set_pose(self, sample: SetPose) -> list[Output]:
-        text = "a pose can be set only while the navigator waits for an origin or has one"
-        if self._origin is None or not self._timeline.running:
-            self._journal.say(sample.stamp_ns, "set_pose.rejected.no_origin", Level.WARN, text)
+        running = self._origin is not None and self._timeline.running
+        refusal = "no_origin" if not running else "value" if not start_up.is_sound(sample) else ""
+        if refusal or self._origin is None:
+            text = f"set_pose is not used: {start_up.POSE_REFUSALS[refusal]}"
+            self._journal.say(sample.stamp_ns, f"set_pose.rejected.{refusal}", Level.WARN, text)
             return []
         self._settle()
         start_up.set_pose(self._timeline.nav, self._timeline.P, sample, self._origin)

@@ -15,9 +15,15 @@ from nav_pose_estimator.core.alignment_types import Alignment, AlignmentSettings
 from nav_pose_estimator.core.earth import enu_to_lla
 from nav_pose_estimator.core.kalman import correct, gated_correct
 from nav_pose_estimator.core.strapdown import flush_covariance, run_imu
+from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
 
+_FARTHEST = 1e6  # m: a pose beyond this is not in the local frame
+POSE_REFUSALS = {
+    "no_origin": "a pose can be set only while the navigator runs",
+    "value": "its position, orientation or covariance is none",
+}
 _SAME_EPOCH = 0.05  # s: a fix and a velocity closer than this belong together
 
 
@@ -73,11 +79,6 @@ class StartUp:
         if self._pending_fix is not None and abs(self._pending_fix[0] - t) < _SAME_EPOCH:
             self._hand_on(vel_enu, R)
 
-    def velocity_at(self, t: float) -> tuple | None:
-        """The velocity of the same epoch as a fix at ``t``, if it is known already."""
-        near = self._near(t)
-        return None if near is None else near[1]
-
     def result(self) -> Alignment | None:
         """The finished alignment with position, or None."""
         result = self._aligner.result()
@@ -108,6 +109,13 @@ class StartUp:
         self._pending_fix = None
         velocity_sd = 0.0 if velocity_R is None else float(math.sqrt(velocity_R[0, 0]))
         self._aligner.gnss(t, fix.lat, fix.lon, fix.alt, vel_enu, float(math.sqrt(R[0, 0])), velocity_sd)
+
+
+def is_sound(sample: SetPose) -> bool:
+    """Whether a pose given from outside is one: a place within reach, a unit quaternion, a covariance or none."""
+    norm = math.hypot(*sample.q_nb)
+    known = sample.cov is None or is_covariance(sample.cov, 6)
+    return is_within(sample.position_enu, _FARTHEST) and 0.9 < norm < 1.1 and known
 
 
 def set_pose(nav: np.ndarray, P: np.ndarray, sample: SetPose, origin: tuple[float, float, float]) -> None:
