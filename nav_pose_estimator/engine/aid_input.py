@@ -9,6 +9,7 @@ from nav_pose_estimator.core import measurements
 from nav_pose_estimator.core.atmosphere import pressure_height
 from nav_pose_estimator.core.kalman import correct, gated_correct
 from nav_pose_estimator.core.layout import ALT, PHI
+from nav_pose_estimator.core.vertical_channel import gated_height
 from nav_pose_estimator.engine.imu_input import rotation_from_rpy
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.parameters import Parameters
@@ -24,6 +25,7 @@ _LINEARISE = {
     "horizontal_position": measurements.horizontal_position,
     "drag_force": measurements.drag_force,
 }
+_CORRELATION = 5.0  # s: magnetic headings and barometric heights closer than this share their error
 _PRIORS = frozenset(("horizontal_velocity", "horizontal_position"))
 _BOUNDING = frozenset(("body_velocity", "velocity_error", "horizontal_velocity", "horizontal_position", "drag_force"))
 
@@ -114,7 +116,9 @@ class AidInput:
             return
         arguments, R = prepared
         z, H = _LINEARISE[o.kind](nav, len(P), *arguments)
-        if o.kind in _PRIORS:
+        if o.kind == "height":
+            status, _ = gated_height(nav, P, float(z[0]), float(R[0, 0]), *self._gates[0])
+        elif o.kind in _PRIORS:
             # a prior is no sensor that could fail: gating it would let go of a drifting navigator for good
             correct(nav, P, z, H, R)
             status = 1
@@ -141,7 +145,9 @@ class AidInput:
         offset = o.memory["offset"]
         if aided or math.isnan(offset):
             return None
-        return (o.arguments[0] - offset,), np.array([[self._parameters.barometer_sd**2]])
+        # heights closer than the correlation time of wind and pressure share their error
+        R = self._parameters.barometer_sd**2 * (1.0 + _CORRELATION / max(self._parameters.barometer_period, 0.1))
+        return (o.arguments[0] - offset,), np.array([[R]])
 
     def _prepare_heading(self, o: Observation, nav: np.ndarray, P: np.ndarray, aided: bool) -> tuple | None:
         """While GNSS shows the heading learn the magnetometer's offset; otherwise let it hold the heading."""
@@ -158,7 +164,7 @@ class AidInput:
         if math.isnan(offset) or (aided and heading_sd < 0.2):
             return None
         tilt_var = P[PHI, PHI] + P[PHI + 1, PHI + 1]
-        R = self._parameters.magnetometer_sd**2 * (1.0 + 5.0 / max(self._parameters.magnetometer_period, 0.1))
+        R = self._parameters.magnetometer_sd**2 * (1.0 + _CORRELATION / max(self._parameters.magnetometer_period, 0.1))
         return (*field, self._parameters.declination + offset), np.array([[R + 4.0 * tilt_var]])
 
     def _is_due(self, kind: str, t: float) -> bool:

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from nav_pose_estimator.core import measurements
+from nav_pose_estimator.core import bias_wander, measurements
 from nav_pose_estimator.core.earth import radii
 from nav_pose_estimator.core.gnss_monitor import GateSettings, GnssGate, Notice
 from nav_pose_estimator.core.kalman import correct, gated_correct
@@ -124,6 +124,8 @@ class GnssInput:
             self._apply_position(o, nav, P)
         else:
             self._apply_velocity(o, nav, P)
+        if o.t - self.last_used <= self._lost_after:
+            bias_wander.observe(nav, P)
 
     def _apply_position(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
         stamp, position, velocity, R = o.arguments

@@ -260,7 +260,7 @@ class SinsEngine:
         nav, P = start.nav.copy(), start.P
         if self._origin is None:
             self._origin = tuple(nav[at.LAT : at.VEL].tolist())
-        P = filter_setup.with_optional_blocks(P, self.parameters)
+        P = filter_setup.complete_start(nav, P, self._constants, self.parameters)
         self._gnss.begin(float(nav[at.TIME]), self._origin)
         self._timeline.start(nav, P)
         text = f"aligned ({start.method}), heading to {math.degrees(math.sqrt(P[at.PHI + 2, at.PHI + 2])):.1f} deg"

@@ -8,13 +8,14 @@ from collections import deque
 
 import numpy as np
 
+from nav_pose_estimator.core import bias_wander, measurements
 from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core import measurements
 from nav_pose_estimator.core.alignment import Aligner
 from nav_pose_estimator.core.alignment_types import Alignment, AlignmentSettings
 from nav_pose_estimator.core.earth import enu_to_lla
 from nav_pose_estimator.core.kalman import correct, gated_correct
 from nav_pose_estimator.core.strapdown import flush_covariance, run_imu
+from nav_pose_estimator.core.vertical_channel import gated_height
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
 
@@ -143,3 +144,6 @@ def warm_up(constants: np.ndarray, states: int) -> None:
         R = np.eye(len(z))
         gated_correct(nav, P, z, H, R, 10.0, 100.0)
         correct(nav, P, z, H, R)
+    gated_height(nav, P, 0.0, 1.0, 10.0, 100.0)
+    bias_wander.begin(nav, constants)
+    bias_wander.observe(nav, P)
