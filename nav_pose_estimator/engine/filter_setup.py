@@ -7,6 +7,7 @@ from scipy.special import chdtri
 
 from nav_pose_estimator.core import bias_wander
 from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.core.alignment_types import Alignment
 from nav_pose_estimator.core.filter_setup import make_constants
 from nav_pose_estimator.engine.parameters import Parameters
 
@@ -37,13 +38,14 @@ def states(parameters: Parameters) -> int:
     return at.BASE_STATES + at.GYRO_MATRIX_STATES * parameters.navigator.gyro_matrix_states
 
 
-def complete_start(nav: np.ndarray, P: np.ndarray, constants: np.ndarray, parameters: Parameters) -> np.ndarray:
-    """``P`` (15, 15) of an alignment enlarged to the filter's states; ``nav`` is set to learn what it may."""
+def complete_start(start: Alignment, constants: np.ndarray, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
+    """(nav, P) of an alignment: ``nav`` set to learn what it may, ``P`` enlarged to the filter's states."""
+    nav = start.nav.copy()
     if parameters.imu.learn_gyro_bias_sd:
         bias_wander.begin(nav, constants)
     full = np.diag(np.full(states(parameters), parameters.navigator.gyro_matrix_sd**2))
-    full[: at.BASE_STATES, : at.BASE_STATES] = P
-    return full
+    full[: at.BASE_STATES, : at.BASE_STATES] = start.P
+    return nav, full
 
 
 def gates(parameters: Parameters) -> list[tuple[float, float]]:

@@ -17,7 +17,9 @@ from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, SatelliteCo
 from nav_pose_estimator.engine.solutions import Level
 from nav_pose_estimator.engine.timeline import Observation
 
-POSITION, VELOCITY = "gnss_position", "gnss_velocity"
+POSITION, VELOCITY, LOSS = "gnss_position", "gnss_velocity", "gnss_loss"
+_NIS_MEMORY = 10.0  # s over which innovations are averaged
+_LARGEST_FACTOR = 9.0  # of the covariance: three times the deviation
 _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
 
 
@@ -120,6 +122,9 @@ class GnssInput:
 
     def apply(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
         """Let one observation of this input act on the filter."""
+        if o.kind == LOSS:
+            P *= o.arguments[0]
+            return
         if o.kind == POSITION:
             self._apply_position(o, nav, P)
         else:
@@ -200,7 +205,7 @@ class GnssInput:
         self._journal.count("gnss.used.position")
 
     def _note(self, kind: str, stamp: int, t: float, status: int, nis: float, dof: int) -> None:
-        self.nis[kind] += 0.02 * (nis / dof - self.nis[kind])
+        self.nis[kind] += min(self._fix_period / _NIS_MEMORY, 0.2) * (min(nis / dof, 100.0) - self.nis[kind])
         name = kind.removeprefix("gnss_")
         if status == 0:
             self._refuse(stamp, f"gnss.rejected.{name}_innovation", f"the {name} disagrees with the filter")
@@ -211,6 +216,15 @@ class GnssInput:
             self._used(t)
         else:
             self._journal.count("gnss.used.velocity")
+
+    @property
+    def variance_factor(self) -> float:
+        """By how much the covariance is too small as far as the last innovations tell, at least 1.
+
+        The variance of unit weight of adjustment theory: states and noises are scaled together, the gains stay. While
+        GNSS corrects the filter nothing depends on it; the covariance at a loss takes it along (``LOSS``).
+        """
+        return min(max(1.0, *self.nis.values()), _LARGEST_FACTOR)
 
     @property
     def origin(self) -> tuple[float, float, float]:
