@@ -9,6 +9,10 @@ gyroscope. Over 30 s it tells this sharply, because what is left unmodelled sums
 Innovations that are larger than expected at once (manoeuvres, a poor receiver) show in windows of 3 s already. They are
 no evidence of a wandering bias, so the long ratio is divided by the mean short one where that exceeds one.
 
+Where the bias moves even less than the smallest noise lets expect, the measurement noise is overstated (a receiver much
+better than the floor that is set for all of them), and with it the whole covariance. The mean ratio of the long windows
+says by how much (``overstatement``); the gains do not depend on a common factor, so it only matters once GNSS is lost.
+
 The noise then moves by a stochastic approximation, ``ln q += gain (ratio - 1)``, within bounds. Everything that is
 remembered lies in ``nav``, so that a checkpoint of the filter takes it along and a replay repeats it exactly.
 
@@ -25,9 +29,11 @@ from nav_pose_estimator.core.layout import (
     GYRO_BIAS_PSD,
     GYRO_WANDER,
     TIME,
+    WANDER_COUNT,
     WANDER_FLOOR,
     WANDER_LEVEL,
     WANDER_MARKS,
+    WANDER_MEAN,
     WANDER_SHORT_COUNT,
     WANDER_TIME,
 )
@@ -43,6 +49,8 @@ _LONGEST_STEP = 2.0  # s without an observation: windows across an outage tell n
 _LARGEST_RATIO = 4.0
 _LARGEST_SHORT_RATIO = 9.0
 _SHORT_MEMORY = 20.0  # windows
+_LONG_MEMORY = 5.0  # windows
+_SMALLEST_FACTOR = 0.25  # of the covariance: half the deviation. What is learned of one state is not pushed further.
 _INFORMED = 0.2  # part of the driving noise that a window must have observed to count
 
 
@@ -51,8 +59,8 @@ def begin(nav, constants):
     """Learn from now on. ``constants`` hold the smallest density; the start is with the one that is set."""
     nav[WANDER_FLOOR] = constants[GYRO_BIAS_PSD]
     nav[GYRO_WANDER] = constants[GYRO_BIAS_PSD] * (1.0 / SMALLEST - 1.0)
-    nav[WANDER_LEVEL] = 1.0
-    nav[WANDER_SHORT_COUNT] = 0.0
+    nav[WANDER_LEVEL] = nav[WANDER_MEAN] = 1.0
+    nav[WANDER_SHORT_COUNT] = nav[WANDER_COUNT] = 0.0
     nav[WANDER_TIME] = nav[TIME]
     _forget_windows(nav)
 
@@ -84,6 +92,14 @@ def observe(nav, P):
             for i in range(3):
                 nav[mark + 1 + i] = nav[GYRO_BIAS + i]
                 nav[mark + 4 + i] = P[D_GYRO_BIAS + i, D_GYRO_BIAS + i]
+
+
+@kernel
+def overstatement(nav):
+    """Factor, at most 1, by which the covariance is to be multiplied for what the windows have shown; 1 unlearned."""
+    if not nav[WANDER_FLOOR] > 0.0:
+        return 1.0
+    return min(max(nav[WANDER_MEAN], _SMALLEST_FACTOR), 1.0)
 
 
 @kernel
@@ -126,6 +142,8 @@ def _close(nav, k, ratio):
         nav[WANDER_LEVEL] += share * (min(ratio, _LARGEST_SHORT_RATIO) - nav[WANDER_LEVEL])
         return
     ratio = min(ratio / max(nav[WANDER_LEVEL], 1.0), _LARGEST_RATIO)
+    nav[WANDER_COUNT] += 1.0
+    nav[WANDER_MEAN] += (ratio - nav[WANDER_MEAN]) / min(nav[WANDER_COUNT] + 1.0, _LONG_MEMORY)
     smallest = nav[WANDER_FLOOR]
     psd = (smallest + nav[GYRO_WANDER]) * math.exp(_GAIN * (ratio - 1.0))
     nav[GYRO_WANDER] = min(max(psd - smallest, 0.0), smallest * (LARGEST / SMALLEST - 1.0))

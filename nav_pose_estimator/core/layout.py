@@ -30,7 +30,9 @@ WANDER_SHORT_COUNT = 49
 WANDER_TIME = 50  # s, last look
 WANDER_MARKS = 51  # 4 x 8: begun windows
 WANDER_FLOOR = 83  # (rad/s)^2/s: the constants' driving noise; 0 while nothing is learned
-NAV_SIZE = 84
+WANDER_MEAN = 84  # mean ratio of long windows
+WANDER_COUNT = 85
+NAV_SIZE = 86
 
 # --- error state ---------------------------------------------------------------------------------------------------
 PHI = 0  # 3: misalignment in n, rad

@@ -123,7 +123,7 @@ class GnssInput:
     def apply(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
         """Let one observation of this input act on the filter."""
         if o.kind == LOSS:
-            P *= o.arguments[0]
+            P *= o.arguments[0] * bias_wander.overstatement(nav)
             return
         if o.kind == POSITION:
             self._apply_position(o, nav, P)

@@ -147,3 +147,4 @@ def warm_up(constants: np.ndarray, states: int) -> None:
     gated_height(nav, P, 0.0, 1.0, 10.0, 100.0)
     bias_wander.begin(nav, constants)
     bias_wander.observe(nav, P)
+    bias_wander.overstatement(nav)
