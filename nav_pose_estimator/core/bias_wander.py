@@ -50,6 +50,7 @@ _LARGEST_RATIO = 4.0
 _LARGEST_SHORT_RATIO = 9.0
 _SHORT_MEMORY = 20.0  # windows
 _LONG_MEMORY = 5.0  # windows
+_BENEFIT = 2.0  # upper bound of a ratio that is known from a handful of overlapping windows
 _SMALLEST_FACTOR = 0.25  # of the covariance: half the deviation. What is learned of one state is not pushed further.
 _INFORMED = 0.2  # part of the driving noise that a window must have observed to count
 
@@ -99,7 +100,7 @@ def overstatement(nav):
     """Factor, at most 1, by which the covariance is to be multiplied for what the windows have shown; 1 unlearned."""
     if not nav[WANDER_FLOOR] > 0.0:
         return 1.0
-    return min(max(nav[WANDER_MEAN], _SMALLEST_FACTOR), 1.0)
+    return min(max(_BENEFIT * nav[WANDER_MEAN], _SMALLEST_FACTOR), 1.0)
 
 
 @kernel
@@ -141,9 +142,9 @@ def _close(nav, k, ratio):
         share = 1.0 / min(nav[WANDER_SHORT_COUNT] + 3.0, _SHORT_MEMORY)
         nav[WANDER_LEVEL] += share * (min(ratio, _LARGEST_SHORT_RATIO) - nav[WANDER_LEVEL])
         return
-    ratio = min(ratio / max(nav[WANDER_LEVEL], 1.0), _LARGEST_RATIO)
     nav[WANDER_COUNT] += 1.0
-    nav[WANDER_MEAN] += (ratio - nav[WANDER_MEAN]) / min(nav[WANDER_COUNT] + 1.0, _LONG_MEMORY)
+    nav[WANDER_MEAN] += (min(ratio, _LARGEST_RATIO) - nav[WANDER_MEAN]) / min(nav[WANDER_COUNT] + 1.0, _LONG_MEMORY)
+    ratio = min(ratio / max(nav[WANDER_LEVEL], 1.0), _LARGEST_RATIO)
     smallest = nav[WANDER_FLOOR]
     psd = (smallest + nav[GYRO_WANDER]) * math.exp(_GAIN * (ratio - 1.0))
     nav[GYRO_WANDER] = min(max(psd - smallest, 0.0), smallest * (LARGEST / SMALLEST - 1.0))
