@@ -19,6 +19,7 @@ from nav_pose_estimator.core.vertical_channel import gated_height
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
 
+_UNSTATED_TILT_SD = 0.1  # rad: tilt of an attitude that comes without covariance
 _SAME_EPOCH = 0.05  # s: a fix and a velocity closer than this belong together
 
 
@@ -57,7 +58,9 @@ class StartUp:
             self._aligner.mag(t, np.array(field))
 
     def attitude(self, t: float, sample: AttitudeSample) -> None:
-        """Attitude of the attitude filter: the aligner levels itself, so this is only a hint."""
+        """Attitude of the attitude filter: its tilt helps to level in motion."""
+        variance = _UNSTATED_TILT_SD**2 if sample.cov_n is None else float(np.max(np.diag(sample.cov_n)[:2]))
+        self._aligner.attitude(t, sample.q_nb, math.sqrt(max(variance, 0.0)))
 
     def fix(self, t: float, sample: GnssFix, R: np.ndarray) -> None:
         """A usable fix valid at ``t``; handed on with the velocity of its epoch, or alone when none came."""
