@@ -9,7 +9,7 @@ from test_alignment import WEAVE, Story, assert_honest, facing, settings
 from nav_pose_estimator.core import alignment
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.alignment import Aligner
-from nav_pose_estimator.core.rotation import quat_from_rotvec, quat_multiply
+from nav_pose_estimator.core.rotation import quat_from_rotvec, quat_multiply, quat_to_matrix
 
 
 def start_in_the_air(tilt_sd, offset=0.0, late=0.0):
@@ -38,11 +38,8 @@ def tilt_at_start(monkeypatch, *outside):
     assert_honest(story, result)
     nav, P = begun[0]
     truth = story.truth.at(np.array([nav[at.TIME]])).q_nb[0]
-    up = [
-        quat_rotate_many((q * (1.0, -1.0, -1.0, -1.0))[None], np.array([[0.0, 0.0, 1.0]]))[0]
-        for q in (truth, nav[6:10])
-    ]
-    return math.acos(min(float(up[0] @ up[1]), 1.0)), math.sqrt(P[at.PHI, at.PHI])
+    up, believed = (quat_to_matrix(q)[2] for q in (truth, nav[at.QUAT : at.QUAT + 4]))
+    return math.acos(min(float(up @ believed), 1.0)), math.sqrt(P[at.PHI, at.PHI])
 
 
 def test_the_tilt_of_an_attitude_filter_levels_a_start_in_motion(monkeypatch):
