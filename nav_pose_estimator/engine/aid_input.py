@@ -9,6 +9,7 @@ from nav_pose_estimator.core import measurements
 from nav_pose_estimator.core.atmosphere import pressure_height
 from nav_pose_estimator.core.kalman import gated_correct
 from nav_pose_estimator.core.layout import ALT, PHI
+from nav_pose_estimator.core.vertical_channel import gated_height
 from nav_pose_estimator.engine.imu_input import rotation_from_rpy
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
@@ -23,6 +24,7 @@ _LINEARISE = {
 }
 _LARGEST_SPEED = 1e3  # m/s
 _LARGEST_FIELD = 1e6  # in any unit
+_CORRELATION = 5.0  # s: magnetic headings and barometric heights closer than this share their error
 _BOUNDING = frozenset(("body_velocity",))
 
 
@@ -104,7 +106,10 @@ class AidInput:
             return
         arguments, R = prepared
         z, H = _LINEARISE[o.kind](nav, len(P), *arguments)
-        status, _ = gated_correct(nav, P, z, H, R, *self._gates[len(z) - 1])
+        if o.kind == "height":
+            status, _ = gated_height(nav, P, float(z[0]), float(R[0, 0]), *self._gates[0])
+        else:
+            status, _ = gated_correct(nav, P, z, H, R, *self._gates[len(z) - 1])
         if o.memory.get("counted"):
             return
         o.memory["counted"] = True
@@ -126,7 +131,9 @@ class AidInput:
         offset = o.memory["offset"]
         if aided or math.isnan(offset):
             return None
-        return (o.arguments[0] - offset,), np.array([[self._parameters.barometer_sd**2]])
+        # heights closer than the correlation time of wind and pressure share their error
+        R = self._parameters.barometer_sd**2 * (1.0 + _CORRELATION / max(self._parameters.barometer_period, 0.1))
+        return (o.arguments[0] - offset,), np.array([[R]])
 
     def _prepare_heading(self, o: Observation, nav: np.ndarray, P: np.ndarray, aided: bool) -> tuple | None:
         """While GNSS shows the heading learn the magnetometer's offset; otherwise let it hold the heading."""
@@ -143,7 +150,7 @@ class AidInput:
         if math.isnan(offset) or (aided and heading_sd < 0.2):
             return None
         tilt_var = P[PHI, PHI] + P[PHI + 1, PHI + 1]
-        R = self._parameters.magnetometer_sd**2 * (1.0 + 5.0 / max(self._parameters.magnetometer_period, 0.1))
+        R = self._parameters.magnetometer_sd**2 * (1.0 + _CORRELATION / max(self._parameters.magnetometer_period, 0.1))
         return (*field, self._parameters.declination + offset), np.array([[R + 4.0 * tilt_var]])
 
     def _is_due(self, kind: str, t: float) -> bool:

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from nav_pose_estimator.core import measurements
+from nav_pose_estimator.core import bias_wander, measurements
 from nav_pose_estimator.core.earth import radii
 from nav_pose_estimator.core.gnss_monitor import GateSettings, GnssGate, Notice
 from nav_pose_estimator.core.kalman import correct, gated_correct
@@ -22,11 +22,13 @@ from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, SatelliteCo
 from nav_pose_estimator.engine.solutions import Level
 from nav_pose_estimator.engine.timeline import Observation
 
-POSITION, VELOCITY = "gnss_position", "gnss_velocity"
+POSITION, VELOCITY, LOSS = "gnss_position", "gnss_velocity", "gnss_loss"
 _SAME_MOTION = 1.0  # s: over this time the navigator knows the change of velocity better than a receiver
 _CHANCE = 2.5  # deviations by which two fixes minutes apart may differ
 _PERIOD_MEMORY = 6  # fixes that the period is taken from
 _NIS_MEMORY = 300  # fixes that the 99th percentile is taken from
+_NIS_TIME = 10.0  # s over which innovations are averaged
+_LARGEST_FACTOR = 9.0  # of the covariance: three times the deviation
 _LARGEST_SPEED = 1e3  # m/s: receivers stop at 500
 _RESET_VELOCITY_SD = (0.3, 0.3, 0.5)  # m/s
 _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
@@ -153,10 +155,15 @@ class GnssInput:
 
     def apply(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
         """Let one observation of this input act on the filter."""
+        if o.kind == LOSS:
+            P *= o.arguments[0] * bias_wander.overstatement(nav)
+            return
         if o.kind == POSITION:
             self._apply_position(o, nav, P)
         else:
             self._apply_velocity(o, nav, P)
+        if o.t - self.last_used <= self._lost_after:
+            bias_wander.observe(nav, P)
 
     def _apply_position(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
         stamp, position, R = o.arguments
@@ -268,7 +275,7 @@ class GnssInput:
 
     def _note(self, kind: str, stamp: int, t: float, status: int, nis: float, dof: int) -> None:
         if math.isfinite(nis):
-            self.nis[kind] += 0.02 * (nis / dof - self.nis[kind])
+            self.nis[kind] += min(self._fix_period / _NIS_TIME, 0.2) * (min(nis / dof, 100.0) - self.nis[kind])
             self._recent_nis[kind].append(nis / dof)
         name = kind.removeprefix("gnss_")
         if status == 0:
@@ -289,6 +296,15 @@ class GnssInput:
         figures["gnss.gate_radius_m"] = self._gate_radius
         figures["gnss.resets"], figures["gnss.last_reset_m"] = float(self.resets), self.last_reset_m
         return figures
+
+    @property
+    def variance_factor(self) -> float:
+        """By how much the covariance is too small as far as the last innovations tell, at least 1.
+
+        The variance of unit weight of adjustment theory: states and noises are scaled together, the gains stay. While
+        GNSS corrects the filter nothing depends on it; the covariance at a loss takes it along (``LOSS``).
+        """
+        return min(max(1.0, *self.nis.values()), _LARGEST_FACTOR)
 
     @property
     def origin(self) -> tuple[float, float, float]:

@@ -12,7 +12,7 @@ from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.kalman import predicted_horizontal_sd
 from nav_pose_estimator.engine import filter_setup, rehearsal_flight, start_up
 from nav_pose_estimator.engine.aid_input import AidInput
-from nav_pose_estimator.engine.gnss_input import POSITION, VELOCITY, GnssInput
+from nav_pose_estimator.engine.gnss_input import LOSS, POSITION, VELOCITY, GnssInput
 from nav_pose_estimator.engine.imu_input import RESTARTS, ImuInput
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.modes import DENIED, ModeKeeper
@@ -38,7 +38,7 @@ from nav_pose_estimator.engine.timeline import MOTION, Observation, Timeline
 _NS = 1e-9
 _UNEVENTFUL = frozenset((ImuSample, ImuBlock, MagSample, PressureSample, AttitudeSample))
 """Samples that change neither mode nor GNSS unless an observation comes of them."""
-_PRIORITY = {POSITION: 0, VELOCITY: 1}
+_PRIORITY = {POSITION: 0, VELOCITY: 1, LOSS: 2}
 _LATE = "an observation arrived later than the filter's memory reaches; it is not used"
 
 
@@ -169,8 +169,7 @@ class SinsEngine:
 
     def snapshot(self) -> SinsEngine:
         """An independent copy of the engine as it stands."""
-        twin = object.__new__(SinsEngine)
-        twin.__init__(self.parameters)  # type: ignore[misc]
+        twin = SinsEngine(self.parameters)
         twin.restore(self)
         return twin
 
@@ -252,8 +251,10 @@ class SinsEngine:
         """As many rows as the mode stays the same for: up to a deadline or to the next observation that waits."""
         self._settle()
         times = rows[:, at.IMU_T]
-        deadline = self._modes.deadline(float(times[0]), self._gnss, self._aids)
-        limit = min(deadline, self._timeline.next_observation())
+        now = float(times[0])
+        if self.mode is Mode.AIDED and not now - self._gnss.last_used < self.parameters.navigator.lost_after:
+            self._timeline.observe(now, LOSS, (self._gnss.variance_factor,), _PRIORITY[LOSS])
+        limit = min(self._modes.deadline(now, self._gnss, self._aids), self._timeline.next_observation())
         count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
         out = self._timeline.advance(rows[:count])
         now = float(times[count - 1])
@@ -277,10 +278,9 @@ class SinsEngine:
         self._modes.note_alignment(self._aligner.has_attitude)
         if start is None:
             return
-        nav, P = start.nav.copy(), start.P
+        nav, P = filter_setup.complete_start(start, self._constants, self.parameters)
         if self._origin is None:
             self._origin = tuple(nav[at.LAT : at.VEL].tolist())
-        P = filter_setup.with_optional_blocks(P, self.parameters)
         self._gnss.begin(float(nav[at.TIME]), self._origin)
         self._timeline.start(nav, P, self._origin)
         text = f"aligned ({start.method}), heading to {math.degrees(math.sqrt(P[at.PHI + 2, at.PHI + 2])):.1f} deg"
