@@ -22,6 +22,11 @@ class InputWatch:
         self._total = self._reported = self._lost = 0
         self._last = self._reported_at = time.monotonic()
         self._ever = False
+        self._subscription: Any = None
+
+    def attach(self, subscription: Any) -> None:
+        """From now on publishers that do not fit ``subscription`` are reported."""
+        self._subscription = subscription
 
     def saw(self) -> None:
         """One message came."""
@@ -39,8 +44,18 @@ class InputWatch:
         rate = new / max(now - self._reported_at, 1e-3)
         self._reported, self._reported_at = self._total, now
         age = now - self._last if self._ever or now - self._last < 2.0 else float("inf")
-        publishers = self._node.count_publishers(self._node.resolve_topic_name(self.topic))
-        return wording.InputReport(self.topic, self._total, rate, self._lost, age, publishers, self._needed)
+        publishers = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(self.topic))
+        misfits = tuple(self._misfits(publishers))
+        return wording.InputReport(
+            self.topic, self._total, rate, self._lost, age, len(publishers), self._needed, misfits
+        )
+
+    def _misfits(self, publishers: list[Any]) -> list[str]:
+        if self._subscription is None:
+            return []
+        kind = self._subscription.msg_type
+        package, name = kind.__module__.split(".")[0], kind.__name__
+        return qos.misfits(publishers, f"{package}/msg/{name}", self._subscription.qos_profile)
 
 
 class Diagnostics:

@@ -57,26 +57,41 @@ class EstimatorNode(Node):
 
     def listen(self, source: Input, needed: bool = False) -> None:
         """Subscribe to ``source``; a ``needed`` one that is silent is a warning on diagnostics."""
-        watch = self.watch(source.topic, needed)
-        callback = partial(self.receive, watch, source.adapter)
-        qos.subscribe(self, source.message_class(), source.topic, callback, self._input_qos(), on_lost=watch.lost)
+        self._subscribe(source.topic, source.message_class(), source.adapter, needed)
 
     def listen_imu(self, source: Input) -> None:
         """Subscribe to the IMU: sensor_msgs/Imu is decoded from its bytes."""
-        kind, watch = source.message_class(), self.watch(source.topic, True)
-        raw = source.package == "sensor_msgs"
+        kind = source.message_class()
 
         def adapt(data: bytes) -> Converted:
             decoded = decode_imu(data)
             return source.adapter(deserialize_message(data, kind)) if decoded is None else decoded
 
-        callback = partial(self.receive, watch, adapt if raw else source.adapter)
-        qos.subscribe(self, kind, source.topic, callback, self._input_qos(), raw=raw, on_lost=watch.lost)
+        raw = source.package == "sensor_msgs"
+        self._subscribe(source.topic, kind, adapt if raw else source.adapter, True, raw)
 
-    def watch(self, topic: str, needed: bool) -> InputWatch:
-        """A counter for a topic that is subscribed to elsewhere."""
-        self._watches.append(InputWatch(self, topic, needed))
-        return self._watches[-1]
+    def listen_raw(self, source: Input, choose: Callable[[bytes], bool]) -> None:
+        """Subscribe to an optional ``source`` of which only the messages are read that ``choose`` wants by their bytes.
+
+        What other nodes publish comes at hundreds of hertz; to build every message would cost more than to use it.
+        """
+        kind = source.message_class()
+
+        def adapt(data: bytes) -> Converted:
+            return source.adapter(deserialize_message(data, kind)) if choose(data) else ()
+
+        self._subscribe(source.topic, kind, adapt, False, True)
+
+    def _subscribe(
+        self, topic: str, kind: Any, adapter: Callable[[Any], Converted], needed: bool, raw: bool = False
+    ) -> None:
+        watch = InputWatch(self, topic, needed)
+        self._watches.append(watch)
+        callback = partial(self.receive, watch, adapter)
+        profile = qos.sensor(self.parameters.ros.input.queue)
+        watch.attach(
+            qos.subscribe(self, kind, topic, callback, profile, raw, on_lost=watch.lost, on_misfit=self._note_misfit)
+        )
 
     def receive(self, watch: InputWatch, adapter: Callable[[Any], Converted], message: Any) -> None:
         """The callback of every subscription."""
@@ -162,11 +177,11 @@ class EstimatorNode(Node):
         self.engine.set_parameters(parameters)
         self.logbook.note(Event(self._guard.newest_ns, "parameters.changed", Level.INFO, "parameters were changed"))
 
+    def _note_misfit(self, text: str) -> None:
+        self.logbook.note(Event(self._guard.newest_ns, "qos.incompatible", Level.WARN, text))
+
     def _note_failure(self, where: str, error: Exception) -> None:
         if not self.context.ok():
             return  # shutting down: publishers are gone
         text = f"{where}: {type(error).__name__}: {' '.join(str(error).split())}; the message is not used"
         self.logbook.note(Event(self._guard.newest_ns, f"callback.failed.{where}", Level.ERROR, text))
-
-    def _input_qos(self) -> Any:
-        return qos.sensor(self.parameters.ros.input.queue)

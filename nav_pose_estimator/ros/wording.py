@@ -1,6 +1,7 @@
 """What a pilot reads: status and inputs in sentences. Pure functions of plain data."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from nav_pose_estimator.engine.solutions import Mode, Status
@@ -22,7 +23,10 @@ _MEANINGS = {
 
 @dataclass(frozen=True)
 class InputReport:
-    """How one input topic does: messages in all, since the last report, lost on the way; age of the last one [s]."""
+    """How one input topic does: messages in all, since the last report, lost on the way; age of the last one [s].
+
+    ``misfits``: publishers that are not heard, and why, one clause each.
+    """
 
     topic: str
     total: int
@@ -31,6 +35,7 @@ class InputReport:
     age: float
     publishers: int
     needed: bool
+    misfits: tuple[str, ...] = ()
 
 
 def level_of(status: Status) -> int:
@@ -40,16 +45,15 @@ def level_of(status: Status) -> int:
 
 def sentence(status: Status) -> str:
     """How things stand, in one sentence."""
-    parts = [f"{status.mode.value}: {_MEANINGS[status.mode]}"]
-    if status.waiting_for:
-        parts.append(status.waiting_for)
+    waiting = status.waiting_for.rstrip(".")
+    parts = [f"{status.mode.value}: {waiting or _MEANINGS[status.mode]}"]
     if status.seconds_coasting > 0.0:
         parts.append(f"for {status.seconds_coasting:.0f} s")
     if math.isfinite(status.horizontal_sd):
         parts.append(f"position good to {metres(status.horizontal_sd)} (1 sigma)")
     if status.mode is not Mode.AIDED and math.isfinite(status.horizontal_sd_in_30_s):
         parts.append(f"to {metres(status.horizontal_sd_in_30_s)} in 30 s")
-    if status.gnss_refusal:
+    if status.gnss_refusal and status.gnss_refusal not in waiting:
         parts.append(f"GNSS refused: {status.gnss_refusal}")
     return ", ".join(parts)
 
@@ -70,15 +74,16 @@ def facts(status: Status) -> list[tuple[str, str]]:
 
 
 def input_sentence(reports: list[InputReport]) -> tuple[int, str]:
-    """Level and sentence for the inputs: silence of a needed one is a warning."""
-    silent = [report for report in reports if report.needed and report.age > 2.0]
-    if not silent:
-        return OK, "all needed inputs arrive"
-    words = []
-    for report in silent:
+    """Level and sentence for the inputs: silence of a needed one and a publisher that is not heard are warnings."""
+    words = [words for report in reports for words in _complaints(report)]
+    return (WARN, "; ".join(words)) if words else (OK, "all needed inputs arrive")
+
+
+def _complaints(report: InputReport) -> Iterator[str]:
+    if report.needed and report.age > 2.0:
         since = "never came" if not math.isfinite(report.age) else f"silent for {report.age:.0f} s"
-        words.append(f"{report.topic} {since} ({report.publishers} publishers)")
-    return WARN, "; ".join(words)
+        yield f"{report.topic} {since} ({report.publishers} publishers)"
+    yield from (f"{report.topic}: {misfit}" for misfit in report.misfits)
 
 
 def input_facts(reports: list[InputReport]) -> list[tuple[str, str]]:
