@@ -11,6 +11,7 @@ from nav_pose_estimator.core.gnss_monitor import GateSettings, GnssGate, Notice
 from nav_pose_estimator.core.kalman import correct, gated_correct
 from nav_pose_estimator.core.layout import ALT, DPOS, DVEL, LAT, LON, VEL
 from nav_pose_estimator.core.reacquisition import Reacquisition, ReacquisitionSettings
+from nav_pose_estimator.engine.catalogue import in_words
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, SatelliteCount
@@ -81,7 +82,7 @@ class GnssInput:
         for notice in verdict.notices:
             self._tell(sample.stamp_ns, notice)
         if not verdict.usable:
-            return self._refuse(sample.stamp_ns, verdict.reason, verdict.reason)
+            return self._refuse(sample.stamp_ns, verdict.reason, in_words(verdict.reason))
         if t > self._last_fix_t:
             self._fix_period = min(max(t - self._last_fix_t, 0.02), 5.0)
             self._last_fix_t = t
@@ -155,7 +156,7 @@ class GnssInput:
         if decision.notice is not None:
             self._tell(stamp, decision.notice, offset_m=math.hypot(*decision.offset))
         if decision.action in ("wait", "reject"):
-            self._refuse(stamp, decision.reason, decision.reason)
+            self._refuse(stamp, decision.reason, in_words(decision.reason))
             return decision.action
         if decision.action == "fuse":
             return "gated" if decision.gated else "ungated"

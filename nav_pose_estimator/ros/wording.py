@@ -9,7 +9,7 @@ from nav_pose_estimator.engine.solutions import Mode, Status
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs/DiagnosticStatus
 
 _LEVELS = {Mode.AIDED: OK, Mode.EXPIRED: ERROR}
-_MEANINGS = {
+MEANINGS = {
     Mode.WAITING_IMU: "waiting for the IMU",
     Mode.ALIGNING: "aligning",
     Mode.NO_ORIGIN: "level, but without a position",
@@ -46,7 +46,7 @@ def level_of(status: Status) -> int:
 def sentence(status: Status) -> str:
     """How things stand, in one sentence."""
     waiting = status.waiting_for.rstrip(".")
-    parts = [f"{status.mode.value}: {waiting or _MEANINGS[status.mode]}"]
+    parts = [f"{status.mode.value}: {waiting or MEANINGS[status.mode]}"]
     if status.seconds_coasting > 0.0:
         parts.append(f"for {status.seconds_coasting:.0f} s")
     if math.isfinite(status.horizontal_sd):
