@@ -132,14 +132,16 @@ def _run_node(name: str, command: Command, given: list[str]) -> int:
     parser = _parser(name, command)
     parser.usage = f"{parser.prog} [--ros-args ROS ARGUMENTS]"
     parser.description = f"{command.summary}. All parameters: docs/parameters.md."
-    parser.parse_args(mine)
+    unknown = parser.parse_known_args(mine)[1]
+    if unknown:
+        raise UserError(f"{unknown[0]!r} is no option of a node; arguments for ROS stand behind --ros-args")
     try:
         module = import_module(f"{PROGRAM}.{command.module}")
     except ModuleNotFoundError as error:
         if error.name != "rclpy":
             raise
         raise UserError(
-            f"{name} needs ROS 2 Jazzy, and rclpy is not there: run 'make setup', or source /opt/ros/jazzy/setup.bash"
+            "this node needs ROS 2 Jazzy, and rclpy is not there: run 'make setup', or source /opt/ros/jazzy/setup.bash"
         ) from None
     return module.main(ros) or DONE
 

@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Carry the command out. Raises ``UserError`` for what the user can mend."""
+    from nav_pose_estimator.core.jit import is_first_run
     from nav_pose_estimator.offline import latency, methods, outages
     from nav_pose_estimator.offline.aid_option import with_aids
     from nav_pose_estimator.offline.config_file import load_parameters
@@ -48,6 +49,8 @@ def run(arguments: argparse.Namespace) -> int:
         parameters = with_aids(parameters, arguments.aid)
     remaps = parse_remaps(arguments.remap)
     folder = None if arguments.estimate_latency else _folder(arguments)
+    if is_first_run():
+        print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)
     with _bar("reading", None) as bar:
         recording = load(arguments.bag, remaps, bar.update)
     if every is not None:

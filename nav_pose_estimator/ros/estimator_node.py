@@ -10,6 +10,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import SetBool, Trigger
 
+from nav_pose_estimator.core.jit import is_first_run
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import Sample
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Mode, NavSolution, Output
@@ -34,6 +35,8 @@ class EstimatorNode(Node):
         super().__init__(name)
         self.parameters = declare(self)
         self.logbook = Logbook(self.get_logger())
+        if is_first_run():
+            self.get_logger().info("the first start compiles the numeric kernels, which takes a minute or two")
         self.engine = make_engine(self.parameters)
         self.engine.warm_up()
         warm_up()
