@@ -114,8 +114,6 @@ class BagReader:
         return out
 
     def _samples_of(self, items: convert.Converted) -> tuple[Sample, ...]:
-        if len(items) == 1 and not isinstance(items[0], Event):
-            return items
         self.events += [item for item in items if isinstance(item, Event)]
         return tuple(item for item in items if not isinstance(item, Event))
 
@@ -160,7 +158,8 @@ class BagReader:
                 return block, np.ones(len(batch), np.int64)
             items = [self._convert_one(decode, adapter, batch.payload(i)) for i in range(len(batch))]
             samples = [self._samples_of(item) for item in items]
-            return _block([s for item in samples for s in item]), np.array([len(item) for item in samples], np.int64)
+            good = [s for item in samples for s in item if isinstance(s, ImuSample)]
+            return _block(good), np.array([len(item) for item in samples], np.int64)
 
         return convert_batch
 

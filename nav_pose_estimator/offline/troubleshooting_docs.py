@@ -92,7 +92,7 @@ _SYMPTOMS = (
     (
         "sigma is much smaller or larger than the errors",
         "the noise of the IMU is not that of the parameters",
-        "set `imu.gyro_noise`, `imu.accel_noise` ([tuning](tuning.md)); watch `nis.*`: it should be near 1",
+        "set `imu.gyro_noise`, `imu.accel_noise` ([tuning](tuning.md)); watch `nis.*`: above 1 they are too small",
     ),
     (
         "`ros2 topic hz` of odometry is lower than the IMU's",
@@ -126,7 +126,10 @@ _STATUS = (
     ("horizontal sigma in 30 s [m]", "what it will be if GNSS stays away"),
     ("GNSS refused because", "why the last fix was not used"),
     ("satellites", "the last count"),
-    ("nis.gnss_position, nis.gnss_velocity", "mean normalised innovation squared: near 1 when the noises are right"),
+    (
+        "nis.gnss_position, nis.gnss_velocity",
+        "mean normalised innovation squared: below 1 with the wide defaults; above 1 the noises are too small",
+    ),
     ("alignment.restarts", "how often the search for the heading began anew"),
     ("tilt_sd_deg, yaw_sd_deg", "attitude_node: standard deviations in degrees"),
     ("gyro_bias_deg_s, field_trust", "attitude_node: bias found; trust in the magnetic field, 0 to 1"),
