@@ -175,6 +175,21 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("mag.rejected.stale", "a field half a second away from the IMU's time", _CLOCKS),
         Entry("baro.rejected.value", "a pressure that is not one of the atmosphere", "check the unit: pascal, not hPa"),
         Entry("body_velocity.rejected.value", "a velocity without any number", _SENSOR),
+        Entry("outage.rejected.covariance", "a predicted velocity error without a covariance", "anfis_node sends one"),
+        Entry("outage.unsent.position", "a prediction of the position, for which there is no topic, was not sent"),
+        Entry("outage.reset", "the learner starts again", "see the reason in the log line"),
+        Entry("outage.trained", "a training has ended and its result is taken"),
+        Entry("outage.training_failed", "a training gave no result; the model stays as it was", "see the log line"),
+        Entry("outage.model.loaded", "a model was read from its file"),
+        Entry("outage.model.saved", "the model was written to its file"),
+        Entry(
+            "outage.request_failed",
+            "training, reading or writing the model was asked for and impossible",
+            "see the log line",
+        ),
+        Entry(
+            "odometry.rejected.incomplete", "an odometry without orientation, covariance or numbers", "one navigator"
+        ),
         Entry("outage.rejected.value", "a prediction that is not a number", "report it, please"),
         Entry(
             "*.rejected.before_imu", "a message came before the first IMU sample", "look at imu/data_raw if it goes on"

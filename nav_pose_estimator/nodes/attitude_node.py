@@ -8,8 +8,8 @@ from std_msgs.msg import Bool
 
 from nav_pose_estimator.engine.attitude import AttitudeEngine
 from nav_pose_estimator.engine.samples import NavigatorVelocity
-from nav_pose_estimator.engine.solutions import AttitudeSolution
-from nav_pose_estimator.ros import inputs, qos, spin
+from nav_pose_estimator.engine.solutions import AttitudeSolution, Status
+from nav_pose_estimator.ros import inputs, qos, spin, wording
 from nav_pose_estimator.ros.convert import Converted, odometry_velocity
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.imu_cdr import peek_stamp_ns
@@ -35,6 +35,10 @@ class AttitudeNode(EstimatorNode):
         )
         qos.subscribe(self, Bool, "gnss/denied", self._on_denied, qos.latched())
         self.get_logger().info("ready")
+
+    def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
+        """As every node, but the modes speak of attitude."""
+        return wording.level_of(status), wording.sentence(status, wording.ATTITUDE_MEANINGS), wording.facts(status)
 
     def publish(self, solution: AttitudeSolution) -> None:
         """imu/data."""

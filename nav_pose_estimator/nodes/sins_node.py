@@ -12,7 +12,7 @@ _LEVELLING = (Mode.WAITING_IMU, Mode.ALIGNING, Mode.NO_ORIGIN)
 
 
 class SinsNode(EstimatorNode):
-    """Works alone; an attitude on imu/data helps it to level."""
+    """Works alone; an attitude on imu/data helps it to level, predicted errors on outage/velocity_error to coast."""
 
     def __init__(self) -> None:
         super().__init__("sins_node", SinsEngine)
@@ -22,6 +22,7 @@ class SinsNode(EstimatorNode):
             self.listen(source, needed=source.topic == "gps/fix")
         # wanted only until the filter runs
         self.listen_raw(inputs.attitude_input(), lambda data: self.engine.mode in _LEVELLING)
+        self.listen(inputs.prediction_input())
         self.offer_gnss_switch()
         self.get_logger().info("ready")
 

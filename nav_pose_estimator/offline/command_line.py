@@ -65,6 +65,7 @@ COMMANDS = {
     "sins_node": Command(
         "nodes.sins_node", "node: strapdown navigator and Kalman filter with GNSS gate", (_ROS_EXAMPLE,)
     ),
+    "anfis_node": Command("nodes.anfis_node", "node: learns to predict the errors of an outage", (_ROS_EXAMPLE,)),
     "pose_estimator": Command("nodes.pose_estimator", "the three nodes in one process", (_ROS_EXAMPLE,)),
     "synthetic_sensors": Command(
         "nodes.synthetic_sensors", "node: publishes simulated sensors in wall or simulated time", ("--ros-args",)
@@ -202,6 +203,7 @@ def _complain(name: str, text: str, code: int) -> int:
 # What the executables in lib/nav_pose_estimator call.
 attitude_node = partial(run_command, "attitude_node")
 sins_node = partial(run_command, "sins_node")
+anfis_node = partial(run_command, "anfis_node")
 pose_estimator = partial(run_command, "pose_estimator")
 synthetic_sensors = partial(run_command, "synthetic_sensors")
 simulate = partial(run_command, "simulate")

@@ -1,16 +1,16 @@
 """/diagnostics and ~/status: what :mod:`wording` says, as messages."""
 
 import time
-from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from nav_pose_estimator.engine.solutions import Status
 from nav_pose_estimator.ros import qos, wording
 from nav_pose_estimator.ros.messages import fill_stamp
+
+Description = tuple[int, str, list[tuple[str, str]]]
 
 
 class InputWatch:
@@ -67,16 +67,14 @@ class Diagnostics:
         self._array = qos.advertise(node, DiagnosticArray, "/diagnostics")
         self._status = qos.advertise(node, DiagnosticStatus, "~/status", qos.latched())
 
-    def publish(self, status: Status, watches: list[InputWatch], counters: Mapping[str, int]) -> None:
-        """Everything, on both topics."""
+    def publish(self, state: Description, watches: list[InputWatch], counters: Mapping[str, int]) -> None:
+        """Everything, on both topics. ``state``: level, sentence and facts."""
         reports = [watch.report() for watch in watches]
         level, text = wording.input_sentence(reports)
-        state = self.publish_status(status)
-        every = Counter(status.counters) + Counter(counters)
-        counted = [(key, str(count)) for key, count in sorted(every.items())]
+        counted = [(key, str(count)) for key, count in sorted(counters.items())]
         message = DiagnosticArray(
             status=[
-                state,
+                self.publish_status(*state),
                 self._message("inputs", level, text, wording.input_facts(reports)),
                 self._message("counters", wording.OK, f"{len(counted)} kinds of events", counted),
             ]
@@ -84,9 +82,9 @@ class Diagnostics:
         fill_stamp(message.header.stamp, self._node.get_clock().now().nanoseconds)
         self._array.publish(message)
 
-    def publish_status(self, status: Status) -> Any:
+    def publish_status(self, level: int, sentence: str, facts: list[tuple[str, str]]) -> Any:
         """~/status alone (at once when the mode changes)."""
-        state = self._message("", wording.level_of(status), wording.sentence(status), wording.facts(status))
+        state = self._message("", level, sentence, facts)
         self._status.publish(state)
         return state
 

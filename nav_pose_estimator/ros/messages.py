@@ -12,6 +12,7 @@ import numpy as np
 
 from nav_pose_estimator.core.layout import BASE_STATES, D_GYRO_BIAS, DPOS, DVEL, PHI
 from nav_pose_estimator.core.rotation import quat_to_matrix, skew
+from nav_pose_estimator.engine.samples import VelocityError
 from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution
 from nav_pose_estimator.engine.world_frame import attitude_in, vector_in
 from nav_pose_estimator.ros.convert import NS_PER_S
@@ -115,10 +116,22 @@ def warm_up() -> None:
     twist_covariance(np.eye(BASE_STATES), quat_to_matrix(_NO_ROTATION), np.zeros(3))
 
 
-def is_finite(solution: NavSolution | AttitudeSolution) -> bool:
+def fill_velocity_error(message: Any, error: VelocityError) -> None:
+    """geometry_msgs/TwistWithCovarianceStamped, ENU, horizontal only; the rest is marked as not known."""
+    fill_stamp(message.header.stamp, error.stamp_ns)
+    message.twist.twist.linear.x, message.twist.twist.linear.y = map(float, error.dv_en)
+    cov = np.zeros((6, 6))
+    cov[:2, :2] = error.cov
+    cov[2, 2] = cov[3, 3] = -1.0
+    message.twist.covariance[:] = cov.ravel()
+
+
+def is_finite(solution: NavSolution | AttitudeSolution | VelocityError) -> bool:
     """Whether every number that goes into messages is one: nothing else may leave a node."""
     parts: tuple[np.ndarray, ...]
-    if isinstance(solution, AttitudeSolution):
+    if isinstance(solution, VelocityError):
+        parts = (np.array(solution.dv_en), solution.cov)
+    elif isinstance(solution, AttitudeSolution):
         parts = (solution.q_nb, solution.cov_n, solution.rate_b, solution.accel_b)
     else:
         parts = (solution.position_enu, solution.vel_n, solution.q_nb, solution.rate_b, solution.cov)

@@ -4,7 +4,7 @@ import importlib
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Vector3Stamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, TwistWithCovarianceStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, NavSatFix
@@ -13,6 +13,7 @@ from std_msgs.msg import Bool
 from nav_pose_estimator.engine.modes import DENIED
 from nav_pose_estimator.engine.parameter_schema import ParameterError
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import VelocityError
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolution
 from nav_pose_estimator.ros import messages, qos
 from nav_pose_estimator.ros.pace import Pace
@@ -97,6 +98,23 @@ class NavigationOutput:
         if denied != self._is_denied:
             self._is_denied = denied
             self._denied.publish(Bool(data=denied))
+
+
+class LearnerOutput:
+    """outage/velocity_error and outage/position_error."""
+
+    def __init__(self, node: Node, parameters: Parameters) -> None:
+        self._velocity = qos.advertise(node, TwistWithCovarianceStamped, "outage/velocity_error")
+        self._position = qos.advertise(node, Vector3Stamped, "outage/position_error")
+        self._velocity_message, self._position_message = TwistWithCovarianceStamped(), Vector3Stamped()
+        self._velocity_message.header.frame_id = self._position_message.header.frame_id = parameters.ros.frames.odom
+
+    def publish(self, error: VelocityError, position_error: np.ndarray) -> None:
+        """One prediction, and the sum (2,) [m] of those of this outage."""
+        messages.fill_velocity_error(self._velocity_message, error)
+        self._velocity.publish(self._velocity_message)
+        messages.fill_vector_stamped(self._position_message, error.stamp_ns, np.append(position_error, 0.0))
+        self._position.publish(self._position_message)
 
 
 class Transforms:

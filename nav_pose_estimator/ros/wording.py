@@ -1,7 +1,7 @@
 """What a pilot reads: status and inputs in sentences. Pure functions of plain data."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from nav_pose_estimator.engine.solutions import Mode, Status
@@ -18,6 +18,18 @@ MEANINGS = {
     Mode.DEAD_RECKONING: "GNSS is lost, nothing but the IMU",
     Mode.EXPIRED: "too long without GNSS: do not trust the position",
     Mode.REACQUIRING: "GNSS is back and being checked",
+}
+
+
+ATTITUDE_MEANINGS = {
+    Mode.WAITING_IMU: "waiting for the IMU",
+    Mode.ALIGNING: "levelling",
+    Mode.AIDED: "the attitude is level",
+}
+LEARNER_MEANINGS = {
+    Mode.WAITING_IMU: "waiting for the navigator",
+    Mode.ALIGNING: "the model is not used yet",
+    Mode.AIDED: "the model helps when GNSS is lost",
 }
 
 
@@ -43,10 +55,10 @@ def level_of(status: Status) -> int:
     return _LEVELS.get(status.mode, WARN)
 
 
-def sentence(status: Status) -> str:
-    """How things stand, in one sentence."""
+def sentence(status: Status, meanings: Mapping[Mode, str] = MEANINGS) -> str:
+    """How things stand, in one sentence; ``meanings`` of the modes where they are not those of the navigator."""
     waiting = status.waiting_for.rstrip(".")
-    parts = [f"{status.mode.value}: {waiting or MEANINGS[status.mode]}"]
+    parts = [f"{status.mode.value}: {waiting or meanings[status.mode]}"]
     if status.seconds_coasting > 0.0:
         parts.append(f"for {status.seconds_coasting:.0f} s")
     if math.isfinite(status.horizontal_sd):
@@ -71,6 +83,20 @@ def facts(status: Status) -> list[tuple[str, str]]:
         ("satellites", satellites),
     ]
     return pairs + [(key, number(value)) for key, value in sorted(status.values.items())]
+
+
+def learner_facts(status: Status, training: str, history: Sequence[Mapping[str, float]]) -> list[tuple[str, str]]:
+    """Key and value for the learner; ``history``: its scores after each training, the learning curve."""
+    names = sorted({name for scores in history for name in scores})
+    curves = [(name, ", ".join(number(scores.get(name, math.nan)) for scores in history)) for name in names]
+    return [
+        ("mode", status.mode.value),
+        ("not used because", status.waiting_for or "-"),
+        ("training", training),
+        ("trainings", str(len(history))),
+        *((key, number(value)) for key, value in sorted(status.values.items())),
+        *((f"{name} after each training", curve) for name, curve in curves),
+    ]
 
 
 def input_sentence(reports: list[InputReport]) -> tuple[int, str]:

@@ -57,9 +57,18 @@ class OutputParameters:
 
 
 @dataclass(frozen=True)
+class ModelParameters:
+    """The trained model of anfis_node on disk."""
+
+    file: str = param("", "", "File of the model: read at start where it exists, written by ~/save_model; empty: none")
+    save_after_training: bool = param(False, "", "Write the file after every training whose result is taken")
+
+
+@dataclass(frozen=True)
 class RosParameters:
     """Everything at the boundary."""
 
     input: InputParameters = field(default_factory=InputParameters)
     frames: FrameParameters = field(default_factory=FrameParameters)
     output: OutputParameters = field(default_factory=OutputParameters)
+    model: ModelParameters = field(default_factory=ModelParameters)
