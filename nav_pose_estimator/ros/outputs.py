@@ -31,7 +31,7 @@ class AttitudeOutput:
 
     def publish(self, solution: AttitudeSolution) -> None:
         """One attitude, if it is due."""
-        if self._pace.is_due(solution.stamp_ns):
+        if self._pace.is_due(solution.stamp_ns) and qos.is_heard(self._publisher):
             messages.fill_imu(self._message, solution, self._world_frame)
             self._publisher.publish(self._message)
 
@@ -70,13 +70,15 @@ class NavigationOutput:
         stamp = solution.stamp_ns
         self._publish_denied(solution.mode in DENIED)
         if self._odometry_pace.is_due(stamp):
-            messages.fill_odometry(self._odometry_message, solution)
-            self._odometry.publish(self._odometry_message)
-            messages.fill_pose(self._pose_message, solution)
-            self._pose.publish(self._pose_message)
+            if qos.is_heard(self._odometry):
+                messages.fill_odometry(self._odometry_message, solution)
+                self._odometry.publish(self._odometry_message)
+            if qos.is_heard(self._pose):
+                messages.fill_pose(self._pose_message, solution)
+                self._pose.publish(self._pose_message)
             if self._tf is not None:
                 self._tf.publish(solution)
-        if self._fix_pace.is_due(stamp):
+        if self._fix_pace.is_due(stamp) and qos.is_heard(self._fix):
             messages.fill_fix(self._fix_message, solution, solution.mode is not Mode.EXPIRED)
             self._fix.publish(self._fix_message)
         if self._bias_pace.is_due(stamp):

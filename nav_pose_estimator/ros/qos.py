@@ -78,6 +78,11 @@ def advertise(node: Node, kind: Any, topic: str, profile: QoSProfile | None = No
     )
 
 
+def is_heard(publisher: Any) -> bool:
+    """Whether anybody listens. To ask costs 3 microseconds, to fill and publish a message for nobody 60."""
+    return publisher.get_subscription_count() > 0
+
+
 def misfits(publishers: Iterable[Any], kind: str, profile: QoSProfile) -> list[str]:
     """Why ``publishers`` (topic endpoint infos) are not heard by a subscription of type ``kind`` with ``profile``.
 

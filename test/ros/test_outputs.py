@@ -39,11 +39,15 @@ def solution(stamp_ns: int = STAMP, mode: Mode = Mode.AIDED) -> NavSolution:
 
 
 class Heard(dict):
-    """Stands where publishers are made: topic -> messages, as they were when they were published."""
+    """Stands where publishers are made: topic -> messages; ``listeners`` is 1 for each unless said otherwise."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.listeners: dict[str, int] = {}
 
     def advertise(self, node, kind, topic, profile=None):
         messages = self.setdefault(topic, [])
-        return SimpleNamespace(publish=lambda message: messages.append(message))
+        return SimpleNamespace(publish=messages.append, get_subscription_count=lambda: self.listeners.get(topic, 1))
 
 
 @pytest.fixture
@@ -96,6 +100,15 @@ def test_denial_is_told_once_for_each_change(heard):
     for i, mode in enumerate(modes):
         output.publish(solution(STAMP + i * 10_000_000, mode))
     assert [message.data for message in heard["gnss/denied"]] == [False, True, False]
+
+
+def test_nothing_is_made_for_nobody_but_latched_facts(heard):
+    output = NavigationOutput(None, Parameters())
+    heard.listeners = dict.fromkeys(["odometry/filtered", "~/pose", "gps/filtered"], 0)
+    output.publish(solution())
+    output.publish_origin(STAMP, (0.8, 0.1, 500.0))
+    assert [topic for topic in heard.listeners if heard[topic]] == []
+    assert len(heard["gnss/denied"]) == len(heard["~/origin"]) == 1
 
 
 def test_rates_follow_the_stamps(heard):
