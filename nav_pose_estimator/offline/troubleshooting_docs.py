@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 
 from nav_pose_estimator.engine.catalogue import SECTIONS
-from nav_pose_estimator.ros.wording import MEANINGS
+from nav_pose_estimator.ros.wording import ATTITUDE_MEANINGS, LEARNER_MEANINGS, MEANINGS
 
 PAGE = "docs/troubleshooting.md"
 
@@ -116,6 +116,9 @@ _WAITING = (
     ("Waiting for GNSS to show the vehicle's motion.", "gps/vel helps; without it a few seconds of fixes are needed"),
     ("no IMU sample has come yet", "attitude_node: look at the inputs line"),
     ("levelling: the first second of data", "attitude_node: wait"),
+    ("waiting for the origin of the navigator", "anfis_node: start sins_node, or remap sins_node/origin"),
+    ("waiting for the navigator's biases", "anfis_node: remap sins_node/bias/gyro and sins_node/bias/accel"),
+    ("waiting for odometry/filtered", "anfis_node: remap odometry/filtered"),
 )
 
 _STATUS = (
@@ -132,6 +135,9 @@ _STATUS = (
     ),
     ("alignment.restarts", "how often the search for the heading began anew"),
     ("tilt_sd_deg, yaw_sd_deg", "attitude_node: standard deviations in degrees"),
+    ("not used because", "anfis_node: why the model stays silent in an outage"),
+    ("training, trainings", "anfis_node: running, or why the last one failed; how many there were"),
+    ("... after each training", "anfis_node: the learning curve of each score"),
     ("gyro_bias_deg_s, field_trust", "attitude_node: bias found; trust in the magnetic field, 0 to 1"),
 )
 
@@ -147,7 +153,9 @@ def _page() -> Iterator[str]:
     yield from _table(("you see", "because", "do"), _SYMPTOMS)
     yield "\n## Modes\n"
     yield from _table(("mode", "means"), ((f"`{mode.value}`", text) for mode, text in MEANINGS.items()))
-    yield "\nAIDED is OK, EXPIRED an error, every other mode a warning.\n"
+    yield "\nAIDED is OK, EXPIRED an error, any other mode a warning. The other nodes use them for themselves:\n"
+    yield from _table(("node", "mode", "means"), _of_other_nodes())
+    yield ""
     yield "## What a node waits for\n"
     yield from _table(("the sentence begins", "do"), ((f"`{text}`", cure) for text, cure in _WAITING))
     yield "\n## The values of the status\n"
@@ -160,6 +168,11 @@ def _page() -> Iterator[str]:
         rows = ((f"`{entry.name}`", entry.meaning, entry.cure or "nothing to do") for entry in entries)
         yield from _table(("event", "means", "do"), rows)
         yield ""
+
+
+def _of_other_nodes() -> Iterator[tuple[str, str, str]]:
+    for node, meanings in (("attitude_node", ATTITUDE_MEANINGS), ("anfis_node", LEARNER_MEANINGS)):
+        yield from ((node, f"`{mode.value}`", text) for mode, text in meanings.items())
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Iterator[str]:

@@ -178,19 +178,23 @@ class EstimatorNode(Node):
         self.engine.set_use_gnss(request.data)
         response.success = True
         response.message = "GNSS is used" if request.data else "GNSS is not used until it is switched on again"
-        self.logbook.note(Event(self._guard.newest_ns, "mode.use_gnss", Level.WARN, f"operator: {response.message}"))
+        self.say("mode.use_gnss", Level.WARN, f"operator: {response.message}")
         return response
 
     def _set_parameters(self, parameters: Parameters) -> None:
         self.parameters = parameters
         self.engine.set_parameters(parameters)
-        self.logbook.note(Event(self._guard.newest_ns, "parameters.changed", Level.INFO, "parameters were changed"))
+        self.say("parameters.changed", Level.INFO, "parameters were changed")
+
+    def say(self, name: str, level: Level, text: str) -> None:
+        """Count and log something that the node itself has to say."""
+        self.logbook.note(Event(self._guard.newest_ns, name, level, text))
 
     def _note_misfit(self, text: str) -> None:
-        self.logbook.note(Event(self._guard.newest_ns, "qos.incompatible", Level.WARN, text))
+        self.say("qos.incompatible", Level.WARN, text)
 
     def _note_failure(self, where: str, error: Exception) -> None:
         if not self.context.ok():
             return  # shutting down: publishers are gone
         text = f"{where}: {type(error).__name__}: {' '.join(str(error).split())}; the message is not used"
-        self.logbook.note(Event(self._guard.newest_ns, f"callback.failed.{where}", Level.ERROR, text))
+        self.say(f"callback.failed.{where}", Level.ERROR, text)

@@ -66,17 +66,15 @@ class Around:
             self.odometry(solution(stamp))
 
     def call(self, action) -> tuple[bool, str]:
-        answer = self.node._serve(action, Trigger.Request(), Trigger.Response())
+        answer = self.node.keeper._serve(action, Trigger.Request(), Trigger.Response())
         return answer.success, answer.message
 
     def train(self) -> None:
         """Let the training timer run until the outcome has been taken."""
-        trainings = len(self.node._history) + bool(self.node._failure)
-        self.node._failure = ""
-        wait_until(
-            lambda: self.node._on_training() or len(self.node._history) + bool(self.node._failure) > trainings,
-            what="the training",
-        )
+        keeper, counters = self.node.keeper, self.node.logbook.counters
+        ended = ("outage.trained", "outage.training_failed")
+        before = sum(counters[name] for name in ended)
+        wait_until(lambda: keeper.look_after() or sum(counters[name] for name in ended) > before, what="the training")
 
 
 def solution(stamp: int = STAMP) -> NavSolution:
@@ -187,14 +185,14 @@ def test_a_failed_training_is_told_and_changes_nothing(make):
 def test_the_services_answer_in_a_sentence(make, tmp_path):
     around = make()
     node = around.node
-    assert around.call(node._train) == (
+    assert around.call(node.keeper.train) == (
         False,
-        "there is nothing to train on yet (waiting for the origin of the navigator)",
+        "there is nothing to train on yet (nothing has been learned yet)",
     )
-    assert around.call(node._save) == (False, "there is no file for the model: set ros.model.file")
+    assert around.call(node.keeper.save) == (False, "there is no file for the model: set ros.model.file")
     around.learner.jobs.append(Job(1, "hangs"))
-    assert around.call(node._train)[0]
-    assert around.call(node._train) == (False, "a training is running")
+    assert around.call(node.keeper.train)[0]
+    assert around.call(node.keeper.train) == (False, "a training is running")
     assert {"~/train", "~/save_model", "~/load_model", "~/reset"} <= {service.srv_name for service in node.services}
 
 
@@ -209,10 +207,10 @@ def test_a_model_survives_the_node(make, tmp_path):
     second = Around(AnfisNode(FakeLearner))
     assert second.learner.weight == 6.0
     second.learner.weight = 1.0
-    assert second.call(second.node._load)[0]
+    assert second.call(second.node.keeper.load)[0]
     assert second.learner.weight == 6.0
     second.learner.weight = 8.0
-    assert second.call(second.node._save)[0]
+    assert second.call(second.node.keeper.save)[0]
     assert float(load_arrays(file)["weight"]) == 8.0
     second.node.destroy_node()
 
