@@ -7,25 +7,20 @@ import numpy as np
 
 from nav_pose_estimator.core import measurements
 from nav_pose_estimator.core.atmosphere import pressure_height
-from nav_pose_estimator.core.kalman import correct, gated_correct
+from nav_pose_estimator.core.kalman import gated_correct
 from nav_pose_estimator.core.layout import ALT, PHI
 from nav_pose_estimator.engine.imu_input import rotation_from_rpy
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import BodyVelocity, MagSample, PressureSample, Prior, VelocityError
+from nav_pose_estimator.engine.samples import BodyVelocity, MagSample, PressureSample
 from nav_pose_estimator.engine.timeline import Observation
 
 _LINEARISE = {
     "height": measurements.height,
     "magnetic_heading": measurements.magnetic_heading,
     "body_velocity": measurements.body_velocity,
-    "velocity_error": measurements.velocity_error,
-    "horizontal_velocity": measurements.horizontal_velocity,
-    "horizontal_position": measurements.horizontal_position,
-    "drag_force": measurements.drag_force,
 }
-_PRIORS = frozenset(("horizontal_velocity", "horizontal_position"))
-_BOUNDING = frozenset(("body_velocity", "velocity_error", "horizontal_velocity", "horizontal_position", "drag_force"))
+_BOUNDING = frozenset(("body_velocity",))
 
 
 class AidInput:
@@ -88,18 +83,6 @@ class AidInput:
         lever = np.array(self._parameters.body_velocity_lever)
         return t - self._parameters.body_velocity_delay, "body_velocity", (velocity, lever, R)
 
-    def velocity_error(self, sample: VelocityError, t: float) -> tuple | None:
-        """What a network predicts of the navigator's own velocity error."""
-        if not (np.isfinite(sample.dv_en).all() and np.isfinite(sample.cov).all()):
-            return self._refuse("outage.rejected.value")
-        return t, "velocity_error", (*sample.dv_en, np.array(sample.cov, float))
-
-    def prior(self, sample: Prior, t: float) -> tuple | None:
-        """What the flight so far says of velocity or position."""
-        if not (np.isfinite(sample.value).all() and np.isfinite(sample.cov).all()):
-            return self._refuse("outage.rejected.value")
-        return t, sample.kind, (*sample.value, np.array(sample.cov, float))
-
     # --- application -------------------------------------------------------------------------------------------------
 
     def apply(self, o: Observation, nav: np.ndarray, P: np.ndarray, aided: bool) -> None:
@@ -114,12 +97,7 @@ class AidInput:
             return
         arguments, R = prepared
         z, H = _LINEARISE[o.kind](nav, len(P), *arguments)
-        if o.kind in _PRIORS:
-            # a prior is no sensor that could fail: gating it would let go of a drifting navigator for good
-            correct(nav, P, z, H, R)
-            status = 1
-        else:
-            status, _ = gated_correct(nav, P, z, H, R, *self._gates[len(z) - 1])
+        status, _ = gated_correct(nav, P, z, H, R, *self._gates[len(z) - 1])
         if o.memory.get("counted"):
             return
         o.memory["counted"] = True

@@ -15,7 +15,7 @@ from nav_pose_estimator.engine.aid_input import AidInput
 from nav_pose_estimator.engine.gnss_input import POSITION, VELOCITY, GnssInput
 from nav_pose_estimator.engine.imu_input import RESTARTS, ImuInput
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.modes import ModeKeeper
+from nav_pose_estimator.engine.modes import DENIED, ModeKeeper
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import (
     AttitudeSample,
@@ -25,15 +25,14 @@ from nav_pose_estimator.engine.samples import (
     ImuBlock,
     ImuSample,
     MagSample,
+    MotionEvidence,
     PressureSample,
-    Prior,
     Sample,
     SatelliteCount,
     SetPose,
-    VelocityError,
 )
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, Output, Status
-from nav_pose_estimator.engine.timeline import Observation, Timeline, single_solution, step_enu
+from nav_pose_estimator.engine.timeline import MOTION, Observation, Timeline, single_solution
 
 _NS = 1e-9
 _PRIORITY = {POSITION: 0, VELOCITY: 1}
@@ -63,8 +62,7 @@ class SinsEngine:
             MagSample: self._on_mag,
             PressureSample: self._on_pressure,
             BodyVelocity: self._on_body_velocity,
-            VelocityError: self._on_velocity_error,
-            Prior: self._on_prior,
+            MotionEvidence: self._on_motion,
             SetPose: self._on_set_pose,
             AttitudeSample: self._on_attitude,
         }
@@ -74,13 +72,12 @@ class SinsEngine:
         """The state of an engine that has seen nothing; counters, origin and the operator's choice stay."""
         p = self.parameters
         self._epoch_ns: int | None = None
-        self._timeline = Timeline(self._constants, self._apply, p.navigator.memory)
+        self._timeline = Timeline(self._constants, self._apply, p.navigator.memory, frozenset(_PRIORITY))
         self._gnss = GnssInput(p.gnss, p.navigator.lost_after, self._gates, self._journal)
         self._gnss.enabled = self._gnss_enabled
         self._aids = AidInput(p, self._gates, self._journal)
         self._aligner = start_up.StartUp(p)
         self._modes = ModeKeeper(p.navigator)
-        self._shift = np.zeros(3)  # sum of all corrections of the position, ENU
 
     # --- public ------------------------------------------------------------------------------------------------------
 
@@ -180,7 +177,6 @@ class SinsEngine:
         self._aids = snapshot._aids.copy(self._journal)
         self._aligner = snapshot._aligner.copy()
         self._modes = snapshot._modes.copy()
-        self._shift = snapshot._shift.copy()
 
     # --- IMU ---------------------------------------------------------------------------------------------------------
 
@@ -236,15 +232,11 @@ class SinsEngine:
         count = max(int(np.searchsorted(times, limit)), 1)
         out = self._timeline.advance(rows[:count])
         mode = self._modes.update(float(times[count - 1]), self._gnss, self._aids, self._journal, self._stamp)
-        return NavBlock(stamps_ns[:count], out, mode, self._gnss.resets, self._shift.copy())
+        return NavBlock(stamps_ns[:count], out, mode, self._gnss.resets, self._timeline.shift.copy())
 
     def _settle(self) -> None:
         """Let late observations act; what they move is a correction of the map, not motion of the vehicle."""
-        if self._timeline.is_settled:
-            return
-        before = self._timeline.nav[at.LAT : at.VEL].copy()
         self._timeline.settle()
-        self._shift += step_enu(before, self._timeline.nav)
 
     def _align(self, row: np.ndarray) -> None:
         self._timeline.remember(row)
@@ -324,11 +316,13 @@ class SinsEngine:
     def _on_body_velocity(self, sample: BodyVelocity) -> list[Output]:
         return self._on_aid(sample, self._aids.body_velocity, "body_velocity.rejected")
 
-    def _on_velocity_error(self, sample: VelocityError) -> list[Output]:
-        return self._on_aid(sample, self._aids.velocity_error, "outage.rejected")
-
-    def _on_prior(self, sample: Prior) -> list[Output]:
-        return self._on_aid(sample, self._aids.prior, "outage.rejected")
+    def _on_motion(self, sample: MotionEvidence) -> list[Output]:
+        t = self._time_of(sample.stamp_ns, "outage.rejected")
+        if t is not None and self._timeline.running and self.mode in DENIED:
+            self._observe(t, MOTION, (sample,), sample.stamp_ns)
+            self._aids.last_bounding = max(self._aids.last_bounding, t)
+            self._journal.count("outage.evidence")
+        return []
 
     def _on_attitude(self, sample: AttitudeSample) -> list[Output]:
         t = self._time_of(sample.stamp_ns, "attitude.rejected")
@@ -369,14 +363,11 @@ class SinsEngine:
 
     def _apply(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
         """Called by the time line when the filter stands at the observation's time."""
-        before = nav[at.LAT : at.VEL].copy()
         if o.kind in _PRIORITY:
             self._gnss.apply(o, nav, P)
         else:
             aided = o.t - self._gnss.last_used <= self.parameters.navigator.lost_after
             self._aids.apply(o, nav, P, aided)
-        if not self._timeline.replaying:
-            self._shift += step_enu(before, nav)
 
     def _time_of(self, stamp_ns: int, family: str) -> float | None:
         """Engine time of a stamp; None (and counted) before the first IMU sample or without a stamp."""

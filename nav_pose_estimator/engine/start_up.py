@@ -136,9 +136,7 @@ def warm_up(constants: np.ndarray, states: int) -> None:
         measurements.body_velocity(nav, states, zero, zero),
         measurements.height(nav, states, 0.0),
         measurements.magnetic_heading(nav, states, 0.0, 1.0, 0.0, 0.0),
-        measurements.velocity_error(nav, states, 0.0, 0.0),
         measurements.horizontal_velocity(nav, states, 0.0, 0.0),
-        measurements.horizontal_position(nav, states, 0.0, 0.0),
     ):
         R = np.eye(len(z))
         gated_correct(nav, P, z, H, R, 10.0, 100.0)

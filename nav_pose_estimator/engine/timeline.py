@@ -19,7 +19,11 @@ from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.earth import lla_to_enu_point, radii
 from nav_pose_estimator.core.layout import ALT, IMU_COLUMNS, IMU_T, LAT, OUT_COLUMNS, POINT_SAMPLED, TIME, VEL
 from nav_pose_estimator.core.strapdown import flush_covariance, run_imu
+from nav_pose_estimator.engine.branches import Branches
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
+
+MOTION = "motion"
+"""Kind of the observation that splits the filter into branches and weighs them; its argument is a MotionEvidence."""
 
 
 @dataclass(slots=True)
@@ -47,6 +51,7 @@ class _Checkpoint:
     t: float
     nav: np.ndarray
     P: np.ndarray
+    branches: Branches | None = None
 
 
 Apply = Callable[[Observation, np.ndarray, np.ndarray], None]
@@ -55,13 +60,23 @@ Apply = Callable[[Observation, np.ndarray, np.ndarray], None]
 class Timeline:
     """Nominal state ``nav`` and covariance ``P`` at the last IMU row, with a memory of ``window`` seconds."""
 
-    def __init__(self, constants: np.ndarray, apply: Apply, window: float, checkpoint_period: float = 0.2) -> None:
+    def __init__(
+        self,
+        constants: np.ndarray,
+        apply: Apply,
+        window: float,
+        whole: frozenset[str] = frozenset(),
+        checkpoint_period: float = 0.2,
+    ) -> None:
+        """``whole``: kinds of observation that act on the filter as a whole, not on each branch; they end branches."""
         self.constants = constants
         self._apply = apply
+        self._whole = whole
         self._window = window
         self._period = checkpoint_period
         self.nav = np.empty(0)
         self.P = np.empty((0, 0))
+        self.branches: Branches | None = None  # the filter's hypotheses in an outage; ``nav``, ``P`` are their mixture
         self._rows = np.empty((0, IMU_COLUMNS))  # a buffer with room at the end; the live part is [_first:_last]
         self._first = self._last = 0
         self._checkpoints: deque[_Checkpoint] = deque()
@@ -70,6 +85,7 @@ class Timeline:
         self._dirty: float | None = None  # earliest time that must be replayed
         self._arrivals = 0
         self.replaying = False  # True while ``settle`` repeats what was done before
+        self.shift = np.zeros(3)  # m, ENU: sum of what observations did to the position
 
     # --- start and state ---------------------------------------------------------------------------------------------
 
@@ -77,6 +93,7 @@ class Timeline:
         """Begin at ``nav[TIME]`` with rows already known (``remember``) replayed up to the present."""
         self.nav = nav.copy()
         self.P = P.copy()
+        self.branches = None
         self._checkpoints.clear()
         self._checkpoints.append(_Checkpoint(float(nav[TIME]), self.nav.copy(), self.P.copy()))
         self._observations = [o for o in self._observations if o.t > nav[TIME]]
@@ -101,8 +118,10 @@ class Timeline:
 
     def copy(self, apply: Apply) -> Timeline:
         """An independent copy that applies observations through ``apply``."""
-        twin = Timeline(self.constants.copy(), apply, self._window, self._period)
+        twin = Timeline(self.constants.copy(), apply, self._window, self._whole, self._period)
+        twin.shift = self.shift.copy()
         twin.nav, twin.P = self.nav.copy(), self.P.copy()
+        twin.branches = self.branches and self.branches.copy()
         twin._rows = self._rows[self._first : self._last].copy()
         twin._last = len(twin._rows)
         twin._checkpoints = deque(self._checkpoints)  # checkpoints are never written to
@@ -149,18 +168,21 @@ class Timeline:
         if self._dirty is None:
             return
         now, dirty = self.time, self._dirty
+        before = self.nav[LAT:VEL].copy()
         self._dirty = None
         while len(self._checkpoints) > 1 and self._checkpoints[-1].t >= dirty:
             self._checkpoints.pop()
         start = self._checkpoints[-1]
         self.nav[:] = start.nav
         self.P[:] = start.P
+        self.branches = start.branches and start.branches.copy()
         self._done = bisect.bisect_right(self._observations, start.t, key=lambda o: o.t)
         rows = self._live()
         begin, end = np.searchsorted(rows[:, IMU_T], (start.t, now), side="right")
         self.replaying = True
         self._run(rows[begin:end], np.empty((end - begin, OUT_COLUMNS)))
         self.replaying = False
+        self.shift += step_enu(before, self.nav)
 
     # --- inside ------------------------------------------------------------------------------------------------------
 
@@ -174,15 +196,51 @@ class Timeline:
             # rows that end before the observation, at most one past the checkpoint mark
             stop = min(int(np.searchsorted(times, due)), int(np.searchsorted(times, mark)) + 1, count)
             if stop > at:
-                run_imu(self.nav, self.P, self.constants, rows[at:stop], out[at:stop])
+                self._carry(rows[at:stop], out[at:stop])
                 at = stop
             elif due <= times[at]:
                 self._split(rows[at], due)
                 if due == times[at]:
-                    run_imu(self.nav, self.P, self.constants, rows[at : at + 1], out[at : at + 1])
+                    self._carry(rows[at : at + 1], out[at : at + 1])
                     at += 1
             if at and self.nav[TIME] == times[at - 1] and times[at - 1] >= mark:
-                self._checkpoints.append(_Checkpoint(self.time, self.nav.copy(), self.P.copy()))
+                self._checkpoints.append(
+                    _Checkpoint(self.time, self.nav.copy(), self.P.copy(), self.branches and self.branches.copy())
+                )
+
+    def _carry(self, rows: np.ndarray, out: np.ndarray) -> None:
+        """Propagate over consecutive ``rows``, along every branch where there are any."""
+        if self.branches is None:
+            run_imu(self.nav, self.P, self.constants, rows, out)
+        else:
+            self.branches.run(rows, out)
+            self.mix()
+
+    def mix(self) -> None:
+        """Make ``nav`` and ``P`` the mixture of the branches, as they stand."""
+        if self.branches is not None:
+            self.nav[:], self.P[:] = self.branches.merged()
+
+    def _act(self, observation: Observation) -> None:
+        """Let one observation act on the filter, which stands at its time with its covariance up to date."""
+        before = self.nav[LAT:VEL].copy()
+        if observation.kind == MOTION:
+            (evidence,) = observation.arguments
+            if self.branches is None:
+                self.branches = Branches(self.nav, self.P, self.constants, evidence)
+            self.branches.decide(evidence)
+            self.mix()
+        elif self.branches is None or observation.kind in self._whole:
+            was = self.nav.copy()
+            self._apply(observation, self.nav, self.P)
+            if not np.array_equal(was, self.nav):
+                self.branches = None  # an absolute position decides what no hypothesis could
+        else:
+            for nav, P in zip(self.branches.navs, self.branches.Ps, strict=True):
+                self._apply(observation, nav, P)
+            self.mix()
+        if not self.replaying:
+            self.shift += step_enu(before, self.nav)
 
     def _split(self, row: np.ndarray, due: float) -> None:
         """Carry the filter into the interval of ``row`` up to ``due`` and let every observation of that time act."""
@@ -191,10 +249,14 @@ class Timeline:
             part[IMU_T] = due
             if self.constants[POINT_SAMPLED]:
                 self._interpolate(part, row, due)
-            run_imu(self.nav, self.P, self.constants, part[np.newaxis], np.empty((1, OUT_COLUMNS)))
-        flush_covariance(self.nav, self.P, self.constants)
+            self._carry(part[np.newaxis], np.empty((1, OUT_COLUMNS)))
+        if self.branches is None:
+            flush_covariance(self.nav, self.P, self.constants)
+        else:
+            self.branches.flush()
+            self.mix()
         while self._done < len(self._observations) and self._observations[self._done].t <= due:
-            self._apply(self._observations[self._done], self.nav, self.P)
+            self._act(self._observations[self._done])
             self._done += 1
 
     def _interpolate(self, part: np.ndarray, row: np.ndarray, due: float) -> None:
