@@ -15,6 +15,7 @@ from nav_pose_estimator.core.layout import ALT, DPOS, DVEL, LAT, LON, VEL
 from nav_pose_estimator.core.reacquisition import Reacquisition, ReacquisitionSettings
 from nav_pose_estimator.core.return_evidence import unexplained
 from nav_pose_estimator.core.walk_off import WalkOff
+from nav_pose_estimator.engine.catalogue import in_words
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_covariance, is_position, is_within
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
@@ -104,7 +105,7 @@ class GnssInput:
         for notice in verdict.notices:
             self._tell(sample.stamp_ns, notice)
         if not verdict.usable:
-            return self._refuse(sample.stamp_ns, verdict.reason, verdict.reason)
+            return self._refuse(sample.stamp_ns, verdict.reason, in_words(verdict.reason))
         self._fix_times = tuple(sorted((*self._fix_times, t))[-_PERIOD_MEMORY:])
         self._usable = True
         self.last_offered = t
@@ -197,7 +198,7 @@ class GnssInput:
         if decision.notice is not None:
             self._tell(stamp, decision.notice, offset_m=math.hypot(*decision.offset), gap_s=gap)
         if decision.action in ("wait", "reject"):
-            self._refuse(stamp, decision.reason, decision.reason)
+            self._refuse(stamp, decision.reason, in_words(decision.reason))
             return decision.action
         self._watch_drift(o, fix, velocity, _CHANCE * max(sd[:2]))
         if decision.action == "fuse":
