@@ -276,7 +276,7 @@ class GnssInput:
 
     def _note(self, kind: str, stamp: int, t: float, status: int, nis: float, dof: int) -> None:
         if math.isfinite(nis):
-            self.nis[kind] += min(self._fix_period / _NIS_TIME, 0.2) * (min(nis / dof, 100.0) - self.nis[kind])
+            self.nis[kind] += min(self._fix_period() / _NIS_TIME, 0.2) * (min(nis / dof, 100.0) - self.nis[kind])
             self._recent_nis[kind].append(nis / dof)
         name = kind.removeprefix("gnss_")
         if status == 0:
