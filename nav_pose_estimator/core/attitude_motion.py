@@ -52,7 +52,7 @@ from nav_pose_estimator.core.attitude_layout import (
     TRUST,
     WANDER_PSD,
 )
-from nav_pose_estimator.core.jit import kernel
+from nav_pose_estimator.core.jit import inlined, kernel
 from nav_pose_estimator.core.triples import (
     add_scaled,
     cross,
@@ -95,7 +95,7 @@ def begin(s, w, f):
     clear_sums(s)
 
 
-@kernel
+@inlined
 def clear_sums(s):
     """Begin a new window of sums at the present attitude."""
     for i in range(SUM_TIME, COLUMNS):
@@ -106,7 +106,7 @@ def clear_sums(s):
     store3(s, COLUMNS + 6, columns[2])
 
 
-@kernel
+@inlined
 def propagate(s, dt, w, f):
     """Turn by one sample: raw rate ``w`` [rad/s] and specific force ``f`` [m/s^2] in b, for the last ``dt`` [s]."""
     s[AGE] += dt
@@ -143,7 +143,7 @@ def propagate(s, dt, w, f):
     s[SUM_FORCE_SQUARE] += dt * dot(f, f)
 
 
-@kernel
+@inlined
 def watch_rest(s):
     """Count the seconds without motion, by the window of sums that just ended."""
     window = s[SUM_TIME]
@@ -165,7 +165,7 @@ def watch_rest(s):
     s[MOTION] += window / (1.0 + window) * (math.sqrt(dot(turn, turn)) / window - s[MOTION])
 
 
-@kernel
+@inlined
 def watch_acceleration(s):
     """The rejection function p(a) of the norm of the specific force, low-passed in n: a ramp from 1 to almost 0."""
     window = s[SUM_TIME]
@@ -180,7 +180,7 @@ def watch_acceleration(s):
         s[TRUST] = _MIN_TRUST
 
 
-@kernel
+@inlined
 def turn_in_n(s, v):
     """q <- Exp(v) (x) q: turn the estimate by the rotation vector ``v`` [rad] in n."""
     store4(s, QUAT, q_polish(q_multiply(q_exp(v), load4(s, QUAT))))
@@ -196,7 +196,7 @@ def turn_heading(s, angle):
         s[i], s[i + 1] = c * x - d * y, d * x + c * y
 
 
-@kernel
+@inlined
 def write_covariance(s, P):
     """The head's covariance: the filter's own ``P`` [:3, :3] and what it does not model.
 
@@ -212,7 +212,7 @@ def write_covariance(s, P):
     s[COV + 4] += lasting
 
 
-@kernel
+@inlined
 def write_row(s, out, row):
     """The present estimate into ``out`` [row]: attitude (4), larger variance of tilt, variance of heading, bias (3)."""
     for i in range(4):
@@ -236,7 +236,7 @@ def subtract_velocity_change(s, dv, dt, hold, speed):
     s[NAV_HOLD], s[NAV_SPEED] = hold, speed
 
 
-@kernel
+@inlined
 def add_field(s, m):
     """Add a magnetic field ``m`` (3) in b, any unit, to the window."""
     m_n = q_rotate(load4(s, QUAT), m)

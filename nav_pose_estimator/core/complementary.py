@@ -66,7 +66,7 @@ from nav_pose_estimator.core.attitude_motion import (
     write_covariance,
     write_row,
 )
-from nav_pose_estimator.core.jit import kernel
+from nav_pose_estimator.core.jit import inlined, kernel
 from nav_pose_estimator.core.magnetic_field import FIRST, NOTHING, USUAL, observe_field
 from nav_pose_estimator.core.triples import load3, load4, q_columns
 
@@ -89,12 +89,17 @@ def step(s, dt, wx, wy, wz, fx, fy, fz):
 
     The first sample after the vector was made (``AGE`` negative) starts the filter.
     """
+    _step(s, dt, (wx, wy, wz), (fx, fy, fz))
+
+
+@inlined
+def _step(s, dt, w, f):
     if s[AGE] < 0.0:
-        _start(s, (wx, wy, wz), (fx, fy, fz))
+        _start(s, w, f)
         return
-    propagate(s, dt, (wx, wy, wz), (fx, fy, fz))
+    propagate(s, dt, w, f)
     if s[SUM_TIME] >= 0.999 * s[PERIOD]:
-        _feed_back(s, s[COVARIANCE:GAIN].reshape(STATES, STATES))
+        _feed_back(s)
 
 
 @kernel
@@ -108,14 +113,15 @@ def add_magnetic_field(s, mx, my, mz):
 
 
 @kernel
-def run(s, imu, mag, out):
+def run(s, last_ns, stamps, gyro, accel, mag, out):
     """Loop of :func:`step` and :func:`add_magnetic_field`: the batch form, identical to single calls.
 
-    ``imu`` (N, 7): dt, rate, force. ``mag`` (N, 3) or (0, 3): field that follows each IMU sample, NaN for none.
-    ``out`` (N, BLOCK_COLUMNS) receives attitude, variances and bias after each sample.
+    ``stamps`` (N,) int64 [ns] after ``last_ns``; ``gyro``, ``accel`` (N, 3); ``mag`` (N, 3) or (0, 3): the field that
+    follows each IMU sample, NaN for none. ``out`` (N, BLOCK_COLUMNS) receives attitude, variances and bias after each.
     """
-    for i in range(len(imu)):
-        step(s, imu[i, 0], imu[i, 1], imu[i, 2], imu[i, 3], imu[i, 4], imu[i, 5], imu[i, 6])
+    for i in range(len(stamps)):
+        dt = (stamps[i] - (stamps[i - 1] if i > 0 else last_ns)) * 1e-9
+        _step(s, dt, (gyro[i, 0], gyro[i, 1], gyro[i, 2]), (accel[i, 0], accel[i, 1], accel[i, 2]))
         if len(mag) > 0 and not math.isnan(mag[i, 0] + mag[i, 1] + mag[i, 2]):
             add_magnetic_field(s, mag[i, 0], mag[i, 1], mag[i, 2])
         write_row(s, out, i)
@@ -137,8 +143,9 @@ def _start(s, w, f):
 
 
 @kernel
-def _feed_back(s, P):
+def _feed_back(s):
     """End of a window: covariance forward, then sway, rest and field as observations."""
+    P = s[COVARIANCE:GAIN].reshape(STATES, STATES)
     window = s[SUM_TIME]
     watch_rest(s)
     watch_acceleration(s)
@@ -155,7 +162,7 @@ def _feed_back(s, P):
     clear_sums(s)
 
 
-@kernel
+@inlined
 def _sway_noise(s, window):
     """Variance of the window's sway as an observation of zero: what the vehicle itself moves, divided by p(a)."""
     gain = min(1.0, window / _LOW_TAU)
@@ -169,7 +176,7 @@ def _sway_noise(s, window):
     return (s[MOTION_FLOOR] + 2.0 * s[MOTION_TAU] * s[SWAY_VAR]) / (window * s[TRUST])
 
 
-@kernel
+@inlined
 def _propagate_covariance(s, P, window):
     """P <- F P F' + Q over the window: bias and matrix turn, tilt sways.
 
@@ -211,7 +218,7 @@ def _propagate_covariance(s, P, window):
         P[i, i] += (s[BIAS_PSD] if i < D_MATRIX else s[MATRIX_PSD]) * window
 
 
-@kernel
+@inlined
 def _sway_by_tilt(P, up):
     """d(sway) = -phi x (0, 0, up), ``up`` [m/s] the summed vertical force: rows, then columns."""
     for j in range(STATES):
@@ -222,7 +229,7 @@ def _sway_by_tilt(P, up):
         P[j, D_SWAY + 1] += up * P[j, 0]
 
 
-@kernel
+@inlined
 def _level(s, P, variance):
     """Kalman update by the sway East and North, both observed as zero with ``variance``, in one pass over P."""
     spread = P[D_SWAY, D_SWAY] + variance
@@ -257,7 +264,7 @@ def _correct(s, P, index, residual, variance):
     _apply(s, residual)
 
 
-@kernel
+@inlined
 def _apply(s, residual):
     """Put GAIN times ``residual`` into the estimate."""
     turn_in_n(s, (s[GAIN] * residual, s[GAIN + 1] * residual, s[GAIN + 2] * residual))

@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nav_pose_estimator.core.jit import kernel
+from nav_pose_estimator.core.jit import inlined, kernel
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ MAX_LAT = math.acos(MIN_COS_LAT)
 
 
 # --- kernels for one point -----------------------------------------------------------------------------------------
-@kernel
+@inlined
 def radii(lat):
     """(R_M, R_N): radii of curvature in the meridian and in the prime vertical [m]."""
     s = math.sin(lat)
@@ -54,20 +54,20 @@ def radii(lat):
     return R_N * (1.0 - E2) / w2, R_N
 
 
-@kernel
+@inlined
 def cos_latitude(lat):
     """Cosine of the latitude, at least ``MIN_COS_LAT``."""
     return max(math.cos(lat), MIN_COS_LAT)
 
 
-@kernel
+@inlined
 def gravity(lat, h):
     """Normal gravity [m/s^2], positive down: Somigliana's formula with the free-air terms up to h^2."""
     s = math.sin(lat)
     return gravity_from_sine(s * s, h)
 
 
-@kernel
+@inlined
 def gravity_from_sine(s2, h):
     """``gravity`` from the squared sine of the latitude."""
     surface = GAMMA_E * (1.0 + SOMIGLIANA_K * s2) / math.sqrt(1.0 - E2 * s2)
@@ -89,21 +89,35 @@ def transport_rate_n(lat, h, v_n):
     return np.array((-v_n[1] / (R_M + h), east, east * math.sin(lat) / cos_latitude(lat)))
 
 
+@inlined
+def ecef_of(lat, lon, h):
+    """``lla_to_ecef_point`` as a tuple, for the inside of kernels."""
+    _, R_N = radii(lat)
+    p = (R_N + h) * math.cos(lat)
+    return p * math.cos(lon), p * math.sin(lon), (R_N * (1.0 - E2) + h) * math.sin(lat)
+
+
+@inlined
+def enu_of(lat, lon, h, origin_lat, origin_lon, origin_h):
+    """``lla_to_enu_point`` as a tuple, for the inside of kernels."""
+    x, y, z = ecef_of(lat, lon, h)
+    x0, y0, z0 = ecef_of(origin_lat, origin_lon, origin_h)
+    dx, dy, dz = x - x0, y - y0, z - z0
+    sl, cl, so, co = math.sin(origin_lat), math.cos(origin_lat), math.sin(origin_lon), math.cos(origin_lon)
+    outward = co * dx + so * dy
+    return co * dy - so * dx, cl * dz - sl * outward, cl * outward + sl * dz
+
+
 @kernel
 def lla_to_ecef_point(lat, lon, h):
     """``lla_to_ecef`` (3,) of one position."""
-    _, R_N = radii(lat)
-    p = (R_N + h) * math.cos(lat)
-    return np.array((p * math.cos(lon), p * math.sin(lon), (R_N * (1.0 - E2) + h) * math.sin(lat)))
+    return np.array(ecef_of(lat, lon, h))
 
 
 @kernel
 def lla_to_enu_point(lat, lon, h, origin_lat, origin_lon, origin_h):
     """``lla_to_enu`` (3,) of one position."""
-    d = lla_to_ecef_point(lat, lon, h) - lla_to_ecef_point(origin_lat, origin_lon, origin_h)
-    sl, cl, so, co = math.sin(origin_lat), math.cos(origin_lat), math.sin(origin_lon), math.cos(origin_lon)
-    outward = co * d[0] + so * d[1]
-    return np.array((co * d[1] - so * d[0], cl * d[2] - sl * outward, cl * outward + sl * d[2]))
+    return np.array(enu_of(lat, lon, h, origin_lat, origin_lon, origin_h))
 
 
 # --- numpy forms for arrays ----------------------------------------------------------------------------------------

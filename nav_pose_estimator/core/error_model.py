@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.earth import E2, MIN_COS_LAT, OMEGA, A, gravity_from_sine
-from nav_pose_estimator.core.jit import COMPILED, kernel
+from nav_pose_estimator.core.jit import COMPILED, inlined, kernel
 from nav_pose_estimator.core.layout import (
     ACCEL_BIAS_PSD,
     ACCEL_BIAS_RATE,
@@ -45,6 +45,7 @@ from nav_pose_estimator.core.layout import (
     GYRO_MATRIX_PSD,
     GYRO_MATRIX_STATES,
     GYRO_NOISE_PSD,
+    GYRO_WANDER,
     I_GYRO_MATRIX,
     I_WIND_DRAG,
     LAT,
@@ -74,7 +75,7 @@ from nav_pose_estimator.core.triples import (
 Array = NDArray[np.float64]
 
 EAST, NORTH, UP = 0, 1, 2
-LANES = 8  # float64 numbers in the widest vector register
+LANES = 16  # columns that are worked on at once: all of the base states
 
 
 def system_matrix(nav: Array, constants: Array, states: int, f_n: Array, w_b: Array) -> Array:
@@ -84,7 +85,7 @@ def system_matrix(nav: Array, constants: Array, states: int, f_n: Array, w_b: Ar
     return F
 
 
-@kernel
+@inlined
 def fill_system_matrix(F, nav, constants, f_n, w_b, C):
     """Write F into a matrix of zeros. ``C`` holds the three columns of C_nb."""
     _fill_level_frame(F, nav)
@@ -105,7 +106,7 @@ def fill_system_matrix(F, nav, constants, f_n, w_b, C):
                 _add_column(F, PHI, matrix + 3 * i + j, scale(-w_b[j], C[i]))
 
 
-@kernel
+@inlined
 def _fill_level_frame(F, nav):
     """What position and velocity do to attitude, velocity and position by the rotation and curvature of the Earth."""
     s = math.sin(nav[LAT])
@@ -154,64 +155,86 @@ def _propagate_by_shears(P, F, constants, T):
     whole step, then the other halves of velocity and decay. Each part changes three states by the others, a shear.
     """
     n = P.shape[0]
-    decay = np.empty(n)
-    for i in range(n):
-        decay[i] = math.exp(0.5 * T * F[i, i]) if i >= D_GYRO_BIAS and F[i, i] != 0.0 else 1.0
+    _shear_all(P, F, constants, T, scratch(n)[n:])
+
+
+@inlined
+def scratch(n):
+    """Working space of the covariance steps of ``n`` states: the system matrix and ``_shear_all``'s columns.
+
+    Rows are at least ``LANES`` wide, so that the loop over the base states has a constant length.
+    """
+    return np.zeros((2 * n + 4, max(n, LANES)))
+
+
+@inlined
+def _shear_all(P, F, constants, T, W):
+    """``_propagate_by_shears`` with working space ``W`` (n + 4, width): P, three rows for ``_shear``, the decays."""
+    n = P.shape[0]
+    decay = n + 3
     _add_noise(P, constants, 0.5 * T)
-    W = np.zeros((n, (n + LANES - 1) // LANES * LANES))  # rows end with a whole vector: loops without remainder
-    rows = np.zeros((3, W.shape[1]))
+    for i in range(n):
+        W[decay, i] = math.exp(0.5 * T * F[i, i]) if i >= D_GYRO_BIAS and F[i, i] != 0.0 else 1.0
     for i in range(n):
         for k in range(n):
-            W[i, k] = decay[i] * decay[k] * P[i, k]
-    for block, step in ((DVEL, 0.5 * T), (PHI, T), (DPOS, T), (DVEL, 0.5 * T)):
-        _shear(W, F, block, step, rows)
+            W[i, k] = W[decay, i] * W[decay, k] * P[i, k]
+    _shear(W, F, DVEL, 0.5 * T)
+    _shear(W, F, PHI, T)
+    _shear(W, F, DPOS, T)
+    _shear(W, F, DVEL, 0.5 * T)
     for i in range(n):
         for k in range(n):
-            P[i, k] = decay[i] * decay[k] * W[i, k]
+            P[i, k] = W[decay, i] * W[decay, k] * W[i, k]
     _add_noise(P, constants, 0.5 * T)
 
 
-@kernel
-def _shear(W, F, b, T, rows):
+@inlined
+def _shear(W, F, b, T):
     """``W <- S W S'`` with S = I + T F[b:b+3] in rows b to b+2: three states grow by their rates.
 
-    ``W`` (n, width) is symmetric in its first n columns and zero beyond; ``rows`` (3, width) is scratch.
+    ``W`` is symmetric in its first n rows and columns and zero beyond; three rows below them are scratch.
     """
-    n, width = W.shape
-    for i in range(3):
-        for k in range(width):
-            rows[i, k] = W[b + i, k]
+    n, width = F.shape[0], W.shape[1]
+    x, y, z = n, n + 1, n + 2
+    for k in range(width):
+        W[x, k] = W[b, k]
+        W[y, k] = W[b + 1, k]
+        W[z, k] = W[b + 2, k]
     for j in range(n):
         c0, c1, c2 = T * F[b, j], T * F[b + 1, j], T * F[b + 2, j]
         if c0 != 0.0 or c1 != 0.0 or c2 != 0.0:
-            for k in range(width):
-                rows[0, k] += c0 * W[j, k]
-                rows[1, k] += c1 * W[j, k]
-                rows[2, k] += c2 * W[j, k]
+            for k in range(LANES):  # a constant number: four vector registers
+                W[x, k] += c0 * W[j, k]
+                W[y, k] += c1 * W[j, k]
+                W[z, k] += c2 * W[j, k]
+            for k in range(LANES, width):
+                W[x, k] += c0 * W[j, k]
+                W[y, k] += c1 * W[j, k]
+                W[z, k] += c2 * W[j, k]
     # The block on the diagonal takes the shear from the other side, too; six sums side by side keep the adders busy.
     s00, s10, s11, s20, s21, s22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(n):
         c0, c1, c2 = F[b, j], F[b + 1, j], F[b + 2, j]
-        s00 += rows[0, j] * c0
-        s10 += rows[1, j] * c0
-        s11 += rows[1, j] * c1
-        s20 += rows[2, j] * c0
-        s21 += rows[2, j] * c1
-        s22 += rows[2, j] * c2
-    rows[0, b] += T * s00
-    rows[1, b] += T * s10
-    rows[1, b + 1] += T * s11
-    rows[2, b] += T * s20
-    rows[2, b + 1] += T * s21
-    rows[2, b + 2] += T * s22
-    rows[0, b + 1], rows[0, b + 2], rows[1, b + 2] = rows[1, b], rows[2, b], rows[2, b + 1]
+        s00 += W[x, j] * c0
+        s10 += W[y, j] * c0
+        s11 += W[y, j] * c1
+        s20 += W[z, j] * c0
+        s21 += W[z, j] * c1
+        s22 += W[z, j] * c2
+    W[x, b] += T * s00
+    W[y, b] += T * s10
+    W[y, b + 1] += T * s11
+    W[z, b] += T * s20
+    W[z, b + 1] += T * s21
+    W[z, b + 2] += T * s22
+    W[x, b + 1], W[x, b + 2], W[y, b + 2] = W[y, b], W[z, b], W[z, b + 1]
     for i in range(3):
         for k in range(n):
-            W[b + i, k] = rows[i, k]
-            W[k, b + i] = rows[i, k]
+            W[b + i, k] = W[n + i, k]
+            W[k, b + i] = W[n + i, k]
 
 
-def _propagate_by_products(P, F, constants, T):
+def _propagate_by_products(P, F, constants, T, space=None):
     """The same step, and as accurate, by products of whole matrices: without a compiler numpy is faster than loops."""
     transition = np.eye(len(P)) + T * F + (0.5 * T * T) * (F @ F)
     _add_noise(P, constants, 0.5 * T)
@@ -220,11 +243,12 @@ def _propagate_by_products(P, F, constants, T):
     _add_noise(P, constants, 0.5 * T)
 
 
+propagate_in = _shear_all if COMPILED else _propagate_by_products
 propagate_covariance = _propagate_by_shears if COMPILED else _propagate_by_products
 """(P, F, constants, T): bring ``P`` (n, n) over ``T`` [s] with the system matrix ``F`` (n, n), in place."""
 
 
-@kernel
+@inlined
 def _add_noise(P, constants, T):
     """``P <- P + G q G' T``. White noise of equal density on three axes is the same in b and in n."""
     for i in range(3):
@@ -245,7 +269,7 @@ def _add_noise(P, constants, T):
             P[i, i] += constants[GYRO_MATRIX_PSD] * T
 
 
-@kernel
+@inlined
 def _add_gap(P, constants, gap):
     """What an unknown constant rate and acceleration do in ``gap`` [s]: attitude, velocity and, with it, position."""
     turn = constants[GAP_RATE_SD] * gap
@@ -259,7 +283,7 @@ def _add_gap(P, constants, gap):
         P[p, v] = P[v, p]
 
 
-@kernel
+@inlined
 def _add_skew(F, row, column, s, v):
     """``F[row:row+3, column:column+3] += s [v x]``."""
     F[row, column + 1] -= s * v[2]
@@ -270,7 +294,7 @@ def _add_skew(F, row, column, s, v):
     F[row + 2, column + 1] += s * v[0]
 
 
-@kernel
+@inlined
 def _add_column(F, row, column, v):
     """``F[row:row+3, column] += v``."""
     for i in range(3):
@@ -285,15 +309,26 @@ def covariance_step(nav, P, constants):
     positive definite. Noise is integrated by the trapezoidal rule. The attitude is that of the middle of the step, the
     specific force its mean.
     """
+    if nav[SUM_TIME] > 0.0:
+        covariance_step_in(nav, P, constants, scratch(P.shape[0]))
+
+
+@inlined
+def covariance_step_in(nav, P, constants, space):
+    """``covariance_step`` over a time above zero with working ``space`` from ``scratch``: nothing is allocated."""
+    n = P.shape[0]
     T = nav[SUM_TIME]
-    if T <= 0.0:
-        return
     f_n = scale(1.0 / T, load3(nav, SUM_FORCE))
     turn = load3(nav, SUM_RATE)
     C = q_columns(q_multiply(load4(nav, QUAT), q_exp(scale(-0.5, turn))))
-    F = np.zeros_like(P)
+    F = space[:n, :n]
+    for i in range(n):
+        for k in range(n):
+            F[i, k] = 0.0
     fill_system_matrix(F, nav, constants, f_n, scale(1.0 / T, turn), C)
-    propagate_covariance(P, F, constants, T)
+    propagate_in(P, F, constants, T, space[n:])
+    for i in range(D_GYRO_BIAS, D_GYRO_BIAS + 3):
+        P[i, i] += nav[GYRO_WANDER] * T
     if nav[SUM_GAP] > 0.0:
         _add_gap(P, constants, nav[SUM_GAP])
         nav[SUM_GAP] = 0.0

@@ -23,7 +23,16 @@ SUM_TIME = 39  # s
 SUM_FORCE = 40  # 3: integral of C_nb f_b, m/s
 SUM_RATE = 43  # 3: integral of the corrected angular rate in b, rad
 SUM_GAP = 46  # s of data gap bridged since the last covariance step
-NAV_SIZE = 48
+# --- what the flight has shown of the gyroscope's bias (core.bias_wander) -------------------------------------------
+GYRO_WANDER = 47  # (rad/s)^2/s: driving noise of the gyroscope bias beyond that of the constants
+WANDER_LEVEL = 48  # mean ratio of short windows
+WANDER_SHORT_COUNT = 49
+WANDER_TIME = 50  # s, last look
+WANDER_MARKS = 51  # 4 x 8: begun windows
+WANDER_FLOOR = 83  # (rad/s)^2/s: the constants' driving noise; 0 while nothing is learned
+WANDER_MEAN = 84  # mean ratio of long windows
+WANDER_COUNT = 85
+NAV_SIZE = 86
 
 # --- error state ---------------------------------------------------------------------------------------------------
 PHI = 0  # 3: misalignment in n, rad
@@ -62,3 +71,8 @@ IMU_T, IMU_GYRO, IMU_ACCEL, IMU_COLUMNS = 0, 1, 4, 7  # t [s since epoch], gyro 
 OUT_T, OUT_POS, OUT_VEL, OUT_QUAT, OUT_RATE, OUT_FORCE, OUT_VAR, OUT_COLUMNS = 0, 1, 4, 7, 11, 14, 17, 26
 """Rows of the navigator's output: t, (lat, lon, alt), v_n (3), q_nb (4), bias-corrected rate (3) and force (3) in b,
 variances of phi, dv, dp (9)."""
+SOLUTION_BIASES = OUT_COLUMNS  # 6: gyroscope, accelerometer
+SOLUTION_ENU = SOLUTION_BIASES + 6  # 3: position from the origin, m
+SOLUTION_COV = SOLUTION_ENU + 3  # 225: covariance of the base states, row-major
+SOLUTION_SIZE = SOLUTION_COV + BASE_STATES * BASE_STATES
+"""A solution of one sample: an output row and what follows it."""

@@ -18,8 +18,8 @@ first-order Runge-Kutta step).
 import math
 
 from nav_pose_estimator.core.earth import E2, MIN_COS_LAT, OMEGA, A, gravity_from_sine
-from nav_pose_estimator.core.error_model import covariance_step
-from nav_pose_estimator.core.jit import kernel
+from nav_pose_estimator.core.error_model import covariance_step, covariance_step_in, scratch
+from nav_pose_estimator.core.jit import inlined, kernel
 from nav_pose_estimator.core.layout import (
     ACCEL_BIAS,
     ALT,
@@ -75,49 +75,61 @@ def propagate(nav, P, constants, imu_row):
     An interval may be split in two, say at the time of a measurement: pass the same values twice when samples are means
     over the interval, interpolated values when they are instantaneous.
     """
-    dt = imu_row[IMU_T] - nav[TIME]
-    if not dt > 0.0:
-        return
-    rate = corrected_rate(nav, constants, load3(imu_row, IMU_GYRO))
-    force = add_scaled(load3(imu_row, IMU_ACCEL), -1.0, load3(nav, ACCEL_BIAS))
-    turn, push = _body_increments(nav, constants, rate, force, dt)
-    _navigate(nav, turn, push, dt)
-    store3(nav, PREV_RATE, rate)
-    store3(nav, PREV_FORCE, force)
-    nav[TIME] = imu_row[IMU_T]
-    # The step comes at the sample nearest to its time: jittering stamps do not make it slip by a whole sample.
-    if nav[SUM_TIME] + 0.5 * dt >= constants[COV_PERIOD]:
+    if integrate(nav, constants, imu_row[IMU_T], load3(imu_row, IMU_GYRO), load3(imu_row, IMU_ACCEL)):
         covariance_step(nav, P, constants)
 
 
 @kernel
 def run_imu(nav, P, constants, imu, out):
     """``propagate`` over the rows of ``imu`` (N, 7); ``out`` (N, OUT_COLUMNS) receives the state after each."""
+    space = scratch(P.shape[0])
     for i in range(imu.shape[0]):
-        propagate(nav, P, constants, imu[i])
-        write_output(nav, P, out[i])
+        gyro = (imu[i, IMU_GYRO], imu[i, IMU_GYRO + 1], imu[i, IMU_GYRO + 2])
+        accel = (imu[i, IMU_ACCEL], imu[i, IMU_ACCEL + 1], imu[i, IMU_ACCEL + 2])
+        if integrate(nav, constants, imu[i, IMU_T], gyro, accel):
+            covariance_step_in(nav, P, constants, space)
+        write_output(nav, P, out, i)
 
 
 flush_covariance = covariance_step
 """(nav, P, constants): bring ``P`` to the time of ``nav`` now, before a measurement or before ``P`` is shown."""
 
 
-@kernel
-def write_output(nav, P, row):
-    """The state as one output row of ``core.layout``; variances are those of the last covariance step."""
-    row[OUT_T] = nav[TIME]
+@inlined
+def integrate(nav, constants, t, gyro, accel):
+    """Bring ``nav`` to time ``t``; True when the covariance is due. The step comes at the sample nearest to its time:
+
+    jittering stamps do not make it slip by a whole sample.
+    """
+    dt = t - nav[TIME]
+    if not dt > 0.0:
+        return False
+    rate = corrected_rate(nav, constants, gyro)
+    force = add_scaled(accel, -1.0, load3(nav, ACCEL_BIAS))
+    turn, push = _body_increments(nav, constants, rate, force, dt)
+    _navigate(nav, turn, push, dt)
+    store3(nav, PREV_RATE, rate)
+    store3(nav, PREV_FORCE, force)
+    nav[TIME] = t
+    return nav[SUM_TIME] + 0.5 * dt >= constants[COV_PERIOD]
+
+
+@inlined
+def write_output(nav, P, out, row):
+    """The state into ``out`` [row] in the order of ``core.layout``; variances are those of the last covariance step."""
+    out[row, OUT_T] = nav[TIME]
     for i in range(3):
-        row[OUT_POS + i] = nav[LAT + i]
-        row[OUT_VEL + i] = nav[VEL + i]
-        row[OUT_RATE + i] = nav[PREV_RATE + i]
-        row[OUT_FORCE + i] = nav[PREV_FORCE + i]
+        out[row, OUT_POS + i] = nav[LAT + i]
+        out[row, OUT_VEL + i] = nav[VEL + i]
+        out[row, OUT_RATE + i] = nav[PREV_RATE + i]
+        out[row, OUT_FORCE + i] = nav[PREV_FORCE + i]
     for i in range(4):
-        row[OUT_QUAT + i] = nav[QUAT + i]
+        out[row, OUT_QUAT + i] = nav[QUAT + i]
     for i in range(9):
-        row[OUT_VAR + i] = P[i, i]
+        out[row, OUT_VAR + i] = P[i, i]
 
 
-@kernel
+@inlined
 def corrected_rate(nav, constants, gyro):
     """Angular rate (3,) without bias and, where its states are in use, the gyro matrix: (I - M)(gyro - bias)."""
     rate = add_scaled(gyro, -1.0, load3(nav, GYRO_BIAS))
@@ -129,7 +141,7 @@ def corrected_rate(nav, constants, gyro):
     return x, y, z
 
 
-@kernel
+@inlined
 def _body_increments(nav, constants, rate, force, dt):
     """Rotation vector [rad] and velocity increment [m/s] over the interval, both in b at its start."""
     last_rate = load3(nav, PREV_RATE)
@@ -154,7 +166,7 @@ def _body_increments(nav, constants, rate, force, dt):
     return turn, push
 
 
-@kernel
+@inlined
 def _navigate(nav, turn, push, dt):
     """Move attitude, velocity and position over ``dt`` by body increments; add to the sums for the covariance."""
     half = 0.5 * dt
@@ -195,7 +207,7 @@ def _navigate(nav, turn, push, dt):
     store3(nav, SUM_RATE, add(load3(nav, SUM_RATE), turn))
 
 
-@kernel
+@inlined
 def _wrapped(lon):
     """Longitude within [-pi, pi]; at most one turn is taken off."""
     if lon > math.pi:

@@ -6,25 +6,25 @@ may also be an array of that length. Quaternions are scalar first.
 
 import math
 
-from nav_pose_estimator.core.jit import kernel
+from nav_pose_estimator.core.jit import inlined
 
 SMALL_ANGLE_SQUARED = 0.04
 """rad^2: below, the five terms of the series of exp are exact to float64, and cheaper than sin and cos."""
 
 
-@kernel
+@inlined
 def load3(array, start):
     """The three numbers of ``array`` from ``start`` on."""
     return float(array[start]), float(array[start + 1]), float(array[start + 2])
 
 
-@kernel
+@inlined
 def load4(array, start):
     """The four numbers of ``array`` from ``start`` on."""
     return float(array[start]), float(array[start + 1]), float(array[start + 2]), float(array[start + 3])
 
 
-@kernel
+@inlined
 def store3(array, start, v):
     """Write ``v`` (3,) into ``array`` from ``start`` on."""
     array[start] = v[0]
@@ -32,7 +32,7 @@ def store3(array, start, v):
     array[start + 2] = v[2]
 
 
-@kernel
+@inlined
 def store4(array, start, q):
     """Write ``q`` (4,) into ``array`` from ``start`` on."""
     array[start] = q[0]
@@ -41,37 +41,37 @@ def store4(array, start, q):
     array[start + 3] = q[3]
 
 
-@kernel
+@inlined
 def add(a, b):
     """a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@kernel
+@inlined
 def add_scaled(a, s, b):
     """a + s b."""
     return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
 
 
-@kernel
+@inlined
 def scale(s, a):
     """s a."""
     return s * a[0], s * a[1], s * a[2]
 
 
-@kernel
+@inlined
 def cross(a, b):
     """a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@kernel
+@inlined
 def dot(a, b):
     """a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@kernel
+@inlined
 def q_multiply(a, b):
     """Hamilton product of two quaternions."""
     return (
@@ -82,7 +82,7 @@ def q_multiply(a, b):
     )
 
 
-@kernel
+@inlined
 def q_rotate(q, v):
     """``q v q*``: ``v`` taken by the rotation ``q`` of unit length."""
     u = (q[1], q[2], q[3])
@@ -91,13 +91,13 @@ def q_rotate(q, v):
     return add(add_scaled(v, q[0], t), cross(u, t))
 
 
-@kernel
+@inlined
 def q_rotate_back(q, v):
     """``q* v q``: the inverse of ``q_rotate``."""
     return q_rotate((q[0], -q[1], -q[2], -q[3]), v)
 
 
-@kernel
+@inlined
 def q_exp(v):
     """Quaternion of the rotation vector ``v`` [rad]."""
     angle_squared = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -112,7 +112,7 @@ def q_exp(v):
     return w, s * v[0], s * v[1], s * v[2]
 
 
-@kernel
+@inlined
 def q_polish(q):
     """A quaternion of almost unit length brought to unit length: one Newton step instead of a square root.
 
@@ -122,7 +122,7 @@ def q_polish(q):
     return s * q[0], s * q[1], s * q[2], s * q[3]
 
 
-@kernel
+@inlined
 def q_columns(q):
     """The three columns of the rotation matrix of the unit quaternion ``q``: where the axes of the body point."""
     w, x, y, z = q[0], q[1], q[2], q[3]

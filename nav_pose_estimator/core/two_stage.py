@@ -99,10 +99,11 @@ def add_magnetic_field(s, mx, my, mz):
 
 
 @kernel
-def run(s, imu, mag, out):
+def run(s, last_ns, stamps, gyro, accel, mag, out):
     """Loop of :func:`step` and :func:`add_magnetic_field`; arguments as of ``core.complementary.run``."""
-    for i in range(len(imu)):
-        step(s, imu[i, 0], imu[i, 1], imu[i, 2], imu[i, 3], imu[i, 4], imu[i, 5], imu[i, 6])
+    for i in range(len(stamps)):
+        dt = (stamps[i] - (stamps[i - 1] if i > 0 else last_ns)) * 1e-9
+        step(s, dt, gyro[i, 0], gyro[i, 1], gyro[i, 2], accel[i, 0], accel[i, 1], accel[i, 2])
         if len(mag) > 0 and not math.isnan(mag[i, 0] + mag[i, 1] + mag[i, 2]):
             add_magnetic_field(s, mag[i, 0], mag[i, 1], mag[i, 2])
         write_row(s, out, i)

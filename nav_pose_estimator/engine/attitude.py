@@ -24,7 +24,7 @@ from nav_pose_estimator.engine.imu_input import (
     ImuInput,
 )
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, NavigatorVelocity, Sample
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, NavigatorVelocity, Sample, Vector3
 from nav_pose_estimator.engine.solutions import AttitudeBlock, AttitudeSolution, Event, Level, Mode, Output, Status
 from nav_pose_estimator.errors import UserError
 
@@ -69,6 +69,7 @@ class AttitudeEngine:
         self._door = ImuInput(self._parameters.imu)
         self._hard_iron = np.array(p.hard_iron)
         self._soft_iron = np.array(p.soft_iron).reshape(3, 3)
+        self._iron_free = not self._hard_iron.any() and np.array_equal(self._soft_iron, np.eye(3))
         self._counters: Counter[str] = Counter()
         self._memory = self._fresh()
 
@@ -80,6 +81,10 @@ class AttitudeEngine:
     def feed(self, sample: Sample) -> list[Output]:
         """Solutions and events that follow from ``sample``, in order. Samples that are of no use here give nothing."""
         if isinstance(sample, ImuSample):
+            if self._door.passes(sample):
+                return [
+                    self._on_imu(sample.stamp_ns, self._door.to_body(sample.gyro), self._door.to_body(sample.accel))
+                ]
             return [self._handle(item) for item in self._door.accept(sample)]
         if isinstance(sample, ImuBlock):
             return [self._handle(item) for item in self._door.accept_block(sample)]
@@ -92,7 +97,7 @@ class AttitudeEngine:
     def _handle(self, item: ImuSample | ImuBlock | Event) -> Output:
         """One thing at a time, in order: an event in the middle of a block acts before what follows it."""
         if isinstance(item, ImuSample):
-            return self._on_imu(item)
+            return self._on_imu(item.stamp_ns, item.gyro, item.accel)
         if isinstance(item, ImuBlock):
             return self._on_block(item)
         self._counters[item.name] += 1
@@ -166,23 +171,13 @@ class AttitudeEngine:
 
     # --- IMU -------------------------------------------------------------------------------------------------------
 
-    def _on_imu(self, sample: ImuSample) -> AttitudeSolution:
+    def _on_imu(self, stamp_ns: int, gyro: Vector3, accel: Vector3) -> AttitudeSolution:
         memory = self._memory
-        s = memory.state
-        dt = 0.0 if memory.last_ns is None else (sample.stamp_ns - memory.last_ns) * _NS
         if memory.last_ns is None:
-            memory.started_ns = sample.stamp_ns
-        memory.last_ns = sample.stamp_ns
-        self._kernels.step(s, dt, *sample.gyro, *sample.accel)
-        head = s[: at.HEAD_SIZE].copy()
-        return AttitudeSolution(
-            stamp_ns=sample.stamp_ns,
-            q_nb=head[at.QUAT : at.QUAT + 4],
-            cov_n=head[at.COV : at.COV + 9].reshape(3, 3),
-            rate_b=head[at.RATE : at.RATE + 3],
-            accel_b=head[at.FORCE : at.FORCE + 3],
-            gyro_bias=head[at.BIAS : at.BIAS + 3],
-        )
+            memory.last_ns = memory.started_ns = stamp_ns
+        self._kernels.step(memory.state, (stamp_ns - memory.last_ns) * _NS, *gyro, *accel)
+        memory.last_ns = stamp_ns
+        return AttitudeSolution(stamp_ns, memory.state[: at.HEAD_SIZE].copy())
 
     def _on_block(self, block: ImuBlock) -> AttitudeBlock:
         return _as_block(block.stamps_ns, self._run(block, _NO_FIELD))
@@ -192,11 +187,8 @@ class AttitudeEngine:
         memory = self._memory
         if memory.last_ns is None:
             memory.last_ns = memory.started_ns = int(block.stamps_ns[0])
-        imu = np.empty((len(block), 7))
-        imu[:, 0] = np.diff(block.stamps_ns, prepend=memory.last_ns) * _NS
-        imu[:, 1:4], imu[:, 4:7] = block.gyro, block.accel
         rows = np.empty((len(block), at.BLOCK_COLUMNS))
-        self._kernels.run(memory.state, imu, field, rows)
+        self._kernels.run(memory.state, memory.last_ns, block.stamps_ns, block.gyro, block.accel, field, rows)
         memory.last_ns = int(block.stamps_ns[-1])
         return rows
 
@@ -224,8 +216,10 @@ class AttitudeEngine:
         if abs(stamp - memory.last_ns) > _STALE_MAG_NS:
             return [Event(stamp, "mag.rejected.stale")]
         memory.mag_ns = stamp
-        field = self._soft_iron @ (np.array(sample.field) - self._hard_iron)
-        self._kernels.add_magnetic_field(memory.state, *self._door.to_body(tuple(field.tolist())))
+        field = sample.field
+        if not self._iron_free:
+            field = tuple((self._soft_iron @ (np.array(field) - self._hard_iron)).tolist())
+        self._kernels.add_magnetic_field(memory.state, *self._door.to_body(field))
         return self._disturbance(stamp)
 
     def _disturbance(self, stamp: int) -> list[Event]:
@@ -279,10 +273,13 @@ class AttitudeEngine:
         """
         if not len(block):
             return _as_block(block.stamps_ns, np.empty((0, at.BLOCK_COLUMNS)))
-        rows = np.full((len(block), at.BLOCK_COLUMNS), np.nan)
         field = _NO_FIELD if mag is None or not self._parameters.aids.magnetometer else self._field_in_b(mag)
+        items = self._door.accept_block(block)
+        if len(items) == 1 and isinstance(items[0], ImuBlock) and len(items[0]) == len(block):
+            return _as_block(block.stamps_ns, self._run(items[0], field))
+        rows = np.full((len(block), at.BLOCK_COLUMNS), np.nan)
         done = 0
-        for item in self._door.accept_block(block):
+        for item in items:
             if isinstance(item, Event):
                 self._handle(item)
                 continue
@@ -327,8 +324,10 @@ def estimate_attitude(
     """
     t, gyro, accel = (np.ascontiguousarray(x, dtype=float) for x in (t, gyro, accel))
     _check_shapes(t, gyro, accel, mag)
-    tree = params if isinstance(params, Parameters) else parameter_schema.update(Parameters(), params or {})
-    engine = AttitudeEngine(parameter_schema.update(tree, {"attitude.filter": method}))
+    tree, changes = (params, {}) if isinstance(params, Parameters) else (Parameters(), dict(params or {}))
+    if changes or method != tree.attitude.filter:
+        tree = parameter_schema.update(tree, {**changes, "attitude.filter": method})
+    engine = AttitudeEngine(tree)
     stamps = np.rint((t - t[:1]) * 1e9).astype(np.int64) + _FIRST_NS
     return engine.feed_recorded(ImuBlock(stamps, gyro, accel), mag).q_nb
 

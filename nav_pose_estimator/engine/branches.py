@@ -12,68 +12,87 @@ import math
 
 import numpy as np
 
+from nav_pose_estimator.core import filter_memory as memory
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core import measurements
 from nav_pose_estimator.core.gaussian_branches import blend_rows, error_between, merge, with_wind, without_wind
 from nav_pose_estimator.core.kalman import correct
-from nav_pose_estimator.core.strapdown import flush_covariance, run_imu
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 
 _LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
+_REMEMBERED = 10.0  # s: the longest that checkpoints reach back
 _CORRELATION = 4.0  # s: velocities that are nearer in time are no independent evidence
 
 
 class Branches:
-    """Branches of the filter with their weights. ``navs`` (K, NAV_SIZE), ``Ps`` (K, n, n), n with wind block."""
+    """Branches of the filter with their weights: one ``core.filter_memory`` each, with wind block and checkpoints."""
 
-    def __init__(self, nav: np.ndarray, P: np.ndarray, constants: np.ndarray, evidence: MotionEvidence) -> None:
-        """Split ``nav`` and ``P`` into the hypotheses of ``evidence``, with the wind that it brings."""
-        count = len(evidence.hypotheses)
-        start = nav.copy()
-        start[at.WIND : at.WIND + 2] = evidence.wind
-        self.navs = np.repeat(start[None], count, axis=0)
-        self.Ps = np.repeat(with_wind(P, evidence.wind_var)[None], count, axis=0)
+    def __init__(self, trunk: np.ndarray, slots: int, evidence: MotionEvidence) -> None:
+        """Split the filter of the memory ``trunk`` into the hypotheses of ``evidence``, with the wind that it brings."""
+        n = int(trunk[memory.STATES])
+        P = with_wind(trunk[memory.HEAD : memory.HEAD + n * n].reshape(n, n), evidence.wind_var)
+        constants = _with_wind_block(trunk[memory.CONSTANTS : memory.ORIGIN], evidence)
+        branch = memory.make(constants, len(P), slots, trunk[memory.PERIOD])
+        branch[memory.ORIGIN : memory.STATES] = trunk[memory.ORIGIN : memory.STATES]
+        branch[memory.NAV : memory.CONSTANTS] = trunk[memory.NAV : memory.CONSTANTS]
+        branch[memory.NAV + at.WIND : memory.NAV + at.WIND + 2] = evidence.wind
+        branch[memory.HEAD : memory.HEAD + P.size] = P.ravel()
+        memory.add_checkpoint(branch)
+        self.memories = [branch.copy() for _ in evidence.hypotheses]
         self.weights = np.array([h.probability for h in evidence.hypotheses])
-        self.constants = _with_wind_block(constants, evidence)
+        self._decisions = [(-math.inf, self.weights)]  # (time, weights from then on), as far back as checkpoints
 
     def copy(self) -> Branches:
         """An independent copy."""
         twin = object.__new__(Branches)
-        twin.navs, twin.Ps, twin.weights = self.navs.copy(), self.Ps.copy(), self.weights.copy()
-        twin.constants = self.constants
+        twin.memories = [one.copy() for one in self.memories]
+        twin.weights, twin._decisions = self.weights, list(self._decisions)
         return twin
+
+    def pairs(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Nominal state and covariance of every branch; writing to them changes the branch."""
+        return [(_nav(one), _covariance(one)) for one in self.memories]
 
     def run(self, rows: np.ndarray, out: np.ndarray) -> None:
         """Carry every branch over IMU ``rows``; ``out`` receives the solution of the mixture."""
-        all_rows = np.empty((len(self.navs), *out.shape))
-        for nav, P, own in zip(self.navs, self.Ps, all_rows, strict=True):
-            run_imu(nav, P, self.constants, rows, own)
-        blend_rows(all_rows, self.weights, out)
+        own = np.empty((len(self.memories), *out.shape))
+        for one, own_rows in zip(self.memories, own, strict=True):
+            memory.run_block(one, rows, own_rows)
+        blend_rows(own, self.weights, out)
 
-    def flush(self) -> None:
-        """Bring every covariance to the present."""
-        for nav, P in zip(self.navs, self.Ps, strict=True):
-            flush_covariance(nav, P, self.constants)
+    def stand_at(self, row: np.ndarray) -> None:
+        """Bring every branch and its covariance to the time of an IMU row."""
+        for one in self.memories:
+            memory.stand_at(one, row)
+
+    def restore_before(self, t: float) -> float:
+        """Go back to the last checkpoint before ``t``; returns its time."""
+        for one in self.memories:
+            memory.restore_before(one, t)
+        now = float(self.memories[0][memory.NAV + at.TIME])
+        while len(self._decisions) > 1 and self._decisions[-1][0] > now:
+            self._decisions.pop()
+        self.weights = self._decisions[-1][1]
+        return now
 
     def merged(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nominal state and covariance of the mixture, without the wind block. Flush first."""
-        nav, P = merge(self.navs, self.Ps, self.weights)
+        """Nominal state and covariance of the mixture, without the wind block."""
+        nav, P = merge(*self._stacked(), self.weights)
         return nav, without_wind(P)
+
+    def _stacked(self) -> tuple[np.ndarray, np.ndarray]:
+        navs, Ps = zip(*self.pairs(), strict=True)
+        return np.stack(navs), np.stack(Ps)
 
     def decide(self, evidence: MotionEvidence) -> None:
         """Let every hypothesis act on its branch, weigh the hypotheses, and mix the branches for the next interval."""
-        middle, _ = merge(self.navs, self.Ps, self.weights)
-        hypotheses = evidence.hypotheses
-        likelihood = np.array(
-            [
-                _act(nav, P, middle, evidence, hypothesis)
-                for nav, P, hypothesis in zip(self.navs, self.Ps, hypotheses, strict=True)
-            ]
-        )
-        if len(hypotheses) == 1:
+        middle, _ = merge(*self._stacked(), self.weights)
+        acted = zip(self.pairs(), evidence.hypotheses, strict=True)
+        likelihood = np.array([_act(nav, P, middle, evidence, hypothesis) for (nav, P), hypothesis in acted])
+        count = len(likelihood)
+        if count == 1:
             return
         stay = math.exp(-evidence.interval / evidence.dwell)
-        count = len(hypotheses)
         transition = np.full((count, count), (1.0 - stay) / (count - 1))
         np.fill_diagonal(transition, stay)
         exponent = likelihood * min(evidence.interval / _CORRELATION, 1.0)
@@ -81,9 +100,11 @@ class Branches:
         weights = np.maximum(weights / weights.sum(), _LEAST_WEIGHT)
         self.weights = weights / weights.sum()
         arriving = self.weights @ transition
-        mixed = [merge(self.navs, self.Ps, transition[:, j] * self.weights / arriving[j]) for j in range(count)]
-        for j, (nav, P) in enumerate(mixed):
-            self.navs[j], self.Ps[j] = nav, P
+        navs, Ps = self._stacked()
+        for j, (nav, P) in enumerate(self.pairs()):
+            nav[:], P[:] = merge(navs, Ps, transition[:, j] * self.weights / arriving[j])
+        now = float(navs[0, at.TIME])
+        self._decisions = [*(d for d in self._decisions if d[0] >= now - _REMEMBERED), (now, self.weights)]
 
 
 def _act(nav: np.ndarray, P: np.ndarray, middle: np.ndarray, evidence: MotionEvidence, hypothesis: Hypothesis) -> float:
@@ -113,6 +134,15 @@ def _act(nav: np.ndarray, P: np.ndarray, middle: np.ndarray, evidence: MotionEvi
     if not math.isfinite(nis):
         return -math.inf
     return hypothesis.log_likelihood - 0.5 * (nis + float(log_determinant))
+
+
+def _nav(branch: np.ndarray) -> np.ndarray:
+    return branch[memory.NAV : memory.CONSTANTS]
+
+
+def _covariance(branch: np.ndarray) -> np.ndarray:
+    n = int(branch[memory.STATES])
+    return branch[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
 
 
 def _with_wind_block(constants: np.ndarray, evidence: MotionEvidence) -> np.ndarray:

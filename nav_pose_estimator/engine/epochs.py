@@ -95,9 +95,4 @@ def last_stamp(output: NavBlock | NavSolution) -> int:
 
 def solution_rows(output: NavBlock | NavSolution) -> np.ndarray:
     """Output rows (N, OUT_COLUMNS) of ``core.layout``."""
-    if isinstance(output, NavBlock):
-        return output.rows
-    variances = np.diag(output.cov)[: at.OUT_COLUMNS - at.OUT_VAR]
-    position = [0.0, output.lat, output.lon, output.alt]
-    parts = position, output.vel_n, output.q_nb, output.rate_b, output.force_b, variances
-    return np.concatenate(parts)[None]
+    return output.rows if isinstance(output, NavBlock) else output.values[None, : at.OUT_COLUMNS]

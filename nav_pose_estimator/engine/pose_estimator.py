@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.core.imu_checks import stays_in_period
 from nav_pose_estimator.engine import rehearsal_flight
 from nav_pose_estimator.engine.attitude import AttitudeEngine
 from nav_pose_estimator.engine.outage_aid import OutageAid, Train
@@ -44,11 +45,13 @@ class PoseEstimator:
 
     def _pieces(self, block: ImuBlock) -> list[ImuBlock]:
         """``block`` cut behind each sample at which the estimators talk: blocks give what single samples give."""
-        if len(block) == 0 or block.stamps_ns[0] // _EXCHANGE_NS == self._period == block.stamps_ns[-1] // _EXCHANGE_NS:
+        if stays_in_period(block.stamps_ns, self._period, _EXCHANGE_NS):
             return [block]
         periods = block.stamps_ns // _EXCHANGE_NS
-        begins = np.flatnonzero(np.diff(periods, prepend=self._period)) + 1
-        cuts = [0, *(i for i in begins.tolist() if i < len(block)), len(block)]
+        ends = np.flatnonzero(periods[1:] != periods[:-1]) + 2
+        cuts = [0, *([1] if periods[0] != self._period else []), *ends.tolist(), len(block)]
+        if cuts[-2] >= len(block):
+            del cuts[-2]
         return [ImuBlock(block.stamps_ns[a:b], block.gyro[a:b], block.accel[a:b]) for a, b in itertools.pairwise(cuts)]
 
     def _feed(self, sample: Sample) -> list[Output]:

@@ -10,9 +10,13 @@ import numpy as np
 Vector3 = tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class ImuSample:
-    """Angular rate ``gyro`` [rad/s] and specific force ``accel`` [m/s^2] in the body frame."""
+    """Angular rate ``gyro`` [rad/s] and specific force ``accel`` [m/s^2] in the body frame.
+
+    Treat it as frozen like the others. It is not, because it is made at the rate of the IMU and freezing doubles the
+    cost of that.
+    """
 
     stamp_ns: int
     gyro: Vector3

@@ -12,7 +12,7 @@ from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.kalman import predicted_horizontal_sd
 from nav_pose_estimator.engine import filter_setup, rehearsal_flight, start_up
 from nav_pose_estimator.engine.aid_input import AidInput
-from nav_pose_estimator.engine.gnss_input import POSITION, VELOCITY, GnssInput
+from nav_pose_estimator.engine.gnss_input import LOSS, POSITION, VELOCITY, GnssInput
 from nav_pose_estimator.engine.imu_input import RESTARTS, ImuInput
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.modes import DENIED, ModeKeeper
@@ -26,16 +26,19 @@ from nav_pose_estimator.engine.samples import (
     ImuSample,
     MagSample,
     MotionEvidence,
+    NavigatorVelocity,
     PressureSample,
     Sample,
     SatelliteCount,
     SetPose,
 )
-from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, Output, Status
-from nav_pose_estimator.engine.timeline import MOTION, Observation, Timeline, single_solution
+from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, NavSolution, Output, Status
+from nav_pose_estimator.engine.timeline import MOTION, Observation, Timeline
 
 _NS = 1e-9
-_PRIORITY = {POSITION: 0, VELOCITY: 1}
+_UNEVENTFUL = frozenset((ImuSample, ImuBlock, MagSample, PressureSample, AttitudeSample))
+"""Samples that change neither mode nor GNSS unless an observation comes of them."""
+_PRIORITY = {POSITION: 0, VELOCITY: 1, LOSS: 2}
 _LATE = "an observation arrived later than the filter's memory reaches; it is not used"
 
 
@@ -65,6 +68,7 @@ class SinsEngine:
             MotionEvidence: self._on_motion,
             SetPose: self._on_set_pose,
             AttitudeSample: self._on_attitude,
+            NavigatorVelocity: lambda sample: [],  # its own, meant for the attitude filter
         }
         self._clear()
 
@@ -72,6 +76,9 @@ class SinsEngine:
         """The state of an engine that has seen nothing; counters, origin and the operator's choice stay."""
         p = self.parameters
         self._epoch_ns: int | None = None
+        self._zero_ns = 0  # the same once it is known
+        # Up to here nothing but IMU samples can happen: no observation waits, the mode stays. Every other input ends it.
+        self._quiet_until = -math.inf
         self._timeline = Timeline(self._constants, self._apply, p.navigator.memory, frozenset(_PRIORITY))
         self._gnss = GnssInput(p.gnss, p.navigator.lost_after, self._gates, self._journal)
         self._gnss.enabled = self._gnss_enabled
@@ -83,8 +90,12 @@ class SinsEngine:
 
     def feed(self, sample: Sample) -> list[Output]:
         """Take one sample; returns the solutions and events that follow from it."""
-        outputs = self._handlers[type(sample)](sample)
-        return [*self._journal.drain(), *outputs]
+        kind = type(sample)
+        if kind not in _UNEVENTFUL:
+            self._quiet_until = -math.inf
+        outputs = self._handlers[kind](sample)
+        events = self._journal.drain()
+        return [*events, *outputs] if events else outputs
 
     @property
     def mode(self) -> Mode:
@@ -115,6 +126,7 @@ class SinsEngine:
         self.parameters = parameters
         self._constants = filter_setup.constants(parameters)
         self._gates = filter_setup.gates(parameters)
+        self._quiet_until = -math.inf
         self._timeline.constants[:] = self._constants
         self._gnss.set_parameters(parameters.gnss, parameters.navigator.lost_after, self._gates)
         self._aids.set_parameters(parameters, self._gates)
@@ -147,10 +159,7 @@ class SinsEngine:
             gnss_refusal=self._gnss.refusal,
             satellites=self._gnss.satellites,
             counters=dict(self._journal.counters),
-            values={
-                "alignment.restarts": float(self._aligner.restarts),
-                **{f"nis.{kind}": value for kind, value in self._gnss.nis.items()},
-            },
+            values={"alignment.restarts": float(self._aligner.restarts), **self._gnss.figures()},
         )
 
     def warm_up(self) -> None:
@@ -160,8 +169,7 @@ class SinsEngine:
 
     def snapshot(self) -> SinsEngine:
         """An independent copy of the engine as it stands."""
-        twin = object.__new__(SinsEngine)
-        twin.__init__(self.parameters)  # type: ignore[misc]
+        twin = SinsEngine(self.parameters)
         twin.restore(self)
         return twin
 
@@ -171,7 +179,8 @@ class SinsEngine:
         self._input.restore(snapshot._input.snapshot())
         self._gnss_enabled = snapshot._gnss_enabled
         self._origin = snapshot._origin
-        self._epoch_ns = snapshot._epoch_ns
+        self._epoch_ns, self._zero_ns = snapshot._epoch_ns, snapshot._zero_ns
+        self._quiet_until = -math.inf
         self._timeline = snapshot._timeline.copy(self._apply)
         self._gnss = snapshot._gnss.copy(self._journal)
         self._aids = snapshot._aids.copy(self._journal)
@@ -181,17 +190,25 @@ class SinsEngine:
     # --- IMU ---------------------------------------------------------------------------------------------------------
 
     def _on_imu(self, sample: ImuSample) -> list[Output]:
+        t = (sample.stamp_ns - self._zero_ns) * _NS
+        if t < self._quiet_until and self._input.passes(sample):
+            gyro, accel = self._input.to_body(sample.gyro), self._input.to_body(sample.accel)
+            values = self._timeline.advance_one(t, gyro, accel)
+            return [NavSolution(sample.stamp_ns, self._modes.mode, values, self._timeline.shift, self._gnss.resets)]
         outputs: list[Output] = []
         for item in self._input.accept(sample):
             if isinstance(item, Event):
                 self._note_imu(item)
             else:
+                self._begin(item.stamp_ns)
                 row = np.array([[self._seconds(item.stamp_ns), *item.gyro, *item.accel]])
-                outputs += [
-                    single_solution(block, self._timeline, self._gnss.origin)
-                    for block in self._advance(np.array([item.stamp_ns]), row)
-                ]
+                outputs += [self._solution(block) for block in self._advance(np.array([item.stamp_ns]), row)]
         return outputs
+
+    def _solution(self, block: NavBlock) -> NavSolution:
+        """The solution of a block of one sample, at which the filter stands."""
+        values = self._timeline.complete(block.rows[0])
+        return NavSolution(int(block.stamps_ns[0]), block.mode, values, block.correction_enu, block.reset_count)
 
     def _on_imu_block(self, block: ImuBlock) -> list[Output]:
         outputs: list[Output] = []
@@ -200,7 +217,8 @@ class SinsEngine:
                 self._note_imu(item)
                 continue
             rows = np.empty((len(item), at.IMU_COLUMNS))
-            rows[:, at.IMU_T] = self._seconds(item.stamps_ns)
+            self._begin(int(item.stamps_ns[0]))
+            rows[:, at.IMU_T] = (item.stamps_ns - self._zero_ns) * _NS
             rows[:, at.IMU_GYRO : at.IMU_ACCEL] = item.gyro
             rows[:, at.IMU_ACCEL :] = item.accel
             outputs += self._advance(item.stamps_ns, rows)
@@ -214,6 +232,8 @@ class SinsEngine:
 
     def _advance(self, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
         """Carry the filter over ``rows``; one block for each stretch of constant mode."""
+        if rows[-1, at.IMU_T] < self._quiet_until:
+            return [self._block(stamps_ns, self._timeline.advance(rows))]
         done = 0
         while done < len(rows) and not self._timeline.running:
             self._align(rows[done : done + 1])
@@ -224,15 +244,24 @@ class SinsEngine:
             done += len(blocks[-1].stamps_ns)
         return blocks
 
+    def _block(self, stamps_ns: np.ndarray, out: np.ndarray) -> NavBlock:
+        return NavBlock(stamps_ns, out, self._modes.mode, self._gnss.resets, self._timeline.shift)
+
     def _advance_in_one_mode(self, stamps_ns: np.ndarray, rows: np.ndarray) -> NavBlock:
         """As many rows as the mode stays the same for: up to a deadline or to the next observation that waits."""
         self._settle()
         times = rows[:, at.IMU_T]
-        limit = min(self._modes.deadline(times[0], self._gnss, self._aids), self._timeline.next_observation())
-        count = max(int(np.searchsorted(times, limit)), 1)
+        now = float(times[0])
+        if self.mode is Mode.AIDED and not now - self._gnss.last_used < self.parameters.navigator.lost_after:
+            self._timeline.observe(now, LOSS, (self._gnss.variance_factor,), _PRIORITY[LOSS])
+        limit = min(self._modes.deadline(now, self._gnss, self._aids), self._timeline.next_observation())
+        count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
         out = self._timeline.advance(rows[:count])
-        mode = self._modes.update(float(times[count - 1]), self._gnss, self._aids, self._journal, self._stamp)
-        return NavBlock(stamps_ns[:count], out, mode, self._gnss.resets, self._timeline.shift.copy())
+        now = float(times[count - 1])
+        self._modes.update(now, self._gnss, self._aids, self._journal, self._stamp)
+        deadline = self._modes.deadline(now, self._gnss, self._aids)
+        self._quiet_until = min(deadline, self._timeline.next_observation())
+        return self._block(stamps_ns[:count], out)
 
     def _settle(self) -> None:
         """Let late observations act; what they move is a correction of the map, not motion of the vehicle."""
@@ -249,12 +278,11 @@ class SinsEngine:
         self._modes.note_alignment(self._aligner.has_attitude)
         if start is None:
             return
-        nav, P = start.nav.copy(), start.P
+        nav, P = filter_setup.complete_start(start, self._constants, self.parameters)
         if self._origin is None:
             self._origin = tuple(nav[at.LAT : at.VEL].tolist())
-        P = filter_setup.with_optional_blocks(P, self.parameters)
         self._gnss.begin(float(nav[at.TIME]), self._origin)
-        self._timeline.start(nav, P)
+        self._timeline.start(nav, P, self._origin)
         text = f"aligned ({start.method}), heading to {math.degrees(math.sqrt(P[at.PHI + 2, at.PHI + 2])):.1f} deg"
         self._journal.say(self._stamp(now), "aligned", Level.INFO, text)
         self._modes.update(now, self._gnss, self._aids, self._journal, self._stamp)
@@ -277,9 +305,7 @@ class SinsEngine:
             return []
         R = self._gnss.position_noise(sample)
         if self._timeline.running:
-            # a reset wants the velocity of the same epoch where it is already known
-            velocity = self._aligner.velocity_at(t)
-            arguments = (sample.stamp_ns, (sample.lat, sample.lon, sample.alt), velocity, R)
+            arguments = (sample.stamp_ns, (sample.lat, sample.lon, sample.alt), R)
             self._observe(t, POSITION, arguments, sample.stamp_ns)
         else:
             self._aligner.fix(t, sample, R)
@@ -331,9 +357,11 @@ class SinsEngine:
         return []
 
     def _on_set_pose(self, sample: SetPose) -> list[Output]:
-        text = "a pose can be set only while the navigator waits for an origin or has one"
-        if self._origin is None or not self._timeline.running:
-            self._journal.say(sample.stamp_ns, "set_pose.rejected.no_origin", Level.WARN, text)
+        running = self._origin is not None and self._timeline.running
+        refusal = "no_origin" if not running else "value" if not start_up.is_sound(sample) else ""
+        if refusal or self._origin is None:
+            text = f"set_pose is not used: {start_up.POSE_REFUSALS[refusal]}"
+            self._journal.say(sample.stamp_ns, f"set_pose.rejected.{refusal}", Level.WARN, text)
             return []
         self._settle()
         start_up.set_pose(self._timeline.nav, self._timeline.P, sample, self._origin)
@@ -356,6 +384,7 @@ class SinsEngine:
     # --- inside ------------------------------------------------------------------------------------------------------
 
     def _observe(self, t: float, kind: str, arguments: tuple, stamp_ns: int) -> None:
+        self._quiet_until = -math.inf
         if t > self._now() + 1.0:
             self._journal.say(stamp_ns, f"{kind}.rejected.future", Level.WARN, f"{kind}: stamp ahead of the IMU's time")
         elif not self._timeline.observe(t, kind, arguments, _PRIORITY.get(kind, 5)):
@@ -382,10 +411,13 @@ class SinsEngine:
     def _now(self) -> float:
         return self._timeline.time if self._timeline.running else self._aligner.time
 
-    def _seconds(self, stamp_ns):
+    def _begin(self, stamp_ns: int) -> None:
+        """The first IMU sample is the zero of the engine's time."""
         if self._epoch_ns is None:
-            self._epoch_ns = int(stamp_ns if np.isscalar(stamp_ns) else stamp_ns[0])
-        return (stamp_ns - self._epoch_ns) * _NS
+            self._epoch_ns = self._zero_ns = stamp_ns
+
+    def _seconds(self, stamp_ns: int) -> float:
+        return (stamp_ns - self._zero_ns) * _NS
 
     def _stamp(self, t: float) -> int:
         return int(self._epoch_ns or 0) + round(t * 1e9)

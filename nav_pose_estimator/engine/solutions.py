@@ -5,6 +5,9 @@ from enum import Enum
 
 import numpy as np
 
+from nav_pose_estimator.core import attitude_layout as head
+from nav_pose_estimator.core import layout as at
+
 
 class Mode(Enum):
     """State of the navigator; the same words in topics, diagnostics, reports and logs."""
@@ -44,35 +47,104 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class AttitudeSolution:
-    """Attitude ``q_nb`` (4,), covariance about n axes ``cov_n`` (3, 3) [rad^2], bias-corrected rate [rad/s]."""
+    """Attitude at one stamp. ``values`` (HEAD_SIZE,) of ``core.attitude_layout``; the properties are parts of it."""
 
     stamp_ns: int
-    q_nb: np.ndarray
-    cov_n: np.ndarray
-    rate_b: np.ndarray
-    accel_b: np.ndarray
-    gyro_bias: np.ndarray
+    values: np.ndarray
+
+    @property
+    def q_nb(self) -> np.ndarray:
+        """(4,) scalar first."""
+        return self.values[head.QUAT : head.QUAT + 4]
+
+    @property
+    def cov_n(self) -> np.ndarray:
+        """(3, 3) covariance about n axes, rad^2."""
+        return self.values[head.COV : head.COV + 9].reshape(3, 3)
+
+    @property
+    def rate_b(self) -> np.ndarray:
+        """(3,) bias-corrected angular rate, rad/s."""
+        return self.values[head.RATE : head.RATE + 3]
+
+    @property
+    def accel_b(self) -> np.ndarray:
+        """(3,) specific force, m/s^2."""
+        return self.values[head.FORCE : head.FORCE + 3]
+
+    @property
+    def gyro_bias(self) -> np.ndarray:
+        """(3,) rad/s."""
+        return self.values[head.BIAS : head.BIAS + 3]
 
 
 @dataclass(frozen=True, slots=True)
 class NavSolution:
-    """Navigation solution at one stamp. ``cov`` (15, 15) in the order of ``core.layout``, or None between its steps."""
+    """Navigation solution at one stamp. ``values`` (SOLUTION_SIZE,) of ``core.layout``; the properties are parts of it.
+
+    Hundreds are made a second and few are looked at: nothing is taken apart before somebody asks.
+    """
 
     stamp_ns: int
     mode: Mode
-    lat: float
-    lon: float
-    alt: float
-    vel_n: np.ndarray  # (3,) m/s
-    q_nb: np.ndarray  # (4,)
-    rate_b: np.ndarray  # (3,) bias-corrected, rad/s
-    force_b: np.ndarray  # (3,) bias-corrected specific force, m/s^2
-    gyro_bias: np.ndarray
-    accel_bias: np.ndarray
-    cov: np.ndarray
-    position_enu: np.ndarray  # (3,) m from the origin
+    values: np.ndarray
     correction_enu: np.ndarray  # (3,) m: sum of all position resets, map -> odom
     reset_count: int
+
+    @property
+    def lat(self) -> float:
+        """Latitude, rad."""
+        return float(self.values[at.OUT_POS])
+
+    @property
+    def lon(self) -> float:
+        """Longitude, rad."""
+        return float(self.values[at.OUT_POS + 1])
+
+    @property
+    def alt(self) -> float:
+        """Height above the ellipsoid, m."""
+        return float(self.values[at.OUT_POS + 2])
+
+    @property
+    def vel_n(self) -> np.ndarray:
+        """(3,) m/s."""
+        return self.values[at.OUT_VEL : at.OUT_QUAT]
+
+    @property
+    def q_nb(self) -> np.ndarray:
+        """(4,) scalar first."""
+        return self.values[at.OUT_QUAT : at.OUT_RATE]
+
+    @property
+    def rate_b(self) -> np.ndarray:
+        """(3,) bias-corrected angular rate, rad/s."""
+        return self.values[at.OUT_RATE : at.OUT_FORCE]
+
+    @property
+    def force_b(self) -> np.ndarray:
+        """(3,) bias-corrected specific force, m/s^2."""
+        return self.values[at.OUT_FORCE : at.OUT_VAR]
+
+    @property
+    def gyro_bias(self) -> np.ndarray:
+        """(3,) rad/s."""
+        return self.values[at.SOLUTION_BIASES : at.SOLUTION_BIASES + 3]
+
+    @property
+    def accel_bias(self) -> np.ndarray:
+        """(3,) m/s^2."""
+        return self.values[at.SOLUTION_BIASES + 3 : at.SOLUTION_ENU]
+
+    @property
+    def position_enu(self) -> np.ndarray:
+        """(3,) m from the origin."""
+        return self.values[at.SOLUTION_ENU : at.SOLUTION_COV]
+
+    @property
+    def cov(self) -> np.ndarray:
+        """(15, 15) covariance of the last covariance step, in the order of ``core.layout``."""
+        return self.values[at.SOLUTION_COV :].reshape(at.BASE_STATES, at.BASE_STATES)
 
 
 @dataclass(frozen=True, slots=True)

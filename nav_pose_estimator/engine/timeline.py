@@ -9,18 +9,28 @@ from __future__ import annotations
 
 import bisect
 import math
-from collections import deque
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.earth import lla_to_enu_point, radii
-from nav_pose_estimator.core.layout import ALT, IMU_COLUMNS, IMU_T, LAT, OUT_COLUMNS, POINT_SAMPLED, TIME, VEL
-from nav_pose_estimator.core.strapdown import flush_covariance, run_imu
+from nav_pose_estimator.core import filter_memory as memory
+from nav_pose_estimator.core.earth import radii
+from nav_pose_estimator.core.layout import (
+    ALT,
+    IMU_COLUMNS,
+    IMU_T,
+    LAT,
+    OUT_COLUMNS,
+    POINT_SAMPLED,
+    SOLUTION_SIZE,
+    TIME,
+    VEL,
+)
 from nav_pose_estimator.engine.branches import Branches
-from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
+from nav_pose_estimator.engine.samples import MotionEvidence, Vector3
+
 
 MOTION = "motion"
 """Kind of the observation that splits the filter into branches and weighs them; its argument is a MotionEvidence."""
@@ -46,14 +56,7 @@ class Observation:
         return (self.t, self.priority, self.arrival)
 
 
-@dataclass(slots=True)
-class _Checkpoint:
-    t: float
-    nav: np.ndarray
-    P: np.ndarray
-    branches: Branches | None = None
-
-
+_KEY, _TIME = operator.attrgetter("key"), operator.attrgetter("t")
 Apply = Callable[[Observation, np.ndarray, np.ndarray], None]
 
 
@@ -69,38 +72,57 @@ class Timeline:
         checkpoint_period: float = 0.2,
     ) -> None:
         """``whole``: kinds of observation that act on the filter as a whole, not on each branch; they end branches."""
-        self.constants = constants
         self._apply = apply
         self._whole = whole
         self._window = window
         self._period = checkpoint_period
-        self.nav = np.empty(0)
-        self.P = np.empty((0, 0))
-        self.branches: Branches | None = None  # the filter's hypotheses in an outage; ``nav``, ``P`` are their mixture
+        # as many as the window can hold, one before it, and the one being added
+        self._slots = math.ceil(window / checkpoint_period) + 2
+        self._hold(memory.make(constants, 0, self._slots, checkpoint_period))
         self._rows = np.empty((0, IMU_COLUMNS))  # a buffer with room at the end; the live part is [_first:_last]
         self._first = self._last = 0
-        self._checkpoints: deque[_Checkpoint] = deque()
         self._observations: list[Observation] = []  # sorted by key
         self._done = 0  # observations before this index have acted on nav
-        self._dirty: float | None = None  # earliest time that must be replayed
+        self._dirty: float | None = None  # earliest time of an observation that has not acted
+        self._late = False  # whether time has passed since then, so that the past must be replayed
+        self._started = -math.inf
         self._arrivals = 0
-        self.replaying = False  # True while ``settle`` repeats what was done before
-        self.shift = np.zeros(3)  # m, ENU: sum of what observations did to the position
+        self._tidy_at = -math.inf  # when what has become too old is dropped next
+        self.running = False
+        self.replaying = False  # True while ``settle`` is at work
+        self.branches: Branches | None = None  # the filter's hypotheses in an outage; ``nav``, ``P`` are their mixture
+        self.shift = np.zeros(3)  # m, ENU: sum of what observations did to the position; replaced, never written to
+
+    def _hold(self, filter_memory: np.ndarray) -> None:
+        """Work on ``filter_memory``; ``nav``, ``P`` and ``constants`` are parts of it."""
+        n = int(filter_memory[memory.STATES])
+        self._memory = filter_memory
+        self.nav = filter_memory[memory.NAV : memory.CONSTANTS]
+        self.constants = filter_memory[memory.CONSTANTS : memory.ORIGIN]
+        self.P = filter_memory[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
 
     # --- start and state ---------------------------------------------------------------------------------------------
 
-    def start(self, nav: np.ndarray, P: np.ndarray) -> None:
-        """Begin at ``nav[TIME]`` with rows already known (``remember``) replayed up to the present."""
-        self.nav = nav.copy()
-        self.P = P.copy()
+    def start(self, nav: np.ndarray, P: np.ndarray, origin: tuple[float, float, float] | None = None) -> None:
+        """Begin at ``nav[TIME]`` with rows already known (``remember``) replayed up to the present.
+
+        ``origin`` latitude, longitude [rad], height [m] of the local frame; None keeps the one there is.
+        """
+        place = self._memory[memory.ORIGIN : memory.STATES] if origin is None else origin
+        fresh = memory.make(self.constants, len(P), self._slots, self._period)
+        fresh[memory.ORIGIN : memory.STATES] = place
+        fresh[memory.NAV : memory.CONSTANTS] = nav
+        fresh[memory.HEAD : memory.HEAD + P.size] = P.ravel()
+        self._hold(fresh)
         self.branches = None
-        self._checkpoints.clear()
-        self._checkpoints.append(_Checkpoint(float(nav[TIME]), self.nav.copy(), self.P.copy()))
-        self._observations = [o for o in self._observations if o.t > nav[TIME]]
+        memory.add_checkpoint(fresh)
+        self.running, self._started = True, self.time
+        self._observations = [o for o in self._observations if o.t > self.time]
         self._done = 0
-        self._dirty = None
+        self._dirty, self._late = None, False
+        self._tidy_at = -math.inf
         rows = self._live()
-        todo = rows[rows[:, IMU_T] > nav[TIME]]
+        todo = rows[rows[:, IMU_T] > self.time]
         if len(todo):
             self._run(todo, np.empty((len(todo), OUT_COLUMNS)))
 
@@ -109,26 +131,29 @@ class Timeline:
         self._append(rows)
 
     @property
-    def running(self) -> bool:
-        return self.nav.size > 0
+    def time(self) -> float:
+        """Time of the last IMU row [s]."""
+        return float(self.nav[TIME])
 
     @property
-    def time(self) -> float:
-        return float(self.nav[TIME])
+    def checkpoints(self) -> int:
+        """Number of checkpoints that are kept."""
+        return int(self._memory[memory.NEWEST] - self._memory[memory.OLDEST]) + 1
 
     def copy(self, apply: Apply) -> Timeline:
         """An independent copy that applies observations through ``apply``."""
         twin = Timeline(self.constants.copy(), apply, self._window, self._whole, self._period)
-        twin.shift = self.shift.copy()
-        twin.nav, twin.P = self.nav.copy(), self.P.copy()
+        twin._hold(self._memory.copy())
         twin.branches = self.branches and self.branches.copy()
+        twin.shift = self.shift
         twin._rows = self._rows[self._first : self._last].copy()
         twin._last = len(twin._rows)
-        twin._checkpoints = deque(self._checkpoints)  # checkpoints are never written to
         twin._observations = [
             Observation(o.t, o.kind, o.arguments, o.priority, o.arrival, dict(o.memory)) for o in self._observations
         ]
         twin._done, twin._dirty, twin._arrivals = self._done, self._dirty, self._arrivals
+        twin._late, twin._started = self._late, self._started
+        twin._tidy_at, twin.running = self._tidy_at, self.running
         return twin
 
     @property
@@ -144,13 +169,18 @@ class Timeline:
 
     def observe(self, t: float, kind: str, arguments: tuple, priority: int = 5) -> bool:
         """Insert an observation valid at ``t``. False when it is older than the memory: then nothing happens."""
-        if self.running and t <= self._checkpoints[0].t:
-            return False
+        if self.running:
+            now = self.time
+            # the oldest checkpoint lies before the window, unless the filter has just been started
+            certain = t > now - self._window and t > self._started
+            if not certain and t <= self._forget():
+                return False
         self._arrivals += 1
         observation = Observation(t, kind, arguments, priority, self._arrivals)
-        index = bisect.bisect(self._observations, observation.key, key=lambda o: o.key)
+        index = bisect.bisect(self._observations, observation.key, key=_KEY)
         self._observations.insert(index, observation)
-        if self.running and t <= self.time:
+        if self.running and t <= now:
+            self._late = self._late or t < now or index < self._done
             self._dirty = t if self._dirty is None else min(self._dirty, t)
         return True
 
@@ -160,101 +190,149 @@ class Timeline:
         self._append(rows)
         out = np.empty((len(rows), OUT_COLUMNS))
         self._run(rows, out)
-        self._forget()
+        if self.time >= self._tidy_at:
+            self._forget()
         return out
+
+    def advance_one(self, t: float, gyro: Vector3, accel: Vector3) -> np.ndarray:
+        """``advance`` by one sample that no observation waits for, on a settled time line; returns (SOLUTION_SIZE,)."""
+        if self.branches is not None:
+            return self.complete(self.advance(np.array([[t, *gyro, *accel]]))[0])
+        if self._last == len(self._rows):
+            self._make_room(1)
+        solution = np.empty(SOLUTION_SIZE)
+        memory.run_sample(self._memory, self._rows, self._last, solution, t, *gyro, *accel)
+        self._last += 1
+        if t >= self._tidy_at:
+            self._forget()
+        return solution
+
+    def complete(self, row: np.ndarray) -> np.ndarray:
+        """The solution (SOLUTION_SIZE,) at the present, of which ``row`` is the output row."""
+        solution = np.empty(SOLUTION_SIZE)
+        solution[:OUT_COLUMNS] = row
+        memory.complete_solution(self._memory, solution)
+        return solution
 
     def settle(self) -> None:
         """Replay from the earliest observation that has not acted yet. ``nav`` and ``P`` are then up to date."""
         if self._dirty is None:
             return
-        now, dirty = self.time, self._dirty
+        now, dirty, late = self.time, self._dirty, self._late
         before = self.nav[LAT:VEL].copy()
-        self._dirty = None
-        while len(self._checkpoints) > 1 and self._checkpoints[-1].t >= dirty:
-            self._checkpoints.pop()
-        start = self._checkpoints[-1]
-        self.nav[:] = start.nav
-        self.P[:] = start.P
-        self.branches = start.branches and start.branches.copy()
-        self._done = bisect.bisect_right(self._observations, start.t, key=lambda o: o.t)
-        rows = self._live()
-        begin, end = np.searchsorted(rows[:, IMU_T], (start.t, now), side="right")
+        self._dirty, self._late = None, False
         self.replaying = True
-        self._run(rows[begin:end], np.empty((end - begin, OUT_COLUMNS)))
+        if late:
+            self._replay_from(dirty, now)
+        else:
+            self._act_now(now)
         self.replaying = False
-        self.shift += step_enu(before, self.nav)
+        self.shift = self.shift + step_enu(before, self.nav)
 
     # --- inside ------------------------------------------------------------------------------------------------------
+
+    def _replay_from(self, dirty: float, now: float) -> None:
+        if self.branches is None:
+            memory.restore_before(self._memory, dirty)
+            start = self.time
+        else:
+            start = self.branches.restore_before(dirty)
+        self._done = bisect.bisect_right(self._observations, start, key=_TIME)
+        rows = self._live()
+        begin, end = np.searchsorted(rows[:, IMU_T], (start, now), side="right")
+        self._run(rows[begin:end], np.empty((end - begin, OUT_COLUMNS)))
+
+    def _act_now(self, now: float) -> None:
+        """Observations of the very time at which the filter stands act on it as it is, and on a checkpoint just made.
+
+        The same in numbers as if they had been known before.
+        """
+        self._stand_at(self._rows[self._last - 1])
+        self._observe_up_to(now)
+        for one in [self._memory] if self.branches is None else self.branches.memories:
+            memory.renew_checkpoint(one)
 
     def _run(self, rows: np.ndarray, out: np.ndarray) -> None:
         """Process consecutive rows with the observations that fall into them."""
         times = rows[:, IMU_T]
-        at, count = 0, len(rows)
-        while at < count:
+        done, count = 0, len(rows)
+        while done < count:
             due = self.next_observation()
-            mark = self._checkpoints[-1].t + self._period
-            # rows that end before the observation, at most one past the checkpoint mark
-            stop = min(int(np.searchsorted(times, due)), int(np.searchsorted(times, mark)) + 1, count)
-            if stop > at:
-                self._carry(rows[at:stop], out[at:stop])
-                at = stop
-            elif due <= times[at]:
-                self._split(rows[at], due)
-                if due == times[at]:
-                    self._carry(rows[at : at + 1], out[at : at + 1])
-                    at += 1
-            if at and self.nav[TIME] == times[at - 1] and times[at - 1] >= mark:
-                self._checkpoints.append(
-                    _Checkpoint(self.time, self.nav.copy(), self.P.copy(), self.branches and self.branches.copy())
-                )
+            stop = int(np.searchsorted(times, due)) if due <= times[-1] else count
+            if stop > done:
+                self._carry(rows[done:stop], out[done:stop])
+                done = stop
+            else:
+                self._split(rows[done], due)
+                if due == times[done]:
+                    self._carry(rows[done : done + 1], out[done : done + 1])
+                    done += 1
 
     def _carry(self, rows: np.ndarray, out: np.ndarray) -> None:
         """Propagate over consecutive ``rows``, along every branch where there are any."""
         if self.branches is None:
-            run_imu(self.nav, self.P, self.constants, rows, out)
+            memory.run_block(self._memory, rows, out)
         else:
             self.branches.run(rows, out)
-            self.mix()
+            self._mix(self.branches)
 
-    def mix(self) -> None:
+    def _stand_at(self, row: np.ndarray) -> None:
+        """Bring the filter and its covariance to the time of an IMU row."""
+        if self.branches is None:
+            memory.stand_at(self._memory, row)
+        else:
+            self.branches.stand_at(row)
+            self._mix(self.branches)
+
+    def _mix(self, branches: Branches) -> None:
         """Make ``nav`` and ``P`` the mixture of the branches, as they stand."""
-        if self.branches is not None:
-            self.nav[:], self.P[:] = self.branches.merged()
+        self.nav[:], self.P[:] = branches.merged()
 
     def _act(self, observation: Observation) -> None:
         """Let one observation act on the filter, which stands at its time with its covariance up to date."""
         before = self.nav[LAT:VEL].copy()
         if observation.kind == MOTION:
-            (evidence,) = observation.arguments
-            if self.branches is None:
-                self.branches = Branches(self.nav, self.P, self.constants, evidence)
-            self.branches.decide(evidence)
-            self.mix()
-        elif self.branches is None or observation.kind in self._whole:
+            self._weigh(*observation.arguments)
+        elif self.branches is None:
+            self._apply(observation, self.nav, self.P)
+        elif observation.kind in self._whole:
             was = self.nav.copy()
             self._apply(observation, self.nav, self.P)
             if not np.array_equal(was, self.nav):
-                self.branches = None  # an absolute position decides what no hypothesis could
+                self._unite()
         else:
-            for nav, P in zip(self.branches.navs, self.branches.Ps, strict=True):
+            for nav, P in self.branches.pairs():
                 self._apply(observation, nav, P)
-            self.mix()
+            self._mix(self.branches)
         if not self.replaying:
-            self.shift += step_enu(before, self.nav)
+            self.shift = self.shift + step_enu(before, self.nav)
+
+    def _weigh(self, evidence: MotionEvidence) -> None:
+        """Let the hypotheses of an outage act, on branches that are made when there are none yet."""
+        if self.branches is None:
+            self.branches = Branches(self._memory, self._slots, evidence)
+            self._started = self.time  # what came before the split can no longer be replayed
+        self.branches.decide(evidence)
+        self._mix(self.branches)
+
+    def _unite(self) -> None:
+        """An absolute position decides what no hypothesis could: go on with ``nav`` and ``P``, and only with them."""
+        self.branches = None
+        self._memory[memory.OLDEST] = 0.0
+        self._memory[memory.NEWEST] = -1.0
+        memory.add_checkpoint(self._memory)
+        self._started = self.time
 
     def _split(self, row: np.ndarray, due: float) -> None:
         """Carry the filter into the interval of ``row`` up to ``due`` and let every observation of that time act."""
-        if due > self.time:
-            part = row.copy()
-            part[IMU_T] = due
-            if self.constants[POINT_SAMPLED]:
-                self._interpolate(part, row, due)
-            self._carry(part[np.newaxis], np.empty((1, OUT_COLUMNS)))
-        if self.branches is None:
-            flush_covariance(self.nav, self.P, self.constants)
-        else:
-            self.branches.flush()
-            self.mix()
+        part = row.copy()
+        part[IMU_T] = due
+        if self.constants[POINT_SAMPLED]:
+            self._interpolate(part, row, due)
+        self._stand_at(part)
+        self._observe_up_to(due)
+
+    def _observe_up_to(self, due: float) -> None:
         while self._done < len(self._observations) and self._observations[self._done].t <= due:
             self._act(self._observations[self._done])
             self._done += 1
@@ -273,24 +351,32 @@ class Timeline:
     def _append(self, rows: np.ndarray) -> None:
         need = len(rows)
         if self._last + need > len(self._rows):
-            live = self._live()
-            room = np.empty((2 * (len(live) + need) + 256, IMU_COLUMNS))
-            room[: len(live)] = live
-            self._rows, self._first, self._last = room, 0, len(live)
+            self._make_room(need)
         self._rows[self._last : self._last + need] = rows
         self._last += need
         if not self.running:
             self._drop_rows_before(rows[-1, IMU_T] - self._window)
 
-    def _forget(self) -> None:
-        horizon = self.time - self._window
-        while len(self._checkpoints) > 1 and self._checkpoints[1].t <= horizon:
-            self._checkpoints.popleft()
-        oldest = self._checkpoints[0].t
-        drop = bisect.bisect_right(self._observations, oldest, key=lambda o: o.t)
+    def _make_room(self, need: int) -> None:
+        live = self._live()
+        room = np.empty((2 * (len(live) + need) + 256, IMU_COLUMNS))
+        room[: len(live)] = live
+        self._rows, self._first, self._last = room, 0, len(live)
+
+    def _forget(self) -> float:
+        """Drop what lies before the window; returns the time that the memory reaches back to.
+
+        To be done before an observation is judged too old, else now and then.
+        """
+        now = self.time
+        kept = [self._memory] if self.branches is None else self.branches.memories
+        oldest = min(memory.drop_before(one, now - self._window) for one in kept)
+        drop = bisect.bisect_right(self._observations, oldest, key=_TIME)
         del self._observations[:drop]
         self._done -= drop
         self._drop_rows_before(oldest)
+        self._tidy_at = now + self._period
+        return oldest
 
     def _drop_rows_before(self, t: float) -> None:
         # the row at or before t stays: point-sampled data interpolate from it
@@ -302,26 +388,3 @@ def step_enu(before: np.ndarray, nav: np.ndarray) -> np.ndarray:
     r_m, r_n = radii(nav[LAT])
     d_lat, d_lon, d_alt = (nav[LAT:VEL] - before).tolist()
     return np.array([d_lon * (r_n + nav[ALT]) * math.cos(nav[LAT]), d_lat * (r_m + nav[ALT]), d_alt])
-
-
-def single_solution(block: NavBlock, timeline: Timeline, origin: tuple[float, float, float]) -> NavSolution:
-    """The solution of a block of one sample, at which ``timeline`` stands, with its covariance and biases."""
-    row, nav = block.rows[0], timeline.nav
-    lat, lon, alt = row[at.OUT_POS : at.OUT_VEL].tolist()
-    return NavSolution(
-        stamp_ns=int(block.stamps_ns[0]),
-        mode=block.mode,
-        lat=lat,
-        lon=lon,
-        alt=alt,
-        vel_n=row[at.OUT_VEL : at.OUT_QUAT],
-        q_nb=row[at.OUT_QUAT : at.OUT_RATE],
-        rate_b=row[at.OUT_RATE : at.OUT_FORCE],
-        force_b=row[at.OUT_FORCE : at.OUT_VAR],
-        gyro_bias=nav[at.GYRO_BIAS : at.ACCEL_BIAS].copy(),
-        accel_bias=nav[at.ACCEL_BIAS : at.WIND].copy(),
-        cov=timeline.P[: at.BASE_STATES, : at.BASE_STATES].copy(),
-        position_enu=lla_to_enu_point(lat, lon, alt, *origin),
-        correction_enu=block.correction_enu,
-        reset_count=block.reset_count,
-    )

@@ -16,6 +16,7 @@ import numpy as np
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.engine.epochs import EpochCollector, last_stamp
 from nav_pose_estimator.engine.habits import MotionKnowledge
+from nav_pose_estimator.engine.modes import DENIED
 from nav_pose_estimator.engine.samples import (
     GnssFix,
     GnssVelocity,
@@ -106,7 +107,7 @@ class VirtualOutages:
     def is_due(self, stamp_ns: int, sins: SinsEngine) -> bool:
         """Called several times a second behind ``feed``; judges what has ended. True when ``start`` is to be called."""
         self._catch_up()
-        if sins.mode is not Mode.AIDED:
+        if sins.mode is not Mode.AIDED or self._has_restarted():
             self._stop()
         elif self._contestants:
             if stamp_ns >= self._until_ns:
@@ -131,6 +132,10 @@ class VirtualOutages:
             east, north, _ = step_enu(truth[at.LAT : at.VEL], contestant.sins.nominal_state())
             errors[name] = float(east**2 + north**2)
         self._squares.append(errors)
+
+    def _has_restarted(self) -> bool:
+        """A gap in the IMU data makes the copies align again, for which they lack GNSS."""
+        return any(one.sins.mode not in (*DENIED, Mode.AIDED) for one in self._contestants.values())
 
     def _catch_up(self) -> None:
         """Fly the copies up to the last IMU sample."""

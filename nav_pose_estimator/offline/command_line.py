@@ -90,6 +90,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run_command(name: str, arguments: Sequence[str] | None = None) -> int:
     """One command by its name: returns the exit code."""
+    # The matrices are small: more threads would only wait for each other, worst on a busy companion computer.
+    for library in ("OPENBLAS", "MKL", "OMP"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     given = list(sys.argv[1:] if arguments is None else arguments)
     command = COMMANDS[name]
     return _guard(name, partial(_run_node if command.is_node else _run_offline, name, command, given))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from nav_pose_estimator.core.layout import OUT_COLUMNS
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
@@ -72,22 +73,12 @@ class ReplayResult:
     origin: tuple[float, float, float] | None
     errors: list[OutageErrors]
     proof: dict[str, float | int | None]
-    seconds: float  # spent in the estimator
+    seconds: float  # spent in the estimator, loading of its kernels included
 
 
 def as_block(solution: NavSolution) -> NavBlock:
     """One solution in the form of a block."""
-    variances = np.diag(solution.cov)[:9]
-    row = np.concatenate(
-        [
-            [0.0, solution.lat, solution.lon, solution.alt],
-            solution.vel_n,
-            solution.q_nb,
-            solution.rate_b,
-            solution.force_b,
-            variances,
-        ]
-    )
+    row = solution.values[:OUT_COLUMNS]
     stamps = np.array([solution.stamp_ns], np.int64)
     return NavBlock(stamps, row[None, :], solution.mode, solution.reset_count, solution.correction_enu)
 
@@ -96,8 +87,7 @@ def replay(
     recording: Recording, parameters: Parameters, outages: list[Outage], progress: Progress | None = None
 ) -> ReplayResult:
     """Run a recording with GNSS taken away in ``outages``. ``progress`` is called with the IMU samples just done."""
-    engine = PoseEstimator(parameters)
-    engine.warm_up()
+    engine = PoseEstimator(parameters)  # kernels are loaded as they are called: no flight has to wait for them here
     delay = parameters.gnss.delay
     removal = GnssRemoval(outages, recording.epoch_ns, delay)
     proof = OutageProof(outages, recording.epoch_ns, delay)

@@ -17,6 +17,7 @@ from nav_pose_estimator.engine.solutions import NavBlock
 Array = np.ndarray
 _VAR_DVEL, _VAR_DPOS = OUT_VAR + 3, OUT_VAR + 6
 _SAME_EPOCH_NS = 100_000_000
+_AT_ONCE = 4096  # rows
 TRACK_HZ = 50.0
 """Rows of the estimate that are kept. Straight lines between them are off by less than 1 mm at 20 m/s^2."""
 
@@ -109,22 +110,31 @@ class TrackRecorder:
         self._last_slot = -(1 << 62)
         self._stamps: list[Array] = []
         self._rows: list[Array] = []
+        self._waiting: list[NavBlock] = []  # thinned out many at a time: blocks may be as short as one sample
+        self._waiting_rows = 0
 
     def add(self, block: NavBlock) -> None:
         """Keep the first row of ``block`` in every time slot."""
-        slots = block.stamps_ns // self._slot_ns
+        self._waiting.append(block)
+        self._waiting_rows += len(block.stamps_ns)
+        if self._waiting_rows >= _AT_ONCE:
+            self._thin_out()
+
+    def _thin_out(self) -> None:
+        if not self._waiting:
+            return
+        stamps = np.concatenate([block.stamps_ns for block in self._waiting])
+        slots = stamps // self._slot_ns
         fresh = np.empty(len(slots), bool)
         fresh[0], fresh[1:] = slots[0] != self._last_slot, slots[1:] != slots[:-1]
-        if fresh.any():
-            self._keep(block.stamps_ns[fresh], block.rows[fresh], int(slots[-1]))
-
-    def _keep(self, stamps: Array, rows: Array, slot: int) -> None:
-        self._stamps.append(stamps)
-        self._rows.append(rows)
-        self._last_slot = slot
+        self._stamps.append(stamps[fresh])
+        self._rows.append(np.concatenate([block.rows for block in self._waiting])[fresh])
+        self._last_slot = int(slots[-1])
+        self._waiting, self._waiting_rows = [], 0
 
     def track(self) -> Track:
         """All that was kept, in order of time. After a clock that went back only what followed is in order: sorted."""
+        self._thin_out()
         if not self._rows:
             return Track(np.empty(0), np.empty((0, OUT_COLUMNS)))
         t = (np.concatenate(self._stamps) - self._epoch_ns) * 1e-9

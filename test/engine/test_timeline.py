@@ -123,6 +123,27 @@ def test_memory_stays_bounded() -> None:
     for k, chunk in enumerate(np.split(imu_rows(40.0), 80)):
         timeline.observe(0.5 * k + 0.25, "velocity", (0.0, 0.0, 0.0), 1)
         timeline.advance(chunk)
-    assert len(timeline._checkpoints) < 12
+    assert timeline.checkpoints < 12
     assert len(timeline._observations) < 8
     assert len(timeline._rows) < 3000
+
+
+@pytest.mark.parametrize("sampling", ["mean", "point"])
+@pytest.mark.parametrize("step", [79, 80, 81, 120])
+def test_an_observation_of_the_present_acts_as_if_it_had_been_known(sampling: str, step: int) -> None:
+    """GIVEN a fix stamped like the last IMU row WHEN it arrives after that row THEN nothing differs, later fixes too."""
+    rows = imu_rows(2.0)
+    now = float(rows[step, 0])
+    fix, late = (now, "position", (LAT + 1e-7, LON, ALT), 0), (now - 0.01, "velocity", (0.1, 0.2, 0.0), 1)
+    known, told = started(sampling), started(sampling)
+    known.observe(*fix)
+    known.observe(*late)
+    known.advance(rows)
+    told.advance(rows[: step + 1])
+    told.observe(*fix)
+    told.advance(rows[step + 1 : 200])
+    told.observe(*late)
+    told.advance(rows[200:])
+    told.settle()
+    np.testing.assert_array_equal(told.nav, known.nav)
+    np.testing.assert_array_equal(told.P, known.P)

@@ -12,6 +12,8 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu, NavSatFix
 
 from nav_pose_estimator.core.layout import D_GYRO_BIAS, DPOS, DVEL, PHI
+from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.core.attitude_layout import HEAD_SIZE
 from nav_pose_estimator.core.rotation import quat_from_euler, quat_from_rotvec, quat_multiply, quat_to_matrix
 from nav_pose_estimator.engine.samples import (
     BodyVelocity,
@@ -95,24 +97,20 @@ def test_covariances_survive_too():
 def solution(**changes) -> NavSolution:
     rng = np.random.default_rng(3)
     factor = 0.01 * rng.standard_normal((15, 15))
-    values = {
-        "stamp_ns": STAMP,
-        "mode": Mode.AIDED,
-        "lat": 0.8,
-        "lon": 0.1,
-        "alt": 500.0,
+    parts = {
         "vel_n": np.array([5.0, -2.0, 1.0]),
         "q_nb": quat_from_euler(0.2, -0.3, 2.0),
         "rate_b": np.array([0.1, 0.2, 0.3]),
         "force_b": np.array([0.0, 0.0, 9.8]),
-        "gyro_bias": np.zeros(3),
-        "accel_bias": np.zeros(3),
         "cov": factor @ factor.T,
         "position_enu": np.array([10.0, 20.0, 30.0]),
-        "correction_enu": np.array([1.0, 2.0, 3.0]),
-        "reset_count": 0,
     }
-    return NavSolution(**{**values, **changes})
+    values = np.zeros(at.SOLUTION_SIZE)
+    values[at.OUT_POS : at.OUT_VEL] = 0.8, 0.1, 500.0
+    result = NavSolution(STAMP, Mode.AIDED, values, np.array([1.0, 2.0, 3.0]), 0)
+    for name, value in {**parts, **changes}.items():
+        getattr(result, name)[:] = value
+    return result
 
 
 def test_odometry_holds_the_pose_in_odom_and_the_velocity_in_the_body():
@@ -166,7 +164,8 @@ def test_fix_loses_its_status_when_the_position_is_no_longer_to_be_trusted():
 
 
 def test_attitude_carries_its_covariance():
-    s = AttitudeSolution(STAMP, quat_from_euler(0.1, 0.2, 0.3), np.diag([1.0, 2.0, 3.0]), *np.eye(3))
+    s = AttitudeSolution(STAMP, np.zeros(HEAD_SIZE))
+    s.q_nb[:], s.cov_n[:] = quat_from_euler(0.1, 0.2, 0.3), np.diag([1.0, 2.0, 3.0])
     message = Imu()
     messages.fill_imu(message, s)
     assert message.orientation.w == s.q_nb[0]
