@@ -175,8 +175,15 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("mag.rejected.stale", "a field half a second away from the IMU's time", _CLOCKS),
         Entry("baro.rejected.value", "a pressure that is not one of the atmosphere", "check the unit: pascal, not hPa"),
         Entry("body_velocity.rejected.value", "a velocity without any number", _SENSOR),
-        Entry("outage.rejected.covariance", "a predicted velocity error without a covariance", "anfis_node sends one"),
-        Entry("outage.unsent.position", "a prediction of the position, for which there is no topic, was not sent"),
+        Entry(
+            "outage.rejected.covariance",
+            "a predicted velocity error without covariance or numbers",
+            "anfis_node sends one",
+        ),
+        Entry("outage.evidence", "what the flight so far says of the motion was used"),
+        Entry(
+            "outage.no_model", "GNSS is lost and anfis_node has no model yet", "fly longer with GNSS, or load a model"
+        ),
         Entry("outage.reset", "the learner starts again", "see the reason in the log line"),
         Entry("outage.trained", "a training has ended and its result is taken"),
         Entry("outage.training_failed", "a training gave no result; the model stays as it was", "see the log line"),
@@ -190,7 +197,6 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "odometry.rejected.incomplete", "an odometry without orientation, covariance or numbers", "one navigator"
         ),
-        Entry("outage.rejected.value", "a prediction that is not a number", "report it, please"),
         Entry(
             "*.rejected.before_imu", "a message came before the first IMU sample", "look at imu/data_raw if it goes on"
         ),

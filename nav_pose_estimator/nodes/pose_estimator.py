@@ -1,29 +1,57 @@
 """pose_estimator: attitude filter, navigator and learner in one process, with direct calls between them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 
 from nav_pose_estimator.engine.pose_estimator import PoseEstimator
-from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution
-from nav_pose_estimator.ros import inputs, spin
+from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, OutageError, Status
+from nav_pose_estimator.ros import inputs, spin, wording
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
-from nav_pose_estimator.ros.outputs import AttitudeOutput, NavigationOutput
+from nav_pose_estimator.ros.model_keeper import ModelKeeper
+from nav_pose_estimator.ros.outputs import AttitudeOutput, LearnerOutput, NavigationOutput
+from nav_pose_estimator.ros.training import Trainer
 
 
 class PoseEstimatorNode(EstimatorNode):
     """The composed estimator: the engine that replay runs, fed from topics."""
 
+    published = (NavSolution, AttitudeSolution, OutageError)
+
     def __init__(self) -> None:
-        super().__init__("pose_estimator", PoseEstimator)
+        trainer = Trainer()
+        super().__init__("pose_estimator", partial(PoseEstimator, train=trainer.submit))
         self._attitude = AttitudeOutput(self, self.parameters)
         self._navigation = NavigationOutput(self, self.parameters)
         self.listen_imu(inputs.imu_input(self.parameters.ros.input))
         for source in inputs.navigator_inputs(self.parameters):
             self.listen(source, needed=source.topic == "gps/fix")
         self.offer_gnss_switch()
+        self._learned, pupil = LearnerOutput(self, self.parameters), self.engine.outage_aid
+        model = self.parameters.ros.model
+        self.keeper = None if pupil is None else ModelKeeper(self, pupil, trainer, model, self.say)
         self.get_logger().info("ready")
 
-    def publish(self, solution: AttitudeSolution | NavSolution) -> None:
-        """Attitude and navigation on their topics."""
+    def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
+        """As every node, and what the learner says."""
+        level, sentence, facts = super().describe(status)
+        if self.keeper is None:
+            return level, sentence, facts
+        aid = self.engine.outage_aid
+        learner = replace(status, waiting_for=aid.learner.reason, values=aid.status())
+        return level, sentence, facts + wording.learner_facts(learner, self.keeper.training, self.keeper.history)[1:]
+
+    def destroy_node(self) -> None:
+        """Also end a training."""
+        if self.keeper is not None:
+            self.keeper.stop()
+        super().destroy_node()
+
+    def publish(self, solution: AttitudeSolution | NavSolution | OutageError) -> None:
+        """Attitude, navigation and predictions on their topics."""
+        if isinstance(solution, OutageError):
+            self._learned.publish(solution)
+            return
         if isinstance(solution, AttitudeSolution):
             self._attitude.publish(solution)
             return

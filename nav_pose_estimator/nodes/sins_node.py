@@ -1,8 +1,10 @@
 """sins_node: strapdown navigator and Kalman filter with the GNSS gate; odometry/filtered."""
 
 from collections.abc import Sequence
+from functools import partial
 
-from nav_pose_estimator.engine.sins import SinsEngine
+from nav_pose_estimator.engine.outage_learner import TrainingJob
+from nav_pose_estimator.engine.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.solutions import Mode, NavSolution
 from nav_pose_estimator.ros import inputs, spin
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
@@ -11,11 +13,15 @@ from nav_pose_estimator.ros.outputs import NavigationOutput
 _LEVELLING = (Mode.WAITING_IMU, Mode.ALIGNING, Mode.NO_ORIGIN)
 
 
+def _leave_to_anfis_node(job: TrainingJob) -> None:
+    """Training is the work of anfis_node; without it the navigator goes by the regimes of the flight alone."""
+
+
 class SinsNode(EstimatorNode):
     """Works alone; an attitude on imu/data helps it to level, predicted errors on outage/velocity_error to coast."""
 
     def __init__(self) -> None:
-        super().__init__("sins_node", SinsEngine)
+        super().__init__("sins_node", partial(PoseEstimator, attitude=False, train=_leave_to_anfis_node))
         self._output = NavigationOutput(self, self.parameters)
         self.listen_imu(inputs.imu_input(self.parameters.ros.input))
         for source in inputs.navigator_inputs(self.parameters):

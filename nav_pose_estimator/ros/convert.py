@@ -114,16 +114,16 @@ def body_velocity(message: Any) -> Converted:
 
 
 def velocity_error(message: Any) -> Converted:
-    """geometry_msgs/TwistWithCovarianceStamped, ENU, to :class:`VelocityError`: estimate minus truth, horizontal.
+    """geometry_msgs/TwistWithCovarianceStamped, ENU, to :class:`VelocityError`: estimate minus truth.
 
     A prediction that does not say how good it is is not used.
     """
-    stamp, linear = stamp_ns(message), message.twist.twist.linear
-    cov = covariance.read(message.twist.covariance, 6, block=2)
-    if cov.matrix is None:
-        text = "a predicted velocity error has no covariance; not used"
+    stamp, dv_n = stamp_ns(message), vector(message.twist.twist.linear)
+    cov = covariance.read(message.twist.covariance, 6, block=3)
+    if cov.matrix is None or not all(map(math.isfinite, dv_n)):
+        text = "a predicted velocity error has no covariance, or is not a number; not used"
         return (Event(stamp, "outage.rejected.covariance", Level.WARN, text),)
-    return (VelocityError(stamp, (float(linear.x), float(linear.y)), cov.matrix),)
+    return (VelocityError(stamp, dv_n, cov.matrix),)
 
 
 def fluid_pressure(message: Any) -> Converted:

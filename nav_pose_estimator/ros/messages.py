@@ -12,8 +12,7 @@ import numpy as np
 
 from nav_pose_estimator.core.layout import BASE_STATES, D_GYRO_BIAS, DPOS, DVEL, PHI
 from nav_pose_estimator.core.rotation import quat_to_matrix, skew
-from nav_pose_estimator.engine.samples import VelocityError
-from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution
+from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, OutageError
 from nav_pose_estimator.engine.world_frame import attitude_in, vector_in
 from nav_pose_estimator.ros.convert import NS_PER_S
 
@@ -119,20 +118,20 @@ def warm_up() -> None:
     twist_covariance(np.eye(BASE_STATES), quat_to_matrix(_NO_ROTATION), np.zeros(3))
 
 
-def fill_velocity_error(message: Any, error: VelocityError) -> None:
-    """geometry_msgs/TwistWithCovarianceStamped, ENU, horizontal only; the rest is marked as not known."""
+def fill_velocity_error(message: Any, error: OutageError) -> None:
+    """geometry_msgs/TwistWithCovarianceStamped, ENU; the angular part is marked as not known."""
     fill_stamp(message.header.stamp, error.stamp_ns)
-    message.twist.twist.linear.x, message.twist.twist.linear.y = map(float, error.dv_en)
+    _fill_vector(message.twist.twist.linear, np.array(error.dv_n))
     cov = np.zeros((6, 6))
-    cov[:2, :2] = error.cov
-    cov[2, 2] = cov[3, 3] = -1.0
+    cov[:3, :3] = error.cov
+    cov[3, 3] = -1.0
     message.twist.covariance[:] = cov.ravel()
 
 
-def is_finite(solution: NavSolution | AttitudeSolution | VelocityError) -> bool:
+def is_finite(solution: NavSolution | AttitudeSolution | OutageError) -> bool:
     """Whether every number that goes into messages is one: nothing else may leave a node."""
-    if isinstance(solution, VelocityError):
-        return math.isfinite(sum(solution.dv_en) + float(solution.cov.sum()))
+    if isinstance(solution, OutageError):
+        return math.isfinite(sum(solution.dv_n + solution.dp_n) + float(solution.cov.sum()))
     few: tuple[np.ndarray, ...]
     if isinstance(solution, AttitudeSolution):
         few, cov = (solution.q_nb, solution.rate_b, solution.accel_b), solution.cov_n

@@ -9,6 +9,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from nav_pose_estimator.core.motion_epochs import TIME
 from nav_pose_estimator.engine.model_file import load_arrays, save_arrays
 from nav_pose_estimator.engine.parameters.ros import ModelParameters
 from nav_pose_estimator.engine.solutions import Level
@@ -20,17 +21,23 @@ _CURVE = 20  # so many trainings are remembered
 
 
 class ModelKeeper:
-    """Services ~/train, ~/save_model and ~/load_model of ``node`` for ``learner`` (``engine.outage_learner``).
+    """Services ~/train, ~/save_model and ~/load_model of ``node``.
 
+    ``pupil`` has a ``learner`` (``engine.outage_learner``) and takes results in ``accept``; its jobs go to ``trainer``.
     ``say`` takes the name, level and sentence of an event. Whatever goes wrong is said; the model stays as it was.
     """
 
     def __init__(
-        self, node: Node, learner: Any, parameters: ModelParameters, say: Callable[[str, Level, str], None]
+        self,
+        node: Node,
+        pupil: Any,
+        trainer: Trainer,
+        parameters: ModelParameters,
+        say: Callable[[str, Level, str], None],
     ) -> None:
         self.history: list[dict[str, float]] = []  # scores after each training
-        self._learner, self._parameters, self._say = learner, parameters, say
-        self._trainer, self._failure = Trainer(), ""
+        self._pupil, self._trainer, self._parameters, self._say = pupil, trainer, parameters, say
+        self._failure = ""
         self._timer = node.create_timer(_PERIOD, self.look_after, clock=Clock(clock_type=ClockType.STEADY_TIME))
         for name, action in (("train", self.train), ("save_model", self.save), ("load_model", self.load)):
             node.create_service(Trigger, f"~/{name}", partial(self._serve, action))
@@ -47,12 +54,11 @@ class ModelKeeper:
         self._trainer.stop()
 
     def look_after(self) -> None:
-        """Take what a training gave; start the next as soon as the learner has one."""
+        """Take what a training gave."""
         try:
             outcome = self._trainer.poll()
             if outcome is not None:
                 self._take(outcome)
-            self._start()
         except Exception as error:
             self._say("outage.training_failed", Level.ERROR, f"training: {_describe(error)}")
 
@@ -71,19 +77,23 @@ class ModelKeeper:
         """Begin a training; ``UserError`` when that is impossible now."""
         if self._trainer.is_busy:
             raise UserError("a training is running")
-        if not self._start():
-            raise UserError(f"there is nothing to train on yet ({self._learner.reason or 'no new data'})")
+        learner = self._pupil.learner
+        newest = learner.memory.last(1.0)
+        job = learner.job(float(newest[-1, TIME])) if len(newest) else None
+        if job is None:
+            raise UserError(f"there is nothing to train on yet: {learner.reason}")
+        self._trainer.submit(job)
         return "the training has begun; diagnostics tell how it ends"
 
     def save(self) -> str:
         """Write the model; ``UserError`` when that is impossible."""
-        save_arrays(self._path(), self._learner.state())
+        save_arrays(self._path(), self._pupil.learner.state())
         self._say("outage.model.saved", Level.INFO, f"the model is in {self._path()}")
         return f"the model is in {self._path()}"
 
     def load(self) -> str:
         """Read the model; ``UserError`` when that is impossible."""
-        self._learner.load(load_arrays(self._path()))
+        self._pupil.learner.load(load_arrays(self._path()))
         self._say("outage.model.loaded", Level.INFO, f"the model is that of {self._path()}")
         return f"the model is that of {self._path()}"
 
@@ -91,21 +101,15 @@ class ModelKeeper:
         response.success, response.message = self.attempt(action)
         return response
 
-    def _start(self) -> bool:
-        job = None if self._trainer.is_busy else self._learner.training_job()
-        if job is not None:
-            self._trainer.start(job)
-        return job is not None
-
     def _take(self, outcome: Outcome) -> None:
         self._failure = outcome.failure
         if outcome.failure:
             self._say("outage.training_failed", Level.ERROR, f"the training failed: {outcome.failure}")
             return
-        self._learner.accept(outcome.result)
-        scores = {name: float(value) for name, value in self._learner.scores().items()}
+        self._pupil.accept(outcome.result)
+        scores = {name: float(value) for name, value in self._pupil.learner.scores().items()}
         self.history = [*self.history, scores][-_CURVE:]
-        self._say("outage.trained", Level.INFO, f"trained: {self._learner.reason or 'the model is used'}")
+        self._say("outage.trained", Level.INFO, "a training has ended")
         if self._parameters.file and self._parameters.save_after_training:
             self.attempt(self.save)
 

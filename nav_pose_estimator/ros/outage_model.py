@@ -1,94 +1,109 @@
-"""The learner behind topics: the engine of anfis_node. Odometry in, predicted velocity errors out."""
+"""The learner behind topics: the engine of anfis_node. Odometry in, predicted errors of the navigator out."""
 
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from nav_pose_estimator.core.motion_epochs import PERIOD
+from nav_pose_estimator.engine.epochs import EpochCollector
+from nav_pose_estimator.engine.habits import MotionKnowledge
+from nav_pose_estimator.engine.modes import DENIED
+from nav_pose_estimator.engine.outage_learner import OutageLearner
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import ImuSample, Prior, VelocityError
-from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavSolution, Status
+from nav_pose_estimator.engine.samples import ImuSample
+from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavSolution, OutageError, Status
 from nav_pose_estimator.ros.navigator_watch import NavigatorWatch, OdometrySample
 
-_LONGEST_STEP = 2.0  # s: predictions further apart do not belong to one outage
+_NETWORK_ALONE = "anfis"  # the navigator weighs the prediction against what else it knows of the motion
 
 
 class OutageModel:
-    """Feeds ``learner`` (``engine.outage_learner``) with what the navigator publishes.
+    """Learns from the solutions that another node publishes, and predicts in its outages."""
 
-    Priors of the velocity become velocity errors, for which there is a topic; priors of the position are counted.
-    """
-
-    def __init__(self, parameters: Parameters, make_learner: Callable[[Parameters], Any]) -> None:
-        self.learner = make_learner(parameters)
+    def __init__(self, parameters: Parameters, train: Callable[[Any], None]) -> None:
+        """``train`` takes training jobs; their results come back through ``accept``."""
+        self._parameters, self._train = parameters, train
         self.watch = NavigatorWatch(parameters)
-        self.position_error = np.zeros(2)  # m, East and North: the predicted velocity errors of this outage, summed up
-        self.is_training = False
-        self._last: VelocityError | None = None
+        self.learner = OutageLearner(parameters.learner)
+        self._begin()
 
-    def feed(self, sample: ImuSample | OdometrySample) -> list[VelocityError | Event]:
+    def _begin(self) -> None:
+        self._collector = EpochCollector()
+        self._knowledge: MotionKnowledge | None = None
+        self._position_error = np.zeros(3)
+
+    def feed(self, sample: ImuSample | OdometrySample) -> list[OutageError | Event]:
         """What follows from one sample."""
         if isinstance(sample, ImuSample):
             return list(self.watch.imu(sample))
         solution = self.watch.odometry(sample)
-        if solution is None:
+        finished = None if solution is None else self._collector.feed(solution)
+        if solution is None or finished is None:
             return []
-        outputs = [_as_velocity_error(item, solution) for item in self.learner.feed(solution)]
-        for output in outputs:
-            if isinstance(output, VelocityError):
-                self._add_up(output)
-        if not self.watch.denied:
-            self.position_error, self._last = np.zeros(2), None
-        return outputs
+        one, is_good = finished
+        if is_good:
+            job = self.learner.learn(one)
+            if job is not None:
+                self._train(job)
+        if solution.mode not in DENIED:
+            self._knowledge = None
+            return []
+        return self._predict(solution)
 
-    def _add_up(self, error: VelocityError) -> None:
-        last, self._last = self._last, error
-        if last is not None and 0 < error.stamp_ns - last.stamp_ns <= _LONGEST_STEP * 1e9:
-            mean = 0.5 * (np.array(last.dv_en) + np.array(error.dv_en))
-            self.position_error = self.position_error + mean * (error.stamp_ns - last.stamp_ns) * 1e-9
+    def _predict(self, solution: NavSolution) -> list[OutageError | Event]:
+        """What the network says at the end of an epoch without GNSS."""
+        if self._knowledge is None:
+            epochs = self.learner.memory.last(self._parameters.learner.window)
+            if self.learner.model is None or not len(epochs):
+                return [Event(solution.stamp_ns, "outage.no_model")]
+            self._knowledge = MotionKnowledge.of(_NETWORK_ALONE, epochs, self.learner.model)
+            self._position_error = np.zeros(3)
+        _, error = self._knowledge.evidence(solution.stamp_ns, np.array(self._collector.recent))
+        if error is None:
+            return []
+        self._position_error = self._position_error + PERIOD * np.array(error.dv_n)
+        east, north, up = self._position_error.tolist()
+        return [OutageError(solution.stamp_ns, error.dv_n, error.cov, (east, north, up))]
+
+    def accept(self, result: Any) -> None:
+        """Take the result of a training."""
+        self.learner.accept(result)
 
     @property
     def mode(self) -> Mode:
-        """WAITING_IMU without data, ALIGNING while the model is not good enough, AIDED when it is."""
+        """WAITING_IMU without a navigator, ALIGNING while there is no model, AIDED with one."""
         if self.watch.waiting_for:
             return Mode.WAITING_IMU
-        return Mode.ALIGNING if self.learner.reason else Mode.AIDED
+        return Mode.ALIGNING if self.learner.model is None else Mode.AIDED
 
     def status(self) -> Status:
         """Why the model is not used (``waiting_for``) and its scores (``values``)."""
-        waiting = f"waiting for {self.watch.waiting_for}" if self.watch.waiting_for else self.learner.reason
+        missing, reason = self.watch.waiting_for, self.learner.reason if self.learner.model is None else ""
         return Status(
             stamp_ns=0,
             mode=self.mode,
-            waiting_for=waiting,
+            waiting_for=f"waiting for {missing}" if missing else reason,
             seconds_coasting=0.0,
             horizontal_sd=np.nan,
             horizontal_sd_in_30_s=np.nan,
             gnss_refusal="",
             satellites=None,
             counters={},
-            values={name: float(value) for name, value in self.learner.scores().items()},
+            values=self.learner.scores(),
         )
 
     def reset(self, stamp_ns: int, reason: str) -> list[Event]:
-        """Forget the flight; the learner decides what of its model outlives it."""
+        """Forget the flight; the model stays, the next training replaces it."""
+        model = self.learner.model
         self.watch.reset()
-        self.learner.reset()
-        self.position_error, self._last = np.zeros(2), None
+        self.learner = OutageLearner(self._parameters.learner)
+        self.learner.model = model
+        self._begin()
         return [Event(stamp_ns, "outage.reset", Level.WARN, f"the learner starts again: {reason}")]
 
     def warm_up(self) -> None:
-        """The learner compiles in its training process; nothing here waits for a compiler."""
+        """The network is compiled in the training process first, and found on disk here."""
 
     def set_parameters(self, parameters: Parameters) -> None:
         """Nothing of the learner can change in flight."""
-
-
-def _as_velocity_error(item: VelocityError | Prior | Event, solution: NavSolution) -> VelocityError | Event:
-    """``item`` as something that has a topic."""
-    if not isinstance(item, Prior):
-        return item
-    if item.kind != "horizontal_velocity":
-        return Event(item.stamp_ns, "outage.unsent.position")
-    east, north = (float(v - p) for v, p in zip(solution.vel_n[:2], item.value, strict=True))
-    return VelocityError(item.stamp_ns, (east, north), np.array(item.cov, float))

@@ -13,8 +13,7 @@ from std_msgs.msg import Bool
 from nav_pose_estimator.engine.modes import DENIED
 from nav_pose_estimator.engine.parameter_schema import ParameterError
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import VelocityError
-from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolution
+from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolution, OutageError
 from nav_pose_estimator.ros import messages, qos
 from nav_pose_estimator.ros.pace import Pace
 
@@ -111,11 +110,11 @@ class LearnerOutput:
         self._velocity_message, self._position_message = TwistWithCovarianceStamped(), Vector3Stamped()
         self._velocity_message.header.frame_id = self._position_message.header.frame_id = parameters.ros.frames.odom
 
-    def publish(self, error: VelocityError, position_error: np.ndarray) -> None:
-        """One prediction, and the sum (2,) [m] of those of this outage."""
+    def publish(self, error: OutageError) -> None:
+        """One prediction, and the sum of those of this outage."""
         messages.fill_velocity_error(self._velocity_message, error)
         self._velocity.publish(self._velocity_message)
-        messages.fill_vector_stamped(self._position_message, error.stamp_ns, np.append(position_error, 0.0))
+        messages.fill_vector_stamped(self._position_message, error.stamp_ns, np.array(error.dp_n))
         self._position.publish(self._position_message)
 
 

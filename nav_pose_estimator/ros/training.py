@@ -30,6 +30,7 @@ class Trainer:
     def __init__(self, time_limit: float = _TIME_LIMIT) -> None:
         self._context = multiprocessing.get_context("spawn")
         self._limit = time_limit
+        self._waiting: Any = None
         self._process: Any = None
         self._connection: Any = None
         self._give_up = 0.0
@@ -39,9 +40,14 @@ class Trainer:
         """Whether a training runs, or its outcome has not been fetched."""
         return self._process is not None
 
-    def start(self, job: Any) -> None:
-        """Run ``job`` (picklable, with ``run()``) in a new process."""
-        assert not self.is_busy, "one training at a time"
+    def submit(self, job: Any) -> None:
+        """Run ``job`` (picklable, with ``run()``) in a new process, now or when the present one is done.
+
+        Of several that wait only the newest is kept: it has seen what the older ones have.
+        """
+        if self.is_busy:
+            self._waiting = job
+            return
         self._connection, theirs = self._context.Pipe(duplex=False)
         self._process = self._context.Process(target=_work, args=(job, theirs), daemon=True, name="training")
         self._process.start()
@@ -61,11 +67,18 @@ class Trainer:
             outcome = Outcome(failure=f"it took longer than {self._limit:g} s")
         else:
             return None
-        self.stop()
+        self._end()
+        if self._waiting is not None:
+            job, self._waiting = self._waiting, None
+            self.submit(job)
         return outcome
 
     def stop(self) -> None:
-        """End the training, if one runs; its outcome is lost."""
+        """End everything; outcomes are lost."""
+        self._waiting = None
+        self._end()
+
+    def _end(self) -> None:
         if self._process is None:
             return
         self._process.kill()

@@ -1,4 +1,4 @@
-"""A learner that learns nothing, with the face of the real one: for tests of what stands around it."""
+"""Stand-ins for what is learned: jobs that end as they are told, and a model that always says the same."""
 
 import os
 import time
@@ -6,15 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import Prior, VelocityError
-from nav_pose_estimator.engine.solutions import Mode, NavSolution
 from nav_pose_estimator.errors import UserError
 
 
 @dataclass(frozen=True)
 class Job:
-    """Gives back its number; or fails, dies or takes long."""
+    """Gives back its number and its process; or fails, dies or takes long."""
 
     number: int
     how: str = "well"
@@ -30,30 +27,26 @@ class Job:
 
 
 @dataclass
-class FakeLearner:
-    """Predicts a constant error while GNSS is denied, once it has been trained."""
+class Memory:
+    """So many epochs; the last column block is left out."""
 
-    parameters: Parameters
+    epochs: np.ndarray = field(default_factory=lambda: np.empty((0, 25)))
+
+    def last(self, seconds: float) -> np.ndarray:
+        return self.epochs
+
+
+@dataclass
+class Learner:
+    """The face of ``OutageLearner`` that a node needs."""
+
     weight: float = 0.0
-    jobs: list[Job] = field(default_factory=list)
-    seen: list[NavSolution] = field(default_factory=list)
-    results: list[tuple[int, int]] = field(default_factory=list)
+    memory: Memory = field(default_factory=Memory)
+    reason: str = "nothing has been learned yet"
+    next_job: Job = field(default_factory=lambda: Job(1))
 
-    def feed(self, output: NavSolution) -> list[VelocityError | Prior]:
-        self.seen.append(output)
-        if output.mode is Mode.AIDED or self.reason:
-            return []
-        return [
-            VelocityError(output.stamp_ns, (self.weight, -self.weight), np.diag([0.04, 0.09])),
-            Prior(output.stamp_ns, "horizontal_position", (0.8, 0.1), np.eye(2)),
-        ]
-
-    def training_job(self) -> Job | None:
-        return self.jobs.pop(0) if self.jobs else None
-
-    def accept(self, result: tuple[int, int]) -> None:
-        self.results.append(result)
-        self.weight = float(result[0])
+    def job(self, now: float) -> Job:
+        return self.next_job
 
     def state(self) -> dict[str, np.ndarray]:
         return {"weight": np.array(self.weight)}
@@ -66,12 +59,32 @@ class FakeLearner:
     def scores(self) -> dict[str, float]:
         return {"validation error": 1.0 / (1.0 + self.weight)}
 
-    @property
-    def reason(self) -> str:
-        return "" if self.weight else "nothing has been learned yet"
 
-    def reset(self) -> None:
-        self.seen.clear()
+@dataclass
+class Pupil:
+    """What has a learner and takes results."""
 
-    def copy(self) -> "FakeLearner":
-        return FakeLearner(self.parameters, self.weight)
+    learner: Learner = field(default_factory=Learner)
+    results: list[tuple[int, int]] = field(default_factory=list)
+
+    def accept(self, result: tuple[int, int]) -> None:
+        self.results.append(result)
+        self.learner.weight, self.learner.reason = float(result[0]), ""
+
+
+@dataclass
+class StillAir:
+    """A model for which the vehicle always rests in still air."""
+
+    noise: np.ndarray = field(default_factory=lambda: np.array([0.04, 0.09, 0.16]))
+    hover_noise: np.ndarray = field(default_factory=lambda: np.ones(3))
+    wind_mean: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    wind: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    wind_var: float = 0.0
+    wind_spread: float = 0.0
+
+    def predict(self, epoch: np.ndarray) -> tuple[np.ndarray, float]:
+        return np.zeros(3), 1.0
+
+    def follow(self, epoch: np.ndarray) -> "StillAir":
+        return self

@@ -1,29 +1,24 @@
-"""anfis_node with a stand-in for the learner: what it is fed, what it publishes, models on disk, training beside it."""
+"""anfis_node: what it is fed through topics, what it predicts in an outage, and the navigator that listens to it."""
 
-import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fake_learner import FakeLearner, Job
+from fake_learner import StillAir
 from geometry_msgs.msg import TwistWithCovarianceStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Bool
-from std_srvs.srv import Trigger
 
 from nav_pose_estimator.core.rotation import quat_from_rotvec
-from nav_pose_estimator.engine.model_file import load_arrays, save_arrays
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
-from nav_pose_estimator.engine.samples import ImuSample, VelocityError
-from nav_pose_estimator.engine.solutions import Mode, NavSolution
+from nav_pose_estimator.engine.samples import ImuSample
+from nav_pose_estimator.engine.solutions import Mode, NavSolution, OutageError
 from nav_pose_estimator.nodes.anfis_node import AnfisNode
+from nav_pose_estimator.nodes.sins_node import SinsNode
 from nav_pose_estimator.ros import convert, messages
-from nav_pose_estimator.ros.sample_messages import to_message
+from nav_pose_estimator.ros.sample_messages import TOPICS, to_message
 from nav_pose_estimator.sim.scenarios import generate
-
-from conftest import wait_until  # isort: skip
 
 STAMP = 1_700_000_000_000_000_000
 
@@ -32,27 +27,25 @@ class Around:
     """The topics around the node, by hand: messages go to its callbacks, what it publishes is kept."""
 
     def __init__(self, node: AnfisNode) -> None:
-        self.node, self.learner = node, node.engine.learner
+        self.node, self.engine = node, node.engine
         self.callbacks = {s.topic_name: s.callback for s in node.subscriptions}
+        self.seen: list[NavSolution] = []
         self.velocity, self.position = [], []
-        publishers = {p.topic_name: p for p in node.publishers}
         node._output._velocity = SimpleNamespace(publish=lambda m: self.velocity.append(convert.velocity_error(m)[0]))
         node._output._position = SimpleNamespace(publish=lambda m: self.position.append(convert.vector(m.vector)))
-        assert {"/outage/velocity_error", "/outage/position_error"} <= set(publishers)
-
-    def imu(self, stamp: int, accel=(0.1, 0.0, 9.8)) -> None:
-        self.callbacks["/imu/data_raw"](serialize_message(to_message(ImuSample(stamp, (0.0, 0.0, 1e-4), accel))))
+        feed = node.engine._collector.feed
+        node.engine._collector.feed = lambda s: self.seen.append(s) or feed(s)
 
     def odometry(self, solution: NavSolution) -> None:
         message = Odometry()
         messages.fill_odometry(message, solution)
         self.callbacks["/odometry/filtered"](serialize_message(message))
 
-    def facts(self, denied: bool, gyro=(0.0, 0.0, 0.0), accel=(0.0, 0.0, 0.0), origin=(0.8, 0.1, 500.0)) -> None:
+    def facts(self, denied: bool, accel=(0.0, 0.0, 0.0)) -> None:
         message = NavSatFix()
-        messages.fill_origin(message, STAMP, origin)
+        messages.fill_origin(message, STAMP, (0.8, 0.1, 500.0))
         self.callbacks["/sins_node/origin"](message)
-        for name, values in (("gyro", gyro), ("accel", accel)):
+        for name, values in (("gyro", (0.0, 0.0, 0.0)), ("accel", accel)):
             bias = Vector3Stamped()
             messages.fill_vector_stamped(bias, STAMP, np.array(values))
             self.callbacks[f"/sins_node/bias/{name}"](bias)
@@ -61,24 +54,14 @@ class Around:
     def fly(self, seconds: float, begin: int = STAMP, rate: int = 50) -> None:
         for i in range(1, round(seconds * rate) + 1):
             stamp = begin + i * 10**9 // rate
-            self.imu(stamp - 10**7)
-            self.imu(stamp)
+            for at in (stamp - 10**7, stamp):
+                sample = ImuSample(at, (0.0, 0.0, 1e-4 * (i % 7)), (0.1, 0.0, 9.8))
+                self.callbacks["/imu/data_raw"](serialize_message(to_message(sample)))
             self.odometry(solution(stamp))
-
-    def call(self, action) -> tuple[bool, str]:
-        answer = self.node.keeper._serve(action, Trigger.Request(), Trigger.Response())
-        return answer.success, answer.message
-
-    def train(self) -> None:
-        """Let the training timer run until the outcome has been taken."""
-        keeper, counters = self.node.keeper, self.node.logbook.counters
-        ended = ("outage.trained", "outage.training_failed")
-        before = sum(counters[name] for name in ended)
-        wait_until(lambda: keeper.look_after() or sum(counters[name] for name in ended) > before, what="the training")
 
 
 def solution(stamp: int = STAMP) -> NavSolution:
-    factor = np.random.default_rng(3).normal(size=(15, 15)) * 0.1
+    factor = np.random.default_rng(3).normal(size=(15, 15)) * 0.01
     return NavSolution(
         stamp_ns=stamp,
         mode=Mode.AIDED,
@@ -99,177 +82,125 @@ def solution(stamp: int = STAMP) -> NavSolution:
 
 
 @pytest.fixture
-def make(started):
-    return lambda *arguments: Around(started(lambda: AnfisNode(FakeLearner), *arguments))
+def around(started) -> Around:
+    return Around(started(AnfisNode))
 
 
-def test_the_learner_gets_the_navigators_solution_back_from_its_topics(make):
-    around = make()
+def test_the_learner_gets_the_navigators_solution_back_from_its_topics(around):
     around.facts(denied=False, accel=(0.05, 0.0, -0.1))
     around.fly(0.1)
-    seen, sent = around.learner.seen[-1], solution()
+    seen, sent = around.seen[-1], solution()
     assert seen.mode is Mode.AIDED
     for name in ("vel_n", "q_nb", "rate_b", "position_enu"):
         np.testing.assert_allclose(getattr(seen, name), getattr(sent, name), atol=1e-9, err_msg=name)
     np.testing.assert_allclose(seen.force_b, [0.05, 0.0, 9.9], atol=1e-12)
-    np.testing.assert_allclose(seen.cov[:3, :3], sent.cov[:3, :3], atol=1e-12)
-    np.testing.assert_allclose(seen.cov[6:9, 6:9], sent.cov[6:9, 6:9], atol=1e-12)
-    np.testing.assert_allclose(seen.cov[6:9, :3], sent.cov[6:9, :3], atol=1e-12)
-    north = 6_390_000.0 * (seen.lat - 0.8)
-    assert north == pytest.approx(-20.0, abs=0.2)
+    for rows, columns in ((slice(3), slice(3)), (slice(6, 9), slice(6, 9)), (slice(6, 9), slice(3))):
+        np.testing.assert_allclose(seen.cov[rows, columns], sent.cov[rows, columns], atol=1e-12)
+    assert 6_390_000.0 * (seen.lat - 0.8) == pytest.approx(-20.0, abs=0.2)
     around.facts(denied=True)
     around.fly(0.1, STAMP + 10**9)
-    assert around.learner.seen[-1].mode is Mode.DEAD_RECKONING
+    assert around.seen[-1].mode is Mode.DEAD_RECKONING
 
 
-def test_until_all_is_known_the_node_says_what_is_missing(make):
-    around = make()
-    status = around.node.engine.status
-    assert "origin" in status().waiting_for
+def test_until_all_is_known_the_node_says_what_is_missing(around):
+    status = around.engine.status
     around.fly(0.1)
-    assert around.learner.seen == []
-    level, sentence, _ = around.node.describe(status())
-    assert (level, sentence) == (1, "WAITING_IMU: waiting for the origin of the navigator")
+    assert around.seen == []
+    assert around.node.describe(status())[:2] == (1, "WAITING_IMU: waiting for the origin of the navigator")
     around.facts(denied=False)
-    around.fly(0.1, STAMP + 10**9)
+    around.fly(2.0, STAMP + 10**9)
     level, sentence, facts = around.node.describe(status())
-    assert (level, sentence) == (0, "ALIGNING: nothing has been learned yet")
-    assert dict(facts)["not used because"] == "nothing has been learned yet"
+    assert level == 0
+    assert sentence.startswith("ALIGNING: only ")
+    assert dict(facts)["not used because"] == around.engine.learner.reason
+    assert dict(facts)["training"] == "-"
 
 
-def test_in_an_outage_the_predicted_error_is_published_and_summed_up(make):
-    around = make()
+def test_in_an_outage_the_predicted_error_is_published_and_summed_up(around):
+    """GIVEN a model of a vehicle at rest in still air WHEN GNSS is lost THEN all of the velocity is an error."""
     around.facts(denied=False)
-    around.learner.weight = 2.0
-    around.fly(1.0)
+    around.fly(5.0)
+    around.engine.learner.model = StillAir()
     assert around.velocity == []
+    for begin in (5, 20):
+        around.facts(denied=True)
+        around.fly(10.0, STAMP + begin * 10**9)
+        assert around.velocity[-1].dv_n == pytest.approx((3.0, -2.0, 0.5))
+        assert around.position[-1] == pytest.approx((30.0, -20.0, 5.0), abs=2.0), "summed up anew in each outage"
+        around.facts(denied=False)
+        around.fly(5.0, STAMP + (begin + 10) * 10**9)
+    assert len(around.velocity) == pytest.approx(40, abs=2)
+    assert np.trace(around.velocity[-1].cov) == pytest.approx(0.29)
+    assert around.engine.mode is Mode.AIDED
+
+
+def test_without_a_model_an_outage_is_counted_not_guessed(around):
     around.facts(denied=True)
-    around.fly(10.0, STAMP + 10**9)
-    assert len(around.velocity) == 500
-    assert around.velocity[-1].dv_en == (2.0, -2.0)
-    np.testing.assert_array_equal(around.velocity[-1].cov, np.diag([0.04, 0.09]))
-    np.testing.assert_allclose(around.position[-1], [2.0 * 9.98, -2.0 * 9.98, 0.0])
-    assert around.node.logbook.counters["outage.unsent.position"] == 500
+    around.fly(3.0)
+    assert around.velocity == []
+    assert around.node.logbook.counters["outage.no_model"] > 3
+
+
+def test_enough_flight_starts_a_training_in_another_process(around):
     around.facts(denied=False)
-    around.fly(1.0, STAMP + 11 * 10**9)
-    around.facts(denied=True)
-    around.fly(1.0, STAMP + 12 * 10**9)
-    np.testing.assert_allclose(around.position[-1], [2.0 * 0.98, -2.0 * 0.98, 0.0])
+    around.fly(45.0, rate=20)
+    assert around.node.keeper.training == "running"
+    assert {"~/train", "~/save_model", "~/load_model", "~/reset"} <= {s.srv_name for s in around.node.services}
 
 
-def test_training_runs_beside_the_node_and_its_scores_make_a_curve(make):
-    around = make()
-    around.learner.jobs += [Job(3), Job(4)]
-    around.facts(denied=False)
-    around.fly(0.1)
-    around.train()
-    around.train()
-    assert [number for number, _ in around.learner.results] == [3, 4]
-    facts = dict(around.node.describe(around.node.engine.status())[2])
-    assert facts["validation error after each training"] == "0.25, 0.2"
-    assert facts["trainings"] == "2"
-    assert around.node.engine.mode is Mode.AIDED
-
-
-def test_a_failed_training_is_told_and_changes_nothing(make):
-    around = make()
-    around.learner.weight = 5.0
-    around.learner.jobs.append(Job(1, "fails"))
-    around.train()
-    assert around.node.logbook.counters["outage.training_failed"] == 1
-    facts = dict(around.node.describe(around.node.engine.status())[2])
-    assert facts["training"] == "ZeroDivisionError: division by zero"
-    assert around.learner.weight == 5.0
-
-
-def test_the_services_answer_in_a_sentence(make, tmp_path):
-    around = make()
-    node = around.node
-    assert around.call(node.keeper.train) == (
-        False,
-        "there is nothing to train on yet (nothing has been learned yet)",
-    )
-    assert around.call(node.keeper.save) == (False, "there is no file for the model: set ros.model.file")
-    around.learner.jobs.append(Job(1, "hangs"))
-    assert around.call(node.keeper.train)[0]
-    assert around.call(node.keeper.train) == (False, "a training is running")
-    assert {"~/train", "~/save_model", "~/load_model", "~/reset"} <= {service.srv_name for service in node.services}
-
-
-def test_a_model_survives_the_node(make, tmp_path):
-    """GIVEN a node that saves after each training WHEN another starts with its file THEN it begins with that model."""
-    file = tmp_path / "drone.model"
-    settings = ("-p", f"ros.model.file:={file}", "-p", "ros.model.save_after_training:=true")
-    first = make(*settings)
-    first.learner.jobs.append(Job(6))
-    first.train()
-    assert float(load_arrays(file)["weight"]) == 6.0
-    second = Around(AnfisNode(FakeLearner))
-    assert second.learner.weight == 6.0
-    second.learner.weight = 1.0
-    assert second.call(second.node.keeper.load)[0]
-    assert second.learner.weight == 6.0
-    second.learner.weight = 8.0
-    assert second.call(second.node.keeper.save)[0]
-    assert float(load_arrays(file)["weight"]) == 8.0
-    second.node.destroy_node()
-
-
-@pytest.mark.parametrize("content", ["garbage", "foreign"])
-def test_a_bad_model_file_does_not_keep_the_node_from_flying(make, tmp_path, content):
-    file = tmp_path / "drone.model"
-    if content == "garbage":
-        file.write_bytes(b"\x00" * 100)
-    else:
-        save_arrays(file, {"other": np.zeros(3)})
-    around = make("-p", f"ros.model.file:={file}")
-    assert around.node.logbook.counters["outage.request_failed"] == 1
-    assert around.learner.weight == 0.0
-
-
-def test_a_second_lap_resets_the_learner_once(make):
-    around = make()
+def test_a_second_lap_resets_the_learner_once_and_keeps_the_model(around):
     around.facts(denied=False)
     around.fly(3.0)
+    around.engine.learner.model = model = StillAir()
     around.fly(1.0)
     assert around.node.logbook.counters["outage.reset"] == 1
-    assert around.learner.seen[-1].stamp_ns == STAMP + 10**9
+    assert around.engine.learner.model is model
+    assert around.engine.watch.waiting_for == ""
 
 
-def test_odometry_without_covariance_is_refused_by_name(make):
-    around = make()
+def test_odometry_without_covariance_is_refused_by_name(around):
     around.facts(denied=False)
-    around.imu(STAMP)
     message = Odometry()
     messages.fill_odometry(message, solution())
     message.twist.covariance[:] = np.zeros(36)
     around.callbacks["/odometry/filtered"](serialize_message(message))
-    assert around.learner.seen == []
+    assert around.seen == []
     assert around.node.logbook.counters["odometry.rejected.incomplete"] == 1
 
 
 # --- the navigator's side ------------------------------------------------------------------------------------------
+def error(stamp: int = STAMP, dv_n=(1.5, -0.25, 0.1)) -> OutageError:
+    return OutageError(stamp, dv_n, np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.16]]), (1.0, 2.0, 3.0))
+
+
 def test_a_prediction_goes_through_its_message_unchanged():
-    error = VelocityError(STAMP, (1.5, -0.25), np.array([[0.04, 0.01], [0.01, 0.09]]))
     message = TwistWithCovarianceStamped()
-    messages.fill_velocity_error(message, error)
+    messages.fill_velocity_error(message, error())
     (back,) = convert.velocity_error(message)
-    assert (back.stamp_ns, back.dv_en) == (error.stamp_ns, error.dv_en)
-    np.testing.assert_array_equal(back.cov, error.cov)
+    assert (back.stamp_ns, back.dv_n) == (STAMP, (1.5, -0.25, 0.1))
+    np.testing.assert_array_equal(back.cov, error().cov)
     message.twist.covariance[:] = np.zeros(36)
     assert convert.velocity_error(message)[0].name == "outage.rejected.covariance"
 
 
-def test_the_navigator_uses_predictions_and_coasts():
-    """GIVEN an outage WHEN predictions of no error come THEN the navigator is COASTING and its speed stays bounded."""
-    flight, engine = generate("hover", duration=60.0, seed=2, imu_rate=50.0), PoseEstimator(attitude=False).sins
+def test_the_navigator_alone_listens_to_predictions_in_an_outage(started):
+    """GIVEN sins_node WHEN GNSS is lost and predictions come THEN it goes by them and by the flight so far."""
+    node = started(SinsNode)
+    callbacks = {s.topic_name: s.callback for s in node.subscriptions}
+    flight = generate("laps", duration=100.0, seed=2, imu_rate=50.0)
     for sample in flight.samples(blocks=False):
-        engine.feed(sample)
-        if sample.stamp_ns is not None and sample.stamp_ns - flight.start_ns > 40 * 10**9:
-            engine.set_use_gnss(False)
-            if isinstance(sample, ImuSample) and sample.stamp_ns % 500_000_000 < 20_000_000:
-                speed = engine.nominal_state()[3:5]
-                engine.feed(VelocityError(sample.stamp_ns, tuple(speed.tolist()), np.diag([0.25, 0.25])))
-    assert engine.mode is Mode.COASTING
-    assert math.hypot(*engine.nominal_state()[3:5]) < 1.0
-    assert engine.status().counters["velocity_error.used"] > 10
+        message = to_message(sample)
+        data = serialize_message(message) if isinstance(sample, ImuSample) else message
+        callbacks[f"/{TOPICS[type(sample)][0]}"](data)
+        if isinstance(sample, ImuSample) and sample.stamp_ns - flight.start_ns > 90 * 10**9:
+            node.engine.set_use_gnss(False)
+            prediction = TwistWithCovarianceStamped()
+            messages.fill_velocity_error(prediction, error(sample.stamp_ns, (0.1, 0.2, 0.0)))
+            callbacks["/outage/velocity_error"](prediction)
+    assert node.engine.mode is Mode.COASTING
+    assert node.engine.status().counters["outage.evidence"] > 10
+    aid = node.engine.outage_aid
+    assert aid.learner.model is None, "training is the work of anfis_node"
+    evidence, _ = aid._knowledge.evidence(sample.stamp_ns, np.array(aid._collector.recent), aid._external)
+    C_nb, velocity = evidence.attitude, np.array(evidence.velocity)
+    np.testing.assert_allclose(C_nb @ np.array(evidence.air_velocity), velocity - [0.1, 0.2, 0.0], atol=0.05)

@@ -23,7 +23,7 @@ def outcome_of(trainer: Trainer) -> Outcome:
 
 
 def test_a_result_comes_from_another_process(trainer):
-    trainer.start(Job(7))
+    trainer.submit(Job(7))
     assert trainer.is_busy
     outcome = outcome_of(trainer)
     number, process = outcome.result
@@ -38,15 +38,15 @@ def test_a_result_comes_from_another_process(trainer):
     [("fails", "ZeroDivisionError: division by zero"), ("dies", "the training process ended without a result")],
 )
 def test_a_training_that_fails_or_dies_is_named_and_the_next_one_works(trainer, how, failure):
-    trainer.start(Job(1, how))
+    trainer.submit(Job(1, how))
     assert outcome_of(trainer) == Outcome(failure=failure)
-    trainer.start(Job(2))
+    trainer.submit(Job(2))
     assert outcome_of(trainer).result[0] == 2
 
 
 def test_a_training_without_end_is_ended():
     trainer = Trainer(time_limit=0.5)
-    trainer.start(Job(1, "hangs"))
+    trainer.submit(Job(1, "hangs"))
     process = trainer._process
     assert outcome_of(trainer).failure == "it took longer than 0.5 s"
     assert not process.is_alive()
@@ -56,3 +56,10 @@ def test_the_training_process_knows_nothing_of_ros():
     code = "import sys, nav_pose_estimator.ros.training; print([m for m in sys.modules if m.startswith('rclpy')])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_of_the_jobs_that_wait_only_the_newest_runs(trainer):
+    for number in (1, 2, 3):
+        trainer.submit(Job(number))
+    assert [outcome_of(trainer).result[0] for _ in range(2)] == [1, 3]
+    assert not trainer.is_busy
