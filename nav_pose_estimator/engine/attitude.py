@@ -82,7 +82,9 @@ class AttitudeEngine:
         """Solutions and events that follow from ``sample``, in order. Samples that are of no use here give nothing."""
         if isinstance(sample, ImuSample):
             if self._door.passes(sample):
-                return [self._on_imu(sample.stamp_ns, self._door.to_body(sample.gyro), self._door.to_body(sample.accel))]
+                return [
+                    self._on_imu(sample.stamp_ns, self._door.to_body(sample.gyro), self._door.to_body(sample.accel))
+                ]
             return [self._handle(item) for item in self._door.accept(sample)]
         if isinstance(sample, ImuBlock):
             return [self._handle(item) for item in self._door.accept_block(sample)]

@@ -77,7 +77,7 @@ class SinsEngine:
         p = self.parameters
         self._epoch_ns: int | None = None
         self._zero_ns = 0  # the same once it is known
-        # Up to here nothing but IMU samples can happen: no observation waits, the mode stays. Every other input ends it.
+        # Up to here IMU samples meet nothing: no observation waits, the mode stays. Other input may end it.
         self._quiet_until = -math.inf
         self._timeline = Timeline(self._constants, self._apply, p.navigator.memory)
         self._gnss = GnssInput(p.gnss, p.navigator.lost_after, self._gates, self._journal)
