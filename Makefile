@@ -39,7 +39,7 @@ test-plain: # the numerical core once more, without the compiler
 test-all:
 	@$(PYTEST) $(ARGS)
 
-docs: ## Write config/nav_pose_estimator.yaml and docs/parameters.md from the code
+docs: ## Write config/nav_pose_estimator.yaml, docs/parameters.md and docs/troubleshooting.md from the code
 	@$(IN_ENVIRONMENT) python -m nav_pose_estimator.offline.parameter_docs
 
 clean: ## Remove what was built (not .venv)

@@ -9,6 +9,7 @@ SHARE = f"share/{NAME}"
 COMMANDS = (
     "attitude_node",
     "sins_node",
+    "anfis_node",
     "pose_estimator",
     "synthetic_sensors",
     "simulate",

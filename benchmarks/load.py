@@ -31,7 +31,7 @@ _TICKS = os.sysconf("SC_CLK_TCK")
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table; times in milliseconds, CPU in per cent of one core."""
+    """One line of the table; times in ms, CPU in per cent of one core, ``others``: what else ran meanwhile."""
 
     system: str
     imu_hz: float
@@ -41,6 +41,7 @@ class Row:
     worst_ms: float
     sent: int
     answered: int
+    others_percent: float
 
     @property
     def dropped(self) -> int:
@@ -114,12 +115,15 @@ def measure(system: str, rate: float, seconds: float) -> Row:
     )
     with _running(system, rate, seconds) as (children, sender):
         cpu_start = begin = None
+        own = (*children, sender)
         while sender.poll() is None:
             executor.spin_once(timeout_sec=0.1)
             if answers and begin is None and answers[-1][0] - answers[0][0] > _WARM_UP * 1e9:
                 begin, cpu_start, wall_start = answers[-1][0], _cpu(children), time.monotonic()
-            if begin is not None:
+                others_start = _machine() - _cpu(own) - time.process_time()
+            if begin is not None and time.monotonic() - wall_start > 1.0:
                 cpu_end, wall_end = _cpu(children), time.monotonic()
+                others_end = _machine() - _cpu(own) - time.process_time()
     executor.remove_node(node)
     executor.shutdown()
     node.destroy_node()
@@ -138,6 +142,7 @@ def measure(system: str, rate: float, seconds: float) -> Row:
         worst_ms=float(latency.max()),
         sent=round(span * rate),
         answered=len(measured),
+        others_percent=100.0 * (others_end - others_start) / (wall_end - wall_start),
     )
 
 
@@ -170,16 +175,23 @@ def _cpu(children: Sequence[subprocess.Popen]) -> float:
     return total / _TICKS
 
 
+def _machine() -> float:
+    """Seconds of CPU that everything on this machine has used."""
+    user, nice, system, _idle, _wait, irq, softirq = map(int, Path("/proc/stat").read_text().split()[1:8])
+    return (user + nice + system + irq + softirq) / _TICKS
+
+
 def table(rows: Sequence[Row]) -> str:
     """The result as Markdown."""
     lines = [
-        "| system | IMU Hz | CPU of one core | latency p50 / p99 / worst, ms | dropped |",
-        "|---|---|---|---|---|",
+        "| system | IMU Hz | CPU of one core | latency p50 / p99 / worst, ms | dropped | CPU of others |",
+        "|---|---|---|---|---|---|",
     ]
     for row in rows:
         times = f"{row.p50_ms:.2f} / {row.p99_ms:.2f} / {row.worst_ms:.1f}"
         lines.append(
-            f"| {row.system} | {row.imu_hz:g} | {row.cpu_percent:.0f} % | {times} | {row.dropped} of {row.sent} |"
+            f"| {row.system} | {row.imu_hz:g} | {row.cpu_percent:.0f} % | {times} | {row.dropped} of {row.sent} | "
+            f"{row.others_percent:.0f} % |"
         )
     return "\n".join(lines)
 

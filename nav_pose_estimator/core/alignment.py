@@ -5,9 +5,9 @@ Three ways lead to it, and the data choose:
 * at rest: roll and pitch from the mean specific force, gyroscope bias from the mean rate, heading from the
   magnetometer when its field is plausible;
 * at rest without a magnetometer: level and biases are kept, and the heading comes from the first motion;
-* in motion: a rough level from the mean specific force; a bank of heading hypotheses
-  (``core.heading_hypotheses``) follows GNSS velocity until one heading has won. A plausible magnetometer gives the
-  bank its first guess, not more: one that has not been calibrated may be wrong by any angle.
+* in motion: a rough level from the mean specific force, or the tilt of an attitude filter where one gives it; a bank of
+  heading hypotheses (``core.heading_hypotheses``) follows GNSS velocity until one heading has won. A plausible
+  magnetometer gives the bank its first guess, not more: one that has not been calibrated may be wrong by any angle.
 
 Fixes act at their time of validity, which may lie in the past. The result is valid at the last fix (in motion) or at
 the last IMU sample (at rest), and whoever starts a navigator from it replays the IMU from there.
@@ -48,6 +48,7 @@ from nav_pose_estimator.core.layout import (
 )
 from nav_pose_estimator.core.levelling import (
     Compass,
+    OutsideLevels,
     level_attitude,
     level_covariance,
     level_in_motion,
@@ -116,6 +117,7 @@ class Aligner:
         self._rows: list[tuple[float, ...]] = []
         self._fixes: deque[_Fix] = deque()
         self._compass = Compass(self.settings.declination)
+        self._outside = OutsideLevels()
         self._now = -math.inf
         self._last_fix: _Fix | None = None
         self._level: _Level | None = None
@@ -172,6 +174,10 @@ class Aligner:
     def mag(self, t: float, field: np.ndarray) -> None:
         """Magnetic field in b [T]."""
         self._compass.add(t, field)
+
+    def attitude(self, t: float, q_nb: Sequence[float], tilt_sd: float) -> None:
+        """Attitude of another estimator, scalar first: its tilt, good to ``tilt_sd`` [rad], helps a start in motion."""
+        self._outside.add(t, q_nb, tilt_sd)
 
     # --- outcome -----------------------------------------------------------------------------------------------------
 
@@ -297,9 +303,9 @@ class Aligner:
     def _start_in_motion(self, rows: Array, fix: _Fix) -> tuple[Array, Array, Array]:
         s = self.settings
         nav, P = np.zeros(NAV_SIZE), np.zeros((BASE_STATES, BASE_STATES))
-        q = level_in_motion(rows)
+        q, tilt_sd = self._outside.near(fix.t, s.tilt_sd) or (level_in_motion(rows), s.tilt_sd)
         nav[QUAT : QUAT + 4] = q
-        for start, sd in ((PHI, s.tilt_sd), (D_GYRO_BIAS, s.gyro_bias_sd), (D_ACCEL_BIAS, s.accel_bias_sd)):
+        for start, sd in ((PHI, tilt_sd), (D_GYRO_BIAS, s.gyro_bias_sd), (D_ACCEL_BIAS, s.accel_bias_sd)):
             P[start : start + 3, start : start + 3] = sd**2 * np.eye(3)
         self._place(nav, P, fix)
         self._set_memory(nav, fix.t)

@@ -45,6 +45,7 @@ from nav_pose_estimator.core.layout import (
     GYRO_MATRIX_PSD,
     GYRO_MATRIX_STATES,
     GYRO_NOISE_PSD,
+    GYRO_WANDER,
     I_GYRO_MATRIX,
     I_WIND_DRAG,
     LAT,
@@ -324,6 +325,8 @@ def covariance_step_in(nav, P, constants, space):
     F[:] = 0.0
     fill_system_matrix(F, nav, constants, f_n, scale(1.0 / T, turn), C)
     propagate_in(P, F, constants, T, space[n:])
+    for i in range(D_GYRO_BIAS, D_GYRO_BIAS + 3):
+        P[i, i] += nav[GYRO_WANDER] * T
     if nav[SUM_GAP] > 0.0:
         _add_gap(P, constants, nav[SUM_GAP])
         nav[SUM_GAP] = 0.0

@@ -42,7 +42,8 @@ class GateState:
     count_state: str = "missing"  # known, unknown, stale, missing
     count_time: float = -math.inf  # of the last known count
     last_update: float = -math.inf  # of the last count message, known or not
-    first_fix: float = math.inf
+    counting_since: float = -math.inf  # first fix after a silence: a receiver that was away owes no count for it
+    last_fix: float = -math.inf
     good_since: float = math.inf  # count at or above the enter threshold without a break; inf: it is not
     usable_since: float | None = None  # fixes usable without a break
     notices: tuple[Notice, ...] = ()
@@ -112,7 +113,9 @@ class GnssGate:
     ) -> Verdict:
         """Judge one fix: NavSatStatus ``status``, accuracy [m] or ``None`` if unknown, ``age`` [s] on arrival."""
         s = self.state
-        s.first_fix = min(s.first_fix, t)
+        if t - s.last_fix > self.settings.count_max_age:
+            s.counting_since = t
+        s.last_fix = max(s.last_fix, t)
         reason = self._quality(status, horizontal_sd, vertical_sd, age) or self._count_reason(t)
         if reason:
             s.usable_since = None
@@ -137,13 +140,14 @@ class GnssGate:
         s, settings = self.state, self.settings
         if s.inactive:
             return ""
-        since_known = t - max(s.count_time, s.first_fix)
+        since_known = t - max(s.count_time, s.counting_since)
         if since_known > settings.count_timeout:
             self._deactivate(f"no satellite count for {since_known:.0f} s from source {settings.satellite_source!r}")
             return ""
         if s.count_state == "known" and t - s.count_time > settings.count_max_age:
-            self._set_count_state("stale")
             s.good_since = math.inf
+            if t - s.counting_since > self.settings.count_max_age:
+                self._set_count_state("stale")
         if s.open:
             return ""
         if s.count_state != "known":

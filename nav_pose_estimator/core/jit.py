@@ -69,3 +69,11 @@ def _compiled_in(names: dict[str, Any]) -> list[Any]:
         elif hasattr(value, "source_stamp"):
             parts.append((name, value.source_stamp))
     return parts
+
+
+def is_first_run() -> bool:
+    """True when machine code has yet to be made, which takes about a minute: worth a word to who waits."""
+    if not COMPILED or os.environ.get("NUMBA_CACHE_DIR"):
+        return False
+    folder = os.path.join(os.path.dirname(__file__), "__pycache__")
+    return not (os.path.isdir(folder) and any(name.endswith(".nbi") for name in os.listdir(folder)))

@@ -30,8 +30,10 @@ from nav_pose_estimator.core.layout import (
     DPOS,
     DVEL,
     GYRO_BIAS,
+    GYRO_BIAS_PSD,
     GYRO_MATRIX,
     GYRO_MATRIX_STATES,
+    GYRO_WANDER,
     LAT,
     LON,
     PHI,
@@ -308,6 +310,8 @@ def predicted_horizontal_sd(nav: Array, P: Array, constants: Array, seconds: flo
     later = P.copy()
     f_n = np.array((0.0, 0.0, gravity(nav[LAT], nav[ALT])))
     F = system_matrix(nav, constants, len(P), f_n, np.zeros(3))
+    constants = constants.copy()
+    constants[GYRO_BIAS_PSD] += nav[GYRO_WANDER]
     steps = math.ceil(max(seconds, 0.0) / PREDICTION_STEP)
     for _ in range(steps):
         propagate_covariance(later, F, constants, seconds / steps)

@@ -23,7 +23,16 @@ SUM_TIME = 39  # s
 SUM_FORCE = 40  # 3: integral of C_nb f_b, m/s
 SUM_RATE = 43  # 3: integral of the corrected angular rate in b, rad
 SUM_GAP = 46  # s of data gap bridged since the last covariance step
-NAV_SIZE = 48
+# --- what the flight has shown of the gyroscope's bias (core.bias_wander) -------------------------------------------
+GYRO_WANDER = 47  # (rad/s)^2/s: driving noise of the gyroscope bias beyond that of the constants
+WANDER_LEVEL = 48  # mean ratio of short windows
+WANDER_SHORT_COUNT = 49
+WANDER_TIME = 50  # s, last look
+WANDER_MARKS = 51  # 4 x 8: begun windows
+WANDER_FLOOR = 83  # (rad/s)^2/s: the constants' driving noise; 0 while nothing is learned
+WANDER_MEAN = 84  # mean ratio of long windows
+WANDER_COUNT = 85
+NAV_SIZE = 86
 
 # --- error state ---------------------------------------------------------------------------------------------------
 PHI = 0  # 3: misalignment in n, rad

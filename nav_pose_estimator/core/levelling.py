@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from nav_pose_estimator.core.layout import BASE_STATES, D_ACCEL_BIAS, D_GYRO_BIAS, PHI
 from nav_pose_estimator.core.rotation import (
+    euler_from_quat,
     quat_from_euler,
     quat_from_rotvec,
     quat_multiply,
@@ -29,6 +30,9 @@ STANDARD_GRAVITY = 9.80665
 
 _GEOMAGNETIC_POLE = math.radians(80.65), math.radians(-72.68)  # latitude, longitude of the dipole's axis, 2020
 _FIELD_STRENGTH = 18e-6, 75e-6  # T: 22 to 67 on the Earth's surface, and some error of calibration
+_OUTSIDE_TILT_SD = 0.03  # rad: no attitude filter is better while the vehicle moves, whatever it says
+_OUTSIDE_MEMORY = 2.0  # s
+_OUTSIDE_AGE = 0.05  # s
 _COMPASS_WINDOW = 1.0  # s of magnetometer that make one heading
 _DIP_TOLERANCE = math.radians(25.0)  # of a dipole's dip, which is wrong by up to 20 deg itself
 
@@ -76,6 +80,30 @@ def level_in_motion(rows: Array) -> Array:
         q = quat_multiply(q, step)
         total += quat_rotate(q, rows[i - 1, 4:7])
     return level_attitude(total)
+
+
+class OutsideLevels:
+    """Tilts that another estimator gives, kept for as long as a fix may be late."""
+
+    def __init__(self) -> None:
+        self._levels: deque[tuple[float, Array, float]] = deque()
+
+    def add(self, t: float, q_nb: Vector, tilt_sd: float) -> None:
+        """An attitude (4,) at ``t`` [s] whose tilt is good to ``tilt_sd`` [rad]; not unit or not finite: left out."""
+        q = np.array(q_nb, dtype=float)
+        norm = float(np.linalg.norm(q))
+        if not (0.9 < norm < 1.1 and 0.0 <= tilt_sd < math.inf):
+            return
+        q /= norm
+        yaw = euler_from_quat(q)[2]
+        self._levels.append((t, turned(q, -yaw), max(tilt_sd, _OUTSIDE_TILT_SD)))
+        while self._levels[0][0] < t - _OUTSIDE_MEMORY:
+            self._levels.popleft()
+
+    def near(self, t: float, tilt_sd: float) -> tuple[Array, float] | None:
+        """(``q_nb`` at yaw zero, its tilt's deviation) at about ``t``, None where none is better than ``tilt_sd``."""
+        known = [level for level in self._levels if abs(level[0] - t) < _OUTSIDE_AGE and level[2] < tilt_sd]
+        return min(known, key=lambda level: abs(level[0] - t))[1:] if known else None
 
 
 def magnetic_yaw(q_level: Array, field: Vector, declination: float) -> float:

@@ -15,6 +15,7 @@ from nav_pose_estimator.core.earth import radii
 from nav_pose_estimator.core.jit import kernel
 from nav_pose_estimator.core.layout import (
     ALT,
+    BASE_STATES,
     D_ACCEL_BIAS,
     D_GYRO_BIAS,
     DPOS,
@@ -191,6 +192,25 @@ def drag_force(nav, states, i_wind_drag):
         for k in range(2):
             H[i, i_wind_drag + k] = -drag * C[k, i]
         H[i, i_wind_drag + 2 + i] = along
+    return z, H
+
+
+@kernel
+def mean_air_velocity(nav, states, attitude, velocity, body_velocity, air):
+    """Predicted velocity through the air [m/s], body axes, against means over an interval that ends at ``nav``.
+
+    ``attitude`` (3, 3) mean C_nb, ``velocity`` (3,) and ``body_velocity`` (3,) mean v and mean C^T v of the estimate,
+    ``air`` (3,) the prediction. The wind states start at ``BASE_STATES``. z = C^T (v - wind) - air.
+    """
+    z = np.zeros(3)
+    H = np.zeros((3, states))
+    through_air = np.array([velocity[0] - nav[WIND], velocity[1] - nav[WIND + 1], velocity[2]])
+    for i in range(3):
+        z[i] = body_velocity[i] - attitude[0, i] * nav[WIND] - attitude[1, i] * nav[WIND + 1] - air[i]
+        _velocity_in_body_row(H, i, attitude, through_air)
+        for k in range(2):
+            # what is missing from the wind is still in the expected air velocity
+            H[i, BASE_STATES + k] = attitude[k, i]
     return z, H
 
 

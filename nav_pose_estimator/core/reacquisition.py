@@ -42,7 +42,11 @@ class Fix:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Consistent fixes: the first one, carried along by the fixes' own velocities, and how often it was confirmed."""
+    """Consistent fixes: the first one, carried along by the fixes' own velocities, and how often it was confirmed.
+
+    ``unexplained`` (``core.return_evidence``) is the worst that its first fixes were found with: waiting alone, while
+    the filter's sigma grows, makes no doubtful track a credible one.
+    """
 
     first: Fix
     t: float
@@ -50,6 +54,7 @@ class Track:
     last_position: Vector3
     velocity: Vector3 | None
     count: int = 1
+    unexplained: float = 0.0
 
     @property
     def duration(self) -> float:
@@ -97,10 +102,14 @@ class Decision:
     notice: Notice | None = None
 
 
-EXPECTED, CONTRADICTION, IMPLAUSIBLE, INCONSISTENT = 0, 1, 2, 3
-_ZONES = ("expected", "contradiction", "implausible", "inconsistent")
+EXPECTED, CONTRADICTION, UNEXPLAINED, IMPLAUSIBLE, INCONSISTENT = range(5)
+_ZONES = ("expected", "contradiction", "unexplained", "implausible", "inconsistent")
+_SEVERITIES = ("info", "warn", "error", "error", "error")
 _MAX_TRACKS = 4
 _SCATTER = 0.33  # fixes within seconds share most of their error: what scatters between them is a third of their sigma
+_EASY = 0.5  # share of the bound on what is unexplained up to which a return is as good as any
+_DRIFT_SPEED = 8.0  # m/s, of a navigator a minute into an outage: to doubt a jump must not cost more than the jump
+_DECISIVE = 6.0  # difference of squared deviations that makes one of two places twenty times more likely
 _TINY = 1e-6  # m: a sigma of zero must not divide; s: rounding of times
 
 
@@ -112,11 +121,14 @@ class Reacquisition:
     where it lies:
 
     * expected: within ``sigmas`` of the filter's prediction: at once;
-    * contradiction: outside, but within reach (``max_speed`` times the time since the last trusted fix, plus
-      ``sigmas``): ``contradiction_time``;
-    * implausible: out of reach, or faster than ``max_speed``: ``implausible_time``, and a loud notice;
+    * contradiction: outside, but the filter may simply have drifted more than it knows: ``contradiction_time``;
+    * unexplained: no drift that fits the receiver's own velocity leads there (``core.return_evidence``), as when a
+      position comes back 300 m off while its velocity is right: up to ``implausible_time``, and a loud notice. The
+      nearer a track comes to this and the larger the jump, the longer it has to last;
+    * implausible: out of reach (``max_speed`` times the time since the last trusted fix, plus ``sigmas``), or faster
+      than ``max_speed``: the same;
     * inconsistent: fixes that follow each other, but contradict their own velocities, as those of a spoofer or of a
-      receiver with a broken velocity: as implausible.
+      receiver with a broken velocity: the same.
 
     So nothing locks GNSS out for ever, neither after an outage nor when a step makes the filter reject every fix. A
     return stays open to doubt for as long as the outage lasted (at most ``probation``): a track that agrees better
@@ -148,6 +160,7 @@ class Reacquisition:
         predicted_enu: Sequence[float],
         predicted_sd: float | Sequence[float],
         gap_s: float,
+        unexplained: float = 0.0,
     ) -> Decision:
         """Decide on one fix.
 
@@ -158,6 +171,8 @@ class Reacquisition:
             sd, predicted_sd: one sigma [m], a number or (3,) ENU.
             gap_s: seconds since the last fix that the filter took. A fix that was approved here and then refused by
                 the filter's own gate shows up as a gap that goes on.
+            unexplained: what of position and velocity together no drift explains (``core.return_evidence``), 0.0
+                when there is no velocity.
         """
         fix = Fix(t, _vector(position_enu), _vector(sd))
         offset = _difference(fix.position, _vector(predicted_enu))
@@ -168,7 +183,7 @@ class Reacquisition:
         if not lost and sigmas <= self.settings.sigmas:
             self.state.approved = fix
             return Decision("fuse", "gnss.fuse", offset, sigmas)
-        track = self._follow(fix, _velocity(velocity_enu))
+        track = self._weighed(self._follow(fix, _velocity(velocity_enu)), unexplained)
         zone = self._zone(track, sigmas)
         waiting_for = self._waiting_for(track, zone, offset, lost)
         loose = self.state.loose
@@ -220,6 +235,13 @@ class Reacquisition:
         drift = settings.velocity_tolerance * (fix.t - track.first.t)
         return math.dist(fix.position, _carried(track, fix.t, velocity)) <= slack + drift
 
+    def _weighed(self, track: Track, unexplained: float) -> Track:
+        """The track, which stands first, with the worst that was found of it while it was young."""
+        if track.count <= self.settings.fixes and unexplained > track.unexplained:
+            track = replace(track, unexplained=unexplained)
+            self.state.tracks = (track, *self.state.tracks[1:])
+        return track
+
     def _zone(self, track: Track, sigmas: float) -> int:
         settings, anchor = self.settings, self.state.anchor
         if anchor is not None:
@@ -229,6 +251,8 @@ class Reacquisition:
                 return IMPLAUSIBLE
         if track.velocity is not None and math.hypot(*track.velocity) > settings.max_speed:
             return IMPLAUSIBLE
+        if track.unexplained > settings.sigmas:
+            return UNEXPLAINED
         return EXPECTED if sigmas <= settings.sigmas else CONTRADICTION
 
     def _waiting_for(self, track: Track, zone: int, offset: Vector3, lost: bool) -> str:
@@ -237,7 +261,8 @@ class Reacquisition:
         if track.count < settings.fixes or track.duration < settings.min_duration - _TINY:
             return "gnss.waiting.consistency" if lost else "gnss.rejected.innovation"
         if track.duration < self._required(zone, track, offset) - _TINY:
-            return f"gnss.{'waiting' if lost else 'rejected'}.{_ZONES[zone]}"
+            word = "doubtful" if zone == EXPECTED else _ZONES[zone]
+            return f"gnss.{'waiting' if lost else 'rejected'}.{word}"
         rivals = [other.count for other in self.state.tracks if other is not track and other.t > track.first.t]
         if track.count < 2 * max(rivals, default=0) and track.duration < settings.implausible_time:
             return "gnss.waiting.ambiguous"
@@ -250,20 +275,25 @@ class Reacquisition:
         settings, returned = self.settings, self.state.returned
         if zone >= IMPLAUSIBLE:
             return settings.implausible_time
-        if zone == EXPECTED:
-            return settings.min_duration
-        if returned is None or track.first.t > returned.until:
-            return settings.contradiction_time
-        if not self._agrees_with_unaided(returned, track, offset):
-            return settings.contradiction_time
-        if returned.zone != EXPECTED:
+        usual = settings.min_duration if zone == EXPECTED else settings.contradiction_time
+        doubt = (track.unexplained / settings.sigmas - _EASY) / (1.0 - _EASY)
+        longest = min(settings.implausible_time - usual, math.hypot(*offset) / _DRIFT_SPEED)
+        usual += min(max(doubt, 0.0), 1.0) * max(longest, 0.0)
+        if zone == EXPECTED or returned is None or track.first.t > returned.until:
+            return usual
+        there = self._from_unaided(returned, track, offset)
+        if there > settings.sigmas:
+            return usual
+        here = _sigmas(returned.offset, track.first.sd, returned.sd)
+        if returned.zone != EXPECTED or here**2 - there**2 > _DECISIVE:
             return settings.min_duration
         lasted = track.first.t - returned.t
         return min(max(lasted, settings.min_duration), settings.contradiction_time)
 
-    def _agrees_with_unaided(self, returned: Return, track: Track, offset: Vector3) -> bool:
-        """Whether the track lies where the filter was before the return that is now in doubt."""
-        return _sigmas(_sum(offset, returned.offset), track.first.sd, returned.sd) <= self.settings.sigmas
+    @staticmethod
+    def _from_unaided(returned: Return, track: Track, offset: Vector3) -> float:
+        """How far the track lies from where the filter was before the return that is now in doubt, in deviations."""
+        return _sigmas(_sum(offset, returned.offset), track.first.sd, returned.sd)
 
     def _approve(
         self, fix: Fix, track: Track, zone: int, offset: Vector3, sigmas: float, predicted_sd: Vector3, gap_s: float
@@ -273,7 +303,8 @@ class Reacquisition:
         reopened = zone != EXPECTED and returned is not None and track.first.t <= returned.until
         if reopened and returned is not None:
             # the doubt is still about the same outage: go on comparing with the prediction from before its end
-            first_zone = EXPECTED if self._agrees_with_unaided(returned, track, offset) else CONTRADICTION
+            near = self._from_unaided(returned, track, offset) <= settings.sigmas
+            first_zone = EXPECTED if near else CONTRADICTION
             s.returned = replace(returned, t=fix.t, offset=_sum(offset, returned.offset), zone=first_zone)
         else:
             s.returned = Return(fix.t, fix.t + min(gap_s, settings.probation), offset, predicted_sd, zone)
@@ -283,7 +314,7 @@ class Reacquisition:
             f"GNSS {'changed its mind' if reopened else 'is back'}: {math.hypot(*offset):.1f} m from the prediction "
             f"({sigmas:.1f} sigma), {_ZONES[zone]}, {track.count} consistent fixes over {track.duration:.1f} s."
         )
-        severity = ("info", "warn", "error", "error")[zone]
+        severity = _SEVERITIES[zone]
         name = f"gnss.{'reset' if resets else 'reacquired'}.{'reopened' if reopened else _ZONES[zone]}"
         notice = Notice(name, severity, text)
         return Decision("reset" if resets else "fuse", name, offset, sigmas, gated=False, notice=notice)

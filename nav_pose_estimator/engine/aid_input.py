@@ -7,25 +7,25 @@ import numpy as np
 
 from nav_pose_estimator.core import measurements
 from nav_pose_estimator.core.atmosphere import pressure_height
-from nav_pose_estimator.core.kalman import correct, gated_correct
+from nav_pose_estimator.core.kalman import gated_correct
 from nav_pose_estimator.core.layout import ALT, PHI
+from nav_pose_estimator.core.vertical_channel import gated_height
 from nav_pose_estimator.engine.imu_input import rotation_from_rpy
 from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import BodyVelocity, MagSample, PressureSample, Prior, VelocityError
+from nav_pose_estimator.engine.samples import BodyVelocity, MagSample, PressureSample
 from nav_pose_estimator.engine.timeline import Observation
 
 _LINEARISE = {
     "height": measurements.height,
     "magnetic_heading": measurements.magnetic_heading,
     "body_velocity": measurements.body_velocity,
-    "velocity_error": measurements.velocity_error,
-    "horizontal_velocity": measurements.horizontal_velocity,
-    "horizontal_position": measurements.horizontal_position,
-    "drag_force": measurements.drag_force,
 }
-_PRIORS = frozenset(("horizontal_velocity", "horizontal_position"))
-_BOUNDING = frozenset(("body_velocity", "velocity_error", "horizontal_velocity", "horizontal_position", "drag_force"))
+_LARGEST_SPEED = 1e3  # m/s
+_LARGEST_FIELD = 1e6  # in any unit
+_CORRELATION = 5.0  # s: magnetic headings and barometric heights closer than this share their error
+_BOUNDING = frozenset(("body_velocity",))
 
 
 class AidInput:
@@ -59,7 +59,7 @@ class AidInput:
         """A levelled heading, at most every ``magnetometer_period``."""
         if not self._parameters.magnetometer or not self._is_due("magnetic_heading", t):
             return None
-        if not all(map(math.isfinite, sample.field)) or not any(sample.field):
+        if not is_within(sample.field, _LARGEST_FIELD) or not any(sample.field):
             return self._refuse("mag.rejected.value")
         return t, "magnetic_heading", sample.field
 
@@ -75,10 +75,14 @@ class AidInput:
         """A velocity over ground in the sensor's axes."""
         if not self._parameters.body_velocity:
             return None
-        if not any(map(math.isfinite, sample.velocity)):
+        measured = [value for value in sample.velocity if not math.isnan(value)]
+        if not measured or not is_within(measured, _LARGEST_SPEED):
             return self._refuse("body_velocity.rejected.value")
+        known = sample.cov is not None and is_covariance(sample.cov, 3)
+        if sample.cov is not None and not known:
+            self._journal.count("body_velocity.covariance.flawed")
         floor = self._parameters.body_velocity_sd**2
-        R = np.diag([floor] * 3) if sample.cov is None else np.array(sample.cov, float)
+        R = np.array(sample.cov, float) if known else np.diag([floor] * 3)
         R[np.diag_indices(3)] = np.maximum(np.diag(R), floor)
         for axis in range(3):
             if not math.isfinite(sample.velocity[axis]):
@@ -87,18 +91,6 @@ class AidInput:
         R = self._velocity_axes @ R @ self._velocity_axes.T
         lever = np.array(self._parameters.body_velocity_lever)
         return t - self._parameters.body_velocity_delay, "body_velocity", (velocity, lever, R)
-
-    def velocity_error(self, sample: VelocityError, t: float) -> tuple | None:
-        """What a network predicts of the navigator's own velocity error."""
-        if not (np.isfinite(sample.dv_en).all() and np.isfinite(sample.cov).all()):
-            return self._refuse("outage.rejected.value")
-        return t, "velocity_error", (*sample.dv_en, np.array(sample.cov, float))
-
-    def prior(self, sample: Prior, t: float) -> tuple | None:
-        """What the flight so far says of velocity or position."""
-        if not (np.isfinite(sample.value).all() and np.isfinite(sample.cov).all()):
-            return self._refuse("outage.rejected.value")
-        return t, sample.kind, (*sample.value, np.array(sample.cov, float))
 
     # --- application -------------------------------------------------------------------------------------------------
 
@@ -114,10 +106,8 @@ class AidInput:
             return
         arguments, R = prepared
         z, H = _LINEARISE[o.kind](nav, len(P), *arguments)
-        if o.kind in _PRIORS:
-            # a prior is no sensor that could fail: gating it would let go of a drifting navigator for good
-            correct(nav, P, z, H, R)
-            status = 1
+        if o.kind == "height":
+            status, _ = gated_height(nav, P, float(z[0]), float(R[0, 0]), *self._gates[0])
         else:
             status, _ = gated_correct(nav, P, z, H, R, *self._gates[len(z) - 1])
         if o.memory.get("counted"):
@@ -141,7 +131,9 @@ class AidInput:
         offset = o.memory["offset"]
         if aided or math.isnan(offset):
             return None
-        return (o.arguments[0] - offset,), np.array([[self._parameters.barometer_sd**2]])
+        # heights closer than the correlation time of wind and pressure share their error
+        R = self._parameters.barometer_sd**2 * (1.0 + _CORRELATION / max(self._parameters.barometer_period, 0.1))
+        return (o.arguments[0] - offset,), np.array([[R]])
 
     def _prepare_heading(self, o: Observation, nav: np.ndarray, P: np.ndarray, aided: bool) -> tuple | None:
         """While GNSS shows the heading learn the magnetometer's offset; otherwise let it hold the heading."""
@@ -158,7 +150,7 @@ class AidInput:
         if math.isnan(offset) or (aided and heading_sd < 0.2):
             return None
         tilt_var = P[PHI, PHI] + P[PHI + 1, PHI + 1]
-        R = self._parameters.magnetometer_sd**2 * (1.0 + 5.0 / max(self._parameters.magnetometer_period, 0.1))
+        R = self._parameters.magnetometer_sd**2 * (1.0 + _CORRELATION / max(self._parameters.magnetometer_period, 0.1))
         return (*field, self._parameters.declination + offset), np.array([[R + 4.0 * tilt_var]])
 
     def _is_due(self, kind: str, t: float) -> bool:

@@ -1,95 +1,144 @@
-"""What the flight so far lets expect of the next minute: the vehicle will move as it has moved, about where it is.
+"""What the flight so far says of the motion in an outage, as evidence for the filter.
 
-While GNSS is good the class watches speed and position; during an outage it gives, once a second, a zero-mean velocity
-prior as wide as the recent speed and, on request, a position prior at the last trusted position as wide as the recent
-range. Both are honest pseudo-measurements of the filter. A vehicle that never slows down (a fixed wing) does not hover
-when GNSS goes: for it the prior is withheld, and ``reason`` says so.
-
-Strictly causal: nothing after the loss of GNSS is learned from.
+``MotionKnowledge`` is made when GNSS is lost, from data before the loss only; from then on it turns every half second of
+the navigator's own solution into a ``MotionEvidence``. Methods that the benchmark compares differ only here.
 """
 
 from __future__ import annotations
 
-import copy
 import math
-from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.earth import radii
-from nav_pose_estimator.engine.modes import DENIED
-from nav_pose_estimator.engine.parameters.learner import LearnerParameters
-from nav_pose_estimator.engine.samples import Prior
-from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
+from nav_pose_estimator.core import motion_epochs as me
+from nav_pose_estimator.core.motion_regimes import MotionRegimes, learn_regimes
+from nav_pose_estimator.core.outage_learning import WIND_TIME, AirVelocityModel
+from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence, Vector3, VelocityError
 
-_SECOND_NS = 1_000_000_000
-_MEMORY = 120  # s of flight that show whether the vehicle ever slows down
-_ENOUGH = 20  # s of flight below which nothing is known
-
-
-class Habits:
-    """Priors of horizontal velocity and position from the flight so far."""
-
-    def __init__(self, parameters: LearnerParameters) -> None:
-        self._parameters = parameters
-        self._seconds: deque[tuple[float, float, float, float]] = deque(maxlen=_MEMORY)  # lat, lon [rad], v_E, v_N
-        self._second = 0
-        self._anchor: tuple[float, float] | None = None
-        self.reason = "no flight has been seen yet"
-
-    def copy(self) -> Habits:
-        """An independent copy."""
-        twin = copy.copy(self)
-        twin._seconds = self._seconds.copy()
-        return twin
-
-    def reset(self) -> None:
-        """Forget the flight."""
-        self.__init__(self._parameters)  # type: ignore[misc]
-
-    def feed(self, output: NavBlock | NavSolution) -> list[Prior]:
-        """Learn from an aided solution, or give the priors that are due in an outage."""
-        stamp = output.stamp_ns if isinstance(output, NavSolution) else int(output.stamps_ns[-1])
-        if stamp // _SECOND_NS == self._second or output.mode not in (*DENIED, Mode.AIDED):
-            return []
-        self._second = stamp // _SECOND_NS
-        lat, lon, v_east, v_north = _horizontal(output)
-        if output.mode is Mode.AIDED:
-            self._seconds.append((lat, lon, v_east, v_north))
-            self._anchor = (lat, lon)
-            return []
-        return self._priors(stamp)
-
-    def _priors(self, stamp: int) -> list[Prior]:
-        seen = np.array(self._seconds)
-        if len(seen) < _ENOUGH:
-            self.reason = f"only {len(seen)} s of flight with GNSS have been seen"
-            return []
-        slow = float(np.percentile(np.hypot(seen[:, 2], seen[:, 3]), 10.0))
-        if slow > self._parameters.slow_speed:
-            self.reason = f"the vehicle does not slow down (90 % of the flight above {slow:.1f} m/s)"
-            return []
-        self.reason = ""
-        square = np.square(seen[:, 2:]).sum(axis=1)
-        # a vehicle that hovers now but has flown before may fly again
-        mean_square = max(float(square[-30:].mean()), self._parameters.habit_share * float(square.mean()))
-        variance = max(0.5 * mean_square * self._parameters.velocity_prior_weight, 0.05**2)
-        priors = [Prior(stamp, "horizontal_velocity", (0.0, 0.0), variance * np.eye(2))]
-        if self._parameters.method == "best":
-            priors.append(self._position_prior(stamp, seen[-60:]))
-        return priors
-
-    def _position_prior(self, stamp: int, recent: np.ndarray) -> Prior:
-        lat, lon = self._anchor or (recent[-1, 0], recent[-1, 1])
-        r_m, r_n = radii(lat)
-        spread = np.var(recent[:, 0]) * r_m**2 + np.var(recent[:, 1]) * (r_n * math.cos(lat)) ** 2
-        variance = self._parameters.position_prior_weight * (1.0 + 0.5 * float(spread))
-        return Prior(stamp, "horizontal_position", (lat, lon), variance * np.eye(2))
+_TRAVEL_TIME, _HOVER_TIME = 2.0, 4.0  # s over which the velocity of a regime counts as one draw
+_RECENT = 30.0  # s whose mean square speed the velocity prior expects
+_SLOWEST = 0.05  # m/s
+_FRESH = 1.0  # s: an older prediction from outside is not used
+BEST, PRIOR = "best", "velocity_prior"
 
 
-def _horizontal(output: NavBlock | NavSolution) -> tuple[float, float, float, float]:
-    if isinstance(output, NavSolution):
-        return output.lat, output.lon, float(output.vel_n[0]), float(output.vel_n[1])
-    row = output.rows[-1]
-    return float(row[at.OUT_POS]), float(row[at.OUT_POS + 1]), float(row[at.OUT_VEL]), float(row[at.OUT_VEL + 1])
+@dataclass(frozen=True)
+class Prediction:
+    """Velocity through the air in b (3,) [m/s] with its noise of one second, travelling and hovering [m^2/s^2]."""
+
+    air_velocity: np.ndarray
+    noise: np.ndarray
+    hover_noise: np.ndarray
+
+
+@dataclass(frozen=True)
+class MotionKnowledge:
+    """Regimes and network as they were when GNSS was lost. ``recent_square``: mean square speed of the last 30 s."""
+
+    method: str
+    regimes: MotionRegimes
+    recent_square: float
+    model: AirVelocityModel | None
+
+    @classmethod
+    def of(cls, method: str, epochs: np.ndarray, model: AirVelocityModel | None) -> MotionKnowledge:
+        """From the aided epochs (N, COLUMNS) of the window before the outage, N > 0."""
+        newest = epochs[-1, me.TIME]
+        recent = epochs[epochs[:, me.TIME] > newest - _RECENT, me.VELOCITY : me.VELOCITY + 2]
+        return cls(method, learn_regimes(epochs), float(np.square(recent).sum(axis=1).mean()), model)
+
+    def evidence(
+        self, stamp_ns: int, recent: np.ndarray, external: VelocityError | None = None
+    ) -> tuple[MotionEvidence | None, VelocityError | None]:
+        """What the newest of the ``recent`` epochs says, and the velocity error that the network sees in it.
+
+        ``external`` is a prediction of another process, used where there is no model here.
+        """
+        newest = recent[-1]
+        prediction = self._predict(newest)
+        error = None if prediction is None else self._velocity_error(stamp_ns, newest, prediction)
+        if prediction is None and external is not None and abs(external.stamp_ns - stamp_ns) < _FRESH * 1e9:
+            prediction = self._from_outside(newest, external)
+        hypotheses = self._hypotheses(recent, prediction)
+        if not hypotheses:
+            return None, error
+        evidence = MotionEvidence(
+            stamp_ns=stamp_ns,
+            interval=me.PERIOD,
+            attitude=np.ascontiguousarray(me.attitude(newest[None])[0]),
+            velocity=_vector(newest[me.VELOCITY : me.FORCE]),
+            body_velocity=_vector(newest[me.BODY_VELOCITY : me.VELOCITY]),
+            air_velocity=None if prediction is None else _vector(prediction.air_velocity),
+            hypotheses=hypotheses,
+            dwell=60.0,
+            wind_tau=WIND_TIME,
+            **self._wind(),
+        )
+        return evidence, error
+
+    def _predict(self, newest: np.ndarray) -> Prediction | None:
+        if self.model is None:
+            return None
+        air_velocity, strange = self.model.predict(newest)
+        return Prediction(air_velocity, strange * self.model.noise, strange * self.model.hover_noise)
+
+    def _velocity_error(self, stamp_ns: int, newest: np.ndarray, prediction: Prediction) -> VelocityError:
+        """Estimate minus prediction, in n: what the source text calls the increment of the position error."""
+        assert self.model is not None
+        C = me.attitude(newest[None])[0]
+        wind = np.append(self.model.wind_mean + self.model.wind, 0.0)
+        dv = newest[me.VELOCITY : me.FORCE] - C @ prediction.air_velocity - wind
+        cov = C @ np.diag(prediction.noise) @ C.T
+        cov[:2, :2] += self.model.wind_spread * np.eye(2)
+        return VelocityError(stamp_ns, _vector(dv), cov)
+
+    def _from_outside(self, newest: np.ndarray, external: VelocityError) -> Prediction:
+        C = me.attitude(newest[None])[0]
+        velocity = C.T @ (newest[me.VELOCITY : me.FORCE] - np.array(external.dv_n))
+        noise = np.diag(C.T @ external.cov @ C)
+        return Prediction(velocity, noise, noise + self.regimes.travel_var + 1.0)
+
+    def _hypotheses(self, recent: np.ndarray, prediction: Prediction | None) -> tuple[Hypothesis, ...]:
+        per_epoch = 1.0 / me.PERIOD
+        noise = None if prediction is None else _vector(prediction.noise * per_epoch)
+        if self.method == PRIOR:
+            variance = max(0.5 * self.recent_square, _SLOWEST**2) * per_epoch
+            return (Hypothesis("travel", 1.0, variance, None),)
+        if self.method != BEST:
+            return () if prediction is None else (Hypothesis("travel", 1.0, None, noise),)
+        regimes = self.regimes
+        travel_var = regimes.travel_var * _TRAVEL_TIME * per_epoch
+        active = float(me.activity(recent)[-1])
+        travel = Hypothesis(
+            "travel", 1.0 - regimes.hover_probability, travel_var, noise, _log_density(active, regimes.travel_activity)
+        )
+        if not regimes.can_hover:
+            return () if prediction is None else (Hypothesis("travel", 1.0, travel_var, noise),)
+        hover_noise = None if prediction is None else _vector(prediction.hover_noise * per_epoch)
+        hover_var = regimes.hover_var * _HOVER_TIME * per_epoch
+        hover = Hypothesis(
+            "hover", regimes.hover_probability, hover_var, hover_noise, _log_density(active, regimes.hover_activity)
+        )
+        return travel, hover
+
+    def _wind(self) -> dict:
+        if self.model is None:
+            return {}
+        mean, wind = self.model.wind_mean, self.model.wind_mean + self.model.wind
+        return {
+            "wind": (float(wind[0]), float(wind[1])),
+            "wind_mean": (float(mean[0]), float(mean[1])),
+            "wind_var": self.model.wind_var,
+            "wind_spread": self.model.wind_spread,
+        }
+
+
+def _log_density(value: float, moments: tuple[float, float]) -> float:
+    mean, variance = moments
+    return -0.5 * ((value - mean) ** 2 / variance + math.log(variance))
+
+
+def _vector(values: np.ndarray) -> Vector3:
+    x, y, z = values.tolist()
+    return x, y, z

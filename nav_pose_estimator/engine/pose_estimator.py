@@ -11,12 +11,11 @@ from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.imu_checks import stays_in_period
 from nav_pose_estimator.engine import rehearsal_flight
 from nav_pose_estimator.engine.attitude import AttitudeEngine
-from nav_pose_estimator.engine.habits import Habits
+from nav_pose_estimator.engine.outage_aid import OutageAid, Train
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, NavigatorVelocity, Sample
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, NavigatorVelocity, Sample, VelocityError
 from nav_pose_estimator.engine.sins import SinsEngine
 from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution, Output, Status
-from nav_pose_estimator.engine.virtual_outages import VirtualOutages
 
 _GOOD_TILT = 0.05  # rad: about what manoeuvres cost the attitude filter on its own
 _EXCHANGE_NS = 250_000_000
@@ -26,14 +25,16 @@ _EXCHANGE_NS = 250_000_000
 class PoseEstimator:
     """The three estimators with direct calls between them: the same exchanges that the nodes make over topics."""
 
-    def __init__(self, parameters: Parameters | None = None, attitude: bool = True) -> None:
-        """``attitude`` False leaves the attitude filter out (benchmarks that look at the position only)."""
+    def __init__(self, parameters: Parameters | None = None, attitude: bool = True, train: Train | None = None) -> None:
+        """``attitude`` False leaves the attitude filter out (benchmarks that look at the position only).
+
+        ``train`` carries out training jobs elsewhere (``OutageAid``); by default they run here, at once.
+        """
         self.parameters = parameters or Parameters()
         self.sins = SinsEngine(self.parameters)
         self.attitude = AttitudeEngine(self.parameters) if attitude else None
         learner = self.parameters.learner
-        self.habits = Habits(learner) if learner.enabled and learner.method != "coast" else None
-        self.rehearsals = VirtualOutages()
+        self.outage_aid = OutageAid(learner, train) if learner.enabled and learner.method != "coast" else None
         self._period = 0
 
     def feed(self, sample: Sample) -> list[Output]:
@@ -54,15 +55,33 @@ class PoseEstimator:
         return [ImuBlock(block.stamps_ns[a:b], block.gyro[a:b], block.accel[a:b]) for a, b in itertools.pairwise(cuts)]
 
     def _feed(self, sample: Sample) -> list[Output]:
+        if isinstance(sample, VelocityError):
+            if self.outage_aid is not None:
+                self.outage_aid.predicted(sample)
+            return []
         outputs: list[Output] = []
         if self.attitude is not None and isinstance(sample, (ImuSample, ImuBlock, MagSample)):
             # what the attitude filter says of the IMU the navigator says as well: told once
             outputs += [o for o in self.attitude.feed(sample) if not _is_imu_event(o)]
         solutions = self.sins.feed(sample)
         outputs += solutions
-        self.rehearsals.feed(sample)
+        if self.outage_aid is not None:
+            self.outage_aid.hear(sample)
+            outputs += self._help(self.outage_aid, solutions)
         if isinstance(sample, (ImuSample, ImuBlock)) and self._is_time_to_talk(sample):
-            outputs += self._exchange(solutions)
+            self._exchange(solutions)
+        return outputs
+
+    def _help(self, outage_aid: OutageAid, solutions: list[Output]) -> list[Output]:
+        """Show the solution to what learns from it; in an outage let the navigator hear what it says."""
+        outputs: list[Output] = []
+        for solution in solutions:
+            if isinstance(solution, (NavBlock, NavSolution)):
+                evidence, error = outage_aid.step(solution, self.sins)
+                if evidence is not None:
+                    outputs += self.sins.feed(evidence)
+                if error is not None:
+                    outputs.append(error)
         return outputs
 
     def _is_time_to_talk(self, sample: ImuSample | ImuBlock) -> bool:
@@ -70,20 +89,11 @@ class PoseEstimator:
         period, self._period = self._period, stamp // _EXCHANGE_NS
         return self._period != period
 
-    def _exchange(self, solutions: list[Output]) -> list[Output]:
-        """The navigator's velocity for the attitude filter; the flight's habits for the navigator in an outage."""
+    def _exchange(self, solutions: list[Output]) -> None:
+        """The navigator's newest velocity for the attitude filter."""
         moved = [o for o in solutions if isinstance(o, (NavBlock, NavSolution))]
-        if not moved:
-            return []
-        self._share_velocity(moved[-1])
-        if self.habits is None:
-            return []
-        priors = self.habits.feed(moved[-1])
-        last = moved[-1]
-        self.rehearsals.step(_stamp(last), self.sins, self.habits)
-        if not self.rehearsals.priors_help:
-            return []
-        return [event for prior in priors for event in self.sins.feed(prior)]
+        if moved:
+            self._share_velocity(moved[-1])
 
     def _share_velocity(self, output: NavBlock | NavSolution) -> None:
         if self.attitude is None:
@@ -127,9 +137,8 @@ class PoseEstimator:
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
         """Start again."""
         self._period = 0
-        self.rehearsals = VirtualOutages()
-        if self.habits is not None:
-            self.habits.reset()
+        if self.outage_aid is not None:
+            self.outage_aid.reset()
         attitude = [] if self.attitude is None else self.attitude.reset(stamp_ns, reason)
         return attitude + self.sins.reset(stamp_ns, reason)
 
@@ -143,22 +152,17 @@ class PoseEstimator:
     def snapshot(self) -> Any:
         """Everything that changes, to be given to ``restore``."""
         attitude = None if self.attitude is None else self.attitude.snapshot()
-        habits = None if self.habits is None else self.habits.copy()
-        return self.sins.snapshot(), attitude, habits, self.rehearsals.copy(), self._period
+        outage_aid = None if self.outage_aid is None else self.outage_aid.copy()
+        return self.sins.snapshot(), attitude, outage_aid, self._period
 
     def restore(self, snapshot: Any) -> None:
         """Go back to an earlier ``snapshot``."""
-        sins, attitude, habits, rehearsals, self._period = snapshot
-        self.rehearsals = rehearsals.copy()
-        if self.habits is not None and habits is not None:
-            self.habits = habits.copy()
+        sins, attitude, outage_aid, self._period = snapshot
+        if self.outage_aid is not None and outage_aid is not None:
+            self.outage_aid = outage_aid.copy()
         self.sins.restore(sins)
         if self.attitude is not None and attitude is not None:
             self.attitude.restore(attitude)
-
-
-def _stamp(output: NavBlock | NavSolution) -> int:
-    return output.stamp_ns if isinstance(output, NavSolution) else int(output.stamps_ns[-1])
 
 
 def _is_imu_event(output: Output) -> bool:

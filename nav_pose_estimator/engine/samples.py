@@ -130,24 +130,50 @@ class NavigatorVelocity:
 
 @dataclass(frozen=True, slots=True)
 class VelocityError:
-    """Predicted error of the navigator's horizontal velocity (estimate minus truth), ENU [m/s], ``cov`` (2, 2)."""
+    """Predicted error of the navigator's velocity (estimate minus truth), ENU [m/s]; ``cov`` (3, 3) of one second."""
 
     stamp_ns: int
-    dv_en: tuple[float, float]
+    dv_n: Vector3
     cov: np.ndarray
 
 
 @dataclass(frozen=True, slots=True)
-class Prior:
-    """What the flight so far lets expect: ``kind`` horizontal_velocity [m/s] or horizontal_position (lat, lon) [rad].
+class Hypothesis:
+    """What the vehicle may be doing and what follows from it; ``None`` where nothing does.
 
-    ``cov`` (2, 2) in m/s or m, East and North.
+    ``probability`` at the loss of GNSS, ``velocity_var`` [m^2/s^2] of each horizontal velocity component about zero,
+    ``air_noise`` (3,) [m^2/s^2] of the predicted air velocity in b, ``log_likelihood`` of everything else that was seen.
+    """
+
+    name: str
+    probability: float
+    velocity_var: float | None
+    air_noise: Vector3 | None
+    log_likelihood: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class MotionEvidence:
+    """What the last ``interval`` [s] of an outage says of the motion: means of the solution, prediction, hypotheses.
+
+    ``attitude`` (3, 3) mean C_nb; ``velocity`` in n and ``body_velocity`` (mean of C^T v) of the estimate [m/s];
+    ``air_velocity`` predicted in b [m/s], None without a prediction. The wind (East, North, m/s) with which an outage
+    begins, its mean, variance now and in the long run, and its time constant. ``dwell`` [s]: how long a regime lasts.
     """
 
     stamp_ns: int
-    kind: str
-    value: tuple[float, float]
-    cov: np.ndarray
+    interval: float
+    attitude: np.ndarray
+    velocity: Vector3
+    body_velocity: Vector3
+    air_velocity: Vector3 | None
+    hypotheses: tuple[Hypothesis, ...]
+    dwell: float
+    wind: tuple[float, float] = (0.0, 0.0)
+    wind_mean: tuple[float, float] = (0.0, 0.0)
+    wind_var: float = 0.0
+    wind_spread: float = 0.0
+    wind_tau: float = 1.0
 
 
 Sample = (
@@ -163,5 +189,5 @@ Sample = (
     | AttitudeSample
     | NavigatorVelocity
     | VelocityError
-    | Prior
+    | MotionEvidence
 )

@@ -12,10 +12,10 @@ from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.kalman import predicted_horizontal_sd
 from nav_pose_estimator.engine import filter_setup, rehearsal_flight, start_up
 from nav_pose_estimator.engine.aid_input import AidInput
-from nav_pose_estimator.engine.gnss_input import POSITION, VELOCITY, GnssInput
+from nav_pose_estimator.engine.gnss_input import LOSS, POSITION, VELOCITY, GnssInput
 from nav_pose_estimator.engine.imu_input import RESTARTS, ImuInput
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.modes import ModeKeeper
+from nav_pose_estimator.engine.modes import DENIED, ModeKeeper
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import (
     AttitudeSample,
@@ -25,20 +25,20 @@ from nav_pose_estimator.engine.samples import (
     ImuBlock,
     ImuSample,
     MagSample,
+    MotionEvidence,
+    NavigatorVelocity,
     PressureSample,
-    Prior,
     Sample,
     SatelliteCount,
     SetPose,
-    VelocityError,
 )
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, NavSolution, Output, Status
-from nav_pose_estimator.engine.timeline import Observation, Timeline, step_enu
+from nav_pose_estimator.engine.timeline import MOTION, Observation, Timeline
 
 _NS = 1e-9
 _UNEVENTFUL = frozenset((ImuSample, ImuBlock, MagSample, PressureSample, AttitudeSample))
 """Samples that change neither mode nor GNSS unless an observation comes of them."""
-_PRIORITY = {POSITION: 0, VELOCITY: 1}
+_PRIORITY = {POSITION: 0, VELOCITY: 1, LOSS: 2}
 _LATE = "an observation arrived later than the filter's memory reaches; it is not used"
 
 
@@ -65,10 +65,10 @@ class SinsEngine:
             MagSample: self._on_mag,
             PressureSample: self._on_pressure,
             BodyVelocity: self._on_body_velocity,
-            VelocityError: self._on_velocity_error,
-            Prior: self._on_prior,
+            MotionEvidence: self._on_motion,
             SetPose: self._on_set_pose,
             AttitudeSample: self._on_attitude,
+            NavigatorVelocity: lambda sample: [],  # its own, meant for the attitude filter
         }
         self._clear()
 
@@ -79,13 +79,12 @@ class SinsEngine:
         self._zero_ns = 0  # the same once it is known
         # Up to here IMU samples meet nothing: no observation waits, the mode stays. Other input may end it.
         self._quiet_until = -math.inf
-        self._timeline = Timeline(self._constants, self._apply, p.navigator.memory)
+        self._timeline = Timeline(self._constants, self._apply, p.navigator.memory, frozenset(_PRIORITY))
         self._gnss = GnssInput(p.gnss, p.navigator.lost_after, self._gates, self._journal)
         self._gnss.enabled = self._gnss_enabled
         self._aids = AidInput(p, self._gates, self._journal)
         self._aligner = start_up.StartUp(p)
         self._modes = ModeKeeper(p.navigator)
-        self._shift = np.zeros(3)  # sum of all corrections of the position, ENU; solutions share it: never written to
 
     # --- public ------------------------------------------------------------------------------------------------------
 
@@ -160,10 +159,7 @@ class SinsEngine:
             gnss_refusal=self._gnss.refusal,
             satellites=self._gnss.satellites,
             counters=dict(self._journal.counters),
-            values={
-                "alignment.restarts": float(self._aligner.restarts),
-                **{f"nis.{kind}": value for kind, value in self._gnss.nis.items()},
-            },
+            values={"alignment.restarts": float(self._aligner.restarts), **self._gnss.figures()},
         )
 
     def warm_up(self) -> None:
@@ -173,8 +169,7 @@ class SinsEngine:
 
     def snapshot(self) -> SinsEngine:
         """An independent copy of the engine as it stands."""
-        twin = object.__new__(SinsEngine)
-        twin.__init__(self.parameters)  # type: ignore[misc]
+        twin = SinsEngine(self.parameters)
         twin.restore(self)
         return twin
 
@@ -191,7 +186,6 @@ class SinsEngine:
         self._aids = snapshot._aids.copy(self._journal)
         self._aligner = snapshot._aligner.copy()
         self._modes = snapshot._modes.copy()
-        self._shift = snapshot._shift.copy()
 
     # --- IMU ---------------------------------------------------------------------------------------------------------
 
@@ -200,7 +194,7 @@ class SinsEngine:
         if t < self._quiet_until and self._input.passes(sample):
             gyro, accel = self._input.to_body(sample.gyro), self._input.to_body(sample.accel)
             values = self._timeline.advance_one(t, gyro, accel)
-            return [NavSolution(sample.stamp_ns, self._modes.mode, values, self._shift, self._gnss.resets)]
+            return [NavSolution(sample.stamp_ns, self._modes.mode, values, self._timeline.shift, self._gnss.resets)]
         outputs: list[Output] = []
         for item in self._input.accept(sample):
             if isinstance(item, Event):
@@ -251,14 +245,16 @@ class SinsEngine:
         return blocks
 
     def _block(self, stamps_ns: np.ndarray, out: np.ndarray) -> NavBlock:
-        return NavBlock(stamps_ns, out, self._modes.mode, self._gnss.resets, self._shift)
+        return NavBlock(stamps_ns, out, self._modes.mode, self._gnss.resets, self._timeline.shift)
 
     def _advance_in_one_mode(self, stamps_ns: np.ndarray, rows: np.ndarray) -> NavBlock:
         """As many rows as the mode stays the same for: up to a deadline or to the next observation that waits."""
         self._settle()
         times = rows[:, at.IMU_T]
-        deadline = self._modes.deadline(float(times[0]), self._gnss, self._aids)
-        limit = min(deadline, self._timeline.next_observation())
+        now = float(times[0])
+        if self.mode is Mode.AIDED and not now - self._gnss.last_used < self.parameters.navigator.lost_after:
+            self._timeline.observe(now, LOSS, (self._gnss.variance_factor,), _PRIORITY[LOSS])
+        limit = min(self._modes.deadline(now, self._gnss, self._aids), self._timeline.next_observation())
         count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
         out = self._timeline.advance(rows[:count])
         now = float(times[count - 1])
@@ -269,11 +265,7 @@ class SinsEngine:
 
     def _settle(self) -> None:
         """Let late observations act; what they move is a correction of the map, not motion of the vehicle."""
-        if self._timeline.is_settled:
-            return
-        before = self._timeline.nav[at.LAT : at.VEL].copy()
         self._timeline.settle()
-        self._shift = self._shift + step_enu(before, self._timeline.nav)
 
     def _align(self, row: np.ndarray) -> None:
         self._timeline.remember(row)
@@ -286,10 +278,9 @@ class SinsEngine:
         self._modes.note_alignment(self._aligner.has_attitude)
         if start is None:
             return
-        nav, P = start.nav.copy(), start.P
+        nav, P = filter_setup.complete_start(start, self._constants, self.parameters)
         if self._origin is None:
             self._origin = tuple(nav[at.LAT : at.VEL].tolist())
-        P = filter_setup.with_optional_blocks(P, self.parameters)
         self._gnss.begin(float(nav[at.TIME]), self._origin)
         self._timeline.start(nav, P, self._origin)
         text = f"aligned ({start.method}), heading to {math.degrees(math.sqrt(P[at.PHI + 2, at.PHI + 2])):.1f} deg"
@@ -314,9 +305,7 @@ class SinsEngine:
             return []
         R = self._gnss.position_noise(sample)
         if self._timeline.running:
-            # a reset wants the velocity of the same epoch where it is already known
-            velocity = self._aligner.velocity_at(t)
-            arguments = (sample.stamp_ns, (sample.lat, sample.lon, sample.alt), velocity, R)
+            arguments = (sample.stamp_ns, (sample.lat, sample.lon, sample.alt), R)
             self._observe(t, POSITION, arguments, sample.stamp_ns)
         else:
             self._aligner.fix(t, sample, R)
@@ -353,11 +342,13 @@ class SinsEngine:
     def _on_body_velocity(self, sample: BodyVelocity) -> list[Output]:
         return self._on_aid(sample, self._aids.body_velocity, "body_velocity.rejected")
 
-    def _on_velocity_error(self, sample: VelocityError) -> list[Output]:
-        return self._on_aid(sample, self._aids.velocity_error, "outage.rejected")
-
-    def _on_prior(self, sample: Prior) -> list[Output]:
-        return self._on_aid(sample, self._aids.prior, "outage.rejected")
+    def _on_motion(self, sample: MotionEvidence) -> list[Output]:
+        t = self._time_of(sample.stamp_ns, "outage.rejected")
+        if t is not None and self._timeline.running and self.mode in DENIED:
+            self._observe(t, MOTION, (sample,), sample.stamp_ns)
+            self._aids.last_bounding = max(self._aids.last_bounding, t)
+            self._journal.count("outage.evidence")
+        return []
 
     def _on_attitude(self, sample: AttitudeSample) -> list[Output]:
         t = self._time_of(sample.stamp_ns, "attitude.rejected")
@@ -366,9 +357,11 @@ class SinsEngine:
         return []
 
     def _on_set_pose(self, sample: SetPose) -> list[Output]:
-        text = "a pose can be set only while the navigator waits for an origin or has one"
-        if self._origin is None or not self._timeline.running:
-            self._journal.say(sample.stamp_ns, "set_pose.rejected.no_origin", Level.WARN, text)
+        running = self._origin is not None and self._timeline.running
+        refusal = "no_origin" if not running else "value" if not start_up.is_sound(sample) else ""
+        if refusal or self._origin is None:
+            text = f"set_pose is not used: {start_up.POSE_REFUSALS[refusal]}"
+            self._journal.say(sample.stamp_ns, f"set_pose.rejected.{refusal}", Level.WARN, text)
             return []
         self._settle()
         start_up.set_pose(self._timeline.nav, self._timeline.P, sample, self._origin)
@@ -399,14 +392,11 @@ class SinsEngine:
 
     def _apply(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
         """Called by the time line when the filter stands at the observation's time."""
-        before = nav[at.LAT : at.VEL].copy()
         if o.kind in _PRIORITY:
             self._gnss.apply(o, nav, P)
         else:
             aided = o.t - self._gnss.last_used <= self.parameters.navigator.lost_after
             self._aids.apply(o, nav, P, aided)
-        if not self._timeline.replaying:
-            self._shift = self._shift + step_enu(before, nav)
 
     def _time_of(self, stamp_ns: int, family: str) -> float | None:
         """Engine time of a stamp; None (and counted) before the first IMU sample or without a stamp."""

@@ -159,6 +159,16 @@ class NavBlock:
 
 
 @dataclass(frozen=True, slots=True)
+class OutageError:
+    """What the network says in an outage: velocity error ENU [m/s], its covariance (3, 3), position error so far [m]."""
+
+    stamp_ns: int
+    dv_n: tuple[float, float, float]
+    cov: np.ndarray
+    dp_n: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
 class AttitudeBlock:
     """Attitudes of consecutive IMU samples: ``q_nb`` (N, 4), ``tilt_sd``, ``yaw_sd`` (N,) [rad], ``gyro_bias``."""
 
@@ -185,4 +195,4 @@ class Status:
     values: dict[str, float]  # nis means, rates, delays ...
 
 
-Output = NavSolution | NavBlock | AttitudeSolution | AttitudeBlock | Event
+Output = NavSolution | NavBlock | AttitudeSolution | AttitudeBlock | OutageError | Event

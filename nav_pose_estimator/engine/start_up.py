@@ -8,16 +8,24 @@ from collections import deque
 
 import numpy as np
 
+from nav_pose_estimator.core import bias_wander, measurements
 from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core import measurements
 from nav_pose_estimator.core.alignment import Aligner
 from nav_pose_estimator.core.alignment_types import Alignment, AlignmentSettings
 from nav_pose_estimator.core.earth import enu_to_lla
 from nav_pose_estimator.core.kalman import correct, gated_correct
 from nav_pose_estimator.core.strapdown import flush_covariance, run_imu
+from nav_pose_estimator.core.vertical_channel import gated_height
+from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
 
+_FARTHEST = 1e6  # m: a pose beyond this is not in the local frame
+POSE_REFUSALS = {
+    "no_origin": "a pose can be set only while the navigator runs",
+    "value": "its position, orientation or covariance is none",
+}
+_UNSTATED_TILT_SD = 0.1  # rad: tilt of an attitude that comes without covariance
 _SAME_EPOCH = 0.05  # s: a fix and a velocity closer than this belong together
 
 
@@ -56,7 +64,9 @@ class StartUp:
             self._aligner.mag(t, np.array(field))
 
     def attitude(self, t: float, sample: AttitudeSample) -> None:
-        """Attitude of the attitude filter: the aligner levels itself, so this is only a hint."""
+        """Attitude of the attitude filter: its tilt helps to level in motion."""
+        variance = _UNSTATED_TILT_SD**2 if sample.cov_n is None else float(np.max(np.diag(sample.cov_n)[:2]))
+        self._aligner.attitude(t, sample.q_nb, math.sqrt(max(variance, 0.0)))
 
     def fix(self, t: float, sample: GnssFix, R: np.ndarray) -> None:
         """A usable fix valid at ``t``; handed on with the velocity of its epoch, or alone when none came."""
@@ -72,11 +82,6 @@ class StartUp:
         self._velocities.append((t, vel_enu, R))
         if self._pending_fix is not None and abs(self._pending_fix[0] - t) < _SAME_EPOCH:
             self._hand_on(vel_enu, R)
-
-    def velocity_at(self, t: float) -> tuple | None:
-        """The velocity of the same epoch as a fix at ``t``, if it is known already."""
-        near = self._near(t)
-        return None if near is None else near[1]
 
     def result(self) -> Alignment | None:
         """The finished alignment with position, or None."""
@@ -110,6 +115,13 @@ class StartUp:
         self._aligner.gnss(t, fix.lat, fix.lon, fix.alt, vel_enu, float(math.sqrt(R[0, 0])), velocity_sd)
 
 
+def is_sound(sample: SetPose) -> bool:
+    """Whether a pose given from outside is one: a place within reach, a unit quaternion, a covariance or none."""
+    norm = math.hypot(*sample.q_nb)
+    known = sample.cov is None or is_covariance(sample.cov, 6)
+    return is_within(sample.position_enu, _FARTHEST) and 0.9 < norm < 1.1 and known
+
+
 def set_pose(nav: np.ndarray, P: np.ndarray, sample: SetPose, origin: tuple[float, float, float]) -> None:
     """Write a pose given from outside into ``nav`` and ``P``; a missing covariance means 1 m and 3 deg."""
     nav[at.LAT : at.VEL] = [float(x) for x in enu_to_lla(sample.position_enu, *origin)]
@@ -136,10 +148,12 @@ def warm_up(constants: np.ndarray, states: int) -> None:
         measurements.body_velocity(nav, states, zero, zero),
         measurements.height(nav, states, 0.0),
         measurements.magnetic_heading(nav, states, 0.0, 1.0, 0.0, 0.0),
-        measurements.velocity_error(nav, states, 0.0, 0.0),
         measurements.horizontal_velocity(nav, states, 0.0, 0.0),
-        measurements.horizontal_position(nav, states, 0.0, 0.0),
     ):
         R = np.eye(len(z))
         gated_correct(nav, P, z, H, R, 10.0, 100.0)
         correct(nav, P, z, H, R)
+    gated_height(nav, P, 0.0, 1.0, 10.0, 100.0)
+    bias_wander.begin(nav, constants)
+    bias_wander.observe(nav, P)
+    bias_wander.overstatement(nav)

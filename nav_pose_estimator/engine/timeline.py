@@ -28,7 +28,12 @@ from nav_pose_estimator.core.layout import (
     TIME,
     VEL,
 )
-from nav_pose_estimator.engine.samples import Vector3
+from nav_pose_estimator.engine.branches import Branches
+from nav_pose_estimator.engine.samples import MotionEvidence, Vector3
+
+
+MOTION = "motion"
+"""Kind of the observation that splits the filter into branches and weighs them; its argument is a MotionEvidence."""
 
 
 @dataclass(slots=True)
@@ -58,8 +63,17 @@ Apply = Callable[[Observation, np.ndarray, np.ndarray], None]
 class Timeline:
     """Nominal state ``nav`` and covariance ``P`` at the last IMU row, with a memory of ``window`` seconds."""
 
-    def __init__(self, constants: np.ndarray, apply: Apply, window: float, checkpoint_period: float = 0.2) -> None:
+    def __init__(
+        self,
+        constants: np.ndarray,
+        apply: Apply,
+        window: float,
+        whole: frozenset[str] = frozenset(),
+        checkpoint_period: float = 0.2,
+    ) -> None:
+        """``whole``: kinds of observation that act on the filter as a whole, not on each branch; they end branches."""
         self._apply = apply
+        self._whole = whole
         self._window = window
         self._period = checkpoint_period
         # as many as the window can hold, one before it, and the one being added
@@ -76,6 +90,8 @@ class Timeline:
         self._tidy_at = -math.inf  # when what has become too old is dropped next
         self.running = False
         self.replaying = False  # True while ``settle`` is at work
+        self.branches: Branches | None = None  # the filter's hypotheses in an outage; ``nav``, ``P`` are their mixture
+        self.shift = np.zeros(3)  # m, ENU: sum of what observations did to the position; replaced, never written to
 
     def _hold(self, filter_memory: np.ndarray) -> None:
         """Work on ``filter_memory``; ``nav``, ``P`` and ``constants`` are parts of it."""
@@ -98,6 +114,7 @@ class Timeline:
         fresh[memory.NAV : memory.CONSTANTS] = nav
         fresh[memory.HEAD : memory.HEAD + P.size] = P.ravel()
         self._hold(fresh)
+        self.branches = None
         memory.add_checkpoint(fresh)
         self.running, self._started = True, self.time
         self._observations = [o for o in self._observations if o.t > self.time]
@@ -125,8 +142,10 @@ class Timeline:
 
     def copy(self, apply: Apply) -> Timeline:
         """An independent copy that applies observations through ``apply``."""
-        twin = Timeline(self.constants.copy(), apply, self._window, self._period)
+        twin = Timeline(self.constants.copy(), apply, self._window, self._whole, self._period)
         twin._hold(self._memory.copy())
+        twin.branches = self.branches and self.branches.copy()
+        twin.shift = self.shift
         twin._rows = self._rows[self._first : self._last].copy()
         twin._last = len(twin._rows)
         twin._observations = [
@@ -177,6 +196,8 @@ class Timeline:
 
     def advance_one(self, t: float, gyro: Vector3, accel: Vector3) -> np.ndarray:
         """``advance`` by one sample that no observation waits for, on a settled time line; returns (SOLUTION_SIZE,)."""
+        if self.branches is not None:
+            return self.complete(self.advance(np.array([[t, *gyro, *accel]]))[0])
         if self._last == len(self._rows):
             self._make_room(1)
         solution = np.empty(SOLUTION_SIZE)
@@ -198,6 +219,7 @@ class Timeline:
         if self._dirty is None:
             return
         now, dirty, late = self.time, self._dirty, self._late
+        before = self.nav[LAT:VEL].copy()
         self._dirty, self._late = None, False
         self.replaying = True
         if late:
@@ -205,12 +227,16 @@ class Timeline:
         else:
             self._act_now(now)
         self.replaying = False
+        self.shift = self.shift + step_enu(before, self.nav)
 
     # --- inside ------------------------------------------------------------------------------------------------------
 
     def _replay_from(self, dirty: float, now: float) -> None:
-        memory.restore_before(self._memory, dirty)
-        start = self.time
+        if self.branches is None:
+            memory.restore_before(self._memory, dirty)
+            start = self.time
+        else:
+            start = self.branches.restore_before(dirty)
         self._done = bisect.bisect_right(self._observations, start, key=_TIME)
         rows = self._live()
         begin, end = np.searchsorted(rows[:, IMU_T], (start, now), side="right")
@@ -221,9 +247,10 @@ class Timeline:
 
         The same in numbers as if they had been known before.
         """
-        memory.stand_at(self._memory, self._rows[self._last - 1])
+        self._stand_at(self._rows[self._last - 1])
         self._observe_up_to(now)
-        memory.renew_checkpoint(self._memory)
+        for one in [self._memory] if self.branches is None else self.branches.memories:
+            memory.renew_checkpoint(one)
 
     def _run(self, rows: np.ndarray, out: np.ndarray) -> None:
         """Process consecutive rows with the observations that fall into them."""
@@ -233,13 +260,68 @@ class Timeline:
             due = self.next_observation()
             stop = int(np.searchsorted(times, due)) if due <= times[-1] else count
             if stop > done:
-                memory.run_block(self._memory, rows[done:stop], out[done:stop])
+                self._carry(rows[done:stop], out[done:stop])
                 done = stop
             else:
                 self._split(rows[done], due)
                 if due == times[done]:
-                    memory.run_block(self._memory, rows[done : done + 1], out[done : done + 1])
+                    self._carry(rows[done : done + 1], out[done : done + 1])
                     done += 1
+
+    def _carry(self, rows: np.ndarray, out: np.ndarray) -> None:
+        """Propagate over consecutive ``rows``, along every branch where there are any."""
+        if self.branches is None:
+            memory.run_block(self._memory, rows, out)
+        else:
+            self.branches.run(rows, out)
+            self._mix(self.branches)
+
+    def _stand_at(self, row: np.ndarray) -> None:
+        """Bring the filter and its covariance to the time of an IMU row."""
+        if self.branches is None:
+            memory.stand_at(self._memory, row)
+        else:
+            self.branches.stand_at(row)
+            self._mix(self.branches)
+
+    def _mix(self, branches: Branches) -> None:
+        """Make ``nav`` and ``P`` the mixture of the branches, as they stand."""
+        self.nav[:], self.P[:] = branches.merged()
+
+    def _act(self, observation: Observation) -> None:
+        """Let one observation act on the filter, which stands at its time with its covariance up to date."""
+        before = self.nav[LAT:VEL].copy()
+        if observation.kind == MOTION:
+            self._weigh(*observation.arguments)
+        elif self.branches is None:
+            self._apply(observation, self.nav, self.P)
+        elif observation.kind in self._whole:
+            was = self.nav.copy()
+            self._apply(observation, self.nav, self.P)
+            if not np.array_equal(was, self.nav):
+                self._unite()
+        else:
+            for nav, P in self.branches.pairs():
+                self._apply(observation, nav, P)
+            self._mix(self.branches)
+        if not self.replaying:
+            self.shift = self.shift + step_enu(before, self.nav)
+
+    def _weigh(self, evidence: MotionEvidence) -> None:
+        """Let the hypotheses of an outage act, on branches that are made when there are none yet."""
+        if self.branches is None:
+            self.branches = Branches(self._memory, self._slots, evidence)
+            self._started = self.time  # what came before the split can no longer be replayed
+        self.branches.decide(evidence)
+        self._mix(self.branches)
+
+    def _unite(self) -> None:
+        """An absolute position decides what no hypothesis could: go on with ``nav`` and ``P``, and only with them."""
+        self.branches = None
+        self._memory[memory.OLDEST] = 0.0
+        self._memory[memory.NEWEST] = -1.0
+        memory.add_checkpoint(self._memory)
+        self._started = self.time
 
     def _split(self, row: np.ndarray, due: float) -> None:
         """Carry the filter into the interval of ``row`` up to ``due`` and let every observation of that time act."""
@@ -247,12 +329,12 @@ class Timeline:
         part[IMU_T] = due
         if self.constants[POINT_SAMPLED]:
             self._interpolate(part, row, due)
-        memory.stand_at(self._memory, part)
+        self._stand_at(part)
         self._observe_up_to(due)
 
     def _observe_up_to(self, due: float) -> None:
         while self._done < len(self._observations) and self._observations[self._done].t <= due:
-            self._apply(self._observations[self._done], self.nav, self.P)
+            self._act(self._observations[self._done])
             self._done += 1
 
     def _interpolate(self, part: np.ndarray, row: np.ndarray, due: float) -> None:
@@ -287,7 +369,8 @@ class Timeline:
         To be done before an observation is judged too old, else now and then.
         """
         now = self.time
-        oldest = memory.drop_before(self._memory, now - self._window)
+        kept = [self._memory] if self.branches is None else self.branches.memories
+        oldest = min(memory.drop_before(one, now - self._window) for one in kept)
         drop = bisect.bisect_right(self._observations, oldest, key=_TIME)
         del self._observations[:drop]
         self._done -= drop

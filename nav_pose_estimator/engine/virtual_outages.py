@@ -1,18 +1,22 @@
 """No regret: outages are rehearsed while GNSS is good, and help that did not help in rehearsal is not used.
 
-Every minute two copies of the navigator fly half a minute without GNSS on the live data: one coasts, one is helped by
-the priors. Afterwards both are compared with the aided navigator. Only the past decides about the next outage.
+Every minute copies of the navigator fly half a minute without GNSS on the live data: one coasts, the others are helped,
+each in its own way. Afterwards all are compared with the aided navigator. A rehearsal begins with what had been learned
+by then, so its outage is held back from the learning. Only the past decides about the next outage.
 """
 
 from __future__ import annotations
 
 import copy
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
 from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.engine.habits import Habits
+from nav_pose_estimator.engine.epochs import EpochCollector, last_stamp
+from nav_pose_estimator.engine.habits import MotionKnowledge
+from nav_pose_estimator.engine.modes import DENIED
 from nav_pose_estimator.engine.samples import (
     GnssFix,
     GnssVelocity,
@@ -23,35 +27,54 @@ from nav_pose_estimator.engine.samples import (
     SetPose,
 )
 from nav_pose_estimator.engine.sins import SinsEngine
-from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution, Output
+from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
 from nav_pose_estimator.engine.timeline import step_enu
 
+COAST = "coast"
 _LENGTH_NS = 30_000_000_000
 _PERIOD_NS = 60_000_000_000
 _KEPT = 6  # rehearsals that count
-_CLEARLY = 4.0  # ratio of squared errors: coasting grows with the cube of time, so a draw at 30 s is a loss at 60 s
+_LEAST = 3  # with fewer, chance decides
 _FROM_GNSS = (GnssFix, GnssVelocity, SatelliteCount, SetPose)
 
 
+@dataclass
+class Contestant:
+    """One way through the outage: a navigator of its own, and what helps it."""
+
+    sins: SinsEngine
+    collector: EpochCollector
+    knowledge: MotionKnowledge | None
+
+    def copy(self) -> Contestant:
+        """An independent copy."""
+        return Contestant(self.sins.snapshot(), self.collector.copy(), self.knowledge)
+
+    def feed(self, sample: Sample) -> None:
+        """Fly on, and take in what the motion says."""
+        for output in self.sins.feed(sample):
+            if self.knowledge is None or not isinstance(output, (NavBlock, NavSolution)):
+                continue
+            if self.collector.feed(output) is not None:
+                evidence, _ = self.knowledge.evidence(last_stamp(output), np.array(self.collector.recent))
+                if evidence is not None:
+                    self.sins.feed(evidence)
+
+
 class VirtualOutages:
-    """Rehearsals of an outage and what they say of the priors."""
+    """Rehearsals of an outage and what they say of each way to be helped."""
 
     def __init__(self) -> None:
-        self._coasting: SinsEngine | None = None
-        self._helped: SinsEngine | None = None
-        self._habits: Habits | None = None
-        self._latest: NavBlock | NavSolution | None = None  # of the helped copy
+        self._contestants: dict[str, Contestant] = {}
         self._waiting: list[ImuSample] = []  # IMU samples that the copies get as one block: a tenth of the work
         self._next_ns = 0
         self._until_ns = 0
-        self._squares: deque[tuple[float, float]] = deque(maxlen=_KEPT)  # errors coasting and helped, m^2
+        self._squares: deque[dict[str, float]] = deque(maxlen=_KEPT)  # errors at the end, m^2
 
     def copy(self) -> VirtualOutages:
         """An independent copy, running rehearsals included."""
         twin = copy.copy(self)
-        twin._coasting = self._coasting and self._coasting.snapshot()
-        twin._helped = self._helped and self._helped.snapshot()
-        twin._habits = self._habits and self._habits.copy()
+        twin._contestants = {name: contestant.copy() for name, contestant in self._contestants.items()}
         twin._squares = self._squares.copy()
         twin._waiting = self._waiting.copy()
         return twin
@@ -61,14 +84,19 @@ class VirtualOutages:
         """Number of finished rehearsals that count."""
         return len(self._squares)
 
-    @property
-    def priors_help(self) -> bool:
-        """True unless the rehearsals say that coasting does clearly better."""
-        return sum(helped for _, helped in self._squares) <= _CLEARLY * sum(coasting for coasting, _ in self._squares)
+    def rms(self, name: str) -> float | None:
+        """RMS error [m] at the end of the rehearsals that ``name`` flew; None without one."""
+        squares = [errors[name] for errors in self._squares if name in errors]
+        return float(np.sqrt(np.mean(squares))) if squares else None
+
+    def is_worse(self, name: str, rival: str, ratio: float) -> bool:
+        """True when at least three rehearsals that both flew say that ``name`` is worse than ``ratio`` times ``rival``."""
+        both = [errors for errors in self._squares if name in errors and rival in errors]
+        return len(both) >= _LEAST and sum(e[name] for e in both) > ratio**2 * sum(e[rival] for e in both)
 
     def feed(self, sample: Sample) -> None:
         """Hand a sample to the copies; nothing that comes from GNSS reaches them."""
-        if self._coasting is None or self._helped is None or isinstance(sample, _FROM_GNSS):
+        if not self._contestants or isinstance(sample, _FROM_GNSS):
             return
         if isinstance(sample, ImuSample):
             self._waiting.append(sample)
@@ -76,21 +104,38 @@ class VirtualOutages:
         self._catch_up()
         self._fly(sample)
 
-    def step(self, stamp_ns: int, sins: SinsEngine, habits: Habits) -> None:
-        """Called several times a second behind ``feed``: start, help, or judge."""
+    def is_due(self, stamp_ns: int, sins: SinsEngine) -> bool:
+        """Called several times a second behind ``feed``; judges what has ended. True when ``start`` is to be called."""
         self._catch_up()
-        if sins.mode is not Mode.AIDED:
+        if sins.mode is not Mode.AIDED or self._has_restarted():
             self._stop()
-        elif self._helped is None or self._coasting is None or self._habits is None:
-            if stamp_ns >= self._next_ns or stamp_ns < self._next_ns - _PERIOD_NS:
-                self._start(stamp_ns, sins, habits)
-        elif stamp_ns >= self._until_ns:
-            truth = sins.nominal_state()
-            self._squares.append((_squared_error(self._coasting, truth), _squared_error(self._helped, truth)))
-            self._stop()
-        elif self._latest is not None:
-            for prior in self._habits.feed(self._latest):
-                self._helped.feed(prior)
+        elif self._contestants:
+            if stamp_ns >= self._until_ns:
+                self._judge(sins.nominal_state())
+                self._stop()
+        else:
+            return stamp_ns >= self._next_ns or stamp_ns < self._next_ns - _PERIOD_NS
+        return False
+
+    def start(
+        self, stamp_ns: int, sins: SinsEngine, collector: EpochCollector, ways: dict[str, MotionKnowledge]
+    ) -> None:
+        """Begin a rehearsal of coasting and of every way in ``ways``."""
+        self._contestants = {COAST: Contestant(sins.snapshot(), EpochCollector(), None)}
+        for name, knowledge in ways.items():
+            self._contestants[name] = Contestant(sins.snapshot(), collector.copy(), knowledge)
+        self._until_ns, self._next_ns = stamp_ns + _LENGTH_NS, stamp_ns + _PERIOD_NS
+
+    def _judge(self, truth: np.ndarray) -> None:
+        errors = {}
+        for name, contestant in self._contestants.items():
+            east, north, _ = step_enu(truth[at.LAT : at.VEL], contestant.sins.nominal_state())
+            errors[name] = float(east**2 + north**2)
+        self._squares.append(errors)
+
+    def _has_restarted(self) -> bool:
+        """A gap in the IMU data makes the copies align again, for which they lack GNSS."""
+        return any(one.sins.mode not in (*DENIED, Mode.AIDED) for one in self._contestants.values())
 
     def _catch_up(self) -> None:
         """Fly the copies up to the last IMU sample."""
@@ -102,25 +147,9 @@ class VirtualOutages:
             self._fly(ImuBlock(stamps, gyro, accel))
 
     def _fly(self, sample: Sample) -> None:
-        if self._coasting is not None and self._helped is not None:
-            self._coasting.feed(sample)
-            self._latest = last_solution(self._helped.feed(sample)) or self._latest
-
-    def _start(self, stamp_ns: int, sins: SinsEngine, habits: Habits) -> None:
-        self._coasting, self._helped, self._habits = sins.snapshot(), sins.snapshot(), habits.copy()
-        self._latest = None
-        self._until_ns, self._next_ns = stamp_ns + _LENGTH_NS, stamp_ns + _PERIOD_NS
+        for contestant in self._contestants.values():
+            contestant.feed(sample)
 
     def _stop(self) -> None:
-        self._coasting = self._helped = self._habits = self._latest = None
+        self._contestants.clear()
         self._waiting.clear()
-
-
-def _squared_error(engine: SinsEngine, truth: np.ndarray) -> float:
-    east, north, _ = step_enu(truth[at.LAT : at.VEL], engine.nominal_state())
-    return float(east**2 + north**2)
-
-
-def last_solution(outputs: list[Output]) -> NavBlock | NavSolution | None:
-    """The last navigation solution among ``outputs``."""
-    return next((o for o in reversed(outputs) if isinstance(o, (NavBlock, NavSolution))), None)

@@ -4,13 +4,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from nav_msgs.msg import Odometry
-from rclpy.serialization import deserialize_message
 from std_msgs.msg import Bool
 
 from nav_pose_estimator.engine.attitude import AttitudeEngine
 from nav_pose_estimator.engine.samples import NavigatorVelocity
-from nav_pose_estimator.engine.solutions import AttitudeSolution
-from nav_pose_estimator.ros import inputs, qos, spin
+from nav_pose_estimator.engine.solutions import AttitudeSolution, Status
+from nav_pose_estimator.ros import inputs, qos, spin, wording
 from nav_pose_estimator.ros.convert import Converted, odometry_velocity
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.imu_cdr import peek_stamp_ns
@@ -30,29 +29,25 @@ class AttitudeNode(EstimatorNode):
         self._velocity_pace = Pace(_VELOCITY_RATE)
         self.listen_imu(inputs.imu_input(self.parameters.ros.input))
         self.listen(inputs.magnetometer_input())
-        watch = self.watch("odometry/filtered", needed=False)
-        qos.subscribe(
-            self,
-            Odometry,
-            "odometry/filtered",
-            lambda data: self.receive(watch, self._velocity, data),
-            qos.sensor(self.parameters.ros.input.queue),
-            raw=True,
+        navigator = inputs.odometry_input()
+        self.listen_raw(
+            replace(navigator, adapter=self._velocity), lambda d: self._velocity_pace.is_due(peek_stamp_ns(d))
         )
         qos.subscribe(self, Bool, "gnss/denied", self._on_denied, qos.latched())
         self.get_logger().info("ready")
+
+    def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
+        """As every node, but the modes speak of attitude."""
+        return wording.level_of(status), wording.sentence(status, wording.ATTITUDE_MEANINGS), wording.facts(status)
 
     def publish(self, solution: AttitudeSolution) -> None:
         """imu/data."""
         self._output.publish(solution)
 
-    def _velocity(self, data: bytes) -> Converted:
-        if not self._velocity_pace.is_due(peek_stamp_ns(data)):
-            return ()
-        items = odometry_velocity(deserialize_message(data, Odometry))
+    def _velocity(self, message: Odometry) -> Converted:
         return tuple(
             replace(item, valid=item.valid and not self._denied) if isinstance(item, NavigatorVelocity) else item
-            for item in items
+            for item in odometry_velocity(message)
         )
 
     def _on_denied(self, message: Bool) -> None:

@@ -14,22 +14,26 @@ from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, Pr
 from nav_pose_estimator.engine.solutions import Event
 from nav_pose_estimator.offline import topic_map
 from nav_pose_estimator.offline.bag_storage import Bag
-from nav_pose_estimator.offline.cdr import Decoder, columns
+from nav_pose_estimator.offline.cdr import LAYOUTS, Decoder, columns
 from nav_pose_estimator.offline.raw_messages import BagError, RawBatch, Topic
-from nav_pose_estimator.ros import convert, covariance, gps_umd, satellites
+from nav_pose_estimator.ros import convert, covariance, gps_umd, px4, satellites
 
 _CONVERSIONS: dict[tuple[str, str], convert.Adapter] = {
     (topic_map.IMU, "sensor_msgs/msg/Imu"): convert.imu,
+    (topic_map.IMU, topic_map.PX4_IMU): px4.imu,
     (topic_map.MAGNETOMETER, "sensor_msgs/msg/MagneticField"): convert.magnetic_field,
     (topic_map.FIX, "sensor_msgs/msg/NavSatFix"): convert.nav_sat_fix,
     (topic_map.FIX, "gps_msgs/msg/GPSFix"): gps_umd.fix,
+    (topic_map.FIX, "px4_msgs/msg/SensorGps"): px4.fix,
     (topic_map.SATELLITES, "std_msgs/msg/UInt32"): satellites.from_uint32,
     (topic_map.SATELLITES, "gps_msgs/msg/GPSFix"): satellites.from_gpsfix,
     (topic_map.SATELLITES, "mavros_msgs/msg/GPSRAW"): satellites.from_gpsraw,
     (topic_map.SATELLITES, "ublox_msgs/msg/NavPVT"): satellites.from_navpvt,
+    (topic_map.SATELLITES, "px4_msgs/msg/SensorGps"): px4.satellites,
     (topic_map.GNSS_VELOCITY, "geometry_msgs/msg/TwistWithCovarianceStamped"): convert.twist_with_covariance,
     (topic_map.GNSS_VELOCITY, "geometry_msgs/msg/TwistStamped"): convert.twist,
     (topic_map.GNSS_VELOCITY, "gps_msgs/msg/GPSFix"): gps_umd.velocity,
+    (topic_map.GNSS_VELOCITY, "px4_msgs/msg/SensorGps"): px4.velocity,
     (topic_map.BAROMETER, "sensor_msgs/msg/FluidPressure"): convert.fluid_pressure,
     (topic_map.BODY_VELOCITY, "geometry_msgs/msg/TwistWithCovarianceStamped"): convert.body_velocity,
     (topic_map.SET_POSE, "geometry_msgs/msg/PoseWithCovarianceStamped"): convert.set_pose,
@@ -110,8 +114,6 @@ class BagReader:
         return out
 
     def _samples_of(self, items: convert.Converted) -> tuple[Sample, ...]:
-        if len(items) == 1 and not isinstance(items[0], Event):
-            return items
         self.events += [item for item in items if isinstance(item, Event)]
         return tuple(item for item in items if not isinstance(item, Event))
 
@@ -146,17 +148,18 @@ class BagReader:
         return [()] * len(batch)
 
     def _imu_converter(self, topic: Topic) -> Callable[[RawBatch], tuple[ImuBlock, np.ndarray]]:
-        """A function from a batch of Imu messages to a block, and which of the messages are in it (N,) 0 or 1."""
-        decode = Decoder(topic)
+        """A function from a batch of IMU messages to a block, and which of the messages are in it (N,) 0 or 1."""
+        decode, adapter = Decoder(topic), _CONVERSIONS[topic_map.IMU, topic.type]
 
         def convert_batch(batch: RawBatch) -> tuple[ImuBlock, np.ndarray]:
-            found = columns(topic.type, batch, _IMU_FIELDS) if len(batch) else None
+            found = columns(topic.type, batch, _IMU_FIELDS) if len(batch) and topic.type in LAYOUTS else None
             if found is not None and not _has_absent(found):
                 block = ImuBlock(found["stamp_ns"], found["angular_velocity"], found["linear_acceleration"])
                 return block, np.ones(len(batch), np.int64)
-            items = [self._convert_one(decode, convert.imu, batch.payload(i)) for i in range(len(batch))]
+            items = [self._convert_one(decode, adapter, batch.payload(i)) for i in range(len(batch))]
             samples = [self._samples_of(item) for item in items]
-            return _block([s for item in samples for s in item]), np.array([len(item) for item in samples], np.int64)
+            good = [s for item in samples for s in item if isinstance(s, ImuSample)]
+            return _block(good), np.array([len(item) for item in samples], np.int64)
 
         return convert_batch
 

@@ -12,7 +12,7 @@ from nav_pose_estimator.offline.mcap_file import McapFile, zstandard
 from nav_pose_estimator.offline.raw_messages import BagError, RawBatch, Topic, from_payloads
 from nav_pose_estimator.offline.sqlite_file import SqliteFile
 
-STORAGES = {".mcap": McapFile, ".db3": SqliteFile}
+STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {".mcap": McapFile, ".db3": SqliteFile}
 COMPRESSED = ".zstd"
 
 

@@ -65,6 +65,7 @@ COMMANDS = {
     "sins_node": Command(
         "nodes.sins_node", "node: strapdown navigator and Kalman filter with GNSS gate", (_ROS_EXAMPLE,)
     ),
+    "anfis_node": Command("nodes.anfis_node", "node: learns to predict the errors of an outage", (_ROS_EXAMPLE,)),
     "pose_estimator": Command("nodes.pose_estimator", "the three nodes in one process", (_ROS_EXAMPLE,)),
     "synthetic_sensors": Command(
         "nodes.synthetic_sensors", "node: publishes simulated sensors in wall or simulated time", ("--ros-args",)
@@ -89,6 +90,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run_command(name: str, arguments: Sequence[str] | None = None) -> int:
     """One command by its name: returns the exit code."""
+    # The matrices are small: more threads would only wait for each other, worst on a busy companion computer.
+    for library in ("OPENBLAS", "MKL", "OMP"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     given = list(sys.argv[1:] if arguments is None else arguments)
     command = COMMANDS[name]
     return _guard(name, partial(_run_node if command.is_node else _run_offline, name, command, given))
@@ -132,14 +136,16 @@ def _run_node(name: str, command: Command, given: list[str]) -> int:
     parser = _parser(name, command)
     parser.usage = f"{parser.prog} [--ros-args ROS ARGUMENTS]"
     parser.description = f"{command.summary}. All parameters: docs/parameters.md."
-    parser.parse_args(mine)
+    unknown = parser.parse_known_args(mine)[1]
+    if unknown:
+        raise UserError(f"{unknown[0]!r} is no option of a node; arguments for ROS stand behind --ros-args")
     try:
         module = import_module(f"{PROGRAM}.{command.module}")
     except ModuleNotFoundError as error:
         if error.name != "rclpy":
             raise
         raise UserError(
-            f"{name} needs ROS 2 Jazzy, and rclpy is not there: run 'make setup', or source /opt/ros/jazzy/setup.bash"
+            "this node needs ROS 2 Jazzy, and rclpy is not there: run 'make setup', or source /opt/ros/jazzy/setup.bash"
         ) from None
     return module.main(ros) or DONE
 
@@ -200,6 +206,7 @@ def _complain(name: str, text: str, code: int) -> int:
 # What the executables in lib/nav_pose_estimator call.
 attitude_node = partial(run_command, "attitude_node")
 sins_node = partial(run_command, "sins_node")
+anfis_node = partial(run_command, "anfis_node")
 pose_estimator = partial(run_command, "pose_estimator")
 synthetic_sensors = partial(run_command, "synthetic_sensors")
 simulate = partial(run_command, "simulate")

@@ -14,6 +14,7 @@ from typing import Any
 
 from nav_pose_estimator.engine.parameter_schema import Spec
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.offline import troubleshooting_docs
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 YAML_FILE = Path("config/nav_pose_estimator.yaml")
@@ -118,12 +119,13 @@ def _yaml_float(value: float) -> str:
 
 
 def main() -> int:
-    """Write the two files, or check them."""
-    parser = argparse.ArgumentParser(description="Write the parameter file and the parameter page from the code.")
+    """Write the files, or check them."""
+    parser = argparse.ArgumentParser(description="Write the parameter file and the generated pages from the code.")
     parser.add_argument("--check", action="store_true", help="write nothing, exit with 1 if a file is not up to date")
     check = parser.parse_args().check
     stale = 0
-    for path, text in ((YAML_FILE, yaml_text()), (PAGE, page_text())):
+    pages = ((PAGE, page_text()), (troubleshooting_docs.PAGE, troubleshooting_docs.page_text()))
+    for path, text in ((YAML_FILE, yaml_text()), *pages):
         target = REPOSITORY / path
         if target.exists() and target.read_text(encoding="utf-8") == text:
             continue

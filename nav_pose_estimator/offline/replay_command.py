@@ -5,6 +5,7 @@ import math
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.process_clock import seconds_since_start
@@ -33,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Carry the command out. Raises ``UserError`` for what the user can mend."""
+    from nav_pose_estimator.core.jit import is_first_run
     from nav_pose_estimator.offline import latency, methods, outages
     from nav_pose_estimator.offline.aid_option import with_aids
     from nav_pose_estimator.offline.config_file import load_parameters
@@ -47,7 +49,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.aid is not None:
         parameters = with_aids(parameters, arguments.aid)
     remaps = parse_remaps(arguments.remap)
-    folder = None if arguments.estimate_latency else _folder(arguments)
+    folder = None if arguments.estimate_latency else _folder(arguments)  # before the work, should it be impossible
+    if is_first_run():
+        print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)
     with _bar("reading", None) as bar:
         recording = load(arguments.bag, remaps, bar.update)
     if every is not None:
@@ -58,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(
             f"the outage {late[0].start:g}:{late[0].length:g} ends after the bag ({recording.duration:.1f} s)"
         )
-    if arguments.estimate_latency:
+    if folder is None:
         print(latency.describe(latency.estimate(recording, parameters, _first(wanted))))
         return 0
     parameters, how = latency.choose(recording, parameters, arguments.gnss_delay, arguments.config, _first(wanted))
@@ -123,7 +127,7 @@ class _bar:
     """A progress bar on a terminal, nothing elsewhere; tqdm is loaded only where it is seen."""
 
     def __init__(self, title: str, total: int | None) -> None:
-        self._bar = None
+        self._bar: Any = None
         self._pending = 0
         self._next = time.monotonic() + 0.3
         self._title, self._total = title, total

@@ -43,7 +43,7 @@ class SqliteFile:
             cursor = self._database.execute(query, list(wanted))
             while rows := cursor.fetchmany(ROWS_AT_ONCE):
                 times, topics, payloads = zip(*rows, strict=True)
-                yield from_payloads(times, [wanted[topic] for topic in topics], payloads)
+                yield from_payloads(list(times), [wanted[topic] for topic in topics], list(payloads))
         except sqlite3.Error as error:
             self.warnings.append(f"{self.path.name} is damaged ({error}): the messages after that place are lost")
 

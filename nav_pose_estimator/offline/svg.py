@@ -141,7 +141,7 @@ class Plot:
         return f'<rect class="{style}" x="{x0:.1f}" y="{_TOP}" width="{width:.1f}" height="{height}"/>'
 
     def _legend_text(self) -> str:
-        parts, x = [], self.width - _RIGHT - 6
+        parts, x = [], float(self.width - _RIGHT - 6)
         for label, style in reversed(self._legend):
             width = 6.6 * len(label)
             parts.append(f'<text class="axis" text-anchor="end" x="{x:.0f}" y="{_TOP - 9}">{escape(label)}</text>')

@@ -14,6 +14,10 @@ GNSS_VELOCITY, BAROMETER, BODY_VELOCITY, SET_POSE, TRUTH = (
 )
 
 
+PX4_IMU = "px4_msgs/msg/SensorCombined"
+COMBINED = ("gps_msgs/msg/GPSFix", "px4_msgs/msg/SensorGps")  # position, velocity and satellites in one message
+
+
 @dataclass(frozen=True, slots=True)
 class Part:
     """A part that a topic can play. ``words``: a topic of another name is taken only if it contains one of them."""
@@ -25,19 +29,19 @@ class Part:
 
 
 PARTS = (
-    Part(IMU, "/imu/data_raw", ("sensor_msgs/msg/Imu",), ()),
+    Part(IMU, "/imu/data_raw", ("sensor_msgs/msg/Imu", PX4_IMU), ()),
     Part(MAGNETOMETER, "/imu/mag", ("sensor_msgs/msg/MagneticField",), ()),
-    Part(FIX, "/gps/fix", ("sensor_msgs/msg/NavSatFix", "gps_msgs/msg/GPSFix"), ()),
+    Part(FIX, "/gps/fix", ("sensor_msgs/msg/NavSatFix", *COMBINED), ()),
     Part(
         SATELLITES,
         "/gps/satellites",
-        ("std_msgs/msg/UInt32", "gps_msgs/msg/GPSFix", "mavros_msgs/msg/GPSRAW", "ublox_msgs/msg/NavPVT"),
+        ("std_msgs/msg/UInt32", "mavros_msgs/msg/GPSRAW", "ublox_msgs/msg/NavPVT", *COMBINED),
         ("satellites", "gpsfix", "gps1/raw", "navpvt"),
     ),
     Part(
         GNSS_VELOCITY,
         "/gps/vel",
-        ("geometry_msgs/msg/TwistWithCovarianceStamped", "geometry_msgs/msg/TwistStamped", "gps_msgs/msg/GPSFix"),
+        ("geometry_msgs/msg/TwistWithCovarianceStamped", "geometry_msgs/msg/TwistStamped", *COMBINED),
         ("gps_vel", "gps/vel", "fix_velocity", "gnss/vel"),
     ),
     Part(BAROMETER, "/baro", ("sensor_msgs/msg/FluidPressure",), ()),
@@ -89,6 +93,8 @@ def map_topics(available: dict[str, Topic], remaps: dict[str, str]) -> TopicMap:
             names = ", ".join(sorted(candidates))
             raise BagError(f"several topics could be the IMU ({names}): choose one with --remap /imu/data_raw:=TOPIC")
         raise BagError(f"the bag has no sensor_msgs/Imu topic, without which there is no pose; {_listing(available)}")
+    if found.topics[IMU].type == PX4_IMU:
+        found.notices.append(f"{found.topics[IMU].name} has the axes Forward-Right-Down: see config/driver_px4.yaml")
     return found
 
 
@@ -105,6 +111,10 @@ def _take(found: TopicMap, part: Part, topic: Topic) -> None:
 
 def _detect(found: TopicMap, part: Part, available: dict[str, Topic]) -> None:
     taken = {topic.name for topic in found.topics.values()}
+    fix = found.topics.get(FIX)
+    if fix is not None and fix.type in COMBINED and fix.type in part.types:
+        found.topics[part.name] = fix
+        return
     fitting = [
         topic
         for topic in available.values()

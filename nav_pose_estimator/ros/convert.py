@@ -24,6 +24,7 @@ from nav_pose_estimator.engine.samples import (
     Sample,
     SetPose,
     Vector3,
+    VelocityError,
 )
 from nav_pose_estimator.engine.solutions import Event, Level
 from nav_pose_estimator.ros import covariance
@@ -110,6 +111,19 @@ def body_velocity(message: Any) -> Converted:
     cov = covariance.read(message.twist.covariance, 6, block=3)
     velocity = BodyVelocity(stamp, vector(message.twist.twist.linear), cov.matrix)
     return (velocity, *_flaw(stamp, "body_velocity", cov.flaw))
+
+
+def velocity_error(message: Any) -> Converted:
+    """geometry_msgs/TwistWithCovarianceStamped, ENU, to :class:`VelocityError`: estimate minus truth, horizontal.
+
+    A prediction that does not say how good it is is not used.
+    """
+    stamp, linear = stamp_ns(message), message.twist.twist.linear
+    cov = covariance.read(message.twist.covariance, 6, block=2)
+    if cov.matrix is None:
+        text = "a predicted velocity error has no covariance; not used"
+        return (Event(stamp, "outage.rejected.covariance", Level.WARN, text),)
+    return (VelocityError(stamp, (float(linear.x), float(linear.y)), cov.matrix),)
 
 
 def fluid_pressure(message: Any) -> Converted:

@@ -1,16 +1,16 @@
 """/diagnostics and ~/status: what :mod:`wording` says, as messages."""
 
 import time
-from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from nav_pose_estimator.engine.solutions import Status
 from nav_pose_estimator.ros import qos, wording
 from nav_pose_estimator.ros.messages import fill_stamp
+
+Description = tuple[int, str, list[tuple[str, str]]]
 
 
 class InputWatch:
@@ -22,6 +22,11 @@ class InputWatch:
         self._total = self._reported = self._lost = 0
         self._last = self._reported_at = time.monotonic()
         self._ever = False
+        self._subscription: Any = None
+
+    def attach(self, subscription: Any) -> None:
+        """From now on publishers that do not fit ``subscription`` are reported."""
+        self._subscription = subscription
 
     def saw(self) -> None:
         """One message came."""
@@ -39,8 +44,18 @@ class InputWatch:
         rate = new / max(now - self._reported_at, 1e-3)
         self._reported, self._reported_at = self._total, now
         age = now - self._last if self._ever or now - self._last < 2.0 else float("inf")
-        publishers = self._node.count_publishers(self._node.resolve_topic_name(self.topic))
-        return wording.InputReport(self.topic, self._total, rate, self._lost, age, publishers, self._needed)
+        publishers = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(self.topic))
+        misfits = tuple(self._misfits(publishers))
+        return wording.InputReport(
+            self.topic, self._total, rate, self._lost, age, len(publishers), self._needed, misfits
+        )
+
+    def _misfits(self, publishers: list[Any]) -> list[str]:
+        if self._subscription is None:
+            return []
+        kind = self._subscription.msg_type
+        package, name = kind.__module__.split(".")[0], kind.__name__
+        return qos.misfits(publishers, f"{package}/msg/{name}", self._subscription.qos_profile)
 
 
 class Diagnostics:
@@ -52,16 +67,14 @@ class Diagnostics:
         self._array = qos.advertise(node, DiagnosticArray, "/diagnostics")
         self._status = qos.advertise(node, DiagnosticStatus, "~/status", qos.latched())
 
-    def publish(self, status: Status, watches: list[InputWatch], counters: Mapping[str, int]) -> None:
-        """Everything, on both topics."""
+    def publish(self, state: Description, watches: list[InputWatch], counters: Mapping[str, int]) -> None:
+        """Everything, on both topics. ``state``: level, sentence and facts."""
         reports = [watch.report() for watch in watches]
         level, text = wording.input_sentence(reports)
-        state = self.publish_status(status)
-        every = Counter(status.counters) + Counter(counters)
-        counted = [(key, str(count)) for key, count in sorted(every.items())]
+        counted = [(key, str(count)) for key, count in sorted(counters.items())]
         message = DiagnosticArray(
             status=[
-                state,
+                self.publish_status(*state),
                 self._message("inputs", level, text, wording.input_facts(reports)),
                 self._message("counters", wording.OK, f"{len(counted)} kinds of events", counted),
             ]
@@ -69,9 +82,9 @@ class Diagnostics:
         fill_stamp(message.header.stamp, self._node.get_clock().now().nanoseconds)
         self._array.publish(message)
 
-    def publish_status(self, status: Status) -> Any:
+    def publish_status(self, level: int, sentence: str, facts: list[tuple[str, str]]) -> Any:
         """~/status alone (at once when the mode changes)."""
-        state = self._message("", wording.level_of(status), wording.sentence(status), wording.facts(status))
+        state = self._message("", level, sentence, facts)
         self._status.publish(state)
         return state
 

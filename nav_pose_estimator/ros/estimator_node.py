@@ -1,6 +1,6 @@
 """What the nodes share: parameters, inputs, the time guard, events, diagnostics, services around one engine."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -10,11 +10,10 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import SetBool, Trigger
 
+from nav_pose_estimator.core.jit import is_first_run
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import Sample
-from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Mode, NavSolution, Output
-from nav_pose_estimator.ros import qos
-from nav_pose_estimator.ros.convert import Converted
+from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Mode, NavSolution, Status
+from nav_pose_estimator.ros import qos, wording
 from nav_pose_estimator.ros.diagnostics import Diagnostics, InputWatch
 from nav_pose_estimator.ros.imu_cdr import decode_imu
 from nav_pose_estimator.ros.inputs import Input
@@ -30,10 +29,15 @@ class EstimatorNode(Node):
     Whatever a message does, the node lives on: errors in callbacks are counted and said in one sentence.
     """
 
+    published: tuple[type, ...] = (NavSolution, AttitudeSolution)
+    """What of the engine's outputs goes to ``publish``."""
+
     def __init__(self, name: str, make_engine: Callable[[Parameters], Any]) -> None:
         super().__init__(name)
         self.parameters = declare(self)
         self.logbook = Logbook(self.get_logger())
+        if is_first_run():
+            self.get_logger().info("the first start compiles the numeric kernels, which takes a minute or two")
         self.engine = make_engine(self.parameters)
         self.engine.warm_up()
         warm_up()
@@ -57,28 +61,43 @@ class EstimatorNode(Node):
 
     def listen(self, source: Input, needed: bool = False) -> None:
         """Subscribe to ``source``; a ``needed`` one that is silent is a warning on diagnostics."""
-        watch = self.watch(source.topic, needed)
-        callback = partial(self.receive, watch, source.adapter)
-        qos.subscribe(self, source.message_class(), source.topic, callback, self._input_qos(), on_lost=watch.lost)
+        self._subscribe(source.topic, source.message_class(), source.adapter, needed)
 
     def listen_imu(self, source: Input) -> None:
         """Subscribe to the IMU: sensor_msgs/Imu is decoded from its bytes."""
-        kind, watch = source.message_class(), self.watch(source.topic, True)
-        raw = source.package == "sensor_msgs"
+        kind = source.message_class()
 
-        def adapt(data: bytes) -> Converted:
+        def adapt(data: bytes) -> tuple[Any, ...]:
             decoded = decode_imu(data)
             return source.adapter(deserialize_message(data, kind)) if decoded is None else decoded
 
-        callback = partial(self.receive, watch, adapt if raw else source.adapter)
-        qos.subscribe(self, kind, source.topic, callback, self._input_qos(), raw=raw, on_lost=watch.lost)
+        raw = source.package == "sensor_msgs"
+        self._subscribe(source.topic, kind, adapt if raw else source.adapter, True, raw)
 
-    def watch(self, topic: str, needed: bool) -> InputWatch:
-        """A counter for a topic that is subscribed to elsewhere."""
-        self._watches.append(InputWatch(self, topic, needed))
-        return self._watches[-1]
+    def listen_raw(self, source: Input, choose: Callable[[bytes], bool], needed: bool = False) -> None:
+        """Subscribe to a ``source`` of which only the messages are read that ``choose`` wants by their bytes.
 
-    def receive(self, watch: InputWatch, adapter: Callable[[Any], Converted], message: Any) -> None:
+        What other nodes publish comes at hundreds of hertz; to build every message would cost more than to use it.
+        """
+        kind = source.message_class()
+
+        def adapt(data: bytes) -> tuple[Any, ...]:
+            return source.adapter(deserialize_message(data, kind)) if choose(data) else ()
+
+        self._subscribe(source.topic, kind, adapt, needed, True)
+
+    def _subscribe(
+        self, topic: str, kind: Any, adapter: Callable[[Any], tuple[Any, ...]], needed: bool, raw: bool = False
+    ) -> None:
+        watch = InputWatch(self, topic, needed)
+        self._watches.append(watch)
+        callback = partial(self.receive, watch, adapter)
+        profile = qos.sensor(self.parameters.ros.input.queue)
+        watch.attach(
+            qos.subscribe(self, kind, topic, callback, profile, raw, on_lost=watch.lost, on_misfit=self._note_misfit)
+        )
+
+    def receive(self, watch: InputWatch, adapter: Callable[[Any], tuple[Any, ...]], message: Any) -> None:
         """The callback of every subscription."""
         watch.saw()
         try:
@@ -90,7 +109,7 @@ class EstimatorNode(Node):
         except Exception as error:
             self._note_failure(watch.topic, error)
 
-    def take(self, sample: Sample) -> None:
+    def take(self, sample: Any) -> None:
         """Feed one sample and publish what follows."""
         admission = self._guard.admit(sample)
         if admission.back_s > 0.0:
@@ -102,12 +121,12 @@ class EstimatorNode(Node):
 
     # --- outputs ---------------------------------------------------------------------------------------------------
 
-    def deliver(self, outputs: list[Output]) -> None:
+    def deliver(self, outputs: Sequence[Any]) -> None:
         """Say events, publish solutions, tell a change of mode at once."""
         for output in outputs:
             if isinstance(output, Event):
                 self.logbook.note(output)
-            elif not isinstance(output, (NavSolution, AttitudeSolution)):
+            elif type(output) not in self.published:
                 continue  # blocks come from blocks, and nodes feed none
             elif is_finite(output):
                 self.publish(output)
@@ -117,7 +136,11 @@ class EstimatorNode(Node):
         mode = self.engine.mode
         if mode is not self._mode:
             self._mode = mode
-            self._diagnostics.publish_status(self.engine.status())
+            self._diagnostics.publish_status(*self.describe(self.engine.status()))
+
+    def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
+        """Level, sentence and facts for ~/status and diagnostics."""
+        return wording.level_of(status), wording.sentence(status), wording.facts(status)
 
     def publish(self, solution: Any) -> None:
         """Publish one solution of the kind that the engine gives."""
@@ -132,8 +155,9 @@ class EstimatorNode(Node):
 
     def _on_timer(self) -> None:
         try:
-            own = {k: v for k, v in self.logbook.counters.items() if k not in self.engine.status().counters}
-            self._diagnostics.publish(self.engine.status(), self._watches, own)
+            status = self.engine.status()
+            own = {k: v for k, v in self.logbook.counters.items() if k not in status.counters}
+            self._diagnostics.publish(self.describe(status), self._watches, {**status.counters, **own})
         except Exception as error:
             self._note_failure("diagnostics", error)
 
@@ -154,19 +178,23 @@ class EstimatorNode(Node):
         self.engine.set_use_gnss(request.data)
         response.success = True
         response.message = "GNSS is used" if request.data else "GNSS is not used until it is switched on again"
-        self.logbook.note(Event(self._guard.newest_ns, "mode.use_gnss", Level.WARN, f"operator: {response.message}"))
+        self.say("mode.use_gnss", Level.WARN, f"operator: {response.message}")
         return response
 
     def _set_parameters(self, parameters: Parameters) -> None:
         self.parameters = parameters
         self.engine.set_parameters(parameters)
-        self.logbook.note(Event(self._guard.newest_ns, "parameters.changed", Level.INFO, "parameters were changed"))
+        self.say("parameters.changed", Level.INFO, "parameters were changed")
+
+    def say(self, name: str, level: Level, text: str) -> None:
+        """Count and log something that the node itself has to say."""
+        self.logbook.note(Event(self._guard.newest_ns, name, level, text))
+
+    def _note_misfit(self, text: str) -> None:
+        self.say("qos.incompatible", Level.WARN, text)
 
     def _note_failure(self, where: str, error: Exception) -> None:
         if not self.context.ok():
             return  # shutting down: publishers are gone
         text = f"{where}: {type(error).__name__}: {' '.join(str(error).split())}; the message is not used"
-        self.logbook.note(Event(self._guard.newest_ns, f"callback.failed.{where}", Level.ERROR, text))
-
-    def _input_qos(self) -> Any:
-        return qos.sensor(self.parameters.ros.input.queue)
+        self.say(f"callback.failed.{where}", Level.ERROR, text)

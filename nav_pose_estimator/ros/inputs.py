@@ -1,13 +1,14 @@
 """Which message type a topic carries and who turns it into samples: one table, chosen by ``ros.input`` parameters."""
 
 import importlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from nav_pose_estimator.engine.parameter_schema import ParameterError
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.ros import InputParameters
-from nav_pose_estimator.ros import convert, gps_umd, px4, satellites
+from nav_pose_estimator.ros import convert, gps_umd, navigator_watch, px4, satellites
 from nav_pose_estimator.ros.convert import Adapter, Converted
 
 _IMU = {
@@ -41,7 +42,7 @@ class Input:
     topic: str
     package: str
     name: str
-    adapter: Adapter
+    adapter: Callable[[Any], tuple[Any, ...]]  # samples and events
 
     def message_class(self) -> Any:
         """The rclpy message class; ``ParameterError`` where its package is not installed."""
@@ -97,6 +98,16 @@ def magnetometer_input() -> Input:
 def attitude_input() -> Input:
     """The attitude that another node estimates: ``imu/data``."""
     return Input("imu/data", "sensor_msgs", "Imu", convert.imu_attitude)
+
+
+def navigator_input() -> Input:
+    """All that another node estimates, for who learns from it: ``odometry/filtered``."""
+    return Input("odometry/filtered", "nav_msgs", "Odometry", navigator_watch.odometry)
+
+
+def prediction_input() -> Input:
+    """The velocity error that another node predicts in an outage: ``outage/velocity_error``."""
+    return Input("outage/velocity_error", "geometry_msgs", "TwistWithCovarianceStamped", convert.velocity_error)
 
 
 def odometry_input() -> Input:

@@ -9,7 +9,7 @@ from typing import Any
 
 from nav_pose_estimator.engine.solutions import Event, Level
 
-_ALWAYS = ("mode.", "reset", "aligned", "gnss.reset", "set_pose", "time.")
+_ALWAYS = ("mode.", "reset", "aligned", "gnss.reset", "set_pose", "time.", "outage.trained", "outage.model.")
 
 
 class Logbook:

@@ -4,7 +4,7 @@ import importlib
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Vector3Stamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, TwistWithCovarianceStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, NavSatFix
@@ -13,6 +13,7 @@ from std_msgs.msg import Bool
 from nav_pose_estimator.engine.modes import DENIED
 from nav_pose_estimator.engine.parameter_schema import ParameterError
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import VelocityError
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolution
 from nav_pose_estimator.ros import messages, qos
 from nav_pose_estimator.ros.pace import Pace
@@ -30,7 +31,7 @@ class AttitudeOutput:
 
     def publish(self, solution: AttitudeSolution) -> None:
         """One attitude, if it is due."""
-        if self._pace.is_due(solution.stamp_ns):
+        if self._pace.is_due(solution.stamp_ns) and qos.is_heard(self._publisher):
             messages.fill_imu(self._message, solution, self._world_frame)
             self._publisher.publish(self._message)
 
@@ -69,13 +70,15 @@ class NavigationOutput:
         stamp = solution.stamp_ns
         self._publish_denied(solution.mode in DENIED)
         if self._odometry_pace.is_due(stamp):
-            messages.fill_odometry(self._odometry_message, solution)
-            self._odometry.publish(self._odometry_message)
-            messages.fill_pose(self._pose_message, solution)
-            self._pose.publish(self._pose_message)
+            if qos.is_heard(self._odometry):
+                messages.fill_odometry(self._odometry_message, solution)
+                self._odometry.publish(self._odometry_message)
+            if qos.is_heard(self._pose):
+                messages.fill_pose(self._pose_message, solution)
+                self._pose.publish(self._pose_message)
             if self._tf is not None:
                 self._tf.publish(solution)
-        if self._fix_pace.is_due(stamp):
+        if self._fix_pace.is_due(stamp) and qos.is_heard(self._fix):
             messages.fill_fix(self._fix_message, solution, solution.mode is not Mode.EXPIRED)
             self._fix.publish(self._fix_message)
         if self._bias_pace.is_due(stamp):
@@ -97,6 +100,23 @@ class NavigationOutput:
         if denied != self._is_denied:
             self._is_denied = denied
             self._denied.publish(Bool(data=denied))
+
+
+class LearnerOutput:
+    """outage/velocity_error and outage/position_error."""
+
+    def __init__(self, node: Node, parameters: Parameters) -> None:
+        self._velocity = qos.advertise(node, TwistWithCovarianceStamped, "outage/velocity_error")
+        self._position = qos.advertise(node, Vector3Stamped, "outage/position_error")
+        self._velocity_message, self._position_message = TwistWithCovarianceStamped(), Vector3Stamped()
+        self._velocity_message.header.frame_id = self._position_message.header.frame_id = parameters.ros.frames.odom
+
+    def publish(self, error: VelocityError, position_error: np.ndarray) -> None:
+        """One prediction, and the sum (2,) [m] of those of this outage."""
+        messages.fill_velocity_error(self._velocity_message, error)
+        self._velocity.publish(self._velocity_message)
+        messages.fill_vector_stamped(self._position_message, error.stamp_ns, np.append(position_error, 0.0))
+        self._position.publish(self._position_message)
 
 
 class Transforms:

@@ -31,11 +31,10 @@ def imu(message: Any) -> Converted:
 def fix(message: Any) -> Converted:
     """SensorGps to :class:`GnssFix`: ellipsoid height; extrapolated positions are no fix."""
     has_fix = _FIX_3D <= message.fix_type < _EXTRAPOLATED
-    lat, lon = math.radians(message.latitude_deg), math.radians(message.longitude_deg)
+    lat, lon, height = _position(message)
     horizontal, vertical = float(message.eph), float(message.epv)
     known = 0.0 < horizontal < math.inf and 0.0 < vertical < math.inf
     cov = np.diag([horizontal**2, horizontal**2, vertical**2]) if known else None
-    height = float(message.altitude_ellipsoid_m)
     return (GnssFix(_stamp_ns(message), lat, lon, height, _FIX if has_fix else _NO_FIX, cov),)
 
 
@@ -56,6 +55,15 @@ def satellites(message: Any) -> Converted:
     """SensorGps ``satellites_used``; 255 for unknown."""
     count = int(message.satellites_used)
     return (SatelliteCount(_stamp_ns(message), None if count == 255 else count),)
+
+
+def _position(message: Any) -> tuple[float, float, float]:
+    """Latitude, longitude [rad] and ellipsoid height [m]; up to PX4 1.14 integers of 1e-7 degrees and millimetres."""
+    if hasattr(message, "latitude_deg"):
+        degrees, height = (message.latitude_deg, message.longitude_deg), float(message.altitude_ellipsoid_m)
+    else:
+        degrees, height = (message.lat * 1e-7, message.lon * 1e-7), message.alt_ellipsoid * 1e-3
+    return math.radians(degrees[0]), math.radians(degrees[1]), height
 
 
 def _stamp_ns(message: Any) -> int:

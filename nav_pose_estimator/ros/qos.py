@@ -1,15 +1,24 @@
 """Quality of service: sensors are read best effort (that meets every publisher), results are written reliably.
 
-Every profile can be overridden in YAML (``qos_overrides./topic.subscription.reliability`` ...). Where a peer does not
-fit, rclpy logs the topic and the policy; messages that were lost on the way are handed to ``on_lost``.
+Every profile can be overridden in YAML (``qos_overrides./topic.subscription.reliability`` ...). A peer that does not
+fit is named: for inputs in a sentence with the cure (``on_misfit``) and on diagnostics (``misfits``), for outputs by
+rclpy. Messages that were lost on the way are handed to ``on_lost``.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+    qos_policy_name_from_kind,
+)
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 _DEPTH_OUT = 10
@@ -43,16 +52,21 @@ def subscribe(
     profile: QoSProfile,
     raw: bool = False,
     on_lost: Callable[[int], None] | None = None,
+    on_misfit: Callable[[str], None] | None = None,
 ) -> Any:
-    """Subscribe with an overridable ``profile``; ``raw`` gives serialized messages, ``on_lost`` a number of losses."""
+    """Subscribe with an overridable ``profile``; ``raw`` gives serialized messages.
+
+    ``on_lost`` gets a number of losses, ``on_misfit`` a sentence when a publisher comes that cannot be heard.
+    """
     lost = None if on_lost is None else lambda info: on_lost(info.total_count_change)
+    misfit = None if on_misfit is None else lambda info: on_misfit(_misfit(node, topic, info.last_policy_kind))
     return node.create_subscription(
         kind,
         topic,
         callback,
         profile,
         raw=raw,
-        event_callbacks=SubscriptionEventCallbacks(message_lost=lost),
+        event_callbacks=SubscriptionEventCallbacks(message_lost=lost, incompatible_qos=misfit),
         qos_overriding_options=QoSOverridingOptions.with_default_policies(),
     )
 
@@ -62,3 +76,36 @@ def advertise(node: Node, kind: Any, topic: str, profile: QoSProfile | None = No
     return node.create_publisher(
         kind, topic, profile or result(), qos_overriding_options=QoSOverridingOptions.with_default_policies()
     )
+
+
+def is_heard(publisher: Any) -> bool:
+    """Whether anybody listens. To ask costs 3 microseconds, to fill and publish a message for nobody 60."""
+    return publisher.get_subscription_count() > 0
+
+
+def misfits(publishers: Iterable[Any], kind: str, profile: QoSProfile) -> list[str]:
+    """Why ``publishers`` (topic endpoint infos) are not heard by a subscription of type ``kind`` with ``profile``.
+
+    One clause each, empty for those that fit.
+    """
+    found = []
+    for peer in publishers:
+        level, reason = qos_check_compatible(peer.qos_profile, profile)
+        if peer.topic_type != kind:
+            found.append(f"{_name(peer)} publishes {peer.topic_type}, {kind} is expected")
+        elif level == QoSCompatibility.ERROR:  # a value of the middleware's own enumeration, not the same object
+            found.append(f"{_name(peer)} offers incompatible QoS ({reason.removeprefix('ERROR: ').rstrip(';')})")
+    return found
+
+
+def _misfit(node: Node, topic: str, policy_kind: Any) -> str:
+    """The sentence for a publisher that offers less than the subscription asks for."""
+    name, policy = node.resolve_topic_name(topic), qos_policy_name_from_kind(policy_kind)
+    return (
+        f"a publisher on {name} offers incompatible QoS ({policy}); nothing is heard from it: "
+        f"change its QoS, or qos_overrides.{name}.subscription.{policy.lower()} of this node"
+    )
+
+
+def _name(peer: Any) -> str:
+    return f"{peer.node_namespace.rstrip('/')}/{peer.node_name}"

@@ -18,6 +18,11 @@ try:
 except (ImportError, AttributeError):  # no such internals: nothing to tell apart
     RCLError = RuntimeError
 
+try:  # here, not when it is needed: a signal in the middle of an import leaves a traceback behind
+    from rclpy.experimental import EventsExecutor as _Executor
+except ImportError:
+    _Executor = SingleThreadedExecutor
+
 from nav_pose_estimator.errors import UserError
 
 _TIMEOUT = 0.25  # s: how soon a signal is seen at the latest
@@ -25,11 +30,7 @@ _TIMEOUT = 0.25  # s: how soon a signal is seen at the latest
 
 def make_executor(context: Any = None) -> Any:
     """The events executor where rclpy has it (7.1.4 and later), else the single-threaded one."""
-    try:
-        from rclpy.experimental import EventsExecutor
-    except ImportError:
-        return SingleThreadedExecutor(context=context)
-    return EventsExecutor(context=context)
+    return _Executor(context=context)
 
 
 def run(

@@ -1,6 +1,7 @@
 """What a pilot reads: status and inputs in sentences. Pure functions of plain data."""
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from nav_pose_estimator.engine.solutions import Mode, Status
@@ -8,7 +9,7 @@ from nav_pose_estimator.engine.solutions import Mode, Status
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs/DiagnosticStatus
 
 _LEVELS = {Mode.AIDED: OK, Mode.EXPIRED: ERROR}
-_MEANINGS = {
+MEANINGS = {
     Mode.WAITING_IMU: "waiting for the IMU",
     Mode.ALIGNING: "aligning",
     Mode.NO_ORIGIN: "level, but without a position",
@@ -20,9 +21,24 @@ _MEANINGS = {
 }
 
 
+ATTITUDE_MEANINGS = {
+    Mode.WAITING_IMU: "waiting for the IMU",
+    Mode.ALIGNING: "levelling",
+    Mode.AIDED: "the attitude is level",
+}
+LEARNER_MEANINGS = {
+    Mode.WAITING_IMU: "waiting for the navigator",
+    Mode.ALIGNING: "the model is not used yet",
+    Mode.AIDED: "the model helps when GNSS is lost",
+}
+
+
 @dataclass(frozen=True)
 class InputReport:
-    """How one input topic does: messages in all, since the last report, lost on the way; age of the last one [s]."""
+    """How one input topic does: messages in all, since the last report, lost on the way; age of the last one [s].
+
+    ``misfits``: publishers that are not heard, and why, one clause each.
+    """
 
     topic: str
     total: int
@@ -31,6 +47,7 @@ class InputReport:
     age: float
     publishers: int
     needed: bool
+    misfits: tuple[str, ...] = ()
 
 
 def level_of(status: Status) -> int:
@@ -38,18 +55,17 @@ def level_of(status: Status) -> int:
     return _LEVELS.get(status.mode, WARN)
 
 
-def sentence(status: Status) -> str:
-    """How things stand, in one sentence."""
-    parts = [f"{status.mode.value}: {_MEANINGS[status.mode]}"]
-    if status.waiting_for:
-        parts.append(status.waiting_for)
+def sentence(status: Status, meanings: Mapping[Mode, str] = MEANINGS) -> str:
+    """How things stand, in one sentence; ``meanings`` of the modes where they are not those of the navigator."""
+    waiting = status.waiting_for.rstrip(".")
+    parts = [f"{status.mode.value}: {waiting or meanings[status.mode]}"]
     if status.seconds_coasting > 0.0:
         parts.append(f"for {status.seconds_coasting:.0f} s")
     if math.isfinite(status.horizontal_sd):
         parts.append(f"position good to {metres(status.horizontal_sd)} (1 sigma)")
     if status.mode is not Mode.AIDED and math.isfinite(status.horizontal_sd_in_30_s):
         parts.append(f"to {metres(status.horizontal_sd_in_30_s)} in 30 s")
-    if status.gnss_refusal:
+    if status.gnss_refusal and status.gnss_refusal not in waiting:
         parts.append(f"GNSS refused: {status.gnss_refusal}")
     return ", ".join(parts)
 
@@ -69,16 +85,31 @@ def facts(status: Status) -> list[tuple[str, str]]:
     return pairs + [(key, number(value)) for key, value in sorted(status.values.items())]
 
 
+def learner_facts(status: Status, training: str, history: Sequence[Mapping[str, float]]) -> list[tuple[str, str]]:
+    """Key and value for the learner; ``history``: its scores after each training, the learning curve."""
+    names = sorted({name for scores in history for name in scores})
+    curves = [(name, ", ".join(number(scores.get(name, math.nan)) for scores in history)) for name in names]
+    return [
+        ("mode", status.mode.value),
+        ("not used because", status.waiting_for or "-"),
+        ("training", training),
+        ("trainings", str(len(history))),
+        *((key, number(value)) for key, value in sorted(status.values.items())),
+        *((f"{name} after each training", curve) for name, curve in curves),
+    ]
+
+
 def input_sentence(reports: list[InputReport]) -> tuple[int, str]:
-    """Level and sentence for the inputs: silence of a needed one is a warning."""
-    silent = [report for report in reports if report.needed and report.age > 2.0]
-    if not silent:
-        return OK, "all needed inputs arrive"
-    words = []
-    for report in silent:
+    """Level and sentence for the inputs: silence of a needed one and a publisher that is not heard are warnings."""
+    words = [words for report in reports for words in _complaints(report)]
+    return (WARN, "; ".join(words)) if words else (OK, "all needed inputs arrive")
+
+
+def _complaints(report: InputReport) -> Iterator[str]:
+    if report.needed and report.age > 2.0:
         since = "never came" if not math.isfinite(report.age) else f"silent for {report.age:.0f} s"
-        words.append(f"{report.topic} {since} ({report.publishers} publishers)")
-    return WARN, "; ".join(words)
+        yield f"{report.topic} {since} ({report.publishers} publishers)"
+    yield from (f"{report.topic}: {misfit}" for misfit in report.misfits)
 
 
 def input_facts(reports: list[InputReport]) -> list[tuple[str, str]]:

@@ -113,6 +113,31 @@ class Shift(Fault):
 
 
 @dataclass(frozen=True)
+class Creep(Fault):
+    """A position moves away by ``step`` (East, North, Up) [m] more with every fix: a spoofer that is in no hurry."""
+
+    sensor: type = GnssFix
+    step: tuple[float, float, float] = (0.2, 0.0, 0.0)
+
+    def spoil(self, timed: Timed, healthy: Sample | None, number: int) -> Timed | None:
+        sample: Any = timed.sample
+        return _with(timed, _moved(sample, tuple(number * value for value in self.step)))
+
+
+@dataclass(frozen=True)
+class Redate(Fault):
+    """Stamps are wrong by ``seconds`` while samples arrive as ever: a clock that jumps, and jumps back."""
+
+    seconds: float = 10.0
+
+    def spoil(self, timed: Timed, healthy: Sample | None, number: int) -> Timed | None:
+        sample: Any = timed.sample
+        if sample.stamp_ns is None:
+            return timed
+        return _with(timed, {"stamp_ns": sample.stamp_ns + round(self.seconds * 1e9)})
+
+
+@dataclass(frozen=True)
 class SetCount(Fault):
     """The receiver reports ``count`` satellites, while its fixes go on."""
 

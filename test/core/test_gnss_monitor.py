@@ -161,3 +161,18 @@ def test_too_few_satellites_never_open_the_gate(counts):
 @given(st.lists(st.integers(5, 60), min_size=1, max_size=60))
 def test_enough_satellites_never_close_the_gate(counts):
     assert all(v.usable for v in run(opened(), counts, start=4.0))
+
+
+def test_a_receiver_that_was_silent_owes_no_count_for_that_time():
+    """GIVEN an open gate WHEN the whole receiver is silent for a minute THEN its return is no error, and none later."""
+    gate = opened()
+    verdicts = run(gate, [9] * 40, start=70.0)
+    assert all(v.usable for v in verdicts)
+    assert names(verdicts) == []
+    assert not gate.state.inactive
+
+
+def test_a_count_that_does_not_come_back_with_its_receiver_is_told():
+    """GIVEN an open gate WHEN the receiver returns from a silence without its count THEN stale, and then inactive."""
+    verdicts = run(opened(), ["-"] * 40, start=70.0)
+    assert names(verdicts) == ["gnss.count.stale", "gnss.gate.inactive"]

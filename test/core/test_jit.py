@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from nav_pose_estimator.core import jit
 from nav_pose_estimator.core.jit import COMPILED, numba
 
 NUMBERS = """from nav_pose_estimator.core.jit import kernel
@@ -51,3 +52,13 @@ def test_a_cached_kernel_is_used_until_a_number_or_a_kernel_in_it_changes(tmp_pa
 def test_mode_follows_the_environment():
     expected = numba is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
     assert expected == COMPILED
+
+
+@pytest.mark.compiled
+def test_the_first_run_is_known_by_the_absence_of_machine_code(tmp_path, monkeypatch):
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(jit, "__file__", str(tmp_path / "jit.py"))
+    assert jit.is_first_run()
+    (tmp_path / "__pycache__").mkdir()
+    (tmp_path / "__pycache__" / "kalman.correct-1.py312.nbi").touch()
+    assert not jit.is_first_run()

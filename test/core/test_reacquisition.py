@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.core.reacquisition import Reacquisition, ReacquisitionSettings
+from nav_pose_estimator.core.return_evidence import unexplained as unexplained_by_drift
 from nav_pose_estimator.engine.parameters import Parameters
 
 PERIOD = 0.2
@@ -298,3 +299,87 @@ def test_random_garbage_never_locks_gnss_out(seed):
     decisions = vehicle.fly(SETTINGS.implausible_time + 5.0)
     assert vehicle.off < 4.0
     assert decisions[-1].action == "fuse"
+
+
+# --- position and velocity together ----------------------------------------------------------------------------------
+def drifted(seconds, accel, sd=0.05):
+    """Covariance (6, 6) of position and velocity, E N U, of a navigator with an unknown acceleration; its errors."""
+    cause = np.array([0.5 * seconds**2, seconds])
+    P = np.kron(sd**2 * np.outer(cause, cause), np.eye(3)) + 1e-2 * np.eye(6)
+    return P, np.kron(cause, accel)
+
+
+R = np.diag([2.0**2] * 3 + [0.5**2] * 3)
+
+
+def test_a_drift_explains_itself_and_an_offset_with_a_true_velocity_does_not():
+    """GIVEN 60 s of drift WHEN position and velocity err by the same cause THEN all is well; an offset alone is not."""
+    P, error = drifted(60.0, (0.05, -0.03, 0.0))
+    assert unexplained_by_drift(error, np.eye(6), P, R) < 2.0
+    assert 200.0 / math.sqrt(P[0, 0]) < 3.0  # by position alone nobody would doubt it
+    assert unexplained_by_drift(error + np.array([200.0, 0, 0, 0, 0, 0]), np.eye(6), P, R) > 10.0
+
+
+def test_an_overconfident_filter_is_forgiven_as_far_as_its_velocity_shows_it():
+    P, error = drifted(60.0, (0.4, 0.0, 0.0))
+    assert math.sqrt(error[0] ** 2 / P[0, 0]) > 5.0
+    assert unexplained_by_drift(error, np.eye(6), P, R) < 3.0
+
+
+@pytest.mark.parametrize("worse", [math.nan, math.inf])
+def test_numbers_that_are_none_speak_for_nothing(worse):
+    P, error = drifted(60.0, (0.0, 0.0, 0.0))
+    error[0] = worse
+    assert unexplained_by_drift(error, np.eye(6), P, R) == math.inf
+
+
+def returns(aided, offset, evidence, seconds=60.0):
+    """Seconds until a return ``offset`` to the East is taken, the prediction's sigma being 180 m."""
+    aided.coast(30.0)
+    decisions = []
+    for i in range(round(seconds / PERIOD)):
+        position, velocity = truth(aided.t + i * PERIOD)
+        gap = 30.0 + i * PERIOD
+        fix = position + np.array([offset, 0.0, 0.0])
+        decisions.append(aided.machine.offer(aided.t + i * PERIOD, fix, velocity, 1.5, position, 180.0, gap, evidence))
+    return first(decisions, "fuse", "reset"), decisions
+
+
+@pytest.mark.parametrize(
+    ("offset", "unexplained", "at_least", "at_most"),
+    [(300.0, 1.0, 0.8, 0.8), (300.0, 3.0, 8.0, 15.0), (300.0, 6.0, 20.0, 20.0), (20.0, 3.0, 0.8, 3.0)],
+)
+def test_the_larger_and_the_less_explained_a_jump_the_longer_it_must_last(
+    aided, offset, unexplained, at_least, at_most
+):
+    """GIVEN a large sigma WHEN a return is less and less explained THEN it waits, as far as the jump is worth it."""
+    waited, decisions = returns(aided, offset, unexplained)
+    assert at_least - 1e-6 <= waited <= at_most + 2 * PERIOD
+    reasons = {d.reason for d in decisions}
+    assert ("gnss.waiting.unexplained" in reasons) == (unexplained > SETTINGS.sigmas)
+    assert ("gnss.waiting.doubtful" in reasons) == (waited > 0.8 and unexplained < SETTINGS.sigmas)
+
+
+def test_doubt_does_not_pass_by_waiting(aided):
+    """GIVEN a return that was unexplained at first WHEN sigma has grown until it is THEN it still has to wait."""
+    aided.coast(30.0)
+    decisions = []
+    for i in range(60):
+        position, velocity = truth(aided.t + i * PERIOD)
+        evidence = 6.0 if i < 3 else 1.0
+        fix = position + np.array([200.0, 0.0, 0.0])
+        gap = 30.0 + i * PERIOD
+        decisions.append(aided.machine.offer(aided.t + i * PERIOD, fix, velocity, 1.5, position, 90.0, gap, evidence))
+    assert {d.action for d in decisions} == {"wait"}
+
+
+def test_a_truth_that_is_far_likelier_than_what_was_taken_before_wins_soon(aided):
+    """GIVEN a return 2.6 sigma off that was taken WHEN fixes come from where the filter was THEN they win at once."""
+    aided.sd_growth = 0.15
+    aided.drift = np.array([0.0, 0.0, 0.0])
+    aided.coast(40.0)
+    wrong = aided.fly(10.0, offset=(0.0, 320.0, 0.0))
+    assert first(wrong, "fuse", "reset") < 1.0
+    right = aided.fly(10.0)
+    assert first(right, "reset") <= 1.0
+    assert aided.off < 3.0

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace as Message
 from typing import Any
 
 import numpy as np
 import pytest
+from driver_types import GPS_FIX, GPSRAW, NAV_PVT, SENSOR_COMBINED, SENSOR_GPS, STORE, make, sent
 from geometry_msgs.msg import TwistStamped
 
 from nav_pose_estimator.core.earth import lla_to_enu
@@ -28,7 +29,7 @@ from nav_pose_estimator.offline.config_file import load_parameters
 from nav_pose_estimator.ros import inputs
 from nav_pose_estimator.ros.sample_messages import TOPICS, to_message
 from nav_pose_estimator.sim.recording import Recording
-from nav_pose_estimator.sim.scenarios import generate
+from nav_pose_estimator.sim.scenarios import SCENARIOS, generate
 
 Drive = Callable[[Sample], Iterator[tuple[str, Any]]]
 FLU_TO_FRD = np.array([1.0, -1.0, -1.0])
@@ -70,7 +71,7 @@ def ublox(sample: Sample) -> Iterator[tuple[str, Any]]:
         elif isinstance(sample, GnssFix):
             message.position_covariance_type = 2
         elif isinstance(sample, SatelliteCount):
-            message = Message(num_sv=sample.count, fix_type=3, i_tow=1)
+            message = sent(make(NAV_PVT, num_sv=sample.count, fix_type=3, i_tow=1))
         yield topic, message
 
 
@@ -92,29 +93,31 @@ class GpsUmd:
         else:
             yield from plain(sample)
 
-    def message(self, count: int) -> Message:
+    def message(self, count: int) -> Any:
         east, north, up = self.velocity.vel_enu
-        fix = to_message(self.fix)
-        return Message(
-            header=fix.header,
-            status=Message(status=0, satellites_used=count),
-            latitude=fix.latitude,
-            longitude=fix.longitude,
-            altitude=fix.altitude,
-            track=math.degrees(math.atan2(east, north)) % 360.0,
-            speed=math.hypot(east, north),
-            climb=up,
-            err_speed=0.2,
-            err_climb=0.3,
-            position_covariance=np.zeros(9),
-            position_covariance_type=0,
+        stamp = STORE.types["builtin_interfaces/msg/Time"](*divmod(self.fix.stamp_ns, 10**9))
+        return sent(
+            make(
+                GPS_FIX,
+                header=STORE.types["std_msgs/msg/Header"](stamp=stamp, frame_id="gps"),
+                status=make("gps_msgs/msg/GPSStatus", status=0, satellites_used=count),
+                latitude=math.degrees(self.fix.lat),
+                longitude=math.degrees(self.fix.lon),
+                altitude=self.fix.alt,
+                track=math.degrees(math.atan2(east, north)) % 360.0,
+                speed=math.hypot(east, north),
+                climb=up,
+                err_speed=0.2,
+                err_climb=0.3,
+            )
         )
 
 
 class Px4:
     """FRD, NED, microseconds, single precision, one SensorGps; no magnetometer, no barometer."""
 
-    def __init__(self) -> None:
+    def __init__(self, gps: str = SENSOR_GPS) -> None:
+        self.gps = gps
         self.fix: GnssFix | None = None
         self.velocity: GnssVelocity | None = None
 
@@ -122,11 +125,13 @@ class Px4:
         if isinstance(sample, ImuSample):
             yield (
                 "imu/data_raw",
-                Message(
-                    timestamp=sample.stamp_ns // 1000,
-                    accelerometer_timestamp_relative=0,
-                    gyro_rad=(np.array(sample.gyro) * FLU_TO_FRD).astype(np.float32),
-                    accelerometer_m_s2=(np.array(sample.accel) * FLU_TO_FRD).astype(np.float32),
+                sent(
+                    make(
+                        SENSOR_COMBINED,
+                        timestamp=sample.stamp_ns // 1000,
+                        gyro_rad=(np.array(sample.gyro) * FLU_TO_FRD).astype(np.float32),
+                        accelerometer_m_s2=(np.array(sample.accel) * FLU_TO_FRD).astype(np.float32),
+                    )
                 ),
             )
         elif isinstance(sample, GnssFix):
@@ -137,23 +142,28 @@ class Px4:
             message = self.message(sample.count)
             yield from ((topic, message) for topic in ("gps/satellites", "gps/vel", "gps/fix"))
 
-    def message(self, count: int) -> Message:
+    def message(self, count: int) -> Any:
         east, north, up = self.velocity.vel_enu
-        return Message(
-            timestamp=self.fix.stamp_ns // 1000,
-            timestamp_sample=0,
-            latitude_deg=math.degrees(self.fix.lat),
-            longitude_deg=math.degrees(self.fix.lon),
-            altitude_ellipsoid_m=self.fix.alt,
-            fix_type=3,
-            eph=0.9,
-            epv=1.5,
-            vel_n_m_s=north,
-            vel_e_m_s=east,
-            vel_d_m_s=-up,
-            vel_ned_valid=True,
-            s_variance_m_s=0.2,
-            satellites_used=count,
+        lat, lon, height = math.degrees(self.fix.lat), math.degrees(self.fix.lon), self.fix.alt
+        if self.gps == SENSOR_GPS:
+            where = {"latitude_deg": lat, "longitude_deg": lon, "altitude_ellipsoid_m": height}
+        else:
+            where = {"lat": round(lat * 1e7), "lon": round(lon * 1e7), "alt_ellipsoid": round(height * 1e3)}
+        return sent(
+            make(
+                self.gps,
+                timestamp=self.fix.stamp_ns // 1000,
+                fix_type=3,
+                eph=0.9,
+                epv=1.5,
+                vel_n_m_s=north,
+                vel_e_m_s=east,
+                vel_d_m_s=-up,
+                vel_ned_valid=True,
+                s_variance_m_s=0.2,
+                satellites_used=count,
+                **where,
+            )
         )
 
 
@@ -175,8 +185,14 @@ def fly(
 
 @pytest.mark.parametrize(
     ("name", "make_drive"),
-    [("mavros", lambda: mavros), ("ublox", lambda: ublox), ("gps_umd", GpsUmd), ("px4", Px4)],
-    ids=["mavros", "ublox", "gps_umd", "px4"],
+    [
+        ("mavros", lambda: mavros),
+        ("ublox", lambda: ublox),
+        ("gps_umd", GpsUmd),
+        ("px4", Px4),
+        ("px4", lambda: Px4("px4_msgs/msg/SensorGps114")),
+    ],
+    ids=["mavros", "ublox", "gps_umd", "px4", "px4_1_14"],
 )
 def test_a_flight_as_the_driver_sends_it_is_aided(repository: Path, flight, name, make_drive):
     parameters = load_parameters(repository / "config" / f"driver_{name}.yaml")
@@ -194,16 +210,40 @@ def test_a_flight_as_the_driver_sends_it_is_aided(repository: Path, flight, name
     assert math.degrees(angle_between(last.q_nb, truth.q_nb[i])) < 10.0
 
 
+@pytest.mark.parametrize(
+    ("name", "make_drive"),
+    [("mavros", lambda: mavros), ("ublox", lambda: ublox), ("px4", Px4)],
+    ids=lambda value: str(value),
+)
+def test_fixes_stamped_in_the_past_are_refused_with_a_sentence_about_clocks(repository, flight, name, make_drive):
+    """GIVEN a driver whose clock is 30 s behind WHEN it publishes fixes THEN none is used, and the pilot reads why."""
+    parameters = load_parameters(repository / "config" / f"driver_{name}.yaml")
+    drive = make_drive()
+
+    def behind(sample: Sample) -> Iterator[tuple[str, Any]]:
+        late = isinstance(sample, (GnssFix, GnssVelocity, SatelliteCount)) and sample.stamp_ns
+        return drive(replace(sample, stamp_ns=sample.stamp_ns - 30 * 10**9) if late else sample)
+
+    engine, solutions, events = fly(parameters, flight, behind)
+    assert solutions == []
+    status = engine.status()
+    assert status.counters["gnss.rejected.age"] > 100
+    assert status.gnss_refusal == "the fix is older than gnss.gate.max_age"
+    assert any("older than gnss.gate.max_age" in event.text for event in events)
+
+
+def test_a_gpsraw_gives_the_count_of_mavros_with_its_stamp():
+    source = next(s for s in inputs.gnss_inputs(Parameters().ros.input, "gpsraw") if s.topic == "gps/satellites")
+    assert source.adapter(sent(make(GPSRAW, satellites_visible=11)))[0].count == 11
+    assert source.adapter(sent(make(GPSRAW, satellites_visible=255)))[0].count is None
+
+
 def flight_with_delay(flight: Recording, delay: float) -> Recording:
     """The same flight with GNSS stamps ``delay`` later than the fixes were valid."""
     return generate(_with_latency(delay), duration=flight.truth.t[-1], seed=flight.seed, imu_rate=1.0 / flight.truth.dt)
 
 
 def _with_latency(delay: float):
-    from dataclasses import replace
-
-    from nav_pose_estimator.sim.scenarios import SCENARIOS
-
     story = SCENARIOS["laps"]
     return replace(story, gnss=replace(story.gnss, latency=delay))
 

@@ -66,7 +66,7 @@ class GnssParameters:
         0.75, "m/s", "Smallest vertical deviation of a velocity", 0.001, 10.0, mutable=True
     )
     position_correlation: float = param(
-        2.0, "s", "Fixes closer than this share their error, so each counts for less", 0.0, 100.0, mutable=True
+        0.5, "s", "Fixes closer than this share their error, so each counts for less", 0.0, 100.0, mutable=True
     )
     gate: GateParameters = field(default_factory=GateParameters)
     reacquisition: ReacquisitionParameters = field(default_factory=ReacquisitionParameters)

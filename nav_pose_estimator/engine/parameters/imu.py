@@ -23,10 +23,13 @@ class ImuParameters:
     accel_noise: float = param(
         0.02, "m/s^2/sqrt(Hz)", "Accelerometer noise density in flight", 1e-6, 10.0, mutable=True
     )
-    gyro_bias_sd: float = param(5.0e-3, "rad/s", "Steady-state deviation of the gyroscope bias", 0.0, 0.1, mutable=True)
+    gyro_bias_sd: float = param(4.0e-3, "rad/s", "Steady-state deviation of the gyroscope bias", 0.0, 0.1, mutable=True)
+    learn_gyro_bias_sd: bool = param(
+        True, "", "Learn in flight how much the gyroscope bias wanders: a quarter to twice gyro_bias_sd"
+    )
     gyro_bias_tau: float = param(3000.0, "s", "Correlation time of the gyroscope bias", 1.0, 1e6)
     accel_bias_sd: float = param(
-        0.1, "m/s^2", "Steady-state deviation of the accelerometer bias", 0.0, 1.0, mutable=True
+        0.03, "m/s^2", "Steady-state deviation of the accelerometer bias", 0.0, 1.0, mutable=True
     )
     accel_bias_tau: float = param(300.0, "s", "Correlation time of the accelerometer bias", 1.0, 1e6)
     gap: float = param(0.06, "s", "A longer interval between samples counts as missing data", 0.001, 10.0)

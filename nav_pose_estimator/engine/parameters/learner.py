@@ -13,20 +13,10 @@ class LearnerParameters:
     method: str = param(
         "best",
         "",
-        "coast: nothing; velocity_prior: the vehicle moves as it has moved; best: that and the place it flies at",
-        choices=("coast", "velocity_prior", "best"),
+        "coast: nothing; velocity_prior: the vehicle moves as it has moved; drag: rotor drag and wind; anfis: the network"
+        " alone; anfis_linear: the network with one rule; best: network, hovering or travelling, whatever has helped",
+        choices=("coast", "velocity_prior", "drag", "anfis", "anfis_linear", "best"),
     )
-    slow_speed: float = param(
-        5.0, "m/s", "A vehicle that is slower than this for a tenth of its flight can hover", 0.0, 50.0
-    )
-    habit_share: float = param(
-        0.3,
-        "",
-        "How much of the last two minutes' mean square speed is expected of a vehicle that hovers now",
-        0.0,
-        1.0,
-    )
-    velocity_prior_weight: float = param(6.0, "", "Factor on the variance of the velocity prior", 0.1, 100.0)
-    position_prior_weight: float = param(
-        30.0, "", "Factor on the variance of the position prior, once a second", 1.0, 1e4
-    )
+    window: float = param(300.0, "s", "The network is trained on so much of the last flight", 60.0, 600.0)
+    period: float = param(30.0, "s", "Time between two trainings", 5.0, 600.0)
+    rules: int = param(2, "", "Up to so many rules are tried; more than one only where that is clearly better", 1, 8)

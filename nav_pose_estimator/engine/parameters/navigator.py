@@ -11,9 +11,9 @@ class NavigatorParameters:
 
     covariance_period: float = param(0.02, "s", "Time between covariance steps", 0.001, 1.0)
     memory: float = param(1.5, "s", "How old an observation may be when it arrives", 0.1, 10.0)
-    gyro_matrix_states: bool = param(False, "", "Estimate the gyroscope's scale factors and misalignments (9 states)")
+    gyro_matrix_states: bool = param(True, "", "Estimate the gyroscope's scale factors and misalignments (9 states)")
     gyro_matrix_sd: float = param(
-        0.005, "", "Deviation of scale factors and misalignments before they are known", 0.0, 0.1
+        0.01, "", "Deviation of scale factors and misalignments before they are known", 0.0, 0.1
     )
     gate_probability: float = param(
         0.999,

@@ -27,7 +27,7 @@ class InputParameters:
     )
     velocity_frame: str = param("enu", "", "World axes of a twist on gps/vel", choices=("enu", "ned"))
     vertical_velocity: bool = param(True, "", "The driver fills the vertical velocity of gps/vel (MAVROS does not)")
-    queue: int = param(50, "", "Messages kept per input while the node is busy", 1, 1000)
+    queue: int = param(200, "", "Messages kept per input while the node is busy", 1, 1000)
     max_stamp_regression: float = param(
         1.0, "s", "Stamps that go back by more, three times in a row, are a new run (bag loop): reset", 0.1, 3600.0
     )
@@ -57,9 +57,18 @@ class OutputParameters:
 
 
 @dataclass(frozen=True)
+class ModelParameters:
+    """The trained model of anfis_node on disk."""
+
+    file: str = param("", "", "File of the model: read at start where it exists, written by ~/save_model; empty: none")
+    save_after_training: bool = param(False, "", "Write the file after every training whose result is taken")
+
+
+@dataclass(frozen=True)
 class RosParameters:
     """Everything at the boundary."""
 
     input: InputParameters = field(default_factory=InputParameters)
     frames: FrameParameters = field(default_factory=FrameParameters)
     output: OutputParameters = field(default_factory=OutputParameters)
+    model: ModelParameters = field(default_factory=ModelParameters)

@@ -1,0 +1,315 @@
+"""What the network learns for an outage: the vehicle's velocity through the air, from what the IMU feels.
+
+Read literally, the source text trains the network on the filter's own position corrections, which are noise as long as
+GNSS is good, and teaches it nothing. What can be learned is how the vehicle moves. Rotor drag, lift and sideslip tie the
+velocity through the air, resolved in the body frame, to specific force, angular rate and attitude; the wind, resolved in
+the level frame, is the same for every attitude:
+
+    C' v = g(f, w, u) + C' (w_mean + w(t))        u: the upward direction resolved in b                          (1)
+
+The network g is trained on half-second means of aided flight, the mean wind w_mean jointly with it by least squares. The
+predicted error of the navigator's velocity is then v - C g - w, exactly the increment of the position error that the
+source text asks for, and its coefficient on the navigator's own velocity is one by construction, not by training.
+
+What g does not explain becomes noise, honestly: its residuals are those of blocks of time that it was not trained on; the
+part that persists in the level frame is the change of the wind w(t), a first-order Gauss-Markov process that goes on to
+be estimated in the outage; the rest counts with its spectral density at low frequency, because half-second residuals are
+not independent.
+
+Sources: CN113777645A, claim 3 (inputs, network, training); P. Martin and E. Salaun, "The true role of accelerometer
+feedback in quadrotor control", ICRA 2010 (rotor drag); S. Khaghani and J. Skaloud, "Autonomous and non-autonomous dynamic
+model based navigation system for UAVs", Robotics and Autonomous Systems 2018 (vehicle dynamics as a sensor).
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.anfis import Anfis
+from nav_pose_estimator.core.motion_epochs import (
+    BODY_VELOCITY,
+    FORCE,
+    PERIOD,
+    POSITION,
+    VELOCITY,
+    attitude,
+)
+from nav_pose_estimator.core.motion_regimes import SLOW
+from nav_pose_estimator.errors import UserError
+
+Array = NDArray[np.float64]
+
+WIND_TIME = 40.0  # s: correlation time of the wind's change
+_BLOCKS = 4  # blocks of time for the residuals of data not trained on
+_RIDGE = 1e-3
+_ITERATIONS = 20  # of the conjugate gradient
+_MEMORY = 8.0  # s over which residuals count as correlated
+_WIND_LAG = 10.0  # s: what is still alike after this is wind
+_FLOOR = 0.05**2  # m^2/s^2 in one second
+_UNSEEN_HOVER = 10.0  # s of hovering that the guess about it is worth
+_CLEARLY = 0.9  # part of one rule's squared error below which more rules are better
+_STRANGE = 10.0  # factor on the noise of a prediction far from the training data
+
+
+class Law(Protocol):
+    """What can stand for g in eq. (1): an ``Anfis``, or a law of physics."""
+
+    @property
+    def rules(self) -> int: ...
+    def predict(self, X: Array, /) -> Array: ...
+    def novelty(self, X: Array, /) -> Array: ...
+
+
+@dataclass(frozen=True)
+class AirVelocityModel:
+    """A trained network with everything that turns its output into an observation.
+
+    ``wind_mean`` (2,) of the training window; ``wind`` (2,) its change since, East and North [m/s], with variance
+    ``wind_var`` now and ``wind_spread`` in the long run. ``noise``, ``hover_noise`` (3,): variance of a mean over one
+    second, body axes [m^2/s^2]. ``errors``: number of rules -> squared error on blocks not trained on.
+    """
+
+    network: Law
+    wind_mean: Array
+    wind: Array
+    wind_var: float
+    wind_spread: float
+    noise: Array
+    hover_noise: Array
+    errors: Mapping[int, float]
+    target_square: float  # mean square of what was to be learned
+
+    def predict(self, epoch: Array) -> tuple[Array, float]:
+        """Air velocity in b (3,) [m/s] at one epoch (COLUMNS,), and the factor on the noise for strange inputs."""
+        x = inputs(epoch[None])
+        novelty = float(self.network.novelty(x)[0])
+        return self.network.predict(x)[0], 1.0 + (_STRANGE - 1.0) * min(max(novelty - 1.0, 0.0), 1.0)
+
+    @property
+    def rules(self) -> int:
+        """Number of rules of the network that was chosen."""
+        return self.network.rules
+
+    def follow(self, epoch: Array) -> "AirVelocityModel":
+        """The model with its wind brought on by one more aided epoch (COLUMNS,)."""
+        residual = _residuals(epoch[None], self.network, self.wind_mean)
+        noise = max(float(self.noise[:2].mean()), 0.05 * self.wind_spread) / PERIOD
+        tracker = WindTracker(self.wind_spread, noise, self.wind, self.wind_var)
+        tracker.step((attitude(epoch[None])[0] @ residual[0])[:2])
+        return replace(self, wind=tracker.wind, wind_var=tracker.variance)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Named arrays for a file. ``from_state`` gives the same model."""
+        if not isinstance(self.network, Anfis):
+            raise UserError("a drag law is no network: there is nothing to save")
+        arrays = {f"network.{name}": value for name, value in self.network.state().items()}
+        for name in _ARRAYS:
+            arrays[name] = np.array(getattr(self, name), float)
+        rules = sorted(self.errors)
+        return arrays | {"errors": np.array([[r, self.errors[r]] for r in rules], float).reshape(-1, 2)}
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, np.ndarray]) -> "AirVelocityModel":
+        """The model of ``state()``. ``UserError`` when its network is damaged, ``KeyError`` when a part is missing."""
+        network = Anfis.from_state(
+            {k.removeprefix("network."): v for k, v in state.items() if k.startswith("network.")}
+        )
+        parts = {name: np.array(state[name], float) for name in _ARRAYS}
+        parts |= {name: float(value) for name, value in parts.items() if value.ndim == 0}
+        return cls(network, errors={int(r): float(e) for r, e in state["errors"]}, **parts)  # type: ignore[arg-type]
+
+
+_ARRAYS = ("wind_mean", "wind", "wind_var", "wind_spread", "noise", "hover_noise", "target_square")
+
+
+def inputs(epochs: Array) -> Array:
+    """The network's inputs (N, 9) of epochs (N, COLUMNS): specific force, angular rate, upward direction in b."""
+    return np.concatenate([epochs[:, FORCE:POSITION], attitude(epochs)[:, 2]], axis=1)
+
+
+def learn_air_velocity(epochs: Array, rules: tuple[int, ...] = (1,)) -> AirVelocityModel:
+    """Train on aided epochs (N, COLUMNS) in order of time, N at least a hundred.
+
+    ``rules``: numbers of rules to try; more than the first have to be clearly better on blocks not trained on.
+    """
+    blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
+    residuals = {count: _unseen_residuals(epochs, blocks, count) for count in rules}
+    errors = {count: float(np.square(residual).mean()) for count, residual in residuals.items()}
+    chosen = min(errors, key=lambda count: errors[count] * (1.0 if count == rules[0] else 1.0 / _CLEARLY))
+    network, wind = _fit(epochs, chosen)
+    model = AirVelocityModel(
+        network=network,
+        wind_mean=wind,
+        wind=np.zeros(2),
+        wind_var=0.0,
+        wind_spread=_wind_spread(epochs, residuals[chosen]),
+        noise=np.ones(3),
+        hover_noise=np.ones(3),
+        errors=errors,
+        target_square=float(np.square(epochs[:, BODY_VELOCITY:VELOCITY]).mean()),
+    )
+    return _with_noise(model, epochs, residuals[chosen])
+
+
+class DragLaw:
+    """Linear rotor drag, the classical rival: air velocity along x and y is specific force times ``-1 / D``.
+
+    ``gain`` (2,): 1 / D [s] along body x and y. It says nothing of the vertical.
+    """
+
+    rules = 1
+
+    def __init__(self, gain: Array) -> None:
+        self.gain = gain
+
+    def predict(self, x: Array) -> Array:
+        """Inputs (N, 9) -> air velocity in b (N, 3)."""
+        return np.column_stack([-self.gain * x[:, :2], np.zeros(len(x))])
+
+    def novelty(self, x: Array) -> Array:
+        """A law of physics holds everywhere."""
+        return np.zeros(len(x))
+
+
+def learn_drag(epochs: Array) -> AirVelocityModel:
+    """Drag coefficients and wind by least squares over aided epochs (N, COLUMNS): the same observation, no network."""
+    blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
+    unseen = np.empty((len(epochs), 3))
+    for block in blocks:
+        others = np.setdiff1d(np.arange(len(epochs)), block)
+        unseen[block] = _residuals(epochs[block], *_fit_drag(epochs[others]))
+    law, wind = _fit_drag(epochs)
+    horizontal = unseen[:, :2]
+    target = float(np.square(epochs[:, BODY_VELOCITY : BODY_VELOCITY + 2]).mean())
+    spread, errors = _wind_spread(epochs, unseen), {1: float(np.square(horizontal).mean())}
+    model = AirVelocityModel(law, wind, np.zeros(2), 0.0, spread, np.ones(3), np.ones(3), errors, target)
+    return _with_noise(model, epochs, unseen)
+
+
+def _fit_drag(epochs: Array) -> tuple[DragLaw, Array]:
+    """Eq. (1) along body x and y with g = -f / D: unknowns 1 / D (2) and the wind (2)."""
+    directions = attitude(epochs)[:, :2].transpose(0, 2, 1)
+    count = len(epochs)
+    design = np.zeros((2 * count, 4))
+    for axis in range(2):
+        rows = slice(axis * count, (axis + 1) * count)
+        design[rows, axis] = -epochs[:, FORCE + axis]
+        design[rows, 2:] = directions[:, axis]
+    target = epochs[:, BODY_VELOCITY : BODY_VELOCITY + 2].T.ravel()
+    solution = np.linalg.solve(design.T @ design + _RIDGE * count * np.eye(4), design.T @ target)
+    return DragLaw(solution[:2]), solution[2:]
+
+
+def _fit(epochs: Array, rules: int) -> tuple[Anfis, Array]:
+    """Network and mean wind (2,). The wind comes from the linear model, whose least squares see both together."""
+    wind = _joint_wind(epochs)
+    target = epochs[:, BODY_VELOCITY:VELOCITY] - _in_body(epochs, wind)
+    network = Anfis(rules=rules, ridge=_RIDGE, partition="fcm", iterations=_ITERATIONS)
+    return network.fit(inputs(epochs), target), wind
+
+
+def _joint_wind(epochs: Array) -> Array:
+    """The wind (2,) of eq. (1) with a linear g: ridge least squares over the consequents of three axes and the wind."""
+    x = inputs(epochs)
+    spread = x.std(axis=0)
+    z = np.column_stack([(x - x.mean(axis=0)) / np.where(spread > 1e-9, spread, 1.0), np.ones(len(x))])
+    directions = attitude(epochs)[:, :2].transpose(0, 2, 1)  # (N, 3, 2): East and North resolved in b
+    # what the linear g can explain of the wind's directions is projected out, axis by axis
+    gram = z.T @ z + _RIDGE * len(x) * np.diag([*np.ones(x.shape[1]), 1e-2])
+    normal, right = np.zeros((2, 2)), np.zeros(2)
+    for axis in range(3):
+        columns = np.column_stack([directions[:, axis], epochs[:, BODY_VELOCITY + axis]])
+        left = columns - z @ np.linalg.solve(gram, z.T @ columns)
+        normal += columns[:, :2].T @ left[:, :2]
+        right += columns[:, :2].T @ left[:, 2]
+    return np.linalg.solve(normal + 0.1 * _RIDGE * len(x) * np.eye(2), right)
+
+
+def _in_body(epochs: Array, wind: Array) -> Array:
+    """A horizontal vector (2,) of n resolved in b at every epoch, (N, 3)."""
+    return np.einsum("nij,i->nj", attitude(epochs)[:, :2], wind)
+
+
+def _residuals(epochs: Array, network: Law, wind: Array) -> Array:
+    """Body velocity (N, 3) that network and wind do not explain."""
+    return epochs[:, BODY_VELOCITY:VELOCITY] - network.predict(inputs(epochs)) - _in_body(epochs, wind)
+
+
+def _unseen_residuals(epochs: Array, blocks: list[Array], rules: int) -> Array:
+    residual = np.empty((len(epochs), 3))
+    for block in blocks:
+        others = np.setdiff1d(np.arange(len(epochs)), block)
+        residual[block] = _residuals(epochs[block], *_fit(epochs[others], rules))
+    return residual
+
+
+def _wind_spread(epochs: Array, residual: Array) -> float:
+    """Variance of the wind's change: what residuals in n have in common with those ten seconds later."""
+    level = np.einsum("nij,nj->ni", attitude(epochs), residual)[:, :2]
+    lag = round(_WIND_LAG / PERIOD)
+    square = float(np.square(level).mean())
+    alike = float((level[lag:] * level[:-lag]).mean()) if len(level) > 3 * lag else 0.3 * square
+    return min(max(alike, 0.03 * square), 0.9 * square)
+
+
+def _with_noise(model: AirVelocityModel, epochs: Array, unseen: Array) -> AirVelocityModel:
+    """The model with its wind of today and with the noise that is left when the wind is followed."""
+    seen = _residuals(epochs, model.network, model.wind_mean)
+    density = np.maximum(_low_frequency_density(unseen), _FLOOR)
+    rate_noise = max(float(density[:2].mean()), 0.05 * model.wind_spread) / PERIOD
+    tracker = WindTracker(model.wind_spread, rate_noise)
+    level = np.einsum("nij,nj->ni", attitude(epochs), seen)[:, :2]
+    expected = np.array([tracker.step(residual) for residual in level])
+    white = seen - np.einsum("nij,ni->nj", attitude(epochs)[:, :2], expected)
+    optimism = np.maximum(np.square(unseen).mean(axis=0) / np.maximum(np.square(seen).mean(axis=0), 1e-9), 1.0)
+    noise = np.maximum(_low_frequency_density(white) * optimism, _FLOOR)
+    hover_noise = _hover_noise(epochs, unseen)
+    return replace(model, wind=tracker.wind, wind_var=tracker.variance, noise=noise, hover_noise=hover_noise)
+
+
+class WindTracker:
+    """A Kalman filter for the change of the wind (2,) [m/s]: first-order Gauss-Markov of variance ``spread``."""
+
+    def __init__(self, spread: float, noise: float, wind: Array | None = None, variance: float | None = None) -> None:
+        """``noise``: variance of one residual [m^2/s^2]."""
+        self.spread, self.noise = spread, noise
+        self.wind = np.zeros(2) if wind is None else wind
+        self.variance = spread if variance is None else variance
+
+    def step(self, residual: Array) -> Array:
+        """Take the residual (2,) of the next epoch, in n; returns the wind that was expected before."""
+        decay = math.exp(-PERIOD / WIND_TIME)
+        expected = decay * self.wind
+        variance = decay**2 * self.variance + (1.0 - decay**2) * self.spread
+        gain = variance / (variance + self.noise)
+        self.wind = expected + gain * (residual - expected)
+        self.variance = (1.0 - gain) * variance
+        return expected
+
+
+def _low_frequency_density(residual: Array) -> Array:
+    """Variance (3,) of a mean over one second of white noise as strong as ``residual`` (N, 3) at low frequency.
+
+    Bartlett's estimate of the spectral density at zero, at least the density of independent residuals.
+    """
+    count = len(residual)
+    lags = min(round(_MEMORY / PERIOD), count // 4)
+    square = np.square(residual).mean(axis=0)
+    total = square.copy()
+    for lag in range(1, lags + 1):
+        total += 2.0 * (1.0 - lag / (lags + 1)) * (residual[lag:] * residual[:-lag]).mean(axis=0)
+    return np.maximum(total, square) * PERIOD
+
+
+def _hover_noise(epochs: Array, unseen: Array) -> Array:
+    """What the residuals are while the vehicle hovers; a guess where it never did: there the network knows nothing."""
+    square = np.square(epochs[:, VELOCITY : VELOCITY + 2]).sum(axis=1)
+    hovers = square < SLOW**2
+    seconds = float(hovers.sum()) * PERIOD
+    known = 2.0 * np.square(unseen[hovers]).mean(axis=0) if hovers.any() else np.zeros(3)
+    guess = 1.0 + 0.5 * float(square[~hovers].mean()) if not hovers.all() else 1.0
+    return (_UNSEEN_HOVER * guess + seconds * known) / (_UNSEEN_HOVER + seconds)

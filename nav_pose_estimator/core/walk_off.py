@@ -1,0 +1,65 @@
+"""Do a receiver's positions go where its velocities say? They part when somebody drags the position slowly away.
+
+A spoofer that moves the position by a metre per second passes every gate on single fixes: the filter follows. But the
+sum of the receiver's own velocities does not. Single fixes scatter, so what counts is how the difference between
+position and summed velocity has changed since some seconds ago. Pure Python, without a clock.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+_PAUSE = 2.0  # s: over a longer one nothing can be summed up
+_MARK_PERIOD = 5.0  # s between the differences that are kept
+_MARKS = 12  # ... which reach back a minute
+_SPEED = 0.5  # m/s: what velocities of honest receivers may be wrong by for long
+
+Mark = tuple[float, float, float]  # t [s], difference East and North [m]
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    t: float = -math.inf
+    velocity: tuple[float, float] = (0.0, 0.0)
+    travelled: tuple[float, float] = (0.0, 0.0)
+    marks: tuple[Mark, ...] = ()
+
+
+class WalkOff:
+    """Offer it every fix that is fused, with the receiver's velocity at that time."""
+
+    def __init__(self) -> None:
+        self.state = _State()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.state = _State()
+
+    def update(
+        self, t: float, position_enu: Sequence[float], velocity_enu: Sequence[float] | None, scatter: float
+    ) -> float:
+        """Speed [m/s] at which positions leave their velocities, 0.0 while that may be chance.
+
+        Args:
+            t: time of validity [s], increasing.
+            position_enu: (3,) in a local frame [m]; Up is not looked at, as is that of the velocity [m/s].
+            scatter: how far two honest fixes may differ by chance [m].
+        """
+        s = self.state
+        if velocity_enu is None:
+            return 0.0
+        v = float(velocity_enu[0]), float(velocity_enu[1])
+        if not 0.0 < t - s.t < _PAUSE:
+            self.state = _State(t, v, marks=((t, float(position_enu[0]), float(position_enu[1])),))
+            return 0.0
+        half = 0.5 * (t - s.t)
+        x, y = (p + half * (a + b) for p, a, b in zip(s.travelled, s.velocity, v, strict=True))
+        here = (t, float(position_enu[0]) - x, float(position_enu[1]) - y)
+        marks = s.marks if t - s.marks[-1][0] < _MARK_PERIOD else (*s.marks, here)[-_MARKS:]
+        self.state = replace(s, t=t, velocity=v, travelled=(x, y), marks=marks)
+        return max((_leaving(mark, here, scatter) for mark in marks), default=0.0)
+
+
+def _leaving(then: Mark, now: Mark, scatter: float) -> float:
+    seconds, apart = now[0] - then[0], math.hypot(now[1] - then[1], now[2] - then[2])
+    return apart / seconds if apart > scatter + _SPEED * seconds > 0.0 and seconds > 0.0 else 0.0

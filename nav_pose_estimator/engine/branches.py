@@ -1,0 +1,155 @@
+"""Two hypotheses of what the vehicle does, each with a navigator of its own, while nothing else bounds the drift.
+
+The filter splits when GNSS is lost: one branch travels as the network predicts, one hovers. Every half second each branch
+takes in what its hypothesis says of the velocity; how well that fits decides how probable it is (interacting multiple
+model, Blom and Bar-Shalom 1988). A wrong hypothesis cannot spoil the other, and what comes out, mean and covariance of
+the mixture, is as uncertain as the decision.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from nav_pose_estimator.core import filter_memory as memory
+from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.core import measurements
+from nav_pose_estimator.core.gaussian_branches import blend_rows, error_between, merge, with_wind, without_wind
+from nav_pose_estimator.core.kalman import correct
+from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
+
+_LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
+_REMEMBERED = 10.0  # s: the longest that checkpoints reach back
+_CORRELATION = 4.0  # s: velocities that are nearer in time are no independent evidence
+
+
+class Branches:
+    """Branches of the filter with their weights: one ``core.filter_memory`` each, with wind block and checkpoints."""
+
+    def __init__(self, trunk: np.ndarray, slots: int, evidence: MotionEvidence) -> None:
+        """Split the filter of the memory ``trunk`` into the hypotheses of ``evidence``, with the wind that it brings."""
+        n = int(trunk[memory.STATES])
+        P = with_wind(trunk[memory.HEAD : memory.HEAD + n * n].reshape(n, n), evidence.wind_var)
+        constants = _with_wind_block(trunk[memory.CONSTANTS : memory.ORIGIN], evidence)
+        branch = memory.make(constants, len(P), slots, trunk[memory.PERIOD])
+        branch[memory.ORIGIN : memory.STATES] = trunk[memory.ORIGIN : memory.STATES]
+        branch[memory.NAV : memory.CONSTANTS] = trunk[memory.NAV : memory.CONSTANTS]
+        branch[memory.NAV + at.WIND : memory.NAV + at.WIND + 2] = evidence.wind
+        branch[memory.HEAD : memory.HEAD + P.size] = P.ravel()
+        memory.add_checkpoint(branch)
+        self.memories = [branch.copy() for _ in evidence.hypotheses]
+        self.weights = np.array([h.probability for h in evidence.hypotheses])
+        self._decisions = [(-math.inf, self.weights)]  # (time, weights from then on), as far back as checkpoints
+
+    def copy(self) -> Branches:
+        """An independent copy."""
+        twin = object.__new__(Branches)
+        twin.memories = [one.copy() for one in self.memories]
+        twin.weights, twin._decisions = self.weights, list(self._decisions)
+        return twin
+
+    def pairs(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Nominal state and covariance of every branch; writing to them changes the branch."""
+        return [(_nav(one), _covariance(one)) for one in self.memories]
+
+    def run(self, rows: np.ndarray, out: np.ndarray) -> None:
+        """Carry every branch over IMU ``rows``; ``out`` receives the solution of the mixture."""
+        own = np.empty((len(self.memories), *out.shape))
+        for one, own_rows in zip(self.memories, own, strict=True):
+            memory.run_block(one, rows, own_rows)
+        blend_rows(own, self.weights, out)
+
+    def stand_at(self, row: np.ndarray) -> None:
+        """Bring every branch and its covariance to the time of an IMU row."""
+        for one in self.memories:
+            memory.stand_at(one, row)
+
+    def restore_before(self, t: float) -> float:
+        """Go back to the last checkpoint before ``t``; returns its time."""
+        for one in self.memories:
+            memory.restore_before(one, t)
+        now = float(self.memories[0][memory.NAV + at.TIME])
+        while len(self._decisions) > 1 and self._decisions[-1][0] > now:
+            self._decisions.pop()
+        self.weights = self._decisions[-1][1]
+        return now
+
+    def merged(self) -> tuple[np.ndarray, np.ndarray]:
+        """Nominal state and covariance of the mixture, without the wind block."""
+        nav, P = merge(*self._stacked(), self.weights)
+        return nav, without_wind(P)
+
+    def _stacked(self) -> tuple[np.ndarray, np.ndarray]:
+        navs, Ps = zip(*self.pairs(), strict=True)
+        return np.stack(navs), np.stack(Ps)
+
+    def decide(self, evidence: MotionEvidence) -> None:
+        """Let every hypothesis act on its branch, weigh the hypotheses, and mix the branches for the next interval."""
+        middle, _ = merge(*self._stacked(), self.weights)
+        acted = zip(self.pairs(), evidence.hypotheses, strict=True)
+        likelihood = np.array([_act(nav, P, middle, evidence, hypothesis) for (nav, P), hypothesis in acted])
+        count = len(likelihood)
+        if count == 1:
+            return
+        stay = math.exp(-evidence.interval / evidence.dwell)
+        transition = np.full((count, count), (1.0 - stay) / (count - 1))
+        np.fill_diagonal(transition, stay)
+        exponent = likelihood * min(evidence.interval / _CORRELATION, 1.0)
+        weights = (self.weights @ transition) * np.exp(exponent - exponent.max())
+        weights = np.maximum(weights / weights.sum(), _LEAST_WEIGHT)
+        self.weights = weights / weights.sum()
+        arriving = self.weights @ transition
+        navs, Ps = self._stacked()
+        for j, (nav, P) in enumerate(self.pairs()):
+            nav[:], P[:] = merge(navs, Ps, transition[:, j] * self.weights / arriving[j])
+        now = float(navs[0, at.TIME])
+        self._decisions = [*(d for d in self._decisions if d[0] >= now - _REMEMBERED), (now, self.weights)]
+
+
+def _act(nav: np.ndarray, P: np.ndarray, middle: np.ndarray, evidence: MotionEvidence, hypothesis: Hypothesis) -> float:
+    """Correct one branch; returns the logarithm of the likelihood of what was observed."""
+    n = len(P)
+    mean = np.array(evidence.wind_mean)
+    nav[at.WIND : at.WIND + 2] = mean + math.exp(-evidence.interval / evidence.wind_tau) * (
+        nav[at.WIND : at.WIND + 2] - mean
+    )
+    apart = error_between(middle, nav, n)  # the branch's error were the mixture the truth
+    parts = []
+    if hypothesis.velocity_var is not None:
+        _, H = measurements.horizontal_velocity(nav, n, 0.0, 0.0)
+        z = np.array(evidence.velocity[:2]) + H @ apart
+        parts.append((z, H, np.full(2, hypothesis.velocity_var)))
+    if evidence.air_velocity is not None and hypothesis.air_noise is not None:
+        means = evidence.attitude, np.array(evidence.velocity), np.array(evidence.body_velocity)
+        z, H = measurements.mean_air_velocity(nav, n, *means, np.array(evidence.air_velocity))
+        base = slice(at.BASE_STATES)  # the wind is the branch's own already
+        parts.append((z + H[:, base] @ apart[base], H, np.array(hypothesis.air_noise)))
+    if not parts:
+        return hypothesis.log_likelihood
+    z, H = np.concatenate([p[0] for p in parts]), np.vstack([p[1] for p in parts])
+    R = np.diag(np.concatenate([p[2] for p in parts]))
+    _, log_determinant = np.linalg.slogdet(H @ P @ H.T + R)
+    nis = correct(nav, P, z, H, R)
+    if not math.isfinite(nis):
+        return -math.inf
+    return hypothesis.log_likelihood - 0.5 * (nis + float(log_determinant))
+
+
+def _nav(branch: np.ndarray) -> np.ndarray:
+    return branch[memory.NAV : memory.CONSTANTS]
+
+
+def _covariance(branch: np.ndarray) -> np.ndarray:
+    n = int(branch[memory.STATES])
+    return branch[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
+
+
+def _with_wind_block(constants: np.ndarray, evidence: MotionEvidence) -> np.ndarray:
+    wider = constants.copy()
+    wider[at.I_WIND_DRAG] = at.BASE_STATES
+    if wider[at.I_GYRO_MATRIX] >= 0.0:
+        wider[at.I_GYRO_MATRIX] += at.WIND_DRAG_STATES
+    wider[at.WIND_RATE] = 1.0 / evidence.wind_tau
+    wider[at.WIND_PSD] = 2.0 * evidence.wind_spread / evidence.wind_tau
+    return wider

@@ -1,0 +1,227 @@
+"""Every event there is: what it means and what to do. One place for the words of diagnostics, log and documentation.
+
+The name of an event is its counter on ``/diagnostics``. A ``*`` in a name stands for one word. The page
+``docs/troubleshooting.md`` is made from this table, and a test compares it with the names in the code.
+"""
+
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cache
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One kind of event: ``meaning`` is a clause for the pilot, ``cure`` what to do; empty where nothing is wrong."""
+
+    name: str
+    meaning: str
+    cure: str = ""
+
+
+_CLOCKS = "put the clocks of driver and host in step (chrony, PX4 and MAVROS time sync)"
+_SENSOR = "look at the driver and the wiring; a few of them do no harm"
+_WAIT = "wait; if it stays, look at the count on the driver's topic"
+
+SECTIONS: dict[str, tuple[Entry, ...]] = {
+    "Start, modes and operator": (
+        Entry("aligned", "attitude and position are known, the navigator runs"),
+        Entry("reset", "the navigator starts again; the sentence says why", "see the reason in the log line"),
+        Entry("attitude.reset", "the attitude filter starts again", "see the reason in the log line"),
+        Entry("mode.*", "the mode has changed to the one in the name"),
+        Entry("mode.use_gnss", "an operator has switched GNSS off or on", "call ~/use_gnss with true to use it again"),
+        Entry("parameters.changed", "parameters were changed in flight"),
+        Entry("set_pose", "the pose was set from outside"),
+        Entry("set_pose.rejected.frame", "a pose came in a frame that is not map", "publish it in ros.frames.map"),
+        Entry("set_pose.rejected.nan", "a pose held no numbers or no rotation", "look at who publishes set_pose"),
+        Entry("set_pose.rejected.no_origin", "a pose came before there was an origin", "wait for AIDED once"),
+        Entry("qos.incompatible", "a publisher offers less than asked for and is not heard", "see the log line"),
+        Entry("callback.failed.*", "a message led to an error in this package and was not used", "report it, please"),
+        Entry("output.withheld.nan", "a solution was not a number and was not published", "report it with a bag"),
+    ),
+    "IMU": (
+        Entry("imu.gap", "no IMU data for longer than imu.max_gap: aligning anew", "find out why the IMU stopped"),
+        Entry(
+            "imu.clock_jump", "the IMU's stamps went back: aligning anew", "a looping bag does this; else " + _CLOCKS
+        ),
+        Entry(
+            "imu.stuck", "a sensor repeats one value exactly", "power it again; with a simulator without noise: ignore"
+        ),
+        Entry("imu.stuck.ended", "the values change again"),
+        Entry(
+            "imu.saturated.gyroscope", "the gyroscope is at the end of its range", "choose a wider range, fly softer"
+        ),
+        Entry("imu.saturated.accelerometer", "the accelerometer is at the end of its range", "as for the gyroscope"),
+        Entry("imu.saturated.ended", "the IMU is within its range again"),
+        Entry("imu.rejected.absent", "the message says that it has no rate or no acceleration", "use the raw topic"),
+        Entry("imu.rejected.backward", "a stamp older than the one before it", _SENSOR),
+        Entry(
+            "imu.rejected.duplicate", "two samples with one stamp", "the driver sends samples twice or stamps coarsely"
+        ),
+        Entry("imu.rejected.forward", "a stamp far ahead, not yet continued by a second one", _SENSOR),
+        Entry("imu.rejected.force", "a specific force above imu.max_force", "check the unit: m/s^2, not g"),
+        Entry("imu.rejected.rate", "an angular rate above imu.max_rate", "check the unit: rad/s, not degrees"),
+        Entry("imu.rejected.nan", "a value that is not a number", _SENSOR),
+        Entry("imu.rejected.zero_stamp", "a sample without a stamp", "let the driver stamp its messages"),
+    ),
+    "GNSS: the gate": (
+        Entry("gnss.rejected.status", "the receiver says that it has no fix", "wait for a fix; look at the antenna"),
+        Entry("gnss.rejected.age", "the fix is older than gnss.gate.max_age", "set gnss.delay, or " + _CLOCKS),
+        Entry(
+            "gnss.rejected.accuracy",
+            "the receiver states a larger error than the gate allows",
+            "wait, or widen the gate",
+        ),
+        Entry("gnss.rejected.satellites", "too few satellites", "wait, or lower gnss.gate.min_satellites_enter"),
+        Entry("gnss.rejected.value", "the fix holds NaN or an impossible latitude", _SENSOR),
+        Entry("gnss.rejected.disabled", "GNSS is switched off by the operator", "call ~/use_gnss with true"),
+        Entry(
+            "gnss.rejected.before_imu", "a fix came before the first IMU sample", "look at imu/data_raw if it goes on"
+        ),
+        Entry("gnss.rejected.zero_stamp", "a message came without a stamp", "let the driver stamp its messages"),
+        Entry(
+            "gnss.waiting.count_missing",
+            "no satellite count has come yet",
+            "publish gps/satellites, or set gnss.gate.satellite_source to what there is, or to none",
+        ),
+        Entry("gnss.waiting.count_unknown", "the receiver does not know its satellite count (255)", _WAIT),
+        Entry("gnss.waiting.count_stale", "the satellite count is older than gnss.gate.count_max_age", _WAIT),
+        Entry("gnss.waiting.hold", "the satellite count has not been good for gnss.gate.hold yet", "wait"),
+        Entry("gnss.count.unknown", "the satellite count became unknown; the gate stays as it was", _WAIT),
+        Entry("gnss.count.stale", "the satellite count is stale; the gate stays as it was", _WAIT),
+        Entry("gnss.count.out_of_order", "a satellite count older than the last one was ignored"),
+        Entry("gnss.gate.opened", "enough satellites for long enough: GNSS may be used"),
+        Entry("gnss.gate.closed", "too few satellites: GNSS is no longer used", "see gnss.gate.min_satellites_leave"),
+        Entry(
+            "gnss.gate.inactive",
+            "no satellite count to be had: status and accuracy decide alone",
+            "publish gps/satellites, or set gnss.gate.satellite_source to none so that it is on purpose",
+        ),
+    ),
+    "GNSS: in the filter": (
+        Entry("gnss.used.*", "a position or velocity was used"),
+        Entry(
+            "gnss.inflated.*",
+            "a position or velocity was unlikely and counted for less",
+            "many: raise gnss.position_sd",
+        ),
+        Entry(
+            "gnss.rejected.position_innovation",
+            "the position disagrees with the filter",
+            "see gnss.rejected.innovation",
+        ),
+        Entry(
+            "gnss.rejected.velocity_innovation",
+            "the velocity disagrees with the filter",
+            "check ros.input.velocity_frame, gnss.delay and gnss.lever_arm",
+        ),
+        Entry(
+            "gnss.rejected.innovation",
+            "the fix lies too far from where the filter expects it",
+            "reflections or spoofing; if it is always so: gnss.delay, gnss.lever_arm, imu.convention",
+        ),
+        Entry("gnss.rejected.velocity_value", "a velocity that is not a number", _SENSOR),
+        Entry("gnss.rejected.velocity_without_fix", "a velocity came while fixes are refused", "see why they are"),
+        Entry("gnss.rejected.velocity_without_position", "a velocity came while no position is used", "see why"),
+        Entry("gnss.velocity.rejected.invalid", "PX4 says that the velocity is not valid", "wait for a better fix"),
+        Entry("*.rejected.future", "a stamp more than 1 s ahead of the IMU's time", _CLOCKS),
+        Entry("*.rejected.late", "a message older than navigator.memory", _CLOCKS + ", or raise navigator.memory"),
+    ),
+    "GNSS: the return after an outage": (
+        Entry("gnss.waiting.consistency", "too few consistent fixes since it came back", "wait"),
+        Entry("gnss.waiting.expected", "the fixes lie where they should, but have not lasted long enough", "wait"),
+        Entry("gnss.rejected.expected", "the fixes lie where they should, but have not lasted long enough", "wait"),
+        Entry(
+            "gnss.waiting.contradiction",
+            "the fixes agree with each other, but not with the filter",
+            "wait: gnss.reacquisition.contradiction_time decides",
+        ),
+        Entry("gnss.rejected.contradiction", "consistent fixes contradict a filter that GNSS still aids", "see above"),
+        Entry(
+            "gnss.waiting.implausible",
+            "the vehicle cannot have got to where the fixes say",
+            "check gnss.reacquisition.max_speed; else the fixes lie",
+        ),
+        Entry("gnss.rejected.implausible", "fixes that the vehicle cannot have reached", "as above"),
+        Entry(
+            "gnss.waiting.inconsistent",
+            "position and velocity of the fixes contradict each other",
+            "check ros.input.velocity_frame and whether gps/vel is filled",
+        ),
+        Entry("gnss.rejected.inconsistent", "position and velocity of the fixes contradict each other", "as above"),
+        Entry("gnss.waiting.ambiguous", "two series of fixes contradict each other", "wait: the longer one wins"),
+        Entry("gnss.held", "an unexpected return waits for a decision (policy hold)", "set gnss.reacquisition.policy"),
+        Entry("gnss.reacquired.*", "GNSS is back and used as a correction"),
+        Entry(
+            "gnss.reset.*",
+            "GNSS is back and the position was put on it; map jumped, odom did not",
+            "after a long outage this is expected; otherwise look for spoofing",
+        ),
+    ),
+    "Magnetometer, barometer and other aids": (
+        Entry(
+            "mag.disturbed",
+            "the magnetic field is disturbed: heading by gyroscope alone",
+            "keep off steel and currents",
+        ),
+        Entry("mag.undisturbed", "the magnetic field is undisturbed again"),
+        Entry(
+            "mag.rejected.disturbed", "a field that is not the Earth's", "calibrate attitude.hard_iron and soft_iron"
+        ),
+        Entry("mag.ignored", "aids.magnetometer is false"),
+        Entry("mag.rejected.nan", "a field that is not a number", _SENSOR),
+        Entry("mag.rejected.value", "a field that is zero or not a number", _SENSOR),
+        Entry("mag.rejected.no_attitude_yet", "a field came before the first IMU sample"),
+        Entry("mag.rejected.stamp", "a field not newer than the last one", _SENSOR),
+        Entry("mag.rejected.stale", "a field half a second away from the IMU's time", _CLOCKS),
+        Entry("baro.rejected.value", "a pressure that is not one of the atmosphere", "check the unit: pascal, not hPa"),
+        Entry("body_velocity.rejected.value", "a velocity without any number", _SENSOR),
+        Entry("outage.rejected.covariance", "a predicted velocity error without a covariance", "anfis_node sends one"),
+        Entry("outage.unsent.position", "a prediction of the position, for which there is no topic, was not sent"),
+        Entry("outage.reset", "the learner starts again", "see the reason in the log line"),
+        Entry("outage.trained", "a training has ended and its result is taken"),
+        Entry("outage.training_failed", "a training gave no result; the model stays as it was", "see the log line"),
+        Entry("outage.model.loaded", "a model was read from its file"),
+        Entry("outage.model.saved", "the model was written to its file"),
+        Entry(
+            "outage.request_failed",
+            "training, reading or writing the model was asked for and impossible",
+            "see the log line",
+        ),
+        Entry(
+            "odometry.rejected.incomplete", "an odometry without orientation, covariance or numbers", "one navigator"
+        ),
+        Entry("outage.rejected.value", "a prediction that is not a number", "report it, please"),
+        Entry(
+            "*.rejected.before_imu", "a message came before the first IMU sample", "look at imu/data_raw if it goes on"
+        ),
+        Entry("*.rejected.zero_stamp", "a message came without a stamp", "let the driver stamp its messages"),
+        Entry(
+            "*.covariance.*",
+            "a covariance that cannot be one (the last word says why) was taken as unknown",
+            "correct the driver; noise then comes from the parameters",
+        ),
+        Entry("attitude.rejected.absent", "imu/data has no orientation", "let attitude_node publish imu/data"),
+        Entry("*.used", "an aid was used"),
+        Entry("*.inflated", "an aid was unlikely and counted for less"),
+        Entry("*.rejected", "an aid disagreed with the filter and was not used", "many: check its mounting and noise"),
+        Entry("navigator_velocity.ignored.heading_unknown", "the attitude filter does not know its heading yet"),
+        Entry("navigator_velocity.rejected.nan", "the navigator's velocity is not a number", "report it, please"),
+        Entry("navigator_velocity.rejected.no_attitude_yet", "a velocity came before the first IMU sample"),
+        Entry("navigator_velocity.rejected.stamp", "a velocity not newer than the last one", "one navigator only"),
+        Entry("navigator_velocity.rejected.orientation", "an odometry without an orientation", "one navigator only"),
+    ),
+}
+
+
+@cache
+def find(name: str) -> Entry | None:
+    """The entry for the event ``name``: that of the exact name, else the first whose pattern fits."""
+    entries = [entry for section in SECTIONS.values() for entry in section]
+    exact = (entry for entry in entries if entry.name == name)
+    return next(exact, None) or next((entry for entry in entries if fnmatchcase(name, entry.name)), None)
+
+
+def in_words(name: str) -> str:
+    """What the event ``name`` means; the name itself where it is unknown."""
+    entry = find(name)
+    return name if entry is None else entry.meaning

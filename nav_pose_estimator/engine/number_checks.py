@@ -1,0 +1,29 @@
+"""Numbers that an engine must not be given. The ROS boundary checks its messages; Python callers check nothing."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+_LARGEST = 1e12  # a variance above this is a placeholder such as 1.8e308, not a measurement
+_TOLERANCE = -1e-9  # relative: smallest eigenvalue of a matrix that is semi-definite but for rounding
+
+
+def is_covariance(cov: np.ndarray, size: int) -> bool:
+    """Whether ``cov`` is a (size, size) symmetric, positive semi-definite matrix of finite numbers."""
+    if cov.shape != (size, size) or not np.isfinite(cov).all() or np.abs(cov).max() > _LARGEST:
+        return False
+    scale = float(np.abs(cov).max())
+    if np.abs(cov - cov.T).max() > 1e-6 * scale:
+        return False
+    return scale == 0.0 or bool(np.linalg.eigvalsh(cov / scale)[0] > _TOLERANCE)
+
+
+def is_position(lat: float, lon: float, alt: float) -> bool:
+    """Whether latitude, longitude [rad] and height [m] are a place on or near the Earth."""
+    return abs(lat) <= math.pi / 2 and abs(lon) <= 2 * math.pi and abs(alt) < 1e5  # false for NaN
+
+
+def is_within(values: Sequence[float], bound: float) -> bool:
+    """Whether all ``values`` are numbers of at most ``bound``."""
+    return all(abs(value) <= bound for value in values)  # false for NaN

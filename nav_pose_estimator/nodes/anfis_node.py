@@ -1,0 +1,84 @@
+"""anfis_node: learns from the flight how the navigator errs without GNSS, and tells it so in an outage."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Vector3Stamped
+from sensor_msgs.msg import NavSatFix
+from std_msgs.msg import Bool
+
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import VelocityError
+from nav_pose_estimator.engine.solutions import Status
+from nav_pose_estimator.ros import inputs, qos, spin, wording
+from nav_pose_estimator.ros.convert import vector
+from nav_pose_estimator.ros.estimator_node import EstimatorNode
+from nav_pose_estimator.ros.model_keeper import ModelKeeper
+from nav_pose_estimator.ros.outage_model import OutageModel
+from nav_pose_estimator.ros.outputs import LearnerOutput
+
+
+def make_learner(parameters: Parameters) -> Any:
+    """The learner of the engine."""
+    from nav_pose_estimator.engine.outage_learner import OutageLearner
+
+    return OutageLearner(parameters)
+
+
+class AnfisNode(EstimatorNode):
+    """Learns while GNSS is good; needs a navigator's odometry, biases, origin and gnss/denied."""
+
+    published = (VelocityError,)
+
+    def __init__(self, learner: Callable[[Parameters], Any] = make_learner) -> None:
+        super().__init__("anfis_node", partial(OutageModel, make_learner=learner))
+        self._output = LearnerOutput(self, self.parameters)
+        self.listen_imu(inputs.imu_input(self.parameters.ros.input))
+        self.listen_raw(inputs.navigator_input(), lambda data: True, needed=True)
+        self._listen_to_facts()
+        self.keeper = ModelKeeper(self, self.engine.learner, self.parameters.ros.model, self.say)
+        self.get_logger().info("ready")
+
+    def _listen_to_facts(self) -> None:
+        """What the navigator says once, or slowly. The names are those of sins_node; remap them for another."""
+        watch = self.engine.watch
+
+        def origin(message: NavSatFix) -> None:
+            lat, lon = np.radians([message.latitude, message.longitude]).tolist()
+            watch.origin = lat, lon, message.altitude
+
+        def gyro_bias(message: Vector3Stamped) -> None:
+            watch.gyro_bias = np.array(vector(message.vector))
+
+        def accel_bias(message: Vector3Stamped) -> None:
+            watch.accel_bias = np.array(vector(message.vector))
+
+        def denied(message: Bool) -> None:
+            watch.denied = message.data
+
+        qos.subscribe(self, NavSatFix, "sins_node/origin", origin, qos.latched())
+        qos.subscribe(self, Vector3Stamped, "sins_node/bias/gyro", gyro_bias, qos.sensor(1))
+        qos.subscribe(self, Vector3Stamped, "sins_node/bias/accel", accel_bias, qos.sensor(1))
+        qos.subscribe(self, Bool, "gnss/denied", denied, qos.latched())
+
+    def publish(self, error: VelocityError) -> None:
+        """outage/velocity_error and outage/position_error."""
+        self._output.publish(error, self.engine.position_error)
+
+    def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
+        """Scores, learning curve and why the model is not used. Only a navigator that is missing is a warning."""
+        level = wording.WARN if self.engine.watch.waiting_for else wording.OK
+        facts = wording.learner_facts(status, self.keeper.training, self.keeper.history)
+        return level, wording.sentence(status, wording.LEARNER_MEANINGS), facts
+
+    def destroy_node(self) -> None:
+        """Also end a training."""
+        self.keeper.stop()
+        super().destroy_node()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node; returns the exit code."""
+    return spin.run(AnfisNode, arguments)

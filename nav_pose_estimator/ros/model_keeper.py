@@ -1,0 +1,119 @@
+"""Around a learner in a node: training beside the node, the model on disk, and the services that ask for either."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from nav_pose_estimator.engine.model_file import load_arrays, save_arrays
+from nav_pose_estimator.engine.parameters.ros import ModelParameters
+from nav_pose_estimator.engine.solutions import Level
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.ros.training import Outcome, Trainer
+
+_PERIOD = 0.5  # s: how often the training process is looked after
+_CURVE = 20  # so many trainings are remembered
+
+
+class ModelKeeper:
+    """Services ~/train, ~/save_model and ~/load_model of ``node`` for ``learner`` (``engine.outage_learner``).
+
+    ``say`` takes the name, level and sentence of an event. Whatever goes wrong is said; the model stays as it was.
+    """
+
+    def __init__(
+        self, node: Node, learner: Any, parameters: ModelParameters, say: Callable[[str, Level, str], None]
+    ) -> None:
+        self.history: list[dict[str, float]] = []  # scores after each training
+        self._learner, self._parameters, self._say = learner, parameters, say
+        self._trainer, self._failure = Trainer(), ""
+        self._timer = node.create_timer(_PERIOD, self.look_after, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        for name, action in (("train", self.train), ("save_model", self.save), ("load_model", self.load)):
+            node.create_service(Trigger, f"~/{name}", partial(self._serve, action))
+        if parameters.file and Path(parameters.file).exists():
+            self.attempt(self.load)
+
+    @property
+    def training(self) -> str:
+        """How training does, in a few words."""
+        return "running" if self._trainer.is_busy else self._failure or "-"
+
+    def stop(self) -> None:
+        """End a training, if one runs."""
+        self._trainer.stop()
+
+    def look_after(self) -> None:
+        """Take what a training gave; start the next as soon as the learner has one."""
+        try:
+            outcome = self._trainer.poll()
+            if outcome is not None:
+                self._take(outcome)
+            self._start()
+        except Exception as error:
+            self._say("outage.training_failed", Level.ERROR, f"training: {_describe(error)}")
+
+    def attempt(self, action: Callable[[], str]) -> tuple[bool, str]:
+        """Whether ``action`` succeeded, and the sentence about it."""
+        try:
+            return True, action()
+        except UserError as error:
+            text = str(error)
+        except Exception as error:
+            text = f"failed: {_describe(error)}"
+        self._say("outage.request_failed", Level.WARN, text)
+        return False, text
+
+    def train(self) -> str:
+        """Begin a training; ``UserError`` when that is impossible now."""
+        if self._trainer.is_busy:
+            raise UserError("a training is running")
+        if not self._start():
+            raise UserError(f"there is nothing to train on yet ({self._learner.reason or 'no new data'})")
+        return "the training has begun; diagnostics tell how it ends"
+
+    def save(self) -> str:
+        """Write the model; ``UserError`` when that is impossible."""
+        save_arrays(self._path(), self._learner.state())
+        self._say("outage.model.saved", Level.INFO, f"the model is in {self._path()}")
+        return f"the model is in {self._path()}"
+
+    def load(self) -> str:
+        """Read the model; ``UserError`` when that is impossible."""
+        self._learner.load(load_arrays(self._path()))
+        self._say("outage.model.loaded", Level.INFO, f"the model is that of {self._path()}")
+        return f"the model is that of {self._path()}"
+
+    def _serve(self, action: Callable[[], str], request: Trigger.Request, response: Trigger.Response) -> Any:
+        response.success, response.message = self.attempt(action)
+        return response
+
+    def _start(self) -> bool:
+        job = None if self._trainer.is_busy else self._learner.training_job()
+        if job is not None:
+            self._trainer.start(job)
+        return job is not None
+
+    def _take(self, outcome: Outcome) -> None:
+        self._failure = outcome.failure
+        if outcome.failure:
+            self._say("outage.training_failed", Level.ERROR, f"the training failed: {outcome.failure}")
+            return
+        self._learner.accept(outcome.result)
+        scores = {name: float(value) for name, value in self._learner.scores().items()}
+        self.history = [*self.history, scores][-_CURVE:]
+        self._say("outage.trained", Level.INFO, f"trained: {self._learner.reason or 'the model is used'}")
+        if self._parameters.file and self._parameters.save_after_training:
+            self.attempt(self.save)
+
+    def _path(self) -> str:
+        if not self._parameters.file:
+            raise UserError("there is no file for the model: set ros.model.file")
+        return self._parameters.file
+
+
+def _describe(error: Exception) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
