@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
@@ -153,9 +154,13 @@ def whole_estimator(flight: list[Sample]) -> list[Figure]:
     for name, enabled in (("off", False), ("on", True)):
         parameters = update(Parameters(), {"learner.enabled": enabled})
         PoseEstimator(parameters).warm_up()
-        cost = best_time(lambda p=parameters: _feed(PoseEstimator(p), flight), repeat=2)
+        cost = best_time(partial(_fly, PoseEstimator, parameters, flight), repeat=2)
         figures.append(Figure(f"pose estimator, all sensors, learner {name}", 1e6 * cost / count, "us/epoch"))
     return figures
+
+
+def _fly(make_engine: Callable, parameters: Parameters, samples: list[Sample]) -> None:
+    _feed(make_engine(parameters), samples)
 
 
 def attitude(flight: list[Sample]) -> list[Figure]:
