@@ -95,7 +95,7 @@ class NavigatorWatch:
         q_nb, position = np.array(sample.q_nb), np.array(sample.position)
         C_nb = quat_to_matrix(q_nb)
         lat, lon, alt = (float(x) for x in enu_to_lla(position, *self.origin))
-        return NavSolution(
+        return NavSolution.of(
             stamp_ns=sample.stamp_ns,
             mode=Mode.DEAD_RECKONING if self.denied else Mode.AIDED,
             lat=lat,
