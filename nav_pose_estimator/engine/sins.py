@@ -37,7 +37,7 @@ from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, Ou
 from nav_pose_estimator.engine.timeline import Observation, Timeline, single_solution, step_enu
 
 _NS = 1e-9
-_PRIORITY = {POSITION: 0, VELOCITY: 1}
+_PRIORITY = {VELOCITY: 0, POSITION: 1}  # a fix is judged together with the velocity of its epoch
 _LATE = "an observation arrived later than the filter's memory reaches; it is not used"
 
 
@@ -62,10 +62,10 @@ class SinsEngine:
             GnssVelocity: self._on_velocity,
             SatelliteCount: self._on_count,
             MagSample: self._on_mag,
-            PressureSample: self._on_pressure,
-            BodyVelocity: self._on_body_velocity,
-            VelocityError: self._on_velocity_error,
-            Prior: self._on_prior,
+            PressureSample: lambda s: self._on_aid(s, self._aids.barometer, "baro.rejected"),
+            BodyVelocity: lambda s: self._on_aid(s, self._aids.body_velocity, "body_velocity.rejected"),
+            VelocityError: lambda s: self._on_aid(s, self._aids.velocity_error, "outage.rejected"),
+            Prior: lambda s: self._on_aid(s, self._aids.prior, "outage.rejected"),
             SetPose: self._on_set_pose,
             AttitudeSample: self._on_attitude,
             NavigatorVelocity: lambda sample: [],  # its own, meant for the attitude filter
@@ -127,10 +127,13 @@ class SinsEngine:
 
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
         """Forget the solution and align again. The local frame's origin stays."""
-        self._journal.say(stamp_ns, "reset", Level.WARN, f"the navigator starts again: {reason}")
         self._input.reset()
-        self._clear()
+        self._restart(stamp_ns, reason)
         return list(self._journal.drain())
+
+    def _restart(self, stamp_ns: int, reason: str) -> None:
+        self._journal.say(stamp_ns, "reset", Level.WARN, f"the navigator starts again: {reason}")
+        self._clear()
 
     def status(self) -> Status:
         """What a pilot wants to know."""
@@ -212,19 +215,23 @@ class SinsEngine:
     def _note_imu(self, event: Event) -> None:
         self._journal.add(event)
         if event.name in RESTARTS and self._epoch_ns is not None:
-            self._journal.say(event.stamp_ns, "reset", Level.WARN, f"the navigator starts again: {event.text}")
-            self._clear()
+            self._restart(event.stamp_ns, event.text)
 
     def _advance(self, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
         """Carry the filter over ``rows``; one block for each stretch of constant mode."""
-        done = 0
-        while done < len(rows) and not self._timeline.running:
-            self._align(rows[done : done + 1])
-            done += 1
         blocks: list[NavBlock] = []
+        done = 0
         while done < len(rows):
+            if not self._timeline.running:
+                self._align(rows[done : done + 1])
+                done += 1
+                continue
             blocks.append(self._advance_in_one_mode(stamps_ns[done:], rows[done:]))
             done += len(blocks[-1].stamps_ns)
+            if self._gnss.despair:
+                epoch = self._epoch_ns  # the rows that follow count from it
+                self._restart(int(blocks[-1].stamps_ns[-1]), self._gnss.despair)
+                self._epoch_ns = epoch
         return blocks
 
     def _advance_in_one_mode(self, stamps_ns: np.ndarray, rows: np.ndarray) -> NavBlock:
@@ -315,18 +322,6 @@ class SinsEngine:
             return []
         return self._aid(self._aids.magnetometer(sample, t), sample.stamp_ns)
 
-    def _on_pressure(self, sample: PressureSample) -> list[Output]:
-        return self._on_aid(sample, self._aids.barometer, "baro.rejected")
-
-    def _on_body_velocity(self, sample: BodyVelocity) -> list[Output]:
-        return self._on_aid(sample, self._aids.body_velocity, "body_velocity.rejected")
-
-    def _on_velocity_error(self, sample: VelocityError) -> list[Output]:
-        return self._on_aid(sample, self._aids.velocity_error, "outage.rejected")
-
-    def _on_prior(self, sample: Prior) -> list[Output]:
-        return self._on_aid(sample, self._aids.prior, "outage.rejected")
-
     def _on_attitude(self, sample: AttitudeSample) -> list[Output]:
         t = self._time_of(sample.stamp_ns, "attitude.rejected")
         if t is not None and not self._timeline.running:
@@ -334,14 +329,13 @@ class SinsEngine:
         return []
 
     def _on_set_pose(self, sample: SetPose) -> list[Output]:
-        running = self._origin is not None and self._timeline.running
-        refusal = "no_origin" if not running else "value" if not start_up.is_sound(sample) else ""
-        if refusal or self._origin is None:
+        refusal = start_up.pose_refusal(sample, self._timeline.running)
+        if refusal:
             text = f"set_pose is not used: {start_up.POSE_REFUSALS[refusal]}"
             self._journal.say(sample.stamp_ns, f"set_pose.rejected.{refusal}", Level.WARN, text)
             return []
         self._settle()
-        start_up.set_pose(self._timeline.nav, self._timeline.P, sample, self._origin)
+        start_up.set_pose(self._timeline.nav, self._timeline.P, sample, self._gnss.origin)
         self._timeline.start(self._timeline.nav, self._timeline.P)
         self._gnss.resets += 1
         self._journal.say(sample.stamp_ns, "set_pose", Level.INFO, "the pose was set from outside")
