@@ -59,15 +59,13 @@ def run(duration: float, seed: int, scenario: str = "multirotor_light", imu_rate
     recording = generate(scenario, duration, seed, imu_rate=imu_rate).with_faults(*(item.fault for item in plan))
     estimator = PoseEstimator()
     estimator.warm_up()
-    pages: list[tuple[np.ndarray, ...]] = []
+    ledger = _Ledger(len(recording.imu))
     not_finite, megabytes, began, minute = 0, [], time.process_time(), 0
     for sample in _pieces(recording):
         for output in estimator.feed(sample):
             if isinstance(output, NavBlock):
                 not_finite += int((~np.isfinite(output.rows)).sum())
-                aided = np.full(len(output.stamps_ns), output.mode is Mode.AIDED)
-                var = output.rows[:, at.OUT_VAR + at.DPOS : at.OUT_VAR + at.DPOS + 2].sum(axis=1)
-                pages.append((output.stamps_ns, output.rows[:, at.OUT_POS : at.OUT_VEL].copy(), var, aided))
+                ledger.enter(output)
             elif isinstance(output, AttitudeBlock):
                 not_finite += int((~np.isfinite(output.q_nb)).sum())
         now = (sample.stamps_ns[-1] if isinstance(sample, ImuBlock) else 0) - recording.start_ns
@@ -75,7 +73,25 @@ def run(duration: float, seed: int, scenario: str = "multirotor_light", imu_rate
             minute += 1
             estimator.status()
             megabytes.append(_resident())
-    return _judged(recording, plan, pages, not_finite, megabytes, time.process_time() - began)
+    return _judged(recording, plan, ledger, not_finite, megabytes, time.process_time() - began)
+
+
+class _Ledger:
+    """What is needed of every solution: stamp, place, variance, aided. Memory is taken at once, so that none grows."""
+
+    def __init__(self, rows: int) -> None:
+        self.stamps = np.full(rows, 1, np.int64)
+        self.numbers = np.full((rows, 5), 1.0)
+        self.used = 0
+
+    def enter(self, block: NavBlock) -> None:
+        """One block of solutions."""
+        rows = slice(self.used, self.used + len(block.stamps_ns))
+        self.stamps[rows] = block.stamps_ns
+        self.numbers[rows, :3] = block.rows[:, at.OUT_POS : at.OUT_VEL]
+        self.numbers[rows, 3] = block.rows[:, at.OUT_VAR + at.DPOS : at.OUT_VAR + at.DPOS + 2].sum(axis=1)
+        self.numbers[rows, 4] = block.mode is Mode.AIDED
+        self.used = rows.stop
 
 
 def _pieces(recording: Recording) -> Iterator:
@@ -89,9 +105,10 @@ def _pieces(recording: Recording) -> Iterator:
 
 
 def _judged(
-    recording: Recording, plan: list[Planned], pages: list, not_finite: int, megabytes: list[float], cpu: float
+    recording: Recording, plan: list[Planned], ledger: _Ledger, not_finite: int, megabytes: list[float], cpu: float
 ) -> Endurance:
-    stamps, places, var, aided = (np.concatenate(column) for column in zip(*pages, strict=True))
+    stamps, numbers = ledger.stamps[: ledger.used], ledger.numbers[: ledger.used]
+    places, var, aided = numbers[:, :3], numbers[:, 3], numbers[:, 4] == 1.0
     t, truth = (stamps - recording.start_ns) * 1e-9, recording.truth
     within = (t >= 0.0) & (t <= truth.t[-1])  # solutions under a wrong clock have no truth to be compared with
     t, places, var, aided = t[within], places[within], var[within], aided[within]

@@ -43,7 +43,7 @@ class GnssInput:
         self._gate = GnssGate(_gate_settings(parameters))
         self._guard = Reacquisition(_return_settings(parameters, lost_after))
         self._walk_off = WalkOff()
-        self._drifts = False
+        self._drifts = self._velocity_refused = False
         self.set_parameters(parameters, lost_after, gates)
         self.enabled = True
         self.refusal = "no fix has arrived yet"
@@ -278,16 +278,27 @@ class GnssInput:
         if math.isfinite(nis):
             self.nis[kind] += 0.02 * (nis / dof - self.nis[kind])
             self._recent_nis[kind].append(nis / dof)
-        name = kind.removeprefix("gnss_")
         if status == 0:
-            self._refuse(stamp, f"gnss.rejected.{name}_innovation", f"the {name} disagrees with the filter")
+            self._refuse_innovation(kind, stamp)
             return
         if status == 2:
-            self._journal.count(f"gnss.inflated.{name}")
+            self._journal.count(f"gnss.inflated.{kind.removeprefix('gnss_')}")
         if kind == POSITION:
             self._used(t)
         else:
+            self._velocity_refused = False
             self._journal.count("gnss.used.velocity")
+
+    def _refuse_innovation(self, kind: str, stamp: int) -> None:
+        """The filter's own gate: told once for velocities, which have no place in ``refusal`` beside the positions."""
+        if kind == POSITION:
+            self._refuse(stamp, "gnss.rejected.position_innovation", "the position disagrees with the filter")
+        elif self._velocity_refused:
+            self._journal.count("gnss.rejected.velocity_innovation")
+        else:
+            text = "GNSS velocity not used: it disagrees with the filter"
+            self._journal.say(stamp, "gnss.rejected.velocity_innovation", Level.INFO, text)
+            self._velocity_refused = True
 
     def figures(self) -> dict[str, float]:
         """How GNSS agrees with the filter: NIS per degree of freedom (1 is honest), the gate's width, the resets."""
