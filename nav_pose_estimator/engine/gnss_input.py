@@ -210,7 +210,8 @@ class GnssInput:
     def _watch_drift(self, o: Observation, fix: list[float], velocity: list[float] | None, scatter: float) -> None:
         """Tell when positions leave the receiver's own velocities, and when they agree again."""
         speed = self._walk_off.update(o.t, fix, velocity, scatter)
-        self._journal.counters["gnss.drift.fixes"] += speed > 0.0
+        if speed > 0.0:
+            self._journal.count("gnss.drift.fixes")
         if (speed > 0.0) == self._drifts:
             return
         self._drifts = speed > 0.0
