@@ -39,7 +39,7 @@ from nav_pose_estimator.engine.timeline import MOTION, Observation, Timeline
 
 _UNEVENTFUL = frozenset((ImuSample, ImuBlock, MagSample, PressureSample, AttitudeSample, NavigatorVelocity))
 """Samples that change neither mode nor GNSS unless an observation comes of them."""
-_PRIORITY = {POSITION: 0, VELOCITY: 1, LOSS: 2}
+_PRIORITY = {VELOCITY: 0, POSITION: 1, LOSS: 2}  # a fix is judged together with the velocity of its epoch
 _LATE = "an observation arrived later than the filter's memory reaches; it is not used"
 
 
@@ -64,8 +64,8 @@ class SinsEngine:
             GnssVelocity: self._on_velocity,
             SatelliteCount: self._on_count,
             MagSample: self._on_mag,
-            PressureSample: self._on_pressure,
-            BodyVelocity: self._on_body_velocity,
+            PressureSample: lambda s: self._on_aid(s, self._aids.barometer, "baro.rejected"),
+            BodyVelocity: lambda s: self._on_aid(s, self._aids.body_velocity, "body_velocity.rejected"),
             MotionEvidence: self._on_motion,
             SetPose: self._on_set_pose,
             AttitudeSample: self._on_attitude,
@@ -135,10 +135,13 @@ class SinsEngine:
 
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
         """Forget the solution and align again. The local frame's origin stays."""
-        self._journal.say(stamp_ns, "reset", Level.WARN, f"the navigator starts again: {reason}")
         self._input.reset()
-        self._clear()
+        self._restart(stamp_ns, reason)
         return list(self._journal.drain())
+
+    def _restart(self, stamp_ns: int, reason: str) -> None:
+        self._journal.say(stamp_ns, "reset", Level.WARN, f"the navigator starts again: {reason}")
+        self._clear()
 
     def status(self) -> Status:
         """What a pilot wants to know."""
@@ -221,21 +224,25 @@ class SinsEngine:
     def _note_imu(self, event: Event) -> None:
         self._journal.add(event)
         if event.name in RESTARTS and self._clock.running:
-            self._journal.say(event.stamp_ns, "reset", Level.WARN, f"the navigator starts again: {event.text}")
-            self._clear()
+            self._restart(event.stamp_ns, event.text)
 
     def _advance(self, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
         """Carry the filter over ``rows``; one block for each stretch of constant mode."""
         if rows[-1, at.IMU_T] < self._quiet_until:
             return [self._block(stamps_ns, self._timeline.advance(rows))]
-        done = 0
-        while done < len(rows) and not self._timeline.running:
-            self._align(rows[done : done + 1])
-            done += 1
         blocks: list[NavBlock] = []
+        done = 0
         while done < len(rows):
+            if not self._timeline.running:
+                self._align(rows[done : done + 1])
+                done += 1
+                continue
             blocks.append(self._advance_in_one_mode(stamps_ns[done:], rows[done:]))
             done += len(blocks[-1].stamps_ns)
+            if self._gnss.despair:
+                clock = self._clock  # the rows that follow count from it
+                self._restart(int(blocks[-1].stamps_ns[-1]), self._gnss.despair)
+                self._clock = clock
         return blocks
 
     def _block(self, stamps_ns: np.ndarray, out: np.ndarray) -> NavBlock:
@@ -332,12 +339,6 @@ class SinsEngine:
             return []
         return self._aid(self._aids.magnetometer(sample, t), sample.stamp_ns)
 
-    def _on_pressure(self, sample: PressureSample) -> list[Output]:
-        return self._on_aid(sample, self._aids.barometer, "baro.rejected")
-
-    def _on_body_velocity(self, sample: BodyVelocity) -> list[Output]:
-        return self._on_aid(sample, self._aids.body_velocity, "body_velocity.rejected")
-
     def _on_motion(self, sample: MotionEvidence) -> list[Output]:
         t = self._clock.time_of(sample.stamp_ns, "outage.rejected", self._journal)
         if t is not None and self._timeline.running and self.mode in DENIED:
@@ -353,14 +354,13 @@ class SinsEngine:
         return []
 
     def _on_set_pose(self, sample: SetPose) -> list[Output]:
-        running = self._origin is not None and self._timeline.running
-        refusal = "no_origin" if not running else "value" if not start_up.is_sound(sample) else ""
-        if refusal or self._origin is None:
+        refusal = start_up.pose_refusal(sample, self._timeline.running)
+        if refusal:
             text = f"set_pose is not used: {start_up.POSE_REFUSALS[refusal]}"
             self._journal.say(sample.stamp_ns, f"set_pose.rejected.{refusal}", Level.WARN, text)
             return []
         self._settle()
-        start_up.set_pose(self._timeline.nav, self._timeline.P, sample, self._origin)
+        start_up.set_pose(self._timeline.nav, self._timeline.P, sample, self._gnss.origin)
         self._timeline.start(self._timeline.nav, self._timeline.P)
         self._gnss.resets += 1
         self._journal.say(sample.stamp_ns, "set_pose", Level.INFO, "the pose was set from outside")
