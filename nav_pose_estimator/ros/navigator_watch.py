@@ -11,7 +11,19 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.core.earth import enu_to_lla
-from nav_pose_estimator.core.layout import BASE_STATES, D_ACCEL_BIAS, D_GYRO_BIAS, DPOS, DVEL, PHI
+from nav_pose_estimator.core.layout import (
+    BASE_STATES,
+    D_ACCEL_BIAS,
+    D_GYRO_BIAS,
+    DPOS,
+    DVEL,
+    OUT_COLUMNS,
+    OUT_POS,
+    OUT_VAR,
+    OUT_VEL,
+    PHI,
+    SOLUTION_SIZE,
+)
 from nav_pose_estimator.core.rotation import quat_to_matrix
 from nav_pose_estimator.engine.imu_input import ImuInput
 from nav_pose_estimator.engine.parameters import Parameters
@@ -94,24 +106,17 @@ class NavigatorWatch:
             return None
         q_nb, position = np.array(sample.q_nb), np.array(sample.position)
         C_nb = quat_to_matrix(q_nb)
-        lat, lon, alt = (float(x) for x in enu_to_lla(position, *self.origin))
-        return NavSolution(
-            stamp_ns=sample.stamp_ns,
-            mode=Mode.DEAD_RECKONING if self.denied else Mode.AIDED,
-            lat=lat,
-            lon=lon,
-            alt=alt,
-            vel_n=C_nb @ np.array(sample.velocity_b),
-            q_nb=q_nb,
-            rate_b=np.array(sample.rate_b),
-            force_b=np.mean(forces, axis=0) - self.accel_bias,
-            gyro_bias=self.gyro_bias.copy(),
-            accel_bias=self.accel_bias.copy(),
-            cov=self._covariance(sample, C_nb),
-            position_enu=position,
-            correction_enu=np.zeros(3),
-            reset_count=0,
-        )
+        mode = Mode.DEAD_RECKONING if self.denied else Mode.AIDED
+        solution = NavSolution(sample.stamp_ns, mode, np.zeros(SOLUTION_SIZE), np.zeros(3), 0)
+        solution.values[OUT_POS:OUT_VEL] = [float(x) for x in enu_to_lla(position, *self.origin)]
+        solution.position_enu[:] = position
+        solution.vel_n[:] = C_nb @ np.array(sample.velocity_b)
+        solution.q_nb[:], solution.rate_b[:] = q_nb, sample.rate_b
+        solution.force_b[:] = np.mean(forces, axis=0) - self.accel_bias
+        solution.gyro_bias[:], solution.accel_bias[:] = self.gyro_bias, self.accel_bias
+        solution.cov[:] = P = self._covariance(sample, C_nb)
+        solution.values[OUT_VAR:OUT_COLUMNS] = np.diag(P)[: OUT_COLUMNS - OUT_VAR]
+        return solution
 
     def _covariance(self, sample: OdometrySample, C_nb: np.ndarray) -> np.ndarray:
         P, pose, twist = np.zeros((BASE_STATES, BASE_STATES)), sample.pose_cov, sample.twist_cov

@@ -11,6 +11,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Bool
 
+from nav_pose_estimator.core.layout import SOLUTION_SIZE
 from nav_pose_estimator.core.rotation import quat_from_rotvec
 from nav_pose_estimator.engine.samples import ImuSample
 from nav_pose_estimator.engine.solutions import Mode, NavSolution, OutageError
@@ -62,23 +63,12 @@ class Around:
 
 def solution(stamp: int = STAMP) -> NavSolution:
     factor = np.random.default_rng(3).normal(size=(15, 15)) * 0.01
-    return NavSolution(
-        stamp_ns=stamp,
-        mode=Mode.AIDED,
-        lat=0.8,
-        lon=0.1,
-        alt=500.0,
-        vel_n=np.array([3.0, -2.0, 0.5]),
-        q_nb=quat_from_rotvec(np.array([0.1, -0.2, 1.3])),
-        rate_b=np.array([0.01, 0.02, 0.03]),
-        force_b=np.zeros(3),
-        gyro_bias=np.zeros(3),
-        accel_bias=np.zeros(3),
-        cov=factor @ factor.T + 1e-4 * np.eye(15),
-        position_enu=np.array([10.0, -20.0, 30.0]),
-        correction_enu=np.zeros(3),
-        reset_count=0,
-    )
+    made = NavSolution(stamp, Mode.AIDED, np.zeros(SOLUTION_SIZE), np.zeros(3), 0)
+    made.vel_n[:], made.rate_b[:] = (3.0, -2.0, 0.5), (0.01, 0.02, 0.03)
+    made.q_nb[:] = quat_from_rotvec(np.array([0.1, -0.2, 1.3]))
+    made.cov[:] = factor @ factor.T + 1e-4 * np.eye(15)
+    made.position_enu[:] = 10.0, -20.0, 30.0
+    return made
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from nav_pose_estimator.core.layout import OUT_POS, OUT_VEL, SOLUTION_SIZE
 from nav_pose_estimator.core.rotation import quat_from_rotvec
 from nav_pose_estimator.engine.parameter_schema import ParameterError, update
 from nav_pose_estimator.engine.parameters import Parameters
@@ -18,24 +19,12 @@ STAMP = 1_700_000_000_000_000_000
 
 
 def solution(stamp_ns: int = STAMP, mode: Mode = Mode.AIDED) -> NavSolution:
-    zero = np.zeros(3)
-    return NavSolution(
-        stamp_ns=stamp_ns,
-        mode=mode,
-        lat=0.8,
-        lon=0.1,
-        alt=500.0,
-        vel_n=np.array([1.0, 2.0, 0.0]),
-        q_nb=quat_from_rotvec(np.array([0.1, -0.2, 1.3])),
-        rate_b=zero,
-        force_b=zero,
-        gyro_bias=zero,
-        accel_bias=zero,
-        cov=np.eye(15),
-        position_enu=np.array([10.0, -20.0, 30.0]),
-        correction_enu=np.array([3.0, 4.0, -5.0]),
-        reset_count=1,
-    )
+    made = NavSolution(stamp_ns, mode, np.zeros(SOLUTION_SIZE), np.array([3.0, 4.0, -5.0]), 1)
+    made.values[OUT_POS:OUT_VEL] = 0.8, 0.1, 500.0
+    made.vel_n[:], made.position_enu[:] = (1.0, 2.0, 0.0), (10.0, -20.0, 30.0)
+    made.q_nb[:] = quat_from_rotvec(np.array([0.1, -0.2, 1.3]))
+    made.cov[:] = np.eye(15)
+    return made
 
 
 class Heard(dict):
