@@ -11,6 +11,7 @@ from nav_pose_estimator.core.outage_learning import AirVelocityModel
 from nav_pose_estimator.engine.epochs import EpochCollector, last_stamp
 from nav_pose_estimator.engine.habits import BEST, MotionKnowledge
 from nav_pose_estimator.engine.modes import DENIED
+from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.outage_learner import OutageLearner, TrainingJob, TrainingResult
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.engine.samples import MotionEvidence, Sample, VelocityError
@@ -18,6 +19,7 @@ from nav_pose_estimator.engine.sins import SinsEngine
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution, OutageError
 from nav_pose_estimator.engine.virtual_outages import COAST, VirtualOutages
 
+_LARGEST_SPEED = 1e3  # m/s
 _ENOUGH = 20.0  # s of flight below which nothing is known of the motion
 _NETWORK, _REGIMES = "network", "regimes"
 _DRAW = 1.1  # errors this much larger than the simpler way's are still a draw
@@ -60,8 +62,9 @@ class OutageAid:
         self.learner.accept(result)
 
     def predicted(self, error: VelocityError) -> None:
-        """A prediction of a network in another process."""
-        self._external = error
+        """A prediction of a network in another process; one that is no number is not used."""
+        if is_within(error.dv_n, _LARGEST_SPEED) and is_covariance(error.cov, 3):
+            self._external = error
 
     def hear(self, sample: Sample) -> None:
         """Every sample that the navigator gets: the rehearsals live on it."""

@@ -64,7 +64,6 @@ class OutageLearner:
         self.trainings = 0
         self._jobs = 0
         self._next = 0.0
-        self._job: TrainingJob | None = None
         self._result: TrainingResult | None = None
 
     def copy(self) -> OutageLearner:
@@ -81,22 +80,23 @@ class OutageLearner:
             self.model = self.model.follow(one)
         if self._result is not None and now >= self._result.until + TAKE_OVER:
             self._take_over(self._result)
-        if self._parameters.method not in _NETWORK_METHODS or (now < self._next and now > self._next - 1e6):
-            return None
-        if self.memory.seconds < _LEAST:
-            self.reason = (
-                f"only {self.memory.seconds:.0f} s of flight with GNSS have been seen, {_LEAST:.0f} are needed"
-            )
+        waits = (
+            0.0 < self._next - now <= self._parameters.period
+        )  # a clock that went back does not wait for the old time
+        if self._parameters.method not in _NETWORK_METHODS or waits:
             return None
         return self.job(now)
 
     def job(self, now: float) -> TrainingJob | None:
-        """A training on the window up to now; ``None`` without enough flight."""
-        if self.memory.seconds < _LEAST:
+        """A training on the window up to now; ``None``, with a reason, when there is too little flight in it."""
+        epochs = self.memory.last(self._parameters.window)
+        seconds = len(epochs) * me.PERIOD
+        if seconds < _LEAST:
+            self.reason = f"only {seconds:.0f} s of flight with GNSS have been seen, {_LEAST:.0f} are needed"
             return None
         self._next = now + self._parameters.period
         self._jobs += 1
-        return TrainingJob(self.memory.last(self._parameters.window), self._rules(), self._parameters.method == _DRAG)
+        return TrainingJob(epochs, self._rules(), self._parameters.method == _DRAG)
 
     def _rules(self) -> tuple[int, ...]:
         """Numbers of rules to try: all of them now and then, else the one that was chosen and one rule."""

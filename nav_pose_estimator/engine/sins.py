@@ -31,6 +31,7 @@ from nav_pose_estimator.engine.samples import (
     Sample,
     SatelliteCount,
     SetPose,
+    VelocityError,
 )
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, NavSolution, Output, Status
 from nav_pose_estimator.engine.timeline import MOTION, Observation, Timeline
@@ -69,6 +70,7 @@ class SinsEngine:
             SetPose: self._on_set_pose,
             AttitudeSample: self._on_attitude,
             NavigatorVelocity: lambda sample: [],  # its own, meant for the attitude filter
+            VelocityError: lambda sample: [],  # meant for the outage aid around this engine
         }
         self._clear()
 

@@ -21,7 +21,6 @@ from nav_pose_estimator.engine.samples import (
     MagSample,
     NavigatorVelocity,
     PressureSample,
-    Prior,
     Sample,
     SatelliteCount,
     SetPose,
@@ -84,14 +83,7 @@ SAMPLES = {
         st.one_of(st.none(), vector(1.0, 4)),
         st.booleans(),
     ),
-    VelocityError: st.builds(VelocityError, st.just(0), vector(5.0, 2), matrix(2, 5.0)),
-    Prior: st.builds(
-        Prior,
-        st.just(0),
-        st.sampled_from(["horizontal_velocity", "horizontal_position"]),
-        vector(5.0, 2),
-        matrix(2, 5.0),
-    ),
+    VelocityError: st.builds(VelocityError, st.just(0), vector(5.0), matrix(3, 5.0)),
 }
 messages = st.lists(st.tuples(st.one_of(*SAMPLES.values()), stamps), max_size=60)
 
