@@ -31,7 +31,6 @@ from nav_pose_estimator.core.layout import (
 from nav_pose_estimator.engine.branches import Branches
 from nav_pose_estimator.engine.samples import MotionEvidence, Vector3
 
-
 MOTION = "motion"
 """Kind of the observation that splits the filter into branches and weighs them; its argument is a MotionEvidence."""
 

@@ -11,7 +11,14 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.core.earth import enu_to_lla
-from nav_pose_estimator.core.layout import BASE_STATES, D_ACCEL_BIAS, D_GYRO_BIAS, DPOS, DVEL, PHI
+from nav_pose_estimator.core.layout import (
+    BASE_STATES,
+    D_ACCEL_BIAS,
+    D_GYRO_BIAS,
+    DPOS,
+    DVEL,
+    PHI,
+)
 from nav_pose_estimator.core.rotation import quat_to_matrix
 from nav_pose_estimator.engine.imu_input import ImuInput
 from nav_pose_estimator.engine.parameters import Parameters
