@@ -117,7 +117,7 @@ class ModelKeeper:
             self.attempt(self.save)
 
     def _note_scores(self) -> None:
-        """One more point of the learning curve when the learner has taken a result over, which it does in its own time."""
+        """A point of the learning curve when the learner has taken a result over, which it does in its own time."""
         before, self._trainings = self._trainings, self._pupil.learner.trainings
         if self._trainings > before:
             scores = {name: float(value) for name, value in self._pupil.learner.scores().items()}
