@@ -69,7 +69,7 @@ def main() -> None:
             wrong.append(waited(engine, recording, start, options.offset))
         taken = sum(value is not None for value in wrong)
         late = [np.inf if value is None else value for value in true]
-        text = "true: median {:.1f}, worst {:.1f} s".format(np.median(late), max(late)) if late else "no outage fits"
+        text = f"true: median {np.median(late):.1f}, worst {max(late):.1f} s" if late else "no outage fits"
         print(f"{bag.name}: {len(true)} outages, {text}; {options.offset:.0f} m off: {taken} taken", flush=True)
 
 
