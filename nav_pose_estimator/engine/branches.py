@@ -21,7 +21,7 @@ from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 
 _LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
 _REMEMBERED = 10.0  # s: the longest that checkpoints reach back
-_CORRELATION = 4.0  # s: velocities that are nearer in time are no independent evidence
+_CORRELATION = 6.0  # s: velocities that are nearer in time are no independent evidence
 
 
 class Branches:

@@ -17,6 +17,7 @@ from nav_pose_estimator.core.outage_learning import WIND_TIME, AirVelocityModel
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence, Vector3, VelocityError
 
 _TRAVEL_TIME, _HOVER_TIME = 2.0, 4.0  # s over which the velocity of a regime counts as one draw
+_DWELL = 30.0  # s: how long a regime lasts, on average
 _RECENT = 30.0  # s whose mean square speed the velocity prior expects
 _SLOWEST = 0.05  # m/s
 _FRESH = 1.0  # s: an older prediction from outside is not used
@@ -71,7 +72,7 @@ class MotionKnowledge:
             body_velocity=vector3(newest[me.BODY_VELOCITY : me.VELOCITY]),
             air_velocity=None if prediction is None else vector3(prediction.air_velocity),
             hypotheses=hypotheses,
-            dwell=60.0,
+            dwell=_DWELL,
             wind_tau=WIND_TIME,
             **self._wind(),
         )
