@@ -46,6 +46,7 @@ Array = NDArray[np.float64]
 WIND_TIME = 40.0  # s: correlation time of the wind's change
 _BLOCKS = 4  # blocks of time for the residuals of data not trained on
 _RIDGE = 1e-3
+_WIND_RIDGE = 1e-2  # strong: without turns the wind cannot be told from the vehicle's own mean velocity
 _ITERATIONS = 20  # of the conjugate gradient
 _MEMORY = 8.0  # s over which residuals count as correlated
 _WIND_LAG = 10.0  # s: what is still alike after this is wind
@@ -226,7 +227,7 @@ def _joint_wind(epochs: Array) -> Array:
         left = columns - z @ np.linalg.solve(gram, z.T @ columns)
         normal += columns[:, :2].T @ left[:, :2]
         right += columns[:, :2].T @ left[:, 2]
-    return np.linalg.solve(normal + 0.1 * _RIDGE * len(x) * np.eye(2), right)
+    return np.linalg.solve(normal + _WIND_RIDGE * len(x) * np.eye(2), right)
 
 
 def _in_body(epochs: Array, wind: Array) -> Array:
