@@ -116,7 +116,7 @@ def test_a_travelling_vehicle_is_not_stopped_by_the_hover_hypothesis() -> None:
 
 
 def test_a_stop_in_the_outage_is_followed() -> None:
-    """GIVEN a vehicle that travels WHEN it stops at 15 s and goes on at 40 s THEN the weight changes sides, and back."""
+    """GIVEN a vehicle that travels WHEN it stops at 15 s, goes on at 40 s THEN the weight changes sides, and back."""
 
     def speed(t: float) -> float:
         return 6.0 if t < 15.0 or t > 40.0 else 0.0
