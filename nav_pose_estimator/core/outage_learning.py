@@ -1,24 +1,24 @@
 """What the network learns for an outage: the vehicle's velocity through the air, from what the IMU feels.
 
 Read literally, the source text trains the network on the filter's own position corrections, which are noise as long as
-GNSS is good, and teaches it nothing. What can be learned is how the vehicle moves. Rotor drag, lift and sideslip tie the
-velocity through the air, resolved in the body frame, to specific force, angular rate and attitude; the wind, resolved in
-the level frame, is the same for every attitude:
+GNSS is good, and teaches it nothing. What can be learned is how the vehicle moves. Rotor drag, lift and sideslip tie
+the velocity through the air, resolved in the body frame, to specific force, angular rate and attitude; the wind,
+resolved in the level frame, is the same for every attitude:
 
     C' v = g(f, w, u) + C' (w_mean + w(t))        u: the upward direction resolved in b                          (1)
 
-The network g is trained on half-second means of aided flight, the mean wind w_mean jointly with it by least squares. The
-predicted error of the navigator's velocity is then v - C g - w, exactly the increment of the position error that the
-source text asks for, and its coefficient on the navigator's own velocity is one by construction, not by training.
+The network g is trained on half-second means of aided flight, the mean wind w_mean jointly with it by least squares.
+The predicted error of the navigator's velocity is then v - C g - w, exactly the increment of the position error that
+the source text asks for, and its coefficient on the navigator's own velocity is one by construction, not by training.
 
-What g does not explain becomes noise, honestly: its residuals are those of blocks of time that it was not trained on; the
-part that persists in the level frame is the change of the wind w(t), a first-order Gauss-Markov process that goes on to
-be estimated in the outage; the rest counts with its spectral density at low frequency, because half-second residuals are
-not independent.
+What g does not explain becomes noise, honestly: its residuals are those of blocks of time that it was not trained on;
+the part that persists in the level frame is the change of the wind w(t), a first-order Gauss-Markov process that goes
+on to be estimated in the outage; the rest counts with its spectral density at low frequency, because half-second
+residuals are not independent.
 
 Sources: CN113777645A, claim 3 (inputs, network, training); P. Martin and E. Salaun, "The true role of accelerometer
-feedback in quadrotor control", ICRA 2010 (rotor drag); S. Khaghani and J. Skaloud, "Autonomous and non-autonomous dynamic
-model based navigation system for UAVs", Robotics and Autonomous Systems 2018 (vehicle dynamics as a sensor).
+feedback in quadrotor control", ICRA 2010 (rotor drag); M. Khaghani and J. Skaloud, "Autonomous vehicle dynamic
+model-based navigation for small UAVs", Navigation 63(3), 2016 (vehicle dynamics as a sensor).
 """
 
 import math

@@ -1,9 +1,9 @@
 """Two hypotheses of what the vehicle does, each with a navigator of its own, while nothing else bounds the drift.
 
-The filter splits when GNSS is lost: one branch travels as the network predicts, one hovers. Every half second each branch
-takes in what its hypothesis says of the velocity; how well that fits decides how probable it is (interacting multiple
-model, Blom and Bar-Shalom 1988). A wrong hypothesis cannot spoil the other, and what comes out, mean and covariance of
-the mixture, is as uncertain as the decision.
+The filter splits when GNSS is lost: one branch travels as the network predicts, one hovers. Every half second each
+branch takes in what its hypothesis says of the velocity; how well that fits decides how probable it is (interacting
+multiple model, Blom and Bar-Shalom 1988). A wrong hypothesis cannot spoil the other, and what comes out, mean and
+covariance of the mixture, is as uncertain as the decision.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 
 _LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
 _REMEMBERED = 10.0  # s: the longest that checkpoints reach back
-_CORRELATION = 4.0  # s: velocities that are nearer in time are no independent evidence
+_CORRELATION = 6.0  # s: velocities that are nearer in time are no independent evidence
 
 
 class Branches:
     """Branches of the filter with their weights: one ``core.filter_memory`` each, with wind block and checkpoints."""
 
     def __init__(self, trunk: np.ndarray, slots: int, evidence: MotionEvidence) -> None:
-        """Split the filter of the memory ``trunk`` into the hypotheses of ``evidence``, with the wind that it brings."""
+        """Split the filter of the memory ``trunk`` into the hypotheses of ``evidence``, with its wind."""
         n = int(trunk[memory.STATES])
         P = with_wind(trunk[memory.HEAD : memory.HEAD + n * n].reshape(n, n), evidence.wind_var)
         constants = _with_wind_block(trunk[memory.CONSTANTS : memory.ORIGIN], evidence)

@@ -1,7 +1,7 @@
 """The network's life in flight: it trains while GNSS is good, is tried on the past, and is used only where it helps.
 
-Training takes a ``TrainingJob``, plain arrays that may travel to another process. A result is taken over five seconds of
-flight after its data ended, whoever computed it, so that a replay learns the same at the same time as the node.
+Training takes a ``TrainingJob``, plain arrays that may travel to another process. A result is taken over five seconds
+of flight after its data ended, whoever computed it, so that a replay learns the same at the same time as the node.
 """
 
 from __future__ import annotations

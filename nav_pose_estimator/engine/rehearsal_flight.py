@@ -54,8 +54,8 @@ def rehearse(make_engine: Callable[[], Engine]) -> None:
     at_rest.set_use_gnss(False)
     for further in range(step + 1, step + 1 + _UNAIDED):
         _feed(at_rest, _at_rest(further))
-    for further in range(further + 1, further + 1 + _GUIDED):
-        _feed(at_rest, [*_at_rest(further), _evidence(further)])
+    for guided in range(further + 1, further + 1 + _GUIDED):
+        _feed(at_rest, [*_at_rest(guided), _evidence(guided)])
     at_rest.status()
     moving = make_engine()
     for step in range(1, _MOVING):

@@ -142,7 +142,7 @@ class Hypothesis:
     """What the vehicle may be doing and what follows from it; ``None`` where nothing does.
 
     ``probability`` at the loss of GNSS, ``velocity_var`` [m^2/s^2] of each horizontal velocity component about zero,
-    ``air_noise`` (3,) [m^2/s^2] of the predicted air velocity in b, ``log_likelihood`` of everything else that was seen.
+    ``air_noise`` (3,) [m^2/s^2] of the predicted air velocity in b, ``log_likelihood`` of all else that was seen.
     """
 
     name: str

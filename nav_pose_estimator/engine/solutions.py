@@ -178,7 +178,7 @@ class NavBlock:
 
 @dataclass(frozen=True, slots=True)
 class OutageError:
-    """What the network says in an outage: velocity error ENU [m/s], its covariance (3, 3), position error so far [m]."""
+    """What the network says in an outage: velocity error ENU [m/s], covariance (3, 3), position error so far [m]."""
 
     stamp_ns: int
     dv_n: tuple[float, float, float]

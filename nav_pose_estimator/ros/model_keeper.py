@@ -40,7 +40,7 @@ class ModelKeeper:
     ) -> None:
         self.history: list[dict[str, float]] = []  # scores after each training
         self._pupil, self._trainer, self._parameters, self._say = pupil, trainer, parameters, say
-        self._failure = ""
+        self._failure, self._trainings = "", 0
         _warm_up()
         self._timer = node.create_timer(_PERIOD, self.look_after, clock=Clock(clock_type=ClockType.STEADY_TIME))
         for name, action in (("train", self.train), ("save_model", self.save), ("load_model", self.load)):
@@ -63,6 +63,7 @@ class ModelKeeper:
             outcome = self._trainer.poll()
             if outcome is not None:
                 self._take(outcome)
+            self._note_scores()
         except Exception as error:
             self._say("outage.training_failed", Level.ERROR, f"training: {_describe(error)}")
 
@@ -111,11 +112,16 @@ class ModelKeeper:
             self._say("outage.training_failed", Level.ERROR, f"the training failed: {outcome.failure}")
             return
         self._pupil.accept(outcome.result)
-        scores = {name: float(value) for name, value in self._pupil.learner.scores().items()}
-        self.history = [*self.history, scores][-_CURVE:]
         self._say("outage.trained", Level.INFO, "a training has ended")
         if self._parameters.file and self._parameters.save_after_training:
             self.attempt(self.save)
+
+    def _note_scores(self) -> None:
+        """A point of the learning curve when the learner has taken a result over, which it does in its own time."""
+        before, self._trainings = self._trainings, self._pupil.learner.trainings
+        if self._trainings > before:
+            scores = {name: float(value) for name, value in self._pupil.learner.scores().items()}
+            self.history = [*self.history, scores][-_CURVE:]
 
     def _path(self) -> str:
         if not self._parameters.file:
