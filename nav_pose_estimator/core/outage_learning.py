@@ -115,16 +115,41 @@ class AirVelocityModel:
 
     @classmethod
     def from_state(cls, state: Mapping[str, np.ndarray]) -> "AirVelocityModel":
-        """The model of ``state()``. ``UserError`` when its network is damaged, ``KeyError`` when a part is missing."""
+        """The model of ``state()``. ``UserError`` when parts of it are damaged, ``KeyError`` when one is missing."""
         network = Anfis.from_state(
             {k.removeprefix("network."): v for k, v in state.items() if k.startswith("network.")}
         )
         parts = {name: np.array(state[name], float) for name in _ARRAYS}
+        _check_parts(network, parts, state["errors"])
         parts |= {name: float(value) for name, value in parts.items() if value.ndim == 0}
         return cls(network, errors={int(r): float(e) for r, e in state["errors"]}, **parts)  # type: ignore[arg-type]
 
 
-_ARRAYS = ("wind_mean", "wind", "wind_var", "wind_spread", "noise", "hover_noise", "target_square")
+_ARRAYS = {
+    "wind_mean": (2,),
+    "wind": (2,),
+    "wind_var": (),
+    "wind_spread": (),
+    "noise": (3,),
+    "hover_noise": (3,),
+    "target_square": (),
+}
+"""Parts of a saved model with their shapes."""
+_INPUTS, _OUTPUTS = 9, 3
+
+
+def _check_parts(network: Anfis, parts: Mapping[str, Array], errors: Array) -> None:
+    """``UserError`` for parts of a saved model that do not fit, or that no training gives: nobody flies with them."""
+    shapes = [parts[name].shape == shape for name, shape in _ARRAYS.items()]
+    scaling = network.network.scaling
+    fits = len(scaling.in_mean) == _INPUTS and len(scaling.out_mean) == _OUTPUTS
+    table = np.ndim(errors) == 2 and np.shape(errors)[1] == 2 and network.rules in errors[:, 0]
+    if not (all(shapes) and fits and table):
+        raise UserError("the parts of this model of the outage learning do not fit together")
+    finite = all(np.isfinite(value).all() for value in [*parts.values(), errors])
+    positive = (parts["noise"] > 0.0).all() and (parts["hover_noise"] > 0.0).all()
+    if not (finite and positive and parts["wind_var"] >= 0.0 and parts["wind_spread"] >= 0.0):
+        raise UserError("this model of the outage learning has numbers that make no sense")
 
 
 def inputs(epochs: Array) -> Array:

@@ -90,7 +90,7 @@ class Branches:
         acted = zip(self.pairs(), evidence.hypotheses, strict=True)
         likelihood = np.array([_act(nav, P, middle, evidence, hypothesis) for (nav, P), hypothesis in acted])
         count = len(likelihood)
-        if count == 1:
+        if count == 1 or not np.isfinite(likelihood).any():
             return
         stay = math.exp(-evidence.interval / evidence.dwell)
         transition = np.full((count, count), (1.0 - stay) / (count - 1))
