@@ -105,7 +105,8 @@ class MotionKnowledge:
         if self.method == PRIOR:
             variance = max(0.5 * self.recent_square, _SLOWEST**2) * per_epoch
             return (Hypothesis("travel", 1.0, variance, None),)
-        if self.method != BEST:
+        # a car at constant speed is as calm as one that has stopped: of a guided vehicle only its nose tells
+        if self.method != BEST or (self.model is not None and self.model.is_guided):
             return () if prediction is None else (Hypothesis("travel", 1.0, None, noise),)
         regimes = self.regimes
         travel_var = regimes.travel_var * _TRAVEL_TIME * per_epoch
