@@ -105,7 +105,8 @@ class MotionKnowledge:
         noise = None if prediction is None else vector3(prediction.noise * per_epoch)
         if self.method == PRIOR:
             return (Hypothesis("travel", 1.0, max(0.5 * self.recent_square, _SLOWEST**2), None),)
-        if self.method != BEST:
+        # a car at constant speed is as calm as one that has stopped: of a guided vehicle only its nose tells
+        if self.method != BEST or (self.model is not None and self.model.is_guided):
             return () if prediction is None else (Hypothesis("travel", 1.0, None, noise),)
         regimes = self.regimes
         active = float(me.activity(recent)[-1])
