@@ -114,7 +114,7 @@ class OutageLearner:
         self._result = None
         self.trainings += 1
         model = result.model
-        left = min(model.errors.values()) / max(model.target_square, 1e-12)
+        left = model.errors[model.rules] / max(model.target_square, 1e-12)
         if left > _EXPLAINS:
             self.reason = f"the network explains only {100.0 * (1.0 - left):.0f} % of the motion"
             self.model = None
