@@ -11,6 +11,10 @@ The network g is trained on half-second means of aided flight, the mean wind w_m
 The predicted error of the navigator's velocity is then v - C g - w, exactly the increment of the position error that
 the source text asks for, and its coefficient on the navigator's own velocity is one by construction, not by training.
 
+A vehicle on wheels does not care about the wind: with w = 0 eq. (1) is the non-holonomic constraint, and it is learned
+like everything else. Its unknown speed ahead would look like a strong wind that blows into the sideways axis, too; so
+the wind is left out where unseen data are explained clearly better without.
+
 What g does not explain becomes noise, honestly: its residuals are those of blocks of time that it was not trained on;
 the part that persists in the level frame is the change of the wind w(t), a first-order Gauss-Markov process that goes
 on to be estimated in the outage; the rest counts with its spectral density at low frequency, because half-second
@@ -46,12 +50,15 @@ Array = NDArray[np.float64]
 WIND_TIME = 40.0  # s: correlation time of the wind's change
 _BLOCKS = 4  # blocks of time for the residuals of data not trained on
 _RIDGE = 1e-3
+_WIND_RIDGE = 1e-2  # strong: without turns the wind cannot be told from the vehicle's own mean velocity
 _ITERATIONS = 20  # of the conjugate gradient
 _MEMORY = 8.0  # s over which residuals count as correlated
 _WIND_LAG = 10.0  # s: what is still alike after this is wind
 _FLOOR = 0.05**2  # m^2/s^2 in one second
 _UNSEEN_HOVER = 10.0  # s of hovering that the guess about it is worth
 _CLEARLY = 0.9  # part of one rule's squared error below which more rules are better
+_SLIPS = 0.01  # part of the squared speed ahead that the sideways one of a vehicle on wheels is below
+_GUIDED = 0.2  # factor on the squared errors ahead and sideways, multiplied, that leaving out a wind must reach
 _STRANGE = 10.0  # factor on the noise of a prediction far from the training data
 
 
@@ -88,6 +95,11 @@ class AirVelocityModel:
         x = inputs(epoch[None])
         novelty = float(self.network.novelty(x)[0])
         return self.network.predict(x)[0], 1.0 + (_STRANGE - 1.0) * min(max(novelty - 1.0, 0.0), 1.0)
+
+    @property
+    def is_guided(self) -> bool:
+        """Whether the ground guides the vehicle: it goes where its nose points, and no wind moves it."""
+        return self.wind_spread == 0.0
 
     @property
     def rules(self) -> int:
@@ -162,16 +174,17 @@ def learn_air_velocity(epochs: Array, rules: tuple[int, ...] = (1,)) -> AirVeloc
     ``rules``: numbers of rules to try; more than the first have to be clearly better on blocks not trained on.
     """
     blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
-    residuals = {count: _unseen_residuals(epochs, blocks, count) for count in rules}
+    windless = _is_guided(epochs, blocks)
+    residuals = {count: _unseen_residuals(epochs, blocks, count, windless) for count in rules}
     errors = {count: float(np.square(residual).mean()) for count, residual in residuals.items()}
     chosen = min(errors, key=lambda count: errors[count] * (1.0 if count == rules[0] else 1.0 / _CLEARLY))
-    network, wind = _fit(epochs, chosen)
+    network, wind = _fit(epochs, chosen, windless)
     model = AirVelocityModel(
         network=network,
         wind_mean=wind,
         wind=np.zeros(2),
         wind_var=0.0,
-        wind_spread=_wind_spread(epochs, residuals[chosen]),
+        wind_spread=0.0 if windless else _wind_spread(epochs, residuals[chosen]),
         noise=np.ones(3),
         hover_noise=np.ones(3),
         errors=errors,
@@ -229,9 +242,23 @@ def _fit_drag(epochs: Array) -> tuple[DragLaw, Array]:
     return DragLaw(solution[:2]), solution[2:]
 
 
-def _fit(epochs: Array, rules: int) -> tuple[Anfis, Array]:
+def _is_guided(epochs: Array, blocks: list[Array]) -> bool:
+    """Whether the vehicle goes where its nose points, and eq. (1) explains unseen motion clearly better without a wind.
+
+    Better over both horizontal axes: without a wind a drone that flies nose first gains sideways and loses more ahead.
+    """
+    ahead, sideways, _ = np.square(epochs[:, BODY_VELOCITY:VELOCITY]).mean(axis=0)
+    if sideways > _SLIPS * ahead:
+        return False
+    airborne, guided = (
+        np.square(_unseen_residuals(epochs, blocks, 1, windless)).mean(axis=0) for windless in (False, True)
+    )
+    return bool(guided[0] * guided[1] < _GUIDED * airborne[0] * airborne[1])
+
+
+def _fit(epochs: Array, rules: int, windless: bool) -> tuple[Anfis, Array]:
     """Network and mean wind (2,). The wind comes from the linear model, whose least squares see both together."""
-    wind = _joint_wind(epochs)
+    wind = np.zeros(2) if windless else _joint_wind(epochs)
     target = epochs[:, BODY_VELOCITY:VELOCITY] - _in_body(epochs, wind)
     network = Anfis(rules=rules, ridge=_RIDGE, partition="fcm", iterations=_ITERATIONS)
     return network.fit(inputs(epochs), target), wind
@@ -251,7 +278,7 @@ def _joint_wind(epochs: Array) -> Array:
         left = columns - z @ np.linalg.solve(gram, z.T @ columns)
         normal += columns[:, :2].T @ left[:, :2]
         right += columns[:, :2].T @ left[:, 2]
-    return np.linalg.solve(normal + 0.1 * _RIDGE * len(x) * np.eye(2), right)
+    return np.linalg.solve(normal + _WIND_RIDGE * len(x) * np.eye(2), right)
 
 
 def _in_body(epochs: Array, wind: Array) -> Array:
@@ -264,11 +291,11 @@ def _residuals(epochs: Array, network: Law, wind: Array) -> Array:
     return epochs[:, BODY_VELOCITY:VELOCITY] - network.predict(inputs(epochs)) - _in_body(epochs, wind)
 
 
-def _unseen_residuals(epochs: Array, blocks: list[Array], rules: int) -> Array:
+def _unseen_residuals(epochs: Array, blocks: list[Array], rules: int, windless: bool) -> Array:
     residual = np.empty((len(epochs), 3))
     for block in blocks:
         others = np.setdiff1d(np.arange(len(epochs)), block)
-        residual[block] = _residuals(epochs[block], *_fit(epochs[others], rules))
+        residual[block] = _residuals(epochs[block], *_fit(epochs[others], rules, windless))
     return residual
 
 

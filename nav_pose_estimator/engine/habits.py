@@ -104,22 +104,30 @@ class MotionKnowledge:
         per_epoch = 1.0 / me.PERIOD
         noise = None if prediction is None else vector3(prediction.noise * per_epoch)
         if self.method == PRIOR:
-            variance = max(0.5 * self.recent_square, _SLOWEST**2) * per_epoch
-            return (Hypothesis("travel", 1.0, variance, None),)
-        if self.method != BEST:
+            return (Hypothesis("travel", 1.0, max(0.5 * self.recent_square, _SLOWEST**2), None),)
+        # a car at constant speed is as calm as one that has stopped: of a guided vehicle only its nose tells
+        if self.method != BEST or (self.model is not None and self.model.is_guided):
             return () if prediction is None else (Hypothesis("travel", 1.0, None, noise),)
         regimes = self.regimes
-        travel_var = regimes.travel_var * _TRAVEL_TIME * per_epoch
         active = float(me.activity(recent)[-1])
         travel = Hypothesis(
-            "travel", 1.0 - regimes.hover_probability, travel_var, noise, _log_density(active, regimes.travel_activity)
+            name="travel",
+            probability=1.0 - regimes.hover_probability if regimes.can_hover else 1.0,
+            velocity_var=regimes.travel_var,
+            air_noise=noise,
+            log_likelihood=_log_density(active, regimes.travel_activity),
+            # the network knows more of a travelling vehicle than its mean speed
+            velocity_time=_TRAVEL_TIME if prediction is None else None,
         )
         if not regimes.can_hover:
-            return () if prediction is None else (Hypothesis("travel", 1.0, travel_var, noise),)
-        hover_noise = None if prediction is None else vector3(prediction.hover_noise * per_epoch)
-        hover_var = regimes.hover_var * _HOVER_TIME * per_epoch
+            return () if prediction is None else (travel,)
         hover = Hypothesis(
-            "hover", regimes.hover_probability, hover_var, hover_noise, _log_density(active, regimes.hover_activity)
+            name="hover",
+            probability=regimes.hover_probability,
+            velocity_var=regimes.hover_var,
+            air_noise=None if prediction is None else vector3(prediction.hover_noise * per_epoch),
+            log_likelihood=_log_density(active, regimes.hover_activity),
+            velocity_time=_HOVER_TIME,
         )
         return travel, hover
 

@@ -19,7 +19,8 @@ from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.errors import UserError
 
 TAKE_OVER = 5.0  # s between the end of the data and the use of what was learned from them
-_LEAST = 40.0  # s of flight
+_LEAST = 20.0  # s of flight
+_YOUNG = 0.5  # a young flight is learned from again when it has grown by this part
 _LINEAR, _DRAG = "anfis_linear", "drag"
 _NETWORK_METHODS = frozenset(("anfis", _LINEAR, _DRAG, "best"))
 _SEARCH_EVERY = 4  # trainings
@@ -94,7 +95,7 @@ class OutageLearner:
         if seconds < _LEAST:
             self.reason = f"only {seconds:.0f} s of flight with GNSS have been seen, {_LEAST:.0f} are needed"
             return None
-        self._next = now + self._parameters.period
+        self._next = now + min(self._parameters.period, _YOUNG * seconds)
         self._jobs += 1
         return TrainingJob(epochs, self._rules(), self._parameters.method == _DRAG)
 
@@ -115,7 +116,8 @@ class OutageLearner:
         self.trainings += 1
         model = result.model
         left = model.errors[model.rules] / max(model.target_square, 1e-12)
-        if left > _EXPLAINS:
+        # that a vehicle on wheels does not slip is worth knowing, however little it says of the speed ahead
+        if left > _EXPLAINS and not model.is_guided:
             self.reason = f"the network explains only {100.0 * (1.0 - left):.0f} % of the motion"
             self.model = None
             return

@@ -78,21 +78,37 @@ def run_task(task: Task, advanced: Callable[[float], None] | None = None) -> Fli
     planned = outage_starts(window, list(task.lengths), task.every, task.first)
     starts = sorted({outage.start for outages in planned.values() for outage in outages})
     parameters, how = _with_delay(task, recording, parameters, min(starts, default=np.inf))
-    runs = [Outage(s, max(n for n, outages in planned.items() if any(o.start == s for o in outages))) for s in starts]
     result = FlightResult(task.bag.name, parameters.gnss.delay, window, notices=[how, *recording.notices])
+    run_outages(recording, parameters, planned, (task.method, *task.predictors), result, advanced)
+    _draw(result, recording.reference(parameters.gnss.delay), starts)
+    return result
+
+
+def run_outages(
+    recording: Recording,
+    parameters: Parameters,
+    planned: dict[float, list[Outage]],
+    names: tuple[str, ...],
+    result: FlightResult,
+    advanced: Callable[[float], None] | None = None,
+) -> None:
+    """The ``planned`` outages (length -> outages) of one recording, filed in ``result``.
+
+    The estimator has ``parameters``, its errors go under the first of ``names``; the others are predictors.
+    """
+    starts = sorted({outage.start for outages in planned.values() for outage in outages})
+    runs = [Outage(s, max(n for n, outages in planned.items() if any(o.start == s for o in outages))) for s in starts]
     reference = recording.reference(parameters.gnss.delay)
     fix_times = recording.fix_times(parameters.gnss.delay)
     judge_run = _judge(planned, fix_times, reference, reference_lever(reference, parameters), result)
     engine = PoseEstimator(parameters, attitude=False)
     for start in _aided_pass(recording, parameters, runs):
         track = _outage_run(engine, recording, parameters, start, result)
-        judge_run(task.method, start, track)
-        for name in task.predictors:
+        judge_run(names[0], start, track)
+        for name in names[1:]:
             judge_run(name, start, _predict(name, start))
         if advanced is not None:
             advanced(1.0 / len(runs))
-    _draw(result, reference, starts)
-    return result
 
 
 def _with_delay(task: Task, recording: Recording, parameters: Parameters, until: float) -> tuple[Parameters, str]:
