@@ -1,5 +1,7 @@
 """What is said of the motion in an outage, method by method, from what was learned before it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from flown import Flight
@@ -33,6 +35,8 @@ def test_best_weighs_travelling_against_hovering(epochs, model) -> None:
     assert np.isfinite([travel.log_likelihood, hover.log_likelihood]).all()
     air, _ = model.predict(epochs[-1])
     np.testing.assert_array_equal(evidence.air_velocity, air)
+    assert travel.velocity_time is None  # with a network the usual speed tells the regimes apart, no more
+    assert hover.velocity_time is not None
     np.testing.assert_allclose(travel.air_noise, model.noise / me.PERIOD)
     np.testing.assert_allclose(evidence.wind, model.wind_mean + model.wind)
     np.testing.assert_allclose(evidence.wind_mean, model.wind_mean)
@@ -61,7 +65,7 @@ def test_the_velocity_prior_expects_the_speed_of_the_last_half_minute(epochs) ->
     slow[-60:, me.VELOCITY : me.VELOCITY + 2] = [2.0, 0.0]
     evidence, error = MotionKnowledge.of("velocity_prior", slow, None).evidence(NOW, slow[-4:])
     (only,) = evidence.hypotheses
-    assert only.velocity_var * me.PERIOD == pytest.approx(2.0, rel=0.05)  # 4 m^2/s^2 over two components
+    assert only.velocity_var == pytest.approx(2.0, rel=0.05)  # 4 m^2/s^2 over two components
     assert only.air_noise is None
     assert evidence.air_velocity is None
     assert error is None
@@ -86,6 +90,16 @@ def test_a_fixed_wing_is_never_said_to_hover(epochs, model) -> None:
     with_network, _ = MotionKnowledge.of("best", fast, model).evidence(NOW, fast[-4:])
     assert [h.name for h in with_network.hypotheses] == ["travel"]
     assert MotionKnowledge.of("best", fast, None).evidence(NOW, fast[-4:]) == (None, None)
+
+
+def test_a_guided_vehicle_is_not_said_to_hover_nor_to_have_a_usual_speed(epochs, model) -> None:
+    """GIVEN a vehicle that goes where its nose points WHEN asked THEN only the network speaks: a car at constant speed
+    is as calm as one that has stopped."""
+    guided = replace(model, wind_spread=0.0, wind_var=0.0)
+    evidence, _ = MotionKnowledge.of("best", epochs, guided).evidence(NOW, epochs[-4:])
+    (only,) = evidence.hypotheses
+    assert only.velocity_var is None
+    assert only.air_noise is not None
 
 
 def test_a_fresh_prediction_from_outside_stands_in_for_the_network(epochs, model) -> None:
