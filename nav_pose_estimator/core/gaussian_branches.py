@@ -1,10 +1,10 @@
-"""Several Gaussians about one vehicle: nominal state and covariance of each, and the one Gaussian that they make.
+"""Several Gaussians about one vehicle, and the one Gaussian that they make together.
 
 A branch is a pair ``nav`` (NAV_SIZE,), ``P`` (n, n) of ``core.layout``, one for each hypothesis of what the vehicle
 does. Branches differ by small errors, so the mixture is formed in the error state of its strongest member.
 
-Source: H. Blom and Y. Bar-Shalom, "The interacting multiple model algorithm", IEEE Trans. Automatic Control 33(8),
-1988.
+Source: H. Blom and Y. Bar-Shalom, "The interacting multiple model algorithm for systems with Markovian switching
+coefficients", IEEE Transactions on Automatic Control 33(8), 1988.
 """
 
 import math

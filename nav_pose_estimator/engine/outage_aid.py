@@ -34,7 +34,7 @@ class OutageAid:
     def __init__(self, parameters: LearnerParameters, train: Train | None = None) -> None:
         """``train`` carries out a job and hands its result to ``accept``; by default here and now."""
         self._parameters = parameters
-        self._train = train or (lambda job: self.accept(job.run()))
+        self._elsewhere = train
         self.learner = OutageLearner(parameters)
         self.reset()
 
@@ -51,12 +51,18 @@ class OutageAid:
 
     def copy(self) -> OutageAid:
         """An independent copy."""
-        twin = OutageAid(self._parameters)
+        twin = OutageAid(self._parameters, self._elsewhere)
         twin.learner, twin.rehearsals = self.learner.copy(), self.rehearsals.copy()
         twin._collector = self._collector.copy()
         twin._knowledge, twin._external = self._knowledge, self._external
         twin._position_error = self._position_error.copy()
         return twin
+
+    def _train(self, job: TrainingJob) -> None:
+        if self._elsewhere is None:
+            self.accept(job.run())
+        else:
+            self._elsewhere(job)
 
     def accept(self, result: TrainingResult) -> None:
         """Take the result of a training."""

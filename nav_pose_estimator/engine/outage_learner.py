@@ -115,7 +115,7 @@ class OutageLearner:
         self._result = None
         self.trainings += 1
         model = result.model
-        left = min(model.errors.values()) / max(model.target_square, 1e-12)
+        left = model.errors[model.rules] / max(model.target_square, 1e-12)
         # that a vehicle on wheels does not slip is worth knowing, however little it says of the speed ahead
         if left > _EXPLAINS and not model.is_guided:
             self.reason = f"the network explains only {100.0 * (1.0 - left):.0f} % of the motion"

@@ -4,7 +4,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from flown import DRAG, Flight
+from flown import DRAG, Flight, drive
 
 from nav_pose_estimator.core import motion_epochs as me
 from nav_pose_estimator.core.anfis import Anfis
@@ -107,6 +107,26 @@ def test_the_errors_are_of_blocks_that_were_not_trained_on() -> None:
     model = learn_air_velocity(epochs, (1, 3))
     assert min(model.errors.values()) > 0.95 * model.target_square
     assert model.rules == 1
+
+
+# --- on wheels -------------------------------------------------------------------------------------------------------
+
+
+def test_a_car_is_known_by_not_slipping_and_knows_no_wind() -> None:
+    """GIVEN a vehicle that goes where its nose points WHEN learned THEN it is guided, there is no wind, and the
+    velocity sideways and up is known to a decimetre per second on another drive."""
+    model = learn_air_velocity(drive())
+    assert model.is_guided
+    np.testing.assert_array_equal([*model.wind_mean, *model.wind, model.wind_var], 0.0)
+    errors = prediction_errors(model, drive(seed=4))
+    assert np.sqrt(np.mean(errors[:, 1:] ** 2)) < 0.1
+    assert (model.noise[1:] < 0.05 * model.noise[0]).all()
+
+
+def test_what_flies_is_not_guided(models) -> None:
+    """GIVEN a multirotor, or an aircraft that flies nose first in a wind WHEN learned THEN neither is guided."""
+    assert not models["network"].is_guided
+    assert not learn_air_velocity(drive(wind=(4.0, 2.0))).is_guided
 
 
 # --- wind ------------------------------------------------------------------------------------------------------------

@@ -55,3 +55,25 @@ class Flight:
 
     def _tilt(self, t: np.ndarray) -> np.ndarray:
         return 0.12 * np.column_stack([np.sin(0.41 * t), np.cos(0.29 * t)])
+
+
+def drive(seconds: float = 200.0, wind: tuple[float, float] = (0.0, 0.0), seed: int = 1) -> np.ndarray:
+    """Epochs of a level vehicle that goes where its nose points, through air that moves with ``wind`` [m/s].
+
+    With no wind it is a car: no drag tells its speed. The specific force is that of its turns.
+    """
+    random = np.random.default_rng(seed)
+    t = me.PERIOD * np.arange(1, round(seconds / me.PERIOD) + 1)
+    rate = 0.3 * np.sin(0.11 * t) + 0.1
+    yaw, speed = np.cumsum(rate) * me.PERIOD, 12.0 + 4.0 * np.sin(0.07 * t)
+    C = np.array([quat_to_matrix(quat_from_euler(0.0, 0.0, psi)) for psi in yaw])
+    air = np.column_stack([speed, random.normal(0.0, 0.02, (len(t), 2))])
+    rows = np.zeros((len(t), me.COLUMNS))
+    rows[:, me.TIME], rows[:, me.ATTITUDE : me.BODY_VELOCITY] = t, C.reshape(-1, 9)
+    rows[:, me.VELOCITY : me.FORCE] = np.einsum("nij,nj->ni", C, air) + np.array((*wind, 0.0))
+    rows[:, me.BODY_VELOCITY : me.VELOCITY] = np.einsum("nij,ni->nj", C, rows[:, me.VELOCITY : me.FORCE])
+    rows[:, me.FORCE : me.RATE] = random.normal((0.0, 0.0, GRAVITY), 0.05, (len(t), 3))
+    rows[:, me.FORCE + 1] += rate * speed
+    rows[:, me.RATE : me.POSITION] = random.normal(0.0, 0.005, (len(t), 3))
+    rows[:, me.RATE + 2] += rate
+    return rows

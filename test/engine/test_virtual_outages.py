@@ -1,0 +1,234 @@
+"""Rehearsals: what the copies get to see, how they are judged, and what three of them decide."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flown import Flight
+
+from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.engine.epochs import EpochCollector
+from nav_pose_estimator.engine.habits import MotionKnowledge
+from nav_pose_estimator.engine.outage_aid import OutageAid
+from nav_pose_estimator.engine.parameters.learner import LearnerParameters
+from nav_pose_estimator.engine.samples import (
+    GnssFix,
+    GnssVelocity,
+    ImuBlock,
+    ImuSample,
+    MagSample,
+    SatelliteCount,
+    SetPose,
+)
+from nav_pose_estimator.engine.solutions import Mode
+from nav_pose_estimator.engine.virtual_outages import COAST, VirtualOutages
+
+SECOND = 10**9
+KNOWLEDGE = MotionKnowledge.of("best", Flight(seconds=40.0).epochs(), None)
+
+
+class Navigator:
+    """Stands for the navigator: its copies drift North by so many metres a second, one after the other."""
+
+    def __init__(self, drifts: list[float], drift: float = 0.0) -> None:
+        self.mode = Mode.AIDED
+        self.seen: list = []
+        self.copies: list[Navigator] = []
+        self._drifts, self._drift, self._elapsed = list(drifts), drift, 0.0
+
+    def snapshot(self) -> "Navigator":
+        self.copies.append(Navigator([], self._drifts[len(self.copies) % len(self._drifts)]))
+        return self.copies[-1]
+
+    def feed(self, sample) -> list:
+        self.seen.append(sample)
+        self._elapsed += 0.01 * (len(sample) if isinstance(sample, ImuBlock) else 1)
+        return []
+
+    def nominal_state(self) -> np.ndarray:
+        nav = np.zeros(at.NAV_SIZE)
+        nav[at.LAT] = 0.8 + self._drift * self._elapsed / 6.367e6
+        return nav
+
+
+def fly(outages: VirtualOutages, navigator: Navigator, start: float, end: float, ways=("network",)) -> None:
+    """100 IMU samples a second, half a second at a time, with a rehearsal whenever one is due."""
+    for stamp in range(round(start * SECOND), round(end * SECOND), SECOND // 2):
+        for n in range(50):
+            outages.feed(ImuSample(stamp + n * SECOND // 100, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8)))
+        if outages.is_due(stamp + SECOND // 2, navigator):
+            outages.start(stamp + SECOND // 2, navigator, EpochCollector(), dict.fromkeys(ways, KNOWLEDGE))
+
+
+def rehearsed(drifts: list[float], count: int, ways=("network",)) -> VirtualOutages:
+    outages = VirtualOutages()
+    fly(outages, Navigator(drifts), 1000.0, 1000.0 + 60.0 * count, ways)
+    assert outages.rehearsals == min(count, 6)
+    return outages
+
+
+def test_a_rehearsal_lasts_half_a_minute_and_comes_every_minute() -> None:
+    """GIVEN copies that drift 2 and 1 m/s WHEN three minutes go by THEN three rehearsals found 60 and 30 m."""
+    outages = rehearsed([2.0, 1.0], 3)
+    assert outages.rms(COAST) == pytest.approx(60.0, rel=0.02)
+    assert outages.rms("network") == pytest.approx(30.0, rel=0.02)
+    assert outages.rms("regimes") is None
+
+
+def test_it_needs_three_rehearsals_to_condemn() -> None:
+    """GIVEN a way that is twice as bad as its rival WHEN rehearsed THEN it is refused from the third time on."""
+    assert [rehearsed([1.0, 2.0], n).is_worse("network", COAST, 1.1) for n in (1, 2, 3, 4)] == [
+        False,
+        False,
+        True,
+        True,
+    ]
+
+
+def test_worse_means_by_more_than_the_ratio() -> None:
+    outages = rehearsed([1.0, 2.0], 3)
+    assert outages.is_worse("network", COAST, 1.9)
+    assert not outages.is_worse("network", COAST, 2.1)
+    assert not outages.is_worse(COAST, "network", 1.0)
+
+
+def test_only_rehearsals_that_both_flew_count() -> None:
+    """GIVEN a way that came up late WHEN compared THEN only what both flew decides."""
+    outages, navigator = VirtualOutages(), Navigator([1.0, 1.0])
+    fly(outages, navigator, 1000.0, 1120.0, ("regimes",))
+    later = Navigator([1.0, 1.0, 9.0])
+    fly(outages, later, 1120.0, 1240.0, ("regimes", "network"))
+    assert not outages.is_worse("network", "regimes", 1.1)
+    fly(outages, later, 1240.0, 1300.0, ("regimes", "network"))
+    assert outages.is_worse("network", "regimes", 1.1)
+
+
+def test_old_rehearsals_are_forgotten() -> None:
+    """GIVEN a way that did badly WHEN it does well in six rehearsals since THEN it is used again."""
+    outages = rehearsed([1.0, 50.0], 3)
+    assert outages.is_worse("network", COAST, 1.1)
+    fly(outages, Navigator([2.0, 1.0]), 1180.0, 1180.0 + 6 * 60.0)
+    assert not outages.is_worse("network", COAST, 1.0)
+
+
+def test_nothing_from_gnss_reaches_the_copies() -> None:
+    """GIVEN a rehearsal WHEN samples of every kind come THEN the copies see IMU and magnetometer only, in order."""
+    outages, navigator = VirtualOutages(), Navigator([1.0, 1.0])
+    fly(outages, navigator, 1000.0, 1001.0)
+    stamp = 1001 * SECOND
+    for sample in (
+        GnssFix(stamp, 0.8, 0.2, 300.0),
+        GnssVelocity(stamp, (0.0, 0.0, 0.0)),
+        SatelliteCount(stamp, 12),
+        SetPose(stamp, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)),
+        ImuSample(stamp + 1, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8)),
+        MagSample(stamp + 2, (0.0, 2e-5, 0.0)),
+    ):
+        outages.feed(sample)
+    for copy in navigator.copies:
+        assert {type(sample) for sample in copy.seen} == {ImuBlock, MagSample}
+        assert isinstance(copy.seen[-1], MagSample)
+        assert copy.seen[-2].stamps_ns[-1] == stamp + 1
+
+
+def test_an_outage_ends_a_rehearsal_without_a_judgement() -> None:
+    """GIVEN a rehearsal WHEN GNSS is really lost THEN nothing is judged, and the next begins when it is back."""
+    outages, navigator = VirtualOutages(), Navigator([1.0, 1.0])
+    fly(outages, navigator, 1000.0, 1015.0)
+    navigator.mode = Mode.COASTING
+    fly(outages, navigator, 1015.0, 1090.0)
+    assert outages.rehearsals == 0
+    assert len(navigator.copies) == 2
+    navigator.mode = Mode.AIDED
+    fly(outages, navigator, 1090.0, 1125.0)
+    assert outages.rehearsals == 1
+
+
+def test_a_gap_in_the_imu_data_ends_a_rehearsal() -> None:
+    """GIVEN a rehearsal WHEN a gap makes the copies align again THEN it is not judged: that was no drift."""
+    outages, navigator = VirtualOutages(), Navigator([1.0, 1.0])
+    fly(outages, navigator, 1000.0, 1010.0)
+    for copy in navigator.copies:
+        copy.mode = Mode.ALIGNING
+    fly(outages, navigator, 1010.0, 1055.0)
+    assert outages.rehearsals == 0
+    fly(outages, navigator, 1055.0, 1100.0)
+    assert outages.rehearsals == 1
+
+
+def test_a_clock_that_went_back_does_not_stop_the_rehearsals() -> None:
+    outages = rehearsed([1.0, 1.0], 1)
+    fly(outages, Navigator([1.0, 1.0]), 10.0, 100.0)
+    assert outages.rehearsals >= 2
+
+
+def test_a_copy_goes_on_with_a_rehearsal_of_its_own() -> None:
+    outages, navigator = VirtualOutages(), Navigator([1.0, 2.0])
+    fly(outages, navigator, 1000.0, 1015.0)
+    for contestant in navigator.copies:
+        contestant._drifts = [contestant._drift]
+    twin = outages.copy()
+    fly(twin, navigator, 1015.0, 1031.5)
+    assert (outages.rehearsals, twin.rehearsals) == (0, 1)
+
+
+# --- the choice ------------------------------------------------------------------------------------------------------
+
+
+def aid_with(rms: dict[str, float], rehearsals: int = 3, method: str = "best") -> OutageAid:
+    """An aid that knows a flight and a model, and that rehearsed with these errors [m]."""
+    aid = OutageAid(replace(LearnerParameters(), method=method, rules=1))
+    for one in Flight(seconds=100.0, hover=0.3).epochs():
+        job = aid.learner.learn(one)
+        if job is not None:
+            aid.accept(job.run())
+    for _ in range(rehearsals):
+        aid.rehearsals._squares.append({name: value**2 for name, value in rms.items()})
+    return aid
+
+
+@pytest.mark.parametrize(
+    ("rms", "rehearsals", "chosen"),
+    [
+        ({COAST: 30.0, "regimes": 20.0, "network": 10.0}, 3, "network"),
+        ({COAST: 30.0, "regimes": 10.0, "network": 20.0}, 3, "regimes"),
+        ({COAST: 30.0, "regimes": 10.0, "network": 10.5}, 3, "network"),  # a draw
+        ({COAST: 1.0, "regimes": 10.0, "network": 20.0}, 3, None),  # both did far worse than nothing
+        ({COAST: 1.0, "regimes": 10.0, "network": 20.0}, 2, "network"),  # chance, so far
+    ],
+)
+def test_best_is_what_did_best_in_rehearsal(rms, rehearsals: int, chosen: str | None) -> None:
+    """GIVEN rehearsals WHEN GNSS is lost THEN the way that did better is taken, and none that did far worse than
+    coasting: no regret."""
+    knowledge = aid_with(rms, rehearsals)._choose()
+    name = None if knowledge is None else "regimes" if knowledge.model is None else "network"
+    assert name == chosen
+
+
+def test_a_method_that_was_asked_for_is_not_second_guessed() -> None:
+    knowledge = aid_with({COAST: 1.0, "network": 50.0}, method="anfis_linear")._choose()
+    assert knowledge.method == "anfis_linear"
+    assert knowledge.model is not None
+
+
+def test_without_enough_flight_nothing_is_known() -> None:
+    aid = OutageAid(LearnerParameters())
+    for one in Flight(seconds=15.0).epochs():
+        aid.learner.learn(one)
+    assert aid._choose() is None
+
+
+def test_the_status_tells_the_rehearsals() -> None:
+    status = aid_with({COAST: 30.0, "regimes": 20.0, "network": 10.0}).status()
+    assert status["rehearsal.count"] == 3.0
+    assert status["rehearsal.rms_30_s.network"] == pytest.approx(10.0)
+    assert status["learner.flight_s"] == 100.0
+
+
+def test_a_reset_forgets_the_flight_and_keeps_the_model() -> None:
+    aid = aid_with({COAST: 1.0, "network": 50.0})
+    model = aid.model
+    aid.reset()
+    assert aid.model is model is not None
+    assert aid.rehearsals.rehearsals == 0
+    assert aid.learner.memory.seconds == 0.0
