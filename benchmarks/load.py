@@ -3,7 +3,8 @@
     python benchmarks/load.py --rates 200,400,1000 --seconds 30 --out out/load
 
 A sender publishes a simulated flight in wall time, a receiver takes the odometry, the estimator runs between them in
-processes of its own: composed (pose_estimator) or separate (attitude_node, sins_node). Everything stays on this host.
+processes of its own: composed (pose_estimator) or separate (attitude_node, sins_node, anfis_node). Everything stays on
+this host.
 """
 
 import argparse
@@ -24,7 +25,7 @@ import numpy as np
 
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
-SYSTEMS = {"composed": ("pose_estimator",), "separate": ("attitude_node", "sins_node")}
+SYSTEMS = {"composed": ("pose_estimator",), "separate": ("attitude_node", "sins_node", "anfis_node")}
 _WARM_UP = 8.0  # s after the first odometry that are not measured
 _TICKS = os.sysconf("SC_CLK_TCK")
 

@@ -79,7 +79,8 @@ def names_in_the_code() -> set[str]:
     families = {name.split(".")[0] for name in direct} - {"*"}
     everywhere = (s for module in modules for s in module.everywhere() if DOTTED.fullmatch(s))
     others = {s for s in everywhere if s.split(".")[0] in families}
-    return {n for n in direct | others if not PREFIXES.fullmatch(n)} - (set(flatten(Parameters())) - set(NAMES))
+    no_events = set(flatten(Parameters())) | set(PoseEstimator().status().values)
+    return {n for n in direct | others if not PREFIXES.fullmatch(n)} - (no_events - set(NAMES))
 
 
 def meet(a: str, b: str) -> bool:
@@ -129,6 +130,7 @@ def test_every_mode_and_every_key_of_the_status_is_on_the_page(mode):
     page, status = troubleshooting_docs.page_text(), replace(PoseEstimator().status(), mode=mode)
     assert f"| `{mode.value}` | {wording.MEANINGS[mode]} |" in page
     assert [key for key, _ in wording.facts(status) if key not in page] == []
+    assert [key for key in PoseEstimator().outage_aid.status() if key not in page] == []
     assert [key for key, _ in wording.facts(AttitudeEngine().status()) if key not in page] == []
 
 

@@ -109,9 +109,9 @@ def fill_system_matrix(F, nav, constants, f_n, w_b, C):
 @inlined
 def _fill_level_frame(F, nav):
     """What position and velocity do to attitude, velocity and position by the rotation and curvature of the Earth."""
-    s = math.sin(nav[LAT])
-    c = max(math.cos(nav[LAT]), MIN_COS_LAT)
-    h = nav[ALT]
+    lat, h = float(nav[LAT]), float(nav[ALT])
+    s = math.sin(lat)
+    c = max(math.cos(lat), MIN_COS_LAT)
     v = load3(nav, VEL)
     w2 = 1.0 - E2 * s * s
     R_N = A / math.sqrt(w2)
@@ -317,14 +317,12 @@ def covariance_step(nav, P, constants):
 def covariance_step_in(nav, P, constants, space):
     """``covariance_step`` over a time above zero with working ``space`` from ``scratch``: nothing is allocated."""
     n = P.shape[0]
-    T = nav[SUM_TIME]
+    T = float(nav[SUM_TIME])
     f_n = scale(1.0 / T, load3(nav, SUM_FORCE))
     turn = load3(nav, SUM_RATE)
     C = q_columns(q_multiply(load4(nav, QUAT), q_exp(scale(-0.5, turn))))
     F = space[:n, :n]
-    for i in range(n):
-        for k in range(n):
-            F[i, k] = 0.0
+    F[:] = 0.0
     fill_system_matrix(F, nav, constants, f_n, scale(1.0 / T, turn), C)
     propagate_in(P, F, constants, T, space[n:])
     for i in range(D_GYRO_BIAS, D_GYRO_BIAS + 3):

@@ -64,10 +64,8 @@ def add_checkpoint(memory):
     memory[NEWEST] += 1.0
     memory[OLDEST] = max(memory[OLDEST], memory[NEWEST] - memory[SLOTS] + 1.0)
     start = checkpoint_start(memory, int(memory[NEWEST]))
-    for i in range(NAV_SIZE):
-        memory[start + i] = memory[NAV + i]
-    for i in range(n * n):
-        memory[start + NAV_SIZE + i] = memory[HEAD + i]
+    memory[start : start + NAV_SIZE] = memory[NAV:CONSTANTS]
+    memory[start + NAV_SIZE : start + NAV_SIZE + n * n] = memory[HEAD : HEAD + n * n]
 
 
 @kernel
@@ -93,10 +91,8 @@ def restore_before(memory, t):
         memory[NEWEST] -= 1.0
     n = int(memory[STATES])
     start = checkpoint_start(memory, int(memory[NEWEST]))
-    for i in range(NAV_SIZE):
-        memory[NAV + i] = memory[start + i]
-    for i in range(n * n):
-        memory[HEAD + i] = memory[start + NAV_SIZE + i]
+    memory[NAV:CONSTANTS] = memory[start : start + NAV_SIZE]
+    memory[HEAD : HEAD + n * n] = memory[start + NAV_SIZE : start + NAV_SIZE + n * n]
 
 
 @kernel
@@ -107,8 +103,8 @@ def run_block(memory, imu, out):
     space = scratch(n)
     mark = memory[checkpoint_start(memory, int(memory[NEWEST])) + TIME] + memory[PERIOD]
     for i in range(imu.shape[0]):
-        gyro = (imu[i, IMU_GYRO], imu[i, IMU_GYRO + 1], imu[i, IMU_GYRO + 2])
-        accel = (imu[i, IMU_ACCEL], imu[i, IMU_ACCEL + 1], imu[i, IMU_ACCEL + 2])
+        gyro = (float(imu[i, IMU_GYRO]), float(imu[i, IMU_GYRO + 1]), float(imu[i, IMU_GYRO + 2]))
+        accel = (float(imu[i, IMU_ACCEL]), float(imu[i, IMU_ACCEL + 1]), float(imu[i, IMU_ACCEL + 2]))
         if integrate(nav, constants, imu[i, IMU_T], gyro, accel):
             covariance_step_in(nav, P, constants, space)
         write_output(nav, P, out, i)

@@ -1,9 +1,10 @@
-"""Several Gaussians about one vehicle: nominal state and covariance of each, and the one Gaussian that they make together.
+"""Several Gaussians about one vehicle: nominal state and covariance of each, and the one Gaussian that they make.
 
-A branch is a pair ``nav`` (NAV_SIZE,), ``P`` (n, n) of ``core.layout``, one for each hypothesis of what the vehicle does.
-Branches differ by small errors, so the mixture is formed in the error state of its strongest member.
+A branch is a pair ``nav`` (NAV_SIZE,), ``P`` (n, n) of ``core.layout``, one for each hypothesis of what the vehicle
+does. Branches differ by small errors, so the mixture is formed in the error state of its strongest member.
 
-Source: H. Blom and Y. Bar-Shalom, "The interacting multiple model algorithm", IEEE Trans. Automatic Control 33(8), 1988.
+Source: H. Blom and Y. Bar-Shalom, "The interacting multiple model algorithm", IEEE Trans. Automatic Control 33(8),
+1988.
 """
 
 import math
@@ -47,21 +48,13 @@ Array = NDArray[np.float64]
 def error_between(nav, other, n):
     """The error (n,) of ``other`` were ``nav`` the truth: ``inject(other, error)`` gives ``nav``."""
     error = np.zeros(n)
-    # d = q_nav * conj(q_other), Exp(phi) of the misalignment
-    w, x, y, z = nav[QUAT], nav[QUAT + 1], nav[QUAT + 2], nav[QUAT + 3]
-    a, b, c, d = other[QUAT], -other[QUAT + 1], -other[QUAT + 2], -other[QUAT + 3]
-    scalar = w * a - x * b - y * c - z * d
-    turn = (w * b + x * a + y * d - z * c, w * c - x * d + y * a + z * b, w * d + x * c - y * b + z * a)
-    sine = math.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
-    factor = 2.0 if scalar >= 0.0 else -2.0
-    if sine > 1e-9:
-        factor = 2.0 * math.atan2(sine, abs(scalar)) / sine * (1.0 if scalar >= 0.0 else -1.0)
+    turn = _turn_between(nav[QUAT : QUAT + 4], other[QUAT : QUAT + 4])
     R_M, R_N = radii(other[LAT])
     error[DPOS] = wrap_angle(other[LON] - nav[LON]) * (R_N + other[ALT]) * cos_latitude(other[LAT])
     error[DPOS + 1] = (other[LAT] - nav[LAT]) * (R_M + other[ALT])
     error[DPOS + 2] = other[ALT] - nav[ALT]
     for i in range(3):
-        error[PHI + i] = factor * turn[i]
+        error[PHI + i] = turn[i]
         error[DVEL + i] = other[VEL + i] - nav[VEL + i]
         error[D_GYRO_BIAS + i] = nav[GYRO_BIAS + i] - other[GYRO_BIAS + i]
         error[D_ACCEL_BIAS + i] = nav[ACCEL_BIAS + i] - other[ACCEL_BIAS + i]
@@ -74,6 +67,20 @@ def error_between(nav, other, n):
         for i in range(GYRO_MATRIX_STATES):
             error[block + i] = nav[GYRO_MATRIX + i] - other[GYRO_MATRIX + i]
     return error
+
+
+@kernel
+def _turn_between(q, other):
+    """Rotation vector [rad] in n that turns the attitude ``other`` (4,) into ``q`` (4,): Exp(phi) = q conj(other)."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    a, b, c, d = other[0], -other[1], -other[2], -other[3]
+    scalar = w * a - x * b - y * c - z * d
+    turn = (w * b + x * a + y * d - z * c, w * c - x * d + y * a + z * b, w * d + x * c - y * b + z * a)
+    sine = math.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
+    factor = 2.0 if scalar >= 0.0 else -2.0
+    if sine > 1e-9:
+        factor = 2.0 * math.atan2(sine, abs(scalar)) / sine * (1.0 if scalar >= 0.0 else -1.0)
+    return factor * turn[0], factor * turn[1], factor * turn[2]
 
 
 @kernel
@@ -118,6 +125,7 @@ def blend_rows(rows, weights, out):
             for k in range(K):
                 total += weights[k] * rows[k, i, c]
             out[i, c] = total
+        out[i, OUT_POS + 1] = _mean_longitude(rows[:, i, OUT_POS + 1], weights)
         length = 0.0
         for c in range(OUT_QUAT, OUT_QUAT + 4):
             length += out[i, c] * out[i, c]
@@ -125,16 +133,25 @@ def blend_rows(rows, weights, out):
             out[i, c] /= math.sqrt(length)
         R_M, R_N = radii(out[i, OUT_POS])
         metres = (R_N * cos_latitude(out[i, OUT_POS]), R_M, 1.0)
-        columns = (OUT_POS + 1, OUT_POS, OUT_POS + 2)  # longitude is East
         for k in range(K):
+            turn = _turn_between(rows[k, i, OUT_QUAT : OUT_QUAT + 4], out[i, OUT_QUAT : OUT_QUAT + 4])
+            position, mean = rows[k, i, OUT_POS : OUT_POS + 3], out[i, OUT_POS : OUT_POS + 3]
+            apart = (wrap_angle(position[1] - mean[1]), position[0] - mean[0], position[2] - mean[2])
             for axis in range(3):
                 dv = rows[k, i, OUT_VEL + axis] - out[i, OUT_VEL + axis]
-                dp = (rows[k, i, columns[axis]] - out[i, columns[axis]]) * metres[axis]
-                # vector part of the turn away from the mean, twice: small angles
-                dq = 2.0 * (rows[k, i, OUT_QUAT + 1 + axis] - out[i, OUT_QUAT + 1 + axis])
-                out[i, OUT_VAR + PHI + axis] += weights[k] * dq * dq
+                dp = apart[axis] * metres[axis]
+                out[i, OUT_VAR + PHI + axis] += weights[k] * turn[axis] * turn[axis]
                 out[i, OUT_VAR + DVEL + axis] += weights[k] * dv * dv
                 out[i, OUT_VAR + DPOS + axis] += weights[k] * dp * dp
+
+
+@kernel
+def _mean_longitude(longitudes, weights):
+    """Weighted mean (weights sum to one) of longitudes (K,) that are near each other, maybe across the date line."""
+    shift = 0.0
+    for k in range(1, len(longitudes)):
+        shift += weights[k] * wrap_angle(longitudes[k] - longitudes[0])
+    return wrap_angle(longitudes[0] + shift)
 
 
 def with_wind(P: Array, variance: float) -> Array:

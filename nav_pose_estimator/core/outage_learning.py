@@ -1,28 +1,28 @@
 """What the network learns for an outage: the vehicle's velocity through the air, from what the IMU feels.
 
 Read literally, the source text trains the network on the filter's own position corrections, which are noise as long as
-GNSS is good, and teaches it nothing. What can be learned is how the vehicle moves. Rotor drag, lift and sideslip tie the
-velocity through the air, resolved in the body frame, to specific force, angular rate and attitude; the wind, resolved in
-the level frame, is the same for every attitude:
+GNSS is good, and teaches it nothing. What can be learned is how the vehicle moves. Rotor drag, lift and sideslip tie
+the velocity through the air, resolved in the body frame, to specific force, angular rate and attitude; the wind,
+resolved in the level frame, is the same for every attitude:
 
     C' v = g(f, w, u) + C' (w_mean + w(t))        u: the upward direction resolved in b                          (1)
 
-The network g is trained on half-second means of aided flight, the mean wind w_mean jointly with it by least squares. The
-predicted error of the navigator's velocity is then v - C g - w, exactly the increment of the position error that the
-source text asks for, and its coefficient on the navigator's own velocity is one by construction, not by training.
+The network g is trained on half-second means of aided flight, the mean wind w_mean jointly with it by least squares.
+The predicted error of the navigator's velocity is then v - C g - w, exactly the increment of the position error that
+the source text asks for, and its coefficient on the navigator's own velocity is one by construction, not by training.
 
 A vehicle on wheels does not care about the wind: with w = 0 eq. (1) is the non-holonomic constraint, and it is learned
-like everything else. Its unknown speed ahead would look like a strong wind that blows into the sideways axis, too; so the
-wind is left out where unseen data are explained clearly better without.
+like everything else. Its unknown speed ahead would look like a strong wind that blows into the sideways axis, too; so
+the wind is left out where unseen data are explained clearly better without.
 
-What g does not explain becomes noise, honestly: its residuals are those of blocks of time that it was not trained on; the
-part that persists in the level frame is the change of the wind w(t), a first-order Gauss-Markov process that goes on to
-be estimated in the outage; the rest counts with its spectral density at low frequency, because half-second residuals are
-not independent.
+What g does not explain becomes noise, honestly: its residuals are those of blocks of time that it was not trained on;
+the part that persists in the level frame is the change of the wind w(t), a first-order Gauss-Markov process that goes
+on to be estimated in the outage; the rest counts with its spectral density at low frequency, because half-second
+residuals are not independent.
 
 Sources: CN113777645A, claim 3 (inputs, network, training); P. Martin and E. Salaun, "The true role of accelerometer
-feedback in quadrotor control", ICRA 2010 (rotor drag); S. Khaghani and J. Skaloud, "Autonomous and non-autonomous dynamic
-model based navigation system for UAVs", Robotics and Autonomous Systems 2018 (vehicle dynamics as a sensor).
+feedback in quadrotor control", ICRA 2010 (rotor drag); M. Khaghani and J. Skaloud, "Autonomous vehicle dynamic
+model-based navigation for small UAVs", Navigation 63(3), 2016 (vehicle dynamics as a sensor).
 """
 
 import math
@@ -50,6 +50,7 @@ Array = NDArray[np.float64]
 WIND_TIME = 40.0  # s: correlation time of the wind's change
 _BLOCKS = 4  # blocks of time for the residuals of data not trained on
 _RIDGE = 1e-3
+_WIND_RIDGE = 1e-2  # strong: without turns the wind cannot be told from the vehicle's own mean velocity
 _ITERATIONS = 20  # of the conjugate gradient
 _MEMORY = 8.0  # s over which residuals count as correlated
 _WIND_LAG = 10.0  # s: what is still alike after this is wind
@@ -125,16 +126,41 @@ class AirVelocityModel:
 
     @classmethod
     def from_state(cls, state: Mapping[str, np.ndarray]) -> "AirVelocityModel":
-        """The model of ``state()``. ``UserError`` when its network is damaged, ``KeyError`` when a part is missing."""
+        """The model of ``state()``. ``UserError`` when parts of it are damaged, ``KeyError`` when one is missing."""
         network = Anfis.from_state(
             {k.removeprefix("network."): v for k, v in state.items() if k.startswith("network.")}
         )
         parts = {name: np.array(state[name], float) for name in _ARRAYS}
+        _check_parts(network, parts, state["errors"])
         parts |= {name: float(value) for name, value in parts.items() if value.ndim == 0}
         return cls(network, errors={int(r): float(e) for r, e in state["errors"]}, **parts)  # type: ignore[arg-type]
 
 
-_ARRAYS = ("wind_mean", "wind", "wind_var", "wind_spread", "noise", "hover_noise", "target_square")
+_ARRAYS = {
+    "wind_mean": (2,),
+    "wind": (2,),
+    "wind_var": (),
+    "wind_spread": (),
+    "noise": (3,),
+    "hover_noise": (3,),
+    "target_square": (),
+}
+"""Parts of a saved model with their shapes."""
+_INPUTS, _OUTPUTS = 9, 3
+
+
+def _check_parts(network: Anfis, parts: Mapping[str, Array], errors: Array) -> None:
+    """``UserError`` for parts of a saved model that do not fit, or that no training gives: nobody flies with them."""
+    shapes = [parts[name].shape == shape for name, shape in _ARRAYS.items()]
+    scaling = network.network.scaling
+    fits = len(scaling.in_mean) == _INPUTS and len(scaling.out_mean) == _OUTPUTS
+    table = np.ndim(errors) == 2 and np.shape(errors)[1] == 2 and network.rules in errors[:, 0]
+    if not (all(shapes) and fits and table):
+        raise UserError("the parts of this model of the outage learning do not fit together")
+    finite = all(np.isfinite(value).all() for value in [*parts.values(), errors])
+    positive = (parts["noise"] > 0.0).all() and (parts["hover_noise"] > 0.0).all()
+    if not (finite and positive and parts["wind_var"] >= 0.0 and parts["wind_spread"] >= 0.0):
+        raise UserError("this model of the outage learning has numbers that make no sense")
 
 
 def inputs(epochs: Array) -> Array:
@@ -252,7 +278,7 @@ def _joint_wind(epochs: Array) -> Array:
         left = columns - z @ np.linalg.solve(gram, z.T @ columns)
         normal += columns[:, :2].T @ left[:, :2]
         right += columns[:, :2].T @ left[:, 2]
-    return np.linalg.solve(normal + 0.1 * _RIDGE * len(x) * np.eye(2), right)
+    return np.linalg.solve(normal + _WIND_RIDGE * len(x) * np.eye(2), right)
 
 
 def _in_body(epochs: Array, wind: Array) -> Array:

@@ -29,14 +29,16 @@ def unexplained(z: Array, H: Array, P: Array, R: Array, position_rows: int = 3) 
 
     Infinite for numbers without a distance: not finite, or a covariance that is none.
     """
-    spread, velocity = H @ P @ H.T, slice(position_rows, None)
-    apart = _distance(z[velocity], spread[velocity, velocity] + R[velocity, velocity])
+    velocity = slice(position_rows, None)
+    apart = distance(z[velocity], H[velocity], P, R[velocity, velocity])
     stretch = max(apart**2 / max(len(z) - position_rows, 1), 1.0)
-    return _distance(z, stretch * spread + R)
+    return distance(z, H, stretch * P, R)
 
 
-def _distance(z: Array, S: Array) -> float:
+def distance(z: Array, H: Array, P: Array, R: Array) -> float:
+    """Mahalanobis distance of an innovation; arguments and exceptions as for ``unexplained``."""
     try:
+        S = H @ P @ H.T + R
         square = float(z @ np.linalg.solve(S, z))
     except np.linalg.LinAlgError:
         return math.inf

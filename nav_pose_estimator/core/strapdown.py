@@ -84,8 +84,8 @@ def run_imu(nav, P, constants, imu, out):
     """``propagate`` over the rows of ``imu`` (N, 7); ``out`` (N, OUT_COLUMNS) receives the state after each."""
     space = scratch(P.shape[0])
     for i in range(imu.shape[0]):
-        gyro = (imu[i, IMU_GYRO], imu[i, IMU_GYRO + 1], imu[i, IMU_GYRO + 2])
-        accel = (imu[i, IMU_ACCEL], imu[i, IMU_ACCEL + 1], imu[i, IMU_ACCEL + 2])
+        gyro = (float(imu[i, IMU_GYRO]), float(imu[i, IMU_GYRO + 1]), float(imu[i, IMU_GYRO + 2]))
+        accel = (float(imu[i, IMU_ACCEL]), float(imu[i, IMU_ACCEL + 1]), float(imu[i, IMU_ACCEL + 2]))
         if integrate(nav, constants, imu[i, IMU_T], gyro, accel):
             covariance_step_in(nav, P, constants, space)
         write_output(nav, P, out, i)
@@ -101,7 +101,7 @@ def integrate(nav, constants, t, gyro, accel):
 
     jittering stamps do not make it slip by a whole sample.
     """
-    dt = t - nav[TIME]
+    dt = float(t) - float(nav[TIME])  # float: in plain Python numpy's own scalars cost three times as much
     if not dt > 0.0:
         return False
     rate = corrected_rate(nav, constants, gyro)
@@ -172,11 +172,11 @@ def _navigate(nav, turn, push, dt):
     half = 0.5 * dt
     v = load3(nav, VEL)
     q = load4(nav, QUAT)
-    h = nav[ALT]
+    h, lat = float(nav[ALT]), float(nav[LAT])
     # Middle of the interval. The equatorial radius is good enough to extrapolate half a step.
     v_mid = add_scaled(v, half, load3(nav, PREV_ACCEL))
     h_mid = h + half * v_mid[2]
-    lat_mid = nav[LAT] + half * v_mid[1] / (A + h)
+    lat_mid = lat + half * v_mid[1] / (A + h)
     s = math.sin(lat_mid)
     c = max(math.cos(lat_mid), MIN_COS_LAT)
     w2 = 1.0 - E2 * s * s
@@ -194,8 +194,8 @@ def _navigate(nav, turn, push, dt):
     accel = (accel[0], accel[1], accel[2] - gravity_from_sine(s * s, h_mid))
     v_end = add_scaled(v, dt, accel)
 
-    nav[LAT] += half * (v[1] + v_end[1]) * i_m
-    nav[LON] = _wrapped(nav[LON] + half * (v[0] + v_end[0]) * i_n / c)
+    nav[LAT] = lat + half * (v[1] + v_end[1]) * i_m
+    nav[LON] = _wrapped(float(nav[LON]) + half * (v[0] + v_end[0]) * i_n / c)
     nav[ALT] = h + half * (v[2] + v_end[2])
     # The level frame turns so little that first order is exact once the length is put right.
     level = (1.0, -0.5 * level_turn[0], -0.5 * level_turn[1], -0.5 * level_turn[2])

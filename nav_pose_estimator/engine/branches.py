@@ -1,9 +1,9 @@
 """Two hypotheses of what the vehicle does, each with a navigator of its own, while nothing else bounds the drift.
 
-The filter splits when GNSS is lost: one branch travels as the network predicts, one hovers. Every half second each branch
-takes in what its hypothesis says of the velocity; how well that fits decides how probable it is (interacting multiple
-model, Blom and Bar-Shalom 1988). A wrong hypothesis cannot spoil the other, and what comes out, mean and covariance of
-the mixture, is as uncertain as the decision.
+The filter splits when GNSS is lost: one branch travels as the network predicts, one hovers. Every half second each
+branch takes in what its hypothesis says of the velocity; how well that fits decides how probable it is (interacting
+multiple model, Blom and Bar-Shalom 1988). A wrong hypothesis cannot spoil the other, and what comes out, mean and
+covariance of the mixture, is as uncertain as the decision.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 
 _LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
 _REMEMBERED = 10.0  # s: the longest that checkpoints reach back
-_CORRELATION = 4.0  # s: velocities that are nearer in time are no independent evidence
+_CORRELATION = 6.0  # s: velocities that are nearer in time are no independent evidence
 
 
 class Branches:
     """Branches of the filter with their weights: one ``core.filter_memory`` each, with wind block and checkpoints."""
 
     def __init__(self, trunk: np.ndarray, slots: int, evidence: MotionEvidence) -> None:
-        """Split the filter of the memory ``trunk`` into the hypotheses of ``evidence``, with the wind that it brings."""
+        """Split the filter of the memory ``trunk`` into the hypotheses of ``evidence``, with its wind."""
         n = int(trunk[memory.STATES])
         P = with_wind(trunk[memory.HEAD : memory.HEAD + n * n].reshape(n, n), evidence.wind_var)
         constants = _with_wind_block(trunk[memory.CONSTANTS : memory.ORIGIN], evidence)
@@ -90,7 +90,7 @@ class Branches:
         acted = zip(self.pairs(), evidence.hypotheses, strict=True)
         likelihood = np.array([_act(nav, P, middle, evidence, hypothesis) for (nav, P), hypothesis in acted])
         count = len(likelihood)
-        if count == 1:
+        if count == 1 or not np.isfinite(likelihood).any():
             return
         stay = math.exp(-evidence.interval / evidence.dwell)
         transition = np.full((count, count), (1.0 - stay) / (count - 1))
@@ -115,25 +115,37 @@ def _act(nav: np.ndarray, P: np.ndarray, middle: np.ndarray, evidence: MotionEvi
         nav[at.WIND : at.WIND + 2] - mean
     )
     apart = error_between(middle, nav, n)  # the branch's error were the mixture the truth
-    parts = []
+    seen, used = [], []  # (z, H, variances): what tells the hypotheses apart, what corrects the branch
     if hypothesis.velocity_var is not None:
         _, H = measurements.horizontal_velocity(nav, n, 0.0, 0.0)
-        z = np.array(evidence.velocity[:2]) + H @ apart
-        parts.append((z, H, np.full(2, hypothesis.velocity_var)))
+        z, variances = np.array(evidence.velocity[:2]) + H @ apart, np.full(2, hypothesis.velocity_var)
+        seen.append((z, H, variances))
+        if hypothesis.velocity_time is not None:
+            # a velocity persists: it tells the regimes apart at once, but corrects the filter little by little
+            used.append((z, H, variances * hypothesis.velocity_time / evidence.interval))
     if evidence.air_velocity is not None and hypothesis.air_noise is not None:
         means = evidence.attitude, np.array(evidence.velocity), np.array(evidence.body_velocity)
         z, H = measurements.mean_air_velocity(nav, n, *means, np.array(evidence.air_velocity))
         base = slice(at.BASE_STATES)  # the wind is the branch's own already
-        parts.append((z + H[:, base] @ apart[base], H, np.array(hypothesis.air_noise)))
-    if not parts:
-        return hypothesis.log_likelihood
-    z, H = np.concatenate([p[0] for p in parts]), np.vstack([p[1] for p in parts])
-    R = np.diag(np.concatenate([p[2] for p in parts]))
-    _, log_determinant = np.linalg.slogdet(H @ P @ H.T + R)
-    nis = correct(nav, P, z, H, R)
-    if not math.isfinite(nis):
-        return -math.inf
-    return hypothesis.log_likelihood - 0.5 * (nis + float(log_determinant))
+        air = z + H[:, base] @ apart[base], H, np.array(hypothesis.air_noise)
+        seen.append(air)
+        used.append(air)
+    likelihood = hypothesis.log_likelihood + _log_density(P, seen)
+    if used:
+        z, H, variances = (np.concatenate(parts) for parts in zip(*used, strict=True))
+        if not math.isfinite(correct(nav, P, z, H, np.diag(variances))):
+            return -math.inf
+    return likelihood
+
+
+def _log_density(P: np.ndarray, seen: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:
+    """Logarithm of the density of what was seen, but for a constant."""
+    if not seen:
+        return 0.0
+    z, H, variances = (np.concatenate(parts) for parts in zip(*seen, strict=True))
+    expected = H @ P @ H.T + np.diag(variances)
+    _, log_determinant = np.linalg.slogdet(expected)
+    return -0.5 * (float(z @ np.linalg.solve(expected, z)) + float(log_determinant))
 
 
 def _nav(branch: np.ndarray) -> np.ndarray:

@@ -119,6 +119,13 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "the fix lies too far from where the filter expects it",
             "reflections or spoofing; if it is always so: gnss.delay, gnss.lever_arm, imu.convention",
         ),
+        Entry(
+            "gnss.drift",
+            "fixes and their own velocities drift apart: the position is being led astray",
+            "distrust GNSS: spoofing or heavy reflections",
+        ),
+        Entry("gnss.drift.ended", "fixes and their velocities agree again"),
+        Entry("gnss.drift.fixes", "a fix that came while positions and velocities drifted apart"),
         Entry("gnss.rejected.velocity_value", "a velocity that is not a number", _SENSOR),
         Entry("gnss.rejected.velocity_without_fix", "a velocity came while fixes are refused", "see why they are"),
         Entry("gnss.rejected.velocity_without_position", "a velocity came while no position is used", "see why"),

@@ -13,7 +13,7 @@ from nav_pose_estimator.core.gnss_monitor import GateSettings, GnssGate, Notice
 from nav_pose_estimator.core.kalman import correct, gated_correct
 from nav_pose_estimator.core.layout import ALT, DPOS, DVEL, LAT, LON, VEL
 from nav_pose_estimator.core.reacquisition import Reacquisition, ReacquisitionSettings
-from nav_pose_estimator.core.return_evidence import unexplained
+from nav_pose_estimator.core.return_evidence import distance, unexplained
 from nav_pose_estimator.core.walk_off import WalkOff
 from nav_pose_estimator.engine.catalogue import in_words
 from nav_pose_estimator.engine.journal import Journal
@@ -46,7 +46,7 @@ class GnssInput:
         self._gate = GnssGate(_gate_settings(parameters))
         self._guard = Reacquisition(_return_settings(parameters, lost_after))
         self._walk_off = WalkOff()
-        self._drifts = False
+        self._drifts = self._velocity_refused = False
         self.set_parameters(parameters, lost_after, gates)
         self.enabled = True
         self.refusal = "no fix has arrived yet"
@@ -57,9 +57,12 @@ class GnssInput:
         self.last_reset_m = math.nan  # size of the last one
         self.nis = {POSITION: 0.0, VELOCITY: 0.0}  # sliding mean per degree of freedom
         self._recent_nis: dict[str, deque[float]] = {kind: deque(maxlen=_NIS_MEMORY) for kind in self.nis}
+        self.despair = ""  # why the filter should start again: what GNSS says cannot be mended by a reset
+        self._velocity_apart = 0.0  # deviations between the two velocities at the last fix
         self._gate_radius = math.nan  # m: how far off a fix may lie and still be taken as it is
         self._usable = False
-        self._misfit: tuple[float, np.ndarray, np.ndarray] | None = None  # time, navigator minus receiver [m/s], R
+        # of the receiver's last velocity: time, navigator minus receiver [m/s], R, the velocity itself
+        self._misfit: tuple[float, np.ndarray, np.ndarray, list[float]] | None = None
         self._origin: tuple[float, float, float] | None = None
         self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
 
@@ -187,13 +190,17 @@ class GnssInput:
 
     def _decide(self, o: Observation, nav: np.ndarray, P: np.ndarray, z: np.ndarray, H: np.ndarray) -> str:
         stamp, _, R = o.arguments
-        predicted = self._local(nav)
-        fix = [p - d for p, d in zip(predicted, z.tolist(), strict=True)]
+        # what the guard remembers must be the receiver's alone: a filter gone astray would bend it
+        fix = self._local(*o.arguments[1])
+        predicted = [f + d for f, d in zip(fix, z.tolist(), strict=True)]
         sd = np.sqrt(R.diagonal()).tolist()
         predicted_sd = np.sqrt(P.diagonal()[DPOS : DPOS + 3]).tolist()
         gap = max(o.t - self.last_used, 0.0)
         self._gate_radius = self._guard.settings.sigmas * math.hypot(max(sd[:2]), max(predicted_sd[:2]))
         velocity, strange = self._velocity_now(o, nav, P, z, H)
+        broken = self._velocity_apart > self._guard.settings.sigmas and gap < self._parameters.reacquisition.despair_gap
+        if broken:  # not GNSS but the filter is what contradicts itself
+            strange = 0.0
         decision = self._guard.offer(o.t, fix, velocity, sd, predicted, predicted_sd, gap, strange)
         if decision.notice is not None:
             self._tell(stamp, decision.notice, offset_m=math.hypot(*decision.offset), gap_s=gap)
@@ -204,12 +211,15 @@ class GnssInput:
         if decision.action == "fuse":
             return "gated" if decision.gated else "ungated"
         o.memory["velocity"] = velocity
+        if broken:
+            self.despair = f"GNSS was there all the time, yet velocities differ by {self._velocity_apart:.0f} sigma"
         return "reset"
 
     def _watch_drift(self, o: Observation, fix: list[float], velocity: list[float] | None, scatter: float) -> None:
         """Tell when positions leave the receiver's own velocities, and when they agree again."""
         speed = self._walk_off.update(o.t, fix, velocity, scatter)
-        self._journal.counters["gnss.drift.fixes"] += speed > 0.0
+        if speed > 0.0:
+            self._journal.count("gnss.drift.fixes")
         if (speed > 0.0) == self._drifts:
             return
         self._drifts = speed > 0.0
@@ -223,19 +233,18 @@ class GnssInput:
     def _velocity_now(
         self, o: Observation, nav: np.ndarray, P: np.ndarray, z: np.ndarray, H: np.ndarray
     ) -> tuple[list[float] | None, float]:
-        """The receiver's velocity at the time of a fix, and what of both no drift explains; None without a velocity.
-
-        The velocity may have come a little before the fix: over such a time the navigator knows how it changed.
-        """
+        """The receiver's last velocity, and what of it and the fix together no drift explains; None without one."""
         if self._misfit is None or not 0.0 <= o.t - self._misfit[0] <= _SAME_MOTION:
+            self._velocity_apart = 0.0
             return None, 0.0
-        _, misfit, velocity_R = self._misfit
+        _, misfit, velocity_R, velocity = self._misfit
         rows = len(misfit)
-        own, velocity_H = measurements.gnss_velocity(nav, len(P), np.zeros(3), self._lever)
+        _, velocity_H = measurements.gnss_velocity(nav, len(P), np.zeros(3), self._lever)
         R = np.zeros((3 + rows, 3 + rows))
         R[:3, :3], R[3:, 3:] = o.arguments[2], velocity_R
+        self._velocity_apart = distance(misfit, velocity_H[:rows], P, velocity_R)
         strange = unexplained(np.concatenate([z, misfit]), np.concatenate([H, velocity_H[:rows]]), P, R)
-        return [*(own[:rows] - misfit).tolist(), math.nan][:3], strange
+        return velocity, strange
 
     def _apply_velocity(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
         stamp, velocity, R = o.arguments
@@ -252,7 +261,7 @@ class GnssInput:
         elif first:
             self._journal.count("gnss.rejected.velocity_without_position")
         if first:
-            self._misfit = (o.t, z[:rows], R[:rows, :rows])
+            self._misfit = (o.t, z[:rows], R[:rows, :rows], velocity.tolist())
 
     def _reset(self, o: Observation, nav: np.ndarray, P: np.ndarray, z: np.ndarray, R: np.ndarray, first: bool) -> None:
         """Put position (and velocity where known) on the fix and forget their correlations."""
@@ -278,16 +287,27 @@ class GnssInput:
         if math.isfinite(nis):
             self.nis[kind] += min(self._fix_period() / _NIS_TIME, 0.2) * (min(nis / dof, 100.0) - self.nis[kind])
             self._recent_nis[kind].append(nis / dof)
-        name = kind.removeprefix("gnss_")
         if status == 0:
-            self._refuse(stamp, f"gnss.rejected.{name}_innovation", f"the {name} disagrees with the filter")
+            self._refuse_innovation(kind, stamp)
             return
         if status == 2:
-            self._journal.count(f"gnss.inflated.{name}")
+            self._journal.count(f"gnss.inflated.{kind.removeprefix('gnss_')}")
         if kind == POSITION:
             self._used(t)
         else:
+            self._velocity_refused = False
             self._journal.count("gnss.used.velocity")
+
+    def _refuse_innovation(self, kind: str, stamp: int) -> None:
+        """The filter's own gate: told once for velocities, which have no place in ``refusal`` beside the positions."""
+        if kind == POSITION:
+            self._refuse(stamp, "gnss.rejected.position_innovation", "the position disagrees with the filter")
+        elif self._velocity_refused:
+            self._journal.count("gnss.rejected.velocity_innovation")
+        else:
+            text = "GNSS velocity not used: it disagrees with the filter"
+            self._journal.say(stamp, "gnss.rejected.velocity_innovation", Level.INFO, text)
+            self._velocity_refused = True
 
     def figures(self) -> dict[str, float]:
         """How GNSS agrees with the filter: NIS per degree of freedom (1 is honest), the gate's width, the resets."""
@@ -326,11 +346,11 @@ class GnssInput:
     def _tell(self, stamp_ns: int, notice: Notice, **data: float) -> None:
         self._journal.say(stamp_ns, notice.name, _LEVELS[notice.severity], notice.text, **data)
 
-    def _local(self, nav: np.ndarray) -> list[float]:
-        lat, lon, alt = self._origin or (nav[LAT], nav[LON], nav[ALT])
-        r_m, r_n = radii(lat)
-        east = math.remainder(nav[LON] - lon, 2.0 * math.pi) * (r_n + alt) * math.cos(lat)
-        return [east, (nav[LAT] - lat) * (r_m + alt), nav[ALT] - alt]
+    def _local(self, lat: float, lon: float, alt: float) -> list[float]:
+        lat0, lon0, alt0 = self._origin or (lat, lon, alt)
+        r_m, r_n = radii(lat0)
+        east = math.remainder(lon - lon0, 2.0 * math.pi) * (r_n + alt0) * math.cos(lat0)
+        return [east, (lat - lat0) * (r_m + alt0), alt - alt0]
 
 
 def _floored(cov: np.ndarray | None, floor: np.ndarray) -> np.ndarray:

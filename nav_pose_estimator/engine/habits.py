@@ -1,7 +1,7 @@
 """What the flight so far says of the motion in an outage, as evidence for the filter.
 
-``MotionKnowledge`` is made when GNSS is lost, from data before the loss only; from then on it turns every half second of
-the navigator's own solution into a ``MotionEvidence``. Methods that the benchmark compares differ only here.
+``MotionKnowledge`` is made when GNSS is lost, from data before the loss only; from then on it turns every half second
+of the navigator's own solution into a ``MotionEvidence``. Methods that the benchmark compares differ only here.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from nav_pose_estimator.core.outage_learning import WIND_TIME, AirVelocityModel
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence, Vector3, VelocityError
 
 _TRAVEL_TIME, _HOVER_TIME = 2.0, 4.0  # s over which the velocity of a regime counts as one draw
+_DWELL = 30.0  # s: how long a regime lasts, on average
 _RECENT = 30.0  # s whose mean square speed the velocity prior expects
 _SLOWEST = 0.05  # m/s
 _FRESH = 1.0  # s: an older prediction from outside is not used
@@ -67,11 +68,11 @@ class MotionKnowledge:
             stamp_ns=stamp_ns,
             interval=me.PERIOD,
             attitude=np.ascontiguousarray(me.attitude(newest[None])[0]),
-            velocity=_vector(newest[me.VELOCITY : me.FORCE]),
-            body_velocity=_vector(newest[me.BODY_VELOCITY : me.VELOCITY]),
-            air_velocity=None if prediction is None else _vector(prediction.air_velocity),
+            velocity=vector3(newest[me.VELOCITY : me.FORCE]),
+            body_velocity=vector3(newest[me.BODY_VELOCITY : me.VELOCITY]),
+            air_velocity=None if prediction is None else vector3(prediction.air_velocity),
             hypotheses=hypotheses,
-            dwell=60.0,
+            dwell=_DWELL,
             wind_tau=WIND_TIME,
             **self._wind(),
         )
@@ -91,7 +92,7 @@ class MotionKnowledge:
         dv = newest[me.VELOCITY : me.FORCE] - C @ prediction.air_velocity - wind
         cov = C @ np.diag(prediction.noise) @ C.T
         cov[:2, :2] += self.model.wind_spread * np.eye(2)
-        return VelocityError(stamp_ns, _vector(dv), cov)
+        return VelocityError(stamp_ns, vector3(dv), cov)
 
     def _from_outside(self, newest: np.ndarray, external: VelocityError) -> Prediction:
         C = me.attitude(newest[None])[0]
@@ -101,25 +102,32 @@ class MotionKnowledge:
 
     def _hypotheses(self, recent: np.ndarray, prediction: Prediction | None) -> tuple[Hypothesis, ...]:
         per_epoch = 1.0 / me.PERIOD
-        noise = None if prediction is None else _vector(prediction.noise * per_epoch)
+        noise = None if prediction is None else vector3(prediction.noise * per_epoch)
         if self.method == PRIOR:
-            variance = max(0.5 * self.recent_square, _SLOWEST**2) * per_epoch
-            return (Hypothesis("travel", 1.0, variance, None),)
+            return (Hypothesis("travel", 1.0, max(0.5 * self.recent_square, _SLOWEST**2), None),)
         # a car at constant speed is as calm as one that has stopped: of a guided vehicle only its nose tells
         if self.method != BEST or (self.model is not None and self.model.is_guided):
             return () if prediction is None else (Hypothesis("travel", 1.0, None, noise),)
         regimes = self.regimes
-        travel_var = regimes.travel_var * _TRAVEL_TIME * per_epoch
         active = float(me.activity(recent)[-1])
         travel = Hypothesis(
-            "travel", 1.0 - regimes.hover_probability, travel_var, noise, _log_density(active, regimes.travel_activity)
+            name="travel",
+            probability=1.0 - regimes.hover_probability if regimes.can_hover else 1.0,
+            velocity_var=regimes.travel_var,
+            air_noise=noise,
+            log_likelihood=_log_density(active, regimes.travel_activity),
+            # the network knows more of a travelling vehicle than its mean speed
+            velocity_time=_TRAVEL_TIME if prediction is None else None,
         )
         if not regimes.can_hover:
-            return () if prediction is None else (Hypothesis("travel", 1.0, travel_var, noise),)
-        hover_noise = None if prediction is None else _vector(prediction.hover_noise * per_epoch)
-        hover_var = regimes.hover_var * _HOVER_TIME * per_epoch
+            return () if prediction is None else (travel,)
         hover = Hypothesis(
-            "hover", regimes.hover_probability, hover_var, hover_noise, _log_density(active, regimes.hover_activity)
+            name="hover",
+            probability=regimes.hover_probability,
+            velocity_var=regimes.hover_var,
+            air_noise=None if prediction is None else vector3(prediction.hover_noise * per_epoch),
+            log_likelihood=_log_density(active, regimes.hover_activity),
+            velocity_time=_HOVER_TIME,
         )
         return travel, hover
 
@@ -140,6 +148,7 @@ def _log_density(value: float, moments: tuple[float, float]) -> float:
     return -0.5 * ((value - mean) ** 2 / variance + math.log(variance))
 
 
-def _vector(values: np.ndarray) -> Vector3:
+def vector3(values: np.ndarray) -> Vector3:
+    """Three numbers as a tuple."""
     x, y, z = values.tolist()
     return x, y, z

@@ -9,7 +9,7 @@ import numpy as np
 from nav_pose_estimator.core import motion_epochs as me
 from nav_pose_estimator.core.outage_learning import AirVelocityModel
 from nav_pose_estimator.engine.epochs import EpochCollector, last_stamp
-from nav_pose_estimator.engine.habits import BEST, MotionKnowledge
+from nav_pose_estimator.engine.habits import BEST, MotionKnowledge, vector3
 from nav_pose_estimator.engine.modes import DENIED
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.outage_learner import OutageLearner, TrainingJob, TrainingResult
@@ -35,11 +35,12 @@ class OutageAid:
         """``train`` carries out a job and hands its result to ``accept``; by default here and now."""
         self._parameters = parameters
         self._train = train or (lambda job: self.accept(job.run()))
+        self.learner = OutageLearner(parameters)
         self.reset()
 
     def reset(self) -> None:
         """Forget the flight; the model stays, the next training replaces it."""
-        model = self.learner.model if hasattr(self, "learner") else None
+        model = self.learner.model
         self.learner = OutageLearner(self._parameters)
         self.learner.model = model
         self.rehearsals = VirtualOutages()
@@ -98,10 +99,10 @@ class OutageAid:
         if error is None:
             return evidence, None
         self._position_error = self._position_error + me.PERIOD * np.array(error.dv_n)
-        return evidence, OutageError(stamp_ns, error.dv_n, error.cov, tuple(self._position_error.tolist()))
+        return evidence, OutageError(stamp_ns, error.dv_n, error.cov, vector3(self._position_error))
 
     def _choose(self) -> MotionKnowledge | None:
-        """What to go by in this outage: for ``best`` the way that did best in the rehearsals, else what was asked for."""
+        """What to go by in this outage: for ``best`` what did best in the rehearsals, else what was asked for."""
         ways = self._ways()
         if self._parameters.method != BEST:
             return ways.get(_NETWORK) or ways.get(_REGIMES)

@@ -1,7 +1,7 @@
 """The network's life in flight: it trains while GNSS is good, is tried on the past, and is used only where it helps.
 
-Training takes a ``TrainingJob``, plain arrays that may travel to another process. A result is taken over five seconds of
-flight after its data ended, whoever computed it, so that a replay learns the same at the same time as the node.
+Training takes a ``TrainingJob``, plain arrays that may travel to another process. A result is taken over five seconds
+of flight after its data ended, whoever computed it, so that a replay learns the same at the same time as the node.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.errors import UserError
 
 TAKE_OVER = 5.0  # s between the end of the data and the use of what was learned from them
-_LEAST = 40.0  # s of flight
+_LEAST = 20.0  # s of flight
+_YOUNG = 0.5  # a young flight is learned from again when it has grown by this part
 _LINEAR, _DRAG = "anfis_linear", "drag"
 _NETWORK_METHODS = frozenset(("anfis", _LINEAR, _DRAG, "best"))
 _SEARCH_EVERY = 4  # trainings
@@ -94,7 +95,7 @@ class OutageLearner:
         if seconds < _LEAST:
             self.reason = f"only {seconds:.0f} s of flight with GNSS have been seen, {_LEAST:.0f} are needed"
             return None
-        self._next = now + self._parameters.period
+        self._next = now + min(self._parameters.period, _YOUNG * seconds)
         self._jobs += 1
         return TrainingJob(epochs, self._rules(), self._parameters.method == _DRAG)
 

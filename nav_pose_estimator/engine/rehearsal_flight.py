@@ -4,13 +4,17 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
+import numpy as np
+
 from nav_pose_estimator.core.jit import COMPILED
 from nav_pose_estimator.engine.samples import (
     BodyVelocity,
     GnssFix,
     GnssVelocity,
+    Hypothesis,
     ImuSample,
     MagSample,
+    MotionEvidence,
     PressureSample,
     Sample,
     SatelliteCount,
@@ -22,6 +26,7 @@ _EPOCH_NS = 1_000_000_000
 _LONGEST = 6000  # IMU samples at rest; the usual parameters need 150 to align
 _AIDED = 75  # IMU samples in which the filter is aided before GNSS is taken away
 _UNAIDED = 100  # ... and after that
+_GUIDED = 3  # ... and in which evidence of the motion comes as well
 _MOVING = 400  # IMU samples of a flight that begins in the air
 
 
@@ -49,6 +54,8 @@ def rehearse(make_engine: Callable[[], Engine]) -> None:
     at_rest.set_use_gnss(False)
     for further in range(step + 1, step + 1 + _UNAIDED):
         _feed(at_rest, _at_rest(further))
+    for guided in range(further + 1, further + 1 + _GUIDED):
+        _feed(at_rest, [*_at_rest(guided), _evidence(guided)])
     at_rest.status()
     moving = make_engine()
     for step in range(1, _MOVING):
@@ -75,6 +82,16 @@ def _at_rest(step: int) -> list[Sample]:
             BodyVelocity(stamp, (0.0, 0.0, 0.0)),
         ]
     return samples
+
+
+def _evidence(step: int) -> MotionEvidence:
+    """Hovering or travelling in still air: the filter splits, decides, and is one again."""
+    zero = (0.0, 0.0, 0.0)
+    hypotheses = Hypothesis("travel", 0.5, 4.0, (1.0, 1.0, 1.0)), Hypothesis("hover", 0.5, 0.1, None)
+    stamp = _EPOCH_NS + step * _STEP_NS
+    return MotionEvidence(
+        stamp, 0.5, np.eye(3), zero, zero, zero, hypotheses, dwell=60.0, wind_var=0.1, wind_spread=0.1
+    )
 
 
 def _in_motion(step: int) -> list[Sample]:

@@ -141,8 +141,9 @@ class VelocityError:
 class Hypothesis:
     """What the vehicle may be doing and what follows from it; ``None`` where nothing does.
 
-    ``probability`` at the loss of GNSS, ``velocity_var`` [m^2/s^2] of each horizontal velocity component about zero,
-    ``air_noise`` (3,) [m^2/s^2] of the predicted air velocity in b, ``log_likelihood`` of everything else that was seen.
+    ``probability`` at the loss of GNSS, ``velocity_var`` [m^2/s^2] of each horizontal velocity component about zero, of
+    which ``velocity_time`` [s] make one independent draw; without it the velocity tells regimes apart, no more.
+    ``air_noise`` (3,) [m^2/s^2] of the predicted air velocity in b, ``log_likelihood`` of all else that was seen.
     """
 
     name: str
@@ -150,6 +151,7 @@ class Hypothesis:
     velocity_var: float | None
     air_noise: Vector3 | None
     log_likelihood: float = 0.0
+    velocity_time: float | None = 1.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.kalman import predicted_horizontal_sd
 from nav_pose_estimator.engine import filter_setup, rehearsal_flight, start_up
 from nav_pose_estimator.engine.aid_input import AidInput
+from nav_pose_estimator.engine.engine_clock import NS, EngineClock
 from nav_pose_estimator.engine.gnss_input import LOSS, POSITION, VELOCITY, GnssInput
 from nav_pose_estimator.engine.imu_input import RESTARTS, ImuInput
 from nav_pose_estimator.engine.journal import Journal
@@ -36,10 +37,9 @@ from nav_pose_estimator.engine.samples import (
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, NavSolution, Output, Status
 from nav_pose_estimator.engine.timeline import MOTION, Observation, Timeline
 
-_NS = 1e-9
-_UNEVENTFUL = frozenset((ImuSample, ImuBlock, MagSample, PressureSample, AttitudeSample))
+_UNEVENTFUL = frozenset((ImuSample, ImuBlock, MagSample, PressureSample, AttitudeSample, NavigatorVelocity))
 """Samples that change neither mode nor GNSS unless an observation comes of them."""
-_PRIORITY = {POSITION: 0, VELOCITY: 1, LOSS: 2}
+_PRIORITY = {VELOCITY: 0, POSITION: 1, LOSS: 2}  # a fix is judged together with the velocity of its epoch
 _LATE = "an observation arrived later than the filter's memory reaches; it is not used"
 
 
@@ -64,8 +64,8 @@ class SinsEngine:
             GnssVelocity: self._on_velocity,
             SatelliteCount: self._on_count,
             MagSample: self._on_mag,
-            PressureSample: self._on_pressure,
-            BodyVelocity: self._on_body_velocity,
+            PressureSample: lambda s: self._on_aid(s, self._aids.barometer, "baro.rejected"),
+            BodyVelocity: lambda s: self._on_aid(s, self._aids.body_velocity, "body_velocity.rejected"),
             MotionEvidence: self._on_motion,
             SetPose: self._on_set_pose,
             AttitudeSample: self._on_attitude,
@@ -77,9 +77,8 @@ class SinsEngine:
     def _clear(self) -> None:
         """The state of an engine that has seen nothing; counters, origin and the operator's choice stay."""
         p = self.parameters
-        self._epoch_ns: int | None = None
-        self._zero_ns = 0  # the same once it is known
-        # Up to here nothing but IMU samples can happen: no observation waits, the mode stays. Every other input ends it.
+        self._clock = EngineClock()
+        # Up to here IMU samples meet nothing: no observation waits, the mode stays. Other input may end it.
         self._quiet_until = -math.inf
         self._timeline = Timeline(self._constants, self._apply, p.navigator.memory, frozenset(_PRIORITY))
         self._gnss = GnssInput(p.gnss, p.navigator.lost_after, self._gates, self._journal)
@@ -136,10 +135,13 @@ class SinsEngine:
 
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
         """Forget the solution and align again. The local frame's origin stays."""
-        self._journal.say(stamp_ns, "reset", Level.WARN, f"the navigator starts again: {reason}")
         self._input.reset()
-        self._clear()
+        self._restart(stamp_ns, reason)
         return list(self._journal.drain())
+
+    def _restart(self, stamp_ns: int, reason: str) -> None:
+        self._journal.say(stamp_ns, "reset", Level.WARN, f"the navigator starts again: {reason}")
+        self._clear()
 
     def status(self) -> Status:
         """What a pilot wants to know."""
@@ -152,7 +154,7 @@ class SinsEngine:
             later = predicted_horizontal_sd(self._timeline.nav, P, self._constants, 30.0)
         waiting = "" if self._timeline.running else self._aligner.waiting_for(self._gnss.refusal)
         return Status(
-            stamp_ns=self._stamp(t) if self._epoch_ns is not None else 0,
+            stamp_ns=self._clock.stamp(t),
             mode=self.mode,
             waiting_for=waiting,
             seconds_coasting=self._modes.seconds_unaided(t, self._gnss.last_used),
@@ -181,7 +183,7 @@ class SinsEngine:
         self._input.restore(snapshot._input.snapshot())
         self._gnss_enabled = snapshot._gnss_enabled
         self._origin = snapshot._origin
-        self._epoch_ns, self._zero_ns = snapshot._epoch_ns, snapshot._zero_ns
+        self._clock = snapshot._clock.copy()
         self._quiet_until = -math.inf
         self._timeline = snapshot._timeline.copy(self._apply)
         self._gnss = snapshot._gnss.copy(self._journal)
@@ -192,7 +194,7 @@ class SinsEngine:
     # --- IMU ---------------------------------------------------------------------------------------------------------
 
     def _on_imu(self, sample: ImuSample) -> list[Output]:
-        t = (sample.stamp_ns - self._zero_ns) * _NS
+        t = (sample.stamp_ns - self._clock.zero_ns) * NS
         if t < self._quiet_until and self._input.passes(sample):
             gyro, accel = self._input.to_body(sample.gyro), self._input.to_body(sample.accel)
             values = self._timeline.advance_one(t, gyro, accel)
@@ -202,9 +204,7 @@ class SinsEngine:
             if isinstance(item, Event):
                 self._note_imu(item)
             else:
-                self._begin(item.stamp_ns)
-                row = np.array([[self._seconds(item.stamp_ns), *item.gyro, *item.accel]])
-                outputs += [self._solution(block) for block in self._advance(np.array([item.stamp_ns]), row)]
+                outputs += [self._solution(block) for block in self._advance(*self._clock.imu_rows(item))]
         return outputs
 
     def _solution(self, block: NavBlock) -> NavSolution:
@@ -217,33 +217,32 @@ class SinsEngine:
         for item in self._input.accept_block(block):
             if isinstance(item, Event):
                 self._note_imu(item)
-                continue
-            rows = np.empty((len(item), at.IMU_COLUMNS))
-            self._begin(int(item.stamps_ns[0]))
-            rows[:, at.IMU_T] = (item.stamps_ns - self._zero_ns) * _NS
-            rows[:, at.IMU_GYRO : at.IMU_ACCEL] = item.gyro
-            rows[:, at.IMU_ACCEL :] = item.accel
-            outputs += self._advance(item.stamps_ns, rows)
+            else:
+                outputs += self._advance(*self._clock.imu_rows(item))
         return outputs
 
     def _note_imu(self, event: Event) -> None:
         self._journal.add(event)
-        if event.name in RESTARTS and self._epoch_ns is not None:
-            self._journal.say(event.stamp_ns, "reset", Level.WARN, f"the navigator starts again: {event.text}")
-            self._clear()
+        if event.name in RESTARTS and self._clock.running:
+            self._restart(event.stamp_ns, event.text)
 
     def _advance(self, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
         """Carry the filter over ``rows``; one block for each stretch of constant mode."""
         if rows[-1, at.IMU_T] < self._quiet_until:
             return [self._block(stamps_ns, self._timeline.advance(rows))]
-        done = 0
-        while done < len(rows) and not self._timeline.running:
-            self._align(rows[done : done + 1])
-            done += 1
         blocks: list[NavBlock] = []
+        done = 0
         while done < len(rows):
+            if not self._timeline.running:
+                self._align(rows[done : done + 1])
+                done += 1
+                continue
             blocks.append(self._advance_in_one_mode(stamps_ns[done:], rows[done:]))
             done += len(blocks[-1].stamps_ns)
+            if self._gnss.despair:
+                clock = self._clock  # the rows that follow count from it
+                self._restart(int(blocks[-1].stamps_ns[-1]), self._gnss.despair)
+                self._clock = clock
         return blocks
 
     def _block(self, stamps_ns: np.ndarray, out: np.ndarray) -> NavBlock:
@@ -260,7 +259,7 @@ class SinsEngine:
         count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
         out = self._timeline.advance(rows[:count])
         now = float(times[count - 1])
-        self._modes.update(now, self._gnss, self._aids, self._journal, self._stamp)
+        self._modes.update(now, self._gnss, self._aids, self._journal, self._clock.stamp)
         deadline = self._modes.deadline(now, self._gnss, self._aids)
         self._quiet_until = min(deadline, self._timeline.next_observation())
         return self._block(stamps_ns[:count], out)
@@ -286,20 +285,22 @@ class SinsEngine:
         self._gnss.begin(float(nav[at.TIME]), self._origin)
         self._timeline.start(nav, P, self._origin)
         text = f"aligned ({start.method}), heading to {math.degrees(math.sqrt(P[at.PHI + 2, at.PHI + 2])):.1f} deg"
-        self._journal.say(self._stamp(now), "aligned", Level.INFO, text)
-        self._modes.update(now, self._gnss, self._aids, self._journal, self._stamp)
+        self._journal.say(self._clock.stamp(now), "aligned", Level.INFO, text)
+        self._modes.update(now, self._gnss, self._aids, self._journal, self._clock.stamp)
 
     # --- GNSS --------------------------------------------------------------------------------------------------------
 
     def _on_count(self, sample: SatelliteCount) -> list[Output]:
-        if self._epoch_ns is None:
+        if not self._clock.running:
             return []
-        t = self._now() if sample.stamp_ns is None else self._seconds(sample.stamp_ns) - self.parameters.gnss.delay
+        t = self._now()
+        if sample.stamp_ns is not None:
+            t = self._clock.seconds(sample.stamp_ns) - self.parameters.gnss.delay
         self._gnss.count(sample, t)
         return []
 
     def _on_fix(self, sample: GnssFix) -> list[Output]:
-        t = self._time_of(sample.stamp_ns, "gnss.rejected")
+        t = self._clock.time_of(sample.stamp_ns, "gnss.rejected", self._journal)
         if t is None:
             return []
         t -= self.parameters.gnss.delay
@@ -315,7 +316,7 @@ class SinsEngine:
         return []
 
     def _on_velocity(self, sample: GnssVelocity) -> list[Output]:
-        t = self._time_of(sample.stamp_ns, "gnss.rejected")
+        t = self._clock.time_of(sample.stamp_ns, "gnss.rejected", self._journal)
         if t is None or not self._gnss.velocity(sample):
             return []
         t -= self.parameters.gnss.delay
@@ -330,7 +331,7 @@ class SinsEngine:
     # --- aids --------------------------------------------------------------------------------------------------------
 
     def _on_mag(self, sample: MagSample) -> list[Output]:
-        t = self._time_of(sample.stamp_ns, "mag.rejected")
+        t = self._clock.time_of(sample.stamp_ns, "mag.rejected", self._journal)
         if t is None:
             return []
         if not self._timeline.running:
@@ -338,14 +339,8 @@ class SinsEngine:
             return []
         return self._aid(self._aids.magnetometer(sample, t), sample.stamp_ns)
 
-    def _on_pressure(self, sample: PressureSample) -> list[Output]:
-        return self._on_aid(sample, self._aids.barometer, "baro.rejected")
-
-    def _on_body_velocity(self, sample: BodyVelocity) -> list[Output]:
-        return self._on_aid(sample, self._aids.body_velocity, "body_velocity.rejected")
-
     def _on_motion(self, sample: MotionEvidence) -> list[Output]:
-        t = self._time_of(sample.stamp_ns, "outage.rejected")
+        t = self._clock.time_of(sample.stamp_ns, "outage.rejected", self._journal)
         if t is not None and self._timeline.running and self.mode in DENIED:
             self._observe(t, MOTION, (sample,), sample.stamp_ns)
             self._aids.last_bounding = max(self._aids.last_bounding, t)
@@ -353,27 +348,26 @@ class SinsEngine:
         return []
 
     def _on_attitude(self, sample: AttitudeSample) -> list[Output]:
-        t = self._time_of(sample.stamp_ns, "attitude.rejected")
+        t = self._clock.time_of(sample.stamp_ns, "attitude.rejected", self._journal)
         if t is not None and not self._timeline.running:
             self._aligner.attitude(t, sample)
         return []
 
     def _on_set_pose(self, sample: SetPose) -> list[Output]:
-        running = self._origin is not None and self._timeline.running
-        refusal = "no_origin" if not running else "value" if not start_up.is_sound(sample) else ""
-        if refusal or self._origin is None:
+        refusal = start_up.pose_refusal(sample, self._timeline.running)
+        if refusal:
             text = f"set_pose is not used: {start_up.POSE_REFUSALS[refusal]}"
             self._journal.say(sample.stamp_ns, f"set_pose.rejected.{refusal}", Level.WARN, text)
             return []
         self._settle()
-        start_up.set_pose(self._timeline.nav, self._timeline.P, sample, self._origin)
+        start_up.set_pose(self._timeline.nav, self._timeline.P, sample, self._gnss.origin)
         self._timeline.start(self._timeline.nav, self._timeline.P)
         self._gnss.resets += 1
         self._journal.say(sample.stamp_ns, "set_pose", Level.INFO, "the pose was set from outside")
         return []
 
     def _on_aid(self, sample, prepare, family: str) -> list[Output]:
-        t = self._time_of(sample.stamp_ns, family)
+        t = self._clock.time_of(sample.stamp_ns, family, self._journal)
         if t is None or not self._timeline.running:
             return []
         return self._aid(prepare(sample, t), sample.stamp_ns)
@@ -400,26 +394,5 @@ class SinsEngine:
             aided = o.t - self._gnss.last_used <= self.parameters.navigator.lost_after
             self._aids.apply(o, nav, P, aided)
 
-    def _time_of(self, stamp_ns: int, family: str) -> float | None:
-        """Engine time of a stamp; None (and counted) before the first IMU sample or without a stamp."""
-        if self._epoch_ns is None:
-            self._journal.count(f"{family}.before_imu")
-            return None
-        if stamp_ns <= 0:
-            self._journal.say(stamp_ns, f"{family}.zero_stamp", Level.WARN, "a message came without a time stamp")
-            return None
-        return self._seconds(stamp_ns)
-
     def _now(self) -> float:
         return self._timeline.time if self._timeline.running else self._aligner.time
-
-    def _begin(self, stamp_ns: int) -> None:
-        """The first IMU sample is the zero of the engine's time."""
-        if self._epoch_ns is None:
-            self._epoch_ns = self._zero_ns = stamp_ns
-
-    def _seconds(self, stamp_ns: int) -> float:
-        return (stamp_ns - self._zero_ns) * _NS
-
-    def _stamp(self, t: float) -> int:
-        return int(self._epoch_ns or 0) + round(t * 1e9)

@@ -91,6 +91,24 @@ class NavSolution:
     correction_enu: np.ndarray  # (3,) m: sum of all position resets, map -> odom
     reset_count: int
 
+    @classmethod
+    def of(
+        cls,
+        stamp_ns: int,
+        mode: Mode,
+        *,
+        correction_enu: np.ndarray,
+        reset_count: int = 0,
+        **parts: np.ndarray | float,
+    ) -> "NavSolution":
+        """A solution put together from its ``parts``, named as the properties; what is not given is zero."""
+        solution = cls(stamp_ns, mode, np.zeros(at.SOLUTION_SIZE), correction_enu, reset_count)
+        for i, name in enumerate(("lat", "lon", "alt")):
+            solution.values[at.OUT_POS + i] = parts.pop(name, 0.0)
+        for name, value in parts.items():
+            getattr(solution, name)[:] = value
+        return solution
+
     @property
     def lat(self) -> float:
         """Latitude, rad."""
@@ -160,7 +178,7 @@ class NavBlock:
 
 @dataclass(frozen=True, slots=True)
 class OutageError:
-    """What the network says in an outage: velocity error ENU [m/s], its covariance (3, 3), position error so far [m]."""
+    """What the network says in an outage: velocity error ENU [m/s], covariance (3, 3), position error so far [m]."""
 
     stamp_ns: int
     dv_n: tuple[float, float, float]

@@ -115,11 +115,13 @@ class StartUp:
         self._aligner.gnss(t, fix.lat, fix.lon, fix.alt, vel_enu, float(math.sqrt(R[0, 0])), velocity_sd)
 
 
-def is_sound(sample: SetPose) -> bool:
-    """Whether a pose given from outside is one: a place within reach, a unit quaternion, a covariance or none."""
+def pose_refusal(sample: SetPose, running: bool) -> str:
+    """Why a pose given from outside is not used, a key of ``POSE_REFUSALS``; empty if it is."""
+    if not running:
+        return "no_origin"
     norm = math.hypot(*sample.q_nb)
     known = sample.cov is None or is_covariance(sample.cov, 6)
-    return is_within(sample.position_enu, _FARTHEST) and 0.9 < norm < 1.1 and known
+    return "" if is_within(sample.position_enu, _FARTHEST) and 0.9 < norm < 1.1 and known else "value"
 
 
 def set_pose(nav: np.ndarray, P: np.ndarray, sample: SetPose, origin: tuple[float, float, float]) -> None:

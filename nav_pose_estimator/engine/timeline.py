@@ -31,7 +31,6 @@ from nav_pose_estimator.core.layout import (
 from nav_pose_estimator.engine.branches import Branches
 from nav_pose_estimator.engine.samples import MotionEvidence, Vector3
 
-
 MOTION = "motion"
 """Kind of the observation that splits the filter into branches and weighs them; its argument is a MotionEvidence."""
 
@@ -91,6 +90,7 @@ class Timeline:
         self.running = False
         self.replaying = False  # True while ``settle`` is at work
         self.branches: Branches | None = None  # the filter's hypotheses in an outage; ``nav``, ``P`` are their mixture
+        self._united_by = 0  # arrival of the observation that ended branches last
         self.shift = np.zeros(3)  # m, ENU: sum of what observations did to the position; replaced, never written to
 
     def _hold(self, filter_memory: np.ndarray) -> None:
@@ -145,7 +145,7 @@ class Timeline:
         twin = Timeline(self.constants.copy(), apply, self._window, self._whole, self._period)
         twin._hold(self._memory.copy())
         twin.branches = self.branches and self.branches.copy()
-        twin.shift = self.shift
+        twin.shift, twin._united_by = self.shift, self._united_by
         twin._rows = self._rows[self._first : self._last].copy()
         twin._last = len(twin._rows)
         twin._observations = [
@@ -249,6 +249,10 @@ class Timeline:
         """
         self._stand_at(self._rows[self._last - 1])
         self._observe_up_to(now)
+        self._renew_checkpoints()
+
+    def _renew_checkpoints(self) -> None:
+        """Where the filter has just been kept, keep it as it is by now."""
         for one in [self._memory] if self.branches is None else self.branches.memories:
             memory.renew_checkpoint(one)
 
@@ -292,14 +296,15 @@ class Timeline:
         """Let one observation act on the filter, which stands at its time with its covariance up to date."""
         before = self.nav[LAT:VEL].copy()
         if observation.kind == MOTION:
-            self._weigh(*observation.arguments)
+            if observation.arrival > self._united_by:  # else it is of means that GNSS has proved wrong since
+                self._weigh(*observation.arguments)
         elif self.branches is None:
             self._apply(observation, self.nav, self.P)
         elif observation.kind in self._whole:
             was = self.nav.copy()
             self._apply(observation, self.nav, self.P)
             if not np.array_equal(was, self.nav):
-                self._unite()
+                self._unite(observation.arrival)
         else:
             for nav, P in self.branches.pairs():
                 self._apply(observation, nav, P)
@@ -315,9 +320,9 @@ class Timeline:
         self.branches.decide(evidence)
         self._mix(self.branches)
 
-    def _unite(self) -> None:
+    def _unite(self, arrival: int) -> None:
         """An absolute position decides what no hypothesis could: go on with ``nav`` and ``P``, and only with them."""
-        self.branches = None
+        self.branches, self._united_by = None, arrival
         self._memory[memory.OLDEST] = 0.0
         self._memory[memory.NEWEST] = -1.0
         memory.add_checkpoint(self._memory)
@@ -333,9 +338,13 @@ class Timeline:
         self._observe_up_to(due)
 
     def _observe_up_to(self, due: float) -> None:
+        before = self.branches
         while self._done < len(self._observations) and self._observations[self._done].t <= due:
             self._act(self._observations[self._done])
             self._done += 1
+        if self.branches is not before:
+            # a split or a union is the first place to go back to: with everything that acted at its time
+            self._renew_checkpoints()
 
     def _interpolate(self, part: np.ndarray, row: np.ndarray, due: float) -> None:
         live = self._live()

@@ -90,7 +90,7 @@ class VirtualOutages:
         return float(np.sqrt(np.mean(squares))) if squares else None
 
     def is_worse(self, name: str, rival: str, ratio: float) -> bool:
-        """True when at least three rehearsals that both flew say that ``name`` is worse than ``ratio`` times ``rival``."""
+        """True when three or more rehearsals that both flew say: ``name`` errs more than ``ratio`` times ``rival``."""
         both = [errors for errors in self._squares if name in errors and rival in errors]
         return len(both) >= _LEAST and sum(e[name] for e in both) > ratio**2 * sum(e[rival] for e in both)
 

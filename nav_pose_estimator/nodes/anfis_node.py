@@ -12,10 +12,14 @@ from nav_pose_estimator.engine.solutions import OutageError, Status
 from nav_pose_estimator.ros import inputs, qos, spin, wording
 from nav_pose_estimator.ros.convert import vector
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
+from nav_pose_estimator.ros.imu_cdr import peek_stamp_ns
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.outage_model import OutageModel
 from nav_pose_estimator.ros.outputs import LearnerOutput
+from nav_pose_estimator.ros.pace import Pace
 from nav_pose_estimator.ros.training import Trainer
+
+_ODOMETRY_RATE = 50.0  # Hz: it learns from means of half a second; to read every odometry would cost half a core
 
 
 class AnfisNode(EstimatorNode):
@@ -28,7 +32,8 @@ class AnfisNode(EstimatorNode):
         super().__init__("anfis_node", partial(OutageModel, train=trainer.submit))
         self._output = LearnerOutput(self, self.parameters)
         self.listen_imu(inputs.imu_input(self.parameters.ros.input))
-        self.listen_raw(inputs.navigator_input(), lambda data: True, needed=True)
+        pace = Pace(_ODOMETRY_RATE)
+        self.listen_raw(inputs.navigator_input(), lambda data: pace.is_due(peek_stamp_ns(data)), needed=True)
         self._listen_to_facts()
         self.keeper = ModelKeeper(self, self.engine, trainer, self.parameters.ros.model, self.say)
         self.get_logger().info("ready")

@@ -50,8 +50,6 @@ def run(arguments: argparse.Namespace) -> int:
         parameters = with_aids(parameters, arguments.aid)
     remaps = parse_remaps(arguments.remap)
     folder = None if arguments.estimate_latency else _folder(arguments)  # before the work, should it be impossible
-    if is_first_run():
-        print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)
     with _bar("reading", None) as bar:
         recording = load(arguments.bag, remaps, bar.update)
     if every is not None:
@@ -62,6 +60,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(
             f"the outage {late[0].start:g}:{late[0].length:g} ends after the bag ({recording.duration:.1f} s)"
         )
+    if is_first_run():
+        print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)
     if folder is None:
         print(latency.describe(latency.estimate(recording, parameters, _first(wanted))))
         return 0

@@ -5,18 +5,21 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from nav_pose_estimator.core.motion_epochs import TIME
+from nav_pose_estimator.core.motion_epochs import ATTITUDE, BODY_VELOCITY, COLUMNS, PERIOD, TIME
 from nav_pose_estimator.engine.model_file import load_arrays, save_arrays
+from nav_pose_estimator.engine.outage_learner import TrainingJob
 from nav_pose_estimator.engine.parameters.ros import ModelParameters
 from nav_pose_estimator.engine.solutions import Level
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.ros.training import Outcome, Trainer
 
 _PERIOD = 0.5  # s: how often the training process is looked after
+_EPOCHS = 120  # enough for a training
 _CURVE = 20  # so many trainings are remembered
 
 
@@ -37,7 +40,8 @@ class ModelKeeper:
     ) -> None:
         self.history: list[dict[str, float]] = []  # scores after each training
         self._pupil, self._trainer, self._parameters, self._say = pupil, trainer, parameters, say
-        self._failure = ""
+        self._failure, self._trainings = "", 0
+        _warm_up()
         self._timer = node.create_timer(_PERIOD, self.look_after, clock=Clock(clock_type=ClockType.STEADY_TIME))
         for name, action in (("train", self.train), ("save_model", self.save), ("load_model", self.load)):
             node.create_service(Trigger, f"~/{name}", partial(self._serve, action))
@@ -59,6 +63,7 @@ class ModelKeeper:
             outcome = self._trainer.poll()
             if outcome is not None:
                 self._take(outcome)
+            self._note_scores()
         except Exception as error:
             self._say("outage.training_failed", Level.ERROR, f"training: {_describe(error)}")
 
@@ -107,16 +112,30 @@ class ModelKeeper:
             self._say("outage.training_failed", Level.ERROR, f"the training failed: {outcome.failure}")
             return
         self._pupil.accept(outcome.result)
-        scores = {name: float(value) for name, value in self._pupil.learner.scores().items()}
-        self.history = [*self.history, scores][-_CURVE:]
         self._say("outage.trained", Level.INFO, "a training has ended")
         if self._parameters.file and self._parameters.save_after_training:
             self.attempt(self.save)
+
+    def _note_scores(self) -> None:
+        """A point of the learning curve when the learner has taken a result over, which it does in its own time."""
+        before, self._trainings = self._trainings, self._pupil.learner.trainings
+        if self._trainings > before:
+            scores = {name: float(value) for name, value in self._pupil.learner.scores().items()}
+            self.history = [*self.history, scores][-_CURVE:]
 
     def _path(self) -> str:
         if not self._parameters.file:
             raise UserError("there is no file for the model: set ros.model.file")
         return self._parameters.file
+
+
+def _warm_up() -> None:
+    """Compile (or load) what a model needs when it comes into use, which may be in the middle of an outage."""
+    epochs = np.random.default_rng(0).normal(size=(_EPOCHS, COLUMNS))
+    epochs[:, TIME] = np.arange(_EPOCHS) * PERIOD
+    epochs[:, ATTITUDE:BODY_VELOCITY] = np.eye(3).ravel()
+    model = TrainingJob(epochs, (1,)).run().model.follow(epochs[-1])
+    model.predict(epochs[-1])
 
 
 def _describe(error: Exception) -> str:

@@ -11,7 +11,14 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.core.earth import enu_to_lla
-from nav_pose_estimator.core.layout import BASE_STATES, D_ACCEL_BIAS, D_GYRO_BIAS, DPOS, DVEL, PHI
+from nav_pose_estimator.core.layout import (
+    BASE_STATES,
+    D_ACCEL_BIAS,
+    D_GYRO_BIAS,
+    DPOS,
+    DVEL,
+    PHI,
+)
 from nav_pose_estimator.core.rotation import quat_to_matrix
 from nav_pose_estimator.engine.imu_input import ImuInput
 from nav_pose_estimator.engine.parameters import Parameters
@@ -95,7 +102,7 @@ class NavigatorWatch:
         q_nb, position = np.array(sample.q_nb), np.array(sample.position)
         C_nb = quat_to_matrix(q_nb)
         lat, lon, alt = (float(x) for x in enu_to_lla(position, *self.origin))
-        return NavSolution(
+        return NavSolution.of(
             stamp_ns=sample.stamp_ns,
             mode=Mode.DEAD_RECKONING if self.denied else Mode.AIDED,
             lat=lat,

@@ -87,7 +87,7 @@ def facts(status: Status) -> list[tuple[str, str]]:
 
 def learner_facts(status: Status, training: str, history: Sequence[Mapping[str, float]]) -> list[tuple[str, str]]:
     """Key and value for the learner; ``history``: its scores after each training, the learning curve."""
-    names = sorted({name for scores in history for name in scores})
+    names = sorted({name for scores in history for name in scores if "error" in name})
     curves = [(name, ", ".join(number(scores.get(name, math.nan)) for scores in history)) for name in names]
     return [
         ("mode", status.mode.value),

@@ -10,6 +10,7 @@ from nav_pose_estimator.core.rotation import quat_from_euler
 
 N = at.BASE_STATES + at.WIND_DRAG_STATES
 LEVER = np.array([0.3, -0.2, 0.5])
+AIR = np.array([3.0, -6.0, 1.0])
 
 
 def state() -> np.ndarray:
@@ -35,6 +36,16 @@ CASES = {
     "body_velocity": (measurements.body_velocity, (np.array([3.0, -6.0, 1.0]), LEVER)),
     "drag_force": (measurements.drag_force, (at.BASE_STATES,)),
 }
+
+
+def mean_air_velocity(nav, states, air):
+    """The observation of an interval in which nothing changed: the means are the state itself."""
+    attitude = measurements.quat_to_matrix(nav[at.QUAT : at.QUAT + 4])
+    velocity = nav[at.VEL : at.VEL + 3].copy()
+    return measurements.mean_air_velocity(nav, states, attitude, velocity, attitude.T @ velocity, air)
+
+
+CASES["mean_air_velocity"] = (mean_air_velocity, (AIR,))
 
 
 def disturbed(nav: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -79,3 +90,12 @@ def test_position_across_the_date_line_is_near() -> None:
     nav[at.LON] = np.pi - 1e-7
     z, _ = measurements.gnss_position(nav, N, nav[at.LAT], -np.pi + 1e-7, nav[at.ALT], np.zeros(3))
     assert abs(z[0]) < 2.0
+
+
+def test_mean_air_velocity_is_nought_for_the_true_velocity_and_wind() -> None:
+    nav = state()
+    C = measurements.quat_to_matrix(nav[at.QUAT : at.QUAT + 4])
+    velocity = nav[at.VEL : at.VEL + 3]
+    air = C.T @ (velocity - [*nav[at.WIND : at.WIND + 2], 0.0])
+    z, _ = measurements.mean_air_velocity(nav, N, C, velocity, C.T @ velocity, air)
+    np.testing.assert_allclose(z, 0.0, atol=1e-12)

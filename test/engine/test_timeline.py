@@ -131,7 +131,7 @@ def test_memory_stays_bounded() -> None:
 @pytest.mark.parametrize("sampling", ["mean", "point"])
 @pytest.mark.parametrize("step", [79, 80, 81, 120])
 def test_an_observation_of_the_present_acts_as_if_it_had_been_known(sampling: str, step: int) -> None:
-    """GIVEN a fix stamped like the last IMU row WHEN it arrives after that row THEN nothing differs, later fixes too."""
+    """GIVEN a fix stamped like the last IMU row WHEN it arrives after that row THEN nothing differs, then or later."""
     rows = imu_rows(2.0)
     now = float(rows[step, 0])
     fix, late = (now, "position", (LAT + 1e-7, LON, ALT), 0), (now - 0.01, "velocity", (0.1, 0.2, 0.0), 1)

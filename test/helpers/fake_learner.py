@@ -43,6 +43,7 @@ class Learner:
     weight: float = 0.0
     memory: Memory = field(default_factory=Memory)
     reason: str = "nothing has been learned yet"
+    trainings: int = 0
     next_job: Job = field(default_factory=lambda: Job(1))
 
     def job(self, now: float) -> Job:
@@ -70,6 +71,7 @@ class Pupil:
     def accept(self, result: tuple[int, int]) -> None:
         self.results.append(result)
         self.learner.weight, self.learner.reason = float(result[0]), ""
+        self.learner.trainings += 1
 
 
 @dataclass

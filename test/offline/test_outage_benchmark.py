@@ -15,7 +15,8 @@ from nav_pose_estimator.offline.outage_benchmark import Task, run_task
 from nav_pose_estimator.offline.outages import Outage
 from nav_pose_estimator.offline.recording import load
 from nav_pose_estimator.offline.replay import replay
-from nav_pose_estimator.offline.speed_benchmark import Figure, best_time, write_flight_bag
+from nav_pose_estimator.offline.speed_figures import Figure, best_time
+from nav_pose_estimator.offline.speed_processes import write_flight_bag
 from nav_pose_estimator.ros.imu_cdr import decode_imu
 
 COLUMNS = (

@@ -24,7 +24,7 @@ from nav_pose_estimator.offline.plain_flight import samples
 from nav_pose_estimator.offline.recording import Recording, load
 from nav_pose_estimator.offline.replay import replay
 from nav_pose_estimator.offline.report import mode_spans
-from nav_pose_estimator.offline.speed_benchmark import write_flight_bag
+from nav_pose_estimator.offline.speed_processes import write_flight_bag
 from nav_pose_estimator.offline.tracks import TrackRecorder
 
 SECONDS = 100.0

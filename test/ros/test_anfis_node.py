@@ -62,7 +62,7 @@ class Around:
 
 def solution(stamp: int = STAMP) -> NavSolution:
     factor = np.random.default_rng(3).normal(size=(15, 15)) * 0.01
-    return NavSolution(
+    return NavSolution.of(
         stamp_ns=stamp,
         mode=Mode.AIDED,
         lat=0.8,

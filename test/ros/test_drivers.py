@@ -213,7 +213,7 @@ def test_a_flight_as_the_driver_sends_it_is_aided(repository: Path, flight, name
 @pytest.mark.parametrize(
     ("name", "make_drive"),
     [("mavros", lambda: mavros), ("ublox", lambda: ublox), ("px4", Px4)],
-    ids=lambda value: str(value),
+    ids=["mavros", "ublox", "px4"],
 )
 def test_fixes_stamped_in_the_past_are_refused_with_a_sentence_about_clocks(repository, flight, name, make_drive):
     """GIVEN a driver whose clock is 30 s behind WHEN it publishes fixes THEN none is used, and the pilot reads why."""

@@ -132,7 +132,7 @@ def test_two_processes_equal_the_engine_alone(launch, observer):
         assert math.degrees(2.0 * math.acos(min(cosine, 1.0))) < 0.01
 
 
-def test_every_kind_of_publisher_is_heard_and_a_misfit_is_named(launch, observer):
+def test_pain_12_every_kind_of_publisher_is_heard_and_a_misfit_is_named(launch, observer):
     """Scenario 12: best effort and reliable publishers both reach the node; a wrong override is named in the log."""
     node = launch("attitude_node", "-r", "__node:=one")
     strict = launch(

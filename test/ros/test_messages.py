@@ -11,9 +11,9 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu, NavSatFix
 
-from nav_pose_estimator.core.layout import D_GYRO_BIAS, DPOS, DVEL, PHI
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.attitude_layout import HEAD_SIZE
+from nav_pose_estimator.core.layout import D_GYRO_BIAS, DPOS, DVEL, PHI
 from nav_pose_estimator.core.rotation import quat_from_euler, quat_from_rotvec, quat_multiply, quat_to_matrix
 from nav_pose_estimator.engine.samples import (
     BodyVelocity,

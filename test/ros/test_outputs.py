@@ -19,7 +19,7 @@ STAMP = 1_700_000_000_000_000_000
 
 def solution(stamp_ns: int = STAMP, mode: Mode = Mode.AIDED) -> NavSolution:
     zero = np.zeros(3)
-    return NavSolution(
+    return NavSolution.of(
         stamp_ns=stamp_ns,
         mode=mode,
         lat=0.8,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from told import flight, silence, tell
 
-from nav_pose_estimator.engine.samples import GnssFix, SatelliteCount
+from nav_pose_estimator.engine.samples import GnssFix, ImuSample, SatelliteCount
 from nav_pose_estimator.engine.solutions import Level, Mode
 from nav_pose_estimator.sim.faults import Creep, SetCount, Shift
 from nav_pose_estimator.sim.scenarios import generate
@@ -106,3 +106,15 @@ def test_counts_that_flap_do_not_flap_the_navigator() -> None:
 def test_counts_between_the_thresholds_keep_the_gate_as_it_is() -> None:
     told = tell(flight(), SetCount(start=60.0, length=30.0, count=5))
     assert told.modes_between(60.0, 120.0) == {Mode.AIDED}
+
+
+@pytest.mark.parametrize("seed", [5, 6])
+def test_an_attitude_that_is_broken_is_found_again(seed: int) -> None:
+    """GIVEN a good navigator WHEN the IMU reports 20 rad/s for a tenth of a second
+    THEN GNSS shows that the attitude is gone, the navigator aligns again, and is good within half a minute."""
+    spike = Shift(ImuSample, 60.0, 0.1, (20.0, -15.0, 10.0, 60.0, -80.0, 50.0))
+    told = tell(flight(seed=seed), spike)
+    assert len(told.when("reset")) == 1
+    assert "velocities differ" in told.event("reset").text
+    assert told.modes[-1] is Mode.AIDED
+    assert told.off[told.between(100.0, 120.0)].max() < 10.0

@@ -13,7 +13,7 @@ from nav_pose_estimator.engine.samples import (
     PressureSample,
     SatelliteCount,
 )
-from nav_pose_estimator.sim.faults import Delay, Freeze, NotANumber, SetCount, Shift, Stop, Thin
+from nav_pose_estimator.sim.faults import Creep, Delay, Freeze, NotANumber, Redate, SetCount, Shift, Stop, Thin
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import HOME, START_NS, generate
 
@@ -81,6 +81,23 @@ def test_shift(healthy: Recording) -> None:
     np.testing.assert_allclose(np.subtract(after.accel, before.accel), (1.0, 2.0, 3.0))
     before, after = (of(one, SatelliteCount, 3.0, 4.0)[0].sample for one in (healthy, broken))
     assert after.count == before.count - 4
+
+
+def test_creep_moves_a_little_more_with_every_fix(healthy: Recording) -> None:
+    broken = healthy.with_faults(Creep(start=3.0, length=2.0, step=(0.0, 0.5, 0.0)))
+    pairs = zip(of(healthy, GnssFix, 3.0, 5.0), of(broken, GnssFix, 3.0, 5.0), strict=True)
+    metres = [6.37e6 * (b.sample.lat - a.sample.lat) for a, b in pairs]
+    np.testing.assert_allclose(metres, 0.5 * np.arange(len(metres)), rtol=0.01, atol=1e-6)
+    assert of(broken, GnssFix, 5.0)[0].sample.lat == of(healthy, GnssFix, 5.0)[0].sample.lat
+
+
+@pytest.mark.parametrize("kind", [ImuSample, GnssFix, SatelliteCount])
+def test_redate_changes_stamps_and_not_arrivals(healthy: Recording, kind: type) -> None:
+    broken = healthy.with_faults(Redate(kind, 3.0, 2.0, seconds=-7.5))
+    pairs = list(zip(of(healthy, kind), of(broken, kind), strict=True))
+    assert all(a.arrival_ns == b.arrival_ns for a, b in pairs)
+    moved = {b.sample.stamp_ns - a.sample.stamp_ns for a, b in pairs if a.sample.stamp_ns is not None}
+    assert moved == (set() if kind is SatelliteCount else {0, -7_500_000_000})
 
 
 def test_count_can_be_forced_while_fixes_go_on(healthy: Recording) -> None:

@@ -49,6 +49,14 @@ class ReacquisitionParameters:
     implausible_time: float = param(
         30.0, "s", "Persistence that outweighs the physical bound", 1.0, 3600.0, mutable=True
     )
+    despair_gap: float = param(
+        13.0,
+        "s",
+        "A contradiction in velocity as well that ends so soon is the attitude's fault: the navigator aligns again",
+        0.0,
+        600.0,
+        mutable=True,
+    )
     track_timeout: float = param(2.0, "s", "A series of fixes that pauses for longer is forgotten", 0.2, 60.0)
     probation: float = param(120.0, "s", "Longest time during which a return may be reopened", 0.0, 3600.0)
 

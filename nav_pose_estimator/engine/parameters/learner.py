@@ -13,10 +13,10 @@ class LearnerParameters:
     method: str = param(
         "best",
         "",
-        "coast: nothing; velocity_prior: the vehicle moves as it has moved; drag: rotor drag and wind; anfis: the network"
-        " alone; anfis_linear: the network with one rule; best: network, hovering or travelling, whatever has helped",
+        "coast: nothing; velocity_prior: the vehicle moves as it has moved; drag: rotor drag and wind; anfis: the"
+        " network alone; anfis_linear: the network with one rule; best: network, hovering or travelling, as it helped",
         choices=("coast", "velocity_prior", "drag", "anfis", "anfis_linear", "best"),
     )
-    window: float = param(300.0, "s", "The network is trained on so much of the last flight", 60.0, 600.0)
+    window: float = param(600.0, "s", "The network is trained on so much of the last flight", 60.0, 600.0)
     period: float = param(30.0, "s", "Time between two trainings", 5.0, 600.0)
     rules: int = param(2, "", "Up to so many rules are tried; more than one only where that is clearly better", 1, 8)

@@ -1,0 +1,77 @@
+"""How long a true return of GNSS waits after an outage, and whether one that is 300 m off is taken within 20 s.
+
+tools/in_environment.sh python benchmarks/returns.py --length 60 --offset 300 flights/*_bag
+"""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock
+from nav_pose_estimator.offline import methods
+from nav_pose_estimator.offline.config_file import load_parameters
+from nav_pose_estimator.offline.flight_window import flight_window
+from nav_pose_estimator.offline.outage_benchmark import _aided_pass, _Start
+from nav_pose_estimator.offline.outages import Outage
+from nav_pose_estimator.offline.recording import Recording, load
+
+_EARTH = 6.37e6  # m
+_PATIENCE = {True: 20.0, False: 40.0}  # s that a wrong and a true return are watched
+
+
+def waited(engine: PoseEstimator, recording: Recording, start: _Start, offset: float) -> float | None:
+    """Seconds from the outage's end to the first fix that is used, ``offset`` [m] to the north; None if none is."""
+    engine.restore(start.snapshot)
+    delay_ns = round(engine.parameters.gnss.delay * 1e9)
+    begin = recording.epoch_ns + round(start.outage.start * 1e9)
+    end, row = begin + round(start.outage.length * 1e9), start.row
+    back = (end - engine.sins._epoch_ns) * 1e-9
+    for sample in recording.samples[start.index :]:
+        if isinstance(sample, ImuBlock):
+            sample = ImuBlock(sample.stamps_ns[row:], sample.gyro[row:], sample.accel[row:])
+            row = 0
+            if len(sample) and sample.stamps_ns[0] > end + _PATIENCE[offset > 0.0] * 1e9:
+                return None
+        elif isinstance(sample, (GnssFix, GnssVelocity)) and begin <= sample.stamp_ns - delay_ns < end:
+            continue
+        elif isinstance(sample, GnssFix) and sample.stamp_ns - delay_ns >= end:
+            sample = replace(sample, lat=sample.lat + offset / _EARTH)
+        if not isinstance(sample, ImuBlock) or len(sample):
+            engine.feed(sample)
+        if engine.sins._gnss.last_used > back - 0.01:
+            return engine.sins._gnss.last_used - back
+    return None
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("bags", type=Path, nargs="+")
+    parser.add_argument("--length", type=float, default=60.0, help="of the outages, s")
+    parser.add_argument("--offset", type=float, default=300.0, help="of the wrong return, m")
+    parser.add_argument("--method", default="best")
+    options = parser.parse_args()
+    for bag in options.bags:
+        recording = load(bag)
+        delay = float(recording.sidecar.get("gnss_latency_est_s", 0.2))
+        parameters = update(methods.apply(load_parameters(None), options.method), {"gnss.delay": delay})
+        begin, end = flight_window(recording)
+        first = begin + (60.0 if end - begin < 400.0 else 160.0)
+        starts = np.arange(first, end - options.length - 45.0, max(20.0, (end - first) / 12))
+        engine, outages = PoseEstimator(parameters, attitude=False), [Outage(float(s), options.length) for s in starts]
+        true, wrong = [], []
+        for start in _aided_pass(recording, parameters, outages):
+            true.append(waited(engine, recording, start, 0.0))
+            wrong.append(waited(engine, recording, start, options.offset))
+        taken = sum(value is not None for value in wrong)
+        late = [np.inf if value is None else value for value in true]
+        text = f"true: median {np.median(late):.1f}, worst {max(late):.1f} s" if late else "no outage fits"
+        print(f"{bag.name}: {len(true)} outages, {text}; {options.offset:.0f} m off: {taken} taken", flush=True)
+
+
+if __name__ == "__main__":
+    main()
