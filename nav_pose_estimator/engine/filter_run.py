@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.core.rest import Stillness
 from nav_pose_estimator.engine import filter_setup, start_up
 from nav_pose_estimator.engine.aid_input import AidInput
 from nav_pose_estimator.engine.engine_clock import EngineClock
@@ -62,6 +63,8 @@ class FilterRun:
         self.aids = AidInput(parameters, gates, journal)
         self.aligner = start_up.StartUp(parameters)
         self.modes = ModeKeeper(parameters.navigator)
+        self._stillness = Stillness()
+        self.rest_due = -math.inf if parameters.aids.zero_velocity else math.inf  # when to look for rest next
 
     def copy(self, journal: Journal) -> FilterRun:
         """An independent copy that reports to ``journal``."""
@@ -74,6 +77,7 @@ class FilterRun:
         twin.aids = self.aids.copy(journal)
         twin.aligner = self.aligner.copy()
         twin.modes = self.modes.copy()
+        twin._stillness = self._stillness.copy()
         return twin
 
     def set_parameters(self, parameters: Parameters) -> None:
@@ -182,6 +186,17 @@ class FilterRun:
         t = self.clock.time_of(sample.stamp_ns, "body_velocity.rejected", self.journal)
         if t is not None and self.timeline.running:
             self._aid(self.aids.body_velocity(sample, t), sample.stamp_ns)
+
+    def look_for_rest(self, t: float) -> None:
+        """Ahead of the IMU row at ``t``, the first one of a second: did the vehicle rest up to the row before?
+
+        The decision falls with what has arrived by then, and stays when the past is replayed.
+        """
+        self.rest_due = (math.floor(t / Stillness.PERIOD) + 1.0) * Stillness.PERIOD
+        timeline = self.timeline
+        mean_rate = self._stillness.add(timeline.recent_rows(Stillness.PERIOD))
+        if mean_rate is not None:
+            self._aid(self.aids.rest(mean_rate, timeline.nav, timeline.P), self.clock.stamp(timeline.time))
 
     def _on_motion(self, sample: MotionEvidence) -> None:
         t = self.clock.time_of(sample.stamp_ns, "outage.rejected", self.journal)

@@ -199,10 +199,12 @@ class SinsEngine:
         now = float(times[0])
         if self.mode is Mode.AIDED and not now - run.gnss.last_used < self.parameters.navigator.lost_after:
             run.declare_loss(now)
-        limit = min(run.mode_deadline(now), run.timeline.next_observation())
+        if now >= run.rest_due:
+            run.look_for_rest(now)
+        limit = min(run.mode_deadline(now), run.timeline.next_observation(), run.rest_due)
         count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
         out = run.timeline.advance(rows[:count])
         now = float(times[count - 1])
         run.update_mode(now)
-        run.quiet_until = min(run.mode_deadline(now), run.timeline.next_observation())
+        run.quiet_until = min(run.mode_deadline(now), run.timeline.next_observation(), run.rest_due)
         return self._block(stamps_ns[:count], out)

@@ -151,6 +151,7 @@ def warm_up(constants: np.ndarray, states: int) -> None:
         measurements.height(nav, states, 0.0),
         measurements.magnetic_heading(nav, states, 0.0, 1.0, 0.0, 0.0),
         measurements.horizontal_velocity(nav, states, 0.0, 0.0),
+        measurements.zero_velocity(nav, states),
     ):
         R = np.eye(len(z))
         gated_correct(nav, P, z, H, R, 10.0, 100.0)
