@@ -21,11 +21,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nav_pose_estimator.core.alignment_types import Alignment, AlignmentSettings
+from nav_pose_estimator.core.alignment_types import Alignment, AlignmentSettings, KnownBiases
 from nav_pose_estimator.core.earth import earth_rate_n
 from nav_pose_estimator.core.filter_setup import make_constants
 from nav_pose_estimator.core.heading_hypotheses import HeadingHypotheses
 from nav_pose_estimator.core.layout import (
+    ACCEL_BIAS,
     ALT,
     BASE_STATES,
     D_ACCEL_BIAS,
@@ -62,6 +63,8 @@ Array = NDArray[np.float64]
 _LEVEL_WINDOW = 1.0  # s of IMU that give a level in motion
 _LEVEL_AGE = 20.0  # s: what an older rest has taught is forgotten (the IMU since then has to be kept)
 _FIX_AGE = 2.0  # s: an older fix does not tell where the vehicle is
+_ZERO = (0.0, 0.0, 0.0)
+_KNOWN_RATE = 0.03  # rad/s: a known bias has not moved that far, and a circle flown smoothly turns faster
 _RESIDUAL_RATE_SD = 2e-4  # rad/s: what a rest leaves open of the gyroscope bias
 _VELOCITY_FLOOR = 0.1  # m/s
 _SLOW_SPEED = 1.5  # m/s: receivers hold or smooth the velocity of a slow antenna
@@ -108,7 +111,11 @@ class Aligner:
             gap_accel_sd=2.0,
         )
         self._lever = np.array(s.lever_arm, dtype=float)
-        self._rest = RestDetector(RestSettings(s.static_window, s.rest_gyro_sd, s.rest_accel_sd, s.rest_rate, 0.8))
+        self._biases = s.known or KnownBiases(_ZERO, _ZERO, s.gyro_bias_sd, s.accel_bias_sd)
+        rate = s.rest_rate if s.known is None else _KNOWN_RATE
+        self._rest = RestDetector(
+            RestSettings(s.static_window, s.rest_gyro_sd, s.rest_accel_sd, rate, 0.8, offset=self._biases.gyro)
+        )
         self.reset()
 
     def reset(self) -> None:
@@ -301,11 +308,12 @@ class Aligner:
         return HeadingHypotheses(nav, P, s.hypotheses, self._constants, self._lever, self._prior(q))
 
     def _start_in_motion(self, rows: Array, fix: _Fix) -> tuple[Array, Array, Array]:
-        s = self.settings
+        s, biases = self.settings, self._biases
         nav, P = np.zeros(NAV_SIZE), np.zeros((BASE_STATES, BASE_STATES))
         q, tilt_sd = self._outside.near(fix.t, s.tilt_sd) or (level_in_motion(rows), s.tilt_sd)
         nav[QUAT : QUAT + 4] = q
-        for start, sd in ((PHI, tilt_sd), (D_GYRO_BIAS, s.gyro_bias_sd), (D_ACCEL_BIAS, s.accel_bias_sd)):
+        nav[GYRO_BIAS : GYRO_BIAS + 3], nav[ACCEL_BIAS : ACCEL_BIAS + 3] = biases.gyro, biases.accel
+        for start, sd in ((PHI, tilt_sd), (D_GYRO_BIAS, biases.gyro_sd), (D_ACCEL_BIAS, biases.accel_sd)):
             P[start : start + 3, start : start + 3] = sd**2 * np.eye(3)
         self._place(nav, P, fix)
         self._set_memory(nav, fix.t)
@@ -352,7 +360,7 @@ class Aligner:
         row = next((row for row in reversed(self._rows) if row[IMU_T] <= t), self._rows[0])
         nav[TIME] = t
         nav[PREV_RATE : PREV_RATE + 3] = np.array(row[IMU_GYRO:IMU_ACCEL]) - nav[GYRO_BIAS : GYRO_BIAS + 3]
-        nav[PREV_FORCE : PREV_FORCE + 3] = row[IMU_ACCEL:IMU_COLUMNS]
+        nav[PREV_FORCE : PREV_FORCE + 3] = np.array(row[IMU_ACCEL:IMU_COLUMNS]) - nav[ACCEL_BIAS : ACCEL_BIAS + 3]
 
     def _rows_between(self, start: float, end: float) -> Array:
         """IMU rows (N, 7) after ``start`` up to ``end``; the row across ``end`` counts up to it."""

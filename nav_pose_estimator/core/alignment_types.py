@@ -6,7 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_SHARED_ELSEWHERE = ("gyro_noise", "accel_noise", "declination", "lever_arm")
+_SHARED_ELSEWHERE = ("gyro_noise", "accel_noise", "declination", "lever_arm", "known")
+
+
+@dataclass(frozen=True, slots=True)
+class KnownBiases:
+    """What a navigator has just known of its IMU, body frame; each deviation is that of the worst axis."""
+
+    gyro: tuple[float, float, float]  # rad/s
+    accel: tuple[float, float, float]  # m/s^2
+    gyro_sd: float
+    accel_sd: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +40,7 @@ class AlignmentSettings:
     min_time: float  # s of GNSS before the hypotheses may decide
     mag_heading_sd: float  # rad, of a magnetic heading before the first flight
     mag_trust: float  # probability that a plausible magnetometer is within that
+    known: KnownBiases | None = None  # from just before; None after switching on
 
     @classmethod
     def shared(cls) -> tuple[str, ...]:

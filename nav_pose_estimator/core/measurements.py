@@ -101,6 +101,16 @@ def horizontal_velocity(nav, states, v_east, v_north):
 
 
 @kernel
+def zero_velocity(nav, states):
+    """The IMU does not move over ground; z [m/s] is the estimated velocity, ENU (Groves, section 15.3)."""
+    z = nav[VEL : VEL + 3].copy()
+    H = np.zeros((3, states))
+    for i in range(3):
+        H[i, DVEL + i] = 1.0
+    return z, H
+
+
+@kernel
 def velocity_error(nav, states, dv_east, dv_north):
     """Predicted error of the horizontal velocity, estimate minus truth [m/s] (what the network learns)."""
     z = np.array([dv_east, dv_north])

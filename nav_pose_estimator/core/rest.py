@@ -1,11 +1,14 @@
-"""Is the vehicle at rest? Means and spreads of rate and force over a sliding window, at constant cost per sample.
+"""Is the vehicle at rest? Two answers: ``RestDetector`` for an alignment, ``Stillness`` for a filter that flies.
 
-The window is made of blocks of equal duration, and the oldest one leaves when a new one is complete. So the cost does
-not depend on the sample rate, nothing is summed for ever, and the window slides in steps of a seventh of its length.
+The detector has means and spreads of rate and force over a sliding window, at constant cost per sample. It must bear a
+gyroscope whose offset nobody knows yet, so a steady turn may look like rest to it. The window is made of blocks of
+equal duration, and the oldest one leaves when a new one is complete. So the cost does not depend on the sample rate,
+nothing is summed for ever, and the window slides in steps of a seventh of its length.
 All memory is one float64 vector: a snapshot is one copy.
 """
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +26,11 @@ _STATE = _LAST + 1
 
 _MEAN, _SD, _RESULT = 0, _AXES, 2 * _AXES
 
+_PROOF = 3  # seconds in a row that prove stillness
+_PARTS = 10  # of a second, over which vibration averages out and swaying does not
+_CALM_RATE, _CALM_FORCE = 0.01, 0.35  # rad/s, m/s^2: spread of the samples of a second
+_SWAY_RATE, _SWAY_FORCE = 0.003, 0.05  # rad/s, m/s^2: spread of the means over tenths of a second
+
 
 @dataclass(frozen=True, slots=True)
 class RestSettings:
@@ -31,8 +39,9 @@ class RestSettings:
     window: float  # s
     gyro_sd: float  # rad/s, largest spread of each axis
     accel_sd: float  # m/s^2
-    rate: float  # rad/s, largest mean rate: a bias, not a turn
+    rate: float  # rad/s, largest mean rate beside ``offset``: a bias, not a turn
     force: float  # m/s^2, largest difference of the mean force from gravity
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rad/s, what is known of the gyroscope's offset
     gravity: float = 9.80665  # m/s^2
 
 
@@ -90,7 +99,7 @@ class RestDetector:
         checks = (
             (max(stats[_SD : _SD + 3]), s.gyro_sd, "rotation", "rad/s"),
             (max(stats[_SD + 3 : _SD + 6]), s.accel_sd, "vibration", "m/s^2"),
-            (math.hypot(*stats[:3]), s.rate, "mean rotation", "rad/s"),
+            (math.dist(stats[:3], s.offset), s.rate, "mean rotation", "rad/s"),
             (abs(math.hypot(*stats[3:6]) - s.gravity), s.force, "force against gravity", "m/s^2"),
         )
         value, limit, name, unit = max(checks, key=lambda check: check[0] / check[1])
@@ -153,3 +162,52 @@ def summarise(state, out):
         out[_MEAN + i] = state[_BASE + i] + mean
         out[_SD + i] = math.sqrt(max(squares / count - mean * mean, 0.0))
     return True
+
+
+class Stillness:
+    """Proof that nothing moves: three seconds in a row without a trace of vibration or swaying.
+
+    It is stricter than an alignment has to be, because it speaks in flight as well. On recorded flights rotors and
+    airframes shook the gyroscope by 0.016 rad/s and more in every second in the air, by 0.0003 to 0.002 rad/s with
+    motors off; a simulated hover without vibration still sways by 0.005 rad/s. A steady motion leaves no trace at all:
+    whoever asks must know the speed, and the gyroscope's bias.
+    """
+
+    PERIOD = 1.0  # s of IMU that ``add`` is given
+
+    def __init__(self) -> None:
+        self._seconds: deque[NDArray[np.float64]] = deque(maxlen=_PROOF)  # means over tenths, (_PARTS, 6) each
+
+    def copy(self) -> "Stillness":
+        """An independent copy."""
+        twin = Stillness()
+        twin._seconds = self._seconds.copy()
+        return twin
+
+    def add(self, rows: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Take the IMU rows (N, 7) [t, rate, force] of one second.
+
+        Returns the mean rate (3,) [rad/s] over the last three seconds when they were still, else None.
+        """
+        if not _is_calm(rows):
+            self._seconds.clear()
+            return None
+        self._seconds.append(np.array([part.mean(axis=0) for part in np.array_split(rows[:, 1:], _PARTS)]))
+        if len(self._seconds) < _PROOF:
+            return None
+        tenths = np.concatenate(self._seconds)
+        sway = tenths.std(axis=0)
+        still = sway[:3].max() < _SWAY_RATE and sway[3:].max() < _SWAY_FORCE
+        return tenths[:, :3].mean(axis=0) if still else None
+
+
+def _is_calm(rows: NDArray[np.float64]) -> bool:
+    """Whether one second of IMU rows (N, 7) is complete and free of vibration.
+
+    Values that are exactly equal prove nothing: such a sensor is stuck.
+    """
+    if len(rows) < _PARTS or rows[-1, 0] - rows[0, 0] < 0.8 * Stillness.PERIOD:
+        return False
+    spread = rows[:, 1:].std(axis=0)
+    rate, force = spread[:3].max(), spread[3:].max()
+    return bool(0.0 < rate < _CALM_RATE and 0.0 < force < _CALM_FORCE)

@@ -1,4 +1,4 @@
-"""Aids besides GNSS: magnetometer, barometer, velocity sensor, and what a learner predicts. Samples to observations."""
+"""Aids besides GNSS: magnetometer, barometer, velocity sensor, and rest. From samples to observations."""
 
 import copy
 import math
@@ -8,7 +8,7 @@ import numpy as np
 from nav_pose_estimator.core import measurements
 from nav_pose_estimator.core.atmosphere import pressure_height
 from nav_pose_estimator.core.kalman import gated_correct
-from nav_pose_estimator.core.layout import ALT, PHI
+from nav_pose_estimator.core.layout import ALT, DVEL, GYRO_BIAS, PHI, TIME, VEL
 from nav_pose_estimator.core.vertical_channel import gated_height
 from nav_pose_estimator.engine.imu_input import rotation_from_rpy
 from nav_pose_estimator.engine.journal import Journal
@@ -21,11 +21,14 @@ _LINEARISE = {
     "height": measurements.height,
     "magnetic_heading": measurements.magnetic_heading,
     "body_velocity": measurements.body_velocity,
+    "zero_velocity": measurements.zero_velocity,
 }
 _LARGEST_SPEED = 1e3  # m/s
 _LARGEST_FIELD = 1e6  # in any unit
 _CORRELATION = 5.0  # s: magnetic headings and barometric heights closer than this share their error
-_BOUNDING = frozenset(("body_velocity",))
+_BOUNDING = frozenset(("body_velocity", "zero_velocity"))
+_REST_RATE = 0.01  # rad/s: at rest nothing but bias and the Earth is left of the mean angular rate
+_REST_SPEED = 0.7  # m/s: the navigator must be sure, by two deviations, to be slower than that
 
 
 class AidInput:
@@ -92,6 +95,19 @@ class AidInput:
         lever = np.array(self._parameters.body_velocity_lever)
         return t - self._parameters.body_velocity_delay, "body_velocity", (velocity, lever, R)
 
+    def rest(self, mean_rate: np.ndarray, nav: np.ndarray, P: np.ndarray) -> tuple | None:
+        """No velocity, where the IMU is still with ``mean_rate`` (3,) [rad/s] and the filter does not object.
+
+        An IMU feels neither a steady turn nor a steady cruise: the bias has to explain the rate, and the navigator has
+        to know that it is slow. One that has lost its velocity learns nothing here, safe rather than helpful.
+        """
+        if math.dist(mean_rate, nav[GYRO_BIAS : GYRO_BIAS + 3]) > _REST_RATE:
+            return self._refuse("zero_velocity.withheld.rate")
+        speed_sd = math.sqrt(P[DVEL : DVEL + 3, DVEL : DVEL + 3].trace())
+        if math.hypot(*nav[VEL : VEL + 3]) + 2.0 * speed_sd > _REST_SPEED:
+            return self._refuse("zero_velocity.withheld.speed")
+        return float(nav[TIME]), "zero_velocity", (np.eye(3) * self._parameters.zero_velocity_sd**2,)
+
     # --- application -------------------------------------------------------------------------------------------------
 
     def apply(self, o: Observation, nav: np.ndarray, P: np.ndarray, aided: bool) -> None:
@@ -109,7 +125,9 @@ class AidInput:
         if o.kind == "height":
             status, _ = gated_height(nav, P, float(z[0]), float(R[0, 0]), *self._gates[0])
         else:
-            status, _ = gated_correct(nav, P, z, H, R, *self._gates[len(z) - 1])
+            soft, hard = self._gates[len(z) - 1]
+            # a rest that is unlikely is none, and not one that counts for less
+            status, _ = gated_correct(nav, P, z, H, R, soft, soft if o.kind == "zero_velocity" else hard)
         if o.memory.get("counted"):
             return
         o.memory["counted"] = True

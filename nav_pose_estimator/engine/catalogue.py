@@ -181,6 +181,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("mag.rejected.stamp", "a field not newer than the last one", _SENSOR),
         Entry("mag.rejected.stale", "a field half a second away from the IMU's time", _CLOCKS),
         Entry("baro.rejected.value", "a pressure that is not one of the atmosphere", "check the unit: pascal, not hPa"),
+        Entry("zero_velocity.rejected", "the IMU was still, but the filter is sure to move: no rest"),
+        Entry(
+            "zero_velocity.withheld.rate", "the IMU was still, but for a turn that its bias does not explain: no rest"
+        ),
+        Entry("zero_velocity.withheld.speed", "the IMU was still, but the navigator is not sure to be slow: no rest"),
         Entry("body_velocity.rejected.value", "a velocity without any number", _SENSOR),
         Entry(
             "outage.rejected.covariance",

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.core.alignment_types import KnownBiases
+from nav_pose_estimator.core.rest import Stillness
 from nav_pose_estimator.engine import filter_setup, start_up
 from nav_pose_estimator.engine.aid_input import AidInput
 from nav_pose_estimator.engine.engine_clock import EngineClock
@@ -43,14 +45,22 @@ Origin = tuple[float, float, float]
 _UNEVENTFUL = frozenset((MagSample, PressureSample, AttitudeSample, NavigatorVelocity))
 """Samples that change neither mode nor GNSS unless an observation comes of them."""
 _PRIORITY = {VELOCITY: 0, POSITION: 1, LOSS: 2}  # a fix is judged together with the velocity of its epoch
+_KNOWN_GYRO_SD = 0.01  # rad/s: a bias less certain than that tells no turn from rest
 _LATE = "an observation arrived later than the filter's memory reaches; it is not used"
 
 
 class FilterRun:
     """The filter on its time line, what aligns it, and what turns samples into its observations."""
 
-    def __init__(self, parameters: Parameters, journal: Journal, origin: Origin | None, use_gnss: bool) -> None:
-        """``origin`` and ``use_gnss`` are what stays from the run before."""
+    def __init__(
+        self,
+        parameters: Parameters,
+        journal: Journal,
+        origin: Origin | None,
+        use_gnss: bool,
+        known: KnownBiases | None = None,
+    ) -> None:
+        """``origin``, ``use_gnss`` and, after a short gap, the ``known`` biases are what stays from the run before."""
         self.parameters, self.journal, self.origin = parameters, journal, origin
         constants, gates = filter_setup.constants(parameters), filter_setup.gates(parameters)
         self.clock = EngineClock()
@@ -60,8 +70,10 @@ class FilterRun:
         self.gnss = GnssInput(parameters.gnss, parameters.navigator.lost_after, gates, journal)
         self.gnss.enabled = use_gnss
         self.aids = AidInput(parameters, gates, journal)
-        self.aligner = start_up.StartUp(parameters)
+        self.aligner = start_up.StartUp(parameters, known)
         self.modes = ModeKeeper(parameters.navigator)
+        self._stillness = Stillness()
+        self.rest_due = -math.inf if parameters.aids.zero_velocity else math.inf  # when to look for rest next
 
     def copy(self, journal: Journal) -> FilterRun:
         """An independent copy that reports to ``journal``."""
@@ -74,6 +86,7 @@ class FilterRun:
         twin.aids = self.aids.copy(journal)
         twin.aligner = self.aligner.copy()
         twin.modes = self.modes.copy()
+        twin._stillness = self._stillness.copy()
         return twin
 
     def set_parameters(self, parameters: Parameters) -> None:
@@ -97,6 +110,21 @@ class FilterRun:
     def now(self) -> float:
         """Engine time of the last IMU sample [s]."""
         return self.timeline.time if self.timeline.running else self.aligner.time
+
+    @property
+    def known_biases(self) -> KnownBiases | None:
+        """What is known of the IMU's biases, by the filter or from the run before; None where that is little."""
+        if not self.timeline.running:
+            return self.aligner.known_biases
+        self.timeline.settle()
+        nav, variances = self.timeline.nav, self.timeline.P.diagonal()
+        gyro_sd, accel_sd = (
+            2.0 * math.sqrt(variances[start : start + 3].max()) for start in (at.D_GYRO_BIAS, at.D_ACCEL_BIAS)
+        )
+        if gyro_sd > _KNOWN_GYRO_SD:
+            return None
+        gyro, accel = (tuple(nav[start : start + 3].tolist()) for start in (at.GYRO_BIAS, at.ACCEL_BIAS))
+        return KnownBiases(gyro, accel, gyro_sd, accel_sd)
 
     # --- start -------------------------------------------------------------------------------------------------------
 
@@ -182,6 +210,17 @@ class FilterRun:
         t = self.clock.time_of(sample.stamp_ns, "body_velocity.rejected", self.journal)
         if t is not None and self.timeline.running:
             self._aid(self.aids.body_velocity(sample, t), sample.stamp_ns)
+
+    def look_for_rest(self, t: float) -> None:
+        """Ahead of the IMU row at ``t``, the first one of a second: did the vehicle rest up to the row before?
+
+        The decision falls with what has arrived by then, and stays when the past is replayed.
+        """
+        self.rest_due = (math.floor(t / Stillness.PERIOD) + 1.0) * Stillness.PERIOD
+        timeline = self.timeline
+        mean_rate = self._stillness.add(timeline.recent_rows(Stillness.PERIOD))
+        if mean_rate is not None:
+            self._aid(self.aids.rest(mean_rate, timeline.nav, timeline.P), self.clock.stamp(timeline.time))
 
     def _on_motion(self, sample: MotionEvidence) -> None:
         t = self.clock.time_of(sample.stamp_ns, "outage.rejected", self.journal)

@@ -14,6 +14,8 @@ from nav_pose_estimator.engine.solutions import Level, Mode
 
 _AID_HOLDS = 3.0  # s: how long an aid counts as bounding the drift
 _OFFER_HOLDS = 2.0  # s: how long a fix under test counts as re-acquisition
+LEVELLING = frozenset((Mode.WAITING_IMU, Mode.ALIGNING, Mode.NO_ORIGIN))
+"""While the filter does not run."""
 DENIED = frozenset((Mode.COASTING, Mode.DEAD_RECKONING, Mode.EXPIRED, Mode.REACQUIRING))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,29 @@ from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.imu_checks import stays_in_period
 from nav_pose_estimator.engine import rehearsal_flight
 from nav_pose_estimator.engine.attitude import AttitudeEngine
+from nav_pose_estimator.engine.modes import LEVELLING
 from nav_pose_estimator.engine.outage_aid import OutageAid, Train
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, NavigatorVelocity, Sample, VelocityError
+from nav_pose_estimator.engine.samples import (
+    AttitudeSample,
+    ImuBlock,
+    ImuSample,
+    MagSample,
+    NavigatorVelocity,
+    Sample,
+    VelocityError,
+)
 from nav_pose_estimator.engine.sins import SinsEngine
-from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution, Output, Status
+from nav_pose_estimator.engine.solutions import (
+    AttitudeBlock,
+    AttitudeSolution,
+    Event,
+    Mode,
+    NavBlock,
+    NavSolution,
+    Output,
+    Status,
+)
 
 _GOOD_TILT = 0.05  # rad: about what manoeuvres cost the attitude filter on its own
 _EXCHANGE_NS = 250_000_000
@@ -45,6 +64,8 @@ class PoseEstimator:
 
     def _pieces(self, block: ImuBlock) -> list[ImuBlock]:
         """``block`` cut behind each sample at which the estimators talk: blocks give what single samples give."""
+        if self.attitude is not None and self.sins.mode in LEVELLING:
+            return _cut(block, range(len(block) + 1))
         if stays_in_period(block.stamps_ns, self._period, _EXCHANGE_NS):
             return [block]
         periods = block.stamps_ns // _EXCHANGE_NS
@@ -52,7 +73,7 @@ class PoseEstimator:
         cuts = [0, *([1] if periods[0] != self._period else []), *ends.tolist(), len(block)]
         if cuts[-2] >= len(block):
             del cuts[-2]
-        return [ImuBlock(block.stamps_ns[a:b], block.gyro[a:b], block.accel[a:b]) for a, b in itertools.pairwise(cuts)]
+        return _cut(block, cuts)
 
     def _feed(self, sample: Sample) -> list[Output]:
         if isinstance(sample, VelocityError):
@@ -64,6 +85,8 @@ class PoseEstimator:
             # what the attitude filter says of the IMU the navigator says as well: told once
             outputs += [o for o in self.attitude.feed(sample) if not _is_imu_event(o)]
         solutions = self.sins.feed(sample)
+        if self.sins.mode in LEVELLING:
+            solutions += [event for tilt in _tilts(outputs) for event in self.sins.feed(tilt)]
         outputs += solutions
         if self.outage_aid is not None:
             self.outage_aid.hear(sample)
@@ -163,6 +186,22 @@ class PoseEstimator:
         self.sins.restore(sins)
         if self.attitude is not None and attitude is not None:
             self.attitude.restore(attitude)
+
+
+def _cut(block: ImuBlock, cuts: Iterable[int]) -> list[ImuBlock]:
+    return [ImuBlock(block.stamps_ns[a:b], block.gyro[a:b], block.accel[a:b]) for a, b in itertools.pairwise(cuts)]
+
+
+def _tilts(outputs: list[Output]) -> Iterator[AttitudeSample]:
+    """The attitudes of a filter, for a navigator that aligns: what it takes from them is the tilt and its deviation."""
+    for output in outputs:
+        if isinstance(output, AttitudeSolution):
+            yield AttitudeSample(output.stamp_ns, tuple(output.q_nb.tolist()), output.cov_n)
+        elif isinstance(output, AttitudeBlock):
+            for stamp, q_nb, tilt_sd, yaw_sd in zip(
+                output.stamps_ns.tolist(), output.q_nb.tolist(), output.tilt_sd, output.yaw_sd, strict=True
+            ):
+                yield AttitudeSample(stamp, tuple(q_nb), np.diag([tilt_sd**2, tilt_sd**2, yaw_sd**2]))
 
 
 def _is_imu_event(output: Output) -> bool:

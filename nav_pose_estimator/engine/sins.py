@@ -7,15 +7,18 @@ import math
 import numpy as np
 
 from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.core.alignment_types import KnownBiases
 from nav_pose_estimator.core.kalman import predicted_horizontal_sd
 from nav_pose_estimator.engine import filter_setup, rehearsal_flight, start_up
 from nav_pose_estimator.engine.engine_clock import NS
 from nav_pose_estimator.engine.filter_run import FilterRun, Origin
-from nav_pose_estimator.engine.imu_input import RESTARTS, ImuInput
+from nav_pose_estimator.engine.imu_input import GAP, RESTARTS, ImuInput
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, NavSolution, Output, Status
+
+_SHORT_GAP = 60.0  # s without IMU data over which its biases stay known
 
 
 class SinsEngine:
@@ -32,9 +35,9 @@ class SinsEngine:
         self._gnss_enabled = True
         self._run = self._new_run(None)
 
-    def _new_run(self, origin: Origin | None) -> FilterRun:
+    def _new_run(self, origin: Origin | None, known: KnownBiases | None = None) -> FilterRun:
         """A filter that has seen nothing; counters, origin and the operator's choice stay."""
-        return FilterRun(self.parameters, self._journal, origin, self._gnss_enabled)
+        return FilterRun(self.parameters, self._journal, origin, self._gnss_enabled, known)
 
     # --- public ------------------------------------------------------------------------------------------------------
 
@@ -86,9 +89,9 @@ class SinsEngine:
         self._restart(stamp_ns, reason)
         return list(self._journal.drain())
 
-    def _restart(self, stamp_ns: int, reason: str) -> None:
+    def _restart(self, stamp_ns: int, reason: str, known: KnownBiases | None = None) -> None:
         self._journal.say(stamp_ns, "reset", Level.WARN, f"the navigator starts again: {reason}")
-        self._run = self._new_run(self._run.origin)
+        self._run = self._new_run(self._run.origin, known)
 
     def status(self) -> Status:
         """What a pilot wants to know."""
@@ -166,7 +169,9 @@ class SinsEngine:
     def _note_imu(self, event: Event) -> None:
         self._journal.add(event)
         if event.name in RESTARTS and self._run.clock.running:
-            self._restart(event.stamp_ns, event.text)
+            # over a short gap the IMU stays as it is; a clock set back may be another flight
+            short = event.name == GAP and event.data["gap_s"] < _SHORT_GAP
+            self._restart(event.stamp_ns, event.text, self._run.known_biases if short else None)
 
     def _advance(self, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
         """Carry the filter over ``rows``; one block for each stretch of constant mode."""
@@ -199,10 +204,12 @@ class SinsEngine:
         now = float(times[0])
         if self.mode is Mode.AIDED and not now - run.gnss.last_used < self.parameters.navigator.lost_after:
             run.declare_loss(now)
-        limit = min(run.mode_deadline(now), run.timeline.next_observation())
+        if now >= run.rest_due:
+            run.look_for_rest(now)
+        limit = min(run.mode_deadline(now), run.timeline.next_observation(), run.rest_due)
         count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
         out = run.timeline.advance(rows[:count])
         now = float(times[count - 1])
         run.update_mode(now)
-        run.quiet_until = min(run.mode_deadline(now), run.timeline.next_observation())
+        run.quiet_until = min(run.mode_deadline(now), run.timeline.next_observation(), run.rest_due)
         return self._block(stamps_ns[:count], out)

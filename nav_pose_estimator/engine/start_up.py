@@ -11,7 +11,7 @@ import numpy as np
 from nav_pose_estimator.core import bias_wander, measurements
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.alignment import Aligner
-from nav_pose_estimator.core.alignment_types import Alignment, AlignmentSettings
+from nav_pose_estimator.core.alignment_types import Alignment, AlignmentSettings, KnownBiases
 from nav_pose_estimator.core.earth import enu_to_lla
 from nav_pose_estimator.core.kalman import correct, gated_correct
 from nav_pose_estimator.core.strapdown import flush_covariance, run_imu
@@ -32,7 +32,9 @@ _SAME_EPOCH = 0.05  # s: a fix and a velocity closer than this belong together
 class StartUp:
     """Pairs fixes with velocities for the aligner and keeps the few last velocities for a reset."""
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: Parameters, known: KnownBiases | None = None) -> None:
+        """``known``: the biases of the IMU where a navigator has just known them."""
+        self.known_biases = known
         self._use_mag = parameters.aids.magnetometer
         settings = {name: getattr(parameters.alignment, name) for name in AlignmentSettings.shared()}
         self._aligner = Aligner(
@@ -41,6 +43,7 @@ class StartUp:
                 accel_noise=parameters.imu.accel_noise,
                 declination=parameters.aids.declination,
                 lever_arm=parameters.gnss.lever_arm,
+                known=known,
                 **settings,
             )
         )
@@ -151,6 +154,7 @@ def warm_up(constants: np.ndarray, states: int) -> None:
         measurements.height(nav, states, 0.0),
         measurements.magnetic_heading(nav, states, 0.0, 1.0, 0.0, 0.0),
         measurements.horizontal_velocity(nav, states, 0.0, 0.0),
+        measurements.zero_velocity(nav, states),
     ):
         R = np.eye(len(z))
         gated_correct(nav, P, z, H, R, 10.0, 100.0)

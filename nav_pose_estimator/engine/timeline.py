@@ -165,6 +165,11 @@ class Timeline:
         """Time of the earliest observation that waits for the future, inf without one."""
         return self._observations[self._done].t if self._done < len(self._observations) else np.inf
 
+    def recent_rows(self, seconds: float) -> np.ndarray:
+        """The IMU rows (N, 7) of the last ``seconds``, as far as the memory reaches; not to be written to."""
+        rows = self._live()
+        return rows[np.searchsorted(rows[:, IMU_T], self.time - seconds, side="right") :]
+
     # --- input -------------------------------------------------------------------------------------------------------
 
     def observe(self, t: float, kind: str, arguments: tuple, priority: int = 5) -> bool:

@@ -3,14 +3,13 @@
 from collections.abc import Sequence
 from functools import partial
 
+from nav_pose_estimator.engine.modes import LEVELLING
 from nav_pose_estimator.engine.outage_learner import TrainingJob
 from nav_pose_estimator.engine.pose_estimator import PoseEstimator
-from nav_pose_estimator.engine.solutions import Mode, NavSolution
+from nav_pose_estimator.engine.solutions import NavSolution
 from nav_pose_estimator.ros import inputs, spin
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.outputs import NavigationOutput
-
-_LEVELLING = (Mode.WAITING_IMU, Mode.ALIGNING, Mode.NO_ORIGIN)
 
 
 def _leave_to_anfis_node(job: TrainingJob) -> None:
@@ -27,7 +26,7 @@ class SinsNode(EstimatorNode):
         for source in inputs.navigator_inputs(self.parameters):
             self.listen(source, needed=source.topic == "gps/fix")
         # wanted only until the filter runs
-        self.listen_raw(inputs.attitude_input(), lambda data: self.engine.mode in _LEVELLING)
+        self.listen_raw(inputs.attitude_input(), lambda data: self.engine.mode in LEVELLING)
         self.listen(inputs.prediction_input())
         self.offer_gnss_switch()
         self.get_logger().info("ready")

@@ -26,5 +26,7 @@ class AidParameters:
     body_velocity_rpy: tuple[float, ...] = param(
         (0.0, 0.0, 0.0), "rad", "Roll, pitch, yaw of the velocity sensor in the body frame", -3.2, 3.2
     )
-    zero_velocity: bool = param(True, "", "Hold the velocity at zero while the vehicle provably rests")
+    zero_velocity: bool = param(
+        True, "", "Hold the velocity at zero while the vehicle provably rests; needs navigator.memory of 1 s"
+    )
     zero_velocity_sd: float = param(0.05, "m/s", "Deviation of the velocity at rest", 0.001, 1.0, mutable=True)
