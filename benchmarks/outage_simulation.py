@@ -192,7 +192,9 @@ def mean_ratio(errors: np.ndarray) -> float:
 
 
 def table(header: Sequence[str], lines: list[list[str]]) -> str:
-    """Markdown."""
+    """Markdown; nothing without lines."""
+    if not lines:
+        return ""
     return "\n".join("| " + " | ".join(cells) + " |" for cells in [header, ["---"] * len(header), *lines])
 
 
@@ -262,20 +264,21 @@ def road_table(rows: list[Row]) -> str:
 
 
 def report(rows: list[Row], grades: Sequence[str], winds: Sequence[str]) -> str:
-    """All tables."""
+    """All tables of which there are data."""
     lost = len({(row.bag, row.start_s, row.length_s) for row in rows if row.status != "ok"})
     rows = comparable(rows)
     parts = [f"{lost} outages were left out for all methods because one had no estimate."] if lost else []
     for length in LENGTHS:
-        parts += [
-            f"Multirotor, {length:g} s: RMS end error [m] = ratio to {BASE} [95 % interval] (within 3 sigma, median of "
-            "error / sigma)",
-            cell_table(rows, length, grades, winds),
-            f"Multirotor, {length:g} s: ratio to {BASE}, geometric mean over the IMUs",
-            wind_table(rows, length, grades, winds),
-        ]
-    parts += [f"Road vehicle, {ROAD_GRADE}; the source text's figure is {ROAD_GOAL:.2f} m in 30 s", road_table(rows)]
-    return "\n\n".join(parts)
+        title = f"Multirotor, {length:g} s: RMS end error [m] = ratio to {BASE} [95 % interval]"
+        parts += _part(f"{title} (within 3 sigma, median of error / sigma)", cell_table(rows, length, grades, winds))
+        title = f"Multirotor, {length:g} s: ratio to {BASE}, geometric mean over the IMUs"
+        parts += _part(title, wind_table(rows, length, grades, winds))
+    title = f"Road vehicle, {ROAD_GRADE}; goal: median RMSE below {ROAD_GOAL:.2f} m in 30 s, the source text's figure"
+    return "\n\n".join(parts + _part(title, road_table(rows)))
+
+
+def _part(title: str, content: str) -> list[str]:
+    return [title, content] if content else []
 
 
 def names(text: str, known: Sequence[str], option: str) -> list[str]:

@@ -1,0 +1,23 @@
+"""Half-second epochs of the true motion, as the outage learning gets them from the navigator."""
+
+import numpy as np
+
+from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.core import motion_epochs as me
+from nav_pose_estimator.sim.scenarios import generate
+
+SECONDS = 150.0
+
+
+def epochs_of(scenario: str, seed: int) -> np.ndarray:
+    """Epochs (N, COLUMNS) of a vehicle under way, its velocity known to 3 cm/s."""
+    truth = generate(scenario, SECONDS, seed, "perfect", imu_rate=50.0).truth
+    rows = np.zeros((len(truth), at.OUT_COLUMNS))
+    rows[:, at.OUT_QUAT : at.OUT_QUAT + 4] = truth.q_nb
+    rows[:, at.OUT_VEL : at.OUT_VEL + 3] = truth.v_n
+    rows[:, at.OUT_FORCE : at.OUT_FORCE + 3] = truth.accel
+    rows[:, at.OUT_RATE : at.OUT_RATE + 3] = truth.gyro
+    epochs = np.array([me.epoch(truth.t[i + 24], rows[i : i + 25]) for i in range(25 * 40, len(rows) - 25, 25)])
+    noise = 0.03 * np.random.default_rng(seed).standard_normal((len(epochs), 3))
+    epochs[:, me.BODY_VELOCITY : me.VELOCITY] += noise
+    return epochs
