@@ -208,6 +208,7 @@ def _is_calm(rows: NDArray[np.float64]) -> bool:
     """
     if len(rows) < _PARTS or rows[-1, 0] - rows[0, 0] < 0.8 * Stillness.PERIOD:
         return False
-    spread = rows[:, 1:].std(axis=0)
-    rate, force = spread[:3].max(), spread[3:].max()
-    return bool(0.0 < rate < _CALM_RATE and 0.0 < force < _CALM_FORCE)
+    values = rows[:, 1:]
+    spread, changes = values.std(axis=0), (values != values[0]).any(axis=0)
+    calm = spread[:3].max() < _CALM_RATE and spread[3:].max() < _CALM_FORCE
+    return bool(calm and changes[:3].any() and changes[3:].any())

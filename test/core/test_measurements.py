@@ -27,6 +27,7 @@ def state() -> np.ndarray:
 
 
 CASES = {
+    "zero_velocity": (measurements.zero_velocity, ()),
     "gnss_position": (measurements.gnss_position, (0.80001, 0.20002, 290.0, LEVER)),
     "gnss_velocity": (measurements.gnss_velocity, (np.array([3.0, -6.0, 1.0]), LEVER)),
     "horizontal_position": (measurements.horizontal_position, (0.80001, 0.20002)),

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nav_pose_estimator.core.rest import RestDetector, RestSettings
+from nav_pose_estimator.core.rest import RestDetector, RestSettings, Stillness
 
 SETTINGS = RestSettings(window=2.0, gyro_sd=0.02, accel_sd=0.35, rate=0.1, force=0.8)
 LEVEL = np.array([0.0, 0.0, 9.80665])
@@ -83,3 +83,72 @@ def test_a_large_offset_costs_no_digits(rate, force):
     detector = RestDetector(SETTINGS)
     _, w, *_ = run(detector, 3.0, gyro=(rate, 0, 0), accel=(force, 0, 0), gyro_sd=1e-5, accel_sd=1e-4)
     assert detector.rate_sd[0] == pytest.approx(w[-200:, 0].std(), rel=0.15)
+
+
+def still(spoil=None, seconds=3, rate=100, noise=(1e-3, 0.02), seed=1):
+    """What ``Stillness`` says after each second of noise around a small bias; ``spoil(t, rows)`` adds to the rows."""
+    rng = np.random.default_rng(seed)
+    proof, said = Stillness(), []
+    for second in range(seconds):
+        t = second + np.arange(rate) / rate
+        rate_noise, force_noise = (rng.normal(0.0, sd, (rate, 3)) for sd in noise)
+        rows = np.column_stack([t, np.array([0.004, 0.0, -0.002]) + rate_noise, LEVEL + force_noise])
+        if spoil is not None:
+            spoil(t, rows)
+        said.append(proof.add(rows))
+    return said
+
+
+@pytest.mark.parametrize("rate", [20, 50, 200, 1000])
+def test_three_still_seconds_are_proof_and_give_the_rate(rate):
+    first, second, third = still(rate=rate)
+    assert first is None
+    assert second is None
+    np.testing.assert_allclose(third, [0.004, 0.0, -0.002], atol=5e-4)
+
+
+def add(column, wave):
+    def spoil(t, rows):
+        rows[:, column] += wave(t)
+
+    return spoil
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        add(1, lambda t: 0.03 * np.sin(2.0 * np.pi * 23.0 * t)),  # an idling motor
+        add(6, lambda t: 0.6 * np.sin(2.0 * np.pi * 31.0 * t)),
+        add(2, lambda t: 0.006 * np.sin(2.0 * np.pi * 0.4 * t)),  # a hover that sways
+        add(4, lambda t: 0.1 * np.sin(2.0 * np.pi * 0.3 * t)),
+    ],
+    ids=["shaken", "rattled", "swaying", "pushed"],
+)
+def test_what_shakes_or_sways_is_not_still(spoil):
+    assert still()[-1] is not None
+    assert still(spoil, seconds=8) == [None] * 8
+
+
+def test_a_stuck_sensor_proves_nothing():
+    assert still(noise=(0.0, 0.02), seconds=5) == [None] * 5
+    assert still(noise=(1e-3, 0.0), seconds=5) == [None] * 5
+
+
+def test_a_second_with_holes_begins_the_proof_anew():
+    proof = Stillness()
+    rng = np.random.default_rng(2)
+
+    def second(start, length):
+        t = start + np.arange(0.0, length, 0.01)
+        noise = rng.normal(0.0, 1e-3, (len(t), 6))
+        return np.column_stack([t, noise + np.array([0.0, 0.0, 0.0, *LEVEL])])
+
+    lengths = (1.0, 1.0, 0.6, 1.0, 1.0, 1.0)
+    said = [proof.add(second(float(k), length)) is not None for k, length in enumerate(lengths)]
+    assert said == [False, False, False, False, False, True]
+
+
+def test_a_known_offset_tells_a_turn_from_a_bias():
+    offset = RestSettings(window=2.0, gyro_sd=0.02, accel_sd=0.35, rate=0.03, force=0.8, offset=(0.1, 0.0, 0.0))
+    assert run(RestDetector(offset), 4.0, gyro=(0.1, 0.0, 0.0))[-1][-1]
+    assert not run(RestDetector(offset), 4.0, gyro=(0.1, 0.0, 0.1))[-1].any()

@@ -94,6 +94,23 @@ def test_blocks_and_single_samples_are_equal_bit_for_bit(flight: Recording) -> N
     np.testing.assert_array_equal([s.q_nb for s in solutions], rows[:, at.OUT_QUAT : at.OUT_RATE])
 
 
+def test_a_start_in_the_air_is_the_same_for_blocks_and_single_samples() -> None:
+    """GIVEN a recording that begins in flight WHEN the attitude filter helps to level
+    THEN the start is that of single samples, bit for bit, and not that without the help."""
+    recording = generate("start_in_air", duration=40.0, seed=6, imu_rate=100.0)
+    samples = list(recording.samples())
+    blocks, singles = PoseEstimator(), PoseEstimator()
+    alone = PoseEstimator(attitude=False)
+    for sample in samples:
+        blocks.feed(sample)
+        alone.feed(sample)
+        for single in in_singles(sample):
+            singles.feed(single)
+    assert blocks.mode is Mode.AIDED
+    np.testing.assert_array_equal(blocks.sins.nominal_state(), singles.sins.nominal_state())
+    assert not np.array_equal(blocks.sins.nominal_state(), alone.sins.nominal_state())
+
+
 def in_singles(sample: Sample) -> list[Sample]:
     if not isinstance(sample, ImuBlock):
         return [sample]
