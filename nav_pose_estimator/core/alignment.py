@@ -139,14 +139,14 @@ class Aligner:
 
     def imu(self, t: float, gyro: np.ndarray, accel: np.ndarray) -> None:
         """One IMU sample: rate [rad/s] and specific force [m/s^2] in b."""
-        if t <= self._now or self._complete:
+        if t <= self._now or self.is_complete:
             return
         self._now = t
         self._rows.append((t, gyro[0], gyro[1], gyro[2], accel[0], accel[1], accel[2]))
         self._rest.update(t, gyro, accel)
         while self._fixes and self._fixes[0].t <= t:
             self._take(self._fixes.popleft())
-        if self._complete:
+        if self.is_complete:
             return
         if self._is_resting():
             self._learn_from_rest()
@@ -194,7 +194,7 @@ class Aligner:
 
     def waiting_for(self) -> str:
         """What is missing, one sentence; empty when nothing is."""
-        if self._complete:
+        if self.is_complete:
             return ""
         if self._done is not None:
             return "Level and heading are known; waiting for a GNSS fix."
@@ -218,7 +218,8 @@ class Aligner:
         return "Waiting for GNSS to show the vehicle's motion."
 
     @property
-    def _complete(self) -> bool:
+    def is_complete(self) -> bool:
+        """True once there is a result with a position: later samples change nothing."""
         return self._done is not None and self._done.has_position
 
     # --- rest --------------------------------------------------------------------------------------------------------
@@ -267,7 +268,7 @@ class Aligner:
 
     def _take(self, fix: _Fix) -> None:
         """Let a fix act at its time, which the IMU has reached."""
-        if self._is_resting() or self._complete:
+        if self._is_resting() or self.is_complete:
             return
         # Without acceleration nothing is learned of the heading: a bank does not start while the IMU rests, even
         # though a receiver that has just been switched on may report motion.

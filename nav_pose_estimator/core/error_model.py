@@ -75,7 +75,6 @@ from nav_pose_estimator.core.triples import (
 Array = NDArray[np.float64]
 
 EAST, NORTH, UP = 0, 1, 2
-LANES = 16  # columns that are worked on at once: all of the base states
 
 
 def system_matrix(nav: Array, constants: Array, states: int, f_n: Array, w_b: Array) -> Array:
@@ -160,57 +159,67 @@ def _propagate_by_shears(P, F, constants, T):
 
 @inlined
 def scratch(n):
-    """Working space of the covariance steps of ``n`` states: the system matrix and ``_shear_all``'s columns.
-
-    Rows are at least ``LANES`` wide, so that the loop over the base states has a constant length.
-    """
-    return np.zeros((2 * n + 4, max(n, LANES)))
+    """Working space of the covariance steps of ``n`` states: the system matrix and three rows for ``_shear``."""
+    return np.zeros((n + 3, n))
 
 
 @inlined
 def _shear_all(P, F, constants, T, W):
-    """``_propagate_by_shears`` with working space ``W`` (n + 4, width): P, three rows for ``_shear``, the decays."""
+    """``_propagate_by_shears`` with working space ``W`` (3, n).
+
+    All are the same code: with a number of states that the compiler knows, loops become a few vector instructions.
+    """
     n = P.shape[0]
-    decay = n + 3
+    if n == BASE_STATES + GYRO_MATRIX_STATES:
+        _shear_in(P, F, constants, T, W, BASE_STATES + GYRO_MATRIX_STATES)
+    elif n == BASE_STATES:
+        _shear_in(P, F, constants, T, W, BASE_STATES)
+    else:
+        _shear_in(P, F, constants, T, W, n)
+
+
+@inlined
+def _shear_in(P, F, constants, T, W, n):
     _add_noise(P, constants, 0.5 * T)
-    for i in range(n):
-        W[decay, i] = math.exp(0.5 * T * F[i, i]) if i >= D_GYRO_BIAS and F[i, i] != 0.0 else 1.0
-    for i in range(n):
-        for k in range(n):
-            W[i, k] = W[decay, i] * W[decay, k] * P[i, k]
-    _shear(W, F, DVEL, 0.5 * T)
-    _shear(W, F, PHI, T)
-    _shear(W, F, DPOS, T)
-    _shear(W, F, DVEL, 0.5 * T)
-    for i in range(n):
-        for k in range(n):
-            P[i, k] = W[decay, i] * W[decay, k] * W[i, k]
+    _decay(P, F, 0.5 * T, n)
+    _shear(P, F, W, DVEL, 0.5 * T, n)
+    _shear(P, F, W, PHI, T, n)
+    _shear(P, F, W, DPOS, T, n)
+    _shear(P, F, W, DVEL, 0.5 * T, n)
+    _decay(P, F, 0.5 * T, n)
     _add_noise(P, constants, 0.5 * T)
 
 
 @inlined
-def _shear(W, F, b, T):
-    """``W <- S W S'`` with S = I + T F[b:b+3] in rows b to b+2: three states grow by their rates.
+def _decay(P, F, T, n):
+    """Biases and wind fade by exp(F_ii T), rows and columns alike. Neighbours mostly share their rate."""
+    rate, factor = 0.0, 1.0
+    for i in range(D_GYRO_BIAS, n):
+        if F[i, i] != rate:
+            rate = F[i, i]
+            factor = math.exp(T * rate)
+        if rate != 0.0:
+            for k in range(n):
+                P[i, k] *= factor
+            for k in range(n):
+                P[k, i] *= factor
 
-    ``W`` is symmetric in its first n rows and columns and zero beyond; three rows below them are scratch.
-    """
-    n, width = F.shape[0], W.shape[1]
-    x, y, z = n, n + 1, n + 2
-    for k in range(width):
-        W[x, k] = W[b, k]
-        W[y, k] = W[b + 1, k]
-        W[z, k] = W[b + 2, k]
+
+@inlined
+def _shear(P, F, W, b, T, n):
+    """``P <- S P S'`` with S = I + T F[b:b+3] in rows b to b+2: three states grow by their rates."""
+    x, y, z = 0, 1, 2
+    for k in range(n):
+        W[x, k] = P[b, k]
+        W[y, k] = P[b + 1, k]
+        W[z, k] = P[b + 2, k]
     for j in range(n):
         c0, c1, c2 = T * F[b, j], T * F[b + 1, j], T * F[b + 2, j]
         if c0 != 0.0 or c1 != 0.0 or c2 != 0.0:
-            for k in range(LANES):  # a constant number: four vector registers
-                W[x, k] += c0 * W[j, k]
-                W[y, k] += c1 * W[j, k]
-                W[z, k] += c2 * W[j, k]
-            for k in range(LANES, width):
-                W[x, k] += c0 * W[j, k]
-                W[y, k] += c1 * W[j, k]
-                W[z, k] += c2 * W[j, k]
+            for k in range(n):
+                W[x, k] += c0 * P[j, k]
+                W[y, k] += c1 * P[j, k]
+                W[z, k] += c2 * P[j, k]
     # The block on the diagonal takes the shear from the other side, too; six sums side by side keep the adders busy.
     s00, s10, s11, s20, s21, s22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(n):
@@ -230,8 +239,8 @@ def _shear(W, F, b, T):
     W[x, b + 1], W[x, b + 2], W[y, b + 2] = W[y, b], W[z, b], W[z, b + 1]
     for i in range(3):
         for k in range(n):
-            W[b + i, k] = W[n + i, k]
-            W[k, b + i] = W[n + i, k]
+            P[b + i, k] = W[i, k]
+            P[k, b + i] = W[i, k]
 
 
 def _propagate_by_products(P, F, constants, T, space=None):

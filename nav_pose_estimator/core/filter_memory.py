@@ -118,11 +118,9 @@ def stand_at(memory, imu_row):
     """Bring the filter to the time of ``imu_row`` (7,), unless it is there, and P with it: ready for an observation."""
     n = int(memory[STATES])
     nav, constants, P = memory[NAV:CONSTANTS], memory[CONSTANTS:ORIGIN], memory[HEAD : HEAD + n * n].reshape(n, n)
-    space = scratch(n)
-    if integrate(nav, constants, imu_row[IMU_T], load3(imu_row, IMU_GYRO), load3(imu_row, IMU_ACCEL)):
-        covariance_step_in(nav, P, constants, space)
+    integrate(nav, constants, imu_row[IMU_T], load3(imu_row, IMU_GYRO), load3(imu_row, IMU_ACCEL))
     if nav[SUM_TIME] > 0.0:
-        covariance_step_in(nav, P, constants, space)
+        covariance_step_in(nav, P, constants, scratch(n))
 
 
 @kernel

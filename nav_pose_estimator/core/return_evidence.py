@@ -17,6 +17,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from nav_pose_estimator.core.kalman import innovation
+
 Array = NDArray[np.float64]
 
 
@@ -36,10 +38,5 @@ def unexplained(z: Array, H: Array, P: Array, R: Array, position_rows: int = 3) 
 
 
 def distance(z: Array, H: Array, P: Array, R: Array) -> float:
-    """Mahalanobis distance of an innovation; arguments and exceptions as for ``unexplained``."""
-    try:
-        S = H @ P @ H.T + R
-        square = float(z @ np.linalg.solve(S, z))
-    except np.linalg.LinAlgError:
-        return math.inf
-    return math.sqrt(square) if 0.0 <= square < math.inf else math.inf
+    """Mahalanobis distance of an innovation; arguments as for ``unexplained``, infinite in the same cases."""
+    return math.sqrt(innovation(P, z, H, np.ascontiguousarray(R)))

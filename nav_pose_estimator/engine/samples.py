@@ -3,6 +3,7 @@
 ``None`` means unknown: a sensor that gives no covariance gives ``None``, never an invented number.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,22 @@ class ImuBlock:
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
+
+
+def joined(parts: Sequence[ImuSample | ImuBlock]) -> ImuBlock:
+    """Consecutive IMU samples and blocks as one block."""
+    if len(parts) == 1 and isinstance(parts[0], ImuBlock):
+        return parts[0]
+    singles = [part for part in parts if isinstance(part, ImuSample)]
+    if len(singles) == len(parts):
+        stamps = np.array([sample.stamp_ns for sample in singles])
+        return ImuBlock(stamps, np.array([s.gyro for s in singles]), np.array([s.accel for s in singles]))
+    blocks = [part if isinstance(part, ImuBlock) else joined([part]) for part in parts]
+    return ImuBlock(
+        np.concatenate([block.stamps_ns for block in blocks]),
+        np.concatenate([block.gyro for block in blocks]),
+        np.concatenate([block.accel for block in blocks]),
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,8 +53,12 @@ class StartUp:
         self.time = 0.0
 
     def copy(self) -> StartUp:
-        """An independent copy."""
-        return copy.deepcopy(self)
+        """An independent copy. A finished aligner takes nothing in any more: copies share it, and what it holds."""
+        if not self._aligner.is_complete:
+            return copy.deepcopy(self)
+        twin = copy.copy(self)
+        twin._velocities = self._velocities.copy()
+        return twin
 
     def imu(self, row: np.ndarray) -> None:
         """One IMU row [t, gyro, accel] in body axes."""

@@ -25,6 +25,7 @@ from nav_pose_estimator.engine.samples import (
     Sample,
     SatelliteCount,
     SetPose,
+    joined,
 )
 from nav_pose_estimator.engine.sins import SinsEngine
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
@@ -35,6 +36,7 @@ _LENGTH_NS = 30_000_000_000
 _PERIOD_NS = 60_000_000_000
 _KEPT = 6  # rehearsals that count
 _LEAST = 3  # with fewer, chance decides
+_LONGEST_WAIT_NS = 2_000_000_000  # four epochs: only where the navigator has no solution that would end one
 _FROM_GNSS = (GnssFix, GnssVelocity, SatelliteCount, SetPose)
 
 
@@ -66,7 +68,8 @@ class VirtualOutages:
 
     def __init__(self) -> None:
         self._contestants: dict[str, Contestant] = {}
-        self._waiting: list[ImuSample] = []  # IMU samples that the copies get as one block: a tenth of the work
+        self._waiting: list[Sample] = []  # what the copies get at the end of the epoch, all IMU samples as one block
+        self._waiting_since = 0  # ns, IMU stamp
         self._next_ns = 0
         self._until_ns = 0
         self._squares: deque[dict[str, float]] = deque(maxlen=_KEPT)  # errors at the end, m^2
@@ -98,11 +101,12 @@ class VirtualOutages:
         """Hand a sample to the copies; nothing that comes from GNSS reaches them."""
         if not self._contestants or isinstance(sample, _FROM_GNSS):
             return
-        if isinstance(sample, ImuSample):
-            self._waiting.append(sample)
-            return
-        self._catch_up()
-        self._fly(sample)
+        self._waiting.append(sample)
+        if isinstance(sample, (ImuSample, ImuBlock)):
+            stamp = sample.stamp_ns if isinstance(sample, ImuSample) else int(sample.stamps_ns[-1])
+            self._waiting_since = self._waiting_since or stamp
+            if not 0 <= stamp - self._waiting_since <= _LONGEST_WAIT_NS:
+                self._catch_up()
 
     def is_due(self, stamp_ns: int, sins: SinsEngine) -> bool:
         """Called several times a second behind ``feed``; judges what has ended. True when ``start`` is to be called."""
@@ -138,13 +142,17 @@ class VirtualOutages:
         return any(one.sins.mode not in (*DENIED, Mode.AIDED) for one in self._contestants.values())
 
     def _catch_up(self) -> None:
-        """Fly the copies up to the last IMU sample."""
-        if self._waiting:
-            stamps = np.array([sample.stamp_ns for sample in self._waiting])
-            gyro = np.array([sample.gyro for sample in self._waiting])
-            accel = np.array([sample.accel for sample in self._waiting])
-            self._waiting.clear()
-            self._fly(ImuBlock(stamps, gyro, accel))
+        """Fly the copies up to the last IMU sample: a quarter of the work that each sample by itself would be.
+
+        The other samples go ahead of the IMU's: an observation acts at its own time, however early it is known.
+        """
+        waiting, self._waiting, self._waiting_since = self._waiting, [], 0
+        imu = [sample for sample in waiting if isinstance(sample, (ImuSample, ImuBlock))]
+        for sample in waiting:
+            if not isinstance(sample, (ImuSample, ImuBlock)):
+                self._fly(sample)
+        if imu:
+            self._fly(joined(imu))
 
     def _fly(self, sample: Sample) -> None:
         for contestant in self._contestants.values():
@@ -153,3 +161,4 @@ class VirtualOutages:
     def _stop(self) -> None:
         self._contestants.clear()
         self._waiting.clear()
+        self._waiting_since = 0

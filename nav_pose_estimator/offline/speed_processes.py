@@ -57,13 +57,16 @@ def _read_with_rosbags(path: Path, count: int) -> None:
 
 
 def replays(scratch: Path) -> list[Figure]:
-    """Replay in a process of its own, as a user starts it; all but the first run find the kernels compiled."""
+    """Replay in a process of its own, as a user starts it: default configuration, learner on, method ``best``.
+
+    All but the first run find the kernels compiled.
+    """
     figures = []
     for seconds, goal, tries in ((SECONDS, 240.0, _TRIES), (_LONG, 600.0, 2)):
         bag = scratch / f"flight_{seconds:.0f}"
         write_flight_bag(bag, seconds)
         command = [sys.executable, "-m", "nav_pose_estimator", "replay", str(bag), "--outage", "300:30"]
-        command += ["--method", "coast", "--out", str(scratch / "out")]
+        command += ["--out", str(scratch / "out")]
         walls, processor, alone = [], [], []
         for _ in range(tries):
             before = os.times()

@@ -30,7 +30,7 @@ def constants(gyro_matrix_states: bool) -> np.ndarray:
         gyro_bias_tau=1e9,
         accel_bias_sd=30.0,
         accel_bias_tau=1e9,
-        covariance_period=0.02,
+        covariance_period=0.04,
         gap_dt=1.0,
         gap_rate_sd=0.0,
         gap_accel_sd=0.0,

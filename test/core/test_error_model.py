@@ -171,6 +171,22 @@ def test_covariance_step_is_of_second_order(form, T):
     assert deviations[1] < 0.3 * deviations[0]
 
 
+@pytest.mark.parametrize("wind_drag", [False, True])
+@pytest.mark.parametrize("gyro_matrix", [False, True])
+def test_step_is_the_same_for_every_number_of_states(wind_drag, gyro_matrix):
+    numbers = constants(wind_drag_states=wind_drag, gyro_matrix_states=gyro_matrix)
+    n, T = state_count(numbers), 0.04
+    force, rate = np.array([1.0, 2.0, 9.7]), np.array([0.1, 0.2, 0.5])
+    F = error_model.system_matrix(cruising(), numbers, n, force, rate)
+    P0 = random_covariance(n)
+    by_shears, by_products = P0.copy(), P0.copy()
+    error_model._propagate_by_shears(by_shears, F, numbers, T)
+    error_model._propagate_by_products(by_products, F, numbers, T)
+    sd = np.sqrt(np.diag(P0))
+    assert np.array_equal(by_shears, by_shears.T)
+    assert np.abs((by_shears - by_products) / np.outer(sd, sd)).max() < 0.4 * T**3
+
+
 def test_step_uses_the_sums_and_empties_them():
     numbers, nav = constants(covariance_period=0.02), survey().nav(0.0)
     P = random_covariance(ALL_STATES)

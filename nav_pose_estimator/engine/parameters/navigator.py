@@ -9,7 +9,7 @@ from nav_pose_estimator.engine.parameter_schema import param
 class NavigatorParameters:
     """The filter, its optional states, its memory and the times that separate its modes."""
 
-    covariance_period: float = param(0.02, "s", "Time between covariance steps", 0.001, 1.0)
+    covariance_period: float = param(0.04, "s", "Time between covariance steps", 0.001, 1.0)
     memory: float = param(1.5, "s", "How old an observation may be when it arrives", 0.1, 10.0)
     gyro_matrix_states: bool = param(True, "", "Estimate the gyroscope's scale factors and misalignments (9 states)")
     gyro_matrix_sd: float = param(

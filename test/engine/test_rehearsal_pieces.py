@@ -1,0 +1,51 @@
+"""Rehearsals of outages in flight: the same result whatever the pieces in which the samples come."""
+
+import pytest
+
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, joined
+from nav_pose_estimator.engine.virtual_outages import COAST
+from nav_pose_estimator.offline.plain_flight import samples
+
+SECONDS = 70.0  # a rehearsal begins after 20 s of aided flight and takes 30 s
+
+
+def one_by_one(flight: list) -> list:
+    out: list = []
+    for sample in flight:
+        if isinstance(sample, ImuBlock):
+            rows = zip(sample.stamps_ns.tolist(), sample.gyro.tolist(), sample.accel.tolist(), strict=True)
+            out += [ImuSample(t, tuple(w), tuple(f)) for t, w, f in rows]
+        else:
+            out.append(sample)
+    return out
+
+
+@pytest.fixture(scope="module")
+def flight() -> list:
+    return samples(SECONDS, 100.0)
+
+
+def test_rehearsal_does_not_depend_on_the_size_of_the_pieces(flight):
+    # GIVEN a flight with magnetometer and GNSS between the IMU samples
+    # WHEN it comes in blocks, as in a replay, and sample by sample, as in the node
+    estimators = PoseEstimator(Parameters()), PoseEstimator(Parameters())
+    for estimator, pieces in zip(estimators, (flight, one_by_one(flight)), strict=True):
+        for sample in pieces:
+            estimator.feed(sample)
+    # THEN the same rehearsals have been flown, to the last bit
+    blocks, singles = (estimator.outage_aid.rehearsals for estimator in estimators)
+    assert blocks.rehearsals == singles.rehearsals >= 1
+    assert blocks.rms(COAST) == singles.rms(COAST)
+    assert blocks.rms("regimes") == singles.rms("regimes") is not None
+
+
+def test_samples_and_blocks_join_to_one_block(flight):
+    blocks = [sample for sample in flight if isinstance(sample, ImuBlock)][:3]
+    whole = joined(blocks)
+    for parts in (one_by_one(blocks), [*one_by_one(blocks[:1]), *blocks[1:]], [whole]):
+        again = joined(parts)
+        assert again.stamps_ns.tolist() == whole.stamps_ns.tolist()
+        assert again.gyro.tolist() == whole.gyro.tolist()
+        assert again.accel.tolist() == whole.accel.tolist()
