@@ -219,8 +219,9 @@ def _method(cell: Cell, i: int) -> str:
 
 
 def _with_interval(errors: np.ndarray, seed: np.ndarray, statistic) -> str:
+    """The statistic with its interval; without one where a single flight says nothing of another."""
     low, high = bootstrap(errors, seed, statistic, seed=1)
-    return f"{statistic(errors):.2f} [{low:.2f}, {high:.2f}]"
+    return f"{statistic(errors):.2f}" + (f" [{low:.2f}, {high:.2f}]" if np.isfinite(low) else "")
 
 
 def wind_table(rows: list[Row], length: float, grades: Sequence[str], winds: Sequence[str]) -> str:
@@ -253,9 +254,8 @@ def road_table(rows: list[Row]) -> str:
         if not len(cell.seed):
             continue
         for i, way in enumerate(WAYS):
-            low, high = bootstrap(cell.rmse[:, i], cell.seed, np.median, seed=1)
             within = f"{100.0 * np.mean(cell.errors[:, i] <= 3.0 * cell.sigma[:, i]):.0f} %"
-            size = f"{np.median(cell.rmse[:, i]):.2f} [{low:.2f}, {high:.2f}]"
+            size = _with_interval(cell.rmse[:, i], cell.seed, np.median)
             ends = f"{np.median(cell.errors[:, i]):.2f}", f"{rms(cell.errors[:, i]):.2f}"
             lines.append([f"{length:g} s", str(len(cell.seed)), way, size, *ends, within])
     return table(
