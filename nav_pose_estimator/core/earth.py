@@ -199,3 +199,10 @@ def enu_to_lla(enu: ArrayLike, origin_lat: float, origin_lon: float, origin_h: f
     """Latitude, longitude [rad] and height [m] (...) of positions (..., 3) in the local frame of the origin; exact."""
     offset = np.asarray(enu, dtype=float) @ ecef_to_enu_matrix(origin_lat, origin_lon)
     return ecef_to_lla(offset + lla_to_ecef(origin_lat, origin_lon, origin_h))
+
+
+def step_enu(before: Array, after: Array) -> Array:
+    """From one geodetic position (3,) to another near by, (3,) [m, ENU]: small against the Earth."""
+    r_m, r_n = radii(after[0])
+    d_lat, d_lon, d_alt = (after - before).tolist()
+    return np.array([d_lon * (r_n + after[2]) * math.cos(after[0]), d_lat * (r_m + after[2]), d_alt])

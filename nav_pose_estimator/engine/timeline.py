@@ -16,9 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nav_pose_estimator.core import filter_memory as memory
-from nav_pose_estimator.core.earth import radii
+from nav_pose_estimator.core.earth import step_enu
 from nav_pose_estimator.core.layout import (
-    ALT,
     IMU_COLUMNS,
     IMU_T,
     LAT,
@@ -232,7 +231,7 @@ class Timeline:
         else:
             self._act_now(now)
         self.replaying = False
-        self.shift = self.shift + step_enu(before, self.nav)
+        self.shift = self.shift + step_enu(before, self.nav[LAT:VEL])
 
     # --- inside ------------------------------------------------------------------------------------------------------
 
@@ -315,7 +314,7 @@ class Timeline:
                 self._apply(observation, nav, P)
             self._mix(self.branches)
         if not self.replaying:
-            self.shift = self.shift + step_enu(before, self.nav)
+            self.shift = self.shift + step_enu(before, self.nav[LAT:VEL])
 
     def _weigh(self, evidence: MotionEvidence) -> None:
         """Let the hypotheses of an outage act, on branches that are made when there are none yet."""
@@ -395,10 +394,3 @@ class Timeline:
     def _drop_rows_before(self, t: float) -> None:
         # the row at or before t stays: point-sampled data interpolate from it
         self._first += max(int(np.searchsorted(self._live()[:, IMU_T], t)) - 1, 0)
-
-
-def step_enu(before: np.ndarray, nav: np.ndarray) -> np.ndarray:
-    """A correction of the position (3,) [m, ENU], which is small against the Earth."""
-    r_m, r_n = radii(nav[LAT])
-    d_lat, d_lon, d_alt = (nav[LAT:VEL] - before).tolist()
-    return np.array([d_lon * (r_n + nav[ALT]) * math.cos(nav[LAT]), d_lat * (r_m + nav[ALT]), d_alt])

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.core.earth import step_enu
 from nav_pose_estimator.engine.epochs import EpochCollector, last_stamp
 from nav_pose_estimator.engine.habits import MotionKnowledge
 from nav_pose_estimator.engine.modes import DENIED
@@ -29,7 +30,6 @@ from nav_pose_estimator.engine.samples import (
 )
 from nav_pose_estimator.engine.sins import SinsEngine
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
-from nav_pose_estimator.engine.timeline import step_enu
 
 COAST = "coast"
 _LENGTH_NS = 30_000_000_000
@@ -133,7 +133,7 @@ class VirtualOutages:
     def _judge(self, truth: np.ndarray) -> None:
         errors = {}
         for name, contestant in self._contestants.items():
-            east, north, _ = step_enu(truth[at.LAT : at.VEL], contestant.sins.nominal_state())
+            east, north, _ = step_enu(truth[at.LAT : at.VEL], contestant.sins.nominal_state()[at.LAT : at.VEL])
             errors[name] = float(east**2 + north**2)
         self._squares.append(errors)
 
