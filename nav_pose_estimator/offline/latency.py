@@ -128,7 +128,8 @@ class _Stream:
     """The data in arrays, so that a trial only merges them anew."""
 
     def __init__(self, recording: Recording, parameters: Parameters, until: float, window: float) -> None:
-        self._parameters = update(parameters, {"gnss.delay": 0.0})
+        # a rest that is found at one delay and not at the next would be a step in what is to be minimised
+        self._parameters = update(parameters, {"gnss.delay": 0.0, "aids.zero_velocity": False})
         limit = recording.epoch_ns + round(min(until, recording.duration + 1.0) * 1e9)
         start = self._start(recording, limit)
         limit = min(limit, start + round(window * 1e9))
