@@ -59,6 +59,7 @@ _UNSEEN_HOVER = 10.0  # s of hovering that the guess about it is worth
 _CLEARLY = 0.9  # part of one rule's squared error below which more rules are better
 _SLIPS = 0.01  # part of the squared speed ahead that the sideways one of a vehicle on wheels is below
 _GUIDED = 0.2  # factor on the squared errors ahead and sideways, multiplied, that leaving out a wind must reach
+_GUIDED_TIME = 60.0  # s: a drone, too, may fly straight on for a while
 _STRANGE = 10.0  # factor on the noise of a prediction far from the training data
 
 
@@ -247,6 +248,8 @@ def _is_guided(epochs: Array, blocks: list[Array]) -> bool:
 
     Better over both horizontal axes: without a wind a drone that flies nose first gains sideways and loses more ahead.
     """
+    if len(epochs) * PERIOD < _GUIDED_TIME:
+        return False
     ahead, sideways, _ = np.square(epochs[:, BODY_VELOCITY:VELOCITY]).mean(axis=0)
     if sideways > _SLIPS * ahead:
         return False
