@@ -61,6 +61,12 @@ def test_the_estimator_outlives_its_sensors(launch, observer) -> None:
     assert node.stop(signal.SIGINT) == 0, node.text()
 
 
+def has_flown(poses: list, last_ns: int) -> bool:
+    """Whether a lap has come to its end; stragglers of the lap before, which lie near its end, do not make one."""
+    stamps = [convert.stamp_ns(pose) for pose in poses]
+    return bool(stamps) and min(stamps) < last_ns - 10**9 and stamps[-1] >= last_ns - 2 * 10**8
+
+
 def test_pain_10_a_bag_in_a_loop_gives_the_same_lap_twice(launch, observer) -> None:
     """GIVEN a bag WHEN it is played twice in a loop THEN time goes back, one warning says so, and lap two is lap one
     (but for the order in which DDS delivers topics; through the callbacks test_nodes.py compares bit for bit)."""
@@ -85,7 +91,7 @@ def test_pain_10_a_bag_in_a_loop_gives_the_same_lap_twice(launch, observer) -> N
     for _ in range(2):
         play(samples, publishers, observer)
         last = max(s.stamp_ns for s in samples if s.stamp_ns)
-        observer.until(lambda last=last: poses and convert.stamp_ns(poses[-1]) >= last - 200_000_000, "the lap's end")
+        observer.until(lambda last=last: has_flown(poses, last), "the lap's end")
         laps.append({convert.stamp_ns(pose): convert.vector(pose.pose.pose.position) for pose in poses})
         poses.clear()
     common = laps[0].keys() & laps[1].keys()
