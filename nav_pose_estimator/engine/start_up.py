@@ -14,7 +14,6 @@ from nav_pose_estimator.core.alignment import Aligner
 from nav_pose_estimator.core.alignment_types import Alignment, AlignmentSettings, KnownBiases
 from nav_pose_estimator.core.earth import enu_to_lla
 from nav_pose_estimator.core.kalman import correct, gated_correct
-from nav_pose_estimator.core.strapdown import flush_covariance, run_imu
 from nav_pose_estimator.core.vertical_channel import gated_height
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
@@ -143,13 +142,10 @@ def set_pose(nav: np.ndarray, P: np.ndarray, sample: SetPose, origin: tuple[floa
 
 
 def warm_up(constants: np.ndarray, states: int) -> None:
-    """Call every kernel of the navigator once on harmless numbers."""
+    """Call every kernel of the observations once on harmless numbers; a rehearsed flight calls those of the IMU."""
     nav = np.zeros(at.NAV_SIZE)
     nav[at.QUAT] = 1.0
     P = np.eye(states)
-    rows = np.array([[0.005, 0.0, 0.0, 0.0, 0.0, 0.0, 9.8], [0.010, 0.0, 0.0, 0.0, 0.0, 0.0, 9.8]])
-    run_imu(nav, P, constants, rows, np.empty((2, at.OUT_COLUMNS)))
-    flush_covariance(nav, P, constants)
     zero = np.zeros(3)
     for z, H in (
         measurements.gnss_position(nav, states, 0.0, 0.0, 0.0, zero),

@@ -155,11 +155,6 @@ class Timeline:
         twin._tidy_at, twin.running = self._tidy_at, self.running
         return twin
 
-    @property
-    def is_settled(self) -> bool:
-        """False while an observation from the past waits to act."""
-        return self._dirty is None
-
     def next_observation(self) -> float:
         """Time of the earliest observation that waits for the future, inf without one."""
         return self._observations[self._done].t if self._done < len(self._observations) else np.inf
