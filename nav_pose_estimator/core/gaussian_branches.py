@@ -154,13 +154,14 @@ def _mean_longitude(longitudes, weights):
     return wrap_angle(longitudes[0] + shift)
 
 
-def with_wind(P: Array, variance: float) -> Array:
-    """``P`` without the wind and drag block -> with it: wind variance ``variance`` [m^2/s^2], drag known."""
+def with_wind(P: Array, cov: Array) -> Array:
+    """``P`` without the wind and drag block -> with it: wind covariance ``cov`` (2, 2) [m^2/s^2], drag known."""
     kept = [*range(BASE_STATES), *range(BASE_STATES + WIND_DRAG_STATES, len(P) + WIND_DRAG_STATES)]
     wider = np.zeros((len(P) + WIND_DRAG_STATES,) * 2)
     wider[np.ix_(kept, kept)] = P
-    for i in range(WIND_DRAG_STATES):
-        wider[BASE_STATES + i, BASE_STATES + i] = variance if i < 2 else 1e-8
+    wider[BASE_STATES : BASE_STATES + 2, BASE_STATES : BASE_STATES + 2] = cov
+    for i in range(BASE_STATES + 2, BASE_STATES + WIND_DRAG_STATES):
+        wider[i, i] = 1e-8
     return wider
 
 

@@ -21,6 +21,7 @@ from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 
 _LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
 _REMEMBERED = 10.0  # s: the longest that checkpoints reach back
+_DRIVING_NOISE = [at.GYRO_NOISE_PSD, at.ACCEL_NOISE_PSD, at.GYRO_BIAS_PSD, at.ACCEL_BIAS_PSD, at.GYRO_MATRIX_PSD]
 _CORRELATION = 6.0  # s: velocities that are nearer in time are no independent evidence
 
 
@@ -30,12 +31,15 @@ class Branches:
     def __init__(self, trunk: np.ndarray, slots: int, evidence: MotionEvidence) -> None:
         """Split the filter of the memory ``trunk`` into the hypotheses of ``evidence``, with its wind."""
         n = int(trunk[memory.STATES])
-        P = with_wind(trunk[memory.HEAD : memory.HEAD + n * n].reshape(n, n), evidence.wind_var)
+        self._drift_variance = evidence.drift_variance
+        stated = trunk[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
+        P = with_wind(self._drift_variance * stated, evidence.wind_cov)
         constants = _with_wind_block(trunk[memory.CONSTANTS : memory.ORIGIN], evidence)
         branch = memory.make(constants, len(P), slots, trunk[memory.PERIOD])
         branch[memory.ORIGIN : memory.STATES] = trunk[memory.ORIGIN : memory.STATES]
         branch[memory.NAV : memory.CONSTANTS] = trunk[memory.NAV : memory.CONSTANTS]
         branch[memory.NAV + at.WIND : memory.NAV + at.WIND + 2] = evidence.wind
+        branch[memory.NAV + at.GYRO_WANDER] *= self._drift_variance
         branch[memory.HEAD : memory.HEAD + P.size] = P.ravel()
         memory.add_checkpoint(branch)
         self.memories = [branch.copy() for _ in evidence.hypotheses]
@@ -47,6 +51,7 @@ class Branches:
         twin = object.__new__(Branches)
         twin.memories = [one.copy() for one in self.memories]
         twin.weights, twin._decisions = self.weights, list(self._decisions)
+        twin._drift_variance = self._drift_variance
         return twin
 
     def pairs(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -78,6 +83,7 @@ class Branches:
     def merged(self) -> tuple[np.ndarray, np.ndarray]:
         """Nominal state and covariance of the mixture, without the wind block."""
         nav, P = merge(*self._stacked(), self.weights)
+        nav[at.GYRO_WANDER] /= self._drift_variance
         return nav, without_wind(P)
 
     def _stacked(self) -> tuple[np.ndarray, np.ndarray]:
@@ -85,24 +91,34 @@ class Branches:
         return np.stack(navs), np.stack(Ps)
 
     def decide(self, evidence: MotionEvidence) -> None:
-        """Let every hypothesis act on its branch, weigh the hypotheses, and mix the branches for the next interval."""
-        middle, _ = merge(*self._stacked(), self.weights)
-        acted = zip(self.pairs(), evidence.hypotheses, strict=True)
-        likelihood = np.array([_act(nav, P, middle, evidence, hypothesis) for (nav, P), hypothesis in acted])
-        count = len(likelihood)
-        if count == 1 or not np.isfinite(likelihood).any():
-            return
-        stay = math.exp(-evidence.interval / evidence.dwell)
-        transition = np.full((count, count), (1.0 - stay) / (count - 1))
+        """Let every hypothesis act on every branch, weigh what comes out, and merge it hypothesis by hypothesis.
+
+        A vehicle that travels at 7 m/s cannot hover the next moment: how well a hypothesis fits is asked of each branch
+        that it may have come from, not of their mixture, in which everything is possible.
+        """
+        navs, Ps = self._stacked()
+        middle, _ = merge(navs, Ps, self.weights)
+        count = len(navs)
+        stay = math.exp(-evidence.interval / evidence.dwell) if count > 1 else 1.0
+        transition = np.full((count, count), (1.0 - stay) / max(count - 1, 1))
         np.fill_diagonal(transition, stay)
+        after_navs, after_Ps = np.tile(navs, (count, 1, 1)), np.tile(Ps, (count, 1, 1, 1))  # hypothesis, branch, ...
+        likelihood = np.array(
+            [
+                [_act(after_navs[j, i], after_Ps[j, i], middle, evidence, hypothesis) for i in range(count)]
+                for j, hypothesis in enumerate(evidence.hypotheses)
+            ]
+        )
+        if not np.isfinite(likelihood).any():
+            return
         exponent = likelihood * min(evidence.interval / _CORRELATION, 1.0)
-        weights = (self.weights @ transition) * np.exp(exponent - exponent.max())
+        joint = (self.weights[:, None] * transition).T * np.exp(exponent - exponent.max())
+        weights = joint.sum(axis=1)
+        for j, (nav, P) in enumerate(self.pairs()):
+            if weights[j] > 0.0:
+                nav[:], P[:] = merge(after_navs[j], after_Ps[j], joint[j] / weights[j])
         weights = np.maximum(weights / weights.sum(), _LEAST_WEIGHT)
         self.weights = weights / weights.sum()
-        arriving = self.weights @ transition
-        navs, Ps = self._stacked()
-        for j, (nav, P) in enumerate(self.pairs()):
-            nav[:], P[:] = merge(navs, Ps, transition[:, j] * self.weights / arriving[j])
         now = float(navs[0, at.TIME])
         self._decisions = [*(d for d in self._decisions if d[0] >= now - _REMEMBERED), (now, self.weights)]
 
@@ -159,6 +175,7 @@ def _covariance(branch: np.ndarray) -> np.ndarray:
 
 def _with_wind_block(constants: np.ndarray, evidence: MotionEvidence) -> np.ndarray:
     wider = constants.copy()
+    wider[_DRIVING_NOISE] *= evidence.drift_variance
     wider[at.I_WIND_DRAG] = at.BASE_STATES
     if wider[at.I_GYRO_MATRIX] >= 0.0:
         wider[at.I_GYRO_MATRIX] += at.WIND_DRAG_STATES

@@ -35,6 +35,8 @@ COAST = "coast"
 _LENGTH_NS = 30_000_000_000
 _PERIOD_NS = 60_000_000_000
 _KEPT = 6  # rehearsals that count
+_PRIOR = 1.0
+_BOUNDS = (0.05, 1.0)
 _LEAST = 3  # with fewer, chance decides
 _LONGEST_WAIT_NS = 2_000_000_000  # four epochs: only where the navigator has no solution that would end one
 _FROM_GNSS = (GnssFix, GnssVelocity, SatelliteCount, SetPose)
@@ -72,6 +74,7 @@ class VirtualOutages:
         self._waiting_since = 0  # ns, IMU stamp
         self._next_ns = 0
         self._until_ns = 0
+        self._surprises: deque[float] = deque(maxlen=_KEPT)
         self._squares: deque[dict[str, float]] = deque(maxlen=_KEPT)  # errors at the end, m^2
 
     def copy(self) -> VirtualOutages:
@@ -79,6 +82,7 @@ class VirtualOutages:
         twin = copy.copy(self)
         twin._contestants = {name: contestant.copy() for name, contestant in self._contestants.items()}
         twin._squares = self._squares.copy()
+        twin._surprises = self._surprises.copy()
         twin._waiting = self._waiting.copy()
         return twin
 
@@ -115,7 +119,7 @@ class VirtualOutages:
             self._stop()
         elif self._contestants:
             if stamp_ns >= self._until_ns:
-                self._judge(sins.nominal_state())
+                self._judge(sins)
                 self._stop()
         else:
             return stamp_ns >= self._next_ns or stamp_ns < self._next_ns - _PERIOD_NS
@@ -130,12 +134,22 @@ class VirtualOutages:
             self._contestants[name] = Contestant(sins.snapshot(), collector.copy(), knowledge)
         self._until_ns, self._next_ns = stamp_ns + _LENGTH_NS, stamp_ns + _PERIOD_NS
 
-    def _judge(self, truth: np.ndarray) -> None:
+    def _judge(self, sins: SinsEngine) -> None:
         errors = {}
+        truth, truth_variance = sins.nominal_state(), sins.status().horizontal_sd ** 2
         for name, contestant in self._contestants.items():
             east, north, _ = step_enu(truth[at.LAT : at.VEL], contestant.sins.nominal_state()[at.LAT : at.VEL])
             errors[name] = float(east**2 + north**2)
+            if name == COAST:
+                gained = contestant.sins.status().horizontal_sd ** 2 - truth_variance
+                self._surprises.append(errors[name] / max(gained, 1.0))
         self._squares.append(errors)
+
+    @property
+    def drift_variance(self) -> float:
+        """Squared error of coasting in parts of what the filter stated, 1 while little is known."""
+        n = len(self._surprises)
+        return float(np.clip((_PRIOR + sum(self._surprises)) / (_PRIOR + n), *_BOUNDS))
 
     def _has_restarted(self) -> bool:
         """A gap in the IMU data makes the copies align again, for which they lack GNSS."""
