@@ -20,9 +20,10 @@ from nav_pose_estimator.core.kalman import correct
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 
 _LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
+_VAGUE = 8.0  # m^2/s^2
 _REMEMBERED = 10.0  # s: the longest that checkpoints reach back
 _DRIVING_NOISE = [at.GYRO_NOISE_PSD, at.ACCEL_NOISE_PSD, at.GYRO_BIAS_PSD, at.ACCEL_BIAS_PSD, at.GYRO_MATRIX_PSD]
-_CORRELATION = 6.0  # s: velocities that are nearer in time are no independent evidence
+_CORRELATION = 10.0  # s: velocities that are nearer in time are no independent evidence
 
 
 class Branches:
@@ -103,15 +104,14 @@ class Branches:
         transition = np.full((count, count), (1.0 - stay) / max(count - 1, 1))
         np.fill_diagonal(transition, stay)
         after_navs, after_Ps = np.tile(navs, (count, 1, 1)), np.tile(Ps, (count, 1, 1, 1))  # hypothesis, branch, ...
-        likelihood = np.array(
-            [
-                [_act(after_navs[j, i], after_Ps[j, i], middle, evidence, hypothesis) for i in range(count)]
-                for j, hypothesis in enumerate(evidence.hypotheses)
-            ]
-        )
-        if not np.isfinite(likelihood).any():
+        tempered = min(evidence.interval / _CORRELATION, 1.0)
+        exponent = np.empty((count, count))
+        for j, hypothesis in enumerate(evidence.hypotheses):
+            for i in range(count):
+                likelihood, entry = _act(after_navs[j, i], after_Ps[j, i], middle, evidence, hypothesis)
+                exponent[j, i] = tempered * likelihood + (i != j) * (1.0 - tempered) * entry
+        if not np.isfinite(exponent).any():
             return
-        exponent = likelihood * min(evidence.interval / _CORRELATION, 1.0)
         joint = (self.weights[:, None] * transition).T * np.exp(exponent - exponent.max())
         weights = joint.sum(axis=1)
         for j, (nav, P) in enumerate(self.pairs()):
@@ -123,8 +123,10 @@ class Branches:
         self._decisions = [*(d for d in self._decisions if d[0] >= now - _REMEMBERED), (now, self.weights)]
 
 
-def _act(nav: np.ndarray, P: np.ndarray, middle: np.ndarray, evidence: MotionEvidence, hypothesis: Hypothesis) -> float:
-    """Correct one branch; returns the logarithm of the likelihood of what was observed."""
+def _act(
+    nav: np.ndarray, P: np.ndarray, middle: np.ndarray, evidence: MotionEvidence, hypothesis: Hypothesis
+) -> tuple[float, float]:
+    """Correct one branch; returns the logarithm of the likelihood of what was observed, and that of an entry."""
     n = len(P)
     mean = np.array(evidence.wind_mean)
     nav[at.WIND : at.WIND + 2] = mean + math.exp(-evidence.interval / evidence.wind_tau) * (
@@ -147,11 +149,17 @@ def _act(nav: np.ndarray, P: np.ndarray, middle: np.ndarray, evidence: MotionEvi
         seen.append(air)
         used.append(air)
     likelihood = hypothesis.log_likelihood + _log_density(P, seen)
+    entry = -0.5 * _distance(P, *seen[0][:2], seen[0][2] + _VAGUE) if hypothesis.velocity_var is not None else 0.0
     if used:
         z, H, variances = (np.concatenate(parts) for parts in zip(*used, strict=True))
         if not math.isfinite(correct(nav, P, z, H, np.diag(variances))):
-            return -math.inf
-    return likelihood
+            return -math.inf, -math.inf
+    return likelihood, entry
+
+
+def _distance(P: np.ndarray, z: np.ndarray, H: np.ndarray, variances: np.ndarray) -> float:
+    """Squared Mahalanobis distance of an observation."""
+    return float(z @ np.linalg.solve(H @ P @ H.T + np.diag(variances), z))
 
 
 def _log_density(P: np.ndarray, seen: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:

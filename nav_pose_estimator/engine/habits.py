@@ -17,8 +17,8 @@ from nav_pose_estimator.core.outage_learning import AirVelocityModel
 from nav_pose_estimator.core.wind import WIND_TIME
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence, Vector3, VelocityError
 
-_TRAVEL_TIME, _HOVER_TIME = 2.0, 4.0  # s over which the velocity of a regime counts as one draw
-_DWELL = 30.0  # s: how long a regime lasts, on average
+_TRAVEL_TIME, _HOVER_TIME = 2.0, 2.0  # s over which the velocity of a regime counts as one draw
+_DWELL = 10.0  # s: how long a regime lasts, on average
 _RECENT = 30.0  # s whose mean square speed the velocity prior expects
 _SLOWEST = 0.05  # m/s
 _FRESH = 1.0  # s: an older prediction from outside is not used

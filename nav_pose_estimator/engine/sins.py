@@ -8,7 +8,7 @@ import numpy as np
 
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.alignment_types import KnownBiases
-from nav_pose_estimator.core.kalman import predicted_horizontal_sd
+from nav_pose_estimator.core.kalman import horizontal_sd, predicted_horizontal_sd
 from nav_pose_estimator.engine import filter_setup, rehearsal_flight, start_up
 from nav_pose_estimator.engine.engine_clock import NS
 from nav_pose_estimator.engine.filter_run import FilterRun, Origin
@@ -70,6 +70,15 @@ class SinsEngine:
         return self._run.timeline.nav.copy()
 
     @property
+    def horizontal_sd(self) -> float:
+        """Root of the summed position variances East and North [m]; infinite while the filter does not run."""
+        timeline = self._run.timeline
+        if not timeline.running:
+            return math.inf
+        timeline.settle()
+        return float(horizontal_sd(timeline.P))
+
+    @property
     def journal(self) -> Journal:
         """Counters of everything that was used, refused or reset."""
         return self._journal
@@ -96,13 +105,10 @@ class SinsEngine:
     def status(self) -> Status:
         """What a pilot wants to know."""
         run, timeline, gnss = self._run, self._run.timeline, self._run.gnss
-        t, sd, later = 0.0, math.inf, math.inf
+        t, sd, later = 0.0, self.horizontal_sd, math.inf
         if timeline.running:
-            timeline.settle()
             t = timeline.time
-            P = timeline.P
-            sd = math.sqrt(P[at.DPOS, at.DPOS] + P[at.DPOS + 1, at.DPOS + 1])
-            later = predicted_horizontal_sd(timeline.nav, P, timeline.constants, 30.0)
+            later = predicted_horizontal_sd(timeline.nav, timeline.P, timeline.constants, 30.0)
         waiting = "" if timeline.running else run.aligner.waiting_for(gnss.refusal)
         return Status(
             stamp_ns=run.clock.stamp(t),

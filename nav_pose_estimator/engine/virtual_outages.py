@@ -35,8 +35,8 @@ COAST = "coast"
 _LENGTH_NS = 30_000_000_000
 _PERIOD_NS = 60_000_000_000
 _KEPT = 6  # rehearsals that count
-_PRIOR = 1.0
-_BOUNDS = (0.05, 1.0)
+_STATED = 4.0  # rehearsals that the filter's own covariance is worth
+_SMALLEST_VARIANCE = 0.05  # parts of what the filter states; more than stated is for the innovations to say
 _LEAST = 3  # with fewer, chance decides
 _LONGEST_WAIT_NS = 2_000_000_000  # four epochs: only where the navigator has no solution that would end one
 _FROM_GNSS = (GnssFix, GnssVelocity, SatelliteCount, SetPose)
@@ -74,8 +74,8 @@ class VirtualOutages:
         self._waiting_since = 0  # ns, IMU stamp
         self._next_ns = 0
         self._until_ns = 0
-        self._surprises: deque[float] = deque(maxlen=_KEPT)
         self._squares: deque[dict[str, float]] = deque(maxlen=_KEPT)  # errors at the end, m^2
+        self._surprises: deque[float] = deque(maxlen=_KEPT)  # squared errors of coasting in parts of what was stated
 
     def copy(self) -> VirtualOutages:
         """An independent copy, running rehearsals included."""
@@ -100,6 +100,16 @@ class VirtualOutages:
         """True when three or more rehearsals that both flew say: ``name`` errs more than ``ratio`` times ``rival``."""
         both = [errors for errors in self._squares if name in errors and rival in errors]
         return len(both) >= _LEAST and sum(e[name] for e in both) > ratio**2 * sum(e[rival] for e in both)
+
+    @property
+    def drift_variance(self) -> float:
+        """How large the squared errors of coasting are in parts of what the filter states, 1 while that is unknown.
+
+        A filter that is told of a poor receiver thinks little of its own attitude, whatever the receiver is like. Then it
+        would believe what was learned of the motion more than itself.
+        """
+        parts = (_STATED + sum(self._surprises)) / (_STATED + len(self._surprises))
+        return min(max(parts, _SMALLEST_VARIANCE), 1.0)
 
     def feed(self, sample: Sample) -> None:
         """Hand a sample to the copies; nothing that comes from GNSS reaches them."""
@@ -136,20 +146,13 @@ class VirtualOutages:
 
     def _judge(self, sins: SinsEngine) -> None:
         errors = {}
-        truth, truth_variance = sins.nominal_state(), sins.status().horizontal_sd ** 2
+        truth, known = sins.nominal_state(), sins.horizontal_sd
         for name, contestant in self._contestants.items():
             east, north, _ = step_enu(truth[at.LAT : at.VEL], contestant.sins.nominal_state()[at.LAT : at.VEL])
             errors[name] = float(east**2 + north**2)
-            if name == COAST:
-                gained = contestant.sins.status().horizontal_sd ** 2 - truth_variance
-                self._surprises.append(errors[name] / max(gained, 1.0))
+        stated = self._contestants[COAST].sins.horizontal_sd ** 2 - known**2
+        self._surprises.append(errors[COAST] / max(stated, 1.0))
         self._squares.append(errors)
-
-    @property
-    def drift_variance(self) -> float:
-        """Squared error of coasting in parts of what the filter stated, 1 while little is known."""
-        n = len(self._surprises)
-        return float(np.clip((_PRIOR + sum(self._surprises)) / (_PRIOR + n), *_BOUNDS))
 
     def _has_restarted(self) -> bool:
         """A gap in the IMU data makes the copies align again, for which they lack GNSS."""
