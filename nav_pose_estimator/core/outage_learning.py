@@ -75,8 +75,8 @@ class AirVelocityModel:
     """A trained network with everything that turns its output into an observation.
 
     ``wind_mean`` (2,) of the training window; ``wind`` (2,) its change since, East and North [m/s], with covariance
-    ``wind_cov`` (2, 2) now and ``wind_spread`` in the long run. ``noise``, ``hover_noise`` (3,): variance of a mean over one
-    second, body axes [m^2/s^2]. ``errors``: number of rules -> squared error on blocks not trained on.
+    ``wind_cov`` (2, 2) now and variance ``wind_spread`` in the long run. ``noise``, ``hover_noise`` (3,): variance of a
+    mean over one second, body axes [m^2/s^2]. ``errors``: number of rules -> squared error on blocks not trained on.
     """
 
     network: Law

@@ -67,7 +67,9 @@ def _weights(variances: Array) -> Array:
     return np.asarray((variances.min() + 1e-6) / (variances + 1e-6))
 
 
-def track(C: Array, residual: Array, noise: Array, spread: float, wind: Array, cov: Array) -> tuple[Array, Array, Array]:
+def track(
+    C: Array, residual: Array, noise: Array, spread: float, wind: Array, cov: Array
+) -> tuple[Array, Array, Array]:
     """Follow the change of the wind through residuals (N, 3) in b; ``noise`` (3,) is the variance of a mean over 1 s.
 
     ``wind`` (2,) and ``cov`` (2, 2) at the beginning; returns both at the end, and what was expected of the wind before

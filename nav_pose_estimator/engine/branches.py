@@ -3,7 +3,8 @@
 The filter splits when GNSS is lost: one branch travels as the network predicts, one hovers. Every half second each
 branch takes in what its hypothesis says of the velocity; how well that fits decides how probable it is (interacting
 multiple model, Blom and Bar-Shalom 1988). A wrong hypothesis cannot spoil the other, and what comes out, mean and
-covariance of the mixture, is as uncertain as the decision.
+covariance of the mixture, is as uncertain as the decision. It differs from the textbook in that the branches are mixed
+after the hypotheses have been weighed on each of them (generalised pseudo-Bayesian, second order).
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from nav_pose_estimator.core.kalman import correct
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 
 _LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
-_VAGUE = 8.0  # m^2/s^2
+_UNMODELLED = 8.0  # m^2/s^2: of a velocity that has drifted; the covariance knows nothing of lasting wrong predictions
 _REMEMBERED = 10.0  # s: the longest that checkpoints reach back
 _DRIVING_NOISE = [at.GYRO_NOISE_PSD, at.ACCEL_NOISE_PSD, at.GYRO_BIAS_PSD, at.ACCEL_BIAS_PSD, at.GYRO_MATRIX_PSD]
-_CORRELATION = 10.0  # s: velocities that are nearer in time are no independent evidence
+_CORRELATION = 10.0  # s: what is nearer in time is no independent evidence of a regime
 
 
 class Branches:
@@ -98,21 +99,11 @@ class Branches:
         that it may have come from, not of their mixture, in which everything is possible.
         """
         navs, Ps = self._stacked()
-        middle, _ = merge(navs, Ps, self.weights)
         count = len(navs)
-        stay = math.exp(-evidence.interval / evidence.dwell) if count > 1 else 1.0
-        transition = np.full((count, count), (1.0 - stay) / max(count - 1, 1))
-        np.fill_diagonal(transition, stay)
         after_navs, after_Ps = np.tile(navs, (count, 1, 1)), np.tile(Ps, (count, 1, 1, 1))  # hypothesis, branch, ...
-        tempered = min(evidence.interval / _CORRELATION, 1.0)
-        exponent = np.empty((count, count))
-        for j, hypothesis in enumerate(evidence.hypotheses):
-            for i in range(count):
-                likelihood, entry = _act(after_navs[j, i], after_Ps[j, i], middle, evidence, hypothesis)
-                exponent[j, i] = tempered * likelihood + (i != j) * (1.0 - tempered) * entry
-        if not np.isfinite(exponent).any():
+        joint = self._joint_weights(after_navs, after_Ps, evidence)
+        if not joint.any():
             return
-        joint = (self.weights[:, None] * transition).T * np.exp(exponent - exponent.max())
         weights = joint.sum(axis=1)
         for j, (nav, P) in enumerate(self.pairs()):
             if weights[j] > 0.0:
@@ -122,11 +113,31 @@ class Branches:
         now = float(navs[0, at.TIME])
         self._decisions = [*(d for d in self._decisions if d[0] >= now - _REMEMBERED), (now, self.weights)]
 
+    def _joint_weights(self, navs: np.ndarray, Ps: np.ndarray, evidence: MotionEvidence) -> np.ndarray:
+        """Correct ``navs``, ``Ps`` [j, i] for hypothesis j behind branch i; returns the weights of the pairs, or 0."""
+        count = len(navs)
+        middle, _ = merge(navs[0], Ps[0], self.weights)
+        stay = math.exp(-evidence.interval / evidence.dwell) if count > 1 else 1.0
+        transition = np.full((count, count), (1.0 - stay) / max(count - 1, 1))
+        np.fill_diagonal(transition, stay)
+        tempered = min(evidence.interval / _CORRELATION, 1.0)
+        exponent = np.empty((count, count))
+        for j, hypothesis in enumerate(evidence.hypotheses):
+            for i in range(count):
+                likelihood, entry = _act(navs[j, i], Ps[j, i], middle, evidence, hypothesis)
+                # what is seen while a regime lasts is correlated; that it could begin at all counts once and in full
+                exponent[j, i] = tempered * likelihood + (i != j) * (1.0 - tempered) * entry
+        known = np.isfinite(exponent)
+        if not known.any():
+            return np.zeros((count, count))
+        likely = np.exp(np.where(known, exponent, -np.inf) - exponent[known].max())
+        return np.asarray(transition * self.weights * likely)  # the transition is symmetric
+
 
 def _act(
     nav: np.ndarray, P: np.ndarray, middle: np.ndarray, evidence: MotionEvidence, hypothesis: Hypothesis
 ) -> tuple[float, float]:
-    """Correct one branch; returns the logarithm of the likelihood of what was observed, and that of an entry."""
+    """Correct one branch; returns logarithms: how likely is what was observed, and that the regime begins here."""
     n = len(P)
     mean = np.array(evidence.wind_mean)
     nav[at.WIND : at.WIND + 2] = mean + math.exp(-evidence.interval / evidence.wind_tau) * (
@@ -149,7 +160,7 @@ def _act(
         seen.append(air)
         used.append(air)
     likelihood = hypothesis.log_likelihood + _log_density(P, seen)
-    entry = -0.5 * _distance(P, *seen[0][:2], seen[0][2] + _VAGUE) if hypothesis.velocity_var is not None else 0.0
+    entry = _log_entry(P, *seen[0]) if hypothesis.velocity_var is not None else 0.0
     if used:
         z, H, variances = (np.concatenate(parts) for parts in zip(*used, strict=True))
         if not math.isfinite(correct(nav, P, z, H, np.diag(variances))):
@@ -157,9 +168,9 @@ def _act(
     return likelihood, entry
 
 
-def _distance(P: np.ndarray, z: np.ndarray, H: np.ndarray, variances: np.ndarray) -> float:
-    """Squared Mahalanobis distance of an observation."""
-    return float(z @ np.linalg.solve(H @ P @ H.T + np.diag(variances), z))
+def _log_entry(P: np.ndarray, z: np.ndarray, H: np.ndarray, variances: np.ndarray) -> float:
+    """Logarithm of the chance that a regime begins in which the velocity is wrong by ``z``, but for a constant."""
+    return -0.5 * float(z @ np.linalg.solve(H @ P @ H.T + np.diag(variances + _UNMODELLED), z))
 
 
 def _log_density(P: np.ndarray, seen: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:

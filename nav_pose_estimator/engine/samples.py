@@ -177,8 +177,8 @@ class MotionEvidence:
 
     ``attitude`` (3, 3) mean C_nb; ``velocity`` in n and ``body_velocity`` (mean of C^T v) of the estimate [m/s];
     ``air_velocity`` predicted in b [m/s], None without a prediction. The wind (East, North, m/s) with which an outage
-    begins, its mean, covariance (2, 2) now and variance in the long run, and its time constant. ``dwell`` [s]: how long a regime lasts.
-    ``drift_variance``: how large the filter's squared errors without GNSS are in parts of what it states.
+    begins, its mean, covariance (2, 2) now and variance in the long run, and its time constant. ``dwell`` [s]: how long
+    a regime lasts. ``drift_variance``: squared errors without GNSS in parts of what the filter states.
     """
 
     stamp_ns: int

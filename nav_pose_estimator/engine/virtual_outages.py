@@ -35,7 +35,7 @@ COAST = "coast"
 _LENGTH_NS = 30_000_000_000
 _PERIOD_NS = 60_000_000_000
 _KEPT = 6  # rehearsals that count
-_STATED = 4.0  # rehearsals that the filter's own covariance is worth
+_STATED = 2.0  # rehearsals that the filter's own covariance is worth
 _SMALLEST_VARIANCE = 0.05  # parts of what the filter states; more than stated is for the innovations to say
 _LEAST = 3  # with fewer, chance decides
 _LONGEST_WAIT_NS = 2_000_000_000  # four epochs: only where the navigator has no solution that would end one
@@ -105,7 +105,7 @@ class VirtualOutages:
     def drift_variance(self) -> float:
         """How large the squared errors of coasting are in parts of what the filter states, 1 while that is unknown.
 
-        A filter that is told of a poor receiver thinks little of its own attitude, whatever the receiver is like. Then it
+        A filter that expects a poor receiver thinks little of its own attitude, however good the receiver is. Then it
         would believe what was learned of the motion more than itself.
         """
         parts = (_STATED + sum(self._surprises)) / (_STATED + len(self._surprises))
