@@ -17,6 +17,7 @@ from nav_pose_estimator.engine.outage_aid import OutageAid, Train
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import (
     AttitudeSample,
+    GnssFix,
     ImuBlock,
     ImuSample,
     MagSample,
@@ -93,6 +94,8 @@ class PoseEstimator:
             outputs += self._help(self.outage_aid, solutions)
         if isinstance(sample, (ImuSample, ImuBlock)) and self._is_time_to_talk(sample):
             self._exchange(solutions)
+        if self.attitude is not None and isinstance(sample, GnssFix):
+            self.attitude.set_declination(self.sins.declination)
         return outputs
 
     def _help(self, outage_aid: OutageAid, solutions: list[Output]) -> list[Output]:
