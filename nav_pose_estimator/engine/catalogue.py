@@ -199,6 +199,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "anfis_node sends one",
         ),
         Entry("outage.evidence", "what the flight so far says of the motion was used"),
+        Entry("outage.evidence.network", "... and the network's prediction was part of it"),
         Entry(
             "outage.no_model", "GNSS is lost and anfis_node has no model yet", "fly longer with GNSS, or load a model"
         ),

@@ -106,6 +106,8 @@ class PoseEstimator:
                 evidence, error = outage_aid.step(solution, self.sins)
                 if evidence is not None:
                     outputs += self.sins.feed(evidence)
+                    if evidence.air_velocity is not None:
+                        self.sins.journal.count("outage.evidence.network")
                 if error is not None:
                     outputs.append(error)
         return outputs
