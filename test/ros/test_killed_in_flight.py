@@ -21,7 +21,7 @@ from nav_pose_estimator.sim.scenarios import HOME
 pytestmark = pytest.mark.compiled
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEEP = QoSProfile(depth=1000)
-STORY = ("scenario:=laps", "imu_rate:=50.0", "seed:=4", "duration:=1200.0", "sim_time:=true", "speed:=2.0")
+STORY = ("scenario:=multirotor_light", "imu_rate:=50.0", "seed:=4", "duration:=1200.0", "sim_time:=true", "speed:=2.0")
 DIAGNOSTICS = ("-p", "ros.output.diagnostics_period:=0.2")
 
 
