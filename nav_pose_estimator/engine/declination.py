@@ -18,25 +18,25 @@ except ImportError:  # one sentence when it is wanted
 
 Say = Callable[[int, str, Level, str], None]
 """Takes stamp, name, level and sentence of an event."""
-_HEIGHTS = (-1.0, 850.0)  # km: where the model holds
 
 
 def model_declination(stamp_ns: int, lat: float, lon: float, alt: float) -> float:
     """Angle from true to magnetic North [rad], east positive, at the date of ``stamp_ns`` (Unix time).
 
-    ``lat``, ``lon`` [rad], ``alt`` [m] above ellipsoid or sea level, which does not matter here. Good to about 0.4 deg
-    in the middle latitudes (WMM2025 report, section 3.5). ``UserError`` with one clause where the model says nothing.
+    ``lat``, ``lon`` [rad], ``alt`` [m] above ellipsoid or sea level, which does not matter here. Its deviation is
+    sqrt(0.26^2 + (5417 nT / H)^2) deg with the horizontal field H (error model of WMM2025): 0.4 deg in the middle
+    latitudes. ``UserError`` with one clause where the model says nothing.
     """
     if GeoMag is None:
         raise UserError("the package pygeomag is not installed")
+    if not all(map(math.isfinite, (lat, lon, alt))):
+        raise UserError("the position is not a number")
     year = _decimal_year(stamp_ns)
-    height = min(max(1e-3 * alt, _HEIGHTS[0]), _HEIGHTS[1])
     try:
-        field = GeoMag(base_year=int(year)).calculate(math.degrees(lat), math.degrees(lon), height, year)
+        model = GeoMag(base_year=int(year))
+        field = model.calculate(math.degrees(lat), math.degrees(lon), 1e-3 * alt, year)
     except ValueError:
         raise UserError(f"pygeomag has no field model for the year {int(year)} of the stamps") from None
-    if not math.isfinite(field.d):
-        raise UserError("the position is not a number")
     if field.in_blackout_zone:
         raise UserError("a compass is no use this close to a magnetic pole")
     return math.radians(field.d)
@@ -71,5 +71,5 @@ def _decimal_year(stamp_ns: int) -> float:
     """Unix time as a year with its fraction, as the model counts."""
     now = np.datetime64(stamp_ns, "ns")
     this_year = now.astype("datetime64[Y]")
-    begin, end = (year.astype(now.dtype) for year in (this_year, this_year + 1))
+    begin, end = (year.astype(now.dtype) for year in (this_year, this_year + np.timedelta64(1, "Y")))
     return float(1970 + this_year.astype(int) + (now - begin) / (end - begin))

@@ -93,8 +93,10 @@ class SinsEngine:
     def _restart(self, stamp_ns: int, reason: str, known: KnownBiases | None = None) -> None:
         """A filter that has seen nothing; counters, origin, declination and the operator's choice stay."""
         self._journal.say(stamp_ns, "reset", Level.WARN, f"the navigator starts again: {reason}")
-        before = self._run
-        self._run = FilterRun(before.parameters, self._journal, before.origin, self._gnss_enabled, known)
+        before, parameters = self._run, self._run.parameters
+        if parameters.aids.declination == self.parameters.aids.declination:
+            parameters = self.parameters  # a field model that said nothing (the clock was not set yet?) is asked again
+        self._run = FilterRun(parameters, self._journal, before.origin, self._gnss_enabled, known)
 
     def status(self) -> Status:
         """What a pilot wants to know."""

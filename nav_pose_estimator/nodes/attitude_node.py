@@ -58,7 +58,7 @@ class AttitudeNode(EstimatorNode):
         self._denied = message.data
 
     def _on_origin(self, message: NavSatFix) -> None:
-        """The navigator's first trusted position tells the declination."""
+        """The first trusted position of sins_node tells the declination; remap the name for another navigator."""
         for sample in nav_sat_fix(message):
             if isinstance(sample, GnssFix):
                 self.engine.set_declination(located(self.parameters, sample, self._tell).aids.declination)

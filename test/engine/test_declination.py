@@ -176,6 +176,18 @@ def test_what_was_found_outlives_a_change_of_parameters_and_a_reset(flight):
     assert [error == pytest.approx(0.0, abs=1.5) for error in first_headings(flight, again)] == [True, True]
 
 
+def test_a_model_that_said_nothing_is_asked_again_after_a_restart(flight, monkeypatch):
+    """GIVEN a first start without the model (or with a clock in 1970) WHEN the navigator starts again THEN it asks."""
+    with monkeypatch.context() as first:
+        first.setattr(declination, "GeoMag", None)
+        engine, outputs = fly(flight)
+    assert [event.name for event in told(outputs, "mag.declination")] == ["mag.declination.fallback"]
+    engine.reset(int(flight.imu.stamps_ns[-1]), "a test")
+    again = [o for s in flight.samples() for o in engine.feed(s)]
+    assert [event.name for event in told(again, "mag.declination")] == ["mag.declination.model"]
+    assert math.degrees(engine.sins.declination) == pytest.approx(15.2, abs=0.1)
+
+
 @pytest.mark.parametrize("method", ["complementary", "two_stage"])
 def test_an_attitude_filter_turns_by_a_declination_that_comes_late(method):
     """GIVEN a filter with a magnetic heading WHEN the declination is told THEN it turns at once, level as before."""
