@@ -50,6 +50,7 @@ setup(
     extras_require={
         "offline": ["rosbags>=0.11", "tqdm>=4.66"],
         "compiled": ["numba>=0.61"],
+        "magnetic": ["pygeomag>=1.1"],
     },
     entry_points={
         "console_scripts": [f"{command} = {NAME}.offline.command_line:{command}" for command in COMMANDS],

@@ -16,7 +16,7 @@ the last IMU sample (at rest), and whoever starts a navigator from it replays th
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,6 +181,11 @@ class Aligner:
     def mag(self, t: float, field: np.ndarray) -> None:
         """Magnetic field in b [T]."""
         self._compass.add(t, field)
+
+    def set_declination(self, declination: float) -> None:
+        """Magnetic declination [rad], east positive, for all that follows."""
+        self.settings = replace(self.settings, declination=declination)
+        self._compass.declination = declination
 
     def attitude(self, t: float, q_nb: Sequence[float], tilt_sd: float) -> None:
         """Attitude of another estimator, scalar first: its tilt, good to ``tilt_sd`` [rad], helps a start in motion."""

@@ -147,7 +147,7 @@ class Compass:
     """The mean field of the last second, and whether it can be believed."""
 
     def __init__(self, declination: float) -> None:
-        self._declination = declination
+        self.declination = declination
         self._fields: deque[tuple[float, Vector]] = deque()
         self.doubt = "no magnetometer"
         """Why the last ``yaw`` was None, one clause."""
@@ -168,4 +168,4 @@ class Compass:
             return None
         field = np.mean(np.array(recent, dtype=float), axis=0)
         self.doubt = field_doubt(q_level, field, lat, lon)
-        return None if self.doubt else magnetic_yaw(q_level, field, self._declination)
+        return None if self.doubt else magnetic_yaw(q_level, field, self.declination)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.core import attitude_layout as at
-from nav_pose_estimator.core.attitude_motion import subtract_velocity_change
+from nav_pose_estimator.core.attitude_motion import subtract_velocity_change, turn_heading
 from nav_pose_estimator.engine import parameter_schema
 from nav_pose_estimator.engine.attitude_filters import KERNELS, MAKE_STATE
 from nav_pose_estimator.engine.imu_input import (
@@ -149,11 +149,23 @@ class AttitudeEngine:
     def set_parameters(self, parameters: Parameters) -> None:
         """Take new constants while the filter runs; estimates stay. The filter itself must be the same."""
         self._parameters = parameters
-        self._memory.state[at.PERIOD : at.OWN] = MAKE_STATE[parameters.attitude.filter](parameters)[at.PERIOD : at.OWN]
+        state, declination = self._memory.state, self._memory.state[at.DECLINATION]
+        state[at.PERIOD : at.OWN] = MAKE_STATE[parameters.attitude.filter](parameters)[at.PERIOD : at.OWN]
+        state[at.DECLINATION] = declination
+
+    def set_declination(self, declination: float) -> None:
+        """Magnetic declination [rad], east positive, known only now: a heading from the field turns with it."""
+        state = self._memory.state
+        change = declination - state[at.DECLINATION]
+        if change == 0.0:
+            return
+        if state[at.FIELD_H] > 0.0:
+            turn_heading(state, -change)
+        state[at.DECLINATION] = declination
 
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
-        """Forget everything but the counters, and say why."""
-        self._memory = self._fresh()
+        """Forget everything but the counters and the declination, and say why."""
+        self._start_anew()
         self._door.reset()
         text = f"the attitude filter starts anew: {reason}"
         return [self._handle(Event(stamp_ns, "attitude.reset", Level.WARN, text))]
@@ -166,6 +178,7 @@ class AttitudeEngine:
         )
         twin.feed(ImuSample(30_000_000, (0.0, 0.0, 2e-3), (0.0, 0.0, 9.82)))
         twin.feed(MagSample(30_000_000, (0.0, 2e-5, -4e-5)))
+        twin.set_declination(0.1)
         twin.feed(NavigatorVelocity(20_000_000, (0.0, 0.0, 0.0)))
         twin.feed(NavigatorVelocity(30_000_000, (0.0, 0.0, 0.0)))
 
@@ -192,11 +205,16 @@ class AttitudeEngine:
         memory.last_ns = int(block.stamps_ns[-1])
         return rows
 
+    def _start_anew(self) -> None:
+        declination = self._memory.state[at.DECLINATION]
+        self._memory = self._fresh()
+        self._memory.state[at.DECLINATION] = declination
+
     def _restart(self, name: str) -> None:
         """Start levelling again; what was learned of the sensors stays unless the clock is a new one."""
         memory = self._memory
         if name == CLOCK_JUMP:
-            self._memory = self._fresh()
+            self._start_anew()
             return
         memory.state[at.AGE] = -1.0
         memory.last_ns, memory.velocity = None, None

@@ -175,6 +175,12 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "mag.rejected.disturbed", "a field that is not the Earth's", "calibrate attitude.hard_iron and soft_iron"
         ),
         Entry("mag.ignored", "aids.magnetometer is false"),
+        Entry("mag.declination.model", "the World Magnetic Model has told the declination at the first position"),
+        Entry(
+            "mag.declination.fallback",
+            "the model tells no declination, aids.declination stands; the sentence says why",
+            "pip install pygeomag, or set aids.declination",
+        ),
         Entry("mag.rejected.nan", "a field that is not a number", _SENSOR),
         Entry("mag.rejected.value", "a field that is zero or not a number", _SENSOR),
         Entry("mag.rejected.no_attitude_yet", "a field came before the first IMU sample"),
@@ -193,6 +199,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "anfis_node sends one",
         ),
         Entry("outage.evidence", "what the flight so far says of the motion was used"),
+        Entry("outage.evidence.network", "... and the network's prediction was part of it"),
         Entry(
             "outage.no_model", "GNSS is lost and anfis_node has no model yet", "fly longer with GNSS, or load a model"
         ),

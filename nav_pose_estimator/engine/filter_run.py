@@ -16,7 +16,7 @@ import numpy as np
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.alignment_types import KnownBiases
 from nav_pose_estimator.core.rest import Stillness
-from nav_pose_estimator.engine import filter_setup, start_up
+from nav_pose_estimator.engine import declination, filter_setup, start_up
 from nav_pose_estimator.engine.aid_input import AidInput
 from nav_pose_estimator.engine.engine_clock import EngineClock
 from nav_pose_estimator.engine.gnss_input import LOSS, POSITION, VELOCITY, GnssInput
@@ -91,7 +91,7 @@ class FilterRun:
 
     def set_parameters(self, parameters: Parameters) -> None:
         """Change what is marked mutable while the filter runs; the rest must be as it was."""
-        self.parameters = parameters
+        self.parameters = parameters = declination.as_before(parameters, self.parameters)
         gates = filter_setup.gates(parameters)
         self.quiet_until = -math.inf
         self.timeline.constants[:] = filter_setup.constants(parameters)
@@ -170,6 +170,8 @@ class FilterRun:
         t -= self.parameters.gnss.delay
         if not self.gnss.fix(sample, t, self.now):
             return
+        if self.parameters.aids.declination_from_model:
+            self._locate(sample)
         R = self.gnss.position_noise(sample)
         if self.timeline.running:
             arguments = (sample.stamp_ns, (sample.lat, sample.lon, sample.alt), R)
@@ -177,6 +179,12 @@ class FilterRun:
         else:
             self.aligner.fix(t, sample, R)
             self._try_start()
+
+    def _locate(self, sample: GnssFix) -> None:
+        """The first position that is trusted tells the declination."""
+        self.parameters = declination.located(self.parameters, sample, self.journal.say)
+        self.aligner.set_declination(self.parameters.aids.declination)
+        self.set_parameters(self.parameters)
 
     def _on_velocity(self, sample: GnssVelocity) -> None:
         t = self.clock.time_of(sample.stamp_ns, "gnss.rejected", self.journal)

@@ -17,6 +17,7 @@ from nav_pose_estimator.engine.outage_aid import OutageAid, Train
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import (
     AttitudeSample,
+    GnssFix,
     ImuBlock,
     ImuSample,
     MagSample,
@@ -93,6 +94,8 @@ class PoseEstimator:
             outputs += self._help(self.outage_aid, solutions)
         if isinstance(sample, (ImuSample, ImuBlock)) and self._is_time_to_talk(sample):
             self._exchange(solutions)
+        if self.attitude is not None and isinstance(sample, GnssFix):
+            self.attitude.set_declination(self.sins.declination)
         return outputs
 
     def _help(self, outage_aid: OutageAid, solutions: list[Output]) -> list[Output]:
@@ -103,6 +106,8 @@ class PoseEstimator:
                 evidence, error = outage_aid.step(solution, self.sins)
                 if evidence is not None:
                     outputs += self.sins.feed(evidence)
+                    if evidence.air_velocity is not None:
+                        self.sins.journal.count("outage.evidence.network")
                 if error is not None:
                     outputs.append(error)
         return outputs

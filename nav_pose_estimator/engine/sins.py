@@ -33,11 +33,7 @@ class SinsEngine:
         self._journal = Journal()
         self._input = ImuInput(self.parameters.imu)
         self._gnss_enabled = True
-        self._run = self._new_run(None)
-
-    def _new_run(self, origin: Origin | None, known: KnownBiases | None = None) -> FilterRun:
-        """A filter that has seen nothing; counters, origin and the operator's choice stay."""
-        return FilterRun(self.parameters, self._journal, origin, self._gnss_enabled, known)
+        self._run = FilterRun(self.parameters, self._journal, None, True)
 
     # --- public ------------------------------------------------------------------------------------------------------
 
@@ -63,6 +59,11 @@ class SinsEngine:
     def origin(self) -> Origin | None:
         """Latitude, longitude [rad] and height [m] of the local frame, None until the first trusted position."""
         return self._run.origin
+
+    @property
+    def declination(self) -> float:
+        """Magnetic declination that it goes by [rad], east positive."""
+        return self._run.parameters.aids.declination
 
     def nominal_state(self) -> np.ndarray:
         """The nominal state (``core.layout``) at the last IMU sample, with everything that has arrived; a copy."""
@@ -99,8 +100,12 @@ class SinsEngine:
         return list(self._journal.drain())
 
     def _restart(self, stamp_ns: int, reason: str, known: KnownBiases | None = None) -> None:
+        """A filter that has seen nothing; counters, origin, declination and the operator's choice stay."""
         self._journal.say(stamp_ns, "reset", Level.WARN, f"the navigator starts again: {reason}")
-        self._run = self._new_run(self._run.origin, known)
+        before, parameters = self._run, self._run.parameters
+        if parameters.aids.declination == self.parameters.aids.declination:
+            parameters = self.parameters  # a field model that said nothing (the clock was not set yet?) is asked again
+        self._run = FilterRun(parameters, self._journal, before.origin, self._gnss_enabled, known)
 
     def status(self) -> Status:
         """What a pilot wants to know."""

@@ -69,6 +69,10 @@ class StartUp:
         if self._use_mag and all(map(math.isfinite, field)):
             self._aligner.mag(t, np.array(field))
 
+    def set_declination(self, declination: float) -> None:
+        """The declination [rad] is known only now."""
+        self._aligner.set_declination(declination)
+
     def attitude(self, t: float, sample: AttitudeSample) -> None:
         """Attitude of the attitude filter: its tilt helps to level in motion."""
         variance = _UNSTATED_TILT_SD**2 if sample.cov_n is None else float(np.max(np.diag(sample.cov_n)[:2]))

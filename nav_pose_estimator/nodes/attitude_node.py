@@ -4,13 +4,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from nav_msgs.msg import Odometry
+from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Bool
 
 from nav_pose_estimator.engine.attitude import AttitudeEngine
-from nav_pose_estimator.engine.samples import NavigatorVelocity
-from nav_pose_estimator.engine.solutions import AttitudeSolution, Status
+from nav_pose_estimator.engine.declination import located
+from nav_pose_estimator.engine.samples import GnssFix, NavigatorVelocity
+from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Status
 from nav_pose_estimator.ros import inputs, qos, spin, wording
-from nav_pose_estimator.ros.convert import Converted, odometry_velocity
+from nav_pose_estimator.ros.convert import Converted, nav_sat_fix, odometry_velocity
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.imu_cdr import peek_stamp_ns
 from nav_pose_estimator.ros.outputs import AttitudeOutput
@@ -34,6 +36,8 @@ class AttitudeNode(EstimatorNode):
             replace(navigator, adapter=self._velocity), lambda d: self._velocity_pace.is_due(peek_stamp_ns(d))
         )
         qos.subscribe(self, Bool, "gnss/denied", self._on_denied, qos.latched())
+        if self.parameters.aids.declination_from_model:
+            qos.subscribe(self, NavSatFix, "sins_node/origin", self._on_origin, qos.latched())
         self.get_logger().info("ready")
 
     def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
@@ -52,6 +56,15 @@ class AttitudeNode(EstimatorNode):
 
     def _on_denied(self, message: Bool) -> None:
         self._denied = message.data
+
+    def _on_origin(self, message: NavSatFix) -> None:
+        """The first trusted position of sins_node tells the declination; remap the name for another navigator."""
+        for sample in nav_sat_fix(message):
+            if isinstance(sample, GnssFix):
+                self.engine.set_declination(located(self.parameters, sample, self._tell).aids.declination)
+
+    def _tell(self, stamp_ns: int, name: str, level: Level, text: str) -> None:
+        self.logbook.note(Event(stamp_ns, name, level, text))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

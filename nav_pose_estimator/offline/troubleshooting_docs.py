@@ -87,7 +87,7 @@ _SYMPTOMS = (
     (
         "heading is wrong by a constant angle on the ground",
         "magnetic declination or hard iron",
-        "[set `aids.declination`](conventions.md#magnetic-declination); calibrate",
+        "[`aids.declination_from_model`, or set `aids.declination`](conventions.md#magnetic-declination); calibrate",
     ),
     (
         "sigma is much smaller or larger than the errors",

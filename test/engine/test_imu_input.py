@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pieces import one_by_one
 
 from nav_pose_estimator.engine.imu_input import CLOCK_JUMP, GAP, STUCK, STUCK_END, ImuInput, axes_matrix
 from nav_pose_estimator.engine.parameters.imu import ImuParameters
@@ -105,18 +106,6 @@ def test_frd_is_a_half_turn_about_x():
     np.testing.assert_array_equal(axes_matrix(ImuParameters(convention="frd")), np.diag([1.0, -1.0, -1.0]))
 
 
-def outcome(items):
-    """Events and samples in order, blocks taken apart."""
-    out = []
-    for item in items:
-        if isinstance(item, ImuBlock):
-            rows = zip(item.stamps_ns.tolist(), item.gyro.tolist(), item.accel.tolist(), strict=True)
-            out += [ImuSample(t, tuple(w), tuple(f)) for t, w, f in rows]
-        else:
-            out.append(item)
-    return out
-
-
 FAULTS = st.sampled_from(["good", "good", "good", "nan", "repeat", "clip", "back", "far", "zero", "same"])
 
 
@@ -144,7 +133,7 @@ def test_blocks_and_single_samples_tell_the_same_story(faults, size):
         part = samples[i : i + size]
         stamps = np.array([s.stamp_ns for s in part])
         got += many.accept_block(ImuBlock(stamps, np.array([s.gyro for s in part]), np.array([s.accel for s in part])))
-    assert outcome(got) == expected
+    assert one_by_one(got) == expected
 
 
 def test_restore_brings_back_the_memory():

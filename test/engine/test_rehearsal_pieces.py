@@ -1,25 +1,15 @@
 """Rehearsals of outages in flight: the same result whatever the pieces in which the samples come."""
 
 import pytest
+from pieces import one_by_one
 
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.pose_estimator import PoseEstimator
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, joined
+from nav_pose_estimator.engine.samples import ImuBlock, joined
 from nav_pose_estimator.engine.virtual_outages import COAST
 from nav_pose_estimator.offline.plain_flight import samples
 
 SECONDS = 70.0  # a rehearsal begins after 20 s of aided flight and takes 30 s
-
-
-def one_by_one(flight: list) -> list:
-    out: list = []
-    for sample in flight:
-        if isinstance(sample, ImuBlock):
-            rows = zip(sample.stamps_ns.tolist(), sample.gyro.tolist(), sample.accel.tolist(), strict=True)
-            out += [ImuSample(t, tuple(w), tuple(f)) for t, w, f in rows]
-        else:
-            out.append(sample)
-    return out
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 import pytest
+from pieces import one_by_one
 
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.earth import lla_to_enu
@@ -86,7 +87,7 @@ def test_an_outage_and_back(flight: Recording) -> None:
 def test_blocks_and_single_samples_are_equal_bit_for_bit(flight: Recording) -> None:
     _, blocks = play(without_gnss(flight, 30.0, 10.0))
     _, rows, modes = track(blocks)
-    singles = [s for block in without_gnss(flight, 30.0, 10.0) for s in in_singles(block)]
+    singles = one_by_one(without_gnss(flight, 30.0, 10.0))
     _, outputs = play(singles)
     solutions = [o for o in outputs if isinstance(o, NavSolution)]
     assert [s.mode for s in solutions] == modes
@@ -104,18 +105,11 @@ def test_a_start_in_the_air_is_the_same_for_blocks_and_single_samples() -> None:
     for sample in samples:
         blocks.feed(sample)
         alone.feed(sample)
-        for single in in_singles(sample):
+        for single in one_by_one([sample]):
             singles.feed(single)
     assert blocks.mode is Mode.AIDED
     np.testing.assert_array_equal(blocks.sins.nominal_state(), singles.sins.nominal_state())
     assert not np.array_equal(blocks.sins.nominal_state(), alone.sins.nominal_state())
-
-
-def in_singles(sample: Sample) -> list[Sample]:
-    if not isinstance(sample, ImuBlock):
-        return [sample]
-    rows = zip(sample.stamps_ns.tolist(), sample.gyro.tolist(), sample.accel.tolist(), strict=True)
-    return [ImuSample(t, tuple(w), tuple(f)) for t, w, f in rows]
 
 
 def test_a_snapshot_lives_its_own_life(flight: Recording) -> None:
@@ -151,7 +145,7 @@ def test_the_operator_can_take_gnss_away(flight: Recording) -> None:
     ],
 )
 def test_damaged_imu_samples_are_counted_and_harm_nothing(flight: Recording, spoil, counter: str) -> None:
-    samples = [s for sample in without_gnss(flight, 500.0, 1.0) for s in in_singles(sample)][:4000]
+    samples = one_by_one(without_gnss(flight, 500.0, 1.0))[:4000]
     spoiled = [spoil(s) if isinstance(s, ImuSample) and i % 97 == 96 else s for i, s in enumerate(samples)]
     engine, outputs = play(spoiled)
     assert engine.status().counters[counter] > 10

@@ -4,11 +4,12 @@ import shutil
 
 import numpy as np
 import pytest
+from pieces import one_by_one
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from small_bags import COUNT, EPOCH_NS, FIX, IMU, MAG, count, fix, flight, imu, write_bag
 
-from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, MagSample, PressureSample, SatelliteCount
+from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, ImuSample, MagSample, PressureSample, SatelliteCount
 from nav_pose_estimator.offline.bag_reader import BagReader, read_samples
 from nav_pose_estimator.offline.cdr import LAYOUTS, decode
 from nav_pose_estimator.offline.raw_messages import BagError
@@ -16,16 +17,9 @@ from nav_pose_estimator.offline.topic_map import parse_remaps
 from nav_pose_estimator.ros import convert
 
 
-def flat(samples) -> list:
+def flat(samples) -> list[str]:
     """Samples with the blocks taken apart, in a form that compares."""
-    out = []
-    for sample in samples:
-        if isinstance(sample, ImuBlock):
-            rows = zip(sample.stamps_ns.tolist(), sample.gyro.tolist(), sample.accel.tolist(), strict=True)
-            out += [("imu", t, tuple(w), tuple(f)) for t, w, f in rows]
-        else:
-            out.append(str(sample))
-    return out
+    return [str(sample) for sample in one_by_one(samples)]
 
 
 FORMS = {
@@ -79,14 +73,8 @@ def test_the_fast_paths_agree_with_the_converters_of_the_nodes(mcap_bag):
         for connection, _, raw in reader.messages():
             if connection.msgtype in adapters:
                 expected += adapters[connection.msgtype](reader.deserialize(raw, connection.msgtype))
-    got = []
-    for sample in read_samples(mcap_bag):
-        if isinstance(sample, ImuBlock):
-            got += flat([sample])
-        elif isinstance(sample, (MagSample, PressureSample)):
-            got.append(sample)
-    wanted = [("imu", s.stamp_ns, s.gyro, s.accel) if hasattr(s, "gyro") else s for s in expected]
-    assert got == wanted
+    got = [s for s in one_by_one(read_samples(mcap_bag)) if isinstance(s, (ImuSample, MagSample, PressureSample))]
+    assert got == expected
 
 
 def test_decoding_agrees_with_rosbags_for_every_known_type():

@@ -1,5 +1,7 @@
 """anfis_node: what it is fed through topics, what it predicts in an outage, and the navigator that listens to it."""
 
+import errno
+import os
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +13,10 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Bool
 
+from nav_pose_estimator.core.motion_epochs import ATTITUDE, BODY_VELOCITY, COLUMNS, PERIOD, TIME
+from nav_pose_estimator.core.outage_learning import AirVelocityModel
 from nav_pose_estimator.core.rotation import quat_from_rotvec
+from nav_pose_estimator.engine.outage_learner import TrainingJob
 from nav_pose_estimator.engine.samples import ImuSample
 from nav_pose_estimator.engine.solutions import Mode, NavSolution, OutageError
 from nav_pose_estimator.nodes.anfis_node import AnfisNode
@@ -158,6 +163,44 @@ def test_a_second_lap_resets_the_learner_once_and_keeps_the_model(around):
     assert around.engine.watch.waiting_for == ""
 
 
+def test_a_full_disk_keeps_the_last_good_model_and_the_node_in_the_air(started, tmp_path, monkeypatch, capfd):
+    """GIVEN a node that has saved its model WHEN the disk is full THEN one sentence, the old file, and it flies on."""
+    file = tmp_path / "drone.model"
+    around = Around(started(AnfisNode, "-p", f"ros.model.file:={file}"))
+    around.facts(denied=False)
+    around.fly(5.0)
+    keeper = around.node.keeper
+    around.engine.learner.model = trained_model()
+    assert keeper.attempt(keeper.save) == (True, f"the model is in {file}")
+    before = file.read_bytes()
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    capfd.readouterr()
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "fsync", full)
+        for _ in range(3):
+            assert keeper.attempt(keeper.save) == (False, f"cannot write the model {file}: No space left on device")
+    assert capfd.readouterr().err.count("No space left on device") == 1
+    assert around.node.logbook.counters["outage.request_failed"] == 3
+    assert file.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [file], "nothing half written is left"
+    assert keeper.attempt(keeper.load) == (True, f"the model is that of {file}")
+    around.facts(denied=True)
+    around.fly(5.0, STAMP + 40 * 10**9)
+    assert len(around.velocity) > 5
+    assert keeper.attempt(keeper.save) == (True, f"the model is in {file}")
+
+
+def trained_model() -> AirVelocityModel:
+    """A model of a flight that was never flown, but one that can be saved."""
+    epochs = np.random.default_rng(0).normal(size=(120, COLUMNS))
+    epochs[:, TIME] = np.arange(120) * PERIOD
+    epochs[:, ATTITUDE:BODY_VELOCITY] = np.eye(3).ravel()
+    return TrainingJob(epochs, (1,)).run().model
+
+
 def test_odometry_without_covariance_is_refused_by_name(around):
     around.facts(denied=False)
     message = Odometry()
@@ -198,7 +241,8 @@ def test_the_navigator_alone_listens_to_predictions_in_an_outage(started):
             messages.fill_velocity_error(prediction, error(sample.stamp_ns, (0.1, 0.2, 0.0)))
             callbacks["/outage/velocity_error"](prediction)
     assert node.engine.mode is Mode.COASTING
-    assert node.engine.status().counters["outage.evidence"] > 10
+    counters = node.engine.status().counters
+    assert counters["outage.evidence"] == counters["outage.evidence.network"] > 10
     aid = node.engine.outage_aid
     assert aid.learner.model is None, "training is the work of anfis_node"
     evidence, _ = aid._knowledge.evidence(sample.stamp_ns, np.array(aid._collector.recent), aid._external)

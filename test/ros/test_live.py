@@ -5,6 +5,7 @@ import signal
 
 import numpy as np
 import pytest
+from conftest import PATIENCE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
@@ -110,7 +111,7 @@ def test_two_processes_equal_the_engine_alone(launch, observer):
     sensors = launch("synthetic_sensors", *(a for s in story for a in ("-p", s)))
     end = int(flight.imu.stamps_ns[-1])
     observer.until(lambda: poses and convert.stamp_ns(poses[-1]) == end, "the end of the flight")
-    assert sensors.process.wait(timeout=120) == 0
+    assert sensors.process.wait(timeout=PATIENCE) == 0
 
     engine = PoseEstimator(attitude=False)
     alone, last_fix = {}, 0
@@ -228,5 +229,5 @@ def test_a_file_with_a_wrong_value_ends_a_node_with_code_2(launch, tmp_path):
     file = tmp_path / "wrong.yaml"
     file.write_text("/**:\n  ros__parameters:\n    gnss:\n      delay: 9.0\n")
     child = launch("sins_node", "--params-file", str(file))
-    assert child.process.wait(timeout=120) == 2
+    assert child.process.wait(timeout=PATIENCE) == 2
     assert child.text().strip() == "sins_node: gnss.delay: 9 is above the maximum 1 s"

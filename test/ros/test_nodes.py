@@ -7,8 +7,12 @@ from dataclasses import fields
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import NavSatFix
 from std_srvs.srv import SetBool, Trigger
 
+from nav_pose_estimator.core import attitude_layout
+from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.samples import GnssFix, ImuSample, MagSample, Sample
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Mode, NavSolution
@@ -16,6 +20,7 @@ from nav_pose_estimator.nodes.attitude_node import AttitudeNode
 from nav_pose_estimator.nodes.pose_estimator import PoseEstimatorNode
 from nav_pose_estimator.nodes.sins_node import SinsNode
 from nav_pose_estimator.ros import convert
+from nav_pose_estimator.ros.messages import fill_origin
 from nav_pose_estimator.ros.sample_messages import TOPICS, to_message
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import generate
@@ -83,6 +88,31 @@ def test_online_equals_offline_bit_for_bit(estimator, flight):
     assert navigation(online)[-1].mode is Mode.AIDED
     assert len(navigation(online)) > 2000
     assert numbers(online) == numbers(offline)
+
+
+def test_online_equals_offline_with_a_declination_from_the_model(started, flight):
+    """GIVEN a navigator that asks the model WHEN a flight is flown THEN its date is that of the stamps, not today."""
+    pytest.importorskip("pygeomag", reason="needs pygeomag (make setup)")
+    options = ("aids.declination_from_model:=true", "ros.output.odometry_rate:=0.0")
+    node = Played(started(PoseEstimatorNode, *(a for option in options for a in ("-p", option))))
+    samples = list(flight.samples(blocks=False))[:1500]
+    engine = PoseEstimator(update(Parameters(), {"aids.declination_from_model": True}))
+    offline = [o for s in as_messages_see_them(samples) for o in engine.feed(s) if not isinstance(o, Event)]
+    online = node.play(samples)
+    assert math.degrees(node.node.engine.sins.declination) == pytest.approx(3.3, abs=0.2)
+    assert navigation(online)
+    assert numbers(online) == numbers(offline)
+
+
+def test_the_attitude_node_takes_the_declination_at_the_origin_of_the_navigator(started):
+    """GIVEN attitude_node alone WHEN the navigator tells its origin THEN the declination is that of place and date."""
+    pytest.importorskip("pygeomag", reason="needs pygeomag (make setup)")
+    node = Played(started(AttitudeNode, "-p", "aids.declination_from_model:=true"))
+    message = NavSatFix()
+    fill_origin(message, 1_700_000_000_000_000_000, (math.radians(47.6205), math.radians(-122.3493), 60.0))
+    node.callbacks["/sins_node/origin"](message)
+    assert math.degrees(node.node.engine._memory.state[attitude_layout.DECLINATION]) == pytest.approx(15.2, abs=0.1)
+    assert node.count("mag.declination.model") == 1
 
 
 def test_a_second_lap_equals_the_first_bit_for_bit(estimator, flight):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pieces import one_by_one
 
 from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, ImuSample, MagSample, PressureSample, SatelliteCount
 from nav_pose_estimator.errors import UserError
@@ -67,14 +68,7 @@ def test_two_imus_fly_the_same_flight() -> None:
 def test_blocks_and_single_samples_are_the_same_stream() -> None:
     recording = generate("at_rest", 5.0, seed=1)
     single = list(recording.samples(blocks=False))
-    unpacked: list = []
-    for sample in recording.samples():
-        if isinstance(sample, ImuBlock):
-            rows = zip(sample.stamps_ns.tolist(), sample.gyro.tolist(), sample.accel.tolist(), strict=True)
-            unpacked += [ImuSample(stamp, tuple(gyro), tuple(accel)) for stamp, gyro, accel in rows]
-        else:
-            unpacked.append(sample)
-    assert repr(single) == repr(unpacked)
+    assert repr(single) == repr(one_by_one(recording.samples()))
     assert sum(isinstance(sample, ImuSample) for sample in single) == 1001
     assert {type(sample) for sample in single} >= {GnssFix, SatelliteCount, MagSample, PressureSample}
     assert repr([timed.sample for timed in recording.arrivals()]) == repr(single)

@@ -13,6 +13,9 @@ class AidParameters:
     magnetometer_sd: float = param(0.1, "rad", "Deviation of a magnetic heading", 0.01, 3.0, mutable=True)
     magnetometer_period: float = param(0.5, "s", "Shortest time between two magnetic headings", 0.0, 60.0)
     declination: float = param(0.0, "rad", "Magnetic declination, east positive", -3.15, 3.15)
+    declination_from_model: bool = param(
+        False, "", "Take it from the World Magnetic Model (package pygeomag) at the first trusted position and its date"
+    )
     barometer: bool = param(True, "", "Use the barometer for height")
     barometer_sd: float = param(1.5, "m", "Deviation of a barometric height", 0.05, 50.0, mutable=True)
     barometer_period: float = param(0.2, "s", "Shortest time between two barometric heights", 0.0, 60.0)

@@ -1,0 +1,17 @@
+"""A flight in other pieces: the same samples, one by one."""
+
+from collections.abc import Iterable
+
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
+
+
+def one_by_one(flight: Iterable[Sample]) -> list[Sample]:
+    """Every sample by itself; each IMU block gives as many as it has rows."""
+    return [single for sample in flight for single in _singles(sample)]
+
+
+def _singles(sample: Sample) -> list[Sample]:
+    if not isinstance(sample, ImuBlock):
+        return [sample]
+    rows = zip(sample.stamps_ns.tolist(), sample.gyro.tolist(), sample.accel.tolist(), strict=True)
+    return [ImuSample(t, tuple(w), tuple(f)) for t, w, f in rows]
