@@ -27,6 +27,7 @@ _STATE = _LAST + 1
 _MEAN, _SD, _RESULT = 0, _AXES, 2 * _AXES
 
 _PROOF = 3  # seconds in a row that prove stillness
+_SECOND = 1.0  # s
 _PARTS = 10  # of a second, over which vibration averages out and swaying does not
 _CALM_RATE, _CALM_FORCE = 0.01, 0.35  # rad/s, m/s^2: spread of the samples of a second
 _SWAY_RATE, _SWAY_FORCE = 0.003, 0.05  # rad/s, m/s^2: spread of the means over tenths of a second
@@ -173,7 +174,7 @@ class Stillness:
     whoever asks must know the speed, and the gyroscope's bias.
     """
 
-    PERIOD = 1.0  # s of IMU that ``add`` is given
+    PERIOD = _SECOND  # s of IMU that ``add`` is given
 
     def __init__(self) -> None:
         self._seconds: deque[NDArray[np.float64]] = deque(maxlen=_PROOF)  # means over tenths, (_PARTS, 6) each
@@ -189,10 +190,11 @@ class Stillness:
 
         Returns the mean rate (3,) [rad/s] over the last three seconds when they were still, else None.
         """
-        if not _is_calm(rows):
+        tenths = np.empty((_PARTS, _AXES))
+        if not calm_tenths(rows, tenths):
             self._seconds.clear()
             return None
-        self._seconds.append(np.array([part.mean(axis=0) for part in np.array_split(rows[:, 1:], _PARTS)]))
+        self._seconds.append(tenths)
         if len(self._seconds) < _PROOF:
             return None
         tenths = np.concatenate(self._seconds)
@@ -201,14 +203,35 @@ class Stillness:
         return tenths[:, :3].mean(axis=0) if still else None
 
 
-def _is_calm(rows: NDArray[np.float64]) -> bool:
-    """Whether one second of IMU rows (N, 7) is complete and free of vibration.
+@kernel
+def calm_tenths(rows, tenths):
+    """Means (_PARTS, 6) over the tenths of one second of IMU rows (N, 7); False unless complete and without vibration.
 
     Values that are exactly equal prove nothing: such a sensor is stuck.
     """
-    if len(rows) < _PARTS or rows[-1, 0] - rows[0, 0] < 0.8 * Stillness.PERIOD:
+    count = len(rows)
+    if count < _PARTS or rows[count - 1, 0] - rows[0, 0] < 0.8 * _SECOND:
         return False
-    values = rows[:, 1:]
-    spread, changes = values.std(axis=0), (values != values[0]).any(axis=0)
-    calm = spread[:3].max() < _CALM_RATE and spread[3:].max() < _CALM_FORCE
-    return bool(calm and changes[:3].any() and changes[3:].any())
+    gyro_changes = accel_changes = False
+    for axis in range(_AXES):
+        total, square, changes = 0.0, 0.0, False
+        for i in range(count):
+            total += rows[i, 1 + axis]
+            changes = changes or rows[i, 1 + axis] != rows[0, 1 + axis]
+        mean = total / count
+        for i in range(count):
+            square += (rows[i, 1 + axis] - mean) ** 2
+        if not math.sqrt(square / count) < (_CALM_RATE if axis < 3 else _CALM_FORCE):
+            return False
+        gyro_changes = gyro_changes or (changes and axis < 3)
+        accel_changes = accel_changes or (changes and axis >= 3)
+    begin = 0
+    for part in range(_PARTS):
+        end = begin + count // _PARTS + (1 if part < count % _PARTS else 0)
+        for axis in range(_AXES):
+            total = 0.0
+            for i in range(begin, end):
+                total += rows[i, 1 + axis]
+            tenths[part, axis] = total / (end - begin)
+        begin = end
+    return gyro_changes and accel_changes
