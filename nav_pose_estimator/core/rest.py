@@ -8,7 +8,6 @@ All memory is one float64 vector: a snapshot is one copy.
 """
 
 import math
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -177,12 +176,13 @@ class Stillness:
     PERIOD = _SECOND  # s of IMU that ``add`` is given
 
     def __init__(self) -> None:
-        self._seconds: deque[NDArray[np.float64]] = deque(maxlen=_PROOF)  # means over tenths, (_PARTS, 6) each
+        self._tenths = np.zeros((_PROOF * _PARTS, _AXES))  # means over tenths of a second, the newest last
+        self._calm = 0  # seconds in a row that were calm
 
     def copy(self) -> "Stillness":
         """An independent copy."""
         twin = Stillness()
-        twin._seconds = self._seconds.copy()
+        twin._tenths, twin._calm = self._tenths.copy(), self._calm
         return twin
 
     def add(self, rows: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -190,17 +190,11 @@ class Stillness:
 
         Returns the mean rate (3,) [rad/s] over the last three seconds when they were still, else None.
         """
-        tenths = np.empty((_PARTS, _AXES))
-        if not calm_tenths(rows, tenths):
-            self._seconds.clear()
-            return None
-        self._seconds.append(tenths)
-        if len(self._seconds) < _PROOF:
-            return None
-        tenths = np.concatenate(self._seconds)
-        sway = tenths.std(axis=0)
-        still = sway[:3].max() < _SWAY_RATE and sway[3:].max() < _SWAY_FORCE
-        return tenths[:, :3].mean(axis=0) if still else None
+        tenths = self._tenths
+        tenths[:-_PARTS] = tenths[_PARTS:]
+        self._calm = self._calm + 1 if calm_tenths(rows, tenths[-_PARTS:]) else 0
+        mean = np.empty(_AXES)
+        return mean[:3] if self._calm >= _PROOF and is_still(tenths, mean) else None
 
 
 @kernel
@@ -235,3 +229,19 @@ def calm_tenths(rows, tenths):
             tenths[part, axis] = total / (end - begin)
         begin = end
     return gyro_changes and accel_changes
+
+
+@kernel
+def is_still(tenths, mean):
+    """Whether means over tenths of a second (N, 6) do not sway; ``mean`` (6,) receives theirs as far as it is known."""
+    count = len(tenths)
+    for axis in range(_AXES):
+        total, square = 0.0, 0.0
+        for i in range(count):
+            total += tenths[i, axis]
+        mean[axis] = total / count
+        for i in range(count):
+            square += (tenths[i, axis] - mean[axis]) ** 2
+        if not math.sqrt(square / count) < (_SWAY_RATE if axis < 3 else _SWAY_FORCE):
+            return False
+    return True
