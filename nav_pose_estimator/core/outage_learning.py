@@ -25,8 +25,9 @@ feedback in quadrotor control", ICRA 2010 (rotor drag); M. Khaghani and J. Skalo
 model-based navigation for small UAVs", Navigation 63(3), 2016 (vehicle dynamics as a sensor).
 """
 
+import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -112,7 +113,7 @@ class AirVelocityModel:
         residual = _residuals(epoch[None], self.network, self.wind_mean)
         noise = max(float(self.noise[:2].mean()), 0.05 * self.wind_spread) / PERIOD
         tracker = WindTracker(self.wind_spread, noise, self.wind, self.wind_var)
-        tracker.step((attitude(epoch[None])[0] @ residual[0])[:2])
+        tracker.follow((attitude(epoch[None])[0] @ residual[0])[None, :2])
         return replace(self, wind=tracker.wind, wind_var=tracker.variance)
 
     def state(self) -> dict[str, np.ndarray]:
@@ -175,8 +176,9 @@ def learn_air_velocity(epochs: Array, rules: tuple[int, ...] = (1,)) -> AirVeloc
     ``rules``: numbers of rules to try; more than the first have to be clearly better on blocks not trained on.
     """
     blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
-    windless = _is_guided(epochs, blocks)
-    residuals = {count: _unseen_residuals(epochs, blocks, count, windless) for count in rules}
+    unseen = functools.cache(lambda count, windless: _unseen_residuals(epochs, blocks, count, windless))
+    windless = _is_guided(epochs, unseen)
+    residuals = {count: unseen(count, windless) for count in rules}
     errors = {count: float(np.square(residual).mean()) for count, residual in residuals.items()}
     chosen = min(errors, key=lambda count: errors[count] * (1.0 if count == rules[0] else 1.0 / _CLEARLY))
     network, wind = _fit(epochs, chosen, windless)
@@ -243,7 +245,7 @@ def _fit_drag(epochs: Array) -> tuple[DragLaw, Array]:
     return DragLaw(solution[:2]), solution[2:]
 
 
-def _is_guided(epochs: Array, blocks: list[Array]) -> bool:
+def _is_guided(epochs: Array, unseen: Callable[[int, bool], Array]) -> bool:
     """Whether the vehicle goes where its nose points, and eq. (1) explains unseen motion clearly better without a wind.
 
     Better over both horizontal axes: without a wind a drone that flies nose first gains sideways and loses more ahead.
@@ -253,9 +255,7 @@ def _is_guided(epochs: Array, blocks: list[Array]) -> bool:
     ahead, sideways, _ = np.square(epochs[:, BODY_VELOCITY:VELOCITY]).mean(axis=0)
     if sideways > _SLIPS * ahead:
         return False
-    airborne, guided = (
-        np.square(_unseen_residuals(epochs, blocks, 1, windless)).mean(axis=0) for windless in (False, True)
-    )
+    airborne, guided = (np.square(unseen(1, windless)).mean(axis=0) for windless in (False, True))
     return bool(guided[0] * guided[1] < _GUIDED * airborne[0] * airborne[1])
 
 
@@ -318,7 +318,7 @@ def _with_noise(model: AirVelocityModel, epochs: Array, unseen: Array) -> AirVel
     rate_noise = max(float(density[:2].mean()), 0.05 * model.wind_spread) / PERIOD
     tracker = WindTracker(model.wind_spread, rate_noise)
     level = np.einsum("nij,nj->ni", attitude(epochs), seen)[:, :2]
-    expected = np.array([tracker.step(residual) for residual in level])
+    expected = tracker.follow(level)
     white = seen - np.einsum("nij,ni->nj", attitude(epochs)[:, :2], expected)
     optimism = np.maximum(np.square(unseen).mean(axis=0) / np.maximum(np.square(seen).mean(axis=0), 1e-9), 1.0)
     noise = np.maximum(_low_frequency_density(white) * optimism, _FLOOR)
@@ -335,14 +335,18 @@ class WindTracker:
         self.wind = np.zeros(2) if wind is None else wind
         self.variance = spread if variance is None else variance
 
-    def step(self, residual: Array) -> Array:
-        """Take the residual (2,) of the next epoch, in n; returns the wind that was expected before."""
+    def follow(self, residuals: Array) -> Array:
+        """Take the residuals (N, 2) of the next epochs, in n; returns the winds (N, 2) expected before each."""
         decay = math.exp(-PERIOD / WIND_TIME)
-        expected = decay * self.wind
-        variance = decay**2 * self.variance + (1.0 - decay**2) * self.spread
-        gain = variance / (variance + self.noise)
-        self.wind = expected + gain * (residual - expected)
-        self.variance = (1.0 - gain) * variance
+        expected = np.empty_like(residuals)
+        (east, north), variance = self.wind.tolist(), self.variance
+        for i, (x, y) in enumerate(residuals.tolist()):
+            east, north = expected[i] = decay * east, decay * north
+            variance = decay**2 * variance + (1.0 - decay**2) * self.spread
+            gain = variance / (variance + self.noise)
+            east, north = east + gain * (x - east), north + gain * (y - north)
+            variance = (1.0 - gain) * variance
+        self.wind, self.variance = np.array((east, north)), variance
         return expected
 
 

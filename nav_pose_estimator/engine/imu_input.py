@@ -52,7 +52,7 @@ class _Memory:
     gyro_since_ns: int = 0  # since when the gyroscope repeats ``gyro``
     accel_since_ns: int = 0
     stuck: bool = False
-    clipped: tuple[int, ...] = 2 * _NOT_CLIPPED  # per axis: how often the value came in a row, 0 within the usual ranges
+    clipped: tuple[int, ...] = 2 * _NOT_CLIPPED  # per axis: values in a row, 0 within usual ranges
     saturated: bool = False
 
 

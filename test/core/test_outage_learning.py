@@ -139,19 +139,19 @@ def test_the_wind_tracker_follows_a_step() -> None:
     tracker = WindTracker(spread=1.0, noise=0.5)
     steps = round(WIND_TIME / me.PERIOD)
     for _ in range(steps):
-        tracker.step(random.normal(0.0, 0.7, 2))
+        tracker.follow(random.normal(0.0, 0.7, (1, 2)))
     assert np.abs(tracker.wind).max() < 0.5
     for _ in range(steps):
-        tracker.step(np.array([2.0, -1.0]) + random.normal(0.0, 0.7, 2))
+        tracker.follow(np.array([2.0, -1.0]) + random.normal(0.0, 0.7, (1, 2)))
     np.testing.assert_allclose(tracker.wind, [2.0, -1.0], atol=0.6)
     for _ in range(2 * steps):
-        tracker.step(random.normal(0.0, 0.7, 2))
+        tracker.follow(random.normal(0.0, 0.7, (1, 2)))
     assert np.abs(tracker.wind).max() < 0.6
 
 
 def test_the_tracker_returns_what_was_expected_before_the_residual() -> None:
     one, other = WindTracker(1.0, 0.5, np.array([1.0, 0.0]), 0.3), WindTracker(1.0, 0.5, np.array([1.0, 0.0]), 0.3)
-    np.testing.assert_array_equal(one.step(np.array([9.0, 9.0])), other.step(np.array([-9.0, 0.0])))
+    np.testing.assert_array_equal(one.follow(np.array([[9.0, 9.0]])), other.follow(np.array([[-9.0, 0.0]])))
     assert one.variance == other.variance < 1.0
 
 
@@ -163,7 +163,7 @@ def test_the_variance_of_the_wind_is_that_of_its_error() -> None:
         wind, tracker = random.normal(0.0, 1.0, 2), WindTracker(1.0, 0.5)
         for _ in range(30):
             wind = decay * wind + random.normal(0.0, np.sqrt(1.0 - decay**2), 2)
-            tracker.step(wind + random.normal(0.0, np.sqrt(0.5), 2))
+            tracker.follow(wind + random.normal(0.0, np.sqrt(0.5), (1, 2)))
         errors.append(tracker.wind - wind)
     assert np.square(errors).mean() == pytest.approx(tracker.variance, rel=0.2)
 
