@@ -90,6 +90,8 @@ class Timeline:
         self.branches: Branches | None = None  # the filter's hypotheses in an outage; ``nav``, ``P`` are their mixture
         self._united_by = 0  # arrival of the observation that ended branches last
         self.shift = np.zeros(3)  # m, ENU: sum of what observations did to the position; replaced, never written to
+        # where that changed within the last ``advance``: how many of its rows came before, and ``shift`` until then
+        self.moves: list[tuple[int, np.ndarray]] = []
 
     def _hold(self, filter_memory: np.ndarray) -> None:
         """Work on ``filter_memory``; ``nav``, ``P`` and ``constants`` are parts of it."""
@@ -151,9 +153,9 @@ class Timeline:
         twin._tidy_at, twin.running = self._tidy_at, self.running
         return twin
 
-    def next_observation(self) -> float:
-        """Time of the earliest observation that waits for the future, inf without one."""
-        return self._observations[self._done].t if self._done < len(self._observations) else np.inf
+    def next_observation(self, besides: frozenset[str] = frozenset()) -> float:
+        """Time of the earliest observation of a kind not in ``besides`` that waits for the future, inf without one."""
+        return next((o.t for o in self._observations[self._done :] if o.kind not in besides), math.inf)
 
     def recent_rows(self, seconds: float) -> np.ndarray:
         """The IMU rows (N, 7) of the last ``seconds``, as far as the memory reaches; not to be written to."""
@@ -257,12 +259,16 @@ class Timeline:
 
     def _run(self, begin: int, end: int, out: np.ndarray) -> None:
         """Process rows ``begin`` to ``end`` of the buffer with the observations that fall into them."""
+        first, self.moves = end - len(out), []
         while True:
-            due = self.next_observation()
+            due = self._observations[self._done].t if self._done < len(self._observations) else math.inf
             begin = self._carry(begin, end, due, out)
             if begin == end:
                 return
+            before = self.shift
             self._observe_up_to(due)
+            if self.shift is not before:
+                self.moves.append((begin - first, before))
 
     def _carry(self, begin: int, end: int, due: float, out: np.ndarray) -> int:
         """``memory.run_block`` over rows of the buffer, along every branch where there are any."""
@@ -289,7 +295,7 @@ class Timeline:
             for nav, P in self.branches.pairs():
                 self._apply(observation, nav, P)
             self.branches.mix_into(self._memory)
-        if not self.replaying:
+        if not self.replaying and not np.array_equal(before, self.nav[LAT:VEL]):
             self.shift = self.shift + step_enu(before, self.nav[LAT:VEL])
 
     def _weigh(self, evidence: MotionEvidence) -> None:
