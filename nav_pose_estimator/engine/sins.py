@@ -218,6 +218,8 @@ class SinsEngine:
             run.look_for_rest(now)
         limit = min(run.mode_deadline(now), run.timeline.next_observation(besides=UNEVENTFUL), run.rest_due)
         count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
+        if run.mode_at(now) is not self.mode:
+            count = 1  # the change has the time of its row, whatever the size of the blocks
         out = run.timeline.advance(rows[:count])
         now = float(times[count - 1])
         run.update_mode(now)
