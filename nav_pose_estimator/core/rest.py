@@ -208,26 +208,23 @@ def calm_tenths(rows, tenths):
         return False
     gyro_changes = accel_changes = False
     for axis in range(_AXES):
-        total, square, changes = 0.0, 0.0, False
+        end, mean, square, changes = 0, 0.0, 0.0, False
+        for part in range(_PARTS):
+            begin, end = end, end + count // _PARTS + (1 if part < count % _PARTS else 0)
+            total = 0.0
+            for i in range(begin, end):
+                total += float(rows[i, 1 + axis])
+            tenths[part, axis] = total / (end - begin)
+            mean += total / count
+        first = float(rows[0, 1 + axis])
         for i in range(count):
-            total += rows[i, 1 + axis]
-            changes = changes or rows[i, 1 + axis] != rows[0, 1 + axis]
-        mean = total / count
-        for i in range(count):
-            square += (rows[i, 1 + axis] - mean) ** 2
+            value = float(rows[i, 1 + axis])
+            changes = changes or value != first
+            square += (value - mean) ** 2
         if not math.sqrt(square / count) < (_CALM_RATE if axis < 3 else _CALM_FORCE):
             return False
         gyro_changes = gyro_changes or (changes and axis < 3)
         accel_changes = accel_changes or (changes and axis >= 3)
-    begin = 0
-    for part in range(_PARTS):
-        end = begin + count // _PARTS + (1 if part < count % _PARTS else 0)
-        for axis in range(_AXES):
-            total = 0.0
-            for i in range(begin, end):
-                total += rows[i, 1 + axis]
-            tenths[part, axis] = total / (end - begin)
-        begin = end
     return gyro_changes and accel_changes
 
 

@@ -373,8 +373,7 @@ def _count_one(values: Vector3, bound: float) -> tuple[int, ...]:
     """The counts of :func:`_count_equal` for values of which none repeats."""
     if -bound <= min(values) and max(values) <= bound:
         return _NOT_CLIPPED
-    x, y, z = values
-    return int(abs(x) > bound), int(abs(y) > bound), int(abs(z) > bound)
+    return tuple(int(abs(v) > bound) for v in values)
 
 
 def _part(block: ImuBlock, start: int, end: int) -> ImuBlock:
