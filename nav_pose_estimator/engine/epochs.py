@@ -48,11 +48,19 @@ class EpochCollector:
         self._aided = True
         if not consecutive:
             self._usual = 0.0
+            self._begin(output, period)
             return None
         good = aided and count >= _LEAST_SHARE * self._usual and rows[-1, at.OUT_VAR + 2] < _GOOD_HEADING**2
         self._usual = count if self._usual == 0.0 else self._usual + 0.05 * (count - self._usual)
         self.recent.append(finished)
         return finished, bool(good)
+
+    def _begin(self, output: NavBlock | NavSolution, period: int) -> None:
+        """Collect from the first sample of ``period`` on, as if the samples had come one by one: it ended the last."""
+        if isinstance(output, NavBlock):
+            first = int(np.searchsorted(output.stamps_ns, period * _PERIOD_NS))
+            self._rows.append(output.rows[first + 1 :])
+            self._aided = output.mode is Mode.AIDED or first + 1 == len(output.rows)
 
 
 class FlightMemory:

@@ -188,7 +188,7 @@ class OutageError:
 
 @dataclass(frozen=True, slots=True)
 class AttitudeBlock:
-    """Attitudes of consecutive IMU samples: ``stamps_ns`` (N,), ``rows`` (N, BLOCK_COLUMNS), see ``core.attitude_layout``."""
+    """Attitudes of consecutive IMU samples: ``stamps_ns`` (N,) and ``rows`` (N, BLOCK_COLUMNS)."""
 
     stamps_ns: np.ndarray
     rows: np.ndarray
