@@ -113,13 +113,13 @@ def merge(navs, Ps, weights):
 
 
 @kernel
-def blend_rows(rows, weights, out):
-    """Output rows of the mixture: ``rows`` (K, N, OUT_COLUMNS) of the branches -> ``out`` (N, OUT_COLUMNS).
+def blend_rows(rows, weights, begin, end, out):
+    """Output rows of the mixture, ``begin`` to ``end``: ``rows`` (K, N, OUT_COLUMNS) -> ``out`` (N, OUT_COLUMNS).
 
     Between two decisions the branches move by the same linear law, so the mean of their rows is the mixture's mean.
     """
-    K, N = rows.shape[0], rows.shape[1]
-    for i in range(N):
+    K = rows.shape[0]
+    for i in range(begin, end):
         for c in range(OUT_COLUMNS):
             total = 0.0
             for k in range(K):
@@ -163,9 +163,3 @@ def with_wind(P: Array, cov: Array) -> Array:
     for i in range(BASE_STATES + 2, BASE_STATES + WIND_DRAG_STATES):
         wider[i, i] = 1e-8
     return wider
-
-
-def without_wind(P: Array) -> Array:
-    """``P`` (n, n) with the wind and drag block -> (n - 4, n - 4) without."""
-    kept = [*range(BASE_STATES), *range(BASE_STATES + WIND_DRAG_STATES, len(P))]
-    return np.ascontiguousarray(P[np.ix_(kept, kept)])

@@ -25,7 +25,8 @@ feedback in quadrotor control", ICRA 2010 (rotor drag); M. Khaghani and J. Skalo
 model-based navigation for small UAVs", Navigation 63(3), 2016 (vehicle dynamics as a sensor).
 """
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -171,8 +172,9 @@ def learn_air_velocity(epochs: Array, rules: tuple[int, ...] = (1,)) -> AirVeloc
     ``rules``: numbers of rules to try; more than the first have to be clearly better on blocks not trained on.
     """
     blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
-    windless = _is_guided(epochs, blocks)
-    residuals = {count: _unseen_residuals(epochs, blocks, count, windless) for count in rules}
+    unseen = functools.cache(lambda count, windless: _unseen_residuals(epochs, blocks, count, windless))
+    windless = _is_guided(epochs, unseen)
+    residuals = {count: unseen(count, windless) for count in rules}
     errors = {count: float(np.square(residual).mean()) for count, residual in residuals.items()}
     chosen = min(errors, key=lambda count: errors[count] * (1.0 if count == rules[0] else 1.0 / _CLEARLY))
     network, wind = _fit(epochs, chosen, windless)
@@ -239,7 +241,7 @@ def _fit_drag(epochs: Array) -> tuple[DragLaw, Array]:
     return DragLaw(solution[:2]), solution[2:]
 
 
-def _is_guided(epochs: Array, blocks: list[Array]) -> bool:
+def _is_guided(epochs: Array, unseen: Callable[[int, bool], Array]) -> bool:
     """Whether the vehicle goes where its nose points, and eq. (1) explains unseen motion clearly better without a wind.
 
     Better over both horizontal axes: without a wind a drone that flies nose first gains sideways and loses more ahead.
@@ -249,9 +251,7 @@ def _is_guided(epochs: Array, blocks: list[Array]) -> bool:
     ahead, sideways, _ = np.square(epochs[:, BODY_VELOCITY:VELOCITY]).mean(axis=0)
     if sideways > _SLIPS * ahead:
         return False
-    airborne, guided = (
-        np.square(_unseen_residuals(epochs, blocks, 1, windless)).mean(axis=0) for windless in (False, True)
-    )
+    airborne, guided = (np.square(unseen(1, windless)).mean(axis=0) for windless in (False, True))
     return bool(guided[0] * guided[1] < _GUIDED * airborne[0] * airborne[1])
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from nav_pose_estimator.core import filter_memory as memory
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core import measurements
-from nav_pose_estimator.core.gaussian_branches import blend_rows, error_between, merge, with_wind, without_wind
+from nav_pose_estimator.core.gaussian_branches import blend_rows, error_between, merge, with_wind
 from nav_pose_estimator.core.kalman import correct
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 
@@ -44,14 +44,14 @@ class Branches:
         branch[memory.NAV + at.GYRO_WANDER] *= self._drift_variance
         branch[memory.HEAD : memory.HEAD + P.size] = P.ravel()
         memory.add_checkpoint(branch)
-        self.memories = [branch.copy() for _ in evidence.hypotheses]
+        self.memories = np.tile(branch, (len(evidence.hypotheses), 1))
         self.weights = np.array([h.probability for h in evidence.hypotheses])
         self._decisions = [(-math.inf, self.weights)]  # (time, weights from then on), as far back as checkpoints
 
     def copy(self) -> Branches:
         """An independent copy."""
         twin = object.__new__(Branches)
-        twin.memories = [one.copy() for one in self.memories]
+        twin.memories = self.memories.copy()
         twin.weights, twin._decisions = self.weights, list(self._decisions)
         twin._drift_variance = self._drift_variance
         return twin
@@ -60,17 +60,14 @@ class Branches:
         """Nominal state and covariance of every branch; writing to them changes the branch."""
         return [(_nav(one), _covariance(one)) for one in self.memories]
 
-    def run(self, rows: np.ndarray, out: np.ndarray) -> None:
-        """Carry every branch over IMU ``rows``; ``out`` receives the solution of the mixture."""
+    def run(self, rows: np.ndarray, begin: int, end: int, due: float, out: np.ndarray) -> int:
+        """``memory.run_block`` along every branch; ``out`` receives the solution of the mixture."""
         own = np.empty((len(self.memories), *out.shape))
         for one, own_rows in zip(self.memories, own, strict=True):
-            memory.run_block(one, rows, own_rows)
-        blend_rows(own, self.weights, out)
-
-    def stand_at(self, row: np.ndarray) -> None:
-        """Bring every branch and its covariance to the time of an IMU row."""
-        for one in self.memories:
-            memory.stand_at(one, row)
+            stop = memory.run_block(one, rows, begin, end, due, own_rows)
+        first = len(out) - end
+        blend_rows(own, self.weights, first + begin, first + stop, out)
+        return stop
 
     def restore_before(self, t: float) -> float:
         """Go back to the last checkpoint before ``t``; returns its time."""
@@ -82,15 +79,15 @@ class Branches:
         self.weights = self._decisions[-1][1]
         return now
 
-    def merged(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nominal state and covariance of the mixture, without the wind block."""
-        nav, P = merge(*self._stacked(), self.weights)
-        nav[at.GYRO_WANDER] /= self._drift_variance
-        return nav, without_wind(P)
+    def mix_into(self, trunk: np.ndarray) -> None:
+        """Make the filter of the memory ``trunk`` the mixture of the branches, without the wind block."""
+        memory.mix(self.memories, self.weights, trunk)
+        trunk[memory.NAV + at.GYRO_WANDER] /= self._drift_variance
 
     def _stacked(self) -> tuple[np.ndarray, np.ndarray]:
-        navs, Ps = zip(*self.pairs(), strict=True)
-        return np.stack(navs), np.stack(Ps)
+        n = int(self.memories[0, memory.STATES])
+        Ps = self.memories[:, memory.HEAD : memory.HEAD + n * n].reshape(-1, n, n)
+        return self.memories[:, memory.NAV : memory.CONSTANTS].copy(), Ps.copy()
 
     def decide(self, evidence: MotionEvidence) -> None:
         """Let every hypothesis act on every branch, weigh what comes out, and merge it hypothesis by hypothesis.
