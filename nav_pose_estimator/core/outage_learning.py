@@ -12,8 +12,7 @@ The predicted error of the navigator's velocity is then v - C g - w, exactly the
 the source text asks for, and its coefficient on the navigator's own velocity is one by construction, not by training.
 
 A vehicle on wheels does not care about the wind: with w = 0 eq. (1) is the non-holonomic constraint, and it is learned
-like everything else. Its unknown speed ahead would look like a strong wind that blows into the sideways axis, too; so
-the wind is left out where unseen data are explained clearly better without.
+like everything else. The wind is left out where the vehicle never goes sideways or up.
 
 What g does not explain becomes noise, honestly: its residuals are those of blocks of time that it was not trained on;
 the part that persists in the level frame is the change of the wind w(t), a first-order Gauss-Markov process that goes
@@ -25,8 +24,7 @@ feedback in quadrotor control", ICRA 2010 (rotor drag); M. Khaghani and J. Skalo
 model-based navigation for small UAVs", Navigation 63(3), 2016 (vehicle dynamics as a sensor).
 """
 
-import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -56,8 +54,8 @@ _MEMORY = 8.0  # s over which residuals count as correlated
 _FLOOR = 0.05**2  # m^2/s^2 in one second
 _UNSEEN_HOVER = 10.0  # s of hovering that the guess about it is worth
 _CLEARLY = 0.9  # part of one rule's squared error below which more rules are better
-_SLIPS = 0.01  # part of the squared speed ahead that the sideways one of a vehicle on wheels is below
-_GUIDED = 0.2  # factor on the squared errors ahead and sideways, multiplied, that leaving out a wind must reach
+_SLIPS = 0.002  # part of the squared speed ahead that the others are below on wheels, with a mount 2.5 degrees off
+_MOVING = 1.0  # m^2/s^2: mean squared speed that says something of slipping
 _GUIDED_TIME = 60.0  # s: a drone, too, may fly straight on for a while
 _STRANGE = 10.0  # factor on the noise of a prediction far from the training data
 
@@ -172,9 +170,8 @@ def learn_air_velocity(epochs: Array, rules: tuple[int, ...] = (1,)) -> AirVeloc
     ``rules``: numbers of rules to try; more than the first have to be clearly better on blocks not trained on.
     """
     blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
-    unseen = functools.cache(lambda count, windless: _unseen_residuals(epochs, blocks, count, windless))
-    windless = _is_guided(epochs, unseen)
-    residuals = {count: unseen(count, windless) for count in rules}
+    windless = _is_guided(epochs)
+    residuals = {count: _unseen_residuals(epochs, blocks, count, windless) for count in rules}
     errors = {count: float(np.square(residual).mean()) for count, residual in residuals.items()}
     chosen = min(errors, key=lambda count: errors[count] * (1.0 if count == rules[0] else 1.0 / _CLEARLY))
     network, wind = _fit(epochs, chosen, windless)
@@ -241,18 +238,12 @@ def _fit_drag(epochs: Array) -> tuple[DragLaw, Array]:
     return DragLaw(solution[:2]), solution[2:]
 
 
-def _is_guided(epochs: Array, unseen: Callable[[int, bool], Array]) -> bool:
-    """Whether the vehicle goes where its nose points, and eq. (1) explains unseen motion clearly better without a wind.
-
-    Better over both horizontal axes: without a wind a drone that flies nose first gains sideways and loses more ahead.
-    """
+def _is_guided(epochs: Array) -> bool:
+    """Whether the vehicle goes where its nose points, neither sideways nor up: what flies has to tilt or to climb."""
     if len(epochs) * PERIOD < _GUIDED_TIME:
         return False
-    ahead, sideways, _ = np.square(epochs[:, BODY_VELOCITY:VELOCITY]).mean(axis=0)
-    if sideways > _SLIPS * ahead:
-        return False
-    airborne, guided = (np.square(unseen(1, windless)).mean(axis=0) for windless in (False, True))
-    return bool(guided[0] * guided[1] < _GUIDED * airborne[0] * airborne[1])
+    ahead, sideways, upwards = np.square(epochs[:, BODY_VELOCITY:VELOCITY]).mean(axis=0)
+    return bool(ahead > _MOVING and max(sideways, upwards) < _SLIPS * ahead)
 
 
 def _fit(epochs: Array, rules: int, windless: bool) -> tuple[Anfis, Array]:

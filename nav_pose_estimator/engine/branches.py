@@ -24,6 +24,7 @@ _LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
 _UNMODELLED = 8.0  # m^2/s^2: of a velocity that has drifted; the covariance knows nothing of lasting wrong predictions
 _REMEMBERED = 10.0  # s: the longest that checkpoints reach back
 _DRIVING_NOISE = [at.GYRO_NOISE_PSD, at.ACCEL_NOISE_PSD, at.GYRO_BIAS_PSD, at.ACCEL_BIAS_PSD, at.GYRO_MATRIX_PSD]
+_PLACE = slice(at.DPOS, at.DPOS + 3)
 _CORRELATION = 10.0  # s: what is nearer in time is no independent evidence of a regime
 
 
@@ -35,7 +36,10 @@ class Branches:
         n = int(trunk[memory.STATES])
         self._drift_variance = evidence.drift_variance
         stated = trunk[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
-        P = with_wind(self._drift_variance * stated, evidence.wind_cov)
+        known = self._drift_variance * stated
+        # nobody has seen how wrong the position was that GNSS left
+        known[_PLACE, _PLACE] += (1.0 - self._drift_variance) * stated[_PLACE, _PLACE]
+        P = with_wind(known, evidence.wind_cov)
         constants = _with_wind_block(trunk[memory.CONSTANTS : memory.ORIGIN], evidence)
         branch = memory.make(constants, len(P), slots, trunk[memory.PERIOD])
         branch[memory.ORIGIN : memory.STATES] = trunk[memory.ORIGIN : memory.STATES]

@@ -1,6 +1,7 @@
 """Branches of the filter in an outage, on a time line of their own: who wins, what it is worth, and when things act."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from nav_pose_estimator.core import filter_memory, measurements
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.kalman import correct
 from nav_pose_estimator.engine import filter_setup
+from nav_pose_estimator.engine.branches import Branches
 from nav_pose_estimator.engine.parameter_schema import update
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
@@ -99,7 +101,7 @@ def test_a_hovering_vehicle_is_found_to_hover_and_stays_where_it_is() -> None:
     IMU alone (24 m) and within three sigma."""
     timeline = started()
     weights = fly(timeline, imu_rows(40.0, error=0.03), lambda t: {"activity": -1.0})
-    assert weights[-1, 1] < 0.05
+    assert weights[-1, 1] < 0.1
     drift, sd = abs(east(timeline)), float(np.sqrt(timeline.P[at.DPOS, at.DPOS]))
     assert drift < 8.0
     assert drift < 3.0 * sd < 100.0
@@ -130,7 +132,7 @@ def test_a_stop_in_the_outage_is_followed() -> None:
     weights = fly(started(speed=6.0), imu_rows(60.0, acceleration), told)
     t, travel = weights.T
     assert travel[t < 14.0][-1] > 0.95
-    assert travel[(t > 30.0) & (t < 39.0)].max() < 0.1
+    assert travel[(t > 30.0) & (t < 39.0)].max() < 0.2
     assert travel[-1] > 0.95
 
 
@@ -159,6 +161,33 @@ def test_a_number_that_is_none_does_not_spoil_the_weights() -> None:
     np.testing.assert_allclose(timeline.branches.weights, before, atol=0.05)
     assert np.isfinite(timeline.nav).all()
     assert np.isfinite(timeline.P).all()
+
+
+def test_hovering_does_not_begin_at_seven_metres_per_second() -> None:
+    """GIVEN 7 m/s without a network, and motion as calm as in a hover WHEN 10 s go by THEN the vehicle still travels:
+    nothing has slowed it down."""
+    timeline = started(speed=7.0)
+    weights = fly(timeline, imu_rows(10.0), lambda t: {"activity": -1.0, "likely": 0.98})
+    assert weights[-1, 1] > 0.8
+    assert east(timeline) > 55.0
+
+
+def test_a_filter_that_is_better_than_it_states_splits_with_less_doubt() -> None:
+    """GIVEN evidence that the drift has a tenth of the stated variance WHEN the filter splits THEN attitude and
+    velocity are known better, the place as well as before; the bias noise it learned in flight is what it was."""
+    sds = {}
+    for part in (1.0, 0.1):
+        timeline = started()
+        timeline.nav[at.GYRO_WANDER] = 1e-9
+        before = timeline.P.copy()
+        one = replace(evidence(timeline), drift_variance=part)
+        branches = Branches(timeline._memory, 4, one)
+        sds[part] = branches.pairs()[0][1].diagonal()[:9].copy()
+        branches.mix_into(timeline._memory)
+        assert timeline.nav[at.GYRO_WANDER] == pytest.approx(1e-9)
+        np.testing.assert_allclose(timeline.P[at.DPOS, at.DPOS], before[at.DPOS, at.DPOS])
+    np.testing.assert_allclose(sds[0.1][:6], 0.1 * sds[1.0][:6])
+    np.testing.assert_allclose(sds[0.1][6:9], sds[1.0][6:9])
 
 
 def test_a_single_hypothesis_needs_no_decision() -> None:

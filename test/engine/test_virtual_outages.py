@@ -45,6 +45,11 @@ class Navigator:
         self._elapsed += 0.01 * (len(sample) if isinstance(sample, ImuBlock) else 1)
         return []
 
+    @property
+    def horizontal_sd(self) -> float:
+        """States 10 m after half a minute, and nothing while aided."""
+        return self._elapsed / 3.0
+
     def nominal_state(self) -> np.ndarray:
         nav = np.zeros(at.NAV_SIZE)
         nav[at.LAT] = 0.8 + self._drift * self._elapsed / 6.367e6
@@ -101,6 +106,17 @@ def test_only_rehearsals_that_both_flew_count() -> None:
     assert not outages.is_worse("network", "regimes", 1.1)
     fly(outages, later, 1240.0, 1300.0, ("regimes", "network"))
     assert outages.is_worse("network", "regimes", 1.1)
+
+
+def test_a_filter_that_errs_less_than_it_states_is_believed_more() -> None:
+    """GIVEN a filter that states 10 m after half a minute WHEN it errs by 10 m THEN its covariance stays; by 3 m, it
+    shrinks as more rehearsals show it, but never to nothing; by 30 m, it is not for rehearsals to say."""
+    assert VirtualOutages().drift_variance == 1.0
+    assert rehearsed([1.0 / 3.0], 4).drift_variance == pytest.approx(1.0, abs=0.05)
+    little = [rehearsed([0.1], count).drift_variance for count in (1, 3, 6)]
+    assert 1.0 > little[0] > little[1] > little[2] > 0.1
+    assert rehearsed([0.0], 6).drift_variance >= 0.05
+    assert rehearsed([1.0], 4).drift_variance == 1.0
 
 
 def test_old_rehearsals_are_forgotten() -> None:
