@@ -95,6 +95,23 @@ def innovation(P, z, H, R):
 
 
 @kernel
+def log_density(P, z, H, R):
+    """Logarithm of the density of an observation, but for a constant that depends on its size alone."""
+    m, n = H.shape
+    gain = np.empty((n, m))
+    nis = _gain(P, z, H, R, gain)
+    if not nis < math.inf:
+        return -math.inf
+    _project(P, H, gain)
+    L = _innovation_covariance(H, R, gain)
+    _factorise(L)
+    total = -0.5 * nis
+    for i in range(m):
+        total -= math.log(L[i, i])
+    return total
+
+
+@kernel
 def inject(nav, error):
     """Take an estimated ``error`` (n,) out of ``nav``: C <- Exp(phi) C, v and p less their errors, the rest added."""
     store4(nav, QUAT, q_polish(q_multiply(q_exp(load3(error, PHI)), load4(nav, QUAT))))

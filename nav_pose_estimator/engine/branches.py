@@ -17,7 +17,7 @@ from nav_pose_estimator.core import filter_memory as memory
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core import measurements
 from nav_pose_estimator.core.gaussian_branches import blend_rows, error_between, merge, with_wind
-from nav_pose_estimator.core.kalman import correct
+from nav_pose_estimator.core.kalman import correct, innovation, log_density
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 
 _LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
@@ -146,10 +146,12 @@ def _act(
     )
     apart = error_between(middle, nav, n)  # the branch's error were the mixture the truth
     seen, used = [], []  # (z, H, variances): what tells the hypotheses apart, what corrects the branch
+    likelihood, entry = hypothesis.log_likelihood, 0.0
     if hypothesis.velocity_var is not None:
         _, H = measurements.horizontal_velocity(nav, n, 0.0, 0.0)
         z, variances = np.array(evidence.velocity[:2]) + H @ apart, np.full(2, hypothesis.velocity_var)
         seen.append((z, H, variances))
+        entry = -0.5 * innovation(P, z, H, np.diag(variances + _UNMODELLED))
         if hypothesis.velocity_time is not None:
             # a velocity persists: it tells the regimes apart at once, but corrects the filter little by little
             used.append((z, H, variances * hypothesis.velocity_time / evidence.interval))
@@ -160,28 +162,17 @@ def _act(
         air = z + H[:, base] @ apart[base], H, np.array(hypothesis.air_noise)
         seen.append(air)
         used.append(air)
-    likelihood = hypothesis.log_likelihood + _log_density(P, seen)
-    entry = _log_entry(P, *seen[0]) if hypothesis.velocity_var is not None else 0.0
-    if used:
-        z, H, variances = (np.concatenate(parts) for parts in zip(*used, strict=True))
-        if not math.isfinite(correct(nav, P, z, H, np.diag(variances))):
-            return -math.inf, -math.inf
+    if seen:
+        likelihood += log_density(P, *_as_one(seen))
+    if used and not math.isfinite(correct(nav, P, *_as_one(used))):
+        return -math.inf, -math.inf
     return likelihood, entry
 
 
-def _log_entry(P: np.ndarray, z: np.ndarray, H: np.ndarray, variances: np.ndarray) -> float:
-    """Logarithm of the chance that a regime begins in which the velocity is wrong by ``z``, but for a constant."""
-    return -0.5 * float(z @ np.linalg.solve(H @ P @ H.T + np.diag(variances + _UNMODELLED), z))
-
-
-def _log_density(P: np.ndarray, seen: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:
-    """Logarithm of the density of what was seen, but for a constant."""
-    if not seen:
-        return 0.0
-    z, H, variances = (np.concatenate(parts) for parts in zip(*seen, strict=True))
-    expected = H @ P @ H.T + np.diag(variances)
-    _, log_determinant = np.linalg.slogdet(expected)
-    return -0.5 * (float(z @ np.linalg.solve(expected, z)) + float(log_determinant))
+def _as_one(observations: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Independent observations (z, H, variances) as one: z, H, R."""
+    z, H, variances = (np.concatenate(parts) for parts in zip(*observations, strict=True))
+    return z, H, np.diag(variances)
 
 
 def _nav(branch: np.ndarray) -> np.ndarray:
