@@ -26,9 +26,9 @@ import yaml
 
 from nav_pose_estimator import Anfis
 from nav_pose_estimator.core import motion_epochs as me
-from nav_pose_estimator.core import outage_learning
+from nav_pose_estimator.core import outage_learning, wind
 from nav_pose_estimator.core.outage_learning import AirVelocityModel, inputs
-from nav_pose_estimator.engine import branches, epochs, habits, outage_learner
+from nav_pose_estimator.engine import branches, epochs, outage_learner, virtual_outages
 from nav_pose_estimator.offline.outage_benchmark import Task, run_task
 
 
@@ -98,12 +98,6 @@ def without_wind(self: AirVelocityModel, epoch: np.ndarray) -> AirVelocityModel:
     return replace(self, wind=np.zeros(2))
 
 
-def without_prior(self: habits.MotionKnowledge, *arguments: Any) -> tuple:
-    """The hypotheses, but nothing expected of the speed of a travelling vehicle."""
-    return tuple(replace(h, velocity_var=None) if h.name == "travel" else h for h in _hypotheses(self, *arguments))
-
-
-_hypotheses = habits.MotionKnowledge._hypotheses
 _inputs = inputs
 
 
@@ -117,13 +111,15 @@ def without_force(some: np.ndarray) -> np.ndarray:
 VARIANTS: dict[str, tuple[dict[str, Any], list[Any]]] = {
     "best": ({}, []),
     "literal": ({"method": "anfis"}, [literal]),
-    "network alone": ({"method": "anfis"}, []),
+    "no prior": ({"method": "anfis"}, []),  # nothing is expected of the speed: the network alone
     "regimes alone": ({}, [lambda: patch.object(outage_learner, "_NETWORK_METHODS", frozenset())]),
     "one rule": ({"rules": 1}, []),
     "four rules": ({"rules": 4}, []),
     "no standby offset": ({}, [lambda: patch.object(AirVelocityModel, "follow", without_wind)]),
     "no drag": ({}, [lambda: patch.object(outage_learning, "inputs", without_force)]),
-    "no prior": ({}, [lambda: patch.object(habits.MotionKnowledge, "_hypotheses", without_prior)]),
+    "axes alike": ({}, [lambda: patch.object(wind, "_weights", np.ones_like)]),
+    "stated drift": ({}, [lambda: patch.object(virtual_outages, "_SMALLEST_VARIANCE", 1.0)]),
+    "free entry": ({}, [lambda: patch.object(branches, "_UNMODELLED", 1e9)]),
     "certain at once": ({}, [lambda: patch.object(branches, "_CORRELATION", me.PERIOD)]),
     "velocity prior": ({"method": "velocity_prior"}, []),
     "drag": ({"method": "drag"}, []),
