@@ -165,34 +165,21 @@ def scratch(n):
 
 @inlined
 def _shear_all(P, F, constants, T, W):
-    """``_propagate_by_shears`` with working space ``W`` (3, n).
-
-    All are the same code: with a number of states that the compiler knows, loops become a few vector instructions.
-    """
-    n = P.shape[0]
-    if n == BASE_STATES + GYRO_MATRIX_STATES:
-        _shear_in(P, F, constants, T, W, BASE_STATES + GYRO_MATRIX_STATES)
-    elif n == BASE_STATES:
-        _shear_in(P, F, constants, T, W, BASE_STATES)
-    else:
-        _shear_in(P, F, constants, T, W, n)
-
-
-@inlined
-def _shear_in(P, F, constants, T, W, n):
+    """``_propagate_by_shears`` with working space ``W`` (3, n)."""
     _add_noise(P, constants, 0.5 * T)
-    _decay(P, F, 0.5 * T, n)
-    _shear(P, F, W, DVEL, 0.5 * T, n)
-    _shear(P, F, W, PHI, T, n)
-    _shear(P, F, W, DPOS, T, n)
-    _shear(P, F, W, DVEL, 0.5 * T, n)
-    _decay(P, F, 0.5 * T, n)
+    _decay(P, F, 0.5 * T)
+    _shear(P, F, W, DVEL, 0.5 * T)
+    _shear(P, F, W, PHI, T)
+    _shear(P, F, W, DPOS, T)
+    _shear(P, F, W, DVEL, 0.5 * T)
+    _decay(P, F, 0.5 * T)
     _add_noise(P, constants, 0.5 * T)
 
 
 @inlined
-def _decay(P, F, T, n):
+def _decay(P, F, T):
     """Biases and wind fade by exp(F_ii T), rows and columns alike. Neighbours mostly share their rate."""
+    n = P.shape[0]
     rate, factor = 0.0, 1.0
     for i in range(D_GYRO_BIAS, n):
         if F[i, i] != rate:
@@ -206,8 +193,9 @@ def _decay(P, F, T, n):
 
 
 @inlined
-def _shear(P, F, W, b, T, n):
+def _shear(P, F, W, b, T):
     """``P <- S P S'`` with S = I + T F[b:b+3] in rows b to b+2: three states grow by their rates."""
+    n = P.shape[0]
     x, y, z = 0, 1, 2
     for k in range(n):
         W[x, k] = P[b, k]

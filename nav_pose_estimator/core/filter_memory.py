@@ -4,11 +4,14 @@ State, covariance, constants and checkpoints lie in one vector, so that a call f
 head has fixed places; P (n, n) follows at ``HEAD``, then the checkpoints, each a copy of ``nav`` and P.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.earth import enu_of
 from nav_pose_estimator.core.error_model import covariance_step_in, scratch
+from nav_pose_estimator.core.gaussian_branches import merge
 from nav_pose_estimator.core.jit import inlined, kernel
 from nav_pose_estimator.core.layout import (
     ALT,
@@ -22,14 +25,16 @@ from nav_pose_estimator.core.layout import (
     LON,
     NAV_SIZE,
     OUT_COLUMNS,
+    POINT_SAMPLED,
     SOLUTION_BIASES,
     SOLUTION_COV,
     SOLUTION_ENU,
     SUM_TIME,
     TIME,
+    WIND_DRAG_STATES,
 )
 from nav_pose_estimator.core.strapdown import integrate, write_output
-from nav_pose_estimator.core.triples import load3
+from nav_pose_estimator.core.triples import add_scaled, load3
 
 NAV = 0
 CONSTANTS = NAV + NAV_SIZE
@@ -96,31 +101,45 @@ def restore_before(memory, t):
 
 
 @kernel
-def run_block(memory, imu, out):
-    """Carry the filter over rows of ``imu`` (N, 7); ``out`` (N, OUT_COLUMNS) receives the state after each."""
+def run_block(memory, rows, begin, end, due, out):
+    """Carry the filter over IMU rows ``begin`` to ``end`` of ``rows`` (N, 7), but not beyond the time ``due``.
+
+    Returns the number of the row it stopped ahead of. That is ``end`` where all rows are earlier than ``due``. Else the
+    filter stands at ``due`` within the interval of that row, and P with it: ready for an observation. The last rows of
+    ``out`` (M, OUT_COLUMNS) receive the state after each row that was reached.
+    """
     n = int(memory[STATES])
     nav, constants, P = memory[NAV:CONSTANTS], memory[CONSTANTS:ORIGIN], memory[HEAD : HEAD + n * n].reshape(n, n)
     space = scratch(n)
     mark = memory[checkpoint_start(memory, int(memory[NEWEST])) + TIME] + memory[PERIOD]
-    for i in range(imu.shape[0]):
-        gyro = (float(imu[i, IMU_GYRO]), float(imu[i, IMU_GYRO + 1]), float(imu[i, IMU_GYRO + 2]))
-        accel = (float(imu[i, IMU_ACCEL]), float(imu[i, IMU_ACCEL + 1]), float(imu[i, IMU_ACCEL + 2]))
-        if integrate(nav, constants, imu[i, IMU_T], gyro, accel):
+    for i in range(begin, end):
+        gyro = (float(rows[i, IMU_GYRO]), float(rows[i, IMU_GYRO + 1]), float(rows[i, IMU_GYRO + 2]))
+        accel = (float(rows[i, IMU_ACCEL]), float(rows[i, IMU_ACCEL + 1]), float(rows[i, IMU_ACCEL + 2]))
+        t = rows[i, IMU_T]
+        stops = due <= t
+        if stops:
+            if constants[POINT_SAMPLED] != 0.0 and i > 0:
+                gyro = _between(rows, i, IMU_GYRO, due)
+                accel = _between(rows, i, IMU_ACCEL, due)
+            t = due
+        if integrate(nav, constants, t, gyro, accel) or (stops and nav[SUM_TIME] > 0.0):
             covariance_step_in(nav, P, constants, space)
-        write_output(nav, P, out, i)
+        if stops:
+            return i
+        write_output(nav, P, out, out.shape[0] - end + i)
         if nav[TIME] >= mark:
             add_checkpoint(memory)
             mark = nav[TIME] + memory[PERIOD]
+    return end
 
 
-@kernel
-def stand_at(memory, imu_row):
-    """Bring the filter to the time of ``imu_row`` (7,), unless it is there, and P with it: ready for an observation."""
-    n = int(memory[STATES])
-    nav, constants, P = memory[NAV:CONSTANTS], memory[CONSTANTS:ORIGIN], memory[HEAD : HEAD + n * n].reshape(n, n)
-    integrate(nav, constants, imu_row[IMU_T], load3(imu_row, IMU_GYRO), load3(imu_row, IMU_ACCEL))
-    if nav[SUM_TIME] > 0.0:
-        covariance_step_in(nav, P, constants, scratch(n))
+@inlined
+def _between(rows, i, column, t):
+    """Three values of the IMU at ``t`` in the interval of row ``i``, on the line from the row before."""
+    last, now = load3(rows[i - 1], column), load3(rows[i], column)
+    span = rows[i, IMU_T] - rows[i - 1, IMU_T]
+    share = (t - rows[i - 1, IMU_T]) / span if span > 0.0 else 1.0
+    return add_scaled(last, share, add_scaled(now, -1.0, last))
 
 
 @kernel
@@ -133,7 +152,7 @@ def run_sample(memory, rows, index, solution, t, wx, wy, wz, fx, fy, fz):
     row[0, IMU_T] = t
     row[0, IMU_GYRO], row[0, IMU_GYRO + 1], row[0, IMU_GYRO + 2] = wx, wy, wz
     row[0, IMU_ACCEL], row[0, IMU_ACCEL + 1], row[0, IMU_ACCEL + 2] = fx, fy, fz
-    run_block(memory, row, solution[:OUT_COLUMNS].reshape(1, OUT_COLUMNS))
+    run_block(memory, rows, index, index + 1, math.inf, solution[:OUT_COLUMNS].reshape(1, OUT_COLUMNS))
     complete_solution(memory, solution)
 
 
@@ -150,3 +169,19 @@ def complete_solution(memory, solution):
     for i in range(BASE_STATES):
         for k in range(BASE_STATES):
             solution[SOLUTION_COV + BASE_STATES * i + k] = memory[HEAD + n * i + k]
+
+
+@kernel
+def mix(branches, weights, trunk):
+    """The mixture of the filters in ``branches`` (K, ...) into the filter ``trunk``, which has no wind block."""
+    n, m = int(branches[0, STATES]), int(trunk[STATES])
+    navs, Ps = np.empty((len(branches), NAV_SIZE)), np.empty((len(branches), n, n))
+    for k in range(len(branches)):
+        navs[k] = branches[k, NAV:CONSTANTS]
+        Ps[k] = branches[k, HEAD : HEAD + n * n].reshape(n, n)
+    nav, P = merge(navs, Ps, weights)
+    trunk[NAV:CONSTANTS] = nav
+    for i in range(m):
+        row = i if i < BASE_STATES else i + WIND_DRAG_STATES
+        for j in range(m):
+            trunk[HEAD + m * i + j] = P[row, j if j < BASE_STATES else j + WIND_DRAG_STATES]

@@ -113,13 +113,13 @@ def merge(navs, Ps, weights):
 
 
 @kernel
-def blend_rows(rows, weights, out):
-    """Output rows of the mixture: ``rows`` (K, N, OUT_COLUMNS) of the branches -> ``out`` (N, OUT_COLUMNS).
+def blend_rows(rows, weights, begin, end, out):
+    """Output rows of the mixture, ``begin`` to ``end``: ``rows`` (K, N, OUT_COLUMNS) -> ``out`` (N, OUT_COLUMNS).
 
     Between two decisions the branches move by the same linear law, so the mean of their rows is the mixture's mean.
     """
-    K, N = rows.shape[0], rows.shape[1]
-    for i in range(N):
+    K = rows.shape[0]
+    for i in range(begin, end):
         for c in range(OUT_COLUMNS):
             total = 0.0
             for k in range(K):
@@ -154,17 +154,12 @@ def _mean_longitude(longitudes, weights):
     return wrap_angle(longitudes[0] + shift)
 
 
-def with_wind(P: Array, variance: float) -> Array:
-    """``P`` without the wind and drag block -> with it: wind variance ``variance`` [m^2/s^2], drag known."""
+def with_wind(P: Array, cov: Array) -> Array:
+    """``P`` without the wind and drag block -> with it: wind covariance ``cov`` (2, 2) [m^2/s^2], drag known."""
     kept = [*range(BASE_STATES), *range(BASE_STATES + WIND_DRAG_STATES, len(P) + WIND_DRAG_STATES)]
     wider = np.zeros((len(P) + WIND_DRAG_STATES,) * 2)
     wider[np.ix_(kept, kept)] = P
-    for i in range(WIND_DRAG_STATES):
-        wider[BASE_STATES + i, BASE_STATES + i] = variance if i < 2 else 1e-8
+    wider[BASE_STATES : BASE_STATES + 2, BASE_STATES : BASE_STATES + 2] = cov
+    for i in range(BASE_STATES + 2, BASE_STATES + WIND_DRAG_STATES):
+        wider[i, i] = 1e-8
     return wider
-
-
-def without_wind(P: Array) -> Array:
-    """``P`` (n, n) with the wind and drag block -> (n - 4, n - 4) without."""
-    kept = [*range(BASE_STATES), *range(BASE_STATES + WIND_DRAG_STATES, len(P))]
-    return np.ascontiguousarray(P[np.ix_(kept, kept)])

@@ -12,9 +12,9 @@ change under its feet with every step. Everything here works on standardised num
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from nav_pose_estimator.core.conjugate_gradient import fletcher_reeves
 from nav_pose_estimator.core.swarm import particle_swarm
@@ -37,16 +37,18 @@ _RIDGES = 10.0 ** np.arange(-9, 0)
 _CAUTION = 1.4  # of the cross-validation about degrees of freedom: 1 is the plain form, which chooses too little ridge
 
 
-def positive_factor(matrix: np.ndarray) -> tuple[np.ndarray, float]:
-    """Lower Cholesky factor of a symmetric matrix and the jitter that it took.
+def whitening(matrix: np.ndarray) -> tuple[np.ndarray, float]:
+    """W with W matrix W' = I, the inverse of the lower Cholesky factor of a symmetric matrix, and the jitter it took.
 
     Jitter is a multiple of the mean diagonal added to the diagonal: 0, and when rounding has made the matrix indefinite
-    1e-14, 1e-12, ... The upper triangle of the factor is not cleared.
+    1e-14, 1e-12, ... Raises ``ValueError`` for a matrix that is not finite.
     """
     jitter, scale = 0.0, max(float(np.trace(matrix)) / len(matrix), 1e-300)
+    if not np.isfinite(scale):
+        raise ValueError("the matrix is not finite")
     while True:
         try:
-            return cho_factor(matrix + jitter * scale * np.eye(len(matrix)), lower=True)[0], jitter
+            return np.linalg.inv(np.linalg.cholesky(matrix + jitter * scale * np.eye(len(matrix)))), jitter
         except np.linalg.LinAlgError:
             jitter = max(100.0 * jitter, 1e-14)
 
@@ -61,8 +63,8 @@ def ridge_least_squares(design: np.ndarray, targets: np.ndarray, ridge: float) -
 
 
 def _ridge(design: np.ndarray, targets: np.ndarray, ridge: float) -> tuple[np.ndarray, np.ndarray, float]:
-    factor, jitter = positive_factor(_normal_matrix(design, ridge))
-    return cho_solve((factor, True), design @ targets.T / targets.shape[1]), factor, jitter
+    white, jitter = whitening(_normal_matrix(design, ridge))
+    return white.T @ (white @ (design @ targets.T / targets.shape[1])), white, jitter
 
 
 def _normal_matrix(design: np.ndarray, ridge: float) -> np.ndarray:
@@ -126,15 +128,33 @@ class RecursiveLeastSquares:
 
 @dataclass(frozen=True)
 class _Pass:
-    """What one evaluation leaves behind: the linear problem at ``vector`` and the premises' way into it."""
+    """What one evaluation leaves behind: the linear problem at ``vector``, and on demand the premises' way into it."""
 
     vector: np.ndarray
-    consequents: np.ndarray  # (P, m)
-    factor: np.ndarray  # (P, P) lower Cholesky factor of the normal equations
+    premises: Premises
+    inputs: np.ndarray  # (n, N)
+    extended: np.ndarray  # (n + 1, N)
+    targets: np.ndarray  # (m, N)
+    layer: np.ndarray  # (3, n, R, N) ``memberships``, overwritten by ``slopes``
+    firing: np.ndarray  # (R, N)
     design: np.ndarray  # (P, N)
-    slopes: np.ndarray  # (3, n, R, N) d ln mu / d v
-    influence: np.ndarray  # (R, m, N) d y / d ln w
-    rmse: float
+    consequents: np.ndarray  # (P, m)
+    white: np.ndarray  # (P, P) ``whitening`` of the normal equations
+    residual: np.ndarray  # (m, N)
+
+    @cached_property
+    def slopes(self) -> np.ndarray:
+        """d ln mu / d v, (3, n, R, N)."""
+        with np.errstate(all="ignore"):
+            turn_into_slopes(self.layer, self.premises, self.inputs)
+        return self.layer
+
+    @cached_property
+    def influence(self) -> np.ndarray:
+        """d y / d ln w_i = wn_i (h_i - y), (R, m, N), with h_i the consequent of rule i."""
+        rules, terms = len(self.firing), len(self.extended)
+        h = self.consequents.reshape(rules, terms, -1).transpose(0, 2, 1) @ self.extended
+        return self.firing[:, None, :] * (h - (self.residual + self.targets))
 
 
 class ReducedObjective:
@@ -164,25 +184,13 @@ class ReducedObjective:
 
     def __call__(self, vector: np.ndarray) -> tuple[float, np.ndarray]:
         """Value and gradient at ``vector`` (3 n R,); infinite where the numbers leave the range of float64."""
-        self.evaluations += 1
-        with np.errstate(all="ignore"):
-            premises = self.premises.with_vector(vector)
-            layer = memberships(premises, self.inputs)
-            firing = normalise_firing(layer[0].sum(axis=0))
-            if not np.isfinite(firing.sum()):
-                return np.inf, np.zeros_like(vector)
-            design = design_matrix(firing, self.extended)
-            consequents, factor, jitter = _ridge(design, self.targets, self.ridge)
-            self.jittered += jitter > 0.0
-            turn_into_slopes(layer, premises, self.inputs)
-        residual = consequents.T @ design - self.targets
-        influence = self._influence(firing, consequents, residual)
-        rmse = float(np.sqrt(np.mean(np.square(residual))))
-        self._last = _Pass(vector.copy(), consequents, factor, design, layer, influence, rmse)
-        push = np.einsum("imk,mk->ik", influence, residual) / residual.shape[1]
+        last = self._at(vector)
+        if last is None:
+            return np.inf, np.zeros_like(vector)
+        push = np.einsum("imk,mk->ik", last.influence, last.residual) / last.residual.shape[1]
         move = vector - self.start
-        gradient = np.einsum("ajik,ik->aji", layer, push).ravel() + self.prior / len(move) * move
-        return self._value(residual, consequents, move), gradient
+        gradient = np.einsum("ajik,ik->aji", last.slopes, push).ravel() + self.prior / len(move) * move
+        return self._value(last.residual, last.consequents, move), gradient
 
     def _value(self, residual: np.ndarray, consequents: np.ndarray, move: np.ndarray) -> float:
         fit = np.vdot(residual, residual) / residual.shape[1]
@@ -190,17 +198,31 @@ class ReducedObjective:
             fit + self.ridge * np.vdot(consequents, consequents) + self.prior / len(move) * np.vdot(move, move)
         )
 
-    def _influence(self, firing: np.ndarray, consequents: np.ndarray, residual: np.ndarray) -> np.ndarray:
-        """d y / d ln w_i = wn_i (h_i - y), (R, m, N), with h_i the consequent of rule i."""
-        rules, terms = len(firing), len(self.extended)
-        h = consequents.reshape(rules, terms, -1).transpose(0, 2, 1) @ self.extended
-        return firing[:, None, :] * (h - (residual + self.targets))
-
     def _pass(self, vector: np.ndarray) -> _Pass:
+        last = self._at(vector)
+        assert last is not None
+        return last
+
+    def _at(self, vector: np.ndarray) -> _Pass | None:
+        """The evaluation at ``vector``, which may be the last one; None where the numbers leave the range."""
         if self._last is None or not np.array_equal(self._last.vector, vector):
-            self(vector)
-        assert self._last is not None
+            self._last = self._evaluate(vector)
         return self._last
+
+    def _evaluate(self, vector: np.ndarray) -> _Pass | None:
+        self.evaluations += 1
+        premises = self.premises.with_vector(vector)
+        with np.errstate(all="ignore"):
+            layer = memberships(premises, self.inputs)
+            firing = normalise_firing(layer[0].sum(axis=0))
+            if not np.isfinite(firing.sum()):
+                return None
+            design = design_matrix(firing, self.extended)
+            consequents, white, jitter = _ridge(design, self.targets, self.ridge)
+        self.jittered += jitter > 0.0
+        residual = consequents.T @ design - self.targets
+        linear = design, consequents, white, residual
+        return _Pass(vector.copy(), premises, self.inputs, self.extended, self.targets, layer, firing, *linear)
 
     def consequents(self, vector: np.ndarray) -> np.ndarray:
         """The best consequents (R (n + 1), m) at ``vector``."""
@@ -208,7 +230,7 @@ class ReducedObjective:
 
     def rmse(self, vector: np.ndarray) -> float:
         """Root mean square of the standardised residuals at ``vector``."""
-        return self._pass(vector).rmse
+        return float(np.sqrt(np.mean(np.square(self._pass(vector).residual))))
 
     def metric(self, vector: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """The function g -> M^-1 g, M the damped Gauss-Newton matrix of E* at ``vector`` (Kaufman 1975), rule by rule.
@@ -220,14 +242,14 @@ class ReducedObjective:
         last = self._pass(vector)
         step = max(1, self.targets.shape[1] // (_METRIC_SAMPLES * len(vector)))
         design = last.design[:, ::step]
-        factor = last.factor if step == 1 else positive_factor(_normal_matrix(design, self.ridge))[0]
+        white = last.white if step == 1 else whitening(_normal_matrix(design, self.ridge))[0]
         by_rule = last.slopes[..., ::step].transpose(2, 0, 1, 3).reshape(len(last.influence), -1, design.shape[1])
         rules, size, samples = by_rule.shape
         blocks = np.zeros((rules, size, size))
         for influence in last.influence[..., ::step].transpose(1, 0, 2):
             jacobian = by_rule * influence[:, None, :]
             moments = design @ jacobian.reshape(rules * size, samples).T / samples
-            explained = solve_triangular(factor, moments, lower=True).T.reshape(rules, size, -1)
+            explained = (white @ moments).T.reshape(rules, size, -1)
             blocks += jacobian @ jacobian.transpose(0, 2, 1) / samples - explained @ explained.transpose(0, 2, 1)
         mean = max(np.trace(blocks, axis1=1, axis2=2).sum(), 0.0) / len(vector)
         blocks += (_METRIC_DAMPING * mean + self.prior / len(vector) + 1e-300) * np.eye(size)
@@ -239,7 +261,7 @@ class ReducedObjective:
         last = self._pass(vector)
         push = np.einsum("ajik,aji->ik", last.slopes, direction.reshape(last.slopes.shape[:3]))
         change = np.einsum("imk,ik->mk", last.influence, push)
-        explained = solve_triangular(last.factor, last.design @ change.T, lower=True) / change.shape[1]
+        explained = last.white @ (last.design @ change.T) / change.shape[1]
         square = np.vdot(change, change) / change.shape[1] - np.vdot(explained, explained)
         return float(square) + self.prior / len(vector) * float(direction @ direction)
 

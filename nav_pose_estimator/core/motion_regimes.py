@@ -16,6 +16,7 @@ from nav_pose_estimator.core.motion_epochs import PERIOD, VELOCITY, activity
 SLOW = 0.8  # m/s: slower counts as hovering
 _ABLE = 5.0  # m/s: a vehicle that spends a tenth of its flight below this can hover
 _SHARE = 10.0  # percent
+_FLOWN = 20.0  # s since the vehicle was fast for the first time that tell whether it can hover, too
 _RECENT = round(5.0 / PERIOD)  # epochs that say in which regime the vehicle is
 _USUAL_TIME = 20.0  # s of flight that the usual values are worth
 _USUAL_HOVER, _USUAL_TRAVEL = 0.3, 2.0  # m/s, each axis
@@ -40,7 +41,7 @@ def learn_regimes(epochs: np.ndarray) -> MotionRegimes:
     """Statistics of aided epochs (N, COLUMNS) in order of time; N may be zero."""
     square = np.square(epochs[:, VELOCITY : VELOCITY + 2]).sum(axis=1)
     hovers = square < SLOW**2
-    slow = float(np.percentile(np.sqrt(square), _SHARE)) if len(square) else 0.0
+    slow = _slow_speed(np.sqrt(square))
     active = activity(epochs) if len(epochs) else np.zeros(0)
     recent = float(hovers[-_RECENT:].mean()) if len(hovers) else 0.5
     return MotionRegimes(
@@ -52,6 +53,19 @@ def learn_regimes(epochs: np.ndarray) -> MotionRegimes:
         hover_probability=_DOUBT + (1.0 - 2.0 * _DOUBT) * recent,
         slow_speed=slow,
     )
+
+
+def _slow_speed(speed: np.ndarray) -> float:
+    """Speed [m/s] that nine tenths of the flight were faster than, from speeds (N,).
+
+    What came before the first fast flight may have been the way to the start, on the ground or in somebody's hands.
+    """
+    fast = speed > _ABLE
+    first = int(np.argmax(fast)) if fast.any() else len(speed)
+    flown = speed[first:]
+    if len(flown) * PERIOD < _FLOWN:
+        flown = speed
+    return float(np.percentile(flown, _SHARE)) if len(flown) else 0.0
 
 
 def _shrunk_variance(squared_speed: np.ndarray, usual: float) -> float:

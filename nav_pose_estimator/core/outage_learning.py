@@ -25,8 +25,8 @@ feedback in quadrotor control", ICRA 2010 (rotor drag); M. Khaghani and J. Skalo
 model-based navigation for small UAVs", Navigation 63(3), 2016 (vehicle dynamics as a sensor).
 """
 
-import math
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -43,17 +43,16 @@ from nav_pose_estimator.core.motion_epochs import (
     attitude,
 )
 from nav_pose_estimator.core.motion_regimes import SLOW
+from nav_pose_estimator.core.wind import mean_wind, track, wind_spread
 from nav_pose_estimator.errors import UserError
 
 Array = NDArray[np.float64]
 
-WIND_TIME = 40.0  # s: correlation time of the wind's change
 _BLOCKS = 4  # blocks of time for the residuals of data not trained on
 _RIDGE = 1e-3
 _WIND_RIDGE = 1e-2  # strong: without turns the wind cannot be told from the vehicle's own mean velocity
 _ITERATIONS = 20  # of the conjugate gradient
 _MEMORY = 8.0  # s over which residuals count as correlated
-_WIND_LAG = 10.0  # s: what is still alike after this is wind
 _FLOOR = 0.05**2  # m^2/s^2 in one second
 _UNSEEN_HOVER = 10.0  # s of hovering that the guess about it is worth
 _CLEARLY = 0.9  # part of one rule's squared error below which more rules are better
@@ -76,15 +75,15 @@ class Law(Protocol):
 class AirVelocityModel:
     """A trained network with everything that turns its output into an observation.
 
-    ``wind_mean`` (2,) of the training window; ``wind`` (2,) its change since, East and North [m/s], with variance
-    ``wind_var`` now and ``wind_spread`` in the long run. ``noise``, ``hover_noise`` (3,): variance of a mean over one
-    second, body axes [m^2/s^2]. ``errors``: number of rules -> squared error on blocks not trained on.
+    ``wind_mean`` (2,) of the training window; ``wind`` (2,) its change since, East and North [m/s], with covariance
+    ``wind_cov`` (2, 2) now and variance ``wind_spread`` in the long run. ``noise``, ``hover_noise`` (3,): variance of a
+    mean over one second, body axes [m^2/s^2]. ``errors``: number of rules -> squared error on blocks not trained on.
     """
 
     network: Law
     wind_mean: Array
     wind: Array
-    wind_var: float
+    wind_cov: Array
     wind_spread: float
     noise: Array
     hover_noise: Array
@@ -110,10 +109,8 @@ class AirVelocityModel:
     def follow(self, epoch: Array) -> "AirVelocityModel":
         """The model with its wind brought on by one more aided epoch (COLUMNS,)."""
         residual = _residuals(epoch[None], self.network, self.wind_mean)
-        noise = max(float(self.noise[:2].mean()), 0.05 * self.wind_spread) / PERIOD
-        tracker = WindTracker(self.wind_spread, noise, self.wind, self.wind_var)
-        tracker.step((attitude(epoch[None])[0] @ residual[0])[:2])
-        return replace(self, wind=tracker.wind, wind_var=tracker.variance)
+        wind, cov, _ = track(attitude(epoch[None]), residual, self.noise, self.wind_spread, self.wind, self.wind_cov)
+        return replace(self, wind=wind, wind_cov=cov)
 
     def state(self) -> dict[str, np.ndarray]:
         """Named arrays for a file. ``from_state`` gives the same model."""
@@ -140,7 +137,7 @@ class AirVelocityModel:
 _ARRAYS = {
     "wind_mean": (2,),
     "wind": (2,),
-    "wind_var": (),
+    "wind_cov": (2, 2),
     "wind_spread": (),
     "noise": (3,),
     "hover_noise": (3,),
@@ -160,7 +157,7 @@ def _check_parts(network: Anfis, parts: Mapping[str, Array], errors: Array) -> N
         raise UserError("the parts of this model of the outage learning do not fit together")
     finite = all(np.isfinite(value).all() for value in [*parts.values(), errors])
     positive = (parts["noise"] > 0.0).all() and (parts["hover_noise"] > 0.0).all()
-    if not (finite and positive and parts["wind_var"] >= 0.0 and parts["wind_spread"] >= 0.0):
+    if not (finite and positive and np.linalg.eigvalsh(parts["wind_cov"])[0] >= -1e-9 and parts["wind_spread"] >= 0.0):
         raise UserError("this model of the outage learning has numbers that make no sense")
 
 
@@ -175,8 +172,9 @@ def learn_air_velocity(epochs: Array, rules: tuple[int, ...] = (1,)) -> AirVeloc
     ``rules``: numbers of rules to try; more than the first have to be clearly better on blocks not trained on.
     """
     blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
-    windless = _is_guided(epochs, blocks)
-    residuals = {count: _unseen_residuals(epochs, blocks, count, windless) for count in rules}
+    unseen = functools.cache(lambda count, windless: _unseen_residuals(epochs, blocks, count, windless))
+    windless = _is_guided(epochs, unseen)
+    residuals = {count: unseen(count, windless) for count in rules}
     errors = {count: float(np.square(residual).mean()) for count, residual in residuals.items()}
     chosen = min(errors, key=lambda count: errors[count] * (1.0 if count == rules[0] else 1.0 / _CLEARLY))
     network, wind = _fit(epochs, chosen, windless)
@@ -184,8 +182,8 @@ def learn_air_velocity(epochs: Array, rules: tuple[int, ...] = (1,)) -> AirVeloc
         network=network,
         wind_mean=wind,
         wind=np.zeros(2),
-        wind_var=0.0,
-        wind_spread=0.0 if windless else _wind_spread(epochs, residuals[chosen]),
+        wind_cov=np.zeros((2, 2)),
+        wind_spread=0.0 if windless else wind_spread(attitude(epochs), residuals[chosen]),
         noise=np.ones(3),
         hover_noise=np.ones(3),
         errors=errors,
@@ -224,8 +222,8 @@ def learn_drag(epochs: Array) -> AirVelocityModel:
     law, wind = _fit_drag(epochs)
     horizontal = unseen[:, :2]
     target = float(np.square(epochs[:, BODY_VELOCITY : BODY_VELOCITY + 2]).mean())
-    spread, errors = _wind_spread(epochs, unseen), {1: float(np.square(horizontal).mean())}
-    model = AirVelocityModel(law, wind, np.zeros(2), 0.0, spread, np.ones(3), np.ones(3), errors, target)
+    spread, errors = wind_spread(attitude(epochs), unseen), {1: float(np.square(horizontal).mean())}
+    model = AirVelocityModel(law, wind, np.zeros(2), np.zeros((2, 2)), spread, np.ones(3), np.ones(3), errors, target)
     return _with_noise(model, epochs, unseen)
 
 
@@ -243,7 +241,7 @@ def _fit_drag(epochs: Array) -> tuple[DragLaw, Array]:
     return DragLaw(solution[:2]), solution[2:]
 
 
-def _is_guided(epochs: Array, blocks: list[Array]) -> bool:
+def _is_guided(epochs: Array, unseen: Callable[[int, bool], Array]) -> bool:
     """Whether the vehicle goes where its nose points, and eq. (1) explains unseen motion clearly better without a wind.
 
     Better over both horizontal axes: without a wind a drone that flies nose first gains sideways and loses more ahead.
@@ -253,9 +251,7 @@ def _is_guided(epochs: Array, blocks: list[Array]) -> bool:
     ahead, sideways, _ = np.square(epochs[:, BODY_VELOCITY:VELOCITY]).mean(axis=0)
     if sideways > _SLIPS * ahead:
         return False
-    airborne, guided = (
-        np.square(_unseen_residuals(epochs, blocks, 1, windless)).mean(axis=0) for windless in (False, True)
-    )
+    airborne, guided = (np.square(unseen(1, windless)).mean(axis=0) for windless in (False, True))
     return bool(guided[0] * guided[1] < _GUIDED * airborne[0] * airborne[1])
 
 
@@ -272,16 +268,8 @@ def _joint_wind(epochs: Array) -> Array:
     x = inputs(epochs)
     spread = x.std(axis=0)
     z = np.column_stack([(x - x.mean(axis=0)) / np.where(spread > 1e-9, spread, 1.0), np.ones(len(x))])
-    directions = attitude(epochs)[:, :2].transpose(0, 2, 1)  # (N, 3, 2): East and North resolved in b
-    # what the linear g can explain of the wind's directions is projected out, axis by axis
-    gram = z.T @ z + _RIDGE * len(x) * np.diag([*np.ones(x.shape[1]), 1e-2])
-    normal, right = np.zeros((2, 2)), np.zeros(2)
-    for axis in range(3):
-        columns = np.column_stack([directions[:, axis], epochs[:, BODY_VELOCITY + axis]])
-        left = columns - z @ np.linalg.solve(gram, z.T @ columns)
-        normal += columns[:, :2].T @ left[:, :2]
-        right += columns[:, :2].T @ left[:, 2]
-    return np.linalg.solve(normal + _WIND_RIDGE * len(x) * np.eye(2), right)
+    ridge = _RIDGE * len(x) * np.diag([*np.ones(x.shape[1]), 1e-2])
+    return mean_wind(attitude(epochs), epochs[:, BODY_VELOCITY:VELOCITY], z, ridge, _WIND_RIDGE)
 
 
 def _in_body(epochs: Array, wind: Array) -> Array:
@@ -302,48 +290,18 @@ def _unseen_residuals(epochs: Array, blocks: list[Array], rules: int, windless: 
     return residual
 
 
-def _wind_spread(epochs: Array, residual: Array) -> float:
-    """Variance of the wind's change: what residuals in n have in common with those ten seconds later."""
-    level = np.einsum("nij,nj->ni", attitude(epochs), residual)[:, :2]
-    lag = round(_WIND_LAG / PERIOD)
-    square = float(np.square(level).mean())
-    alike = float((level[lag:] * level[:-lag]).mean()) if len(level) > 3 * lag else 0.3 * square
-    return min(max(alike, 0.03 * square), 0.9 * square)
-
-
 def _with_noise(model: AirVelocityModel, epochs: Array, unseen: Array) -> AirVelocityModel:
     """The model with its wind of today and with the noise that is left when the wind is followed."""
     seen = _residuals(epochs, model.network, model.wind_mean)
     density = np.maximum(_low_frequency_density(unseen), _FLOOR)
-    rate_noise = max(float(density[:2].mean()), 0.05 * model.wind_spread) / PERIOD
-    tracker = WindTracker(model.wind_spread, rate_noise)
-    level = np.einsum("nij,nj->ni", attitude(epochs), seen)[:, :2]
-    expected = np.array([tracker.step(residual) for residual in level])
-    white = seen - np.einsum("nij,ni->nj", attitude(epochs)[:, :2], expected)
+    C = attitude(epochs)
+    nothing, unknown = np.zeros(2), model.wind_spread * np.eye(2)
+    wind, cov, expected = track(C, seen, density, model.wind_spread, nothing, unknown)
+    white = seen - np.einsum("nij,ni->nj", C[:, :2], expected)
     optimism = np.maximum(np.square(unseen).mean(axis=0) / np.maximum(np.square(seen).mean(axis=0), 1e-9), 1.0)
     noise = np.maximum(_low_frequency_density(white) * optimism, _FLOOR)
     hover_noise = _hover_noise(epochs, unseen)
-    return replace(model, wind=tracker.wind, wind_var=tracker.variance, noise=noise, hover_noise=hover_noise)
-
-
-class WindTracker:
-    """A Kalman filter for the change of the wind (2,) [m/s]: first-order Gauss-Markov of variance ``spread``."""
-
-    def __init__(self, spread: float, noise: float, wind: Array | None = None, variance: float | None = None) -> None:
-        """``noise``: variance of one residual [m^2/s^2]."""
-        self.spread, self.noise = spread, noise
-        self.wind = np.zeros(2) if wind is None else wind
-        self.variance = spread if variance is None else variance
-
-    def step(self, residual: Array) -> Array:
-        """Take the residual (2,) of the next epoch, in n; returns the wind that was expected before."""
-        decay = math.exp(-PERIOD / WIND_TIME)
-        expected = decay * self.wind
-        variance = decay**2 * self.variance + (1.0 - decay**2) * self.spread
-        gain = variance / (variance + self.noise)
-        self.wind = expected + gain * (residual - expected)
-        self.variance = (1.0 - gain) * variance
-        return expected
+    return replace(model, wind=wind, wind_cov=cov, noise=noise, hover_noise=hover_noise)
 
 
 def _low_frequency_density(residual: Array) -> Array:

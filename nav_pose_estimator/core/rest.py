@@ -8,7 +8,6 @@ All memory is one float64 vector: a snapshot is one copy.
 """
 
 import math
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +26,7 @@ _STATE = _LAST + 1
 _MEAN, _SD, _RESULT = 0, _AXES, 2 * _AXES
 
 _PROOF = 3  # seconds in a row that prove stillness
+_SECOND = 1.0  # s
 _PARTS = 10  # of a second, over which vibration averages out and swaying does not
 _CALM_RATE, _CALM_FORCE = 0.01, 0.35  # rad/s, m/s^2: spread of the samples of a second
 _SWAY_RATE, _SWAY_FORCE = 0.003, 0.05  # rad/s, m/s^2: spread of the means over tenths of a second
@@ -173,15 +173,16 @@ class Stillness:
     whoever asks must know the speed, and the gyroscope's bias.
     """
 
-    PERIOD = 1.0  # s of IMU that ``add`` is given
+    PERIOD = _SECOND  # s of IMU that ``add`` is given
 
     def __init__(self) -> None:
-        self._seconds: deque[NDArray[np.float64]] = deque(maxlen=_PROOF)  # means over tenths, (_PARTS, 6) each
+        self._tenths = np.zeros((_PROOF * _PARTS, _AXES))  # means over tenths of a second, the newest last
+        self._calm = 0  # seconds in a row that were calm
 
     def copy(self) -> "Stillness":
         """An independent copy."""
         twin = Stillness()
-        twin._seconds = self._seconds.copy()
+        twin._tenths, twin._calm = self._tenths.copy(), self._calm
         return twin
 
     def add(self, rows: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -189,26 +190,55 @@ class Stillness:
 
         Returns the mean rate (3,) [rad/s] over the last three seconds when they were still, else None.
         """
-        if not _is_calm(rows):
-            self._seconds.clear()
-            return None
-        self._seconds.append(np.array([part.mean(axis=0) for part in np.array_split(rows[:, 1:], _PARTS)]))
-        if len(self._seconds) < _PROOF:
-            return None
-        tenths = np.concatenate(self._seconds)
-        sway = tenths.std(axis=0)
-        still = sway[:3].max() < _SWAY_RATE and sway[3:].max() < _SWAY_FORCE
-        return tenths[:, :3].mean(axis=0) if still else None
+        tenths = self._tenths
+        tenths[:-_PARTS] = tenths[_PARTS:]
+        self._calm = self._calm + 1 if calm_tenths(rows, tenths[-_PARTS:]) else 0
+        mean = np.empty(_AXES)
+        return mean[:3] if self._calm >= _PROOF and is_still(tenths, mean) else None
 
 
-def _is_calm(rows: NDArray[np.float64]) -> bool:
-    """Whether one second of IMU rows (N, 7) is complete and free of vibration.
+@kernel
+def calm_tenths(rows, tenths):
+    """Means (_PARTS, 6) over the tenths of one second of IMU rows (N, 7); False unless complete and without vibration.
 
     Values that are exactly equal prove nothing: such a sensor is stuck.
     """
-    if len(rows) < _PARTS or rows[-1, 0] - rows[0, 0] < 0.8 * Stillness.PERIOD:
+    count = len(rows)
+    if count < _PARTS or rows[count - 1, 0] - rows[0, 0] < 0.8 * _SECOND:
         return False
-    values = rows[:, 1:]
-    spread, changes = values.std(axis=0), (values != values[0]).any(axis=0)
-    calm = spread[:3].max() < _CALM_RATE and spread[3:].max() < _CALM_FORCE
-    return bool(calm and changes[:3].any() and changes[3:].any())
+    gyro_changes = accel_changes = False
+    for axis in range(_AXES):
+        end, mean, square, changes = 0, 0.0, 0.0, False
+        for part in range(_PARTS):
+            begin, end = end, end + count // _PARTS + (1 if part < count % _PARTS else 0)
+            total = 0.0
+            for i in range(begin, end):
+                total += float(rows[i, 1 + axis])
+            tenths[part, axis] = total / (end - begin)
+            mean += total / count
+        first = float(rows[0, 1 + axis])
+        for i in range(count):
+            value = float(rows[i, 1 + axis])
+            changes = changes or value != first
+            square += (value - mean) ** 2
+        if not math.sqrt(square / count) < (_CALM_RATE if axis < 3 else _CALM_FORCE):
+            return False
+        gyro_changes = gyro_changes or (changes and axis < 3)
+        accel_changes = accel_changes or (changes and axis >= 3)
+    return gyro_changes and accel_changes
+
+
+@kernel
+def is_still(tenths, mean):
+    """Whether means over tenths of a second (N, 6) do not sway; ``mean`` (6,) receives theirs as far as it is known."""
+    count = len(tenths)
+    for axis in range(_AXES):
+        total, square = 0.0, 0.0
+        for i in range(count):
+            total += tenths[i, axis]
+        mean[axis] = total / count
+        for i in range(count):
+            square += (tenths[i, axis] - mean[axis]) ** 2
+        if not math.sqrt(square / count) < (_SWAY_RATE if axis < 3 else _SWAY_FORCE):
+            return False
+    return True

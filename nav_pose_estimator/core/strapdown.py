@@ -18,7 +18,7 @@ first-order Runge-Kutta step).
 import math
 
 from nav_pose_estimator.core.earth import E2, MIN_COS_LAT, OMEGA, A, gravity_from_sine
-from nav_pose_estimator.core.error_model import covariance_step, covariance_step_in, scratch
+from nav_pose_estimator.core.error_model import covariance_step
 from nav_pose_estimator.core.jit import inlined, kernel
 from nav_pose_estimator.core.layout import (
     ACCEL_BIAS,
@@ -77,18 +77,6 @@ def propagate(nav, P, constants, imu_row):
     """
     if integrate(nav, constants, imu_row[IMU_T], load3(imu_row, IMU_GYRO), load3(imu_row, IMU_ACCEL)):
         covariance_step(nav, P, constants)
-
-
-@kernel
-def run_imu(nav, P, constants, imu, out):
-    """``propagate`` over the rows of ``imu`` (N, 7); ``out`` (N, OUT_COLUMNS) receives the state after each."""
-    space = scratch(P.shape[0])
-    for i in range(imu.shape[0]):
-        gyro = (float(imu[i, IMU_GYRO]), float(imu[i, IMU_GYRO + 1]), float(imu[i, IMU_GYRO + 2]))
-        accel = (float(imu[i, IMU_ACCEL]), float(imu[i, IMU_ACCEL + 1]), float(imu[i, IMU_ACCEL + 2]))
-        if integrate(nav, constants, imu[i, IMU_T], gyro, accel):
-            covariance_step_in(nav, P, constants, space)
-        write_output(nav, P, out, i)
 
 
 flush_covariance = covariance_step

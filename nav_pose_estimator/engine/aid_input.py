@@ -27,6 +27,8 @@ _LARGEST_SPEED = 1e3  # m/s
 _LARGEST_FIELD = 1e6  # in any unit
 _CORRELATION = 5.0  # s: magnetic headings and barometric heights closer than this share their error
 _BOUNDING = frozenset(("body_velocity", "zero_velocity"))
+UNEVENTFUL = frozenset(_LINEARISE) - _BOUNDING
+"""Kinds of observation that never change the mode."""
 _REST_RATE = 0.01  # rad/s: at rest nothing but bias and the Earth is left of the mean angular rate
 _REST_SPEED = 0.7  # m/s: the navigator must be sure, by two deviations, to be slower than that
 

@@ -193,7 +193,7 @@ class AttitudeEngine:
         return AttitudeSolution(stamp_ns, memory.state[: at.HEAD_SIZE].copy())
 
     def _on_block(self, block: ImuBlock) -> AttitudeBlock:
-        return _as_block(block.stamps_ns, self._run(block, _NO_FIELD))
+        return AttitudeBlock(block.stamps_ns, self._run(block, _NO_FIELD))
 
     def _run(self, block: ImuBlock, field: np.ndarray) -> np.ndarray:
         """Rows (N, BLOCK_COLUMNS) of accepted samples; ``field`` (N, 3) or (0, 3) in b."""
@@ -290,11 +290,11 @@ class AttitudeEngine:
         ``mag`` (N, 3) is the field that follows each IMU sample, any unit, NaN for none.
         """
         if not len(block):
-            return _as_block(block.stamps_ns, np.empty((0, at.BLOCK_COLUMNS)))
+            return AttitudeBlock(block.stamps_ns, np.empty((0, at.BLOCK_COLUMNS)))
         field = _NO_FIELD if mag is None or not self._parameters.aids.magnetometer else self._field_in_b(mag)
         items = self._door.accept_block(block)
         if len(items) == 1 and isinstance(items[0], ImuBlock) and len(items[0]) == len(block):
-            return _as_block(block.stamps_ns, self._run(items[0], field))
+            return AttitudeBlock(block.stamps_ns, self._run(items[0], field))
         rows = np.full((len(block), at.BLOCK_COLUMNS), np.nan)
         done = 0
         for item in items:
@@ -305,7 +305,7 @@ class AttitudeEngine:
             where = done + first[np.searchsorted(stamps, item.stamps_ns)]
             rows[where] = self._run(item, field[where] if len(field) else _NO_FIELD)
             done = int(where[-1]) + 1
-        return _as_block(block.stamps_ns, _hold(rows))
+        return AttitudeBlock(block.stamps_ns, _hold(rows))
 
     def _field_in_b(self, mag: np.ndarray) -> np.ndarray:
         field = (np.asarray(mag, dtype=float) - self._hard_iron) @ self._soft_iron.T
@@ -358,16 +358,6 @@ def _check_shapes(t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, mag: np.nd
             raise UserError(f"{name} has shape {np.shape(value)}, not ({len(t)}, 3) as t has {len(t)} values")
     if not np.isfinite(t).all():
         raise UserError("t holds NaN or infinity")
-
-
-def _as_block(stamps_ns: np.ndarray, rows: np.ndarray) -> AttitudeBlock:
-    return AttitudeBlock(
-        stamps_ns=stamps_ns,
-        q_nb=rows[:, at.BLOCK_QUAT : at.BLOCK_QUAT + 4],
-        tilt_sd=np.sqrt(rows[:, at.BLOCK_TILT_VAR]),
-        yaw_sd=np.sqrt(rows[:, at.BLOCK_YAW_VAR]),
-        gyro_bias=rows[:, at.BLOCK_BIAS : at.BLOCK_BIAS + 3],
-    )
 
 
 def _hold(rows: np.ndarray) -> np.ndarray:

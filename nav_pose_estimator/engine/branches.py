@@ -3,7 +3,8 @@
 The filter splits when GNSS is lost: one branch travels as the network predicts, one hovers. Every half second each
 branch takes in what its hypothesis says of the velocity; how well that fits decides how probable it is (interacting
 multiple model, Blom and Bar-Shalom 1988). A wrong hypothesis cannot spoil the other, and what comes out, mean and
-covariance of the mixture, is as uncertain as the decision.
+covariance of the mixture, is as uncertain as the decision. It differs from the textbook in that the branches are mixed
+after the hypotheses have been weighed on each of them (generalised pseudo-Bayesian, second order).
 """
 
 from __future__ import annotations
@@ -15,13 +16,15 @@ import numpy as np
 from nav_pose_estimator.core import filter_memory as memory
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core import measurements
-from nav_pose_estimator.core.gaussian_branches import blend_rows, error_between, merge, with_wind, without_wind
+from nav_pose_estimator.core.gaussian_branches import blend_rows, error_between, merge, with_wind
 from nav_pose_estimator.core.kalman import correct
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 
 _LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
+_UNMODELLED = 8.0  # m^2/s^2: of a velocity that has drifted; the covariance knows nothing of lasting wrong predictions
 _REMEMBERED = 10.0  # s: the longest that checkpoints reach back
-_CORRELATION = 6.0  # s: velocities that are nearer in time are no independent evidence
+_DRIVING_NOISE = [at.GYRO_NOISE_PSD, at.ACCEL_NOISE_PSD, at.GYRO_BIAS_PSD, at.ACCEL_BIAS_PSD, at.GYRO_MATRIX_PSD]
+_CORRELATION = 10.0  # s: what is nearer in time is no independent evidence of a regime
 
 
 class Branches:
@@ -30,40 +33,41 @@ class Branches:
     def __init__(self, trunk: np.ndarray, slots: int, evidence: MotionEvidence) -> None:
         """Split the filter of the memory ``trunk`` into the hypotheses of ``evidence``, with its wind."""
         n = int(trunk[memory.STATES])
-        P = with_wind(trunk[memory.HEAD : memory.HEAD + n * n].reshape(n, n), evidence.wind_var)
+        self._drift_variance = evidence.drift_variance
+        stated = trunk[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
+        P = with_wind(self._drift_variance * stated, evidence.wind_cov)
         constants = _with_wind_block(trunk[memory.CONSTANTS : memory.ORIGIN], evidence)
         branch = memory.make(constants, len(P), slots, trunk[memory.PERIOD])
         branch[memory.ORIGIN : memory.STATES] = trunk[memory.ORIGIN : memory.STATES]
         branch[memory.NAV : memory.CONSTANTS] = trunk[memory.NAV : memory.CONSTANTS]
         branch[memory.NAV + at.WIND : memory.NAV + at.WIND + 2] = evidence.wind
+        branch[memory.NAV + at.GYRO_WANDER] *= self._drift_variance
         branch[memory.HEAD : memory.HEAD + P.size] = P.ravel()
         memory.add_checkpoint(branch)
-        self.memories = [branch.copy() for _ in evidence.hypotheses]
+        self.memories = np.tile(branch, (len(evidence.hypotheses), 1))
         self.weights = np.array([h.probability for h in evidence.hypotheses])
         self._decisions = [(-math.inf, self.weights)]  # (time, weights from then on), as far back as checkpoints
 
     def copy(self) -> Branches:
         """An independent copy."""
         twin = object.__new__(Branches)
-        twin.memories = [one.copy() for one in self.memories]
+        twin.memories = self.memories.copy()
         twin.weights, twin._decisions = self.weights, list(self._decisions)
+        twin._drift_variance = self._drift_variance
         return twin
 
     def pairs(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Nominal state and covariance of every branch; writing to them changes the branch."""
         return [(_nav(one), _covariance(one)) for one in self.memories]
 
-    def run(self, rows: np.ndarray, out: np.ndarray) -> None:
-        """Carry every branch over IMU ``rows``; ``out`` receives the solution of the mixture."""
+    def run(self, rows: np.ndarray, begin: int, end: int, due: float, out: np.ndarray) -> int:
+        """``memory.run_block`` along every branch; ``out`` receives the solution of the mixture."""
         own = np.empty((len(self.memories), *out.shape))
         for one, own_rows in zip(self.memories, own, strict=True):
-            memory.run_block(one, rows, own_rows)
-        blend_rows(own, self.weights, out)
-
-    def stand_at(self, row: np.ndarray) -> None:
-        """Bring every branch and its covariance to the time of an IMU row."""
-        for one in self.memories:
-            memory.stand_at(one, row)
+            stop = memory.run_block(one, rows, begin, end, due, own_rows)
+        first = len(out) - end
+        blend_rows(own, self.weights, first + begin, first + stop, out)
+        return stop
 
     def restore_before(self, t: float) -> float:
         """Go back to the last checkpoint before ``t``; returns its time."""
@@ -75,40 +79,62 @@ class Branches:
         self.weights = self._decisions[-1][1]
         return now
 
-    def merged(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nominal state and covariance of the mixture, without the wind block."""
-        nav, P = merge(*self._stacked(), self.weights)
-        return nav, without_wind(P)
+    def mix_into(self, trunk: np.ndarray) -> None:
+        """Make the filter of the memory ``trunk`` the mixture of the branches, without the wind block."""
+        memory.mix(self.memories, self.weights, trunk)
+        trunk[memory.NAV + at.GYRO_WANDER] /= self._drift_variance
 
     def _stacked(self) -> tuple[np.ndarray, np.ndarray]:
-        navs, Ps = zip(*self.pairs(), strict=True)
-        return np.stack(navs), np.stack(Ps)
+        n = int(self.memories[0, memory.STATES])
+        Ps = self.memories[:, memory.HEAD : memory.HEAD + n * n].reshape(-1, n, n)
+        return self.memories[:, memory.NAV : memory.CONSTANTS].copy(), Ps.copy()
 
     def decide(self, evidence: MotionEvidence) -> None:
-        """Let every hypothesis act on its branch, weigh the hypotheses, and mix the branches for the next interval."""
-        middle, _ = merge(*self._stacked(), self.weights)
-        acted = zip(self.pairs(), evidence.hypotheses, strict=True)
-        likelihood = np.array([_act(nav, P, middle, evidence, hypothesis) for (nav, P), hypothesis in acted])
-        count = len(likelihood)
-        if count == 1 or not np.isfinite(likelihood).any():
+        """Let every hypothesis act on every branch, weigh what comes out, and merge it hypothesis by hypothesis.
+
+        A vehicle that travels at 7 m/s cannot hover the next moment: how well a hypothesis fits is asked of each branch
+        that it may have come from, not of their mixture, in which everything is possible.
+        """
+        navs, Ps = self._stacked()
+        count = len(navs)
+        after_navs, after_Ps = np.tile(navs, (count, 1, 1)), np.tile(Ps, (count, 1, 1, 1))  # hypothesis, branch, ...
+        joint = self._joint_weights(after_navs, after_Ps, evidence)
+        if not joint.any():
             return
-        stay = math.exp(-evidence.interval / evidence.dwell)
-        transition = np.full((count, count), (1.0 - stay) / (count - 1))
-        np.fill_diagonal(transition, stay)
-        exponent = likelihood * min(evidence.interval / _CORRELATION, 1.0)
-        weights = (self.weights @ transition) * np.exp(exponent - exponent.max())
+        weights = joint.sum(axis=1)
+        for j, (nav, P) in enumerate(self.pairs()):
+            if weights[j] > 0.0:
+                nav[:], P[:] = merge(after_navs[j], after_Ps[j], joint[j] / weights[j])
         weights = np.maximum(weights / weights.sum(), _LEAST_WEIGHT)
         self.weights = weights / weights.sum()
-        arriving = self.weights @ transition
-        navs, Ps = self._stacked()
-        for j, (nav, P) in enumerate(self.pairs()):
-            nav[:], P[:] = merge(navs, Ps, transition[:, j] * self.weights / arriving[j])
         now = float(navs[0, at.TIME])
         self._decisions = [*(d for d in self._decisions if d[0] >= now - _REMEMBERED), (now, self.weights)]
 
+    def _joint_weights(self, navs: np.ndarray, Ps: np.ndarray, evidence: MotionEvidence) -> np.ndarray:
+        """Correct ``navs``, ``Ps`` [j, i] for hypothesis j behind branch i; returns the weights of the pairs, or 0."""
+        count = len(navs)
+        middle, _ = merge(navs[0], Ps[0], self.weights)
+        stay = math.exp(-evidence.interval / evidence.dwell) if count > 1 else 1.0
+        transition = np.full((count, count), (1.0 - stay) / max(count - 1, 1))
+        np.fill_diagonal(transition, stay)
+        tempered = min(evidence.interval / _CORRELATION, 1.0)
+        exponent = np.empty((count, count))
+        for j, hypothesis in enumerate(evidence.hypotheses):
+            for i in range(count):
+                likelihood, entry = _act(navs[j, i], Ps[j, i], middle, evidence, hypothesis)
+                # what is seen while a regime lasts is correlated; that it could begin at all counts once and in full
+                exponent[j, i] = tempered * likelihood + (i != j) * (1.0 - tempered) * entry
+        known = np.isfinite(exponent)
+        if not known.any():
+            return np.zeros((count, count))
+        likely = np.exp(np.where(known, exponent, -np.inf) - exponent[known].max())
+        return np.asarray(transition * self.weights * likely)  # the transition is symmetric
 
-def _act(nav: np.ndarray, P: np.ndarray, middle: np.ndarray, evidence: MotionEvidence, hypothesis: Hypothesis) -> float:
-    """Correct one branch; returns the logarithm of the likelihood of what was observed."""
+
+def _act(
+    nav: np.ndarray, P: np.ndarray, middle: np.ndarray, evidence: MotionEvidence, hypothesis: Hypothesis
+) -> tuple[float, float]:
+    """Correct one branch; returns logarithms: how likely is what was observed, and that the regime begins here."""
     n = len(P)
     mean = np.array(evidence.wind_mean)
     nav[at.WIND : at.WIND + 2] = mean + math.exp(-evidence.interval / evidence.wind_tau) * (
@@ -131,11 +157,17 @@ def _act(nav: np.ndarray, P: np.ndarray, middle: np.ndarray, evidence: MotionEvi
         seen.append(air)
         used.append(air)
     likelihood = hypothesis.log_likelihood + _log_density(P, seen)
+    entry = _log_entry(P, *seen[0]) if hypothesis.velocity_var is not None else 0.0
     if used:
         z, H, variances = (np.concatenate(parts) for parts in zip(*used, strict=True))
         if not math.isfinite(correct(nav, P, z, H, np.diag(variances))):
-            return -math.inf
-    return likelihood
+            return -math.inf, -math.inf
+    return likelihood, entry
+
+
+def _log_entry(P: np.ndarray, z: np.ndarray, H: np.ndarray, variances: np.ndarray) -> float:
+    """Logarithm of the chance that a regime begins in which the velocity is wrong by ``z``, but for a constant."""
+    return -0.5 * float(z @ np.linalg.solve(H @ P @ H.T + np.diag(variances + _UNMODELLED), z))
 
 
 def _log_density(P: np.ndarray, seen: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:
@@ -159,6 +191,7 @@ def _covariance(branch: np.ndarray) -> np.ndarray:
 
 def _with_wind_block(constants: np.ndarray, evidence: MotionEvidence) -> np.ndarray:
     wider = constants.copy()
+    wider[_DRIVING_NOISE] *= evidence.drift_variance
     wider[at.I_WIND_DRAG] = at.BASE_STATES
     if wider[at.I_GYRO_MATRIX] >= 0.0:
         wider[at.I_GYRO_MATRIX] += at.WIND_DRAG_STATES

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,6 +36,10 @@ class EpochCollector:
     def feed(self, output: NavBlock | NavSolution) -> tuple[np.ndarray, bool] | None:
         """Take a solution whose last sample may end an epoch; returns (epoch, worth learning from) when it does."""
         stamp, rows = last_stamp(output), solution_rows(output)
+        if isinstance(output, NavBlock) and len(rows) > 1 and self._begins_with(output):
+            # as sample by sample: the first one is where collecting begins, the last one may end an epoch already
+            self.feed(replace(output, stamps_ns=output.stamps_ns[:1], rows=rows[:1]))
+            return self.feed(replace(output, stamps_ns=output.stamps_ns[1:], rows=rows[1:]))
         self._rows.append(rows)
         self._aided &= output.mode is Mode.AIDED
         period = stamp // _PERIOD_NS
@@ -53,6 +58,10 @@ class EpochCollector:
         self._usual = count if self._usual == 0.0 else self._usual + 0.05 * (count - self._usual)
         self.recent.append(finished)
         return finished, bool(good)
+
+    def _begins_with(self, block: NavBlock) -> bool:
+        """Whether the first sample of ``block`` does not continue what has been collected: a start, or a gap."""
+        return not 0 <= int(block.stamps_ns[0]) // _PERIOD_NS - self._period <= 1
 
 
 class FlightMemory:

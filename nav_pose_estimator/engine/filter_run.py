@@ -37,7 +37,7 @@ from nav_pose_estimator.engine.samples import (
     SetPose,
     VelocityError,
 )
-from nav_pose_estimator.engine.solutions import Level
+from nav_pose_estimator.engine.solutions import Level, Mode
 from nav_pose_estimator.engine.timeline import MOTION, Observation, Timeline
 
 Origin = tuple[float, float, float]
@@ -279,6 +279,10 @@ class FilterRun:
             self.aids.apply(o, nav, P, aided)
 
     # --- mode --------------------------------------------------------------------------------------------------------
+
+    def mode_at(self, t: float) -> Mode:
+        """The mode at ``t``, with what is known now."""
+        return self.modes.at(t, self.gnss, self.aids)
 
     def update_mode(self, t: float) -> None:
         """Bring the mode up to ``t``."""

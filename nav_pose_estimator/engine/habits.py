@@ -13,11 +13,12 @@ import numpy as np
 
 from nav_pose_estimator.core import motion_epochs as me
 from nav_pose_estimator.core.motion_regimes import MotionRegimes, learn_regimes
-from nav_pose_estimator.core.outage_learning import WIND_TIME, AirVelocityModel
+from nav_pose_estimator.core.outage_learning import AirVelocityModel
+from nav_pose_estimator.core.wind import WIND_TIME
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence, Vector3, VelocityError
 
-_TRAVEL_TIME, _HOVER_TIME = 2.0, 4.0  # s over which the velocity of a regime counts as one draw
-_DWELL = 30.0  # s: how long a regime lasts, on average
+_TRAVEL_TIME, _HOVER_TIME = 2.0, 2.0  # s over which the velocity of a regime counts as one draw
+_DWELL = 10.0  # s: how long a regime lasts, on average
 _RECENT = 30.0  # s whose mean square speed the velocity prior expects
 _SLOWEST = 0.05  # m/s
 _FRESH = 1.0  # s: an older prediction from outside is not used
@@ -41,13 +42,16 @@ class MotionKnowledge:
     regimes: MotionRegimes
     recent_square: float
     model: AirVelocityModel | None
+    drift_variance: float = 1.0
 
     @classmethod
-    def of(cls, method: str, epochs: np.ndarray, model: AirVelocityModel | None) -> MotionKnowledge:
+    def of(
+        cls, method: str, epochs: np.ndarray, model: AirVelocityModel | None, drift_variance: float = 1.0
+    ) -> MotionKnowledge:
         """From the aided epochs (N, COLUMNS) of the window before the outage, N > 0."""
         newest = epochs[-1, me.TIME]
         recent = epochs[epochs[:, me.TIME] > newest - _RECENT, me.VELOCITY : me.VELOCITY + 2]
-        return cls(method, learn_regimes(epochs), float(np.square(recent).sum(axis=1).mean()), model)
+        return cls(method, learn_regimes(epochs), float(np.square(recent).sum(axis=1).mean()), model, drift_variance)
 
     def evidence(
         self, stamp_ns: int, recent: np.ndarray, external: VelocityError | None = None
@@ -74,6 +78,7 @@ class MotionKnowledge:
             hypotheses=hypotheses,
             dwell=_DWELL,
             wind_tau=WIND_TIME,
+            drift_variance=self.drift_variance,
             **self._wind(),
         )
         return evidence, error
@@ -138,7 +143,7 @@ class MotionKnowledge:
         return {
             "wind": (float(wind[0]), float(wind[1])),
             "wind_mean": (float(mean[0]), float(mean[1])),
-            "wind_var": self.model.wind_var,
+            "wind_cov": self.model.wind_cov,
             "wind_spread": self.model.wind_spread,
         }
 

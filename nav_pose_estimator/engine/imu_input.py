@@ -36,6 +36,7 @@ _CLIPPED_RATE = 4.3  # ... beyond the smallest usual range (250 deg/s) are a sat
 _CLIPPED_FORCE = 19.0  # ... beyond the smallest usual range (2 g) are a saturated accelerometer [m/s^2]
 _FEW = 4  # up to so many samples are checked faster one by one than by whole-array comparisons
 _MANY = 64  # a longer block with something in it is halved: most of it may be clean
+_NOT_CLIPPED = (0, 0, 0)
 _NS = 1e-9
 
 
@@ -51,7 +52,7 @@ class _Memory:
     gyro_since_ns: int = 0  # since when the gyroscope repeats ``gyro``
     accel_since_ns: int = 0
     stuck: bool = False
-    clipped: tuple[int, ...] = (0,) * 6  # per axis: how often the value came in a row, 0 within the usual ranges
+    clipped: tuple[int, ...] = 2 * _NOT_CLIPPED  # per axis: values in a row, 0 within usual ranges
     saturated: bool = False
 
 
@@ -370,8 +371,9 @@ def _count_equal(values: Vector3, before: Vector3, bound: float, counts: tuple[i
 
 def _count_one(values: Vector3, bound: float) -> tuple[int, ...]:
     """The counts of :func:`_count_equal` for values of which none repeats."""
-    x, y, z = values
-    return int(abs(x) > bound), int(abs(y) > bound), int(abs(z) > bound)
+    if -bound <= min(values) and max(values) <= bound:
+        return _NOT_CLIPPED
+    return tuple(int(abs(v) > bound) for v in values)
 
 
 def _part(block: ImuBlock, start: int, end: int) -> ImuBlock:

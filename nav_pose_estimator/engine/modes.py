@@ -57,7 +57,7 @@ class ModeKeeper:
         self, t: float, gnss: GnssInput, aids: AidInput, journal: Journal, stamp: Callable[[float], int]
     ) -> Mode:
         """The mode at ``t`` of a running filter; a change is an event."""
-        mode = self._mode_at(t, gnss, aids)
+        mode = self.at(t, gnss, aids)
         if mode is not self.mode:
             was_denied, is_denied = self.mode in DENIED, mode in DENIED
             level = Level.WARN if is_denied and not was_denied else Level.INFO
@@ -66,7 +66,8 @@ class ModeKeeper:
             self.mode = mode
         return mode
 
-    def _mode_at(self, t: float, gnss: GnssInput, aids: AidInput) -> Mode:
+    def at(self, t: float, gnss: GnssInput, aids: AidInput) -> Mode:
+        """The mode that ``t`` asks for, of a running filter."""
         gap = t - gnss.last_used
         if gap < self._parameters.lost_after:
             return Mode.AIDED

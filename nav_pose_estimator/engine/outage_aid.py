@@ -124,9 +124,10 @@ class OutageAid:
         epochs = self.learner.memory.last(self._parameters.window)
         if method == COAST or len(epochs) * me.PERIOD < _ENOUGH:
             return {}
-        ways = {_REGIMES: MotionKnowledge.of(method, epochs, None)}
+        drift = self.rehearsals.drift_variance
+        ways = {_REGIMES: MotionKnowledge.of(method, epochs, None, drift)}
         if model is not None:
-            ways[_NETWORK] = MotionKnowledge.of(method, epochs, model)
+            ways[_NETWORK] = MotionKnowledge.of(method, epochs, model, drift)
         return ways
 
     @property

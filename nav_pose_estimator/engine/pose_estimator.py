@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.imu_checks import stays_in_period
-from nav_pose_estimator.engine import rehearsal_flight
+from nav_pose_estimator.engine import rehearsal_flight, sensor_batch
 from nav_pose_estimator.engine.attitude import AttitudeEngine
 from nav_pose_estimator.engine.modes import LEVELLING
 from nav_pose_estimator.engine.outage_aid import OutageAid, Train
@@ -25,6 +25,7 @@ from nav_pose_estimator.engine.samples import (
     Sample,
     VelocityError,
 )
+from nav_pose_estimator.engine.sensor_batch import SensorBatch
 from nav_pose_estimator.engine.sins import SinsEngine
 from nav_pose_estimator.engine.solutions import (
     AttitudeBlock,
@@ -60,23 +61,48 @@ class PoseEstimator:
     def feed(self, sample: Sample) -> list[Output]:
         """Take one sample; returns solutions and events in order: attitude first, then navigation."""
         if isinstance(sample, ImuBlock):
-            return [output for piece in self._pieces(sample) for output in self._feed(piece)]
+            return [output for a, b in self._pieces(sample) for output in self._feed(_part(sample, a, b))]
         return self._feed(sample)
 
-    def _pieces(self, block: ImuBlock) -> list[ImuBlock]:
-        """``block`` cut behind each sample at which the estimators talk: blocks give what single samples give."""
+    def feed_all(self, samples: Sequence[Sample]) -> list[Output]:
+        """Take samples in the order in which they arrived: the numbers of ``feed``, in fewer and longer blocks.
+
+        Where ``engine.sensor_batch`` allows it, the navigator hears of magnetometer and barometer ahead of a long block
+        instead of between short ones; they act at their own time.
+        """
+        outputs: list[Output] = []
+        done = 0
+        while done < len(samples):
+            count = sensor_batch.length(samples, done)
+            batch, done = samples[done : done + count], done + count
+            if count > 1 and self.sins.mode not in LEVELLING:
+                outputs += self._feed_batch(SensorBatch.of(batch))
+            else:
+                outputs += [output for sample in batch for output in self.feed(sample)]
+        return outputs
+
+    def _feed_batch(self, batch: SensorBatch) -> list[Output]:
+        outputs: list[Output] = []
+        for begin, end in self._pieces(batch.imu):
+            outputs += self._feed(_part(batch.imu, begin, end), batch.early(begin, end))
+        return outputs + [output for sample in batch.after for output in self._feed(sample)]
+
+    def _pieces(self, block: ImuBlock) -> Iterator[tuple[int, int]]:
+        """Where to cut: behind each sample at which the estimators talk. Blocks so give what single samples give."""
+        count = len(block)
         if self.attitude is not None and self.sins.mode in LEVELLING:
-            return _cut(block, range(len(block) + 1))
+            return itertools.pairwise(range(count + 1))
         if stays_in_period(block.stamps_ns, self._period, _EXCHANGE_NS):
-            return [block]
+            return iter([(0, count)])
         periods = block.stamps_ns // _EXCHANGE_NS
         ends = np.flatnonzero(periods[1:] != periods[:-1]) + 2
-        cuts = [0, *([1] if periods[0] != self._period else []), *ends.tolist(), len(block)]
-        if cuts[-2] >= len(block):
+        cuts = [0, *([1] if periods[0] != self._period else []), *ends.tolist(), count]
+        if cuts[-2] >= count:
             del cuts[-2]
-        return _cut(block, cuts)
+        return itertools.pairwise(cuts)
 
-    def _feed(self, sample: Sample) -> list[Output]:
+    def _feed(self, sample: Sample, early: Sequence[tuple[int, Sample]] = ()) -> list[Output]:
+        """Take one sample; ``early`` came behind so many IMU samples of it, but the navigator hears of them first."""
         if isinstance(sample, VelocityError):
             if self.outage_aid is not None:
                 self.outage_aid.predicted(sample)
@@ -84,12 +110,16 @@ class PoseEstimator:
         outputs: list[Output] = []
         if self.attitude is not None and isinstance(sample, (ImuSample, ImuBlock, MagSample)):
             # what the attitude filter says of the IMU the navigator says as well: told once
-            outputs += [o for o in self.attitude.feed(sample) if not _is_imu_event(o)]
-        solutions = self.sins.feed(sample)
+            for part in _in_order(sample, early) if isinstance(sample, ImuBlock) else (sample,):
+                outputs += [o for o in self.attitude.feed(part) if not _is_imu_event(o)]
+        solutions = [event for _, other in early for event in self.sins.feed(other)]
+        solutions += self.sins.feed(sample)
         if self.sins.mode in LEVELLING:
             solutions += [event for tilt in _tilts(outputs) for event in self.sins.feed(tilt)]
         outputs += solutions
         if self.outage_aid is not None:
+            for _, other in early:
+                self.outage_aid.hear(other)
             self.outage_aid.hear(sample)
             outputs += self._help(self.outage_aid, solutions)
         if isinstance(sample, (ImuSample, ImuBlock)) and self._is_time_to_talk(sample):
@@ -193,8 +223,21 @@ class PoseEstimator:
             self.attitude.restore(attitude)
 
 
-def _cut(block: ImuBlock, cuts: Iterable[int]) -> list[ImuBlock]:
-    return [ImuBlock(block.stamps_ns[a:b], block.gyro[a:b], block.accel[a:b]) for a, b in itertools.pairwise(cuts)]
+def _part(block: ImuBlock, begin: int, end: int) -> ImuBlock:
+    if begin == 0 and end == len(block):
+        return block
+    return ImuBlock(block.stamps_ns[begin:end], block.gyro[begin:end], block.accel[begin:end])
+
+
+def _in_order(block: ImuBlock, others: Sequence[tuple[int, Sample]]) -> Iterator[Sample]:
+    """A block in parts, with the other samples where they arrived."""
+    done = 0
+    for place, other in others:
+        if place > done:
+            yield _part(block, done, place)
+            done = place
+        yield other
+    yield _part(block, done, len(block))
 
 
 def _tilts(outputs: list[Output]) -> Iterator[AttitudeSample]:

@@ -90,7 +90,7 @@ def _evidence(step: int) -> MotionEvidence:
     hypotheses = Hypothesis("travel", 0.5, 4.0, (1.0, 1.0, 1.0)), Hypothesis("hover", 0.5, 0.1, None)
     stamp = _EPOCH_NS + step * _STEP_NS
     return MotionEvidence(
-        stamp, 0.5, np.eye(3), zero, zero, zero, hypotheses, dwell=60.0, wind_var=0.1, wind_spread=0.1
+        stamp, 0.5, np.eye(3), zero, zero, zero, hypotheses, dwell=60.0, wind_cov=0.1 * np.eye(2), wind_spread=0.1
     )
 
 

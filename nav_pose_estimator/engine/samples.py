@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -177,7 +177,8 @@ class MotionEvidence:
 
     ``attitude`` (3, 3) mean C_nb; ``velocity`` in n and ``body_velocity`` (mean of C^T v) of the estimate [m/s];
     ``air_velocity`` predicted in b [m/s], None without a prediction. The wind (East, North, m/s) with which an outage
-    begins, its mean, variance now and in the long run, and its time constant. ``dwell`` [s]: how long a regime lasts.
+    begins, its mean, covariance (2, 2) now and variance in the long run, and its time constant. ``dwell`` [s]: how long
+    a regime lasts. ``drift_variance``: squared errors without GNSS in parts of what the filter states.
     """
 
     stamp_ns: int
@@ -190,9 +191,10 @@ class MotionEvidence:
     dwell: float
     wind: tuple[float, float] = (0.0, 0.0)
     wind_mean: tuple[float, float] = (0.0, 0.0)
-    wind_var: float = 0.0
+    wind_cov: np.ndarray = field(default_factory=lambda: np.zeros((2, 2)))
     wind_spread: float = 0.0
     wind_tau: float = 1.0
+    drift_variance: float = 1.0
 
 
 Sample = (

@@ -8,8 +8,9 @@ import numpy as np
 
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.alignment_types import KnownBiases
-from nav_pose_estimator.core.kalman import predicted_horizontal_sd
+from nav_pose_estimator.core.kalman import horizontal_sd, predicted_horizontal_sd
 from nav_pose_estimator.engine import filter_setup, rehearsal_flight, start_up
+from nav_pose_estimator.engine.aid_input import UNEVENTFUL
 from nav_pose_estimator.engine.engine_clock import NS
 from nav_pose_estimator.engine.filter_run import FilterRun, Origin
 from nav_pose_estimator.engine.imu_input import GAP, RESTARTS, ImuInput
@@ -71,6 +72,15 @@ class SinsEngine:
         return self._run.timeline.nav.copy()
 
     @property
+    def horizontal_sd(self) -> float:
+        """Root of the summed position variances East and North [m]; infinite while the filter does not run."""
+        timeline = self._run.timeline
+        if not timeline.running:
+            return math.inf
+        timeline.settle()
+        return float(horizontal_sd(timeline.P))
+
+    @property
     def journal(self) -> Journal:
         """Counters of everything that was used, refused or reset."""
         return self._journal
@@ -101,13 +111,10 @@ class SinsEngine:
     def status(self) -> Status:
         """What a pilot wants to know."""
         run, timeline, gnss = self._run, self._run.timeline, self._run.gnss
-        t, sd, later = 0.0, math.inf, math.inf
+        t, sd, later = 0.0, self.horizontal_sd, math.inf
         if timeline.running:
-            timeline.settle()
             t = timeline.time
-            P = timeline.P
-            sd = math.sqrt(P[at.DPOS, at.DPOS] + P[at.DPOS + 1, at.DPOS + 1])
-            later = predicted_horizontal_sd(timeline.nav, P, timeline.constants, 30.0)
+            later = predicted_horizontal_sd(timeline.nav, timeline.P, timeline.constants, 30.0)
         waiting = "" if timeline.running else run.aligner.waiting_for(gnss.refusal)
         return Status(
             stamp_ns=run.clock.stamp(t),
@@ -181,7 +188,7 @@ class SinsEngine:
     def _advance(self, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
         """Carry the filter over ``rows``; one block for each stretch of constant mode."""
         if rows[-1, at.IMU_T] < self._run.quiet_until:
-            return [self._block(stamps_ns, self._run.timeline.advance(rows))]
+            return self._blocks(stamps_ns, self._run.timeline.advance(rows))
         blocks: list[NavBlock] = []
         done = 0
         while done < len(rows):
@@ -189,19 +196,28 @@ class SinsEngine:
                 self._run.align(rows[done : done + 1])
                 done += 1
                 continue
-            blocks.append(self._advance_in_one_mode(stamps_ns[done:], rows[done:]))
-            done += len(blocks[-1].stamps_ns)
+            ahead = self._advance_in_one_mode(stamps_ns[done:], rows[done:])
+            done += sum(len(block.stamps_ns) for block in ahead)
+            blocks += ahead
             if self._run.gnss.despair:
                 clock = self._run.clock  # the rows that follow count from it
                 self._restart(int(blocks[-1].stamps_ns[-1]), self._run.gnss.despair)
                 self._run.clock = clock
         return blocks
 
-    def _block(self, stamps_ns: np.ndarray, out: np.ndarray) -> NavBlock:
-        return NavBlock(stamps_ns, out, self.mode, self._run.gnss.resets, self._run.timeline.shift)
+    def _blocks(self, stamps_ns: np.ndarray, out: np.ndarray) -> list[NavBlock]:
+        """The rows of the last ``advance``, one block for each stretch of constant correction."""
+        timeline, mode, resets = self._run.timeline, self.mode, self._run.gnss.resets
+        blocks: list[NavBlock] = []
+        done = 0
+        for end, correction in [*timeline.moves, (len(out), timeline.shift)]:
+            if end > done:
+                blocks.append(NavBlock(stamps_ns[done:end], out[done:end], mode, resets, correction))
+                done = end
+        return blocks
 
-    def _advance_in_one_mode(self, stamps_ns: np.ndarray, rows: np.ndarray) -> NavBlock:
-        """As many rows as the mode stays the same for: up to a deadline or to the next observation that waits."""
+    def _advance_in_one_mode(self, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
+        """As many rows as the mode stays the same for: up to a deadline or to an observation that may change it."""
         run = self._run
         # what late observations move is a correction of the map, not motion of the vehicle
         run.timeline.settle()
@@ -211,10 +227,12 @@ class SinsEngine:
             run.declare_loss(now)
         if now >= run.rest_due:
             run.look_for_rest(now)
-        limit = min(run.mode_deadline(now), run.timeline.next_observation(), run.rest_due)
+        limit = min(run.mode_deadline(now), run.timeline.next_observation(besides=UNEVENTFUL), run.rest_due)
         count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
+        if run.mode_at(now) is not self.mode:
+            count = 1  # the change has the time of its row, whatever the size of the blocks
         out = run.timeline.advance(rows[:count])
         now = float(times[count - 1])
         run.update_mode(now)
         run.quiet_until = min(run.mode_deadline(now), run.timeline.next_observation(), run.rest_due)
-        return self._block(stamps_ns[:count], out)
+        return self._blocks(stamps_ns[:count], out)

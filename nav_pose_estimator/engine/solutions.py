@@ -188,13 +188,30 @@ class OutageError:
 
 @dataclass(frozen=True, slots=True)
 class AttitudeBlock:
-    """Attitudes of consecutive IMU samples: ``q_nb`` (N, 4), ``tilt_sd``, ``yaw_sd`` (N,) [rad], ``gyro_bias``."""
+    """Attitudes of consecutive IMU samples: ``stamps_ns`` (N,) and ``rows`` (N, BLOCK_COLUMNS)."""
 
     stamps_ns: np.ndarray
-    q_nb: np.ndarray
-    tilt_sd: np.ndarray
-    yaw_sd: np.ndarray
-    gyro_bias: np.ndarray
+    rows: np.ndarray
+
+    @property
+    def q_nb(self) -> np.ndarray:
+        """(N, 4) scalar first."""
+        return self.rows[:, head.BLOCK_QUAT : head.BLOCK_QUAT + 4]
+
+    @property
+    def tilt_sd(self) -> np.ndarray:
+        """(N,) rad."""
+        return np.sqrt(self.rows[:, head.BLOCK_TILT_VAR])
+
+    @property
+    def yaw_sd(self) -> np.ndarray:
+        """(N,) rad."""
+        return np.sqrt(self.rows[:, head.BLOCK_YAW_VAR])
+
+    @property
+    def gyro_bias(self) -> np.ndarray:
+        """(N, 3) rad/s."""
+        return self.rows[:, head.BLOCK_BIAS : head.BLOCK_BIAS + 3]
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,6 @@ from nav_pose_estimator.core.layout import (
     IMU_T,
     LAT,
     OUT_COLUMNS,
-    POINT_SAMPLED,
     SOLUTION_SIZE,
     TIME,
     VEL,
@@ -91,6 +90,8 @@ class Timeline:
         self.branches: Branches | None = None  # the filter's hypotheses in an outage; ``nav``, ``P`` are their mixture
         self._united_by = 0  # arrival of the observation that ended branches last
         self.shift = np.zeros(3)  # m, ENU: sum of what observations did to the position; replaced, never written to
+        # where that changed within the last ``advance``: how many of its rows came before, and ``shift`` until then
+        self.moves: list[tuple[int, np.ndarray]] = []
 
     def _hold(self, filter_memory: np.ndarray) -> None:
         """Work on ``filter_memory``; ``nav``, ``P`` and ``constants`` are parts of it."""
@@ -120,10 +121,7 @@ class Timeline:
         self._done = 0
         self._dirty, self._late = None, False
         self._tidy_at = -math.inf
-        rows = self._live()
-        todo = rows[rows[:, IMU_T] > self.time]
-        if len(todo):
-            self._run(todo, np.empty((len(todo), OUT_COLUMNS)))
+        self._catch_up(self.time, math.inf)
 
     def remember(self, rows: np.ndarray) -> None:
         """Keep IMU ``rows`` (N, 7) without a running filter, so that an alignment in the past can catch up."""
@@ -155,9 +153,9 @@ class Timeline:
         twin._tidy_at, twin.running = self._tidy_at, self.running
         return twin
 
-    def next_observation(self) -> float:
-        """Time of the earliest observation that waits for the future, inf without one."""
-        return self._observations[self._done].t if self._done < len(self._observations) else np.inf
+    def next_observation(self, besides: frozenset[str] = frozenset()) -> float:
+        """Time of the earliest observation of a kind not in ``besides`` that waits for the future, inf without one."""
+        return next((o.t for o in self._observations[self._done :] if o.kind not in besides), math.inf)
 
     def recent_rows(self, seconds: float) -> np.ndarray:
         """The IMU rows (N, 7) of the last ``seconds``, as far as the memory reaches; not to be written to."""
@@ -188,7 +186,7 @@ class Timeline:
         self.settle()
         self._append(rows)
         out = np.empty((len(rows), OUT_COLUMNS))
-        self._run(rows, out)
+        self._run(self._last - len(rows), self._last, out)
         if self.time >= self._tidy_at:
             self._forget()
         return out
@@ -237,16 +235,20 @@ class Timeline:
         else:
             start = self.branches.restore_before(dirty)
         self._done = bisect.bisect_right(self._observations, start, key=_TIME)
-        rows = self._live()
-        begin, end = np.searchsorted(rows[:, IMU_T], (start, now), side="right")
-        self._run(rows[begin:end], np.empty((end - begin, OUT_COLUMNS)))
+        self._catch_up(start, now)
+
+    def _catch_up(self, start: float, now: float) -> None:
+        """Process the rows of the buffer that are later than ``start``, where the filter stands, up to ``now``."""
+        times = self._live()[:, IMU_T]
+        begin, end = (self._first + int(np.searchsorted(times, t, side="right")) for t in (start, now))
+        self._run(begin, end, np.empty((end - begin, OUT_COLUMNS)))
 
     def _act_now(self, now: float) -> None:
         """Observations of the very time at which the filter stands act on it as it is, and on a checkpoint just made.
 
         The same in numbers as if they had been known before.
         """
-        self._stand_at(self._rows[self._last - 1])
+        self._carry(self._last - 1, self._last, now, np.empty((0, OUT_COLUMNS)))
         self._observe_up_to(now)
         self._renew_checkpoints()
 
@@ -255,41 +257,26 @@ class Timeline:
         for one in [self._memory] if self.branches is None else self.branches.memories:
             memory.renew_checkpoint(one)
 
-    def _run(self, rows: np.ndarray, out: np.ndarray) -> None:
-        """Process consecutive rows with the observations that fall into them."""
-        times = rows[:, IMU_T]
-        done, count = 0, len(rows)
-        while done < count:
-            due = self.next_observation()
-            stop = int(np.searchsorted(times, due)) if due <= times[-1] else count
-            if stop > done:
-                self._carry(rows[done:stop], out[done:stop])
-                done = stop
-            else:
-                self._split(rows[done], due)
-                if due == times[done]:
-                    self._carry(rows[done : done + 1], out[done : done + 1])
-                    done += 1
+    def _run(self, begin: int, end: int, out: np.ndarray) -> None:
+        """Process rows ``begin`` to ``end`` of the buffer with the observations that fall into them."""
+        first, self.moves = end - len(out), []
+        while True:
+            due = self._observations[self._done].t if self._done < len(self._observations) else math.inf
+            begin = self._carry(begin, end, due, out)
+            if begin == end:
+                return
+            before = self.shift
+            self._observe_up_to(due)
+            if self.shift is not before:
+                self.moves.append((begin - first, before))
 
-    def _carry(self, rows: np.ndarray, out: np.ndarray) -> None:
-        """Propagate over consecutive ``rows``, along every branch where there are any."""
+    def _carry(self, begin: int, end: int, due: float, out: np.ndarray) -> int:
+        """``memory.run_block`` over rows of the buffer, along every branch where there are any."""
         if self.branches is None:
-            memory.run_block(self._memory, rows, out)
-        else:
-            self.branches.run(rows, out)
-            self._mix(self.branches)
-
-    def _stand_at(self, row: np.ndarray) -> None:
-        """Bring the filter and its covariance to the time of an IMU row."""
-        if self.branches is None:
-            memory.stand_at(self._memory, row)
-        else:
-            self.branches.stand_at(row)
-            self._mix(self.branches)
-
-    def _mix(self, branches: Branches) -> None:
-        """Make ``nav`` and ``P`` the mixture of the branches, as they stand."""
-        self.nav[:], self.P[:] = branches.merged()
+            return memory.run_block(self._memory, self._rows, begin, end, due, out)
+        stop = self.branches.run(self._rows, begin, end, due, out)
+        self.branches.mix_into(self._memory)
+        return stop
 
     def _act(self, observation: Observation) -> None:
         """Let one observation act on the filter, which stands at its time with its covariance up to date."""
@@ -307,8 +294,8 @@ class Timeline:
         else:
             for nav, P in self.branches.pairs():
                 self._apply(observation, nav, P)
-            self._mix(self.branches)
-        if not self.replaying:
+            self.branches.mix_into(self._memory)
+        if not self.replaying and not np.array_equal(before, self.nav[LAT:VEL]):
             self.shift = self.shift + step_enu(before, self.nav[LAT:VEL])
 
     def _weigh(self, evidence: MotionEvidence) -> None:
@@ -317,7 +304,7 @@ class Timeline:
             self.branches = Branches(self._memory, self._slots, evidence)
             self._started = self.time  # what came before the split can no longer be replayed
         self.branches.decide(evidence)
-        self._mix(self.branches)
+        self.branches.mix_into(self._memory)
 
     def _unite(self, arrival: int) -> None:
         """An absolute position decides what no hypothesis could: go on with ``nav`` and ``P``, and only with them."""
@@ -327,15 +314,6 @@ class Timeline:
         memory.add_checkpoint(self._memory)
         self._started = self.time
 
-    def _split(self, row: np.ndarray, due: float) -> None:
-        """Carry the filter into the interval of ``row`` up to ``due`` and let every observation of that time act."""
-        part = row.copy()
-        part[IMU_T] = due
-        if self.constants[POINT_SAMPLED]:
-            self._interpolate(part, row, due)
-        self._stand_at(part)
-        self._observe_up_to(due)
-
     def _observe_up_to(self, due: float) -> None:
         before = self.branches
         while self._done < len(self._observations) and self._observations[self._done].t <= due:
@@ -344,14 +322,6 @@ class Timeline:
         if self.branches is not before:
             # a split or a union is the first place to go back to: with everything that acted at its time
             self._renew_checkpoints()
-
-    def _interpolate(self, part: np.ndarray, row: np.ndarray, due: float) -> None:
-        live = self._live()
-        before = live[max(int(np.searchsorted(live[:, IMU_T], row[IMU_T])) - 1, 0)]
-        span = row[IMU_T] - before[IMU_T]
-        if span > 0.0:
-            share = (due - before[IMU_T]) / span
-            part[1:] = before[1:] + share * (row[1:] - before[1:])
 
     def _live(self) -> np.ndarray:
         return self._rows[self._first : self._last]

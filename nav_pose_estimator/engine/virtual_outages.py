@@ -35,6 +35,8 @@ COAST = "coast"
 _LENGTH_NS = 30_000_000_000
 _PERIOD_NS = 60_000_000_000
 _KEPT = 6  # rehearsals that count
+_STATED = 2.0  # rehearsals that the filter's own covariance is worth
+_SMALLEST_VARIANCE = 0.05  # parts of what the filter states; more than stated is for the innovations to say
 _LEAST = 3  # with fewer, chance decides
 _LONGEST_WAIT_NS = 2_000_000_000  # four epochs: only where the navigator has no solution that would end one
 _FROM_GNSS = (GnssFix, GnssVelocity, SatelliteCount, SetPose)
@@ -73,12 +75,14 @@ class VirtualOutages:
         self._next_ns = 0
         self._until_ns = 0
         self._squares: deque[dict[str, float]] = deque(maxlen=_KEPT)  # errors at the end, m^2
+        self._surprises: deque[float] = deque(maxlen=_KEPT)  # squared errors of coasting in parts of what was stated
 
     def copy(self) -> VirtualOutages:
         """An independent copy, running rehearsals included."""
         twin = copy.copy(self)
         twin._contestants = {name: contestant.copy() for name, contestant in self._contestants.items()}
         twin._squares = self._squares.copy()
+        twin._surprises = self._surprises.copy()
         twin._waiting = self._waiting.copy()
         return twin
 
@@ -96,6 +100,16 @@ class VirtualOutages:
         """True when three or more rehearsals that both flew say: ``name`` errs more than ``ratio`` times ``rival``."""
         both = [errors for errors in self._squares if name in errors and rival in errors]
         return len(both) >= _LEAST and sum(e[name] for e in both) > ratio**2 * sum(e[rival] for e in both)
+
+    @property
+    def drift_variance(self) -> float:
+        """How large the squared errors of coasting are in parts of what the filter states, 1 while that is unknown.
+
+        A filter that expects a poor receiver thinks little of its own attitude, however good the receiver is. Then it
+        would believe what was learned of the motion more than itself.
+        """
+        parts = (_STATED + sum(self._surprises)) / (_STATED + len(self._surprises))
+        return min(max(parts, _SMALLEST_VARIANCE), 1.0)
 
     def feed(self, sample: Sample) -> None:
         """Hand a sample to the copies; nothing that comes from GNSS reaches them."""
@@ -115,7 +129,7 @@ class VirtualOutages:
             self._stop()
         elif self._contestants:
             if stamp_ns >= self._until_ns:
-                self._judge(sins.nominal_state())
+                self._judge(sins)
                 self._stop()
         else:
             return stamp_ns >= self._next_ns or stamp_ns < self._next_ns - _PERIOD_NS
@@ -130,11 +144,14 @@ class VirtualOutages:
             self._contestants[name] = Contestant(sins.snapshot(), collector.copy(), knowledge)
         self._until_ns, self._next_ns = stamp_ns + _LENGTH_NS, stamp_ns + _PERIOD_NS
 
-    def _judge(self, truth: np.ndarray) -> None:
+    def _judge(self, sins: SinsEngine) -> None:
         errors = {}
+        truth, known = sins.nominal_state(), sins.horizontal_sd
         for name, contestant in self._contestants.items():
             east, north, _ = step_enu(truth[at.LAT : at.VEL], contestant.sins.nominal_state()[at.LAT : at.VEL])
             errors[name] = float(east**2 + north**2)
+        stated = self._contestants[COAST].sins.horizontal_sd ** 2 - known**2
+        self._surprises.append(errors[COAST] / max(stated, 1.0))
         self._squares.append(errors)
 
     def _has_restarted(self) -> bool:

@@ -129,22 +129,22 @@ def run(
 ) -> None:
     """Feed ``samples``; every one of them passes the proof that it carries nothing from inside an outage."""
     next_state = 0
+    waiting: list[Sample] = []
     for sample in samples:
         proof.check(sample)
+        waiting.append(sample)
         if not isinstance(sample, ImuBlock):
-            record.take(engine.feed(sample))
             continue
         record.imu_samples += len(sample)
         last_ns = int(sample.stamps_ns[-1])
         if not next_state - 2 * STATE_PERIOD_NS < last_ns < next_state:  # also after a clock that went back
             next_state = last_ns + STATE_PERIOD_NS
-            if len(sample) > 1:
-                record.take(engine.feed(_rows(sample, slice(0, -1))))
-            record.take(engine.feed(_last(sample)))
-        else:
-            record.take(engine.feed(sample))
+            waiting[-1:] = [*([_rows(sample, slice(0, -1))] if len(sample) > 1 else []), _last(sample)]
+            record.take(engine.feed_all(waiting))
+            waiting = []
         if progress is not None:
             progress(len(sample))
+    record.take(engine.feed_all(waiting))
 
 
 def _rows(block: ImuBlock, chosen: slice) -> ImuBlock:

@@ -160,7 +160,7 @@ def whole_estimator(flight: list[Sample]) -> list[Figure]:
 
 
 def _fly(make_engine: Callable, parameters: Parameters, samples: list[Sample]) -> None:
-    _feed(make_engine(parameters), samples)
+    make_engine(parameters).feed_all(samples)
 
 
 def attitude(flight: list[Sample]) -> list[Figure]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from exact_motion import Motion, survey, times_of
+from imu_run import run_imu
 from scipy.stats import chi2
 
 from nav_pose_estimator.core import layout as at
@@ -11,7 +12,7 @@ from nav_pose_estimator.core.jit import COMPILED
 from nav_pose_estimator.core.kalman import correct
 from nav_pose_estimator.core.measurements import gnss_position, gnss_velocity
 from nav_pose_estimator.core.rotation import quat_from_rotvec, quat_multiply
-from nav_pose_estimator.core.strapdown import flush_covariance, run_imu
+from nav_pose_estimator.core.strapdown import flush_covariance
 
 RUNS = 50 if COMPILED else 4
 DURATION = 60.0 if COMPILED else 15.0

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from exact_motion import survey, zero_covariance
+from imu_run import run_imu
 from scipy.linalg import expm
 
 from nav_pose_estimator.core import error_model
@@ -11,7 +12,7 @@ from nav_pose_estimator.core.earth import cos_latitude, radii
 from nav_pose_estimator.core.filter_setup import make_constants, state_count
 from nav_pose_estimator.core.kalman import inject
 from nav_pose_estimator.core.rotation import quat_conjugate, quat_multiply, quat_rotate, rotvec_from_quat
-from nav_pose_estimator.core.strapdown import corrected_rate, propagate, run_imu
+from nav_pose_estimator.core.strapdown import corrected_rate, propagate
 
 EARTH = 6.4e6
 ALL_STATES = 28

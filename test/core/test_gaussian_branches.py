@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nav_pose_estimator.core import filter_memory
 from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.gaussian_branches import blend_rows, error_between, merge, with_wind, without_wind
+from nav_pose_estimator.core.gaussian_branches import blend_rows, error_between, merge, with_wind
 from nav_pose_estimator.core.kalman import inject
 from nav_pose_estimator.core.rotation import quat_from_euler, quat_to_matrix
 from nav_pose_estimator.core.strapdown import write_output
@@ -151,8 +152,33 @@ def test_the_wind_block_comes_and_goes_without_a_trace(n: int) -> None:
     assert not wider[wind, : at.BASE_STATES].any()
     assert not wider[wind, at.BASE_STATES + at.WIND_DRAG_STATES :].any()
     np.testing.assert_array_equal(wider[: at.BASE_STATES, : at.BASE_STATES], P[: at.BASE_STATES, : at.BASE_STATES])
-    np.testing.assert_array_equal(without_wind(wider), P)
-    assert without_wind(wider).flags.c_contiguous
+    np.testing.assert_array_equal(mixed(navigator()[None], wider[None], np.ones(1))[1], P)
+
+
+def mixed(navs: np.ndarray, Ps: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nominal state and covariance of a filter without wind block that has become the mixture of some with it."""
+    n = Ps.shape[1]
+    branches = np.stack([filter_memory.make(np.zeros(at.CONSTANTS_SIZE), n, 1, 1.0) for _ in navs])
+    branches[:, filter_memory.NAV : filter_memory.CONSTANTS] = navs
+    branches[:, filter_memory.HEAD : filter_memory.HEAD + n * n] = Ps.reshape(len(Ps), -1)
+    trunk = filter_memory.make(np.zeros(at.CONSTANTS_SIZE), n - at.WIND_DRAG_STATES, 1, 1.0)
+    filter_memory.mix(branches, weights, trunk)
+    P = trunk[filter_memory.HEAD : filter_memory.HEAD + (n - at.WIND_DRAG_STATES) ** 2]
+    return trunk[filter_memory.NAV : filter_memory.CONSTANTS], P.reshape(n - at.WIND_DRAG_STATES, -1)
+
+
+@pytest.mark.parametrize("n", [15, 24])
+def test_a_filter_becomes_the_mixture_of_its_branches(n: int) -> None:
+    """GIVEN branches with a wind block WHEN mixed into a filter without THEN that is their mixture."""
+    random = np.random.default_rng(6)
+    navs = np.stack([navigator(), navigator(yaw=1.6)])
+    Ps = np.stack([with_wind(random_covariance(n, random), 2.0) for _ in navs])
+    weights = np.array([0.3, 0.7])
+    nav, P = merge(navs, Ps, weights)
+    others = [*range(at.BASE_STATES), *range(at.BASE_STATES + at.WIND_DRAG_STATES, len(P))]
+    mixed_nav, mixed_P = mixed(navs, Ps, weights)
+    np.testing.assert_array_equal(mixed_nav, nav)
+    np.testing.assert_array_equal(mixed_P, P[np.ix_(others, others)])
 
 
 def rows_of(navs: np.ndarray, Ps: np.ndarray) -> np.ndarray:
@@ -173,7 +199,7 @@ def test_blended_rows_are_the_row_of_the_mixture(lon: float) -> None:
     inject(navs[1], np.r_[0.02, -0.01, 0.03, 1.0, -2.0, 0.1, -6.0, 3.0, 1.0, np.zeros(6)])
     Ps = np.stack([random_covariance(15, random) for _ in weights])
     out = np.empty((1, at.OUT_COLUMNS))
-    blend_rows(rows_of(navs, Ps), weights, out)
+    blend_rows(rows_of(navs, Ps), weights, 0, 1, out)
     expected = rows_of(*(part[None] for part in merge(navs, Ps, weights)))[0]
     apart = (out - expected)[0]
     apart[at.OUT_POS + 1] = np.angle(np.exp(1j * apart[at.OUT_POS + 1]))
@@ -189,5 +215,5 @@ def test_the_blended_misalignment_variance_is_about_the_level_axes() -> None:
     navs = np.stack([navigator(yaw=1.5, pitch=0.0), navigator(yaw=1.5, pitch=0.0)])
     inject(navs[1], np.r_[0.04, np.zeros(14)])
     out = np.empty((1, at.OUT_COLUMNS))
-    blend_rows(rows_of(navs, np.zeros((2, 15, 15))), np.array([0.5, 0.5]), out)
+    blend_rows(rows_of(navs, np.zeros((2, 15, 15))), np.array([0.5, 0.5]), 0, 1, out)
     np.testing.assert_allclose(out[0, at.OUT_VAR : at.OUT_VAR + 3], [0.02**2, 0.0, 0.0], atol=1e-9)

@@ -14,8 +14,8 @@ from nav_pose_estimator.core.hybrid_learning import (
     Validation,
     choose_ridge,
     learn_premises,
-    positive_factor,
     ridge_least_squares,
+    whitening,
 )
 from nav_pose_estimator.core.takagi_sugeno import Premises, outputs
 
@@ -57,11 +57,16 @@ def test_ridge_equals_the_augmented_least_squares():
 def test_singular_normal_equations_get_jitter():
     row = np.random.default_rng(2).normal(size=(1, 30))
     gram = np.vstack([row, row]) @ np.vstack([row, row]).T - 1e-12 * np.eye(2)
-    factor, jitter = positive_factor(gram)
+    white, jitter = whitening(gram)
     assert jitter > 0.0
-    lower = np.tril(factor)
+    lower = np.linalg.inv(white)
     np.testing.assert_allclose(lower @ lower.T, gram, rtol=1e-6)
-    assert positive_factor(np.eye(3))[1] == 0.0
+    assert whitening(np.eye(3))[1] == 0.0
+
+
+def test_a_matrix_that_is_not_finite_is_an_error_and_no_endless_search_for_jitter():
+    with pytest.raises(ValueError, match="not finite"):
+        whitening(np.array([[1.0, 0.0], [0.0, np.nan]]))
 
 
 def test_recursive_least_squares_equals_batch_ridge():

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from exact_motion import survey, times_of
+from imu_run import run_imu
 
 from nav_pose_estimator.core import layout as at
 from nav_pose_estimator.core.filter_setup import initial_covariance, make_constants
 from nav_pose_estimator.core.kalman import gated_correct, predicted_horizontal_sd
-from nav_pose_estimator.core.strapdown import flush_covariance, run_imu
+from nav_pose_estimator.core.strapdown import flush_covariance
 
 
 def fly() -> dict[str, list[float]]:
@@ -55,8 +56,9 @@ def fly() -> dict[str, list[float]]:
 
 @pytest.mark.compiled
 def test_compiled_and_plain_kernels_agree():
-    top = str(Path(__file__).resolve().parents[2])
-    path = os.pathsep.join([str(Path(__file__).parent), top, os.environ.get("PYTHONPATH", "")])
+    here = Path(__file__).resolve().parent
+    folders = (here, here.parent / "helpers", here.parents[1])
+    path = os.pathsep.join([*map(str, folders), os.environ.get("PYTHONPATH", "")])
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path}
     program = "import json, test_modes; print(json.dumps(test_modes.fly()))"
     result = subprocess.run(

@@ -9,9 +9,7 @@ from flown import DRAG, Flight, drive
 from nav_pose_estimator.core import motion_epochs as me
 from nav_pose_estimator.core.anfis import Anfis
 from nav_pose_estimator.core.outage_learning import (
-    WIND_TIME,
     AirVelocityModel,
-    WindTracker,
     learn_air_velocity,
     learn_drag,
 )
@@ -50,7 +48,7 @@ def test_law_and_wind_of_a_known_flight_are_found(name: str, models) -> None:
     # white noise of 0.05 m/s^2 is 0.1 to 0.14 m/s of air velocity
     assert np.sqrt(np.mean(horizontal**2)) < 0.3
     stated = model.noise / me.PERIOD
-    assert (np.square(errors).mean(axis=0) < 1.5 * stated + 2.0 * model.wind_var)[:2].all()
+    assert (np.square(errors).mean(axis=0) < 1.5 * stated + 2.0 * model.wind_cov[0, 0])[:2].all()
 
 
 def test_the_drag_coefficients_are_found(models) -> None:
@@ -63,7 +61,7 @@ def test_the_stated_noise_is_that_of_flights_not_trained_on(name: str) -> None:
     about one: neither twice as good nor twice as bad as stated."""
     model = LEARN[name](Flight(noise=0.4).epochs())
     errors = prediction_errors(model, Flight(noise=0.4, seed=9, seconds=200.0).epochs())
-    ratio = np.square(errors[:, :2]).mean(axis=0) / (model.noise[:2] / me.PERIOD + model.wind_var)
+    ratio = np.square(errors[:, :2]).mean(axis=0) / (model.noise[:2] / me.PERIOD + model.wind_cov[0, 0])
     assert (ratio > 0.3).all()
     assert (ratio < 2.0).all()
 
@@ -117,7 +115,7 @@ def test_a_car_is_known_by_not_slipping_and_knows_no_wind() -> None:
     velocity sideways and up is known to a decimetre per second on another drive."""
     model = learn_air_velocity(drive())
     assert model.is_guided
-    np.testing.assert_array_equal([*model.wind_mean, *model.wind, model.wind_var], 0.0)
+    np.testing.assert_array_equal([*model.wind_mean, *model.wind, *model.wind_cov.ravel()], 0.0)
     errors = prediction_errors(model, drive(seed=4))
     assert np.sqrt(np.mean(errors[:, 1:] ** 2)) < 0.1
     assert (model.noise[1:] < 0.05 * model.noise[0]).all()
@@ -132,49 +130,13 @@ def test_what_flies_is_not_guided(models) -> None:
 # --- wind ------------------------------------------------------------------------------------------------------------
 
 
-def test_the_wind_tracker_follows_a_step() -> None:
-    """GIVEN residuals of nought WHEN the wind steps by 2 m/s THEN half of it is found within WIND_TIME, most of it soon
-    after, and a wind that is over is forgotten again."""
-    random = np.random.default_rng(4)
-    tracker = WindTracker(spread=1.0, noise=0.5)
-    steps = round(WIND_TIME / me.PERIOD)
-    for _ in range(steps):
-        tracker.step(random.normal(0.0, 0.7, 2))
-    assert np.abs(tracker.wind).max() < 0.5
-    for _ in range(steps):
-        tracker.step(np.array([2.0, -1.0]) + random.normal(0.0, 0.7, 2))
-    np.testing.assert_allclose(tracker.wind, [2.0, -1.0], atol=0.6)
-    for _ in range(2 * steps):
-        tracker.step(random.normal(0.0, 0.7, 2))
-    assert np.abs(tracker.wind).max() < 0.6
-
-
-def test_the_tracker_returns_what_was_expected_before_the_residual() -> None:
-    one, other = WindTracker(1.0, 0.5, np.array([1.0, 0.0]), 0.3), WindTracker(1.0, 0.5, np.array([1.0, 0.0]), 0.3)
-    np.testing.assert_array_equal(one.step(np.array([9.0, 9.0])), other.step(np.array([-9.0, 0.0])))
-    assert one.variance == other.variance < 1.0
-
-
-def test_the_variance_of_the_wind_is_that_of_its_error() -> None:
-    """GIVEN many winds drawn from the process WHEN tracked THEN their error is as large as stated, within a fifth."""
-    random = np.random.default_rng(5)
-    decay, errors = np.exp(-me.PERIOD / WIND_TIME), []
-    for _ in range(300):
-        wind, tracker = random.normal(0.0, 1.0, 2), WindTracker(1.0, 0.5)
-        for _ in range(30):
-            wind = decay * wind + random.normal(0.0, np.sqrt(1.0 - decay**2), 2)
-            tracker.step(wind + random.normal(0.0, np.sqrt(0.5), 2))
-        errors.append(tracker.wind - wind)
-    assert np.square(errors).mean() == pytest.approx(tracker.variance, rel=0.2)
-
-
 def test_a_change_of_the_wind_is_known_at_the_end_of_the_training() -> None:
     """GIVEN a wind that veers slowly WHEN learned THEN mean and change together are the wind of today."""
     model = learn_air_velocity(
         Flight(change=lambda t: np.column_stack([1.5 * np.sin(t / 60.0), 0.0 * t]), noise=0.1).epochs()
     )
     today = Flight.wind[0] + 1.5 * np.sin(300.0 / 60.0)
-    assert (model.wind_mean + model.wind)[0] == pytest.approx(today, abs=3.0 * np.sqrt(model.wind_var) + 0.1)
+    assert (model.wind_mean + model.wind)[0] == pytest.approx(today, abs=3.0 * np.sqrt(model.wind_cov[0, 0]) + 0.1)
     assert abs(today - model.wind_mean[0]) > 0.8  # it has changed
     assert model.wind_spread > 0.2
 
@@ -185,7 +147,7 @@ def test_following_one_epoch_moves_nothing_but_the_wind(models) -> None:
     after = model.follow(one)
     assert not np.array_equal(after.wind, model.wind)
     for item in fields(model):
-        if item.name not in ("wind", "wind_var"):
+        if item.name not in ("wind", "wind_cov"):
             assert getattr(after, item.name) is getattr(model, item.name)
 
 
@@ -224,7 +186,7 @@ def test_poor_data_give_a_poor_model_and_no_crash(name: str, what: str) -> None:
     model = LEARN[name](epochs)
     assert (model.noise > 0.0).all()
     assert (model.hover_noise > 0.0).all()
-    assert np.isfinite([*model.noise, *model.wind, *model.wind_mean, model.wind_var, model.wind_spread]).all()
+    assert np.isfinite([*model.noise, *model.wind, *model.wind_mean, *model.wind_cov.ravel(), model.wind_spread]).all()
     air, factor = model.predict(epochs[5])
     assert np.isfinite([*air, factor]).all()
     assert np.isfinite(model.follow(epochs[6]).wind).all()

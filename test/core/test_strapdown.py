@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from exact_motion import Motion, Signal, aerobatics, rest, survey, times_of, zero_covariance
+from imu_run import run_imu
 from scipy.integrate import solve_ivp
 
 from nav_pose_estimator.core import layout as at
@@ -21,7 +22,7 @@ from nav_pose_estimator.core.earth import (
 from nav_pose_estimator.core.filter_setup import make_constants
 from nav_pose_estimator.core.jit import COMPILED
 from nav_pose_estimator.core.rotation import quat_from_matrix, quat_multiply, rotvec_from_quat
-from nav_pose_estimator.core.strapdown import flush_covariance, propagate, run_imu
+from nav_pose_estimator.core.strapdown import flush_covariance, propagate
 
 
 def constants(**changes):

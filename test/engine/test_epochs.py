@@ -48,15 +48,18 @@ def test_an_epoch_ends_with_the_first_sample_of_the_next_half_second() -> None:
     assert all(good for _, good in found)
 
 
-def test_single_solutions_give_the_epochs_of_blocks() -> None:
+@pytest.mark.parametrize("first", [0, 13])
+def test_single_solutions_give_the_epochs_of_blocks(first: int) -> None:
+    """Also where the first block begins within a half second and ends it."""
+
     def single(n: int) -> NavSolution:
         values = np.zeros(at.SOLUTION_SIZE)
         values[: at.OUT_COLUMNS] = rows(1, n)[0]
         return NavSolution(START + STEP * n, Mode.AIDED, values, np.zeros(3), 0)
 
-    alone = collect(EpochCollector(), [single(n) for n in range(201)])
-    together = collect(EpochCollector(), quarter_seconds(0, 201))
-    assert len(alone) == len(together)
+    alone = collect(EpochCollector(), [single(n) for n in range(first, 201)])
+    together = collect(EpochCollector(), quarter_seconds(first, 201))
+    assert len(alone) == len(together) == 8
     for (one, good), (other, also) in zip(alone, together, strict=True):
         np.testing.assert_array_equal(one, other)
         assert good == also

@@ -22,6 +22,7 @@ def test_a_car_is_never_taken_for_one_that_hovers(scenario: str, names: list[str
         (travel,) = evidence.hypotheses
         assert travel.velocity_var is None
         assert evidence.wind == evidence.wind_mean == (0.0, 0.0)
-        assert evidence.wind_var == evidence.wind_spread == 0.0
+        assert evidence.wind_spread == 0.0
+        np.testing.assert_array_equal(evidence.wind_cov, 0.0)
         slip = np.array(evidence.body_velocity)[1] - np.array(evidence.air_velocity)[1]
         assert abs(slip) < 0.3, "the true motion does not slip"

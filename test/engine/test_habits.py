@@ -95,7 +95,7 @@ def test_a_fixed_wing_is_never_said_to_hover(epochs, model) -> None:
 def test_a_guided_vehicle_is_not_said_to_hover_nor_to_have_a_usual_speed(epochs, model) -> None:
     """GIVEN a vehicle that goes where its nose points WHEN asked THEN only the network speaks: a car at constant speed
     is as calm as one that has stopped."""
-    guided = replace(model, wind_spread=0.0, wind_var=0.0)
+    guided = replace(model, wind_spread=0.0, wind_cov=np.zeros((2, 2)))
     evidence, _ = MotionKnowledge.of("best", epochs, guided).evidence(NOW, epochs[-4:])
     (only,) = evidence.hypotheses
     assert only.velocity_var is None

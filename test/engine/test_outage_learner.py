@@ -91,7 +91,7 @@ def test_the_wind_of_a_new_model_is_brought_up_to_the_present(epochs) -> None:
     for one in epochs[40:50]:
         model = model.follow(one)
     np.testing.assert_array_equal(learner.model.wind, model.wind)
-    assert learner.model.wind_var == model.wind_var
+    np.testing.assert_array_equal(learner.model.wind_cov, model.wind_cov)
 
 
 def test_a_result_that_never_comes_holds_up_nothing(epochs) -> None:

@@ -82,7 +82,7 @@ class StillAir:
     hover_noise: np.ndarray = field(default_factory=lambda: np.ones(3))
     wind_mean: np.ndarray = field(default_factory=lambda: np.zeros(2))
     wind: np.ndarray = field(default_factory=lambda: np.zeros(2))
-    wind_var: float = 0.0
+    wind_cov: np.ndarray = field(default_factory=lambda: np.zeros((2, 2)))
     wind_spread: float = 0.0
 
     def predict(self, epoch: np.ndarray) -> tuple[np.ndarray, float]:

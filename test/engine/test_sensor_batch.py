@@ -1,0 +1,125 @@
+"""Long blocks over the samples of other sensors: the same numbers as sample by sample."""
+
+import numpy as np
+import pytest
+
+from nav_pose_estimator.core.layout import OUT_COLUMNS
+from nav_pose_estimator.engine import sensor_batch
+from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, ImuSample, MagSample, PressureSample
+from nav_pose_estimator.engine.sensor_batch import SensorBatch
+from nav_pose_estimator.engine.solutions import (
+    AttitudeBlock,
+    AttitudeSolution,
+    Event,
+    NavBlock,
+    NavSolution,
+    OutageError,
+)
+from nav_pose_estimator.offline.plain_flight import samples
+
+SECONDS, LOSS = 75.0, 40.5
+START = 10**18
+
+
+def flight(delay: float) -> list:
+    """Rest, a run-up, circles with a magnetometer; GNSS is lost on the way, and a barometer begins a little later."""
+    out: list = []
+    for sample in samples(SECONDS, 100.0, delay=delay):
+        if isinstance(sample, (GnssFix, GnssVelocity)) and LOSS < (sample.stamp_ns - START) * 1e-9 < SECONDS - 12.0:
+            continue
+        out.append(sample)
+        if isinstance(sample, MagSample):
+            out.append(PressureSample(sample.stamp_ns + 1000, 95_461.0))
+    return out
+
+
+def singles(flight: list) -> list:
+    out: list = []
+    for sample in flight:
+        if isinstance(sample, ImuBlock):
+            rows = zip(sample.stamps_ns.tolist(), sample.gyro.tolist(), sample.accel.tolist(), strict=True)
+            out += [ImuSample(t, tuple(w), tuple(f)) for t, w, f in rows]
+        else:
+            out.append(sample)
+    return out
+
+
+def told(outputs: list) -> dict[str, list]:
+    """What is said at every sample, however it is packed."""
+    said: dict[str, list] = {"rows": [], "modes": [], "attitude": [], "events": [], "errors": []}
+    for output in outputs:
+        if isinstance(output, NavBlock):
+            said["rows"] += [[*row, *output.correction_enu] for row in output.rows.tolist()]
+            said["modes"] += [(output.mode, output.reset_count)] * len(output.rows)
+        elif isinstance(output, NavSolution):
+            said["rows"].append([*output.values[:OUT_COLUMNS].tolist(), *output.correction_enu])
+            said["modes"].append((output.mode, output.reset_count))
+        elif isinstance(output, AttitudeBlock):
+            said["attitude"] += output.q_nb.tolist()
+        elif isinstance(output, AttitudeSolution):
+            said["attitude"].append(output.q_nb.tolist())
+        elif isinstance(output, Event):
+            said["events"].append((output.stamp_ns, output.name, output.text))
+        elif isinstance(output, OutageError):
+            said["errors"].append((output.stamp_ns, output.dv_n, output.dp_n))
+    return said
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.23])
+def test_a_flight_in_long_blocks_is_the_flight_sample_by_sample(delay: float) -> None:
+    """GIVEN a flight with an outage, its fixes punctual or late WHEN it is fed at once and sample by sample
+    THEN solutions, corrections, modes and events with their stamps are the same, bit for bit, in far fewer pieces;
+    and so is what has been learned from."""
+    parameters = update(Parameters(), {"gnss.delay": delay})
+    whole, single = PoseEstimator(parameters), PoseEstimator(parameters)
+    at_once = whole.feed_all(flight(delay))
+    one_by_one = [output for sample in singles(flight(delay)) for output in single.feed(sample)]
+    expected, given = told(one_by_one), told(at_once)
+    assert {name for _, name, _ in given["events"]} >= {"mode.coasting", "mode.aided"}
+    for name, values in expected.items():
+        assert given[name] == values, name
+    assert whole.status().counters == single.status().counters
+    learned, expected_learned = (one.outage_aid.learner.memory.last(1e3) for one in (whole, single))
+    assert len(learned) > 50
+    np.testing.assert_array_equal(learned, expected_learned)
+    assert sum(isinstance(o, NavBlock) for o in at_once) < 0.6 * sum(isinstance(s, ImuBlock) for s in flight(delay))
+
+
+def block(first_ms: int, last_ms: int, step_ms: int = 10) -> ImuBlock:
+    stamps = START + 10**6 * np.arange(first_ms, last_ms + 1, step_ms)
+    return ImuBlock(stamps, np.zeros((len(stamps), 3)), np.zeros((len(stamps), 3)))
+
+
+def mag(ms: float) -> MagSample:
+    return MagSample(START + round(1e6 * ms), (0.0, 2e-5, -4e-5))
+
+
+@pytest.mark.parametrize(
+    ("samples", "length"),
+    [
+        ([block(0, 90), mag(91.0), block(100, 190), mag(191.0)], 4),
+        ([block(0, 90), mag(90.0), block(100, 190)], 1),  # of the time of the row before: it acts behind that row
+        ([block(0, 90), mag(85.0), block(100, 190)], 1),  # late
+        ([block(0, 90), mag(700.0), block(100, 190)], 1),  # far ahead
+        ([block(0, 90), mag(91.0), block(400, 490)], 2),  # a gap
+        ([block(0, 90), mag(91.0), block(80, 190)], 2),  # a clock set back
+        ([block(0, 90), block(100, 600, 250)], 1),  # a gap inside
+        ([block(0, 590), mag(591.0), block(600, 1190)], 2),  # too long
+        ([block(0, 90), GnssFix(START + 91 * 10**6, 0.8, 0.2, 300.0), block(100, 190)], 1),
+        ([mag(91.0), block(100, 190)], 1),
+    ],
+)
+def test_what_goes_together(samples: list, length: int) -> None:
+    assert sensor_batch.length(samples, 0) == length
+
+
+def test_a_batch_knows_where_everything_arrived() -> None:
+    parts = [block(0, 20), mag(21.0), block(30, 30), mag(31.0), mag(32.0), block(40, 50), mag(51.0)]
+    batch = SensorBatch.of(parts)
+    assert batch.imu.stamps_ns.tolist() == block(0, 50).stamps_ns.tolist()
+    assert batch.early(0, 4) == [(3, parts[1])]
+    assert batch.early(3, 6) == [(0, parts[1]), (1, parts[3]), (1, parts[4])]
+    assert batch.after == [parts[6]]

@@ -1,0 +1,17 @@
+"""The navigator's hot loop on a state and covariance that lie by themselves."""
+
+import math
+
+import numpy as np
+
+from nav_pose_estimator.core import filter_memory as memory
+
+
+def run_imu(nav: np.ndarray, P: np.ndarray, constants: np.ndarray, rows: np.ndarray, out: np.ndarray) -> None:
+    """Carry ``nav`` and ``P`` over IMU ``rows`` (N, 7) in place; ``out`` (N, OUT_COLUMNS) gets the state after each."""
+    vector = memory.make(constants, len(P), slots=1, period=math.inf)
+    covariance = slice(memory.HEAD, memory.HEAD + P.size)
+    vector[memory.NAV : memory.CONSTANTS], vector[covariance] = nav, P.ravel()
+    memory.add_checkpoint(vector)
+    memory.run_block(vector, np.ascontiguousarray(rows), 0, len(rows), math.inf, out)
+    nav[:], P[:] = vector[memory.NAV : memory.CONSTANTS], vector[covariance].reshape(P.shape)
