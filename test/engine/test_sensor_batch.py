@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from pieces import one_by_one
 
 from nav_pose_estimator.core.layout import OUT_COLUMNS
 from nav_pose_estimator.engine import sensor_batch
 from nav_pose_estimator.engine.parameter_schema import update
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.pose_estimator import PoseEstimator
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, ImuSample, MagSample, PressureSample
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, MagSample, PressureSample
 from nav_pose_estimator.engine.sensor_batch import SensorBatch
 from nav_pose_estimator.engine.solutions import (
     AttitudeBlock,
@@ -33,17 +34,6 @@ def flight(delay: float) -> list:
         out.append(sample)
         if isinstance(sample, MagSample):
             out.append(PressureSample(sample.stamp_ns + 1000, 95_461.0))
-    return out
-
-
-def singles(flight: list) -> list:
-    out: list = []
-    for sample in flight:
-        if isinstance(sample, ImuBlock):
-            rows = zip(sample.stamps_ns.tolist(), sample.gyro.tolist(), sample.accel.tolist(), strict=True)
-            out += [ImuSample(t, tuple(w), tuple(f)) for t, w, f in rows]
-        else:
-            out.append(sample)
     return out
 
 
@@ -76,8 +66,8 @@ def test_a_flight_in_long_blocks_is_the_flight_sample_by_sample(delay: float) ->
     parameters = update(Parameters(), {"gnss.delay": delay})
     whole, single = PoseEstimator(parameters), PoseEstimator(parameters)
     at_once = whole.feed_all(flight(delay))
-    one_by_one = [output for sample in singles(flight(delay)) for output in single.feed(sample)]
-    expected, given = told(one_by_one), told(at_once)
+    apart = [output for sample in one_by_one(flight(delay)) for output in single.feed(sample)]
+    expected, given = told(apart), told(at_once)
     assert {name for _, name, _ in given["events"]} >= {"mode.coasting", "mode.aided"}
     for name, values in expected.items():
         assert given[name] == values, name
