@@ -17,7 +17,8 @@ like everything else. The wind is left out where the vehicle never goes sideways
 What g does not explain becomes noise, honestly: its residuals are those of blocks of time that it was not trained on;
 the part that persists in the level frame is the change of the wind w(t), a first-order Gauss-Markov process that goes
 on to be estimated in the outage; the rest counts with its spectral density at low frequency, because half-second
-residuals are not independent.
+residuals are not independent. A short flight shows little of g: the variance of its coefficients, in the direction of
+the inputs of the moment, counts as noise, too.
 
 Sources: CN113777645A, claim 3 (inputs, network, training); P. Martin and E. Salaun, "The true role of accelerometer
 feedback in quadrotor control", ICRA 2010 (rotor drag); M. Khaghani and J. Skaloud, "Autonomous vehicle dynamic
@@ -57,6 +58,7 @@ _CLEARLY = 0.9  # part of one rule's squared error below which more rules are be
 _SLIPS = 0.002  # part of the squared speed ahead that the others are below on wheels, with a mount 2.5 degrees off
 _MOVING = 1.0  # m^2/s^2: mean squared speed that says something of slipping
 _GUIDED_TIME = 60.0  # s: a drone, too, may fly straight on for a while
+_LASTING = 20.0  # s that a wrong coefficient errs in the same way: it is no white noise
 _STRANGE = 10.0  # factor on the noise of a prediction far from the training data
 
 
@@ -75,7 +77,9 @@ class AirVelocityModel:
 
     ``wind_mean`` (2,) of the training window; ``wind`` (2,) its change since, East and North [m/s], with covariance
     ``wind_cov`` (2, 2) now and variance ``wind_spread`` in the long run. ``noise``, ``hover_noise`` (3,): variance of a
-    mean over one second, body axes [m^2/s^2]. ``errors``: number of rules -> squared error on blocks not trained on.
+    mean over one second, body axes [m^2/s^2].
+    ``parameter_cov`` (10, 10): how little the flight has shown of a linear law's coefficients, for a noise of one;
+    ``errors``: number of rules -> squared error on blocks not trained on.
     """
 
     network: Law
@@ -85,6 +89,7 @@ class AirVelocityModel:
     wind_spread: float
     noise: Array
     hover_noise: Array
+    parameter_cov: Array
     errors: Mapping[int, float]
     target_square: float  # mean square of what was to be learned
 
@@ -92,7 +97,9 @@ class AirVelocityModel:
         """Air velocity in b (3,) [m/s] at one epoch (COLUMNS,), and the factor on the noise for strange inputs."""
         x = inputs(epoch[None])
         novelty = float(self.network.novelty(x)[0])
-        return self.network.predict(x)[0], 1.0 + (_STRANGE - 1.0) * min(max(novelty - 1.0, 0.0), 1.0)
+        strange = 1.0 + (_STRANGE - 1.0) * min(max(novelty - 1.0, 0.0), 1.0)
+        z = np.append(x[0], 1.0)
+        return self.network.predict(x)[0], strange * (1.0 + _LASTING * float(z @ self.parameter_cov @ z))
 
     @property
     def is_guided(self) -> bool:
@@ -132,17 +139,18 @@ class AirVelocityModel:
         return cls(network, errors={int(r): float(e) for r, e in state["errors"]}, **parts)  # type: ignore[arg-type]
 
 
+_INPUTS, _OUTPUTS = 9, 3
 _ARRAYS = {
     "wind_mean": (2,),
     "wind": (2,),
     "wind_cov": (2, 2),
     "wind_spread": (),
+    "parameter_cov": (_INPUTS + 1, _INPUTS + 1),
     "noise": (3,),
     "hover_noise": (3,),
     "target_square": (),
 }
 """Parts of a saved model with their shapes."""
-_INPUTS, _OUTPUTS = 9, 3
 
 
 def _check_parts(network: Anfis, parts: Mapping[str, Array], errors: Array) -> None:
@@ -183,6 +191,7 @@ def learn_air_velocity(epochs: Array, rules: tuple[int, ...] = (1,)) -> AirVeloc
         wind_spread=0.0 if windless else wind_spread(attitude(epochs), residuals[chosen]),
         noise=np.ones(3),
         hover_noise=np.ones(3),
+        parameter_cov=_parameter_cov(epochs),
         errors=errors,
         target_square=float(np.square(epochs[:, BODY_VELOCITY:VELOCITY]).mean()),
     )
@@ -220,7 +229,10 @@ def learn_drag(epochs: Array) -> AirVelocityModel:
     horizontal = unseen[:, :2]
     target = float(np.square(epochs[:, BODY_VELOCITY : BODY_VELOCITY + 2]).mean())
     spread, errors = wind_spread(attitude(epochs), unseen), {1: float(np.square(horizontal).mean())}
-    model = AirVelocityModel(law, wind, np.zeros(2), np.zeros((2, 2)), spread, np.ones(3), np.ones(3), errors, target)
+    nothing = np.zeros((_INPUTS + 1, _INPUTS + 1))
+    model = AirVelocityModel(
+        law, wind, np.zeros(2), np.zeros((2, 2)), spread, np.ones(3), np.ones(3), nothing, errors, target
+    )
     return _with_noise(model, epochs, unseen)
 
 
@@ -244,6 +256,18 @@ def _is_guided(epochs: Array) -> bool:
         return False
     ahead, sideways, upwards = np.square(epochs[:, BODY_VELOCITY:VELOCITY]).mean(axis=0)
     return bool(ahead > _MOVING and max(sideways, upwards) < _SLIPS * ahead)
+
+
+def _parameter_cov(epochs: Array) -> Array:
+    """Covariance (10, 10) of a linear law's coefficients of (inputs, 1) for a noise of one in one second."""
+    x = inputs(epochs)
+    spread = x.std(axis=0)
+    scale = 1.0 / np.where(spread > 1e-9, spread, 1.0)
+    z = np.column_stack([(x - x.mean(axis=0)) * scale, np.ones(len(x))])
+    cov = np.linalg.inv(PERIOD * (z.T @ z + _RIDGE * len(x) * np.eye(z.shape[1])))
+    standardised = np.diag([*scale, 1.0])
+    standardised[:-1, -1] = -scale * x.mean(axis=0)
+    return standardised.T @ cov @ standardised
 
 
 def _fit(epochs: Array, rules: int, windless: bool) -> tuple[Anfis, Array]:

@@ -155,14 +155,44 @@ def test_following_one_epoch_moves_nothing_but_the_wind(models) -> None:
 
 
 def test_a_strange_input_is_worth_little(models) -> None:
-    """GIVEN a network WHEN an input like the training's comes THEN its noise is as stated; far away, ten times."""
+    """GIVEN a network WHEN an input like the training's comes THEN its noise is nearly as stated; far away,
+    at least ten times that."""
     epochs = Flight(seed=8).epochs()
     usual = [models["network"].predict(one)[1] for one in epochs]
-    assert np.median(usual) == 1.0
+    assert 1.0 <= np.median(usual) < 2.0
     strange = epochs[50].copy()
     strange[me.FORCE : me.POSITION] += 60.0
-    assert models["network"].predict(strange)[1] == 10.0
+    assert models["network"].predict(strange)[1] > 10.0
     assert models["drag"].predict(strange)[1] == 1.0  # a law of physics holds everywhere
+
+
+def test_what_a_short_flight_teaches_is_worth_less() -> None:
+    """GIVEN thirty seconds, two and ten minutes of the same flying WHEN learned THEN the fewer there were, the more
+    noise a prediction is given for coefficients that are not known yet."""
+    other = Flight(seed=8, seconds=60.0).epochs()
+    doubt = []
+    for seconds in (30.0, 120.0, 600.0):
+        model = learn_air_velocity(Flight(seconds=seconds).epochs())
+        doubt.append(np.median([model.predict(one)[1] for one in other]))
+    assert doubt[0] > 1.5 * doubt[1] > 1.5 * doubt[2] > 1.5
+
+
+def test_the_errors_of_the_first_minutes_are_as_large_as_stated() -> None:
+    """GIVEN forty seconds of flight WHEN what was learned is asked about another flight THEN the errors, which
+    last, are within three deviations of what is stated for the mean over ten seconds, nearly always."""
+    inside = []
+    for seed in range(12):
+        model = learn_air_velocity(Flight(seconds=40.0, noise=0.3, seed=seed).epochs())
+        epochs = Flight(seconds=100.0, noise=0.3, seed=100 + seed).epochs()
+        for ten in np.split(epochs, 10):
+            C = me.attitude(ten)
+            wrong, stated = np.zeros(2), 0.0
+            for one, attitude in zip(ten, C, strict=True):
+                air, factor = model.predict(one)
+                wrong += (one[me.VELOCITY : me.VELOCITY + 2] - (attitude @ air)[:2] - Flight.wind) / len(ten)
+                stated += factor * float(model.noise[:2].mean()) / len(ten)
+            inside.append(np.abs(wrong).max() < 3.0 * np.sqrt(stated / 10.0))
+    assert np.mean(inside) > 0.95
 
 
 def test_noise_of_a_hover_that_was_never_flown_is_a_guess_that_real_hovers_replace() -> None:
