@@ -142,4 +142,5 @@ class OutageAid:
             rms = self.rehearsals.rms(name)
             if rms is not None:
                 values[f"rehearsal.rms_30_s.{name}"] = rms
-        return values | {"rehearsal.count": float(self.rehearsals.rehearsals)}
+        count, drift = float(self.rehearsals.rehearsals), self.rehearsals.drift_variance
+        return values | {"rehearsal.count": count, "rehearsal.drift_variance": drift}

@@ -143,6 +143,7 @@ _STATUS = (
         "what N rules leave of it on data not trained on; noise of the prediction",
     ),
     ("rehearsal.count, rehearsal.rms_30_s.NAME", "rehearsed outages; RMS error [m] after 30 s of each way to coast"),
+    ("rehearsal.drift_variance", "how large the squared errors of coasting were in parts of what the filter stated"),
     ("alignment.restarts", "how often the search for the heading began anew"),
     ("tilt_sd_deg, yaw_sd_deg", "attitude_node: standard deviations in degrees"),
     ("not used because", "anfis_node: why the model stays silent in an outage"),
