@@ -62,7 +62,7 @@ def literal_model(learned: np.ndarray, rules: tuple[int, ...] = (1,)) -> AirVelo
     model = outage_learning.learn_air_velocity(learned, (1,))
     network, still = LiteralNetwork(learned), np.zeros(2)
     literal = _LiteralModel(**{**vars(model), "network": network, "wind_mean": still, "wind": still})
-    known = {"errors": {network.rules: model.errors[1]}, "wind_var": 0.0, "wind_spread": 1e-6}
+    known = {"errors": {network.rules: model.errors[1]}, "wind_cov": np.zeros((2, 2)), "wind_spread": 1e-6}
     return replace(literal, noise=np.full(3, 0.1), hover_noise=np.full(3, 0.1), **known)
 
 
