@@ -33,11 +33,11 @@ def test_best_weighs_travelling_against_hovering(epochs, model) -> None:
     assert travel.probability + hover.probability == pytest.approx(1.0)
     assert hover.velocity_var < 0.2 * travel.velocity_var
     assert np.isfinite([travel.log_likelihood, hover.log_likelihood]).all()
-    air, _ = model.predict(epochs[-1])
+    air, doubt = model.predict(epochs[-1])
     np.testing.assert_array_equal(evidence.air_velocity, air)
     assert travel.velocity_time is None  # with a network the usual speed tells the regimes apart, no more
     assert hover.velocity_time is not None
-    np.testing.assert_allclose(travel.air_noise, model.noise / me.PERIOD)
+    np.testing.assert_allclose(travel.air_noise, doubt * model.noise / me.PERIOD)
     np.testing.assert_allclose(evidence.wind, model.wind_mean + model.wind)
     np.testing.assert_allclose(evidence.wind_mean, model.wind_mean)
     assert evidence.stamp_ns == NOW

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import PATIENCE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from geometry_msgs.msg import Pose, PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import FluidPressure, Imu, NavSatFix
@@ -97,7 +97,11 @@ def check_accuracy(pose: list[PoseWithCovarianceStamped], truth: list[Odometry],
 
 
 def test_two_processes_equal_the_engine_alone(launch, observer):
-    """GIVEN sensors and navigator in two processes WHEN a flight is flown THEN its poses equal those of the engine."""
+    """GIVEN sensors and navigator in two processes WHEN a flight is flown THEN its poses equal those of the engine.
+
+    How soon behind the IMU's a fix arrives is chance, and the poses until then do not know it. The last before the next
+    fix does.
+    """
     reliable = [
         f"qos_overrides./{topic}.subscription.{setting}"
         for topic in ("imu/data_raw", "gps/fix", "gps/vel", "gps/satellites", "imu/mag", "baro")
@@ -114,23 +118,30 @@ def test_two_processes_equal_the_engine_alone(launch, observer):
     assert sensors.process.wait(timeout=PATIENCE) == 0
 
     engine = PoseEstimator(attitude=False)
-    alone, last_fix = {}, 0
+    alone, last_fix = {}, 0  # stamp of a pose -> solution, number of the fix before it
     for sample in flight.samples(blocks=False):
         message = to_message(sample)
-        if not isinstance(sample, ImuSample):
-            last_fix = last_fix if message.__class__ is not NavSatFix else sample.stamp_ns
-            sample = sample if message.__class__ is not NavSatFix else convert.nav_sat_fix(message)[0]
+        if isinstance(message, NavSatFix):
+            last_fix, sample = last_fix + 1, convert.nav_sat_fix(message)[0]
         for output in engine.feed(sample):
-            # just after a fix it is chance whether its message overtakes that of the IMU
-            if isinstance(output, NavSolution) and output.stamp_ns > last_fix + 50_000_000:
-                alone[output.stamp_ns] = output
-    common = [(m.pose.pose, alone[convert.stamp_ns(m)]) for m in poses if convert.stamp_ns(m) in alone]
+            if isinstance(output, NavSolution):
+                alone[output.stamp_ns] = output, last_fix
+    common = [(m.pose.pose, *alone[convert.stamp_ns(m)]) for m in poses if convert.stamp_ns(m) in alone]
     assert len(common) > 0.95 * len(alone) > 500
-    for pose, solution in common:
-        assert math.dist(convert.vector(pose.position), solution.position_enu) < 1e-3
-        w, x, y, z = solution.q_nb
-        cosine = abs(w * pose.orientation.w + x * pose.orientation.x + y * pose.orientation.y + z * pose.orientation.z)
-        assert math.degrees(2.0 * math.acos(min(cosine, 1.0))) < 0.01
+    agree = [_is_same(pose, solution) for pose, solution, _ in common]
+    assert np.mean(agree) > 0.8
+    fixes = [fix for *_, fix in common]
+    before_a_fix = [same for same, fix, later in zip(agree, fixes, fixes[1:], strict=False) if later > fix]
+    assert len(before_a_fix) > 15
+    assert all(before_a_fix)
+
+
+def _is_same(pose: Pose, solution: NavSolution) -> bool:
+    """Equal to a millimetre and a hundredth of a degree."""
+    w, x, y, z = solution.q_nb
+    cosine = abs(w * pose.orientation.w + x * pose.orientation.x + y * pose.orientation.y + z * pose.orientation.z)
+    near = math.dist(convert.vector(pose.position), solution.position_enu) < 1e-3
+    return near and math.degrees(2.0 * math.acos(min(cosine, 1.0))) < 0.01
 
 
 def test_pain_12_every_kind_of_publisher_is_heard_and_a_misfit_is_named(launch, observer):
