@@ -16,15 +16,12 @@ from nav_pose_estimator.core.jit import kernel
 from nav_pose_estimator.core.layout import (
     ALT,
     BASE_STATES,
-    D_ACCEL_BIAS,
     D_GYRO_BIAS,
     DPOS,
-    DRAG,
     DVEL,
     LAT,
     LON,
     PHI,
-    PREV_FORCE,
     PREV_RATE,
     QUAT,
     VEL,
@@ -175,33 +172,6 @@ def body_velocity(nav, states, velocity, lever):
     H[1, D_GYRO_BIAS + 2] = lever[0]
     H[2, D_GYRO_BIAS] = lever[1]
     H[2, D_GYRO_BIAS + 1] = -lever[0]
-    return z, H
-
-
-@kernel
-def drag_force(nav, states, i_wind_drag):
-    """Specific force along body x and y against linear drag, ``f_xy = -D (C^T (v - w))_xy``; z: expected - measured.
-
-    Linear rotor drag: Martin, Salaun, The true role of accelerometer feedback in quadrotor control, ICRA 2010, eq. 9.
-    The states wind (2) and D (2) start at ``i_wind_drag``; they are "what is missing", like the biases.
-    """
-    z = np.zeros(2)
-    H = np.zeros((2, states))
-    C = quat_to_matrix(nav[QUAT : QUAT + 4])
-    air = np.array([nav[VEL] - nav[WIND], nav[VEL + 1] - nav[WIND + 1], nav[VEL + 2]])
-    for i in range(2):
-        drag = nav[DRAG + i]
-        along = C[0, i] * air[0] + C[1, i] * air[1] + C[2, i] * air[2]
-        _velocity_in_body_row(H, i, C, air)
-        for k in range(3):
-            H[i, PHI + k] *= -drag
-            H[i, DVEL + k] *= -drag
-        # the measured force is bias-corrected: f_hat = f + (b - b_hat), and z has it with the opposite sign
-        H[i, D_ACCEL_BIAS + i] = -1.0
-        z[i] = -drag * along - nav[PREV_FORCE + i]
-        for k in range(2):
-            H[i, i_wind_drag + k] = -drag * C[k, i]
-        H[i, i_wind_drag + 2 + i] = along
     return z, H
 
 

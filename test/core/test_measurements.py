@@ -35,7 +35,6 @@ CASES = {
     "vertical_velocity": (measurements.vertical_velocity, (1.0,)),
     "height": (measurements.height, (290.0,)),
     "body_velocity": (measurements.body_velocity, (np.array([3.0, -6.0, 1.0]), LEVER)),
-    "drag_force": (measurements.drag_force, (at.BASE_STATES,)),
 }
 
 
