@@ -13,7 +13,7 @@ class AlignmentParameters:
     rest_gyro_sd: float = param(0.02, "rad/s", "Spread of the angular rate above which there is no rest", 1e-5, 1.0)
     rest_accel_sd: float = param(0.35, "m/s^2", "Spread of the force above which there is no rest", 1e-4, 10.0)
     rest_rate: float = param(
-        0.45,
+        0.62,
         "rad/s",
         "Mean angular rate above which there is no rest; a gyroscope's offset when switched on is less",
         1e-4,
