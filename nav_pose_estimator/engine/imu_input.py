@@ -377,7 +377,7 @@ def _count_one(values: Vector3, bound: float) -> tuple[int, ...]:
 
 
 def _part(block: ImuBlock, start: int, end: int) -> ImuBlock:
-    return ImuBlock(block.stamps_ns[start:end], block.gyro[start:end], block.accel[start:end])
+    return block.part(start, end)
 
 
 def _joined(items: Iterable[ImuSample | Event]) -> list[ImuBlock | Event]:

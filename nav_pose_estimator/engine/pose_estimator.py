@@ -226,7 +226,7 @@ class PoseEstimator:
 def _part(block: ImuBlock, begin: int, end: int) -> ImuBlock:
     if begin == 0 and end == len(block):
         return block
-    return ImuBlock(block.stamps_ns[begin:end], block.gyro[begin:end], block.accel[begin:end])
+    return block.part(begin, end)
 
 
 def _in_order(block: ImuBlock, others: Sequence[tuple[int, Sample]]) -> Iterator[Sample]:

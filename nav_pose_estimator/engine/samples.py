@@ -35,6 +35,10 @@ class ImuBlock:
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
+    def part(self, begin: int, end: int | None) -> "ImuBlock":
+        """The samples ``begin`` to ``end`` (None: to the last one), as views."""
+        return ImuBlock(self.stamps_ns[begin:end], self.gyro[begin:end], self.accel[begin:end])
+
 
 def joined(parts: Sequence[ImuSample | ImuBlock]) -> ImuBlock:
     """Consecutive IMU samples and blocks as one block."""

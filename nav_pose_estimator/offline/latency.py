@@ -184,7 +184,7 @@ class _Stream:
         done, imu = 0, self._imu
         for cut, sample in zip(cuts.tolist(), moved, strict=True):
             if cut > done:
-                out.append(ImuBlock(imu.stamps_ns[done:cut], imu.gyro[done:cut], imu.accel[done:cut]))
+                out.append(imu.part(done, cut))
                 done = cut
             out.append(sample)
         return out

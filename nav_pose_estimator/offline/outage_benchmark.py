@@ -162,8 +162,7 @@ def _first_at(sample: Sample, stamps: np.ndarray | None, start_ns: int, delay_ns
 def _rows(sample: Sample, first: int, last: int | None) -> Sample:
     if not isinstance(sample, ImuBlock) or (first == 0 and last is None):
         return sample
-    part = slice(first, last)
-    return ImuBlock(sample.stamps_ns[part], sample.gyro[part], sample.accel[part])
+    return sample.part(first, last)
 
 
 def _last_row(outputs: list, before: np.ndarray | None) -> np.ndarray | None:

@@ -74,7 +74,7 @@ def singles(flight: list[Sample], count: int) -> list[ImuSample]:
 def blocks_of(imu: ImuBlock, size: int) -> list[ImuBlock]:
     """``imu`` cut into blocks of ``size`` samples."""
     starts = range(0, len(imu), size)
-    return [ImuBlock(imu.stamps_ns[i : i + size], imu.gyro[i : i + size], imu.accel[i : i + size]) for i in starts]
+    return [imu.part(i, i + size) for i in starts]
 
 
 def imu_only(flight: list[Sample]) -> ImuBlock:

@@ -75,7 +75,7 @@ class Recording:
     def _imu_samples(self, first: int, last: int, blocks: bool) -> Iterator[Sample]:
         if last <= first:
             return
-        block = ImuBlock(self.imu.stamps_ns[first:last], self.imu.gyro[first:last], self.imu.accel[first:last])
+        block = self.imu.part(first, last)
         if blocks:
             yield block
             return
