@@ -6,6 +6,8 @@ plain Python runs faster than numpy calls on 3-vectors.
 
 import hashlib
 import os
+import sys
+from functools import lru_cache
 from types import ModuleType
 from typing import Any
 
@@ -14,6 +16,8 @@ try:
 except ImportError:
     numba = None  # type: ignore[assignment]
 
+_PACKAGE = __name__.partition(".")[0]  # kernels of every room are compiled into each other
+_FOLDER = os.path.dirname(sys.modules[_PACKAGE].__file__ or "")
 COMPILED: bool = numba is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
 """True when kernels run as machine code in this process."""
 
@@ -44,18 +48,25 @@ def _compile(function, **options):
 def _tie_cache_to_sources(compiled) -> bool:
     """Make the cached machine code of a kernel stale when anything that was compiled into it has changed.
 
-    By itself numba looks at the kernel's own file only. Numbers and kernels of other files are compiled in as well:
-    with an old cache, a new ``core.layout`` would be read at the old places. False when this numba keeps its cache some
-    other way: the kernel then has to do without.
+    By itself numba looks at size and time of the kernel's own file only. Numbers and kernels of other files are compiled
+    in as well: with an old cache, a new layout would be read at the old places. False when this numba keeps its cache
+    some other way: the kernel then has to do without.
     """
-    parts = _compiled_in(compiled.py_func.__globals__)
+    function = compiled.py_func
+    parts = (function.__module__, _text_of(function.__code__.co_filename), _compiled_in(function.__globals__))
     try:
-        file = compiled._cache._cache_file
-        compiled.source_stamp = hashlib.sha256(repr((file._source_stamp, parts)).encode()).hexdigest()
-        file._source_stamp = compiled.source_stamp
+        compiled.source_stamp = hashlib.sha256(repr(parts).encode()).hexdigest()
+        compiled._cache._cache_file._source_stamp = compiled.source_stamp
     except AttributeError:
         return False
     return True
+
+
+@lru_cache(maxsize=None)
+def _text_of(path: str) -> str:
+    """Digest of a source file: its text and not its time, so that a copied or touched file keeps its cache."""
+    with open(path, "rb") as file:
+        return hashlib.sha256(file.read()).hexdigest()
 
 
 def _compiled_in(names: dict[str, Any]) -> list[Any]:
@@ -64,7 +75,7 @@ def _compiled_in(names: dict[str, Any]) -> list[Any]:
     for name, value in sorted(names.items()):
         if isinstance(value, int | float | tuple):
             parts.append((name, value))
-        elif isinstance(value, ModuleType) and value.__name__.startswith(__package__):
+        elif isinstance(value, ModuleType) and value.__name__.partition(".")[0] == _PACKAGE:
             parts.append((name, _compiled_in(vars(value))))
         elif hasattr(value, "source_stamp"):
             parts.append((name, value.source_stamp))
@@ -75,5 +86,4 @@ def is_first_run() -> bool:
     """True when machine code has yet to be made, which takes about a minute: worth a word to who waits."""
     if not COMPILED or os.environ.get("NUMBA_CACHE_DIR"):
         return False
-    folder = os.path.join(os.path.dirname(__file__), "__pycache__")
-    return not (os.path.isdir(folder) and any(name.endswith(".nbi") for name in os.listdir(folder)))
+    return not any(name.endswith(".nbi") for _, _, names in os.walk(_FOLDER) for name in names)

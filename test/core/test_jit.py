@@ -1,6 +1,7 @@
 """Compiled kernels are found again on disk, and never when something that went into them has changed."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from nav_pose_estimator.core import jit
 from nav_pose_estimator.core.jit import COMPILED, numba
 
+PACKAGE = Path(__file__).resolve().parents[2] / "nav_pose_estimator"
 NUMBERS = """from nav_pose_estimator.core.jit import kernel
 PLACE = {place}
 
@@ -57,8 +59,41 @@ def test_mode_follows_the_environment():
 @pytest.mark.compiled
 def test_the_first_run_is_known_by_the_absence_of_machine_code(tmp_path, monkeypatch):
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    monkeypatch.setattr(jit, "__file__", str(tmp_path / "jit.py"))
+    monkeypatch.setattr(jit, "_FOLDER", str(tmp_path))
     assert jit.is_first_run()
-    (tmp_path / "__pycache__").mkdir()
-    (tmp_path / "__pycache__" / "kalman.correct-1.py312.nbi").touch()
+    (tmp_path / "core" / "filter" / "__pycache__").mkdir(parents=True)
+    (tmp_path / "core" / "filter" / "__pycache__" / "kalman.correct-1.py312.nbi").touch()
     assert not jit.is_first_run()
+
+
+STAMPS = """from nav_pose_estimator.core import {module}
+print({module}.{kernel}.source_stamp)
+"""
+
+
+@pytest.mark.compiled
+def test_a_number_of_another_room_makes_the_machine_code_stale(tmp_path):
+    package = tmp_path / "nav_pose_estimator"
+    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
+    environment = os.environ | {"PYTHONPATH": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-c", STAMPS.format(module="filter_memory", kernel="run_block")]
+
+    def stamp() -> str:
+        return subprocess.run(command, cwd=tmp_path, env=environment, check=True, capture_output=True, text=True).stdout
+
+    first = stamp()
+    for number in ("earth.py", "layout.py"):
+        path = next(package.rglob(number))
+        before = path.read_text()
+        path.touch()
+        assert stamp() == first, "a touched file is the same file"
+        path.write_text(CHANGES[number](before))
+        assert stamp() != first
+        path.write_text(before)
+    assert stamp() == first
+
+
+CHANGES = {
+    "earth.py": lambda text: text.replace("6378137.0", "6378138.0"),
+    "layout.py": lambda text: text.replace("LAT, LON, ALT = 0, 1, 2", "LAT, LON, ALT = 1, 0, 2"),
+}
