@@ -40,7 +40,7 @@ test-all:
 	@$(PYTEST) $(ARGS)
 
 docs: ## Write config/nav_pose_estimator.yaml, docs/parameters.md and docs/troubleshooting.md from the code
-	@$(IN_ENVIRONMENT) python -m nav_pose_estimator.offline.parameter_docs
+	@$(IN_ENVIRONMENT) python tools/docs/parameter_docs.py
 
 clean: ## Remove what was built (not .venv)
 	rm -rf build install log out .pytest_cache .ruff_cache .mypy_cache .hypothesis *.egg-info

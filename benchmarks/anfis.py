@@ -23,11 +23,11 @@ import numpy as np
 from scipy.optimize import minimize
 
 from nav_pose_estimator import Anfis
-from nav_pose_estimator.core.conjugate_gradient import fletcher_reeves
-from nav_pose_estimator.core.hybrid_learning import ReducedObjective
-from nav_pose_estimator.core.jit import COMPILED
-from nav_pose_estimator.core.partition import grid_premises
-from nav_pose_estimator.core.takagi_sugeno import Premises
+from nav_pose_estimator.core.learning.conjugate_gradient import fletcher_reeves
+from nav_pose_estimator.core.learning.hybrid_learning import ReducedObjective
+from nav_pose_estimator.core.learning.partition import grid_premises
+from nav_pose_estimator.core.learning.takagi_sugeno import Premises
+from nav_pose_estimator.core.numerics.jit import COMPILED
 
 Samples = tuple[np.ndarray, np.ndarray]
 

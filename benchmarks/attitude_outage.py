@@ -17,14 +17,14 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.rotation import euler_from_quat_many, wrap_angle_many
-from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.rotation import euler_from_quat_many, wrap_angle_many
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample, SatelliteCount
 from nav_pose_estimator.engine.solutions import AttitudeBlock, NavBlock
-from nav_pose_estimator.offline.bag_reader import read_samples
+from nav_pose_estimator.offline.bags.reader import read_samples
 from nav_pose_estimator.sim.scenarios import generate
 
 SCENARIOS = ("road_vehicle", "multirotor_light", "fixed_wing")

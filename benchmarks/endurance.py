@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.earth import lla_to_enu
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.samples import ImuBlock
 from nav_pose_estimator.engine.solutions import AttitudeBlock, Mode, NavBlock
 from nav_pose_estimator.sim.fault_plans import Planned, random_plan

@@ -58,7 +58,7 @@ def send(rate: float, seconds: float) -> int:
 
     from nav_pose_estimator.engine.samples import ImuSample
     from nav_pose_estimator.ros import qos
-    from nav_pose_estimator.ros.sample_messages import TOPICS, to_message
+    from nav_pose_estimator.ros.messages.sample_messages import TOPICS, to_message
     from nav_pose_estimator.sim.scenarios import generate
 
     flight = generate("multirotor_light", duration=seconds, seed=1, imu_rate=rate)
@@ -99,7 +99,7 @@ def measure(system: str, rate: float, seconds: float) -> Row:
     from nav_msgs.msg import Odometry
     from rclpy.qos import QoSProfile
 
-    from nav_pose_estimator.ros.imu_cdr import peek_stamp_ns
+    from nav_pose_estimator.ros.messages.imu_cdr import peek_stamp_ns
     from nav_pose_estimator.ros.spin import make_executor
 
     rclpy.init()

@@ -25,11 +25,15 @@ import numpy as np
 import yaml
 
 from nav_pose_estimator import Anfis
-from nav_pose_estimator.core import motion_epochs as me
-from nav_pose_estimator.core import outage_learning, wind
-from nav_pose_estimator.core.outage_learning import AirVelocityModel, inputs
-from nav_pose_estimator.engine import branches, epochs, outage_learner, virtual_outages
-from nav_pose_estimator.offline.outage_benchmark import Task, run_task
+from nav_pose_estimator.core.motion import air_velocity as outage_learning
+from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.motion import wind
+from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, inputs
+from nav_pose_estimator.engine.navigator import branches
+from nav_pose_estimator.engine.outage import epochs
+from nav_pose_estimator.engine.outage import learner as outage_learner
+from nav_pose_estimator.engine.outage import rehearsals as virtual_outages
+from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task, run_task
 
 
 class LiteralNetwork:

@@ -27,13 +27,13 @@ from typing import Any
 
 import numpy as np
 
-from nav_pose_estimator.engine.parameter_schema import update
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.offline import methods
-from nav_pose_estimator.offline.benchmark_statistics import Row, bootstrap, comparable, rms
-from nav_pose_estimator.offline.outage_benchmark import FlightResult, run_outages
-from nav_pose_estimator.offline.outages import periodic
-from nav_pose_estimator.offline.simulated_flight import in_memory
+from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, run_outages
+from nav_pose_estimator.offline.benchmarks.outage.statistics import Row, bootstrap, comparable, rms
+from nav_pose_estimator.offline.flights import methods
+from nav_pose_estimator.offline.flights.outages import periodic
+from nav_pose_estimator.offline.flights.simulated_flight import in_memory
 from nav_pose_estimator.sim.scenarios import generate
 
 GRADES = ("icm42688", "bmi088", "mpu6000")

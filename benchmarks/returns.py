@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.engine.parameter_schema import update
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock
-from nav_pose_estimator.offline import methods
-from nav_pose_estimator.offline.config_file import load_parameters
-from nav_pose_estimator.offline.flight_window import flight_window
-from nav_pose_estimator.offline.outage_benchmark import _aided_pass, _Start
-from nav_pose_estimator.offline.outages import Outage
-from nav_pose_estimator.offline.recording import Recording, load
+from nav_pose_estimator.offline.benchmarks.outage.benchmark import _aided_pass, _Start
+from nav_pose_estimator.offline.flights import methods
+from nav_pose_estimator.offline.flights.config_file import load_parameters
+from nav_pose_estimator.offline.flights.flight_window import flight_window
+from nav_pose_estimator.offline.flights.outages import Outage
+from nav_pose_estimator.offline.flights.recording import Recording, load
 
 _EARTH = 6.37e6  # m
 _PATIENCE = {True: 20.0, False: 40.0}  # s that a wrong and a true return are watched

@@ -23,7 +23,7 @@ Error state (order and signs)
     ``[phi, dv, dp, bg, ba]`` in the n frame (phi, dv, dp) and the b frame (bg, ba), position in metres.
     Errors are estimate minus truth: ``v_hat = v + dv``, ``p_hat = p + dp``, ``C_hat = (I - [phi x]) C``.
     Bias states are what is still missing from the estimate: ``b = b_hat + state``.
-    Code addresses the states by name (``core.layout``), never by number.
+    Code addresses the states by name (``core.filter.layout``), never by number.
 """
 
 from importlib import import_module
@@ -31,8 +31,8 @@ from importlib import import_module
 __version__ = "0.1.0"
 
 _PUBLIC = {
-    "estimate_attitude": "nav_pose_estimator.engine.attitude",
-    "Anfis": "nav_pose_estimator.core.anfis",
+    "estimate_attitude": "nav_pose_estimator.engine.attitude.engine",
+    "Anfis": "nav_pose_estimator.core.learning.anfis",
 }
 __all__ = ["Anfis", "__version__", "estimate_attitude"]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from nav_pose_estimator.core.jit import COMPILED
+from nav_pose_estimator.core.numerics.jit import COMPILED
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SHARED = Path(os.environ.get("NAV_POSE_SHARED", REPOSITORY.parent / "shared"))

@@ -9,10 +9,10 @@ import pytest
 import yaml
 
 import nav_pose_estimator
+import parameter_docs
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.offline import parameter_docs
 from nav_pose_estimator.offline.command_line import COMMANDS
-from nav_pose_estimator.offline.config_file import load_parameters
+from nav_pose_estimator.offline.flights.config_file import load_parameters
 
 ROS_PACKAGES = re.compile(r"^\w+_msgs$|^(rclpy|rcl_interfaces|builtin_interfaces|std_srvs)$")
 OPTIONAL = {"tf2_msgs", "gps_msgs", "mavros_msgs", "ublox_msgs", "px4_msgs"}

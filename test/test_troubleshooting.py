@@ -10,15 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from nav_pose_estimator.core.alignment import Aligner
-from nav_pose_estimator.engine.attitude import AttitudeEngine
+import troubleshooting_docs
+from nav_pose_estimator.core.alignment.aligner import Aligner
+from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
 from nav_pose_estimator.engine.catalogue import SECTIONS, find, in_words
-from nav_pose_estimator.engine.parameter_schema import flatten
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters.schema import flatten
 from nav_pose_estimator.engine.samples import GnssFix, ImuSample, MagSample
 from nav_pose_estimator.engine.solutions import Event, Mode
-from nav_pose_estimator.offline import troubleshooting_docs
 from nav_pose_estimator.ros import wording
 from nav_pose_estimator.sim.scenarios import generate
 
@@ -114,7 +114,7 @@ def test_the_page_is_up_to_date(repository):
 
 def test_every_sentence_that_a_node_waits_with_is_on_the_page():
     page = troubleshooting_docs.page_text()
-    module = Texts(PACKAGE / "core" / "alignment.py")
+    module = Texts(PACKAGE / "core" / "alignment" / "aligner.py")
     functions = (node for node in ast.walk(module.tree) if isinstance(node, ast.FunctionDef))
     (waiting,) = (node for node in functions if node.name == Aligner.waiting_for.__name__)
     sentences = [s for s in module.everywhere(waiting) if s[:1].isupper() and s != ast.get_docstring(waiting)]

@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.core.layout import OUT_COLUMNS
-from nav_pose_estimator.core.rotation import quat_rotate_many
+from nav_pose_estimator.core.filter.layout import OUT_COLUMNS
+from nav_pose_estimator.core.numerics.rotation import quat_rotate_many
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.samples import BodyVelocity, ImuBlock, ImuSample, Sample
 from nav_pose_estimator.engine.solutions import (
     AttitudeBlock,
@@ -32,8 +32,8 @@ from nav_pose_estimator.engine.solutions import (
     OutageError,
     Output,
 )
-from nav_pose_estimator.offline.bag_reader import BagReader
-from nav_pose_estimator.offline.outages import GnssRemoval, Outage
+from nav_pose_estimator.offline.bags.reader import BagReader
+from nav_pose_estimator.offline.flights.outages import GnssRemoval, Outage
 from nav_pose_estimator.sim.scenarios import generate
 
 REPOSITORY = Path(__file__).resolve().parents[1]

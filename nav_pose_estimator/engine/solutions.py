@@ -5,8 +5,8 @@ from enum import Enum
 
 import numpy as np
 
-from nav_pose_estimator.core import attitude_layout as head
-from nav_pose_estimator.core import layout as at
+from nav_pose_estimator.core.attitude import layout as head
+from nav_pose_estimator.core.filter import layout as at
 
 
 class Mode(Enum):
@@ -47,7 +47,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class AttitudeSolution:
-    """Attitude at one stamp. ``values`` (HEAD_SIZE,) of ``core.attitude_layout``; the properties are parts of it."""
+    """Attitude at one stamp. ``values`` (HEAD_SIZE,) of ``core.attitude.layout``; the properties are parts of it."""
 
     stamp_ns: int
     values: np.ndarray
@@ -80,7 +80,7 @@ class AttitudeSolution:
 
 @dataclass(frozen=True, slots=True)
 class NavSolution:
-    """Navigation solution at one stamp. ``values`` (SOLUTION_SIZE,) of ``core.layout``; the properties are parts of it.
+    """Navigation solution at one stamp. ``values`` (SOLUTION_SIZE,) of ``layout``; the properties are parts of it.
 
     Hundreds are made a second and few are looked at: nothing is taken apart before somebody asks.
     """
@@ -161,13 +161,13 @@ class NavSolution:
 
     @property
     def cov(self) -> np.ndarray:
-        """(15, 15) covariance of the last covariance step, in the order of ``core.layout``."""
+        """(15, 15) covariance of the last covariance step, in the order of ``core.filter.layout``."""
         return self.values[at.SOLUTION_COV :].reshape(at.BASE_STATES, at.BASE_STATES)
 
 
 @dataclass(frozen=True, slots=True)
 class NavBlock:
-    """Solutions of consecutive IMU samples: ``stamps_ns`` (N,), ``rows`` (N, OUT_COLUMNS) of ``core.layout``."""
+    """Solutions of consecutive IMU samples: ``stamps_ns`` (N,), ``rows`` (N, OUT_COLUMNS) of ``core.filter.layout``."""
 
     stamps_ns: np.ndarray
     rows: np.ndarray

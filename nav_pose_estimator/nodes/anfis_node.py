@@ -10,9 +10,9 @@ from std_msgs.msg import Bool
 
 from nav_pose_estimator.engine.solutions import OutageError, Status
 from nav_pose_estimator.ros import inputs, qos, spin, wording
-from nav_pose_estimator.ros.convert import vector
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
-from nav_pose_estimator.ros.imu_cdr import peek_stamp_ns
+from nav_pose_estimator.ros.messages.convert import vector
+from nav_pose_estimator.ros.messages.imu_cdr import peek_stamp_ns
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.outage_model import OutageModel
 from nav_pose_estimator.ros.outputs import LearnerOutput

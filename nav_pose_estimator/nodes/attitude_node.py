@@ -7,14 +7,14 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Bool
 
-from nav_pose_estimator.engine.attitude import AttitudeEngine
-from nav_pose_estimator.engine.declination import located
+from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
 from nav_pose_estimator.engine.samples import GnssFix, NavigatorVelocity
+from nav_pose_estimator.engine.sensors.declination import located
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Status
 from nav_pose_estimator.ros import inputs, qos, spin, wording
-from nav_pose_estimator.ros.convert import Converted, nav_sat_fix, odometry_velocity
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
-from nav_pose_estimator.ros.imu_cdr import peek_stamp_ns
+from nav_pose_estimator.ros.messages.convert import Converted, nav_sat_fix, odometry_velocity
+from nav_pose_estimator.ros.messages.imu_cdr import peek_stamp_ns
 from nav_pose_estimator.ros.outputs import AttitudeOutput
 from nav_pose_estimator.ros.pace import Pace
 

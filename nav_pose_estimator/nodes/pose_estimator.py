@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, OutageError, Status
 from nav_pose_estimator.ros import inputs, spin, wording
 from nav_pose_estimator.ros.estimator_node import EstimatorNode

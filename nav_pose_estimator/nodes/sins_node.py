@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from functools import partial
 
-from nav_pose_estimator.engine.modes import LEVELLING
-from nav_pose_estimator.engine.outage_learner import TrainingJob
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.navigator.modes import LEVELLING
+from nav_pose_estimator.engine.outage.learner import TrainingJob
 from nav_pose_estimator.engine.solutions import NavSolution
 from nav_pose_estimator.ros import inputs, spin
 from nav_pose_estimator.ros.estimator_node import EstimatorNode

@@ -11,13 +11,13 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from nav_pose_estimator.core.earth import lla_to_enu
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.engine.parameters.synthetic import SyntheticParameters
 from nav_pose_estimator.engine.samples import ImuSample
 from nav_pose_estimator.ros import qos, spin
-from nav_pose_estimator.ros.messages import fill_stamp
+from nav_pose_estimator.ros.messages.outgoing import fill_stamp
+from nav_pose_estimator.ros.messages.sample_messages import TOPICS, to_message, truth_message
 from nav_pose_estimator.ros.parameters import declare
-from nav_pose_estimator.ros.sample_messages import TOPICS, to_message, truth_message
 from nav_pose_estimator.sim import scenarios
 from nav_pose_estimator.sim.sensors import Timed
 from nav_pose_estimator.sim.transport import Transport

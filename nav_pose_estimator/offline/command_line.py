@@ -41,7 +41,7 @@ class Command:
 _ROS_EXAMPLE = "--ros-args --params-file config/nav_pose_estimator.yaml -r imu/data_raw:=/imu"
 COMMANDS = {
     "replay": Command(
-        "offline.replay_command",
+        "offline.replay.command",
         "replay a rosbag2, take GNSS away, see how far the pose drifts",
         ("replay my_flight --outage 90:30", "replay my_flight.mcap --outage-every 60:30 --out out/my_flight"),
     ),
@@ -51,7 +51,7 @@ COMMANDS = {
         ("simulate out/flight --scenario multirotor_outage --duration 300 --seed 1 --imu icm42688",),
     ),
     "benchmark": Command(
-        "offline.benchmark_command",
+        "offline.benchmarks.command",
         "compare methods over many outages, attitude filters, or measure speed",
         (
             "benchmark outage flights/*_bag --lengths 10,30,60 --methods coast,hold,best --out out/outages",

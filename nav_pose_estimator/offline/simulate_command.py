@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.bag is None:
         raise UserError("give the folder of the new bag, or --list to see what there is")
-    from nav_pose_estimator.offline.bag_writer import FAST, SMALL, check_room
+    from nav_pose_estimator.offline.bags.writer import FAST, SMALL, check_room
     from nav_pose_estimator.offline.simulated_bag import write_recording
 
     if not 0.1 <= arguments.truth_rate <= 4000.0:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.core.rotation import quat_conjugate_many, quat_rotate_many
+from nav_pose_estimator.core.numerics.rotation import quat_conjugate_many, quat_rotate_many
 from nav_pose_estimator.engine.samples import (
     GnssFix,
     GnssVelocity,
@@ -15,8 +15,8 @@ from nav_pose_estimator.engine.samples import (
     Sample,
     SatelliteCount,
 )
-from nav_pose_estimator.offline.bag_writer import FAST, MCAP, Messages, write_bag
-from nav_pose_estimator.offline.cdr_packing import STAMP, pack
+from nav_pose_estimator.offline.bags.cdr_packing import STAMP, pack
+from nav_pose_estimator.offline.bags.writer import FAST, MCAP, Messages, write_bag
 from nav_pose_estimator.sim.imu_grades import ImuGrade
 from nav_pose_estimator.sim.recording import Recording
 

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from nav_pose_estimator.ros import qos, wording
-from nav_pose_estimator.ros.messages import fill_stamp
+from nav_pose_estimator.ros.messages.outgoing import fill_stamp
 
 Description = tuple[int, str, list[tuple[str, str]]]
 

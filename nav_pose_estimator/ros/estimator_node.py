@@ -10,15 +10,15 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import SetBool, Trigger
 
-from nav_pose_estimator.core.jit import is_first_run
+from nav_pose_estimator.core.numerics.jit import is_first_run
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Mode, NavSolution, Status
 from nav_pose_estimator.ros import qos, wording
 from nav_pose_estimator.ros.diagnostics import Diagnostics, InputWatch
-from nav_pose_estimator.ros.imu_cdr import decode_imu
 from nav_pose_estimator.ros.inputs import Input
 from nav_pose_estimator.ros.logbook import Logbook
-from nav_pose_estimator.ros.messages import is_finite, warm_up
+from nav_pose_estimator.ros.messages.imu_cdr import decode_imu
+from nav_pose_estimator.ros.messages.outgoing import is_finite, warm_up
 from nav_pose_estimator.ros.parameters import LiveParameters, declare
 from nav_pose_estimator.ros.time_guard import TimeGuard, stamp_of
 

@@ -5,11 +5,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from nav_pose_estimator.engine.parameter_schema import ParameterError
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.ros import InputParameters
-from nav_pose_estimator.ros import convert, gps_umd, navigator_watch, px4, satellites
-from nav_pose_estimator.ros.convert import Adapter, Converted
+from nav_pose_estimator.engine.parameters.schema import ParameterError
+from nav_pose_estimator.ros import navigator_watch
+from nav_pose_estimator.ros.messages import convert, gps_umd, px4, satellites
+from nav_pose_estimator.ros.messages.convert import Adapter, Converted
 
 _IMU = {
     "imu": ("sensor_msgs", "Imu", convert.imu),

@@ -10,9 +10,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from nav_pose_estimator.core.motion_epochs import ATTITUDE, BODY_VELOCITY, COLUMNS, PERIOD, TIME
-from nav_pose_estimator.engine.model_file import load_arrays, save_arrays
-from nav_pose_estimator.engine.outage_learner import TrainingJob
+from nav_pose_estimator.core.motion.epochs import ATTITUDE, BODY_VELOCITY, COLUMNS, PERIOD, TIME
+from nav_pose_estimator.engine.outage.learner import TrainingJob
+from nav_pose_estimator.engine.outage.model_file import load_arrays, save_arrays
 from nav_pose_estimator.engine.parameters.ros import ModelParameters
 from nav_pose_estimator.engine.solutions import Level
 from nav_pose_estimator.errors import UserError
@@ -26,7 +26,7 @@ _CURVE = 20  # so many trainings are remembered
 class ModelKeeper:
     """Services ~/train, ~/save_model and ~/load_model of ``node``.
 
-    ``pupil`` has a ``learner`` (``engine.outage_learner``) and takes results in ``accept``; its jobs go to ``trainer``.
+    ``pupil`` has a ``learner`` (``engine.outage.learner``) and takes results in ``accept``; its jobs go to ``trainer``.
     ``say`` takes the name, level and sentence of an event. Whatever goes wrong is said; the model stays as it was.
     """
 

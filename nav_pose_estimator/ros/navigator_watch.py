@@ -10,22 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from nav_pose_estimator.core.earth import enu_to_lla
-from nav_pose_estimator.core.layout import (
-    BASE_STATES,
-    D_ACCEL_BIAS,
-    D_GYRO_BIAS,
-    DPOS,
-    DVEL,
-    PHI,
-)
-from nav_pose_estimator.core.rotation import quat_to_matrix
-from nav_pose_estimator.engine.imu_input import ImuInput
+from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
+from nav_pose_estimator.core.filter.layout import BASE_STATES, D_ACCEL_BIAS, D_GYRO_BIAS, DPOS, DVEL, PHI
+from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuSample, Vector3
+from nav_pose_estimator.engine.sensors.imu import ImuInput
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavSolution
-from nav_pose_estimator.ros import covariance
-from nav_pose_estimator.ros.convert import quaternion, stamp_ns, vector
+from nav_pose_estimator.ros.messages import covariance
+from nav_pose_estimator.ros.messages.convert import quaternion, stamp_ns, vector
 
 
 @dataclass(frozen=True, slots=True)

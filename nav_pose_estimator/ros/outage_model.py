@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from nav_pose_estimator.core.motion_epochs import PERIOD
-from nav_pose_estimator.engine.epochs import EpochCollector
-from nav_pose_estimator.engine.habits import MotionKnowledge
-from nav_pose_estimator.engine.modes import DENIED
-from nav_pose_estimator.engine.outage_learner import OutageLearner
+from nav_pose_estimator.core.motion.epochs import PERIOD
+from nav_pose_estimator.engine.navigator.modes import DENIED
+from nav_pose_estimator.engine.outage.epochs import EpochCollector
+from nav_pose_estimator.engine.outage.habits import MotionKnowledge
+from nav_pose_estimator.engine.outage.learner import OutageLearner
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuSample
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavSolution, OutageError, Status

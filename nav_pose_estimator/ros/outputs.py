@@ -10,11 +10,12 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu, NavSatFix
 from std_msgs.msg import Bool
 
-from nav_pose_estimator.engine.modes import DENIED
-from nav_pose_estimator.engine.parameter_schema import ParameterError
+from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import ParameterError
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolution, OutageError
-from nav_pose_estimator.ros import messages, qos
+from nav_pose_estimator.ros import qos
+from nav_pose_estimator.ros.messages import outgoing
 from nav_pose_estimator.ros.pace import Pace
 
 
@@ -31,7 +32,7 @@ class AttitudeOutput:
     def publish(self, solution: AttitudeSolution) -> None:
         """One attitude, if it is due."""
         if self._pace.is_due(solution.stamp_ns) and qos.is_heard(self._publisher):
-            messages.fill_imu(self._message, solution, self._world_frame)
+            outgoing.fill_imu(self._message, solution, self._world_frame)
             self._publisher.publish(self._message)
 
 
@@ -70,19 +71,19 @@ class NavigationOutput:
         self._publish_denied(solution.mode in DENIED)
         if self._odometry_pace.is_due(stamp):
             if qos.is_heard(self._odometry):
-                messages.fill_odometry(self._odometry_message, solution)
+                outgoing.fill_odometry(self._odometry_message, solution)
                 self._odometry.publish(self._odometry_message)
             if qos.is_heard(self._pose):
-                messages.fill_pose(self._pose_message, solution)
+                outgoing.fill_pose(self._pose_message, solution)
                 self._pose.publish(self._pose_message)
             if self._tf is not None:
                 self._tf.publish(solution)
         if self._fix_pace.is_due(stamp) and qos.is_heard(self._fix):
-            messages.fill_fix(self._fix_message, solution, solution.mode is not Mode.EXPIRED)
+            outgoing.fill_fix(self._fix_message, solution, solution.mode is not Mode.EXPIRED)
             self._fix.publish(self._fix_message)
         if self._bias_pace.is_due(stamp):
             for publisher, bias in ((self._gyro_bias, solution.gyro_bias), (self._accel_bias, solution.accel_bias)):
-                messages.fill_vector_stamped(self._bias_message, stamp, bias)
+                outgoing.fill_vector_stamped(self._bias_message, stamp, bias)
                 publisher.publish(self._bias_message)
 
     def publish_origin(self, stamp_ns: int, origin: tuple[float, float, float] | None) -> None:
@@ -92,7 +93,7 @@ class NavigationOutput:
         self._published_origin = origin
         message = NavSatFix()
         message.header.frame_id = self._map
-        messages.fill_origin(message, stamp_ns, origin)
+        outgoing.fill_origin(message, stamp_ns, origin)
         self._origin.publish(message)
 
     def _publish_denied(self, denied: bool) -> None:
@@ -112,9 +113,9 @@ class LearnerOutput:
 
     def publish(self, error: OutageError) -> None:
         """One prediction, and the sum of those of this outage."""
-        messages.fill_velocity_error(self._velocity_message, error)
+        outgoing.fill_velocity_error(self._velocity_message, error)
         self._velocity.publish(self._velocity_message)
-        messages.fill_vector_stamped(self._position_message, error.stamp_ns, np.array(error.dp_n))
+        outgoing.fill_vector_stamped(self._position_message, error.stamp_ns, np.array(error.dp_n))
         self._position.publish(self._position_message)
 
 
@@ -137,6 +138,6 @@ class Transforms:
     def publish(self, solution: NavSolution) -> None:
         """Both transforms of one solution."""
         moved = solution.position_enu - solution.correction_enu
-        messages.fill_transform(self._jumps, solution.stamp_ns, np.asarray(solution.correction_enu))
-        messages.fill_transform(self._motion, solution.stamp_ns, moved, solution.q_nb)
+        outgoing.fill_transform(self._jumps, solution.stamp_ns, np.asarray(solution.correction_enu))
+        outgoing.fill_transform(self._motion, solution.stamp_ns, moved, solution.q_nb)
         self._publisher.publish(self._kind(transforms=[self._jumps, self._motion]))

@@ -12,9 +12,9 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from nav_pose_estimator.engine.parameter_schema import ParameterError, Spec, specs, update
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.ros import READ_BY_ROS
+from nav_pose_estimator.engine.parameters.schema import ParameterError, Spec, specs, update
 
 
 def declare(node: Node, defaults: Any = None) -> Any:

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any
 
-from nav_pose_estimator.core.earth import radii
+from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.engine.samples import (
     BodyVelocity,
     GnssFix,

@@ -6,15 +6,16 @@ from dataclasses import dataclass, field, replace
 
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.sim import motions, sensors
+from nav_pose_estimator.sim import sensors
 from nav_pose_estimator.sim.faults import Fault, Shift
 from nav_pose_estimator.sim.imu_grades import ImuGrade, imu_grade
-from nav_pose_estimator.sim.missions import Mission
 from nav_pose_estimator.sim.noise import stream
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.sensors import Barometer, Gnss, Magnetometer
 from nav_pose_estimator.sim.trajectories import Origin, sample_times
-from nav_pose_estimator.sim.vehicles import FixedWing, Multirotor, Prescribed, RoadVehicle, Vehicle
+from nav_pose_estimator.sim.vehicles import motions
+from nav_pose_estimator.sim.vehicles.missions import Mission
+from nav_pose_estimator.sim.vehicles.models import FixedWing, Multirotor, Prescribed, RoadVehicle, Vehicle
 from nav_pose_estimator.sim.wind import CALM, DRIFTING, LIGHT, MODERATE, Wind
 
 START_NS = 1_700_000_000_000_000_000

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nav_pose_estimator.core.atmosphere import height_pressure
-from nav_pose_estimator.core.earth import radii_many
-from nav_pose_estimator.core.rotation import quat_conjugate_many, quat_rotate_many
+from nav_pose_estimator.core.earth.atmosphere import height_pressure
+from nav_pose_estimator.core.earth.ellipsoid import radii_many
+from nav_pose_estimator.core.numerics.rotation import quat_conjugate_many, quat_rotate_many
 from nav_pose_estimator.engine.samples import (
     GnssFix,
     GnssVelocity,

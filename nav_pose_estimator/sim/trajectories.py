@@ -17,14 +17,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nav_pose_estimator.core.earth import (
+from nav_pose_estimator.core.earth.ellipsoid import (
     earth_rate_n,
     ecef_to_enu_matrix,
     enu_to_lla,
     gravity_many,
     lla_to_enu,
 )
-from nav_pose_estimator.core.rotation import (
+from nav_pose_estimator.core.numerics.rotation import (
     quat_conjugate_many,
     quat_from_euler_many,
     quat_multiply_many,

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nav_pose_estimator.sim.motions import minimum_jerk
 from nav_pose_estimator.sim.noise import gauss_markov, random_walk
+from nav_pose_estimator.sim.vehicles.motions import minimum_jerk
 
 
 @dataclass(frozen=True)

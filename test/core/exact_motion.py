@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nav_pose_estimator.core.earth import (
+from nav_pose_estimator.core.earth.ellipsoid import (
     E2,
     earth_rate_n_many,
     gravity_many,
     radii_many,
     transport_rate_n_many,
 )
-from nav_pose_estimator.core.layout import (
+from nav_pose_estimator.core.filter.layout import (
     ALT,
     BASE_STATES,
     DPOS,
@@ -32,7 +32,7 @@ from nav_pose_estimator.core.layout import (
     TIME,
     VEL,
 )
-from nav_pose_estimator.core.rotation import (
+from nav_pose_estimator.core.numerics.rotation import (
     quat_conjugate_many,
     quat_from_euler_many,
     quat_multiply_many,

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.alignment import Aligner, AlignmentSettings
-from nav_pose_estimator.core.heading_hypotheses import HeadingHypotheses
-from nav_pose_estimator.core.rotation import (
+from nav_pose_estimator.core.alignment.aligner import Aligner, AlignmentSettings
+from nav_pose_estimator.core.alignment.heading_hypotheses import HeadingHypotheses
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.rotation import (
     euler_from_quat,
     quat_from_euler,
     quat_from_rotvec,
@@ -22,8 +22,8 @@ from nav_pose_estimator.core.rotation import (
     wrap_angle,
 )
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.sim.motions import HarmonicMotion, Harmonics, at_rest, coordinated_acceleration
 from nav_pose_estimator.sim.trajectories import Kinematics, Origin, sample_times, truth_of_motion
+from nav_pose_estimator.sim.vehicles.motions import HarmonicMotion, Harmonics, at_rest, coordinated_acceleration
 
 ORIGIN = Origin(math.radians(47.4), math.radians(8.5), 450.0)
 FIELD_N = np.array([0.7e-6, 21.6e-6, -42.7e-6])  # declination 1.9 deg

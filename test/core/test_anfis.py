@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from nav_pose_estimator import Anfis
-from nav_pose_estimator.core.hybrid_learning import ridge_least_squares
+from nav_pose_estimator.core.learning.hybrid_learning import ridge_least_squares
 from nav_pose_estimator.errors import UserError
 
 

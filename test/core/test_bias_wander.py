@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core import bias_wander
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.filter_setup import make_constants
+from nav_pose_estimator.core.filter import bias_noise as bias_wander
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.constants import make_constants
 
 PERIOD, MEASUREMENT_SD = 0.2, 5e-4  # s; rad/s: how well each epoch shows the bias
 SET_SD, TAU = 4e-3, 3000.0  # the bias that is set: rad/s, s

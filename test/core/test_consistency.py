@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 from exact_motion import Motion, survey, times_of
-from imu_run import run_imu
 from scipy.stats import chi2
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.filter_setup import initial_covariance, make_constants, state_count
-from nav_pose_estimator.core.jit import COMPILED
-from nav_pose_estimator.core.kalman import correct
-from nav_pose_estimator.core.measurements import gnss_position, gnss_velocity
-from nav_pose_estimator.core.rotation import quat_from_rotvec, quat_multiply
-from nav_pose_estimator.core.strapdown import flush_covariance
+from imu_run import run_imu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.constants import initial_covariance, make_constants, state_count
+from nav_pose_estimator.core.filter.kalman import correct
+from nav_pose_estimator.core.filter.measurements import gnss_position, gnss_velocity
+from nav_pose_estimator.core.filter.strapdown import flush_covariance
+from nav_pose_estimator.core.numerics.jit import COMPILED
+from nav_pose_estimator.core.numerics.rotation import quat_from_rotvec, quat_multiply
 
 RUNS = 50 if COMPILED else 4
 DURATION = 60.0 if COMPILED else 15.0

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nav_pose_estimator.core import earth
+from nav_pose_estimator.core.earth import ellipsoid as earth
 
 latitude = st.floats(-math.pi / 2, math.pi / 2)
 longitude = st.floats(-math.pi, math.pi)

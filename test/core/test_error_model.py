@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 from exact_motion import survey, zero_covariance
-from imu_run import run_imu
 from scipy.linalg import expm
 
-from nav_pose_estimator.core import error_model
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.earth import cos_latitude, radii
-from nav_pose_estimator.core.filter_setup import make_constants, state_count
-from nav_pose_estimator.core.kalman import inject
-from nav_pose_estimator.core.rotation import quat_conjugate, quat_multiply, quat_rotate, rotvec_from_quat
-from nav_pose_estimator.core.strapdown import corrected_rate, propagate
+from imu_run import run_imu
+from nav_pose_estimator.core.earth.ellipsoid import cos_latitude, radii
+from nav_pose_estimator.core.filter import error_model
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.constants import make_constants, state_count
+from nav_pose_estimator.core.filter.kalman import inject
+from nav_pose_estimator.core.filter.strapdown import corrected_rate, propagate
+from nav_pose_estimator.core.numerics.rotation import quat_conjugate, quat_multiply, quat_rotate, rotvec_from_quat
 
 EARTH = 6.4e6
 ALL_STATES = 28
@@ -50,7 +50,7 @@ def cruising() -> np.ndarray:
 
 
 def difference(nav, other) -> np.ndarray:
-    """Errors (28,) of ``nav`` as an estimate of ``other``, by the definitions of ``core.layout``."""
+    """Errors (28,) of ``nav`` as an estimate of ``other``, by the definitions of ``core.filter.layout``."""
     e = np.zeros(ALL_STATES)
     q, true_q = nav[at.QUAT : at.QUAT + 4], other[at.QUAT : at.QUAT + 4]
     e[at.PHI : at.PHI + 3] = rotvec_from_quat(quat_multiply(true_q, quat_conjugate(q)))

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nav_pose_estimator.core import filter_memory
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.gaussian_branches import blend_rows, error_between, merge, with_wind
-from nav_pose_estimator.core.kalman import inject
-from nav_pose_estimator.core.rotation import quat_from_euler, quat_to_matrix
-from nav_pose_estimator.core.strapdown import write_output
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter import memory as filter_memory
+from nav_pose_estimator.core.filter.kalman import inject
+from nav_pose_estimator.core.filter.mixture import blend_rows, error_between, merge, with_wind
+from nav_pose_estimator.core.filter.strapdown import write_output
+from nav_pose_estimator.core.numerics.rotation import quat_from_euler, quat_to_matrix
 
 SIZES = (15, 19, 24, 28)
 ESTIMATED = [*range(at.TIME)]  # everything that an observation may correct

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nav_pose_estimator.core.gnss_monitor import GateSettings, GnssGate
-from nav_pose_estimator.engine.parameter_schema import settings
+from nav_pose_estimator.core.gnss.quality_gate import GateSettings, GnssGate
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import settings
 
 DEFAULTS = settings(GateSettings, Parameters().gnss.gate)
 

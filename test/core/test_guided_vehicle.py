@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from true_epochs import epochs_of
 
-from nav_pose_estimator.core.outage_learning import AirVelocityModel, learn_air_velocity
+from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity
+from true_epochs import epochs_of
 
 pytestmark = pytest.mark.compiled
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from nav_pose_estimator.core.conjugate_gradient import Iterate, Point, fletcher_reeves, strong_wolfe
-from nav_pose_estimator.core.hybrid_learning import (
+from nav_pose_estimator.core.learning.conjugate_gradient import Iterate, Point, fletcher_reeves, strong_wolfe
+from nav_pose_estimator.core.learning.hybrid_learning import (
     RecursiveLeastSquares,
     ReducedObjective,
     Validation,
@@ -17,7 +17,7 @@ from nav_pose_estimator.core.hybrid_learning import (
     ridge_least_squares,
     whitening,
 )
-from nav_pose_estimator.core.takagi_sugeno import Premises, outputs
+from nav_pose_estimator.core.learning.takagi_sugeno import Premises, outputs
 
 
 def problem(seed: int) -> ReducedObjective:

@@ -7,11 +7,11 @@ import pytest
 from exact_motion import rest, survey, times_of
 from hypothesis import given
 from hypothesis import strategies as st
-from imu_run import run_imu
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.filter_setup import initial_covariance, make_constants, state_count
-from nav_pose_estimator.core.kalman import (
+from imu_run import run_imu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.constants import initial_covariance, make_constants, state_count
+from nav_pose_estimator.core.filter.kalman import (
     ACCEPTED,
     INFLATED,
     REJECTED,
@@ -22,8 +22,14 @@ from nav_pose_estimator.core.kalman import (
     innovation,
     predicted_horizontal_sd,
 )
-from nav_pose_estimator.core.rotation import quat_conjugate, quat_from_rotvec, quat_multiply, rotvec_from_quat, skew
-from nav_pose_estimator.core.strapdown import flush_covariance
+from nav_pose_estimator.core.filter.strapdown import flush_covariance
+from nav_pose_estimator.core.numerics.rotation import (
+    quat_conjugate,
+    quat_from_rotvec,
+    quat_multiply,
+    rotvec_from_quat,
+    skew,
+)
 
 SIZES = (15, 19, 24, 28)
 

@@ -5,9 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.levelling import dipole_dip, field_doubt, level_attitude, level_covariance, magnetic_yaw
-from nav_pose_estimator.core.rotation import (
+from nav_pose_estimator.core.alignment.levelling import (
+    dipole_dip,
+    field_doubt,
+    level_attitude,
+    level_covariance,
+    magnetic_yaw,
+)
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.rotation import (
     euler_from_quat,
     quat_from_euler,
     quat_multiply,

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core import measurements
-from nav_pose_estimator.core.kalman import inject
-from nav_pose_estimator.core.rotation import quat_from_euler
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter import measurements
+from nav_pose_estimator.core.filter.kalman import inject
+from nav_pose_estimator.core.numerics.rotation import quat_from_euler
 
 N = at.BASE_STATES + at.WIND_DRAG_STATES
 LEVER = np.array([0.3, -0.2, 0.5])

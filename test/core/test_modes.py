@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from exact_motion import survey, times_of
-from imu_run import run_imu
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.filter_setup import initial_covariance, make_constants
-from nav_pose_estimator.core.kalman import gated_correct, predicted_horizontal_sd
-from nav_pose_estimator.core.strapdown import flush_covariance
+from imu_run import run_imu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.constants import initial_covariance, make_constants
+from nav_pose_estimator.core.filter.kalman import gated_correct, predicted_horizontal_sd
+from nav_pose_estimator.core.filter.strapdown import flush_covariance
 
 
 def fly() -> dict[str, list[float]]:

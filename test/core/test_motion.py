@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from flown import Flight
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core import motion_epochs as me
-from nav_pose_estimator.core.motion_regimes import MotionRegimes, learn_regimes
-from nav_pose_estimator.core.rotation import quat_from_euler, quat_to_matrix
+from flown import Flight
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.motion.regimes import MotionRegimes, learn_regimes
+from nav_pose_estimator.core.numerics.rotation import quat_from_euler, quat_to_matrix
 
 
 def output_rows(count: int, seed: int = 1) -> np.ndarray:

@@ -4,15 +4,11 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from flown import DRAG, Flight, drive
 
-from nav_pose_estimator.core import motion_epochs as me
-from nav_pose_estimator.core.anfis import Anfis
-from nav_pose_estimator.core.outage_learning import (
-    AirVelocityModel,
-    learn_air_velocity,
-    learn_drag,
-)
+from flown import DRAG, Flight, drive
+from nav_pose_estimator.core.learning.anfis import Anfis
+from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity, learn_drag
 from nav_pose_estimator.errors import UserError
 
 LEARN = {"network": learn_air_velocity, "drag": learn_drag}

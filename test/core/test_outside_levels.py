@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from test_alignment import WEAVE, Story, assert_honest, facing, settings
 
-from nav_pose_estimator.core import alignment
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.alignment import Aligner
-from nav_pose_estimator.core.rotation import quat_from_rotvec, quat_multiply, quat_to_matrix
+from nav_pose_estimator.core.alignment import aligner as alignment
+from nav_pose_estimator.core.alignment.aligner import Aligner
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.rotation import quat_from_rotvec, quat_multiply, quat_to_matrix
 
 
 def start_in_the_air(tilt_sd, offset=0.0, late=0.0):

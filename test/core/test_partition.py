@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.partition import (
+from nav_pose_estimator.core.learning.partition import (
     cluster_premises,
     fuzzifier,
     fuzzy_c_means,
@@ -11,7 +11,7 @@ from nav_pose_estimator.core.partition import (
     grid_premises,
     subtractive_centres,
 )
-from nav_pose_estimator.core.takagi_sugeno import memberships
+from nav_pose_estimator.core.learning.takagi_sugeno import memberships
 
 CENTRES = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 3.0]])
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.reacquisition import Reacquisition, ReacquisitionSettings
-from nav_pose_estimator.core.return_evidence import unexplained as unexplained_by_drift
+from nav_pose_estimator.core.gnss.reacquisition import Reacquisition, ReacquisitionSettings
+from nav_pose_estimator.core.gnss.return_evidence import unexplained as unexplained_by_drift
 from nav_pose_estimator.engine.parameters import Parameters
 
 PERIOD = 0.2

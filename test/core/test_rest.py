@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nav_pose_estimator.core.rest import RestDetector, RestSettings, Stillness
+from nav_pose_estimator.core.alignment.rest import RestDetector, RestSettings, Stillness
 
 SETTINGS = RestSettings(window=2.0, gyro_sd=0.02, accel_sd=0.35, rate=0.1, force=0.8)
 LEVEL = np.array([0.0, 0.0, 9.80665])

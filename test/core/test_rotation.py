@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from nav_pose_estimator.core import rotation
-from nav_pose_estimator.core.triples import q_exp, q_polish, q_rotate, q_rotate_back
+from nav_pose_estimator.core.numerics import rotation
+from nav_pose_estimator.core.numerics.vectors import q_exp, q_polish, q_rotate, q_rotate_back
 
 number = st.floats(-10.0, 10.0, allow_subnormal=False)
 vector = st.builds(lambda *v: np.array(v), number, number, number)

@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 from exact_motion import Motion, Signal, aerobatics, rest, survey, times_of, zero_covariance
-from imu_run import run_imu
 from scipy.integrate import solve_ivp
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.earth import (
+from imu_run import run_imu
+from nav_pose_estimator.core.earth.ellipsoid import (
     MAX_LAT,
     OMEGA,
     ecef_to_enu_matrix,
@@ -19,10 +18,11 @@ from nav_pose_estimator.core.earth import (
     lla_to_ecef,
     radii,
 )
-from nav_pose_estimator.core.filter_setup import make_constants
-from nav_pose_estimator.core.jit import COMPILED
-from nav_pose_estimator.core.rotation import quat_from_matrix, quat_multiply, rotvec_from_quat
-from nav_pose_estimator.core.strapdown import flush_covariance, propagate
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.constants import make_constants
+from nav_pose_estimator.core.filter.strapdown import flush_covariance, propagate
+from nav_pose_estimator.core.numerics.jit import COMPILED
+from nav_pose_estimator.core.numerics.rotation import quat_from_matrix, quat_multiply, rotvec_from_quat
 
 
 def constants(**changes):

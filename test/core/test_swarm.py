@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.swarm import particle_swarm
+from nav_pose_estimator.core.learning.swarm import particle_swarm
 
 LOW, HIGH = np.full(3, -2.0), np.full(3, 2.0)
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from nav_pose_estimator.core.takagi_sugeno import (
+from nav_pose_estimator.core.learning.takagi_sugeno import (
     Premises,
     log_firing,
     memberships,

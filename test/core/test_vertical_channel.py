@@ -4,9 +4,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.kalman import ACCEPTED, INFLATED, REJECTED
-from nav_pose_estimator.core.vertical_channel import gated_height
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.kalman import ACCEPTED, INFLATED, REJECTED
+from nav_pose_estimator.core.filter.vertical_channel import gated_height
 
 SIZES = st.sampled_from([at.BASE_STATES, at.BASE_STATES + at.GYRO_MATRIX_STATES])
 UP, CLIMB = at.DPOS + 2, at.DVEL + 2

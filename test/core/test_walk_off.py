@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.walk_off import WalkOff
+from nav_pose_estimator.core.gnss.spoof_drift import WalkOff
 
 PERIOD, SCATTER = 0.2, 8.0
 

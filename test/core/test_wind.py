@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.motion_epochs import PERIOD
-from nav_pose_estimator.core.wind import WIND_TIME, mean_wind, track, wind_spread
+from nav_pose_estimator.core.motion.epochs import PERIOD
+from nav_pose_estimator.core.motion.wind import WIND_TIME, mean_wind, track, wind_spread
 
 STEPS = round(WIND_TIME / PERIOD)
 POOR_AHEAD = np.array([25.0, 0.04, 0.04])  # m^2/s^2: a fixed wing's speed ahead is vague, its sideslip is not

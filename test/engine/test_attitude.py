@@ -6,19 +6,18 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator import estimate_attitude
-from nav_pose_estimator.core import two_stage
-from nav_pose_estimator.core.rotation import (
+from nav_pose_estimator.core.attitude import two_stage
+from nav_pose_estimator.core.numerics.rotation import (
     quat_conjugate_many,
     quat_from_euler,
     quat_multiply_many,
     quat_rotate_many,
     quat_to_matrix,
 )
-from nav_pose_estimator.engine.attitude import AttitudeEngine
-from nav_pose_estimator.engine.imu_input import axes_matrix
-from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import (
     GnssFix,
     GnssVelocity,
@@ -28,6 +27,7 @@ from nav_pose_estimator.engine.samples import (
     NavigatorVelocity,
     SatelliteCount,
 )
+from nav_pose_estimator.engine.sensors.imu import axes_matrix
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.sim.scenarios import generate

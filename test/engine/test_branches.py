@@ -6,15 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core import filter_memory, measurements
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.kalman import correct
-from nav_pose_estimator.engine import filter_setup
-from nav_pose_estimator.engine.branches import Branches
-from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter import measurements
+from nav_pose_estimator.core.filter import memory as filter_memory
+from nav_pose_estimator.core.filter.kalman import correct
+from nav_pose_estimator.engine.navigator import filter_setup
+from nav_pose_estimator.engine.navigator.branches import Branches
+from nav_pose_estimator.engine.navigator.timeline import MOTION, Observation, Timeline
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
-from nav_pose_estimator.engine.timeline import MOTION, Observation, Timeline
 
 RATE, GRAVITY = 50, 9.80665
 LAT, LON, ALT = 0.8, 0.2, 300.0

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.earth import lla_to_enu
-from nav_pose_estimator.core.jit import COMPILED
-from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.jit import COMPILED
+from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, PressureSample, SatelliteCount
-from nav_pose_estimator.engine.sins import SinsEngine
 from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import generate

@@ -7,15 +7,15 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.rotation import quat_to_matrix
-from nav_pose_estimator.engine import declination
-from nav_pose_estimator.engine.attitude import AttitudeEngine
-from nav_pose_estimator.engine.declination import model_declination
-from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
+from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import ImuSample, MagSample
+from nav_pose_estimator.engine.sensors import declination
+from nav_pose_estimator.engine.sensors.declination import model_declination
 from nav_pose_estimator.engine.solutions import AttitudeBlock, Event, Level, Mode, NavBlock
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.sim.recording import Recording

@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core import motion_epochs as me
-from nav_pose_estimator.engine.epochs import EpochCollector, FlightMemory
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.engine.outage.epochs import EpochCollector, FlightMemory
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
 
 RATE, START = 50, 1_700_000_000_000_000_000

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from true_epochs import epochs_of
 
-from nav_pose_estimator.core.outage_learning import learn_air_velocity
-from nav_pose_estimator.engine.habits import BEST, MotionKnowledge
+from nav_pose_estimator.core.motion.air_velocity import learn_air_velocity
+from nav_pose_estimator.engine.outage.habits import BEST, MotionKnowledge
+from true_epochs import epochs_of
 
 pytestmark = pytest.mark.compiled
 

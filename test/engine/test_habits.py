@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flown import Flight
 
-from nav_pose_estimator.core import motion_epochs as me
-from nav_pose_estimator.core.outage_learning import learn_air_velocity
-from nav_pose_estimator.engine.habits import MotionKnowledge
+from flown import Flight
+from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.motion.air_velocity import learn_air_velocity
+from nav_pose_estimator.engine.outage.habits import MotionKnowledge
 from nav_pose_estimator.engine.samples import VelocityError
 
 NOW = 10**18

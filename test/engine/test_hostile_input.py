@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nav_pose_estimator.engine.attitude import AttitudeEngine
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.samples import (
     AttitudeSample,
     BodyVelocity,
@@ -26,7 +27,6 @@ from nav_pose_estimator.engine.samples import (
     SetPose,
     VelocityError,
 )
-from nav_pose_estimator.engine.sins import SinsEngine
 from nav_pose_estimator.engine.solutions import Event
 from nav_pose_estimator.sim.scenarios import generate
 

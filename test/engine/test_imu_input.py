@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pieces import one_by_one
 
-from nav_pose_estimator.engine.imu_input import CLOCK_JUMP, GAP, STUCK, STUCK_END, ImuInput, axes_matrix
 from nav_pose_estimator.engine.parameters.imu import ImuParameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample
+from nav_pose_estimator.engine.sensors.imu import CLOCK_JUMP, GAP, STUCK, STUCK_END, ImuInput, axes_matrix
 from nav_pose_estimator.engine.solutions import Event
+from pieces import one_by_one
 
 STEP = 5_000_000
 START = 1_000_000_000

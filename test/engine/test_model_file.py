@@ -9,8 +9,8 @@ import sys
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.anfis import Anfis
-from nav_pose_estimator.engine import model_file
+from nav_pose_estimator.core.learning.anfis import Anfis
+from nav_pose_estimator.engine.outage import model_file
 from nav_pose_estimator.errors import UserError
 
 
@@ -136,7 +136,7 @@ def test_failed_write_keeps_the_last_good_file(file, model, data, monkeypatch):
 
 KILLED_WHILE_SAVING = """
 import os, signal, sys
-from nav_pose_estimator.engine import model_file
+from nav_pose_estimator.engine.outage import model_file
 def die(*args):
     os.kill(os.getpid(), signal.SIGKILL)
 setattr(os, sys.argv[2], die)

@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from told import flight
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.earth import lla_to_enu
-from nav_pose_estimator.engine.outage_aid import OutageAid
-from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.outage.aid import OutageAid
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import (
     GnssFix,
     GnssVelocity,
@@ -25,7 +24,8 @@ from nav_pose_estimator.engine.samples import (
     VelocityError,
 )
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution, OutageError
-from nav_pose_estimator.offline.replay import as_block
+from nav_pose_estimator.offline.replay.replay import as_block
+from told import flight
 
 pytestmark = pytest.mark.compiled
 GNSS = (GnssFix, GnssVelocity, SatelliteCount)

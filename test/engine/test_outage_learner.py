@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flown import Flight
 
-from nav_pose_estimator.core import motion_epochs as me
-from nav_pose_estimator.engine import model_file
-from nav_pose_estimator.engine.outage_learner import TAKE_OVER, OutageLearner, TrainingJob, TrainingResult
+from flown import Flight
+from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.engine.outage import model_file
+from nav_pose_estimator.engine.outage.learner import TAKE_OVER, OutageLearner, TrainingJob, TrainingResult
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.errors import UserError
 

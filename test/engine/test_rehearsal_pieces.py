@@ -1,13 +1,13 @@
 """Rehearsals of outages in flight: the same result whatever the pieces in which the samples come."""
 
 import pytest
-from pieces import one_by_one
 
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.outage.rehearsals import COAST
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.samples import ImuBlock, joined
-from nav_pose_estimator.engine.virtual_outages import COAST
-from nav_pose_estimator.offline.plain_flight import samples
+from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
+from pieces import one_by_one
 
 SECONDS = 70.0  # a rehearsal begins after 20 s of aided flight and takes 30 s
 

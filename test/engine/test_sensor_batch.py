@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
-from pieces import one_by_one
 
-from nav_pose_estimator.core.layout import OUT_COLUMNS
-from nav_pose_estimator.engine import sensor_batch
-from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.core.filter.layout import OUT_COLUMNS
+from nav_pose_estimator.engine.composed import sensor_batch
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.composed.sensor_batch import SensorBatch
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, MagSample, PressureSample
-from nav_pose_estimator.engine.sensor_batch import SensorBatch
 from nav_pose_estimator.engine.solutions import (
     AttitudeBlock,
     AttitudeSolution,
@@ -19,7 +18,8 @@ from nav_pose_estimator.engine.solutions import (
     NavSolution,
     OutageError,
 )
-from nav_pose_estimator.offline.plain_flight import samples
+from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
+from pieces import one_by_one
 
 SECONDS, LOSS = 75.0, 40.5
 START = 10**18

@@ -5,13 +5,12 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 import pytest
-from pieces import one_by_one
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.earth import lla_to_enu
-from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import (
     GnssFix,
     GnssVelocity,
@@ -23,6 +22,7 @@ from nav_pose_estimator.engine.samples import (
 from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import generate
+from pieces import one_by_one
 
 GNSS = (GnssFix, GnssVelocity, SatelliteCount)
 

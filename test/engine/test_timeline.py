@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core import measurements
-from nav_pose_estimator.core.kalman import correct
-from nav_pose_estimator.engine import filter_setup
-from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter import measurements
+from nav_pose_estimator.core.filter.kalman import correct
+from nav_pose_estimator.engine.navigator import filter_setup
+from nav_pose_estimator.engine.navigator.timeline import Observation, Timeline
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.timeline import Observation, Timeline
+from nav_pose_estimator.engine.parameters.schema import update
 
 RATE = 200
 LAT, LON, ALT = 0.8, 0.2, 300.0

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flown import Flight
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.engine.epochs import EpochCollector
-from nav_pose_estimator.engine.habits import MotionKnowledge
-from nav_pose_estimator.engine.outage_aid import OutageAid
+from flown import Flight
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.outage.aid import OutageAid
+from nav_pose_estimator.engine.outage.epochs import EpochCollector
+from nav_pose_estimator.engine.outage.habits import MotionKnowledge
+from nav_pose_estimator.engine.outage.rehearsals import COAST, VirtualOutages
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.engine.samples import (
     GnssFix,
@@ -21,7 +22,6 @@ from nav_pose_estimator.engine.samples import (
     SetPose,
 )
 from nav_pose_estimator.engine.solutions import Mode
-from nav_pose_estimator.engine.virtual_outages import COAST, VirtualOutages
 
 SECOND = 10**9
 KNOWLEDGE = MotionKnowledge.of("best", Flight(seconds=40.0).epochs(), None)

@@ -3,11 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from imu_run import run_imu
 
-from nav_pose_estimator.core import layout as L
-from nav_pose_estimator.core.earth import lla_to_enu
-from nav_pose_estimator.core.rotation import quat_conjugate_many, quat_multiply_many, rotvec_from_quat_many
+from imu_run import run_imu
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.core.filter import layout as L
+from nav_pose_estimator.core.numerics.rotation import quat_conjugate_many, quat_multiply_many, rotvec_from_quat_many
 from nav_pose_estimator.sim.trajectories import Truth
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nav_pose_estimator.core import motion_epochs as me
-from nav_pose_estimator.core.rotation import quat_from_euler, quat_to_matrix
+from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.numerics.rotation import quat_from_euler, quat_to_matrix
 
 GRAVITY = 9.80665
 DRAG = (0.35, 0.5)  # 1/s along body x and y

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from nav_pose_estimator.core import filter_memory as memory
+from nav_pose_estimator.core.filter import memory
 
 
 def run_imu(nav: np.ndarray, P: np.ndarray, constants: np.ndarray, rows: np.ndarray, out: np.ndarray) -> None:

@@ -6,14 +6,14 @@ from functools import cache
 
 import numpy as np
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.earth import lla_to_enu
-from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, ImuSample, Sample, SatelliteCount
 from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution
-from nav_pose_estimator.offline.replay import as_block
+from nav_pose_estimator.offline.replay.replay import as_block
 from nav_pose_estimator.sim import scenarios
 from nav_pose_estimator.sim.faults import Fault, Stop
 from nav_pose_estimator.sim.recording import Recording

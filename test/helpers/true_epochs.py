@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core import motion_epochs as me
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.sim.scenarios import generate
 
 SECONDS = 150.0

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+
 from small_bags import flight, write_bag
 
 

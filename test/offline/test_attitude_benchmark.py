@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.rotation import quat_from_euler
-from nav_pose_estimator.offline.attitude_trials import errors
+from nav_pose_estimator.core.numerics.rotation import quat_from_euler
+from nav_pose_estimator.offline.benchmarks.attitude.trials import errors
 from nav_pose_estimator.offline.command_line import main
 
 BOUNDS = {"complementary": (0.62, 2.20), "two_stage": (0.74, 2.45)}

@@ -4,17 +4,17 @@ import shutil
 
 import numpy as np
 import pytest
-from pieces import one_by_one
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
-from small_bags import COUNT, EPOCH_NS, FIX, IMU, MAG, count, fix, flight, imu, write_bag
 
 from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, ImuSample, MagSample, PressureSample, SatelliteCount
-from nav_pose_estimator.offline.bag_reader import BagReader, read_samples
-from nav_pose_estimator.offline.cdr import LAYOUTS, decode
-from nav_pose_estimator.offline.raw_messages import BagError
-from nav_pose_estimator.offline.topic_map import parse_remaps
-from nav_pose_estimator.ros import convert
+from nav_pose_estimator.offline.bags.cdr import LAYOUTS, decode
+from nav_pose_estimator.offline.bags.raw_messages import BagError
+from nav_pose_estimator.offline.bags.reader import BagReader, read_samples
+from nav_pose_estimator.offline.bags.topic_map import parse_remaps
+from nav_pose_estimator.ros.messages import convert
+from pieces import one_by_one
+from small_bags import COUNT, EPOCH_NS, FIX, IMU, MAG, count, fix, flight, imu, write_bag
 
 
 def flat(samples) -> list[str]:
@@ -66,7 +66,7 @@ def test_samples_come_in_receive_order_and_imu_in_blocks(mcap_bag):
 
 
 def test_the_fast_paths_agree_with_the_converters_of_the_nodes(mcap_bag):
-    """Every message once more through rosbags and ``ros.convert``."""
+    """Every message once more through rosbags and ``ros.messages.convert``."""
     expected = []
     adapters = {IMU: convert.imu, MAG: convert.magnetic_field, "sensor_msgs/msg/FluidPressure": convert.fluid_pressure}
     with AnyReader([mcap_bag]) as reader:
@@ -262,6 +262,7 @@ def test_a_missing_path_an_empty_folder_and_a_lost_file_are_one_sentence(tmp_pat
 
 def test_a_damaged_message_is_counted_not_fatal(tmp_path):
     from rosbags.rosbag2 import Writer
+
     from small_bags import STORE
 
     path = tmp_path / "bag"
@@ -289,7 +290,7 @@ def test_a_satellite_count_has_no_stamp_and_255_is_unknown(tmp_path):
 
 def test_a_type_that_nobody_describes_is_counted(tmp_path, mcap_bag, monkeypatch):
     monkeypatch.delitem(LAYOUTS, MAG)
-    monkeypatch.setattr("nav_pose_estimator.offline.cdr._typestore", _no_description)
+    monkeypatch.setattr("nav_pose_estimator.offline.bags.cdr._typestore", _no_description)
     with BagReader(mcap_bag) as reader:
         list(reader.samples())
         assert reader.counters["bag.unknown_type"] == 40
@@ -300,7 +301,7 @@ def _no_description(topic):
 
 
 def test_overlapping_chunks_are_merged_in_order():
-    from nav_pose_estimator.offline.raw_messages import from_payloads, merge_overlapping
+    from nav_pose_estimator.offline.bags.raw_messages import from_payloads, merge_overlapping
 
     first = from_payloads([1, 5, 9], [0, 0, 0], [b"a", b"bb", b"c"])
     second = from_payloads([4, 6, 12], [1, 1, 1], [b"d", b"e", b"fff"])

@@ -8,8 +8,8 @@ from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
 
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline.bag_writer import MCAP, SMALL, SQLITE3, Messages, write_bag
-from nav_pose_estimator.offline.cdr_packing import pack, serialize, typestore
+from nav_pose_estimator.offline.bags.cdr_packing import pack, serialize, typestore
+from nav_pose_estimator.offline.bags.writer import MCAP, SMALL, SQLITE3, Messages, write_bag
 
 COUNT = 20_000
 

@@ -7,8 +7,8 @@ import pytest
 
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline import methods
-from nav_pose_estimator.offline.benchmark_statistics import Row, bootstrap, clusters, comparable, rms, summarise
+from nav_pose_estimator.offline.benchmarks.outage.statistics import Row, bootstrap, clusters, comparable, rms, summarise
+from nav_pose_estimator.offline.flights import methods
 
 
 def row(bag: str, method: str, start: float, error: float, sigma: float = math.nan, status: str = "ok") -> Row:

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from nav_pose_estimator.engine.parameter_schema import flatten
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import flatten
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline import methods
-from nav_pose_estimator.offline.outage_benchmark import FlightResult, Task, run_task
-from nav_pose_estimator.offline.outage_errors import OK
+from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, Task, run_task
+from nav_pose_estimator.offline.flights import methods
+from nav_pose_estimator.offline.flights.outage_errors import OK
 
 LENGTHS = (60.0, 100.0)
 

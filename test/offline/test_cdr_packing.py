@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nav_pose_estimator.offline.cdr_packing import pack, serialize, typestore
+from nav_pose_estimator.offline.bags.cdr_packing import pack, serialize, typestore
 
 STAMPS = np.array([1_700_000_000_123_456_789, 1_700_000_001_000_000_000, 5])
 

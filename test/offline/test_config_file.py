@@ -4,7 +4,7 @@ import pytest
 
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline.config_file import load_parameters
+from nav_pose_estimator.offline.flights.config_file import load_parameters
 
 
 @pytest.fixture

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from driver_types import SENSOR_COMBINED, SENSOR_GPS, STORE, make
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from driver_types import SENSOR_COMBINED, SENSOR_GPS, STORE, make
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, SatelliteCount
-from nav_pose_estimator.offline.bag_reader import BagReader
-from nav_pose_estimator.offline.config_file import load_parameters
+from nav_pose_estimator.offline.bags.reader import BagReader
+from nav_pose_estimator.offline.flights.config_file import load_parameters
 
 EPOCH_US = 1_700_000_000_000_000
 

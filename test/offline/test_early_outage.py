@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.offline import methods
-from nav_pose_estimator.offline.outage_benchmark import FlightResult, run_outages
-from nav_pose_estimator.offline.outages import Outage
-from nav_pose_estimator.offline.simulated_flight import in_memory
+from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, run_outages
+from nav_pose_estimator.offline.flights import methods
+from nav_pose_estimator.offline.flights.outages import Outage
+from nav_pose_estimator.offline.flights.simulated_flight import in_memory
 from nav_pose_estimator.sim.scenarios import generate
 
 pytestmark = pytest.mark.compiled

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.offline import methods
+from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task, run_task
+from nav_pose_estimator.offline.benchmarks.speed.figures import Figure, best_time
+from nav_pose_estimator.offline.benchmarks.speed.flight_messages import imu_bytes
+from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
 from nav_pose_estimator.offline.command_line import main
-from nav_pose_estimator.offline.flight_messages import imu_bytes
-from nav_pose_estimator.offline.outage_benchmark import Task, run_task
-from nav_pose_estimator.offline.outages import Outage
-from nav_pose_estimator.offline.recording import load
-from nav_pose_estimator.offline.replay import replay
-from nav_pose_estimator.offline.speed_figures import Figure, best_time
-from nav_pose_estimator.offline.speed_processes import write_flight_bag
-from nav_pose_estimator.ros.imu_cdr import decode_imu
+from nav_pose_estimator.offline.flights import methods
+from nav_pose_estimator.offline.flights.outages import Outage
+from nav_pose_estimator.offline.flights.recording import load
+from nav_pose_estimator.offline.replay.replay import replay
+from nav_pose_estimator.ros.messages.imu_cdr import decode_imu
 
 COLUMNS = (
     "bag,method,length_s,start_s,end_error_m,rms_error_m,max_error_m,end_vertical_m,end_sigma_m,travelled_m,status"

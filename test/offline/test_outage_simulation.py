@@ -7,7 +7,7 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from nav_pose_estimator.offline.benchmark_statistics import Row
+from nav_pose_estimator.offline.benchmarks.outage.statistics import Row
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "outage_simulation.py"
 

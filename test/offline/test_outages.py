@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nav_pose_estimator.core.earth import enu_to_lla
-from nav_pose_estimator.core.layout import OUT_COLUMNS, OUT_POS, OUT_QUAT, OUT_VAR
+from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
+from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, OUT_POS, OUT_QUAT, OUT_VAR
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, MagSample, SatelliteCount
 from nav_pose_estimator.engine.solutions import Mode, NavBlock
-from nav_pose_estimator.offline.flight_window import flight_window, outage_starts
-from nav_pose_estimator.offline.outage_errors import NO_ESTIMATE, NO_REFERENCE, judge
-from nav_pose_estimator.offline.outages import (
+from nav_pose_estimator.offline.flights.flight_window import flight_window, outage_starts
+from nav_pose_estimator.offline.flights.outage_errors import NO_ESTIMATE, NO_REFERENCE, judge
+from nav_pose_estimator.offline.flights.outages import (
     GnssLeak,
     GnssRemoval,
     Outage,
@@ -24,8 +24,8 @@ from nav_pose_estimator.offline.outages import (
     parse_outage_every,
     periodic,
 )
-from nav_pose_estimator.offline.recording import Recording
-from nav_pose_estimator.offline.tracks import Reference, Track, TrackRecorder, displacement_enu, gnss_reference
+from nav_pose_estimator.offline.flights.recording import Recording
+from nav_pose_estimator.offline.flights.tracks import Reference, Track, TrackRecorder, displacement_enu, gnss_reference
 
 EPOCH = 1_000 * 10**9
 ORIGIN = (math.radians(48.0), math.radians(11.0), 500.0)

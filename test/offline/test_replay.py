@@ -9,23 +9,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
-from small_bags import COUNT, EPOCH_NS, FIX, count, fix, write_bag
 
-from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssVelocity, ImuBlock
 from nav_pose_estimator.engine.solutions import Mode, NavBlock
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline import latency, methods, svg
+from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
+from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
 from nav_pose_estimator.offline.command_line import main
-from nav_pose_estimator.offline.outages import Outage
-from nav_pose_estimator.offline.plain_flight import samples
-from nav_pose_estimator.offline.recording import Recording, load
-from nav_pose_estimator.offline.replay import replay
-from nav_pose_estimator.offline.report import mode_spans
-from nav_pose_estimator.offline.speed_processes import write_flight_bag
-from nav_pose_estimator.offline.tracks import TrackRecorder
+from nav_pose_estimator.offline.flights import latency, methods
+from nav_pose_estimator.offline.flights.outages import Outage
+from nav_pose_estimator.offline.flights.recording import Recording, load
+from nav_pose_estimator.offline.flights.tracks import TrackRecorder
+from nav_pose_estimator.offline.page import svg
+from nav_pose_estimator.offline.replay.replay import replay
+from nav_pose_estimator.offline.replay.report import mode_spans
+from small_bags import COUNT, EPOCH_NS, FIX, count, fix, write_bag
 
 SECONDS = 100.0
 FILES = {"summary.json", "trajectory.tum", "estimate.csv", "report.html", "solution"}

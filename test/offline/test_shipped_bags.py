@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, MagSample, PressureSample
-from nav_pose_estimator.offline.bag_storage import Bag
+from nav_pose_estimator.offline.bags.storage import Bag
 from nav_pose_estimator.offline.command_line import main
-from nav_pose_estimator.offline.recording import Recording, load
+from nav_pose_estimator.offline.flights.recording import Recording, load
 
 NAMES = ("multirotor_outage", "fixed_wing", "road_vehicle", "hover_sqlite3")
 

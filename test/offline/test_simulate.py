@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, SatelliteCount
-from nav_pose_estimator.offline.bag_reader import BagReader
-from nav_pose_estimator.offline.bag_writer import MCAP, SQLITE3
+from nav_pose_estimator.offline.bags.reader import BagReader
+from nav_pose_estimator.offline.bags.writer import MCAP, SQLITE3
 from nav_pose_estimator.offline.command_line import main
-from nav_pose_estimator.offline.recording import load
+from nav_pose_estimator.offline.flights.recording import load
 from nav_pose_estimator.offline.simulated_bag import write_recording
 from nav_pose_estimator.sim.faults import NotANumber, SetCount
 from nav_pose_estimator.sim.recording import Recording

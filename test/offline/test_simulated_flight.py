@@ -7,13 +7,13 @@ import pytest
 
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock
-from nav_pose_estimator.offline import methods
-from nav_pose_estimator.offline.outage_benchmark import FlightResult, run_outages
-from nav_pose_estimator.offline.outages import periodic
-from nav_pose_estimator.offline.recording import Recording, load
+from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, run_outages
+from nav_pose_estimator.offline.flights import methods
+from nav_pose_estimator.offline.flights.outages import periodic
+from nav_pose_estimator.offline.flights.recording import Recording, load
+from nav_pose_estimator.offline.flights.simulated_flight import in_memory
+from nav_pose_estimator.offline.flights.tracks import displacement_enu
 from nav_pose_estimator.offline.simulated_bag import write_recording
-from nav_pose_estimator.offline.simulated_flight import in_memory
-from nav_pose_estimator.offline.tracks import displacement_enu
 from nav_pose_estimator.sim.scenarios import generate
 
 

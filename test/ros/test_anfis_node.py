@@ -6,23 +6,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fake_learner import StillAir
 from geometry_msgs.msg import TwistWithCovarianceStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Bool
 
-from nav_pose_estimator.core.motion_epochs import ATTITUDE, BODY_VELOCITY, COLUMNS, PERIOD, TIME
-from nav_pose_estimator.core.outage_learning import AirVelocityModel
-from nav_pose_estimator.core.rotation import quat_from_rotvec
-from nav_pose_estimator.engine.outage_learner import TrainingJob
+from fake_learner import StillAir
+from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel
+from nav_pose_estimator.core.motion.epochs import ATTITUDE, BODY_VELOCITY, COLUMNS, PERIOD, TIME
+from nav_pose_estimator.core.numerics.rotation import quat_from_rotvec
+from nav_pose_estimator.engine.outage.learner import TrainingJob
 from nav_pose_estimator.engine.samples import ImuSample
 from nav_pose_estimator.engine.solutions import Mode, NavSolution, OutageError
 from nav_pose_estimator.nodes.anfis_node import AnfisNode
 from nav_pose_estimator.nodes.sins_node import SinsNode
-from nav_pose_estimator.ros import convert, messages
-from nav_pose_estimator.ros.sample_messages import TOPICS, to_message
+from nav_pose_estimator.ros.messages import convert
+from nav_pose_estimator.ros.messages import outgoing as messages
+from nav_pose_estimator.ros.messages.sample_messages import TOPICS, to_message
 from nav_pose_estimator.sim.scenarios import generate
 
 STAMP = 1_700_000_000_000_000_000

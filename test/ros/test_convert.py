@@ -18,8 +18,8 @@ from nav_pose_estimator.engine.samples import (
     SetPose,
 )
 from nav_pose_estimator.engine.solutions import Event
-from nav_pose_estimator.ros import convert, covariance, gps_umd, px4, satellites
-from nav_pose_estimator.ros.covariance import Knowledge
+from nav_pose_estimator.ros.messages import convert, covariance, gps_umd, px4, satellites
+from nav_pose_estimator.ros.messages.covariance import Knowledge
 
 stamps = st.integers(1, 2**31 * 10**9 - 1)
 numbers = st.floats(-1e6, 1e6)

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driver_types import GPS_FIX, GPSRAW, NAV_PVT, SENSOR_COMBINED, SENSOR_GPS, STORE, make, sent
 from geometry_msgs.msg import TwistStamped
 
-from nav_pose_estimator.core.earth import lla_to_enu
-from nav_pose_estimator.engine.parameter_schema import ParameterError
+from driver_types import GPS_FIX, GPSRAW, NAV_PVT, SENSOR_COMBINED, SENSOR_GPS, STORE, make, sent
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters.schema import ParameterError
 from nav_pose_estimator.engine.samples import (
     GnssFix,
     GnssVelocity,
@@ -25,9 +25,9 @@ from nav_pose_estimator.engine.samples import (
     SatelliteCount,
 )
 from nav_pose_estimator.engine.solutions import Event, Mode, NavSolution
-from nav_pose_estimator.offline.config_file import load_parameters
+from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.ros import inputs
-from nav_pose_estimator.ros.sample_messages import TOPICS, to_message
+from nav_pose_estimator.ros.messages.sample_messages import TOPICS, to_message
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import SCENARIOS, generate
 

@@ -14,12 +14,12 @@ from sensor_msgs.msg import FluidPressure, Imu, NavSatFix
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from nav_pose_estimator.core.earth import lla_to_enu
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.samples import ImuSample
 from nav_pose_estimator.engine.solutions import NavSolution
-from nav_pose_estimator.ros import convert
-from nav_pose_estimator.ros.sample_messages import to_message
+from nav_pose_estimator.ros.messages import convert
+from nav_pose_estimator.ros.messages.sample_messages import to_message
 from nav_pose_estimator.sim.scenarios import generate
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

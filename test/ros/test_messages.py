@@ -11,10 +11,10 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu, NavSatFix
 
-from nav_pose_estimator.core import layout as at
-from nav_pose_estimator.core.attitude_layout import HEAD_SIZE
-from nav_pose_estimator.core.layout import D_GYRO_BIAS, DPOS, DVEL, PHI
-from nav_pose_estimator.core.rotation import quat_from_euler, quat_from_rotvec, quat_multiply, quat_to_matrix
+from nav_pose_estimator.core.attitude.layout import HEAD_SIZE
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.layout import D_GYRO_BIAS, DPOS, DVEL, PHI
+from nav_pose_estimator.core.numerics.rotation import quat_from_euler, quat_from_rotvec, quat_multiply, quat_to_matrix
 from nav_pose_estimator.engine.samples import (
     BodyVelocity,
     GnssFix,
@@ -25,10 +25,12 @@ from nav_pose_estimator.engine.samples import (
     SatelliteCount,
 )
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Mode, NavSolution, Status
-from nav_pose_estimator.ros import convert, messages, satellites, wording
-from nav_pose_estimator.ros.imu_cdr import decode_imu, peek_stamp_ns
+from nav_pose_estimator.ros import wording
 from nav_pose_estimator.ros.logbook import Logbook
-from nav_pose_estimator.ros.sample_messages import to_message
+from nav_pose_estimator.ros.messages import convert, satellites
+from nav_pose_estimator.ros.messages import outgoing as messages
+from nav_pose_estimator.ros.messages.imu_cdr import decode_imu, peek_stamp_ns
+from nav_pose_estimator.ros.messages.sample_messages import to_message
 
 STAMP = 1_700_000_000_123_456_789
 finite = st.floats(-1e9, 1e9)

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import wait_until
-from fake_learner import Job, Pupil
 from std_srvs.srv import Trigger
 
-from nav_pose_estimator.engine.model_file import load_arrays, save_arrays
+from fake_learner import Job, Pupil
+from nav_pose_estimator.engine.outage.model_file import load_arrays, save_arrays
 from nav_pose_estimator.engine.parameters.ros import ModelParameters
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.training import Trainer

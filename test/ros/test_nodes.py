@@ -10,18 +10,18 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import NavSatFix
 from std_srvs.srv import SetBool, Trigger
 
-from nav_pose_estimator.core import attitude_layout
-from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.core.attitude import layout as attitude_layout
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, ImuSample, MagSample, Sample
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Mode, NavSolution
 from nav_pose_estimator.nodes.attitude_node import AttitudeNode
 from nav_pose_estimator.nodes.pose_estimator import PoseEstimatorNode
 from nav_pose_estimator.nodes.sins_node import SinsNode
-from nav_pose_estimator.ros import convert
-from nav_pose_estimator.ros.messages import fill_origin
-from nav_pose_estimator.ros.sample_messages import TOPICS, to_message
+from nav_pose_estimator.ros.messages import convert
+from nav_pose_estimator.ros.messages.outgoing import fill_origin
+from nav_pose_estimator.ros.messages.sample_messages import TOPICS, to_message
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import generate
 

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.rotation import quat_from_rotvec
-from nav_pose_estimator.engine.parameter_schema import ParameterError, update
+from nav_pose_estimator.core.numerics.rotation import quat_from_rotvec
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import ParameterError, update
 from nav_pose_estimator.engine.solutions import Mode, NavSolution
 from nav_pose_estimator.nodes.sins_node import SinsNode
 from nav_pose_estimator.ros import outputs, qos

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from rclpy.parameter import Parameter
 
-from nav_pose_estimator.engine.parameter_schema import ParameterError, flatten, specs
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import ParameterError, flatten, specs
 from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.parameters import LiveParameters

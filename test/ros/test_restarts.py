@@ -15,8 +15,8 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 
 from nav_pose_estimator.engine.samples import Sample
-from nav_pose_estimator.ros import convert
-from nav_pose_estimator.ros.sample_messages import TOPICS, to_message
+from nav_pose_estimator.ros.messages import convert
+from nav_pose_estimator.ros.messages.sample_messages import TOPICS, to_message
 from nav_pose_estimator.sim.scenarios import generate
 
 pytestmark = pytest.mark.compiled

@@ -12,8 +12,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Imu, NavSatFix
 from std_srvs.srv import SetBool, Trigger
 
-from nav_pose_estimator.core.earth import lla_to_enu
-from nav_pose_estimator.ros import convert
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.ros.messages import convert
 from nav_pose_estimator.sim.scenarios import HOME, START_NS
 
 pytestmark = pytest.mark.compiled

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 from conftest import wait_until
-from fake_learner import Job
 
+from fake_learner import Job
 from nav_pose_estimator.ros.training import Outcome, Trainer
 
 

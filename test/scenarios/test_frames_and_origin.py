@@ -5,24 +5,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import small_bags
-from told import flight, tell
 
-from nav_pose_estimator.core.earth import lla_to_enu_point
-from nav_pose_estimator.engine.imu_input import rotation_from_rpy
-from nav_pose_estimator.engine.parameter_schema import update
+import small_bags
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu_point
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, MagSample
+from nav_pose_estimator.engine.sensors.imu import rotation_from_rpy
 from nav_pose_estimator.engine.solutions import AttitudeBlock, Event
 from nav_pose_estimator.engine.world_frame import attitude_in
-from nav_pose_estimator.ros import convert
-from nav_pose_estimator.sim import motions
+from nav_pose_estimator.ros.messages import convert
 from nav_pose_estimator.sim.faults import Shift
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import find_scenario, generate
 from nav_pose_estimator.sim.sensors import Magnetometer
-from nav_pose_estimator.sim.vehicles import Prescribed
+from nav_pose_estimator.sim.vehicles import motions
+from nav_pose_estimator.sim.vehicles.models import Prescribed
+from told import flight, tell
 
 MOUNTINGS = [(0, 0, 0), (180, 0, 0), (0, 90, 0), (0, -90, 0), (90, 0, 0), (0, 0, 90)]  # roll, pitch, yaw of the sensor
 HEADINGS = [0.0, 90.0, 180.0, -90.0]  # REP-103: counter-clockwise from East

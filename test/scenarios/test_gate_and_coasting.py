@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from told import flight, silence, tell
 
 from nav_pose_estimator.engine.samples import GnssFix, ImuSample, SatelliteCount
 from nav_pose_estimator.engine.solutions import Level, Mode
 from nav_pose_estimator.sim.faults import SetCount, Shift, Stop
+from told import flight, silence, tell
 
 pytestmark = pytest.mark.compiled
 

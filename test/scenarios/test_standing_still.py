@@ -5,20 +5,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from told import GNSS, flight, silence, tell
 
-from nav_pose_estimator.engine.parameter_schema import update
+from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import ImuBlock, Sample
-from nav_pose_estimator.engine.sins import SinsEngine
 from nav_pose_estimator.engine.solutions import Mode
-from nav_pose_estimator.offline.recording import load
+from nav_pose_estimator.offline.flights.recording import load
 from nav_pose_estimator.sim.faults import Stop
-from nav_pose_estimator.sim.motions import G, attitude_from_euler
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import Scenario, generate
 from nav_pose_estimator.sim.trajectories import Kinematics
-from nav_pose_estimator.sim.vehicles import Prescribed
+from nav_pose_estimator.sim.vehicles.models import Prescribed
+from nav_pose_estimator.sim.vehicles.motions import G, attitude_from_euler
+from told import GNSS, flight, silence, tell
 
 pytestmark = pytest.mark.compiled
 USED = "zero_velocity.used"

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from told import flight, tell
 
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
 from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.sim.faults import Delay, Shift
+from told import flight, tell
 
 pytestmark = pytest.mark.compiled
 SPIKES = tuple(Shift(GnssFix, start, 0.19, (9.0, -12.0, 0.0)) for start in (60.0, 80.0, 100.0))

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pieces import one_by_one
 
 from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, ImuSample, MagSample, PressureSample, SatelliteCount
 from nav_pose_estimator.errors import UserError
@@ -12,6 +11,7 @@ from nav_pose_estimator.sim.noise import stream
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import SCENARIOS, START_NS, find_scenario, generate
 from nav_pose_estimator.sim.wind import CALM, DRIFTING, LIGHT, MODERATE, Wind
+from pieces import one_by_one
 
 
 def values(recording: Recording) -> list:

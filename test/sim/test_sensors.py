@@ -5,16 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.atmosphere import pressure_height
-from nav_pose_estimator.core.rotation import euler_from_quat_many, quat_rotate_many
+from nav_pose_estimator.core.earth.atmosphere import pressure_height
+from nav_pose_estimator.core.numerics.rotation import euler_from_quat_many, quat_rotate_many
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, MagSample, PressureSample, SatelliteCount
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.sim import motions, sensors
+from nav_pose_estimator.sim import sensors
 from nav_pose_estimator.sim.imu_grades import IMU_GRADES, ImuGrade, calibrated, imu_grade
 from nav_pose_estimator.sim.noise import gauss_markov, random_walk, stream, white_noise
 from nav_pose_estimator.sim.scenarios import HOME, START_NS
 from nav_pose_estimator.sim.sensors import Barometer, Gnss, Magnetometer
 from nav_pose_estimator.sim.trajectories import Truth, sample_times, truth_of_motion
+from nav_pose_estimator.sim.vehicles import motions
 
 
 @pytest.fixture(scope="module")

@@ -2,21 +2,22 @@
 
 import numpy as np
 import pytest
-from closed_loop import navigate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nav_pose_estimator.core.earth import OMEGA, ecef_to_enu_matrix, gravity_many, lla_to_ecef, lla_to_enu
-from nav_pose_estimator.core.rotation import (
+from closed_loop import navigate
+from nav_pose_estimator.core.earth.ellipsoid import OMEGA, ecef_to_enu_matrix, gravity_many, lla_to_ecef, lla_to_enu
+from nav_pose_estimator.core.numerics.rotation import (
     quat_conjugate_many,
     quat_multiply_many,
     quat_rotate_many,
     quat_to_matrix_many,
     rotvec_from_quat_many,
 )
-from nav_pose_estimator.sim import motions, trajectories
-from nav_pose_estimator.sim.motions import HarmonicMotion, Harmonics
+from nav_pose_estimator.sim import trajectories
 from nav_pose_estimator.sim.trajectories import Origin, Truth, sample_times, truth_of_motion
+from nav_pose_estimator.sim.vehicles import motions
+from nav_pose_estimator.sim.vehicles.motions import HarmonicMotion, Harmonics
 
 HOME = Origin(np.radians(47.0), np.radians(8.0), 500.0)
 MOTIONS = {

@@ -4,17 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from closed_loop import navigate
 
-from nav_pose_estimator.core.rotation import euler_from_quat_many, quat_conjugate_many, quat_rotate_many
-from nav_pose_estimator.sim.fixed_wing import Flight
-from nav_pose_estimator.sim.missions import ACC, POS, VEL, YAW, Mission, reference
-from nav_pose_estimator.sim.multirotor import Airframe
+from closed_loop import navigate
+from nav_pose_estimator.core.numerics.rotation import euler_from_quat_many, quat_conjugate_many, quat_rotate_many
 from nav_pose_estimator.sim.noise import stream
-from nav_pose_estimator.sim.road_vehicle import Drive
 from nav_pose_estimator.sim.scenarios import HOME, find_scenario
 from nav_pose_estimator.sim.trajectories import Truth, sample_times
-from nav_pose_estimator.sim.vehicles import FixedWing, Multirotor, RoadVehicle
+from nav_pose_estimator.sim.vehicles.fixed_wing import Flight
+from nav_pose_estimator.sim.vehicles.missions import ACC, POS, VEL, YAW, Mission, reference
+from nav_pose_estimator.sim.vehicles.models import FixedWing, Multirotor, RoadVehicle
+from nav_pose_estimator.sim.vehicles.multirotor import Airframe
+from nav_pose_estimator.sim.vehicles.road_vehicle import Drive
 from nav_pose_estimator.sim.wind import LIGHT, MODERATE, Wind
 
 TIMES = sample_times(60.0, 100.0)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from nav_pose_estimator.engine.parameter_schema import param
+from nav_pose_estimator.engine.parameters.schema import param
 
 
 @dataclass(frozen=True)

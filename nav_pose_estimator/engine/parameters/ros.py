@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from nav_pose_estimator.engine.parameter_schema import param
+from nav_pose_estimator.engine.parameters.schema import param
 
 READ_BY_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """How the parameters begin that rclpy itself reads; they stand in the same files and are none of ours."""

@@ -1,0 +1,1 @@
+"""The start: levelling, heading, rest, in motion and standing still."""

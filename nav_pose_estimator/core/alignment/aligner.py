@@ -1,0 +1,398 @@
+"""Start-up alignment: from raw IMU, GNSS and magnetometer to a first navigation state with an honest covariance.
+
+Three ways lead to it, and the data choose:
+
+* at rest: roll and pitch from the mean specific force, gyroscope bias from the mean rate, heading from the
+  magnetometer when its field is plausible;
+* at rest without a magnetometer: level and biases are kept, and the heading comes from the first motion;
+* in motion: a rough level from the mean specific force, or the tilt of an attitude filter where one gives it; a bank of
+  heading hypotheses (``heading_hypotheses``) follows GNSS velocity until one heading has won. A plausible
+  magnetometer gives the bank its first guess, not more: one that has not been calibrated may be wrong by any angle.
+
+Fixes act at their time of validity, which may lie in the past. The result is valid at the last fix (in motion) or at
+the last IMU sample (at rest), and whoever starts a navigator from it replays the IMU from there.
+"""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.alignment.heading_hypotheses import HeadingHypotheses
+from nav_pose_estimator.core.alignment.levelling import (
+    Compass,
+    OutsideLevels,
+    level_attitude,
+    level_covariance,
+    level_in_motion,
+    turned,
+)
+from nav_pose_estimator.core.alignment.rest import RestDetector, RestSettings
+from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, KnownBiases
+from nav_pose_estimator.core.earth.ellipsoid import earth_rate_n
+from nav_pose_estimator.core.filter.constants import make_constants
+from nav_pose_estimator.core.filter.layout import (
+    ACCEL_BIAS,
+    ALT,
+    BASE_STATES,
+    D_ACCEL_BIAS,
+    D_GYRO_BIAS,
+    DPOS,
+    DVEL,
+    GYRO_BIAS,
+    IMU_ACCEL,
+    IMU_COLUMNS,
+    IMU_GYRO,
+    IMU_T,
+    LAT,
+    NAV_SIZE,
+    PHI,
+    PREV_FORCE,
+    PREV_RATE,
+    QUAT,
+    TIME,
+    VEL,
+)
+from nav_pose_estimator.core.numerics.rotation import quat_to_matrix, wrap_angle
+
+Array = NDArray[np.float64]
+
+_LEVEL_WINDOW = 1.0  # s of IMU that give a level in motion
+_LEVEL_AGE = 20.0  # s: what an older rest has taught is forgotten (the IMU since then has to be kept)
+_FIX_AGE = 2.0  # s: an older fix does not tell where the vehicle is
+_ZERO = (0.0, 0.0, 0.0)
+_KNOWN_RATE = 0.03  # rad/s: a known bias has not moved that far, and a circle flown smoothly turns faster
+_RESIDUAL_RATE_SD = 2e-4  # rad/s: what a rest leaves open of the gyroscope bias
+_VELOCITY_FLOOR = 0.1  # m/s
+_SLOW_SPEED = 1.5  # m/s: receivers hold or smooth the velocity of a slow antenna
+_SLOW_SD = 1.0  # m/s at standstill
+_VELOCITY_CORRELATION = 0.3  # s: fixes closer than this share their velocity error
+_LOST_NIS = 12.0  # mean NIS per degree of freedom above which the bank has gone astray
+_LOST_UPDATES = 25
+
+
+@dataclass(frozen=True, slots=True)
+class _Fix:
+    t: float
+    position: tuple[float, float, float]
+    velocity: Array | None
+    position_sd: Array
+    velocity_sd: Array
+
+
+@dataclass(frozen=True, slots=True)
+class _Level:
+    """What a rest has taught: attitude at heading zero and mean rate, with their covariance (15, 15)."""
+
+    t: float
+    q: Array
+    rate: Array
+    P: Array
+
+
+class Aligner:
+    """Feed it samples in order of arrival until ``result`` is there. Times are seconds since the engine's epoch."""
+
+    def __init__(self, settings: AlignmentSettings) -> None:
+        s = self.settings = settings
+        self._constants = make_constants(
+            gyro_noise=s.gyro_noise,
+            accel_noise=s.accel_noise,
+            gyro_bias_sd=1e-4,
+            gyro_bias_tau=300.0,
+            accel_bias_sd=0.02,
+            accel_bias_tau=300.0,
+            covariance_period=0.05,
+            gap_dt=0.1,
+            gap_rate_sd=0.3,
+            gap_accel_sd=2.0,
+        )
+        self._lever = np.array(s.lever_arm, dtype=float)
+        self._biases = s.known or KnownBiases(_ZERO, _ZERO, s.gyro_bias_sd, s.accel_bias_sd)
+        rate = s.rest_rate if s.known is None else _KNOWN_RATE
+        self._rest = RestDetector(
+            RestSettings(s.static_window, s.rest_gyro_sd, s.rest_accel_sd, rate, 0.8, offset=self._biases.gyro)
+        )
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._rest.reset()
+        self._rows: list[tuple[float, ...]] = []
+        self._fixes: deque[_Fix] = deque()
+        self._compass = Compass(self.settings.declination)
+        self._outside = OutsideLevels()
+        self._now = -math.inf
+        self._last_fix: _Fix | None = None
+        self._level: _Level | None = None
+        self._bank: HeadingHypotheses | None = None
+        self._bank_start = 0.0
+        self._from_rest = False
+        self._done: Alignment | None = None
+        self.restarts = 0
+        """How often a bank of hypotheses that had gone astray was started anew."""
+
+    # --- samples -----------------------------------------------------------------------------------------------------
+
+    def imu(self, t: float, gyro: np.ndarray, accel: np.ndarray) -> None:
+        """One IMU sample: rate [rad/s] and specific force [m/s^2] in b."""
+        if t <= self._now or self.is_complete:
+            return
+        self._now = t
+        self._rows.append((t, gyro[0], gyro[1], gyro[2], accel[0], accel[1], accel[2]))
+        self._rest.update(t, gyro, accel)
+        while self._fixes and self._fixes[0].t <= t:
+            self._take(self._fixes.popleft())
+        if self.is_complete:
+            return
+        if self._is_resting():
+            self._learn_from_rest()
+        else:
+            self._done = None  # an attitude found at rest does not outlive the rest
+        if len(self._rows) > 64 and self._rows[len(self._rows) // 2][0] < self._keep_from():
+            oldest = self._keep_from()
+            self._rows = [row for row in self._rows if row[0] >= oldest]
+
+    def gnss(
+        self,
+        t_valid: float,
+        lat: float,
+        lon: float,
+        alt: float,
+        vel_enu: Sequence[float] | None,
+        pos_sd: float,
+        vel_sd: float,
+    ) -> None:
+        """A fix valid at ``t_valid``: rad, rad, m; velocity ENU [m/s] or None, vertical NaN if missing; deviations."""
+        if self._last_fix is not None and t_valid <= self._last_fix.t:
+            return
+        period = 1.0 if self._last_fix is None else min(t_valid - self._last_fix.t, 1.0)
+        velocity, velocity_sd = _velocity(vel_enu, vel_sd, period)
+        fix = _Fix(t_valid, (lat, lon, alt), velocity, pos_sd * np.array([1.0, 1.0, 1.7]), velocity_sd)
+        self._last_fix = fix
+        if t_valid <= self._now:
+            self._take(fix)
+        else:
+            self._fixes.append(fix)
+
+    def mag(self, t: float, field: np.ndarray) -> None:
+        """Magnetic field in b [T]."""
+        self._compass.add(t, field)
+
+    def set_declination(self, declination: float) -> None:
+        """Magnetic declination [rad], east positive, for all that follows."""
+        self.settings = replace(self.settings, declination=declination)
+        self._compass.declination = declination
+
+    def attitude(self, t: float, q_nb: Sequence[float], tilt_sd: float) -> None:
+        """Attitude of another estimator, scalar first: its tilt, good to ``tilt_sd`` [rad], helps a start in motion."""
+        self._outside.add(t, q_nb, tilt_sd)
+
+    # --- outcome -----------------------------------------------------------------------------------------------------
+
+    def result(self) -> Alignment | None:
+        """The alignment once it is good enough; without position when GNSS is all that is missing."""
+        return self._done
+
+    def waiting_for(self) -> str:
+        """What is missing, one sentence; empty when nothing is."""
+        if self.is_complete:
+            return ""
+        if self._done is not None:
+            return "Level and heading are known; waiting for a GNSS fix."
+        if not self._rows:
+            return "Waiting for IMU data."
+        fix = self._last_fix
+        if fix is None:
+            rest = "" if self._rest.at_rest else f" or rest with a magnetometer ({self._rest.why_not()})"
+            return f"Waiting for a GNSS fix{rest}."
+        if self._bank is not None:
+            _, sd = self._bank.heading()
+            limit = math.degrees(self.settings.heading_sd)
+            return (
+                f"Finding the heading from motion: {math.degrees(sd):.0f} deg so far, {limit:.0f} deg needed; "
+                "speed up, brake or turn."
+            )
+        if self._is_resting():
+            return f"Level is known; heading needs motion, because there is {self._compass.doubt}."
+        if self._rest.at_rest:
+            return "The IMU is at rest, but GNSS reports motion; waiting for them to agree, or for acceleration."
+        return "Waiting for GNSS to show the vehicle's motion."
+
+    @property
+    def is_complete(self) -> bool:
+        """True once there is a result with a position: later samples change nothing."""
+        return self._done is not None and self._done.has_position
+
+    # --- rest --------------------------------------------------------------------------------------------------------
+
+    def _is_resting(self) -> bool:
+        fix = self._last_fix
+        moving = fix is not None and fix.velocity is not None and math.hypot(*fix.velocity) > self.settings.rest_speed
+        return self._rest.at_rest and not moving
+
+    def _learn_from_rest(self) -> None:
+        """Level and gyroscope bias; and with a magnetic heading the result."""
+        s = self.settings
+        self._bank = None
+        if self._level is not None and self._now - self._level.t < 0.1 * s.static_window:
+            return
+        q = level_attitude(self._rest.mean_force)
+        rate_sd = float(max(self._rest.rate_sd)) * 0.2
+        P = level_covariance(q, rate_sd, _RESIDUAL_RATE_SD, s.accel_bias_sd, s.static_window)
+        self._level = _Level(self._now, q, self._rest.mean_rate, P)
+        yaw = self._magnetic_yaw(q)
+        if yaw is None:
+            self._done = None
+            return
+        fix = self._last_fix
+        known = fix is not None and self._now - fix.t < _FIX_AGE
+        nav, P = self._start_from_level(self._level, yaw, fix if known else None)
+        P[PHI + 2, PHI + 2] = s.mag_heading_sd**2
+        self._finish(self._now, nav, P, "at rest, magnetic heading", has_position=known)
+
+    def _start_from_level(self, level: _Level, yaw: float, fix: _Fix | None) -> tuple[Array, Array]:
+        """State and covariance at the time of ``level`` for a given yaw."""
+        nav, P = np.zeros(NAV_SIZE), level.P.copy()
+        nav[QUAT : QUAT + 4] = turned(level.q, yaw)
+        turn = np.eye(BASE_STATES)
+        turn[PHI : PHI + 2, PHI : PHI + 2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
+        P = turn @ P @ turn.T
+        nav[GYRO_BIAS : GYRO_BIAS + 3] = level.rate
+        if fix is not None:
+            C = quat_to_matrix(nav[QUAT : QUAT + 4])
+            nav[GYRO_BIAS : GYRO_BIAS + 3] -= C.T @ earth_rate_n(fix.position[0])
+        self._place(nav, P, fix)
+        self._set_memory(nav, level.t)
+        return nav, P
+
+    # --- motion ------------------------------------------------------------------------------------------------------
+
+    def _take(self, fix: _Fix) -> None:
+        """Let a fix act at its time, which the IMU has reached."""
+        if self._is_resting() or self.is_complete:
+            return
+        # Without acceleration nothing is learned of the heading: a bank does not start while the IMU rests, even
+        # though a receiver that has just been switched on may report motion.
+        if self._bank is None and not self._rest.at_rest:
+            self._bank = self._start_bank(fix)
+        bank = self._bank
+        if bank is None:
+            return
+        bank.run(self._rows_between(bank.time, fix.t))
+        bank.fuse(fix.position, fix.position_sd, fix.velocity, fix.velocity_sd)
+        _, sd = bank.heading()
+        if sd <= self.settings.heading_sd and fix.t - self._bank_start >= self.settings.min_time:
+            nav, P = bank.merged()
+            how = "at rest, heading from the first motion" if self._from_rest else "in motion, heading from GNSS"
+            self._finish(fix.t, nav, P, how)
+        elif bank.updates > _LOST_UPDATES and bank.nis > _LOST_NIS:
+            self.restarts += 1
+            self._bank = self._level = None
+
+    def _start_bank(self, fix: _Fix) -> HeadingHypotheses | None:
+        """Hypotheses from the last rest, else from a level in motion; None if not yet possible."""
+        s, level = self.settings, self._level
+        if level is not None and self._now - level.t < _LEVEL_AGE:
+            if fix.t <= level.t:
+                return None
+            self._from_rest = True
+            nav, P = self._start_from_level(level, 0.0, None)
+            P[DPOS : DPOS + 3, DPOS : DPOS + 3] = np.diag((fix.position_sd + 5.0) ** 2)
+            nav[LAT : ALT + 1] = fix.position
+            q = level.q
+        else:
+            rows = self._rows_between(fix.t - _LEVEL_WINDOW, fix.t)
+            if len(rows) < 3 or rows[0, IMU_T] > fix.t - 0.7 * _LEVEL_WINDOW:
+                return None
+            self._from_rest = False
+            nav, P, q = self._start_in_motion(rows, fix)
+        self._bank_start = fix.t
+        return HeadingHypotheses(nav, P, s.hypotheses, self._constants, self._lever, self._prior(q))
+
+    def _start_in_motion(self, rows: Array, fix: _Fix) -> tuple[Array, Array, Array]:
+        s, biases = self.settings, self._biases
+        nav, P = np.zeros(NAV_SIZE), np.zeros((BASE_STATES, BASE_STATES))
+        q, tilt_sd = self._outside.near(fix.t, s.tilt_sd) or (level_in_motion(rows), s.tilt_sd)
+        nav[QUAT : QUAT + 4] = q
+        nav[GYRO_BIAS : GYRO_BIAS + 3], nav[ACCEL_BIAS : ACCEL_BIAS + 3] = biases.gyro, biases.accel
+        for start, sd in ((PHI, tilt_sd), (D_GYRO_BIAS, biases.gyro_sd), (D_ACCEL_BIAS, biases.accel_sd)):
+            P[start : start + 3, start : start + 3] = sd**2 * np.eye(3)
+        self._place(nav, P, fix)
+        self._set_memory(nav, fix.t)
+        return nav, P, q
+
+    def _prior(self, q_level: Array) -> Array | None:
+        """Logarithm of each hypothesis's weight from the magnetometer, None when it says nothing."""
+        s = self.settings
+        yaw = self._magnetic_yaw(q_level)
+        if yaw is None:
+            return None
+        spacing = 2.0 * math.pi / s.hypotheses
+        sd = math.hypot(s.mag_heading_sd, 0.3 * spacing)
+        away = np.array([wrap_angle(k * spacing - yaw) for k in range(s.hypotheses)])
+        likelihood = np.exp(-0.5 * (away / sd) ** 2)
+        return np.log(s.mag_trust * likelihood / likelihood.sum() + (1.0 - s.mag_trust) / s.hypotheses)
+
+    # --- small things ------------------------------------------------------------------------------------------------
+
+    def _magnetic_yaw(self, q_level: Array) -> float | None:
+        """Yaw from the magnetometer, None when it cannot be believed (the compass knows why)."""
+        lat, lon = (None, None) if self._last_fix is None else self._last_fix.position[:2]
+        return self._compass.yaw(self._now, q_level, lat, lon)
+
+    def _finish(self, t: float, nav: Array, P: Array, method: str, has_position: bool = True) -> None:
+        self._done = Alignment(float(t), nav, 0.5 * (P + P.T), method, bool(has_position))
+
+    def _place(self, nav: Array, P: Array, fix: _Fix | None) -> None:
+        """Position and velocity from a fix; without one position is unknown and velocity about zero."""
+        position_sd, velocity_sd = np.full(3, 1e3), np.full(3, 0.5)
+        if fix is not None:
+            nav[LAT : ALT + 1] = fix.position
+            position_sd = fix.position_sd
+            if fix.velocity is not None:
+                nav[VEL : VEL + 3] = fix.velocity
+                velocity_sd = np.maximum(fix.velocity_sd, 0.2)
+            elif not self._is_resting():
+                velocity_sd = np.full(3, 10.0)
+        for start, sd in ((DVEL, velocity_sd), (DPOS, position_sd)):
+            P[start : start + 3, start : start + 3] = np.diag(sd**2)
+
+    def _set_memory(self, nav: Array, t: float) -> None:
+        """Time and the integrator's memory of the last IMU row up to ``t``."""
+        row = next((row for row in reversed(self._rows) if row[IMU_T] <= t), self._rows[0])
+        nav[TIME] = t
+        nav[PREV_RATE : PREV_RATE + 3] = np.array(row[IMU_GYRO:IMU_ACCEL]) - nav[GYRO_BIAS : GYRO_BIAS + 3]
+        nav[PREV_FORCE : PREV_FORCE + 3] = np.array(row[IMU_ACCEL:IMU_COLUMNS]) - nav[ACCEL_BIAS : ACCEL_BIAS + 3]
+
+    def _rows_between(self, start: float, end: float) -> Array:
+        """IMU rows (N, 7) after ``start`` up to ``end``; the row across ``end`` counts up to it."""
+        rows = [row for row in self._rows if start < row[IMU_T] < end]
+        after = next((row for row in self._rows if row[IMU_T] >= end), None)
+        if after is not None:
+            rows.append((end, *after[IMU_GYRO:]))
+        return np.array(rows, dtype=float).reshape(-1, IMU_COLUMNS)
+
+    def _keep_from(self) -> float:
+        """IMU rows before this time are not needed any more."""
+        if self._bank is not None:
+            return self._bank.time
+        oldest = self._now - _LEVEL_WINDOW - _FIX_AGE
+        if self._level is not None and self._now - self._level.t < _LEVEL_AGE:
+            return min(self._level.t, oldest)
+        return oldest
+
+
+def _velocity(vel_enu: Sequence[float] | None, sd: float, period: float) -> tuple[Array | None, Array]:
+    """Velocity (3,) or None, and the deviations (3,) that make its errors look independent from fix to fix."""
+    spread = max(sd, _VELOCITY_FLOOR) * np.array([1.0, 1.0, 1.5])
+    if vel_enu is None or not (math.isfinite(vel_enu[0]) and math.isfinite(vel_enu[1])):
+        return None, spread
+    velocity = np.array(vel_enu, dtype=float)
+    if not math.isfinite(velocity[2]):
+        velocity[2], spread[2] = 0.0, 30.0
+    slow = max(1.0 - math.hypot(*velocity) / _SLOW_SPEED, 0.0)
+    return velocity, np.hypot(spread, _SLOW_SD * slow) * math.sqrt(1.0 + _VELOCITY_CORRELATION / period)

@@ -1,0 +1,218 @@
+"""Heading from GNSS velocity when nothing else tells it: a bank of filters that differ in heading, weighed by the data.
+
+Each hypothesis is a full 15-state filter started at its own heading. All see the same IMU and GNSS; after some
+acceleration the innovations of a wrong heading grow, its likelihood falls, and the weight gathers around the true one.
+
+Published idea: P. Riseborough, EKF-GSF yaw estimator (PX4-Autopilot, 2020), there with five planar three-state filters;
+Gaussian-sum filters: Alspach and Sorenson, IEEE Trans. Automatic Control 17(4), 1972. Here the filters are those of the
+navigator itself, so tilt, biases and their correlations come with the heading, and the winner goes on flying.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.earth.ellipsoid import radii
+from nav_pose_estimator.core.filter.kalman import correct, inject
+from nav_pose_estimator.core.filter.layout import (
+    ACCEL_BIAS,
+    ALT,
+    BASE_STATES,
+    D_ACCEL_BIAS,
+    D_GYRO_BIAS,
+    DPOS,
+    DVEL,
+    GYRO_BIAS,
+    LAT,
+    LON,
+    PHI,
+    QUAT,
+    TIME,
+    VEL,
+)
+from nav_pose_estimator.core.filter.measurements import gnss_position, gnss_velocity
+from nav_pose_estimator.core.filter.strapdown import flush_covariance, propagate
+from nav_pose_estimator.core.numerics.jit import kernel
+from nav_pose_estimator.core.numerics.rotation import (
+    euler_from_quat,
+    quat_conjugate,
+    quat_from_rotvec,
+    quat_multiply,
+    rotvec_from_quat,
+    wrap_angle,
+)
+
+Array = NDArray[np.float64]
+
+_WORST_NIS = 25.0  # per degree of freedom: a worse innovation says no more than this against a hypothesis
+_MEMORY = 25.0  # updates over which the innovations of a hypothesis are averaged
+
+
+@kernel
+def run_bank(navs, Ps, constants, rows):
+    """``propagate`` for every hypothesis: ``navs`` (K, NAV_SIZE), ``Ps`` (K, 15, 15), ``rows`` (N, 7)."""
+    for k in range(navs.shape[0]):
+        for i in range(rows.shape[0]):
+            propagate(navs[k], Ps[k], constants, rows[i])
+
+
+@kernel
+def fuse_bank(navs, Ps, constants, position, R_position, velocity, R_velocity, lever, scores):
+    """Correct every hypothesis with velocity and position; ``scores`` (K, 2) get the sums of NIS and of ln det S.
+
+    ``position`` (lat, lon, alt), ``velocity`` (3,) ENU [m/s], without one ``R_velocity`` (3, 3) is infinite.
+    """
+    states = Ps.shape[1]
+    for k in range(navs.shape[0]):
+        nav, P = navs[k], Ps[k]
+        flush_covariance(nav, P, constants)
+        scores[k, 0] = 0.0
+        scores[k, 1] = 0.0
+        if R_velocity[0, 0] < math.inf:
+            z, H = gnss_velocity(nav, states, velocity, lever)
+            scores[k, 1] += _log_det(P, H, R_velocity)
+            scores[k, 0] += correct(nav, P, z, H, R_velocity)
+        z, H = gnss_position(nav, states, position[0], position[1], position[2], lever)
+        scores[k, 1] += _log_det(P, H, R_position)
+        scores[k, 0] += correct(nav, P, z, H, R_position)
+
+
+@kernel
+def _log_det(P, H, R):
+    """ln det(H P H' + R) for three rows."""
+    S = np.empty((3, 3))
+    n = P.shape[0]
+    for i in range(3):
+        for j in range(3):
+            S[i, j] = R[i, j]
+            for a in range(n):
+                if H[i, a] != 0.0:
+                    for b in range(n):
+                        S[i, j] += H[i, a] * P[a, b] * H[j, b]
+    det = 0.0
+    for i in range(3):
+        j = (i + 1) % 3
+        k = (i + 2) % 3
+        det += S[0, i] * (S[1, j] * S[2, k] - S[1, k] * S[2, j])
+    return math.log(max(det, 1e-300))
+
+
+class HeadingHypotheses:
+    """The bank. All hypotheses share one time; ``merged`` is their mixture as one state."""
+
+    def __init__(
+        self, nav: Array, P: Array, count: int, constants: Array, lever: Array, log_prior: Array | None = None
+    ) -> None:
+        """``count`` copies of ``nav``, ``P`` at headings spread evenly over the circle, starting with that of ``nav``.
+
+        The heading variance of each is set to what covers the distance to its neighbours; ``log_prior`` (count,) are
+        the logarithms of their weights.
+        """
+        spacing = 2.0 * math.pi / count
+        self.headings0 = [k * spacing for k in range(count)]
+        self.navs = np.repeat(nav[None], count, axis=0)
+        self.Ps = np.repeat(P[None], count, axis=0)
+        for k, turn in enumerate(self.headings0):
+            _turn(self.navs[k], self.Ps[k], turn)
+            self.Ps[k, PHI + 2, PHI + 2] = (0.5 * spacing) ** 2
+        self.updates = 0
+        self._constants = constants
+        self._lever = lever
+        self._cost = np.zeros(count) if log_prior is None else -2.0 * log_prior
+        self._nis = np.ones(count)  # running mean per degree of freedom
+        self._scores = np.zeros((count, 2))
+
+    @property
+    def time(self) -> float:
+        """Time of all hypotheses [s]."""
+        return float(self.navs[0, TIME])
+
+    def run(self, rows: Array) -> None:
+        """Carry all hypotheses along the IMU rows (N, 7)."""
+        run_bank(self.navs, self.Ps, self._constants, rows)
+
+    def fuse(
+        self, position: tuple[float, float, float], position_sd: Array, velocity: Array | None, velocity_sd: Array
+    ) -> None:
+        """Correct all hypotheses with one fix at their time: (lat, lon, alt), ``velocity`` ENU, deviations (3,)."""
+        R_velocity = np.diag(velocity_sd**2) if velocity is not None else np.full((3, 3), math.inf)
+        velocity = np.zeros(3) if velocity is None else velocity
+        R_position = np.diag(position_sd**2)
+        fuse_bank(
+            self.navs,
+            self.Ps,
+            self._constants,
+            np.array(position),
+            R_position,
+            velocity,
+            R_velocity,
+            self._lever,
+            self._scores,
+        )
+        dof = 6.0 if R_velocity[0, 0] < math.inf else 3.0
+        self.updates += 1
+        nis = self._scores[:, 0] / dof
+        self._nis += (nis - self._nis) / min(self.updates + 1.0, _MEMORY)
+        self._cost += dof * np.minimum(nis, _WORST_NIS) + self._scores[:, 1]
+
+    @property
+    def nis(self) -> float:
+        """Mean NIS per degree of freedom of the best hypothesis; 1 when all is as modelled."""
+        return float(self._nis[np.argmin(self._cost)])
+
+    @property
+    def weights(self) -> Array:
+        """Probability (K,) of each hypothesis.
+
+        Where the best one has larger innovations than it expects, noise is larger than modelled, and the same evidence
+        says less.
+        """
+        doubt = max(self.nis, 1.0)
+        w = np.exp(-0.5 * (self._cost - self._cost.min()) / doubt)
+        return w / w.sum()
+
+    def heading(self) -> tuple[float, float]:
+        """Mean yaw and its standard deviation [rad] of the mixture."""
+        weights = self.weights
+        yaws = np.array([euler_from_quat(nav[QUAT : QUAT + 4])[2] for nav in self.navs])
+        mean = math.atan2(float(weights @ np.sin(yaws)), float(weights @ np.cos(yaws)))
+        spread = np.array([wrap_angle(yaw - mean) for yaw in yaws]) ** 2
+        return mean, math.sqrt(float(weights @ (spread + self.Ps[:, PHI + 2, PHI + 2])))
+
+    def merged(self) -> tuple[Array, Array]:
+        """The mixture's mean around the best hypothesis and its covariance, spread included: (nav, P)."""
+        weights = self.weights
+        best = int(np.argmax(weights))
+        errors = np.array([_difference(self.navs[best], nav) for nav in self.navs])
+        mean = weights @ errors
+        nav = self.navs[best].copy()
+        inject(nav, mean)
+        deviations = errors - mean
+        P = np.einsum("k,kij->ij", weights, self.Ps) + np.einsum("k,ki,kj->ij", weights, deviations, deviations)
+        return nav, 0.5 * (P + P.T) * max(self.nis, 1.0)
+
+
+def _turn(nav: Array, P: Array, angle: float) -> None:
+    """Turn a start about Up by ``angle``: attitude, and the covariance of what is fixed to the body."""
+    turn = quat_from_rotvec(np.array([0.0, 0.0, angle]))
+    nav[QUAT : QUAT + 4] = quat_multiply(turn, nav[QUAT : QUAT + 4])
+    c, s = math.cos(angle), math.sin(angle)
+    C = np.eye(BASE_STATES)
+    C[PHI : PHI + 2, PHI : PHI + 2] = [[c, -s], [s, c]]
+    P[:] = C @ P @ C.T
+
+
+def _difference(base: Array, nav: Array) -> Array:
+    """Error state (15,) that takes ``base`` to ``nav`` when injected with the opposite sign: base minus nav."""
+    error = np.zeros(BASE_STATES)
+    r_m, r_n = radii(base[LAT])
+    # C_base = (I - [phi x]) C_nav
+    error[PHI : PHI + 3] = -rotvec_from_quat(quat_multiply(base[QUAT : QUAT + 4], quat_conjugate(nav[QUAT : QUAT + 4])))
+    error[DVEL : DVEL + 3] = base[VEL : VEL + 3] - nav[VEL : VEL + 3]
+    error[DPOS] = wrap_angle(base[LON] - nav[LON]) * (r_n + base[ALT]) * math.cos(base[LAT])
+    error[DPOS + 1] = (base[LAT] - nav[LAT]) * (r_m + base[ALT])
+    error[DPOS + 2] = base[ALT] - nav[ALT]
+    error[D_GYRO_BIAS : D_GYRO_BIAS + 3] = nav[GYRO_BIAS : GYRO_BIAS + 3] - base[GYRO_BIAS : GYRO_BIAS + 3]
+    error[D_ACCEL_BIAS : D_ACCEL_BIAS + 3] = nav[ACCEL_BIAS : ACCEL_BIAS + 3] - base[ACCEL_BIAS : ACCEL_BIAS + 3]
+    return error

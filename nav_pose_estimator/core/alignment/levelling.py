@@ -1,0 +1,171 @@
+"""Roll, pitch and heading from the two vectors that are known at a start: gravity and the Earth's magnetic field.
+
+Sources: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., section 5.6.2
+(levelling), 6.1.1 (magnetic heading); International Geomagnetic Reference Field, 13th generation (the dipole's axis).
+"""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.filter.layout import BASE_STATES, D_ACCEL_BIAS, D_GYRO_BIAS, PHI
+from nav_pose_estimator.core.numerics.rotation import (
+    euler_from_quat,
+    quat_from_euler,
+    quat_from_rotvec,
+    quat_multiply,
+    quat_rotate,
+    quat_to_matrix,
+    wrap_angle,
+)
+
+Array = NDArray[np.float64]
+Vector = Sequence[float] | Array
+
+STANDARD_GRAVITY = 9.80665
+"""m/s^2, where the latitude is not known."""
+
+_GEOMAGNETIC_POLE = math.radians(80.65), math.radians(-72.68)  # latitude, longitude of the dipole's axis, 2020
+_FIELD_STRENGTH = 18e-6, 75e-6  # T: 22 to 67 on the Earth's surface, and some error of calibration
+_OUTSIDE_TILT_SD = 0.03  # rad: no attitude filter is better while the vehicle moves, whatever it says
+_OUTSIDE_MEMORY = 2.0  # s
+_OUTSIDE_AGE = 0.05  # s
+_COMPASS_WINDOW = 1.0  # s of magnetometer that make one heading
+_DIP_TOLERANCE = math.radians(25.0)  # of a dipole's dip, which is wrong by up to 20 deg itself
+
+
+def level_attitude(force: Vector) -> Array:
+    """``q_nb`` (4,) at yaw zero of a body that feels the mean specific force ``force`` (3,)."""
+    x, y, z = (float(f) for f in force)
+    return quat_from_euler(math.atan2(y, z), math.atan2(-x, math.hypot(y, z)), 0.0)
+
+
+def turned(q_nb: Array, yaw: float) -> Array:
+    """``q_nb`` turned by ``yaw`` [rad] about Up, counter-clockwise."""
+    return quat_multiply(quat_from_rotvec(np.array([0.0, 0.0, yaw])), q_nb)
+
+
+def level_covariance(q_nb: Array, rate_sd: float, gyro_bias_sd: float, accel_bias_sd: float, seconds: float) -> Array:
+    """Covariance (15, 15) of a level from ``seconds`` at rest; rows of velocity, position and heading are zero.
+
+    A levelled accelerometer cannot tell its bias from a tilt: with ``C_hat f`` vertical, phi = (-(C b)_y, (C b)_x) / g.
+    ``rate_sd`` is the spread of the samples' mean rate [rad/s], ``gyro_bias_sd`` what a rest leaves open.
+    """
+    C = quat_to_matrix(q_nb)
+    tilt = np.zeros((3, 3))
+    tilt[0], tilt[1] = -C[1] / STANDARD_GRAVITY, C[0] / STANDARD_GRAVITY
+    P = np.zeros((BASE_STATES, BASE_STATES))
+    phi, gyro, accel = (slice(i, i + 3) for i in (PHI, D_GYRO_BIAS, D_ACCEL_BIAS))
+    P[accel, accel] = accel_bias_sd**2 * np.eye(3)
+    P[phi, accel] = tilt * accel_bias_sd**2
+    P[accel, phi] = P[phi, accel].T
+    P[phi, phi] = tilt @ tilt.T * accel_bias_sd**2 + np.diag([1e-6, 1e-6, 0.0])
+    P[gyro, gyro] = (gyro_bias_sd**2 + rate_sd**2 / max(seconds, 1.0)) * np.eye(3)
+    return P
+
+
+def level_in_motion(rows: Array) -> Array:
+    """``q_nb`` (4,) at yaw zero and at the last of the IMU ``rows`` (N, 7), from a vehicle that moves.
+
+    The force is averaged in the frame that the gyroscope carries along, so that turns do not blur it. What is left is
+    the mean acceleration over the rows, which passes for tilt: 1 m/s^2 is 6 deg.
+    """
+    q = np.array([1.0, 0.0, 0.0, 0.0])  # attitude of each row in the frame of the last one
+    total = rows[-1, 4:7].copy()
+    for i in range(len(rows) - 1, 0, -1):
+        step = quat_from_rotvec(-rows[i, 1:4] * (rows[i, 0] - rows[i - 1, 0]))
+        q = quat_multiply(q, step)
+        total += quat_rotate(q, rows[i - 1, 4:7])
+    return level_attitude(total)
+
+
+class OutsideLevels:
+    """Tilts that another estimator gives, kept for as long as a fix may be late."""
+
+    def __init__(self) -> None:
+        self._levels: deque[tuple[float, Array, float]] = deque()
+
+    def add(self, t: float, q_nb: Vector, tilt_sd: float) -> None:
+        """An attitude (4,) at ``t`` [s] whose tilt is good to ``tilt_sd`` [rad]; not unit or not finite: left out."""
+        q = np.array(q_nb, dtype=float)
+        norm = float(np.linalg.norm(q))
+        if not (0.9 < norm < 1.1 and 0.0 <= tilt_sd < math.inf):
+            return
+        q /= norm
+        yaw = euler_from_quat(q)[2]
+        self._levels.append((t, turned(q, -yaw), max(tilt_sd, _OUTSIDE_TILT_SD)))
+        while self._levels[0][0] < t - _OUTSIDE_MEMORY:
+            self._levels.popleft()
+
+    def near(self, t: float, tilt_sd: float) -> tuple[Array, float] | None:
+        """(``q_nb`` at yaw zero, its tilt's deviation) at about ``t``, None where none is better than ``tilt_sd``."""
+        known = [level for level in self._levels if abs(level[0] - t) < _OUTSIDE_AGE and level[2] < tilt_sd]
+        return min(known, key=lambda level: abs(level[0] - t))[1:] if known else None
+
+
+def magnetic_yaw(q_level: Array, field: Vector, declination: float) -> float:
+    """Yaw [rad], counter-clockwise from East, that puts the field (3,) in b on the magnetic meridian.
+
+    ``q_level`` is the attitude at yaw zero, ``declination`` [rad] positive when magnetic North lies East of North.
+    """
+    x, y, _ = quat_rotate(q_level, np.asarray(field, dtype=float))
+    return wrap_angle(0.5 * math.pi - declination - math.atan2(y, x))
+
+
+def field_doubt(q_level: Array, field: Vector, lat: float | None, lon: float | None) -> str:
+    """Why the field (3,) [T] cannot be the Earth's, one clause; empty when it may be.
+
+    The strength must be one that occurs on Earth; where the position is known, the dip must be near that of the
+    geomagnetic dipole, tan(dip) = 2 tan(geomagnetic latitude).
+    """
+    strength = math.hypot(*field)
+    if not _FIELD_STRENGTH[0] <= strength <= _FIELD_STRENGTH[1]:
+        return f"a magnetic field of {strength * 1e6:.3g} uT is not the Earth's"
+    x, y, z = quat_rotate(q_level, np.asarray(field, dtype=float))
+    if math.hypot(x, y) < 0.05 * strength:
+        return "the magnetic field is vertical"
+    if lat is None or lon is None:
+        return ""
+    dip = math.atan2(-z, math.hypot(x, y))
+    expected = dipole_dip(lat, lon)
+    if abs(dip - expected) <= _DIP_TOLERANCE:
+        return ""
+    return f"a magnetic dip of {math.degrees(dip):.0f} deg, where about {math.degrees(expected):.0f} deg are expected"
+
+
+def dipole_dip(lat: float, lon: float) -> float:
+    """Dip of the geomagnetic dipole [rad], positive down; the true field differs by up to 20 deg."""
+    pole_lat, pole_lon = _GEOMAGNETIC_POLE
+    sine = math.sin(lat) * math.sin(pole_lat) + math.cos(lat) * math.cos(pole_lat) * math.cos(lon - pole_lon)
+    return math.atan2(2.0 * sine, math.sqrt(max(1.0 - sine * sine, 0.0)))
+
+
+class Compass:
+    """The mean field of the last second, and whether it can be believed."""
+
+    def __init__(self, declination: float) -> None:
+        self.declination = declination
+        self._fields: deque[tuple[float, Vector]] = deque()
+        self.doubt = "no magnetometer"
+        """Why the last ``yaw`` was None, one clause."""
+
+    def add(self, t: float, field: Vector) -> None:
+        """One field (3,) [T] in b at ``t`` [s]; a field with a missing axis is left out."""
+        if not all(map(math.isfinite, field)):
+            return
+        self._fields.append((t, field))
+        while self._fields[0][0] < t - _COMPASS_WINDOW:
+            self._fields.popleft()
+
+    def yaw(self, now: float, q_level: Array, lat: float | None, lon: float | None) -> float | None:
+        """Yaw [rad] of a body whose attitude at yaw zero is ``q_level``; None when the field cannot be believed."""
+        recent = [field for t, field in self._fields if t >= now - _COMPASS_WINDOW]
+        if not recent:
+            self.doubt = "no magnetometer"
+            return None
+        field = np.mean(np.array(recent, dtype=float), axis=0)
+        self.doubt = field_doubt(q_level, field, lat, lon)
+        return None if self.doubt else magnetic_yaw(q_level, field, self.declination)

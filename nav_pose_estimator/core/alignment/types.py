@@ -1,0 +1,62 @@
+"""What the aligner has to know, and what it gives."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_SHARED_ELSEWHERE = ("gyro_noise", "accel_noise", "declination", "lever_arm", "known")
+
+
+@dataclass(frozen=True, slots=True)
+class KnownBiases:
+    """What a navigator has just known of its IMU, body frame; each deviation is that of the worst axis."""
+
+    gyro: tuple[float, float, float]  # rad/s
+    accel: tuple[float, float, float]  # m/s^2
+    gyro_sd: float
+    accel_sd: float
+
+
+@dataclass(frozen=True, slots=True)
+class AlignmentSettings:
+    """What the aligner has to know; deviations are one sigma."""
+
+    gyro_noise: float  # rad/s/sqrt(Hz)
+    accel_noise: float  # m/s^2/sqrt(Hz)
+    declination: float  # rad, east positive
+    lever_arm: tuple[float, ...]  # m, antenna from the IMU, body frame
+    static_window: float  # s at rest that level the filter
+    rest_gyro_sd: float  # rad/s, thresholds of the rest detector
+    rest_accel_sd: float  # m/s^2
+    rest_rate: float  # rad/s
+    rest_speed: float  # m/s, GNSS speed above which there is no rest
+    gyro_bias_sd: float  # rad/s, before anything is known
+    accel_bias_sd: float  # m/s^2
+    tilt_sd: float  # rad, of a level found in motion
+    hypotheses: int
+    heading_sd: float  # rad, the heading must be this good
+    min_time: float  # s of GNSS before the hypotheses may decide
+    mag_heading_sd: float  # rad, of a magnetic heading before the first flight
+    mag_trust: float  # probability that a plausible magnetometer is within that
+    known: KnownBiases | None = None  # from just before; None after switching on
+
+    @classmethod
+    def shared(cls) -> tuple[str, ...]:
+        """Names of the settings that belong to the alignment alone."""
+        return tuple(item.name for item in fields(cls) if item.name not in _SHARED_ELSEWHERE)
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """A first state: ``nav`` (NAV_SIZE,) of ``layout`` valid at ``t``, covariance ``P`` (15, 15), and how it came.
+
+    Without ``has_position`` only attitude and gyroscope bias mean something.
+    """
+
+    t: float
+    nav: Array
+    P: Array
+    method: str
+    has_position: bool = True

@@ -1,0 +1,1 @@
+"""Attitude filters: complementary and two-stage Kalman."""

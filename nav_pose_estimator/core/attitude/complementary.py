@@ -1,0 +1,305 @@
+"""Complementary attitude filter with proportional-integral feedback (CN113777645A, claims 1 and 2), as kernels.
+
+The kinematics ``dq/dt = q (w + delta) / 2`` run on the gyroscope. Specific force less gravity, summed up in n, is the
+*sway*: a velocity that stays near zero (or near the navigator's) unless the estimate is tilted, when it grows with g
+times the tilt. It is the error of claim 1, low-passed in the earth frame:
+
+    u' = f_n - g - k_u u      low-passed error: u = e / k_u, time constant 1 / k_u
+    delta_n = k_p (u x up)    proportional part: turns the estimate in n
+    b' = K_i u                integral part: gyro bias, and scale factors and misalignments of the gyroscope
+
+Never normalised: the mean of f_n is gravity, that of f_n / |f_n| is not. The rejection function p(a) divides the noise
+that the sway is believed to have. The gains are not constants: they are the Kalman gains of exactly this loop, from the
+covariance of [tilt and heading (3), sway (2), gyro bias (3), gyro matrix (9)] that runs beside it at ``PERIOD``. So
+they are large at the start and small later, and the covariance that is published is the one that the loop has.
+
+Error state: phi with C = (I + [phi x]) C_hat; the others are estimate minus truth for the sway, truth minus estimate
+for bias and matrix. A magnetometer turns the heading and corrects the gyro bias, never the tilt.
+"""
+
+import math
+
+from nav_pose_estimator.core.attitude.layout import (
+    AGE,
+    BIAS,
+    BIAS_PSD,
+    COLUMNS,
+    EXTRA_SWAY_PSD,
+    FIELD_H,
+    FIELD_TRUST,
+    HEADING_PSD,
+    LEARN_AFTER,
+    LEARN_PSD,
+    LEVEL_AFTER,
+    MATRIX,
+    MATRIX_PSD,
+    MOTION_FALL,
+    MOTION_FLOOR,
+    MOTION_RISE,
+    MOTION_TAU,
+    NEW_HEADING_VAR,
+    OWN,
+    PERIOD,
+    QUAT,
+    STILL_PSD,
+    STILL_TIME,
+    SUM_FORCE_N,
+    SUM_RATE,
+    SUM_TIME,
+    SUM_TURN,
+    SUM_WALK,
+    SWAY,
+    SWAY_LOW,
+    SWAY_PSD,
+    SWAY_VAR,
+    TRUST,
+)
+from nav_pose_estimator.core.attitude.magnetic_field import FIRST, NOTHING, USUAL, observe_field
+from nav_pose_estimator.core.attitude.motion import (
+    add_field,
+    begin,
+    clear_sums,
+    propagate,
+    turn_heading,
+    turn_in_n,
+    watch_acceleration,
+    watch_rest,
+    write_covariance,
+    write_row,
+)
+from nav_pose_estimator.core.numerics.jit import inlined, kernel
+from nav_pose_estimator.core.numerics.vectors import load3, load4, q_columns
+
+# --- error state and where its covariance and scratch space lie ----------------------------------------------------
+PHI, D_SWAY, D_BIAS, D_MATRIX, STATES = 0, 3, 5, 8, 17
+COVARIANCE = OWN  # (17, 17)
+GAIN = COVARIANCE + STATES * STATES  # 17: last Kalman gain
+GAIN_2 = GAIN + STATES  # 17: the second one of a pair
+BODY_TURN = GAIN_2 + STATES  # (3, 17): covariance of the window's turn in b, caused by bias and matrix, with all states
+CROSS = BODY_TURN + 3 * STATES  # (3, 17): the same in n, as a change of phi
+TILT_VAR, HEADING_VAR, SWAY_START_VAR = CROSS + 51, CROSS + 52, CROSS + 53  # initial variances
+SIZE = SWAY_START_VAR + 1
+
+_LOW_TAU = 2.0  # s: what is left of the sway after this low-pass lasts
+
+
+@kernel
+def step(s, dt, wx, wy, wz, fx, fy, fz):
+    """One IMU sample: rate [rad/s] and specific force [m/s^2] in b, means over the ``dt`` [s] before it.
+
+    The first sample after the vector was made (``AGE`` negative) starts the filter.
+    """
+    _step(s, dt, (wx, wy, wz), (fx, fy, fz))
+
+
+@inlined
+def _step(s, dt, w, f):
+    if s[AGE] < 0.0:
+        _start(s, w, f)
+        return
+    propagate(s, dt, w, f)
+    if s[SUM_TIME] >= 0.999 * s[PERIOD]:
+        _feed_back(s)
+
+
+@kernel
+def add_magnetic_field(s, mx, my, mz):
+    """Take a magnetic field in b, any unit; the first one sets the heading at once, others act at the next feedback."""
+    add_field(s, (mx, my, mz))
+    if s[FIELD_H] == 0.0:
+        P = s[COVARIANCE:GAIN].reshape(STATES, STATES)
+        _correct_heading(s, P)
+        write_covariance(s, P)
+
+
+@kernel
+def run(s, last_ns, stamps, gyro, accel, mag, out):
+    """Loop of :func:`step` and :func:`add_magnetic_field`: the batch form, identical to single calls.
+
+    ``stamps`` (N,) int64 [ns] after ``last_ns``; ``gyro``, ``accel`` (N, 3); ``mag`` (N, 3) or (0, 3): the field that
+    follows each IMU sample, NaN for none. ``out`` (N, BLOCK_COLUMNS) receives attitude, variances and bias after each.
+    """
+    for i in range(len(stamps)):
+        dt = (stamps[i] - (stamps[i - 1] if i > 0 else last_ns)) * 1e-9
+        _step(s, dt, (gyro[i, 0], gyro[i, 1], gyro[i, 2]), (accel[i, 0], accel[i, 1], accel[i, 2]))
+        if len(mag) > 0 and not math.isnan(mag[i, 0] + mag[i, 1] + mag[i, 2]):
+            add_magnetic_field(s, mag[i, 0], mag[i, 1], mag[i, 2])
+        write_row(s, out, i)
+
+
+@kernel
+def _start(s, w, f):
+    """Level, and forget what was known of attitude and sway; bias and matrix keep their covariance."""
+    begin(s, w, f)
+    P = s[COVARIANCE:GAIN].reshape(STATES, STATES)
+    for i in range(D_BIAS):
+        for j in range(STATES):
+            P[i, j] = P[j, i] = 0.0
+    P[0, 0] = P[1, 1] = s[TILT_VAR]
+    P[2, 2] = s[HEADING_VAR]
+    P[D_SWAY, D_SWAY] = P[D_SWAY + 1, D_SWAY + 1] = s[SWAY_START_VAR]
+    s[SWAY_LOW] = s[SWAY_LOW + 1] = s[SWAY_VAR] = 0.0
+    write_covariance(s, P)
+
+
+@kernel
+def _feed_back(s):
+    """End of a window: covariance forward, then sway, rest and field as observations."""
+    P = s[COVARIANCE:GAIN].reshape(STATES, STATES)
+    window = s[SUM_TIME]
+    watch_rest(s)
+    watch_acceleration(s)
+    _propagate_covariance(s, P, window)
+    noise = _sway_noise(s, window)
+    _level(s, P, noise)
+    if s[STILL_TIME] > s[LEARN_AFTER]:
+        for axis in range(3):
+            residual = s[SUM_RATE + axis] / window - s[BIAS + axis]
+            _correct(s, P, D_BIAS + axis, residual, s[LEARN_PSD] / window)
+    _correct_heading(s, P)
+    write_covariance(s, P)
+    s[SWAY + 2] = 0.0
+    clear_sums(s)
+
+
+@inlined
+def _sway_noise(s, window):
+    """Variance of the window's sway as an observation of zero: what the vehicle itself moves, divided by p(a)."""
+    gain = min(1.0, window / _LOW_TAU)
+    s[SWAY_LOW] += gain * (s[SWAY] - s[SWAY_LOW])
+    s[SWAY_LOW + 1] += gain * (s[SWAY + 1] - s[SWAY_LOW + 1])
+    square = 0.5 * (s[SWAY_LOW] * s[SWAY_LOW] + s[SWAY_LOW + 1] * s[SWAY_LOW + 1])
+    tau = s[MOTION_RISE] if square > s[SWAY_VAR] else s[MOTION_FALL]
+    s[SWAY_VAR] += min(1.0, window / tau) * (square - s[SWAY_VAR])
+    if s[STILL_TIME] > s[LEVEL_AFTER]:
+        return s[STILL_PSD] / window
+    return (s[MOTION_FLOOR] + 2.0 * s[MOTION_TAU] * s[SWAY_VAR]) / (window * s[TRUST])
+
+
+@inlined
+def _propagate_covariance(s, P, window):
+    """P <- F P F' + Q over the window: bias and matrix turn, tilt sways.
+
+    Body axis k turns by ``window`` times bias k plus row k of the matrix times the turn of the window; ``Y`` holds the
+    covariance of that sum with all states, X = -C Y that of the resulting change of phi.
+    """
+    Y = s[BODY_TURN:CROSS].reshape(3, STATES)
+    X = s[CROSS:TILT_VAR].reshape(3, STATES)
+    now, turn = q_columns(load4(s, QUAT)), load3(s, SUM_TURN)
+    for k in range(3):
+        row = D_MATRIX + 3 * k
+        for j in range(STATES):
+            Y[k, j] = (
+                window * P[D_BIAS + k, j] + turn[0] * P[row, j] + turn[1] * P[row + 1, j] + turn[2] * P[row + 2, j]
+            )
+        for i in range(3):  # C of mid-window, from both ends
+            s[COLUMNS + 3 * k + i] = -0.5 * (s[COLUMNS + 3 * k + i] + now[k][i])
+    for i in range(3):
+        a, b, c = s[COLUMNS + i], s[COLUMNS + 3 + i], s[COLUMNS + 6 + i]
+        for j in range(STATES):
+            X[i, j] = a * Y[0, j] + b * Y[1, j] + c * Y[2, j]
+    for i in range(3):
+        for j in range(3, STATES):
+            P[i, j] += X[i, j]
+            P[j, i] = P[i, j]
+        for j in range(3):
+            total = X[i, j] + X[j, i]
+            for k in range(3):
+                row = D_MATRIX + 3 * k
+                along = turn[0] * X[i, row] + turn[1] * X[i, row + 1] + turn[2] * X[i, row + 2]
+                total += (window * X[i, D_BIAS + k] + along) * s[COLUMNS + 3 * k + j]
+            P[i, j] += total
+    _sway_by_tilt(P, s[SUM_FORCE_N + 2])
+    for i in range(D_SWAY):
+        P[i, i] += s[SUM_WALK]
+    for i in range(D_SWAY, D_BIAS):
+        P[i, i] += (s[SWAY_PSD] + s[EXTRA_SWAY_PSD]) * window
+    for i in range(D_BIAS, STATES):
+        P[i, i] += (s[BIAS_PSD] if i < D_MATRIX else s[MATRIX_PSD]) * window
+
+
+@inlined
+def _sway_by_tilt(P, up):
+    """d(sway) = -phi x (0, 0, up), ``up`` [m/s] the summed vertical force: rows, then columns."""
+    for j in range(STATES):
+        P[D_SWAY, j] -= up * P[1, j]
+        P[D_SWAY + 1, j] += up * P[0, j]
+    for j in range(STATES):
+        P[j, D_SWAY] -= up * P[j, 1]
+        P[j, D_SWAY + 1] += up * P[j, 0]
+
+
+@inlined
+def _level(s, P, variance):
+    """Kalman update by the sway East and North, both observed as zero with ``variance``, in one pass over P."""
+    spread = P[D_SWAY, D_SWAY] + variance
+    for i in range(STATES):
+        s[GAIN + i] = P[i, D_SWAY] / spread
+    share = spread * s[GAIN + D_SWAY + 1]  # of the second observation that the first one explains
+    spread_2 = P[D_SWAY + 1, D_SWAY + 1] - share * s[GAIN + D_SWAY + 1] + variance
+    for i in range(STATES):
+        s[GAIN_2 + i] = (P[i, D_SWAY + 1] - share * s[GAIN + i]) / spread_2
+    for i in range(STATES):
+        a, b = spread * s[GAIN + i], spread_2 * s[GAIN_2 + i]
+        for j in range(i, STATES):
+            P[i, j] -= a * s[GAIN + j] + b * s[GAIN_2 + j]
+            P[j, i] = P[i, j]
+    east = s[SWAY]
+    north = s[SWAY + 1] - s[GAIN + D_SWAY + 1] * east
+    for i in range(STATES):
+        s[GAIN + i] = s[GAIN + i] * east + s[GAIN_2 + i] * north
+    _apply(s, 1.0)
+
+
+@kernel
+def _correct(s, P, index, residual, variance):
+    """Kalman update by one observed error state, ``residual`` with ``variance``, and into the estimate with it."""
+    spread = P[index, index] + variance
+    for i in range(STATES):
+        s[GAIN + i] = P[i, index] / spread
+    for i in range(STATES):
+        for j in range(i, STATES):
+            P[i, j] -= spread * s[GAIN + i] * s[GAIN + j]
+            P[j, i] = P[i, j]
+    _apply(s, residual)
+
+
+@inlined
+def _apply(s, residual):
+    """Put GAIN times ``residual`` into the estimate."""
+    turn_in_n(s, (s[GAIN] * residual, s[GAIN + 1] * residual, s[GAIN + 2] * residual))
+    s[SWAY] -= s[GAIN + D_SWAY] * residual
+    s[SWAY + 1] -= s[GAIN + D_SWAY + 1] * residual
+    for i in range(3):
+        s[BIAS + i] += s[GAIN + D_BIAS + i] * residual
+    for i in range(9):
+        s[MATRIX + i] += s[GAIN + D_MATRIX + i] * residual
+
+
+@kernel
+def _correct_heading(s, P):
+    """Turn heading and bias by the field of the window, with a gain that leaves tilt, sway and matrix alone."""
+    kind, error, window = observe_field(s)
+    if kind == NOTHING:
+        return
+    noise = s[HEADING_PSD] / (window * max(s[FIELD_TRUST], 1e-12))
+    if kind != USUAL:
+        for j in range(STATES):
+            P[2, j] = P[j, 2] = 0.0
+        P[2, 2] = noise if kind == FIRST else s[NEW_HEADING_VAR]
+    if kind == FIRST:
+        turn_heading(s, error)
+        return
+    spread = P[2, 2] + noise
+    for i in range(STATES):
+        s[GAIN + i] = P[i, 2] / spread if i == 2 or D_BIAS <= i < D_MATRIX else 0.0
+    for i in range(STATES):
+        s[CROSS + i] = P[i, 2]
+    for i in range(STATES):
+        for j in range(i, STATES):
+            a, b, x, y = s[GAIN + i], s[GAIN + j], s[CROSS + i], s[CROSS + j]
+            P[i, j] += spread * a * b - a * y - x * b  # (I - K H) P (I - K H)' + K R K'
+            P[j, i] = P[i, j]
+    turn_in_n(s, (0.0, 0.0, s[GAIN + 2] * error))
+    for i in range(3):
+        s[BIAS + i] += s[GAIN + D_BIAS + i] * error

@@ -1,0 +1,109 @@
+"""What the magnetometer says about heading, and how far it can be believed.
+
+The undisturbed field keeps its horizontal and downward parts, whatever the heading. They are learned; how far the
+present field departs from them tells how large the part of a disturbance is that cannot be seen, the one that turns the
+heading. So the noise of a magnetic heading grows with that anomaly instead of a gate that opens and shuts. A steady
+field that disagrees with the learned one for longer than that one was ever supported replaces it.
+"""
+
+import math
+
+from nav_pose_estimator.core.attitude.layout import (
+    AGE,
+    ANOMALY_GAIN,
+    ANOMALY_TAU,
+    DECLINATION,
+    FIELD_ANOMALY,
+    FIELD_CHANGES,
+    FIELD_COUNT,
+    FIELD_H,
+    FIELD_SUPPORT,
+    FIELD_TAU,
+    FIELD_TIME,
+    FIELD_TRUST,
+    FIELD_V,
+    MOTION,
+    NEW_AFTER,
+    NEW_ANOMALY,
+    NEW_H,
+    NEW_LIMIT,
+    NEW_SUPPORT,
+    NEW_TAU,
+    NEW_V,
+    PERIOD,
+    SUM_FIELD,
+)
+from nav_pose_estimator.core.numerics.jit import kernel
+
+_SHORTEST = 0.05  # horizontal part of the field, relative to its norm, below which there is no heading
+_LONGEST = 1.0  # s: one observation never counts for more
+_MIN_SUPPORT = 3.0  # s that a candidate needs at least
+_TURNING = 0.2  # rad/s: support counts only in motion; at rest any field is steady
+NOTHING, FIRST, USUAL, REPLACED = 0, 1, 2, 3
+
+
+@kernel
+def observe_field(s):
+    """Judge the mean field of the window: ``(kind, heading error [rad], seconds it stands for)``.
+
+    kind NOTHING: no usable field. FIRST: the heading is unknown, take it. REPLACED: the reference was wrong, the
+    heading that came from it is worth little.
+    """
+    count = s[FIELD_COUNT]
+    if count == 0.0:
+        return NOTHING, 0.0, 0.0
+    east, north, down = s[SUM_FIELD] / count, s[SUM_FIELD + 1] / count, -s[SUM_FIELD + 2] / count
+    s[SUM_FIELD], s[SUM_FIELD + 1], s[SUM_FIELD + 2], s[FIELD_COUNT] = 0.0, 0.0, 0.0, 0.0
+    horizontal = math.sqrt(east * east + north * north)
+    if horizontal <= _SHORTEST * abs(down):
+        s[FIELD_TRUST] = 0.0
+        return NOTHING, 0.0, 0.0
+    error = math.atan2(east, north) - s[DECLINATION]
+    error -= 2.0 * math.pi * math.floor((error + math.pi) / (2.0 * math.pi))
+    window = min(max(s[AGE] - s[FIELD_TIME], s[PERIOD]), _LONGEST)
+    s[FIELD_TIME] = s[AGE]
+    if s[FIELD_H] == 0.0:
+        s[FIELD_H], s[FIELD_V], s[FIELD_SUPPORT], s[FIELD_TRUST] = horizontal, down, window, 1.0
+        s[NEW_H], s[NEW_V] = horizontal, down
+        return FIRST, error, window
+    replaced = _weigh_candidate(s, horizontal, down, window)
+    _learn_reference(s, horizontal, down, window)
+    return (REPLACED if replaced else USUAL), error, window
+
+
+@kernel
+def _distance(s, h, v, other_h, other_v):
+    return ((h - other_h) ** 2 + (v - other_v) ** 2) / s[FIELD_H] ** 2
+
+
+@kernel
+def _weigh_candidate(s, horizontal, down, window):
+    """Follow the field of the last seconds; True when it replaces the reference."""
+    gain = min(1.0, window / s[ANOMALY_TAU])
+    s[NEW_ANOMALY] += gain * (_distance(s, horizontal, down, s[NEW_H], s[NEW_V]) - s[NEW_ANOMALY])
+    slow = min(1.0, window / s[NEW_TAU])
+    s[NEW_H] += slow * (horizontal - s[NEW_H])
+    s[NEW_V] += slow * (down - s[NEW_V])
+    differs = _distance(s, s[NEW_H], s[NEW_V], s[FIELD_H], s[FIELD_V]) > s[NEW_LIMIT]
+    if not (differs and s[NEW_ANOMALY] < s[NEW_LIMIT]):
+        s[NEW_SUPPORT] = max(s[NEW_SUPPORT] - window, 0.0)
+        return False
+    if s[MOTION] > _TURNING:
+        s[NEW_SUPPORT] += window
+    if s[NEW_SUPPORT] < min(max(s[FIELD_SUPPORT], _MIN_SUPPORT), s[NEW_AFTER]):
+        return False
+    s[FIELD_H], s[FIELD_V], s[FIELD_SUPPORT], s[NEW_SUPPORT] = s[NEW_H], s[NEW_V], s[NEW_SUPPORT], 0.0
+    s[FIELD_ANOMALY] = s[NEW_ANOMALY]
+    s[FIELD_CHANGES] += 1.0
+    return True
+
+
+@kernel
+def _learn_reference(s, horizontal, down, window):
+    distance = _distance(s, horizontal, down, s[FIELD_H], s[FIELD_V])
+    s[FIELD_ANOMALY] += min(1.0, window / s[ANOMALY_TAU]) * (distance - s[FIELD_ANOMALY])
+    s[FIELD_TRUST] = 1.0 / (1.0 + s[ANOMALY_GAIN] * s[FIELD_ANOMALY])
+    gain = s[FIELD_TRUST] * window / min(s[FIELD_SUPPORT] + window, s[FIELD_TAU])
+    s[FIELD_H] += gain * (horizontal - s[FIELD_H])
+    s[FIELD_V] += gain * (down - s[FIELD_V])
+    s[FIELD_SUPPORT] += s[FIELD_TRUST] * window

@@ -1,0 +1,245 @@
+"""What both attitude filters share: start, strapdown integration, rest, rejection of acceleration, outer motion.
+
+Kernels on the state vector of ``core.attitude.layout``.
+"""
+
+import math
+
+from nav_pose_estimator.core.attitude.layout import (
+    AGE,
+    BIAS,
+    BIAS_LIMIT,
+    COLUMNS,
+    COV,
+    EXTRA_PSD,
+    FIELD_COUNT,
+    FORCE,
+    FROZEN,
+    GAP_DT,
+    GAP_RATE_SD,
+    GRAVITY,
+    LOW_FORCE,
+    MATRIX,
+    MEAN_FORCE,
+    MEAN_RATE,
+    MOTION,
+    NAV_ACCEL,
+    NAV_HOLD,
+    NAV_SPEED,
+    POINT,
+    QUAT,
+    RATE,
+    REJECT_FROM,
+    REJECT_TO,
+    STILL_FORCE,
+    STILL_NORM,
+    STILL_RATE,
+    STILL_TIME,
+    SUM_FIELD,
+    SUM_FORCE,
+    SUM_FORCE_N,
+    SUM_FORCE_SQUARE,
+    SUM_RATE,
+    SUM_RATE_SQUARE,
+    SUM_TIME,
+    SUM_TURN,
+    SUM_WALK,
+    SWAY,
+    SWAY_LOW,
+    SWAY_TILT,
+    SWAY_VAR,
+    TIMING_SD,
+    TRUST,
+    WANDER_PSD,
+)
+from nav_pose_estimator.core.numerics.jit import inlined, kernel
+from nav_pose_estimator.core.numerics.vectors import (
+    add_scaled,
+    cross,
+    dot,
+    load3,
+    load4,
+    q_columns,
+    q_exp,
+    q_multiply,
+    q_polish,
+    q_rotate,
+    scale,
+    store3,
+    store4,
+)
+
+_MEAN_TAU = 0.5  # s: smoothing of rate and force for the rest detector
+_LOW_TAU = 2.0  # s: low-pass of the force in n for the rejection
+_MIN_TRUST = 1e-3
+_MOVING = 0.5  # m/s: a navigator that reports more is not at rest
+
+
+@kernel
+def begin(s, w, f):
+    """Start with the first sample: level by the specific force, x axis as near to East as it can be."""
+    norm = math.sqrt(dot(f, f))
+    up = scale(1.0 / norm, f) if norm > 0.0 else (0.0, 0.0, 1.0)
+    roll, pitch = math.atan2(up[1], up[2]), math.atan2(-up[0], math.sqrt(up[1] * up[1] + up[2] * up[2]))
+    cr, sr, cp, sp = math.cos(0.5 * roll), math.sin(0.5 * roll), math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    q = (cr * cp, sr * cp, cr * sp, -sr * sp)
+    store4(s, QUAT, q)
+    store3(s, RATE, add_scaled(w, -1.0, load3(s, BIAS)))
+    store3(s, FORCE, f)
+    store3(s, MEAN_RATE, w)
+    store3(s, MEAN_FORCE, f)
+    store3(s, LOW_FORCE, (0.0, 0.0, norm))
+    store3(s, SWAY, (0.0, 0.0, 0.0))
+    s[AGE], s[STILL_TIME], s[TRUST], s[MOTION] = 0.0, 0.0, 1.0, 0.0
+    s[NAV_HOLD], s[NAV_SPEED] = -1.0, -1.0
+    clear_sums(s)
+
+
+@inlined
+def clear_sums(s):
+    """Begin a new window of sums at the present attitude."""
+    for i in range(SUM_TIME, COLUMNS):
+        s[i] = 0.0
+    columns = q_columns(load4(s, QUAT))
+    store3(s, COLUMNS, columns[0])
+    store3(s, COLUMNS + 3, columns[1])
+    store3(s, COLUMNS + 6, columns[2])
+
+
+@inlined
+def propagate(s, dt, w, f):
+    """Turn by one sample: raw rate ``w`` [rad/s] and specific force ``f`` [m/s^2] in b, for the last ``dt`` [s]."""
+    s[AGE] += dt
+    raw = add_scaled(w, -1.0, load3(s, BIAS))
+    rate = (
+        raw[0] - s[MATRIX] * raw[0] - s[MATRIX + 1] * raw[1] - s[MATRIX + 2] * raw[2],
+        raw[1] - s[MATRIX + 3] * raw[0] - s[MATRIX + 4] * raw[1] - s[MATRIX + 5] * raw[2],
+        raw[2] - s[MATRIX + 6] * raw[0] - s[MATRIX + 7] * raw[1] - s[MATRIX + 8] * raw[2],
+    )
+    if s[POINT] > 0.0:  # trapezoidal rule; the force belongs to the end of the interval
+        turn, at_end = scale(0.5 * dt, add_scaled(rate, 1.0, load3(s, RATE))), f
+    else:  # the mean force belongs to the middle of the interval: seen from its end, half a turn ago
+        turn, at_end = scale(dt, rate), add_scaled(f, -0.5 * dt, cross(rate, f))
+    q = q_polish(q_multiply(load4(s, QUAT), q_exp(turn)))
+    store4(s, QUAT, q)
+    store3(s, RATE, rate)
+    store3(s, FORCE, f)
+    f_n = q_rotate(q, at_end)
+    s[NAV_HOLD] -= dt
+    if s[NAV_HOLD] < 0.0:
+        store3(s, NAV_ACCEL, (0.0, 0.0, 0.0))
+        s[NAV_SPEED] = -1.0
+    for i in range(3):
+        s[SWAY + i] += dt * (f_n[i] - s[NAV_ACCEL + i])
+        s[SUM_RATE + i] += dt * w[i]
+        s[SUM_FORCE + i] += dt * f[i]
+        s[SUM_TURN + i] += turn[i]
+        s[SUM_FORCE_N + i] += dt * f_n[i]
+    s[SWAY + 2] -= dt * s[GRAVITY]
+    gap = s[GAP_RATE_SD] * dt if dt > s[GAP_DT] else 0.0
+    s[SUM_WALK] += (s[WANDER_PSD] + s[EXTRA_PSD]) * dt + gap * gap
+    s[SUM_TIME] += dt
+    s[SUM_RATE_SQUARE] += dt * dot(w, w)
+    s[SUM_FORCE_SQUARE] += dt * dot(f, f)
+
+
+@inlined
+def watch_rest(s):
+    """Count the seconds without motion, by the window of sums that just ended."""
+    window = s[SUM_TIME]
+    gain = window / (_MEAN_TAU + window)
+    rate_spread, force_spread, still = s[SUM_RATE_SQUARE] / window, s[SUM_FORCE_SQUARE] / window, s[FROZEN] == 0.0
+    for i in range(3):
+        # mean square about the smoothed mean: E[x^2] - 2 m E[x] + m^2
+        rate, force, m, n = s[SUM_RATE + i] / window, s[SUM_FORCE + i] / window, s[MEAN_RATE + i], s[MEAN_FORCE + i]
+        rate_spread += m * (m - 2.0 * rate)
+        force_spread += n * (n - 2.0 * force)
+        s[MEAN_RATE + i] += gain * (rate - m)
+        s[MEAN_FORCE + i] += gain * (force - n)
+        still = still and abs(s[MEAN_RATE + i]) < s[BIAS_LIMIT]
+    mean = load3(s, MEAN_FORCE)
+    still = still and rate_spread < s[STILL_RATE] ** 2 and force_spread < s[STILL_FORCE] ** 2
+    still = still and abs(math.sqrt(dot(mean, mean)) - s[GRAVITY]) < s[STILL_NORM] and s[NAV_SPEED] < _MOVING
+    s[STILL_TIME] = s[STILL_TIME] + window if still else 0.0
+    turn = load3(s, SUM_TURN)
+    s[MOTION] += window / (1.0 + window) * (math.sqrt(dot(turn, turn)) / window - s[MOTION])
+
+
+@inlined
+def watch_acceleration(s):
+    """The rejection function p(a) of the norm of the specific force, low-passed in n: a ramp from 1 to almost 0."""
+    window = s[SUM_TIME]
+    gain = window / (_LOW_TAU + window)
+    for i in range(3):
+        residual = s[SUM_FORCE_N + i] / window - s[NAV_ACCEL + i]
+        s[LOW_FORCE + i] += gain * (residual - s[LOW_FORCE + i])
+    low = load3(s, LOW_FORCE)
+    off = abs(math.sqrt(dot(low, low)) - s[GRAVITY])
+    s[TRUST] = min(max((s[REJECT_TO] - off) / (s[REJECT_TO] - s[REJECT_FROM]), _MIN_TRUST), 1.0)
+    if s[FROZEN] > 0.0:
+        s[TRUST] = _MIN_TRUST
+
+
+@inlined
+def turn_in_n(s, v):
+    """q <- Exp(v) (x) q: turn the estimate by the rotation vector ``v`` [rad] in n."""
+    store4(s, QUAT, q_polish(q_multiply(q_exp(v), load4(s, QUAT))))
+
+
+@kernel
+def turn_heading(s, angle):
+    """Turn by ``angle`` [rad] counter-clockwise about the vertical, all that is remembered in n included."""
+    turn_in_n(s, (0.0, 0.0, angle))
+    c, d = math.cos(angle), math.sin(angle)
+    for i in (SWAY, SWAY_LOW, LOW_FORCE, SUM_FORCE_N, SUM_FIELD, COLUMNS, COLUMNS + 3, COLUMNS + 6):
+        x, y = s[i], s[i + 1]
+        s[i], s[i + 1] = c * x - d * y, d * x + c * y
+
+
+@inlined
+def write_covariance(s, P):
+    """The head's covariance: the filter's own ``P`` [:3, :3] and what it does not model.
+
+    That is the rate times an unknown delay of the sensor, and tilt that lasts as long as the acceleration does.
+    """
+    r = q_rotate(load4(s, QUAT), load3(s, RATE))
+    delay = s[TIMING_SD] * s[TIMING_SD]
+    for i in range(3):
+        for j in range(3):
+            s[COV + 3 * i + j] = P[i, j] + delay * r[i] * r[j]
+    lasting = s[SWAY_TILT] * s[SWAY_TILT] * s[SWAY_VAR]
+    s[COV] += lasting
+    s[COV + 4] += lasting
+
+
+@inlined
+def write_row(s, out, row):
+    """The present estimate into ``out`` [row]: attitude (4), larger variance of tilt, variance of heading, bias (3)."""
+    for i in range(4):
+        out[row, i] = s[QUAT + i]
+    out[row, 4] = max(s[COV], s[COV + 4])
+    out[row, 5] = s[COV + 8]
+    for i in range(3):
+        out[row, 6 + i] = s[BIAS + i]
+
+
+@kernel
+def subtract_velocity_change(s, dv, dt, hold, speed):
+    """Tell the filter that the vehicle's velocity changed by ``dv`` (3) [m/s, n] in the last ``dt`` [s].
+
+    That acceleration is believed for another ``hold`` seconds; what it missed or had too much is made good at the
+    next call, so the sway sees the true velocity change, whatever the rate of the calls. ``speed`` [m/s].
+    """
+    for i in range(3):
+        s[SWAY + i] -= dv[i] - (s[NAV_ACCEL + i] * dt if s[NAV_HOLD] >= 0.0 else 0.0)
+        s[NAV_ACCEL + i] = dv[i] / dt
+    s[NAV_HOLD], s[NAV_SPEED] = hold, speed
+
+
+@inlined
+def add_field(s, m):
+    """Add a magnetic field ``m`` (3) in b, any unit, to the window."""
+    m_n = q_rotate(load4(s, QUAT), m)
+    for i in range(3):
+        s[SUM_FIELD + i] += m_n[i]
+    s[FIELD_COUNT] += 1.0

@@ -1,0 +1,1 @@
+"""The navigation filter: strapdown integration, error model, Kalman corrections, memory, mixtures."""

@@ -1,0 +1,150 @@
+"""How fast does this gyroscope's bias wander? Learned in flight from the filter's own corrections of it.
+
+What a filter moves its bias estimate by over a window has the variance that it expected to gain there: driving noise
+plus the fall of the bias variance, ``E = q W + P(t) - P(t + W)`` (innovations of an optimal filter are white, so its
+corrections add up like a random walk). The ratio of the squared movement to ``E`` is one on average when the driving
+noise ``q`` is right, larger when the bias wanders more than modelled (temperature, vibration), smaller for a better
+gyroscope. Over 30 s it tells this sharply, because what is left unmodelled sums up in one direction.
+
+Innovations that are larger than expected at once (manoeuvres, a poor receiver) show in windows of 3 s already. They are
+no evidence of a wandering bias, so the long ratio is divided by the mean short one where that exceeds one.
+
+Where the bias moves even less than the smallest noise lets expect, the measurement noise is overstated (a receiver much
+better than the floor that is set for all of them), and with it the whole covariance. The mean ratio of the long windows
+says by how much (``overstatement``); the gains do not depend on a common factor, so it only matters once GNSS is lost.
+
+The noise then moves by a stochastic approximation, ``ln q += gain (ratio - 1)``, within bounds. Everything that is
+remembered lies in ``nav``, so that a checkpoint of the filter takes it along and a replay repeats it exactly.
+
+Sources: R. Mehra, IEEE Trans. Automatic Control 17(5), 1972 (covariance matching); K. Myers and B. Tapley, IEEE Trans.
+Automatic Control 21(4), 1976 (noise from the corrections of the state).
+"""
+
+import math
+
+from nav_pose_estimator.core.filter.layout import (
+    D_GYRO_BIAS,
+    GYRO_BIAS,
+    GYRO_BIAS_PSD,
+    GYRO_WANDER,
+    TIME,
+    WANDER_COUNT,
+    WANDER_FLOOR,
+    WANDER_LEVEL,
+    WANDER_MARKS,
+    WANDER_MEAN,
+    WANDER_SHORT_COUNT,
+    WANDER_TIME,
+)
+from nav_pose_estimator.core.numerics.jit import kernel
+
+SMALLEST, LARGEST = 1.0 / 16.0, 4.0
+"""Bounds of the driving noise's density in parts of the one that is set: a quarter to twice its deviation."""
+
+_SHORT, _LONG = 3.0, 30.0  # s, windows
+_MARKS = 4  # one short window and three long ones, which begin 10 s apart
+_MARK_SIZE = 8  # t (negative: none), bias (3), its variance (3), driving noise since then
+_GAIN = 0.2
+_LONGEST_STEP = 2.0  # s without an observation: windows across an outage tell nothing
+_LARGEST_RATIO = 4.0
+_LARGEST_SHORT_RATIO = 9.0
+_SHORT_MEMORY = 20.0  # windows
+_LONG_MEMORY = 5.0  # windows
+_BENEFIT = 2.0  # upper bound of a ratio that is known from a handful of overlapping windows
+_SMALLEST_FACTOR = 0.25  # of the covariance: half the deviation. What is learned of one state is not pushed further.
+_INFORMED = 0.2  # part of the driving noise that a window must have observed to count
+
+
+@kernel
+def begin(nav, constants):
+    """Learn from now on. ``constants`` hold the smallest density; the start is with the one that is set."""
+    nav[WANDER_FLOOR] = constants[GYRO_BIAS_PSD]
+    nav[GYRO_WANDER] = constants[GYRO_BIAS_PSD] * (1.0 / SMALLEST - 1.0)
+    nav[WANDER_LEVEL] = nav[WANDER_MEAN] = 1.0
+    nav[WANDER_SHORT_COUNT] = nav[WANDER_COUNT] = 0.0
+    nav[WANDER_TIME] = nav[TIME]
+    _forget_windows(nav)
+
+
+@kernel
+def observe(nav, P):
+    """Look at the bias after a GNSS observation has corrected it, and adapt ``nav[GYRO_WANDER]`` when a window ends.
+
+    Without ``begin`` nothing happens.
+    """
+    if not nav[WANDER_FLOOR] > 0.0:
+        return
+    now = nav[TIME]
+    psd = nav[WANDER_FLOOR] + nav[GYRO_WANDER]
+    step = now - nav[WANDER_TIME]
+    nav[WANDER_TIME] = now
+    if step > _LONGEST_STEP:
+        _forget_windows(nav)
+    for k in range(_MARKS):
+        mark = WANDER_MARKS + k * _MARK_SIZE
+        if nav[mark] >= 0.0:
+            nav[mark + 7] += psd * step
+            if now - nav[mark] >= (_SHORT if k == 0 else _LONG):
+                _close(nav, k, _ratio(nav, P, mark))
+                nav[mark] = -1.0
+        if nav[mark] < 0.0 and _may_open(nav, k):
+            nav[mark] = now
+            nav[mark + 7] = 0.0
+            for i in range(3):
+                nav[mark + 1 + i] = nav[GYRO_BIAS + i]
+                nav[mark + 4 + i] = P[D_GYRO_BIAS + i, D_GYRO_BIAS + i]
+
+
+@kernel
+def overstatement(nav):
+    """Factor, at most 1, by which the covariance is to be multiplied for what the windows have shown; 1 unlearned."""
+    if not nav[WANDER_FLOOR] > 0.0:
+        return 1.0
+    return min(max(_BENEFIT * nav[WANDER_MEAN], _SMALLEST_FACTOR), 1.0)
+
+
+@kernel
+def _forget_windows(nav):
+    for k in range(_MARKS):
+        nav[WANDER_MARKS + k * _MARK_SIZE] = -1.0
+
+
+@kernel
+def _may_open(nav, k):
+    """The short window opens at once; long ones begin a third of their length apart."""
+    if k == 0:
+        return True
+    for other in range(1, _MARKS):
+        begun = nav[WANDER_MARKS + other * _MARK_SIZE]
+        if other != k and begun >= 0.0 and nav[TIME] - begun < _LONG / (_MARKS - 1) - 0.01:
+            return False
+    return True
+
+
+@kernel
+def _ratio(nav, P, mark):
+    """Squared movement of the bias over a window against what was expected; negative where nothing was observed."""
+    moved, expected = 0.0, 0.0
+    for i in range(3):
+        change = nav[GYRO_BIAS + i] - nav[mark + 1 + i]
+        moved += change * change
+        expected += nav[mark + 7] + nav[mark + 4 + i] - P[D_GYRO_BIAS + i, D_GYRO_BIAS + i]
+    return moved / expected if expected > 3.0 * _INFORMED * nav[mark + 7] else -1.0
+
+
+@kernel
+def _close(nav, k, ratio):
+    """Take the outcome of a window in."""
+    if ratio < 0.0:
+        return
+    if k == 0:
+        nav[WANDER_SHORT_COUNT] += 1.0
+        share = 1.0 / min(nav[WANDER_SHORT_COUNT] + 3.0, _SHORT_MEMORY)
+        nav[WANDER_LEVEL] += share * (min(ratio, _LARGEST_SHORT_RATIO) - nav[WANDER_LEVEL])
+        return
+    nav[WANDER_COUNT] += 1.0
+    nav[WANDER_MEAN] += (min(ratio, _LARGEST_RATIO) - nav[WANDER_MEAN]) / min(nav[WANDER_COUNT] + 1.0, _LONG_MEMORY)
+    ratio = min(ratio / max(nav[WANDER_LEVEL], 1.0), _LARGEST_RATIO)
+    smallest = nav[WANDER_FLOOR]
+    psd = (smallest + nav[GYRO_WANDER]) * math.exp(_GAIN * (ratio - 1.0))
+    nav[GYRO_WANDER] = min(max(psd - smallest, 0.0), smallest * (LARGEST / SMALLEST - 1.0))

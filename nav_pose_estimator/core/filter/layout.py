@@ -1,0 +1,78 @@
+"""Where each quantity lives in the filter's arrays. Code uses these names, never numbers.
+
+``nav`` is the nominal state with the integrator's memory, one float64 vector, so that a compiled kernel takes one
+array and a snapshot is one copy. ``P`` is the (n, n) covariance of the error state, n = 15 plus optional blocks.
+"""
+
+# --- nominal state -------------------------------------------------------------------------------------------------
+LAT, LON, ALT = 0, 1, 2  # rad, rad, m above the ellipsoid
+VEL = 3  # 3: East, North, Up, m/s
+QUAT = 6  # 4: q_nb, scalar first
+GYRO_BIAS = 10  # 3: rad/s
+ACCEL_BIAS = 13  # 3: m/s^2
+WIND = 16  # 2: air velocity over ground, East, North, m/s
+DRAG = 18  # 2: linear drag coefficient along body x and y, 1/s
+GYRO_MATRIX = 20  # 9: row-major M in w_measured = (I + M) w + bias
+# --- memory of the integrator --------------------------------------------------------------------------------------
+TIME = 29  # s since the engine's epoch
+PREV_RATE = 30  # 3: corrected angular rate of the last interval, rad/s (coning, sculling)
+PREV_FORCE = 33  # 3: corrected specific force of the last interval, m/s^2
+PREV_ACCEL = 36  # 3: dv/dt of the last interval in n, m/s^2 (mid-interval extrapolation)
+# --- sums since the last covariance step ---------------------------------------------------------------------------
+SUM_TIME = 39  # s
+SUM_FORCE = 40  # 3: integral of C_nb f_b, m/s
+SUM_RATE = 43  # 3: integral of the corrected angular rate in b, rad
+SUM_GAP = 46  # s of data gap bridged since the last covariance step
+# --- what the flight has shown of the gyroscope's bias (bias_noise) -------------------------------------------
+GYRO_WANDER = 47  # (rad/s)^2/s: driving noise of the gyroscope bias beyond that of the constants
+WANDER_LEVEL = 48  # mean ratio of short windows
+WANDER_SHORT_COUNT = 49
+WANDER_TIME = 50  # s, last look
+WANDER_MARKS = 51  # 4 x 8: begun windows
+WANDER_FLOOR = 83  # (rad/s)^2/s: the constants' driving noise; 0 while nothing is learned
+WANDER_MEAN = 84  # mean ratio of long windows
+WANDER_COUNT = 85
+NAV_SIZE = 86
+
+# --- error state ---------------------------------------------------------------------------------------------------
+PHI = 0  # 3: misalignment in n, rad
+DVEL = 3  # 3: m/s
+DPOS = 6  # 3: East, North, Up, m
+D_GYRO_BIAS = 9  # 3: rad/s
+D_ACCEL_BIAS = 12  # 3: m/s^2
+BASE_STATES = 15
+WIND_DRAG_STATES = 4  # optional block: wind (2), drag (2)
+GYRO_MATRIX_STATES = 9  # optional block
+
+# --- filter constants: one float64 vector handed to the kernels ----------------------------------------------------
+GYRO_NOISE_PSD = 0  # (rad/s)^2/Hz
+ACCEL_NOISE_PSD = 1  # (m/s^2)^2/Hz
+GYRO_BIAS_PSD = 2  # (rad/s)^2/s, driving noise 2 sigma^2/tau
+GYRO_BIAS_RATE = 3  # 1/tau, 1/s
+ACCEL_BIAS_PSD = 4
+ACCEL_BIAS_RATE = 5
+COV_PERIOD = 6  # s between covariance steps
+GAP_DT = 7  # s: a longer IMU interval counts as a gap
+GAP_RATE_SD = 8  # rad/s: unknown angular rate during a gap
+GAP_ACCEL_SD = 9  # m/s^2: unknown specific force during a gap
+WIND_PSD = 10  # (m/s)^2/s
+WIND_RATE = 11  # 1/tau, 1/s
+DRAG_PSD = 12  # (1/s)^2/s
+GYRO_MATRIX_PSD = 13  # 1/s
+I_WIND_DRAG = 14  # index of the wind and drag block in the error state, -1 without
+I_GYRO_MATRIX = 15  # index of the gyro-matrix block in the error state, -1 without
+POINT_SAMPLED = (
+    16  # 1: IMU values are instantaneous (trapezoidal rule), 0: means over the interval that ends at the stamp
+)
+CONSTANTS_SIZE = 17
+
+# --- IMU block and output rows -------------------------------------------------------------------------------------
+IMU_T, IMU_GYRO, IMU_ACCEL, IMU_COLUMNS = 0, 1, 4, 7  # t [s since epoch], gyro [rad/s] (3), accel [m/s^2] (3)
+OUT_T, OUT_POS, OUT_VEL, OUT_QUAT, OUT_RATE, OUT_FORCE, OUT_VAR, OUT_COLUMNS = 0, 1, 4, 7, 11, 14, 17, 26
+"""Rows of the navigator's output: t, (lat, lon, alt), v_n (3), q_nb (4), bias-corrected rate (3) and force (3) in b,
+variances of phi, dv, dp (9)."""
+SOLUTION_BIASES = OUT_COLUMNS  # 6: gyroscope, accelerometer
+SOLUTION_ENU = SOLUTION_BIASES + 6  # 3: position from the origin, m
+SOLUTION_COV = SOLUTION_ENU + 3  # 225: covariance of the base states, row-major
+SOLUTION_SIZE = SOLUTION_COV + BASE_STATES * BASE_STATES
+"""A solution of one sample: an output row and what follows it."""

@@ -1,0 +1,215 @@
+"""Linearised observations of the navigation state: each returns ``(z, H)`` with ``z = estimate - measurement``.
+
+``H`` maps the error state (``filter.layout``, estimate minus truth) to ``z``; it has as many columns as the filter has
+states. Noise belongs to the caller, who knows the sensor. Frames: n is ENU, b is FLU. Compiled or plain.
+
+Sources: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., eq. 14.103-14.115
+(position and velocity with lever arm, there with the opposite sign of the attitude error); CN113777645A step 3.
+"""
+
+import math
+
+import numpy as np
+
+from nav_pose_estimator.core.earth.ellipsoid import radii
+from nav_pose_estimator.core.filter.layout import (
+    ALT,
+    BASE_STATES,
+    D_GYRO_BIAS,
+    DPOS,
+    DVEL,
+    LAT,
+    LON,
+    PHI,
+    PREV_RATE,
+    QUAT,
+    VEL,
+    WIND,
+)
+from nav_pose_estimator.core.numerics.jit import kernel
+from nav_pose_estimator.core.numerics.rotation import quat_to_matrix, wrap_angle
+
+
+@kernel
+def gnss_position(nav, states, lat, lon, alt, lever):
+    """Antenna position. ``lat``, ``lon`` [rad], ``alt`` [m], ``lever`` (3,) IMU to antenna in b [m]; z in m, ENU."""
+    z = np.zeros(3)
+    H = np.zeros((3, states))
+    C = quat_to_matrix(nav[QUAT : QUAT + 4])
+    r_m, r_n = radii(nav[LAT])
+    arm = np.zeros(3)
+    for i in range(3):
+        arm[i] = C[i, 0] * lever[0] + C[i, 1] * lever[1] + C[i, 2] * lever[2]
+        H[i, DPOS + i] = 1.0
+    d_lon = wrap_angle(nav[LON] - lon)
+    z[0] = d_lon * (r_n + nav[ALT]) * math.cos(nav[LAT]) + arm[0]
+    z[1] = (nav[LAT] - lat) * (r_m + nav[ALT]) + arm[1]
+    z[2] = nav[ALT] - alt + arm[2]
+    _add_skew(H, PHI, arm)
+    return z, H
+
+
+@kernel
+def gnss_velocity(nav, states, velocity, lever):
+    """Antenna velocity over ground in n [m/s], (3,); ``lever`` (3,) antenna from the IMU in b [m]."""
+    z = np.zeros(3)
+    H = np.zeros((3, states))
+    C = quat_to_matrix(nav[QUAT : QUAT + 4])
+    w = nav[PREV_RATE : PREV_RATE + 3]
+    swing = np.zeros(3)  # C (w x l)
+    wx = w[1] * lever[2] - w[2] * lever[1]
+    wy = w[2] * lever[0] - w[0] * lever[2]
+    wz = w[0] * lever[1] - w[1] * lever[0]
+    for i in range(3):
+        swing[i] = C[i, 0] * wx + C[i, 1] * wy + C[i, 2] * wz
+        z[i] = nav[VEL + i] + swing[i] - velocity[i]
+        H[i, DVEL + i] = 1.0
+        # -C [l x]: a gyroscope bias turns the lever arm
+        H[i, D_GYRO_BIAS] = -(C[i, 1] * lever[2] - C[i, 2] * lever[1])
+        H[i, D_GYRO_BIAS + 1] = -(C[i, 2] * lever[0] - C[i, 0] * lever[2])
+        H[i, D_GYRO_BIAS + 2] = -(C[i, 0] * lever[1] - C[i, 1] * lever[0])
+    _add_skew(H, PHI, swing)
+    return z, H
+
+
+@kernel
+def horizontal_position(nav, states, lat, lon):
+    """Horizontal position of the IMU without lever arm (a prior, not a sensor); z in m, East and North."""
+    z = np.zeros(2)
+    H = np.zeros((2, states))
+    r_m, r_n = radii(nav[LAT])
+    z[0] = wrap_angle(nav[LON] - lon) * (r_n + nav[ALT]) * math.cos(nav[LAT])
+    z[1] = (nav[LAT] - lat) * (r_m + nav[ALT])
+    H[0, DPOS] = 1.0
+    H[1, DPOS + 1] = 1.0
+    return z, H
+
+
+@kernel
+def horizontal_velocity(nav, states, v_east, v_north):
+    """Horizontal velocity over ground [m/s]: a prior or a zero-velocity update of the plane."""
+    z = np.zeros(2)
+    H = np.zeros((2, states))
+    z[0] = nav[VEL] - v_east
+    z[1] = nav[VEL + 1] - v_north
+    H[0, DVEL] = 1.0
+    H[1, DVEL + 1] = 1.0
+    return z, H
+
+
+@kernel
+def zero_velocity(nav, states):
+    """The IMU does not move over ground; z [m/s] is the estimated velocity, ENU (Groves, section 15.3)."""
+    z = nav[VEL : VEL + 3].copy()
+    H = np.zeros((3, states))
+    for i in range(3):
+        H[i, DVEL + i] = 1.0
+    return z, H
+
+
+@kernel
+def velocity_error(nav, states, dv_east, dv_north):
+    """Predicted error of the horizontal velocity, estimate minus truth [m/s] (what the network learns)."""
+    z = np.array([dv_east, dv_north])
+    H = np.zeros((2, states))
+    H[0, DVEL] = 1.0
+    H[1, DVEL + 1] = 1.0
+    return z, H
+
+
+@kernel
+def vertical_velocity(nav, states, v_up):
+    """Vertical velocity [m/s]."""
+    z = np.array([nav[VEL + 2] - v_up])
+    H = np.zeros((1, states))
+    H[0, DVEL + 2] = 1.0
+    return z, H
+
+
+@kernel
+def height(nav, states, alt):
+    """Height above the ellipsoid [m]."""
+    z = np.array([nav[ALT] - alt])
+    H = np.zeros((1, states))
+    H[0, DPOS + 2] = 1.0
+    return z, H
+
+
+@kernel
+def magnetic_heading(nav, states, mag_x, mag_y, mag_z, declination):
+    """Heading error seen by a magnetometer, the field levelled with the estimated tilt. z [rad] is phi_z itself.
+
+    With ``C_hat = (I - [phi x]) C`` the levelled field of direction (sin D, cos D) appears turned by +phi_z clockwise.
+    """
+    C = quat_to_matrix(nav[QUAT : QUAT + 4])
+    east = C[0, 0] * mag_x + C[0, 1] * mag_y + C[0, 2] * mag_z
+    north = C[1, 0] * mag_x + C[1, 1] * mag_y + C[1, 2] * mag_z
+    z = np.array([wrap_angle(math.atan2(east, north) - declination)])
+    H = np.zeros((1, states))
+    H[0, PHI + 2] = 1.0
+    return z, H
+
+
+@kernel
+def body_velocity(nav, states, velocity, lever):
+    """Velocity of a point at ``lever`` (3,) [m] over ground, resolved in b [m/s] (DVL, optical flow, wheel)."""
+    z = np.zeros(3)
+    H = np.zeros((3, states))
+    C = quat_to_matrix(nav[QUAT : QUAT + 4])
+    v = nav[VEL : VEL + 3]
+    w = nav[PREV_RATE : PREV_RATE + 3]
+    swing = np.zeros(3)
+    swing[0] = w[1] * lever[2] - w[2] * lever[1]
+    swing[1] = w[2] * lever[0] - w[0] * lever[2]
+    swing[2] = w[0] * lever[1] - w[1] * lever[0]
+    for i in range(3):
+        z[i] = C[0, i] * v[0] + C[1, i] * v[1] + C[2, i] * v[2] + swing[i] - velocity[i]
+        _velocity_in_body_row(H, i, C, v)
+    # -[l x] on the gyroscope bias
+    H[0, D_GYRO_BIAS + 1] = lever[2]
+    H[0, D_GYRO_BIAS + 2] = -lever[1]
+    H[1, D_GYRO_BIAS] = -lever[2]
+    H[1, D_GYRO_BIAS + 2] = lever[0]
+    H[2, D_GYRO_BIAS] = lever[1]
+    H[2, D_GYRO_BIAS + 1] = -lever[0]
+    return z, H
+
+
+@kernel
+def mean_air_velocity(nav, states, attitude, velocity, body_velocity, air):
+    """Predicted velocity through the air [m/s], body axes, against means over an interval that ends at ``nav``.
+
+    ``attitude`` (3, 3) mean C_nb, ``velocity`` (3,) and ``body_velocity`` (3,) mean v and mean C^T v of the estimate,
+    ``air`` (3,) the prediction. The wind states start at ``BASE_STATES``. z = C^T (v - wind) - air.
+    """
+    z = np.zeros(3)
+    H = np.zeros((3, states))
+    through_air = np.array([velocity[0] - nav[WIND], velocity[1] - nav[WIND + 1], velocity[2]])
+    for i in range(3):
+        z[i] = body_velocity[i] - attitude[0, i] * nav[WIND] - attitude[1, i] * nav[WIND + 1] - air[i]
+        _velocity_in_body_row(H, i, attitude, through_air)
+        for k in range(2):
+            # what is missing from the wind is still in the expected air velocity
+            H[i, BASE_STATES + k] = attitude[k, i]
+    return z, H
+
+
+@kernel
+def _velocity_in_body_row(H, i, C, v):
+    """Row i of d(C_hat^T v_hat): -C^T [v x] on phi (from C_hat^T = C^T (I + [phi x])) and C^T on dv."""
+    H[i, PHI] = C[2, i] * v[1] - C[1, i] * v[2]
+    H[i, PHI + 1] = C[0, i] * v[2] - C[2, i] * v[0]
+    H[i, PHI + 2] = C[1, i] * v[0] - C[0, i] * v[1]
+    for k in range(3):
+        H[i, DVEL + k] = C[k, i]
+
+
+@kernel
+def _add_skew(H, column, a):
+    """Write [a x] into three rows of H."""
+    H[0, column + 1] = -a[2]
+    H[0, column + 2] = a[1]
+    H[1, column] = a[2]
+    H[1, column + 2] = -a[0]
+    H[2, column] = -a[1]
+    H[2, column + 1] = a[0]

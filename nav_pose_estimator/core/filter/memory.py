@@ -1,0 +1,187 @@
+"""The hot loop of the navigator: IMU rows through the filter, with checkpoints of it in a ring.
+
+State, covariance, constants and checkpoints lie in one vector, so that a call from Python hands over one array. Its
+head has fixed places; P (n, n) follows at ``HEAD``, then the checkpoints, each a copy of ``nav`` and P.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.earth.ellipsoid import enu_of
+from nav_pose_estimator.core.filter.error_model import covariance_step_in, scratch
+from nav_pose_estimator.core.filter.layout import (
+    ALT,
+    BASE_STATES,
+    CONSTANTS_SIZE,
+    GYRO_BIAS,
+    IMU_ACCEL,
+    IMU_GYRO,
+    IMU_T,
+    LAT,
+    LON,
+    NAV_SIZE,
+    OUT_COLUMNS,
+    POINT_SAMPLED,
+    SOLUTION_BIASES,
+    SOLUTION_COV,
+    SOLUTION_ENU,
+    SUM_TIME,
+    TIME,
+    WIND_DRAG_STATES,
+)
+from nav_pose_estimator.core.filter.mixture import merge
+from nav_pose_estimator.core.filter.strapdown import integrate, write_output
+from nav_pose_estimator.core.numerics.jit import inlined, kernel
+from nav_pose_estimator.core.numerics.vectors import add_scaled, load3
+
+NAV = 0
+CONSTANTS = NAV + NAV_SIZE
+ORIGIN = CONSTANTS + CONSTANTS_SIZE  # 3: latitude, longitude [rad], height [m] of the local frame
+STATES = ORIGIN + 3  # n
+PERIOD = STATES + 1  # s between checkpoints at the least
+SLOTS = PERIOD + 1  # checkpoints that the ring holds
+OLDEST = SLOTS + 1  # number of the oldest checkpoint that is kept, counted from the start
+NEWEST = OLDEST + 1  # ... and of the newest
+HEAD = NEWEST + 1
+
+
+def make(constants: NDArray[np.float64], states: int, slots: int, period: float) -> NDArray[np.float64]:
+    """The vector for a filter of ``states`` states that keeps ``slots`` checkpoints; ``nav`` and P are zero."""
+    memory = np.zeros(HEAD + states * states + slots * (NAV_SIZE + states * states))
+    memory[CONSTANTS:ORIGIN] = constants
+    memory[STATES], memory[PERIOD], memory[SLOTS], memory[NEWEST] = states, period, slots, -1.0
+    return memory
+
+
+@inlined
+def checkpoint_start(memory, number):
+    """Where checkpoint ``number`` begins in the vector: ``nav``, then P."""
+    n = int(memory[STATES])
+    return HEAD + n * n + (number % int(memory[SLOTS])) * (NAV_SIZE + n * n)
+
+
+@kernel
+def add_checkpoint(memory):
+    """Keep the filter as it stands; the oldest checkpoint gives way when the ring is full."""
+    n = int(memory[STATES])
+    memory[NEWEST] += 1.0
+    memory[OLDEST] = max(memory[OLDEST], memory[NEWEST] - memory[SLOTS] + 1.0)
+    start = checkpoint_start(memory, int(memory[NEWEST]))
+    memory[start : start + NAV_SIZE] = memory[NAV:CONSTANTS]
+    memory[start + NAV_SIZE : start + NAV_SIZE + n * n] = memory[HEAD : HEAD + n * n]
+
+
+@kernel
+def renew_checkpoint(memory):
+    """Where the newest checkpoint is of the present time, make it again: the filter has been corrected since."""
+    if memory[checkpoint_start(memory, int(memory[NEWEST])) + TIME] == memory[NAV + TIME]:
+        memory[NEWEST] -= 1.0
+        add_checkpoint(memory)
+
+
+@kernel
+def drop_before(memory, t):
+    """Drop all checkpoints before ``t`` but the last of them; returns the time of the oldest that is left."""
+    while memory[OLDEST] < memory[NEWEST] and memory[checkpoint_start(memory, int(memory[OLDEST]) + 1) + TIME] <= t:
+        memory[OLDEST] += 1.0
+    return memory[checkpoint_start(memory, int(memory[OLDEST])) + TIME]
+
+
+@kernel
+def restore_before(memory, t):
+    """Put the filter back to the last checkpoint before ``t``, or else the oldest; those after it are dropped."""
+    while memory[NEWEST] > memory[OLDEST] and memory[checkpoint_start(memory, int(memory[NEWEST])) + TIME] >= t:
+        memory[NEWEST] -= 1.0
+    n = int(memory[STATES])
+    start = checkpoint_start(memory, int(memory[NEWEST]))
+    memory[NAV:CONSTANTS] = memory[start : start + NAV_SIZE]
+    memory[HEAD : HEAD + n * n] = memory[start + NAV_SIZE : start + NAV_SIZE + n * n]
+
+
+@kernel
+def run_block(memory, rows, begin, end, due, out):
+    """Carry the filter over IMU rows ``begin`` to ``end`` of ``rows`` (N, 7), but not beyond the time ``due``.
+
+    Returns the number of the row it stopped ahead of. That is ``end`` where all rows are earlier than ``due``. Else the
+    filter stands at ``due`` within the interval of that row, and P with it: ready for an observation. The last rows of
+    ``out`` (M, OUT_COLUMNS) receive the state after each row that was reached.
+    """
+    n = int(memory[STATES])
+    nav, constants, P = memory[NAV:CONSTANTS], memory[CONSTANTS:ORIGIN], memory[HEAD : HEAD + n * n].reshape(n, n)
+    space = scratch(n)
+    mark = memory[checkpoint_start(memory, int(memory[NEWEST])) + TIME] + memory[PERIOD]
+    for i in range(begin, end):
+        gyro = (float(rows[i, IMU_GYRO]), float(rows[i, IMU_GYRO + 1]), float(rows[i, IMU_GYRO + 2]))
+        accel = (float(rows[i, IMU_ACCEL]), float(rows[i, IMU_ACCEL + 1]), float(rows[i, IMU_ACCEL + 2]))
+        t = rows[i, IMU_T]
+        stops = due <= t
+        if stops:
+            if constants[POINT_SAMPLED] != 0.0 and i > 0:
+                gyro = _between(rows, i, IMU_GYRO, due)
+                accel = _between(rows, i, IMU_ACCEL, due)
+            t = due
+        if integrate(nav, constants, t, gyro, accel) or (stops and nav[SUM_TIME] > 0.0):
+            covariance_step_in(nav, P, constants, space)
+        if stops:
+            return i
+        write_output(nav, P, out, out.shape[0] - end + i)
+        if nav[TIME] >= mark:
+            add_checkpoint(memory)
+            mark = nav[TIME] + memory[PERIOD]
+    return end
+
+
+@inlined
+def _between(rows, i, column, t):
+    """Three values of the IMU at ``t`` in the interval of row ``i``, on the line from the row before."""
+    last, now = load3(rows[i - 1], column), load3(rows[i], column)
+    span = rows[i, IMU_T] - rows[i - 1, IMU_T]
+    share = (t - rows[i - 1, IMU_T]) / span if span > 0.0 else 1.0
+    return add_scaled(last, share, add_scaled(now, -1.0, last))
+
+
+@kernel
+def run_sample(memory, rows, index, solution, t, wx, wy, wz, fx, fy, fz):
+    """One sample, the same as a block of one row; it is also written to ``rows`` [index].
+
+    ``solution`` (SOLUTION_SIZE,) receives everything that is known after it.
+    """
+    row = rows[index : index + 1]
+    row[0, IMU_T] = t
+    row[0, IMU_GYRO], row[0, IMU_GYRO + 1], row[0, IMU_GYRO + 2] = wx, wy, wz
+    row[0, IMU_ACCEL], row[0, IMU_ACCEL + 1], row[0, IMU_ACCEL + 2] = fx, fy, fz
+    run_block(memory, rows, index, index + 1, math.inf, solution[:OUT_COLUMNS].reshape(1, OUT_COLUMNS))
+    complete_solution(memory, solution)
+
+
+@kernel
+def complete_solution(memory, solution):
+    """What a solution holds beyond its output row: biases, position from the origin, covariance of the base states."""
+    n = int(memory[STATES])
+    for i in range(6):
+        solution[SOLUTION_BIASES + i] = memory[NAV + GYRO_BIAS + i]
+    origin_lat, origin_lon, origin_h = memory[ORIGIN], memory[ORIGIN + 1], memory[ORIGIN + 2]
+    enu = enu_of(memory[NAV + LAT], memory[NAV + LON], memory[NAV + ALT], origin_lat, origin_lon, origin_h)
+    for i in range(3):
+        solution[SOLUTION_ENU + i] = enu[i]
+    for i in range(BASE_STATES):
+        for k in range(BASE_STATES):
+            solution[SOLUTION_COV + BASE_STATES * i + k] = memory[HEAD + n * i + k]
+
+
+@kernel
+def mix(branches, weights, trunk):
+    """The mixture of the filters in ``branches`` (K, ...) into the filter ``trunk``, which has no wind block."""
+    n, m = int(branches[0, STATES]), int(trunk[STATES])
+    navs, Ps = np.empty((len(branches), NAV_SIZE)), np.empty((len(branches), n, n))
+    for k in range(len(branches)):
+        navs[k] = branches[k, NAV:CONSTANTS]
+        Ps[k] = branches[k, HEAD : HEAD + n * n].reshape(n, n)
+    nav, P = merge(navs, Ps, weights)
+    trunk[NAV:CONSTANTS] = nav
+    for i in range(m):
+        row = i if i < BASE_STATES else i + WIND_DRAG_STATES
+        for j in range(m):
+            trunk[HEAD + m * i + j] = P[row, j if j < BASE_STATES else j + WIND_DRAG_STATES]

@@ -1,0 +1,367 @@
+"""Is GNSS back, and is it GNSS? The state machine for the return from an outage.
+
+Pure Python and without a clock: time comes with each call, float seconds since the engine's epoch. All that changes
+is one ``state`` of immutable parts, so that ``dataclasses.replace(machine.state)`` is a snapshot.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from nav_pose_estimator.core.gnss.quality_gate import Notice
+
+Vector3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class ReacquisitionSettings:
+    """Thresholds of ``Reacquisition``; SI units."""
+
+    policy: str  # blend, reset, hold
+    fixes: int  # mutually consistent fixes before GNSS is trusted again
+    min_duration: float  # ... that span at least this time
+    loss_time: float  # no fused fix for longer: GNSS counts as lost
+    sigmas: float  # k: width of every statistical bound
+    max_speed: float
+    max_acceleration: float
+    velocity_tolerance: float  # disagreement of a fix's own velocity with its own motion
+    contradiction_time: float  # persistence that outweighs the filter's covariance
+    implausible_time: float  # persistence that outweighs the physical bound
+    track_timeout: float  # a track without a fix for longer is forgotten
+    probation: float  # longest time during which a return can be reopened cheaply
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """A fix as the state machine remembers it; ``sd`` (3,) one sigma, ENU."""
+
+    t: float
+    position: Vector3
+    sd: Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Consistent fixes: the first one, carried along by the fixes' own velocities, and how often it was confirmed.
+
+    ``unexplained`` (``return_evidence``) is the worst that its first fixes were found with: waiting alone, while
+    the filter's sigma grows, makes no doubtful track a credible one.
+    """
+
+    first: Fix
+    t: float
+    position: Vector3  # where the first fix has got to by t, according to the velocities
+    last_position: Vector3
+    velocity: Vector3 | None
+    count: int = 1
+    unexplained: float = 0.0
+
+    @property
+    def duration(self) -> float:
+        """Seconds between its first and last fix."""
+        return self.t - self.first.t
+
+
+@dataclass(frozen=True, slots=True)
+class Return:
+    """How GNSS came back: the offset of GNSS from the unaided prediction, with the prediction's sigma and the zone."""
+
+    t: float
+    until: float  # end of the probation
+    offset: Vector3
+    sd: Vector3
+    zone: int
+
+
+@dataclass(slots=True)
+class ReacquisitionState:
+    """All that changes in a ``Reacquisition``."""
+
+    anchor: Fix | None = None  # last fused fix that is beyond doubt
+    approved: Fix | None = None  # last fix that was let through
+    tracks: tuple[Track, ...] = ()
+    loose: Track | None = None  # fixes that follow each other in space, whatever their velocities say
+    returned: Return | None = None
+    confirmed: bool = False  # the operator agrees to the next jump
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What to do with a fix.
+
+    ``action``: ``fuse``: correct the filter (through its own gate only if ``gated``); ``reset``: set position and
+    velocity to the fix; ``wait`` and ``reject``: leave it. ``offset`` (3,) is fix minus prediction, ENU [m],
+    ``sigmas`` the same in standard deviations. ``notice`` is set when the pilot should hear of it.
+    """
+
+    action: str
+    reason: str
+    offset: Vector3
+    sigmas: float
+    gated: bool = True
+    notice: Notice | None = None
+
+
+EXPECTED, CONTRADICTION, UNEXPLAINED, IMPLAUSIBLE, INCONSISTENT = range(5)
+_ZONES = ("expected", "contradiction", "unexplained", "implausible", "inconsistent")
+_SEVERITIES = ("info", "warn", "error", "error", "error")
+_MAX_TRACKS = 4
+_SCATTER = 0.33  # fixes within seconds share most of their error: what scatters between them is a third of their sigma
+_EASY = 0.5  # share of the bound on what is unexplained up to which a return is as good as any
+_DRIFT_SPEED = 8.0  # m/s, of a navigator a minute into an outage: to doubt a jump must not cost more than the jump
+_DECISIVE = 6.0  # difference of squared deviations that makes one of two places twenty times more likely
+_TINY = 1e-6  # m: a sigma of zero must not divide; s: rounding of times
+
+
+class Reacquisition:
+    """Guard in front of the filter: offer it every usable fix, while GNSS is fused and after an outage alike.
+
+    After an outage a fix counts only as part of a track: ``fixes`` of them over ``min_duration`` that agree with each
+    other, each one being where the first one and the velocities in between say. How long a track must last depends on
+    where it lies:
+
+    * expected: within ``sigmas`` of the filter's prediction: at once;
+    * contradiction: outside, but the filter may simply have drifted more than it knows: ``contradiction_time``;
+    * unexplained: no drift that fits the receiver's own velocity leads there (``core.gnss.return_evidence``), as when a
+      position comes back 300 m off while its velocity is right: up to ``implausible_time``, and a loud notice. The
+      nearer a track comes to this and the larger the jump, the longer it has to last;
+    * implausible: out of reach (``max_speed`` times the time since the last trusted fix, plus ``sigmas``), or faster
+      than ``max_speed``: the same;
+    * inconsistent: fixes that follow each other, but contradict their own velocities, as those of a spoofer or of a
+      receiver with a broken velocity: the same.
+
+    So nothing locks GNSS out for ever, neither after an outage nor when a step makes the filter reject every fix. A
+    return stays open to doubt for as long as the outage lasted (at most ``probation``): a track that agrees better
+    with the prediction from before the return replaces it at once, one that agrees as well when it has lasted as long
+    as what it contradicts. A false cluster at the end of an outage is left as soon as the truth speaks.
+
+    Policies: ``blend``: an expected return is an ordinary correction, any other a reset; ``reset``: every return is a
+    reset; ``hold``: only expected returns are taken, all others wait for ``confirm()``.
+    """
+
+    def __init__(self, settings: ReacquisitionSettings):
+        self.settings = settings
+        self.state = ReacquisitionState()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.state = ReacquisitionState()
+
+    def confirm(self) -> None:
+        """The operator agrees to the next jump (policy ``hold``)."""
+        self.state.confirmed = True
+
+    def offer(
+        self,
+        t: float,
+        position_enu: Sequence[float],
+        velocity_enu: Sequence[float] | None,
+        sd: float | Sequence[float],
+        predicted_enu: Sequence[float],
+        predicted_sd: float | Sequence[float],
+        gap_s: float,
+        unexplained: float = 0.0,
+    ) -> Decision:
+        """Decide on one fix.
+
+        Args:
+            t: time of validity of the fix [s], not decreasing.
+            position_enu, predicted_enu: fix and filter at ``t`` (3,) in one local frame [m].
+            velocity_enu: (3,) [m/s] or ``None``; a missing component is NaN.
+            sd, predicted_sd: one sigma [m], a number or (3,) ENU.
+            gap_s: seconds since the last fix that the filter took. A fix that was approved here and then refused by
+                the filter's own gate shows up as a gap that goes on.
+            unexplained: what of position and velocity together no drift explains (``core.gnss.return_evidence``), 0.0
+                when there is no velocity.
+        """
+        fix = Fix(t, _vector(position_enu), _vector(sd))
+        offset = _difference(fix.position, _vector(predicted_enu))
+        predicted_sd = _vector(predicted_sd)
+        sigmas = _sigmas(offset, fix.sd, predicted_sd)
+        self._note_fused(t - gap_s)
+        lost = gap_s > self.settings.loss_time
+        if not lost and sigmas <= self.settings.sigmas:
+            self.state.approved = fix
+            return Decision("fuse", "gnss.fuse", offset, sigmas)
+        track = self._weighed(self._follow(fix, _velocity(velocity_enu)), unexplained)
+        zone = self._zone(track, sigmas)
+        waiting_for = self._waiting_for(track, zone, offset, lost)
+        loose = self.state.loose
+        if waiting_for and loose is not None and not self._waiting_for(loose, INCONSISTENT, offset, lost):
+            track, zone, waiting_for = loose, INCONSISTENT, ""
+        if waiting_for:
+            return Decision("wait" if lost else "reject", waiting_for, offset, sigmas)
+        return self._approve(fix, track, zone, offset, sigmas, predicted_sd, gap_s)
+
+    def _note_fused(self, last_fused: float) -> None:
+        """Once an approved fix has been fused, rivals start anew and, after probation, the fix becomes the anchor."""
+        s = self.state
+        if s.approved is None or last_fused < s.approved.t - 1e-6:
+            return
+        if s.returned is None or last_fused > s.returned.until:
+            s.anchor, s.returned = s.approved, None
+        s.tracks = tuple(track for track in s.tracks if track.first.t > last_fused)
+        if s.loose is not None and s.loose.first.t <= last_fused:
+            s.loose = None
+
+    def _follow(self, fix: Fix, velocity: Vector3 | None) -> Track:
+        """The track that the fix belongs to, carried on to it; a new one if it fits none."""
+        timeout, loose = self.settings.track_timeout, self.state.loose
+        new = Track(fix, fix.t, fix.position, fix.position, velocity)
+        if loose is not None and fix.t - loose.t <= timeout and self._fits(loose, fix, None):
+            self.state.loose = _advance(loose, fix, None)
+        else:
+            self.state.loose = new
+        live = [track for track in self.state.tracks if fix.t - track.t <= timeout]
+        fitting = [track for track in live if self._fits(track, fix, velocity)]
+        if fitting:
+            old = max(fitting, key=lambda track: track.count)
+            live.remove(old)
+            moved = _advance(old, fix, velocity)
+        else:
+            moved = new
+        live.sort(key=lambda track: -track.count)
+        self.state.tracks = (moved, *live[: _MAX_TRACKS - 1])
+        return moved
+
+    def _fits(self, track: Track, fix: Fix, velocity: Vector3 | None) -> bool:
+        settings = self.settings
+        dt = fix.t - track.t
+        slack = settings.sigmas * _SCATTER * math.hypot(max(fix.sd), max(track.first.sd))
+        if velocity is None or track.velocity is None:
+            return math.dist(fix.position, track.last_position) <= settings.max_speed * dt + slack
+        if math.dist(velocity, track.velocity) > settings.max_acceleration * dt + 2 * settings.velocity_tolerance:
+            return False
+        drift = settings.velocity_tolerance * (fix.t - track.first.t)
+        return math.dist(fix.position, _carried(track, fix.t, velocity)) <= slack + drift
+
+    def _weighed(self, track: Track, unexplained: float) -> Track:
+        """The track, which stands first, with the worst that was found of it while it was young."""
+        if track.count <= self.settings.fixes and unexplained > track.unexplained:
+            track = replace(track, unexplained=unexplained)
+            self.state.tracks = (track, *self.state.tracks[1:])
+        return track
+
+    def _zone(self, track: Track, sigmas: float) -> int:
+        settings, anchor = self.settings, self.state.anchor
+        if anchor is not None:
+            reach = settings.max_speed * max(track.first.t - anchor.t, 0.0)
+            reach += settings.sigmas * math.hypot(max(track.first.sd), max(anchor.sd))
+            if math.dist(track.first.position, anchor.position) > reach:
+                return IMPLAUSIBLE
+        if track.velocity is not None and math.hypot(*track.velocity) > settings.max_speed:
+            return IMPLAUSIBLE
+        if track.unexplained > settings.sigmas:
+            return UNEXPLAINED
+        return EXPECTED if sigmas <= settings.sigmas else CONTRADICTION
+
+    def _waiting_for(self, track: Track, zone: int, offset: Vector3, lost: bool) -> str:
+        """Reason to go on waiting, empty when the track has earned trust."""
+        settings = self.settings
+        if track.count < settings.fixes or track.duration < settings.min_duration - _TINY:
+            return "gnss.waiting.consistency" if lost else "gnss.rejected.innovation"
+        if track.duration < self._required(zone, track, offset) - _TINY:
+            word = "doubtful" if zone == EXPECTED else _ZONES[zone]
+            return f"gnss.{'waiting' if lost else 'rejected'}.{word}"
+        rivals = [other.count for other in self.state.tracks if other is not track and other.t > track.first.t]
+        if track.count < 2 * max(rivals, default=0) and track.duration < settings.implausible_time:
+            return "gnss.waiting.ambiguous"
+        if settings.policy == "hold" and zone != EXPECTED and not self.state.confirmed:
+            return "gnss.held"
+        return ""
+
+    def _required(self, zone: int, track: Track, offset: Vector3) -> float:
+        """How long a track in ``zone`` must last [s]."""
+        settings, returned = self.settings, self.state.returned
+        if zone >= IMPLAUSIBLE:
+            return settings.implausible_time
+        usual = settings.min_duration if zone == EXPECTED else settings.contradiction_time
+        doubt = (track.unexplained / settings.sigmas - _EASY) / (1.0 - _EASY)
+        longest = min(settings.implausible_time - usual, math.hypot(*offset) / _DRIFT_SPEED)
+        usual += min(max(doubt, 0.0), 1.0) * max(longest, 0.0)
+        if zone == EXPECTED or returned is None or track.first.t > returned.until:
+            return usual
+        there = self._from_unaided(returned, track, offset)
+        if there > settings.sigmas:
+            return usual
+        here = _sigmas(returned.offset, track.first.sd, returned.sd)
+        if returned.zone != EXPECTED or here**2 - there**2 > _DECISIVE:
+            return settings.min_duration
+        lasted = track.first.t - returned.t
+        return min(max(lasted, settings.min_duration), settings.contradiction_time)
+
+    @staticmethod
+    def _from_unaided(returned: Return, track: Track, offset: Vector3) -> float:
+        """How far the track lies from where the filter was before the return that is now in doubt, in deviations."""
+        return _sigmas(_sum(offset, returned.offset), track.first.sd, returned.sd)
+
+    def _approve(
+        self, fix: Fix, track: Track, zone: int, offset: Vector3, sigmas: float, predicted_sd: Vector3, gap_s: float
+    ) -> Decision:
+        s, settings = self.state, self.settings
+        returned = s.returned
+        reopened = zone != EXPECTED and returned is not None and track.first.t <= returned.until
+        if reopened and returned is not None:
+            # the doubt is still about the same outage: go on comparing with the prediction from before its end
+            near = self._from_unaided(returned, track, offset) <= settings.sigmas
+            first_zone = EXPECTED if near else CONTRADICTION
+            s.returned = replace(returned, t=fix.t, offset=_sum(offset, returned.offset), zone=first_zone)
+        else:
+            s.returned = Return(fix.t, fix.t + min(gap_s, settings.probation), offset, predicted_sd, zone)
+        s.approved, s.confirmed = fix, False
+        resets = settings.policy == "reset" or zone != EXPECTED
+        text = (
+            f"GNSS {'changed its mind' if reopened else 'is back'}: {math.hypot(*offset):.1f} m from the prediction "
+            f"({sigmas:.1f} sigma), {_ZONES[zone]}, {track.count} consistent fixes over {track.duration:.1f} s."
+        )
+        severity = _SEVERITIES[zone]
+        name = f"gnss.{'reset' if resets else 'reacquired'}.{'reopened' if reopened else _ZONES[zone]}"
+        notice = Notice(name, severity, text)
+        return Decision("reset" if resets else "fuse", name, offset, sigmas, gated=False, notice=notice)
+
+
+def _carried(track: Track, t: float, velocity: Vector3) -> Vector3:
+    """Where the track's first fix has got to by ``t`` (trapezoidal rule on the velocities)."""
+    before = velocity if track.velocity is None else track.velocity
+    half = 0.5 * (t - track.t)
+    x, y, z = (p + half * (a + b) for p, a, b in zip(track.position, before, velocity, strict=True))
+    return x, y, z
+
+
+def _advance(track: Track, fix: Fix, velocity: Vector3 | None) -> Track:
+    position = fix.position
+    if velocity is not None and track.velocity is not None:
+        position = _carried(track, fix.t, velocity)
+    return replace(
+        track, t=fix.t, position=position, last_position=fix.position, velocity=velocity, count=track.count + 1
+    )
+
+
+def _vector(value: float | Sequence[float]) -> Vector3:
+    if isinstance(value, (int, float)):
+        return (float(value),) * 3
+    x, y, z = (float(item) for item in value)
+    return x, y, z
+
+
+def _velocity(value: Sequence[float] | None) -> Vector3 | None:
+    """Velocity with the missing vertical component taken as zero; ``None`` if the horizontal ones are missing."""
+    if value is None or not (math.isfinite(value[0]) and math.isfinite(value[1])):
+        return None
+    return float(value[0]), float(value[1]), float(value[2]) if math.isfinite(value[2]) else 0.0
+
+
+def _sum(a: Vector3, b: Vector3) -> Vector3:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _difference(a: Vector3, b: Vector3) -> Vector3:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _sigmas(offset: Vector3, sd_a: Vector3, sd_b: Vector3) -> float:
+    """The larger of the horizontal and the vertical offset in standard deviations."""
+    horizontal = math.hypot(
+        *(o / (math.hypot(a, b) + _TINY) for o, a, b in zip(offset[:2], sd_a[:2], sd_b[:2], strict=True))
+    )
+    return max(horizontal, abs(offset[2]) / (math.hypot(sd_a[2], sd_b[2]) + _TINY))

@@ -1,0 +1,1 @@
+"""The neuro-fuzzy network and how it is trained."""

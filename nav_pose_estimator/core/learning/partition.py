@@ -1,0 +1,126 @@
+"""Where the rules of a fuzzy network start: grid, subtractive clustering, fuzzy c-means.
+
+Points are standardised inputs (N, n). A grid of k bells per input gives k^n rules: fine for four inputs, hopeless for
+ten (1024 rules). Clustering places any number of rules where the data are.
+"""
+
+import itertools
+import math
+
+import numpy as np
+
+from nav_pose_estimator.core.learning.takagi_sugeno import Premises
+
+_HALF_WIDTH = math.sqrt(2.0 * math.log(2.0))  # half-height width of a Gaussian over its standard deviation: 1.177
+_LEAST_SPREAD = 0.05  # of a cluster along an input: a cluster of equal values still gets a bell
+_MOST_POINTS = 4000  # subtractive clustering compares every point with every other: more points are thinned out
+_ROWS = 500  # of the distances computed at a time
+
+
+def grid_premises(points: np.ndarray, per_input: int, slope: float, width: float) -> Premises:
+    """``per_input`` bells per input, evenly from the smallest to the largest value; one rule per combination.
+
+    With ``width`` 1 neighbouring bells cross at 1/2 (Jang 1993). Every rule owns its bells: they learn apart.
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    axes = np.linspace(low, high, per_input) if per_input > 1 else 0.5 * (low + high)[None, :]
+    centre = np.array(list(itertools.product(*axes.T))).T
+    half = np.maximum(high - low, _LEAST_SPREAD) / (2.0 * max(per_input - 1, 1))
+    return Premises(centre, np.tile(width * half[:, None], centre.shape[1]), np.full_like(centre, slope))
+
+
+def cluster_premises(points: np.ndarray, centres: np.ndarray, slope: float, width: float) -> Premises:
+    """One rule per row of ``centres`` (R, n), as wide along every input as the points that belong to it.
+
+    a = ``width`` 1.177 sigma sqrt(n): the half-height width of the cluster, and sqrt(n) because n bells are multiplied.
+    """
+    exponent = fuzzifier(points)
+    weight = fuzzy_memberships(points, centres, exponent) ** exponent
+    square = weight.T @ np.square(points) - 2.0 * centres * (weight.T @ points)
+    variance = square / weight.sum(axis=0)[:, None] + np.square(centres)
+    spread = np.sqrt(np.maximum(variance, _LEAST_SPREAD**2))
+    bell = width * _HALF_WIDTH * math.sqrt(points.shape[1]) * spread
+    return Premises(centres.T.copy(), bell.T.copy(), np.full(bell.T.shape, slope))
+
+
+def fuzzifier(points: np.ndarray) -> float:
+    """The exponent of fuzzy c-means: 2, or less where 2 would draw all centres to the mean, as it does for many inputs.
+
+    With l the largest eigenvalue of the mean of d d' / |d|^2, d a point minus the mean, the centres stay apart below
+    1 / (1 - 2 l) (Yu, Cheng & Huang 2004). Taken is the middle between 1 and that.
+    """
+    away = points - points.mean(axis=0)
+    away = away / np.maximum(np.sqrt(np.square(away).sum(axis=1)), 1e-12)[:, None]
+    largest = float(np.linalg.eigvalsh(away.T @ away / len(away))[-1])
+    return 2.0 if largest >= 0.5 else min(2.0, 1.0 + max(largest / (1.0 - 2.0 * largest), 0.01))
+
+
+def fuzzy_memberships(points: np.ndarray, centres: np.ndarray, exponent: float) -> np.ndarray:
+    """Memberships (N, R) of ``points`` in the clusters at ``centres``; rows sum to 1 (Bezdek 1981)."""
+    log = np.log(np.maximum(_square_distances(points, centres), 1e-24)) / (1.0 - exponent)
+    memberships = np.exp(log - log.max(axis=1, keepdims=True))
+    memberships /= memberships.sum(axis=1, keepdims=True)
+    return memberships
+
+
+def fuzzy_c_means(points: np.ndarray, clusters: int, random: np.random.Generator, iterations: int = 100) -> np.ndarray:
+    """Centres (clusters, n) by fuzzy c-means (Bezdek 1981), started as k-means++ starts, ended when they rest."""
+    exponent = fuzzifier(points)
+    centres = _spread_out(points, clusters, random)
+    for _ in range(iterations):
+        weight = fuzzy_memberships(points, centres, exponent) ** exponent
+        moved = (weight.T @ points) / np.maximum(weight.sum(axis=0), 1e-300)[:, None]
+        rest = np.abs(moved - centres).max() < 1e-5
+        centres = moved
+        if rest:
+            break
+    return centres
+
+
+def subtractive_centres(
+    points: np.ndarray, most: int, radius: float = 0.5, accept: float = 0.5, reject: float = 0.15
+) -> np.ndarray:
+    """At most ``most`` centres (R, n) by subtractive clustering (Chiu 1994): points with many neighbours.
+
+    ``radius`` is the range of a centre as a part of the data's range; after a centre the potential around it is taken
+    away over 1.5 radii. Fewer centres come out when what is left has less than ``reject`` of the first potential.
+    """
+    points = points[:: -(-len(points) // _MOST_POINTS)]
+    span = np.ptp(points, axis=0)
+    unit = points / np.where(span > 0.0, span, 1.0) / radius
+    potential = np.zeros(len(unit))
+    for start in range(0, len(unit), _ROWS):
+        potential += np.exp(-4.0 * _square_distances(unit, unit[start : start + _ROWS])).sum(axis=1)
+    chosen: list[int] = []
+    first = potential.max()
+    while len(chosen) < most:
+        best = int(np.argmax(potential))
+        height = potential[best] / first
+        if chosen and height < accept:
+            apart = math.sqrt(_square_distances(unit[best : best + 1], unit[chosen]).min())
+            if height < reject:
+                break
+            if apart + height < 1.0:
+                potential[best] = 0.0
+                continue
+        chosen.append(best)
+        taken = np.exp(-4.0 / 1.5**2 * _square_distances(unit, unit[best : best + 1])[:, 0])
+        potential = potential - potential[best] * taken
+    return points[chosen]
+
+
+def _square_distances(points: np.ndarray, centres: np.ndarray) -> np.ndarray:
+    cross = points @ centres.T
+    square = np.square(points).sum(axis=1)[:, None] + np.square(centres).sum(axis=1) - 2.0 * cross
+    return np.maximum(square, 0.0)
+
+
+def _spread_out(points: np.ndarray, clusters: int, random: np.random.Generator) -> np.ndarray:
+    """k-means++ (Arthur & Vassilvitskii 2007): every next centre is a point far from those before, by chance."""
+    centres = points[random.integers(len(points))][None, :]
+    while len(centres) < clusters:
+        weight = _square_distances(points, centres).min(axis=1)
+        total = weight.sum()
+        share = weight / total if total > 0.0 else np.full(len(points), 1.0 / len(points))
+        centres = np.vstack([centres, points[random.choice(len(points), p=share)]])
+    return centres

@@ -1,0 +1,189 @@
+"""The layers of a first-order Takagi-Sugeno network with generalised bell memberships (Jang 1993).
+
+Rule i reads: if x_1 is A_i1 and ... and x_n is A_in then y = theta_i [x, 1]. With u = (x - c) / a:
+
+    layer 1   mu = 1 / (1 + |u|^(2 b))                    membership, a generalised bell
+    layer 2   w_i = prod_j mu_ij                          firing strength
+    layer 3   wn_i = w_i / sum_i w_i                      normalised firing strength
+    layer 4   wn_i theta_i [x, 1]                         weighted consequent
+    layer 5   y = sum_i wn_i theta_i [x, 1]               output
+
+Layers 1 to 3 are computed as logarithms: a product of ten memberships underflows, their sum does not. All outputs share
+the premises. Inputs arrive transposed, one row per input and one column per sample, so that every whole-array operation
+runs along contiguous samples. Everything here works on standardised numbers, except ``predict_row``.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from nav_pose_estimator.core.numerics.jit import kernel
+
+_BLOCK = 16384  # numbers per temporary array: it stays in the second-level cache, three times faster than whole arrays
+_TINY = 1e-24  # smallest squared distance from a centre: its logarithm stays finite
+_HUGE = 600.0  # largest exponent: a membership is at least exp(-600)
+_FULL = 1e40  # times exp(600) it is still a finite number
+
+
+@dataclass(frozen=True)
+class Premises:
+    """The bells of R rules on n inputs: ``centre``, ``width`` > 0, ``slope`` > 1/2, each (n, R)."""
+
+    centre: np.ndarray
+    width: np.ndarray
+    slope: np.ndarray
+
+    @property
+    def rules(self) -> int:
+        return self.centre.shape[1]
+
+    def vector(self) -> np.ndarray:
+        """The bells as unconstrained numbers (3 n R,): c, ln a, softplus^-1(b - 1/2)."""
+        slope = self.slope - 0.5
+        return np.stack([self.centre, np.log(self.width), slope + np.log(-np.expm1(-slope))]).ravel()
+
+    def with_vector(self, vector: np.ndarray) -> "Premises":
+        """Bells of the same shape from ``vector``: the inverse of ``vector()``."""
+        centre, log_width, raw_slope = vector.reshape(3, *self.centre.shape)
+        return Premises(centre, np.exp(log_width), 0.5 + np.logaddexp(0.0, raw_slope))
+
+
+def memberships(premises: Premises, inputs: np.ndarray) -> np.ndarray:
+    """Layer 1 in log space, (3, n, R, N): ln mu, 1 - mu, ln u^2. ``inputs`` (n, N)."""
+    n, rules = premises.centre.shape
+    samples = inputs.shape[1]
+    layer = np.empty((3, n, rules, samples))
+    centre, slope = premises.centre[:, :, None], premises.slope[:, :, None]
+    log_width2 = 2.0 * np.log(premises.width)[:, :, None]
+    block = max(32, _BLOCK // (n * rules))
+    for start in range(0, samples, block):
+        log_mu, complement, log_u2 = layer[..., start : start + block]
+        power = inputs[:, None, start : start + block] - centre
+        np.maximum(np.square(power, out=power), _TINY, out=power)
+        np.subtract(np.log(power, out=power), log_width2, out=log_u2)
+        np.minimum(np.multiply(log_u2, slope, out=power), _HUGE, out=power)
+        np.exp(power, out=power)
+        total = power + 1.0
+        np.divide(power, total, out=complement)
+        np.negative(np.log(total, out=total), out=log_mu)
+    return layer
+
+
+def turn_into_slopes(layer: np.ndarray, premises: Premises, inputs: np.ndarray) -> None:
+    """Overwrite ``memberships`` with the derivatives of ln mu by c, ln a and softplus^-1(b - 1/2). 0 by c at x = c."""
+    n, rules, samples = layer.shape[1:]
+    centre, slope = premises.centre[:, :, None], premises.slope[:, :, None]
+    by_raw = np.expm1(0.5 - slope)  # - d b / d raw
+    block = max(32, _BLOCK // (n * rules))
+    for start in range(0, samples, block):
+        by_centre, by_width, by_slope = layer[..., start : start + block]
+        by_slope *= by_width
+        by_slope *= by_raw
+        by_width *= 2.0 * slope
+        distance = inputs[:, None, start : start + block] - centre
+        distance[np.abs(distance) <= math.sqrt(_TINY)] = np.inf
+        np.divide(by_width, distance, out=by_centre)
+
+
+def log_firing(premises: Premises, inputs: np.ndarray) -> np.ndarray:
+    """Layer 2: ln w, (R, N). ``inputs`` (n, N)."""
+    return memberships(premises, inputs)[0].sum(axis=0)
+
+
+def normalise_firing(log_w: np.ndarray) -> np.ndarray:
+    """Layer 3 from ln w (R, N): softmax over the rules, each column sums to 1."""
+    firing = np.exp(log_w - log_w.max(axis=0))
+    firing /= firing.sum(axis=0)
+    return firing
+
+
+def with_one(inputs: np.ndarray) -> np.ndarray:
+    """[x, 1] for every sample: (n, N) -> (n + 1, N)."""
+    return np.vstack([inputs, np.ones(inputs.shape[1])])
+
+
+def design_matrix(firing: np.ndarray, extended: np.ndarray) -> np.ndarray:
+    """Transposed regressors of the consequents, (R (n + 1), N): wn_i [x, 1], rule after rule."""
+    return (firing[:, None, :] * extended[None, :, :]).reshape(-1, firing.shape[1])
+
+
+def outputs(premises: Premises, consequents: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    """Layer 5 over N samples. ``consequents`` (R (n + 1), m), ``inputs`` (n, N) -> (m, N)."""
+    firing = normalise_firing(log_firing(premises, inputs))
+    return consequents.T @ design_matrix(firing, with_one(inputs))
+
+
+def pack(
+    premises: Premises,
+    consequents: np.ndarray,
+    clip: float,
+    in_mean: np.ndarray,
+    in_gain: np.ndarray,
+    out_mean: np.ndarray,
+    out_scale: np.ndarray,
+) -> np.ndarray:
+    """A trained network as one flat array for ``predict_row``: one array argument keeps the call short.
+
+    n, R, m, clip | input mean, gain (1 / sd) | output mean, scale | per rule and input c, ln a^2, b | consequents.
+    """
+    n, rules = premises.centre.shape
+    bells = np.stack([premises.centre.T, 2.0 * np.log(premises.width.T), premises.slope.T], axis=-1)
+    head = (n, rules, consequents.shape[1], clip)
+    return np.concatenate([head, in_mean, in_gain, out_mean, out_scale, bells.ravel(), consequents.ravel()])
+
+
+@kernel
+def predict_row(packed, x, y):
+    """All layers for one sample in physical units: ``x`` (n,) -> ``y`` (m,). False if ``x`` is not finite.
+
+    The softmax runs along: the outputs are rescaled whenever a rule fires stronger than all before it.
+    """
+    n, rules, m, clip = int(packed[0]), int(packed[1]), int(packed[2]), packed[3]
+    bell = 4 + 2 * n + 2 * m
+    theta = bell + 3 * n * rules
+    z = np.zeros(n)
+    for j in range(n):
+        if not math.isfinite(x[j]):
+            return False
+        if packed[4 + n + j] > 0.0:
+            z[j] = min(max((x[j] - packed[4 + j]) * packed[4 + n + j], -clip), clip)
+    for o in range(m):
+        y[o] = 0.0
+    strongest, total = -math.inf, 0.0
+    for _ in range(rules):
+        log_w, product = 0.0, 1.0  # 1 / w = product exp(-log_w): one logarithm serves several memberships
+        for j in range(n):
+            distance = z[j] - packed[bell]
+            log_u2 = math.log(max(distance * distance, _TINY)) - packed[bell + 1]
+            product *= 1.0 + math.exp(min(packed[bell + 2] * log_u2, _HUGE))
+            if product > _FULL:
+                log_w -= math.log(product)
+                product = 1.0
+            bell += 3
+        log_w -= math.log(product)
+        if log_w > strongest:
+            fade = math.exp(strongest - log_w)
+            strongest = log_w
+            total *= fade
+            for o in range(m):
+                y[o] *= fade
+        w = math.exp(log_w - strongest)
+        total += w
+        for j in range(n + 1):
+            weight = w * z[j] if j < n else w
+            for o in range(m):
+                y[o] += weight * packed[theta]
+                theta += 1
+    for o in range(m):
+        y[o] = packed[4 + 2 * n + o] + packed[4 + 2 * n + m + o] * (y[o] / total)
+    return True
+
+
+@kernel
+def predict_rows(packed, x, y):
+    """``predict_row`` for every row of ``x`` (N, n) into ``y`` (N, m); false if any row is not finite."""
+    finite = True
+    for row in range(len(x)):
+        finite = predict_row(packed, x[row], y[row]) and finite
+    return finite

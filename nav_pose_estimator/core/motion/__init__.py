@@ -1,0 +1,1 @@
+"""How vehicles move: epochs, regimes, velocity through the air, wind."""

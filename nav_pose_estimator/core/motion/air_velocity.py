@@ -1,0 +1,336 @@
+"""What the network learns for an outage: the vehicle's velocity through the air, from what the IMU feels.
+
+Read literally, the source text trains the network on the filter's own position corrections, which are noise as long as
+GNSS is good, and teaches it nothing. What can be learned is how the vehicle moves. Rotor drag, lift and sideslip tie
+the velocity through the air, resolved in the body frame, to specific force, angular rate and attitude; the wind,
+resolved in the level frame, is the same for every attitude:
+
+    C' v = g(f, w, u) + C' (w_mean + w(t))        u: the upward direction resolved in b                          (1)
+
+The network g is trained on half-second means of aided flight, the mean wind w_mean jointly with it by least squares.
+The predicted error of the navigator's velocity is then v - C g - w, exactly the increment of the position error that
+the source text asks for, and its coefficient on the navigator's own velocity is one by construction, not by training.
+
+A vehicle on wheels does not care about the wind: with w = 0 eq. (1) is the non-holonomic constraint, and it is learned
+like everything else. The wind is left out where the vehicle never goes sideways or up.
+
+What g does not explain becomes noise, honestly: its residuals are those of blocks of time that it was not trained on;
+the part that persists in the level frame is the change of the wind w(t), a first-order Gauss-Markov process that goes
+on to be estimated in the outage; the rest counts with its spectral density at low frequency, because half-second
+residuals are not independent. A short flight shows little of g: the variance of its coefficients, in the direction of
+the inputs of the moment, counts as noise, too.
+
+Sources: CN113777645A, claim 3 (inputs, network, training); P. Martin and E. Salaun, "The true role of accelerometer
+feedback in quadrotor control", ICRA 2010 (rotor drag); M. Khaghani and J. Skaloud, "Autonomous vehicle dynamic
+model-based navigation for small UAVs", Navigation 63(3), 2016 (vehicle dynamics as a sensor).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.learning.anfis import Anfis
+from nav_pose_estimator.core.motion.epochs import BODY_VELOCITY, FORCE, PERIOD, POSITION, VELOCITY, attitude
+from nav_pose_estimator.core.motion.regimes import SLOW
+from nav_pose_estimator.core.motion.wind import mean_wind, track, wind_spread
+from nav_pose_estimator.errors import UserError
+
+Array = NDArray[np.float64]
+
+_BLOCKS = 4  # blocks of time for the residuals of data not trained on
+_RIDGE = 1e-3
+_WIND_RIDGE = 1e-2  # strong: without turns the wind cannot be told from the vehicle's own mean velocity
+_ITERATIONS = 20  # of the conjugate gradient
+_MEMORY = 8.0  # s over which residuals count as correlated
+_FLOOR = 0.05**2  # m^2/s^2 in one second
+_UNSEEN_HOVER = 10.0  # s of hovering that the guess about it is worth
+_CLEARLY = 0.9  # part of one rule's squared error below which more rules are better
+_SLIPS = 0.002  # part of the squared speed ahead that the others are below on wheels, with a mount 2.5 degrees off
+_MOVING = 1.0  # m^2/s^2: mean squared speed that says something of slipping
+_GUIDED_TIME = 60.0  # s: a drone, too, may fly straight on for a while
+_LASTING = 20.0  # s that a wrong coefficient errs in the same way: it is no white noise
+_STRANGE = 10.0  # factor on the noise of a prediction far from the training data
+
+
+class Law(Protocol):
+    """What can stand for g in eq. (1): an ``Anfis``, or a law of physics."""
+
+    @property
+    def rules(self) -> int: ...
+    def predict(self, X: Array, /) -> Array: ...
+    def novelty(self, X: Array, /) -> Array: ...
+
+
+@dataclass(frozen=True)
+class AirVelocityModel:
+    """A trained network with everything that turns its output into an observation.
+
+    ``wind_mean`` (2,) of the training window; ``wind`` (2,) its change since, East and North [m/s], with covariance
+    ``wind_cov`` (2, 2) now and variance ``wind_spread`` in the long run. ``noise``, ``hover_noise`` (3,): variance of a
+    mean over one second, body axes [m^2/s^2].
+    ``parameter_cov`` (10, 10): how little the flight has shown of a linear law's coefficients, for a noise of one;
+    ``errors``: number of rules -> squared error on blocks not trained on.
+    """
+
+    network: Law
+    wind_mean: Array
+    wind: Array
+    wind_cov: Array
+    wind_spread: float
+    noise: Array
+    hover_noise: Array
+    parameter_cov: Array
+    errors: Mapping[int, float]
+    target_square: float  # mean square of what was to be learned
+
+    def predict(self, epoch: Array) -> tuple[Array, float]:
+        """Air velocity in b (3,) [m/s] at one epoch (COLUMNS,), and the factor on the noise for strange inputs."""
+        x = inputs(epoch[None])
+        novelty = float(self.network.novelty(x)[0])
+        strange = 1.0 + (_STRANGE - 1.0) * min(max(novelty - 1.0, 0.0), 1.0)
+        z = np.append(x[0], 1.0)
+        return self.network.predict(x)[0], strange * (1.0 + _LASTING * float(z @ self.parameter_cov @ z))
+
+    @property
+    def is_guided(self) -> bool:
+        """Whether the ground guides the vehicle: it goes where its nose points, and no wind moves it."""
+        return self.wind_spread == 0.0
+
+    @property
+    def rules(self) -> int:
+        """Number of rules of the network that was chosen."""
+        return self.network.rules
+
+    def follow(self, epoch: Array) -> "AirVelocityModel":
+        """The model with its wind brought on by one more aided epoch (COLUMNS,)."""
+        residual = _residuals(epoch[None], self.network, self.wind_mean)
+        wind, cov, _ = track(attitude(epoch[None]), residual, self.noise, self.wind_spread, self.wind, self.wind_cov)
+        return replace(self, wind=wind, wind_cov=cov)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Named arrays for a file. ``from_state`` gives the same model."""
+        if not isinstance(self.network, Anfis):
+            raise UserError("a drag law is no network: there is nothing to save")
+        arrays = {f"network.{name}": value for name, value in self.network.state().items()}
+        for name in _ARRAYS:
+            arrays[name] = np.array(getattr(self, name), float)
+        rules = sorted(self.errors)
+        return arrays | {"errors": np.array([[r, self.errors[r]] for r in rules], float).reshape(-1, 2)}
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, np.ndarray]) -> "AirVelocityModel":
+        """The model of ``state()``. ``UserError`` when parts of it are damaged, ``KeyError`` when one is missing."""
+        network = Anfis.from_state(
+            {k.removeprefix("network."): v for k, v in state.items() if k.startswith("network.")}
+        )
+        parts = {name: np.array(state[name], float) for name in _ARRAYS}
+        _check_parts(network, parts, state["errors"])
+        parts |= {name: float(value) for name, value in parts.items() if value.ndim == 0}
+        return cls(network, errors={int(r): float(e) for r, e in state["errors"]}, **parts)  # type: ignore[arg-type]
+
+
+_INPUTS, _OUTPUTS = 9, 3
+_ARRAYS = {
+    "wind_mean": (2,),
+    "wind": (2,),
+    "wind_cov": (2, 2),
+    "wind_spread": (),
+    "parameter_cov": (_INPUTS + 1, _INPUTS + 1),
+    "noise": (3,),
+    "hover_noise": (3,),
+    "target_square": (),
+}
+"""Parts of a saved model with their shapes."""
+
+
+def _check_parts(network: Anfis, parts: Mapping[str, Array], errors: Array) -> None:
+    """``UserError`` for parts of a saved model that do not fit, or that no training gives: nobody flies with them."""
+    shapes = [parts[name].shape == shape for name, shape in _ARRAYS.items()]
+    scaling = network.network.scaling
+    fits = len(scaling.in_mean) == _INPUTS and len(scaling.out_mean) == _OUTPUTS
+    table = np.ndim(errors) == 2 and np.shape(errors)[1] == 2 and network.rules in errors[:, 0]
+    if not (all(shapes) and fits and table):
+        raise UserError("the parts of this model of the outage learning do not fit together")
+    finite = all(np.isfinite(value).all() for value in [*parts.values(), errors])
+    positive = (parts["noise"] > 0.0).all() and (parts["hover_noise"] > 0.0).all()
+    if not (finite and positive and np.linalg.eigvalsh(parts["wind_cov"])[0] >= -1e-9 and parts["wind_spread"] >= 0.0):
+        raise UserError("this model of the outage learning has numbers that make no sense")
+
+
+def inputs(epochs: Array) -> Array:
+    """The network's inputs (N, 9) of epochs (N, COLUMNS): specific force, angular rate, upward direction in b."""
+    return np.concatenate([epochs[:, FORCE:POSITION], attitude(epochs)[:, 2]], axis=1)
+
+
+def learn_air_velocity(epochs: Array, rules: tuple[int, ...] = (1,)) -> AirVelocityModel:
+    """Train on aided epochs (N, COLUMNS) in order of time, N at least a hundred.
+
+    ``rules``: numbers of rules to try; more than the first have to be clearly better on blocks not trained on.
+    """
+    blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
+    windless = _is_guided(epochs)
+    residuals = {count: _unseen_residuals(epochs, blocks, count, windless) for count in rules}
+    errors = {count: float(np.square(residual).mean()) for count, residual in residuals.items()}
+    chosen = min(errors, key=lambda count: errors[count] * (1.0 if count == rules[0] else 1.0 / _CLEARLY))
+    network, wind = _fit(epochs, chosen, windless)
+    model = AirVelocityModel(
+        network=network,
+        wind_mean=wind,
+        wind=np.zeros(2),
+        wind_cov=np.zeros((2, 2)),
+        wind_spread=0.0 if windless else wind_spread(attitude(epochs), residuals[chosen]),
+        noise=np.ones(3),
+        hover_noise=np.ones(3),
+        parameter_cov=_parameter_cov(epochs),
+        errors=errors,
+        target_square=float(np.square(epochs[:, BODY_VELOCITY:VELOCITY]).mean()),
+    )
+    return _with_noise(model, epochs, residuals[chosen])
+
+
+class DragLaw:
+    """Linear rotor drag, the classical rival: air velocity along x and y is specific force times ``-1 / D``.
+
+    ``gain`` (2,): 1 / D [s] along body x and y. It says nothing of the vertical.
+    """
+
+    rules = 1
+
+    def __init__(self, gain: Array) -> None:
+        self.gain = gain
+
+    def predict(self, x: Array) -> Array:
+        """Inputs (N, 9) -> air velocity in b (N, 3)."""
+        return np.column_stack([-self.gain * x[:, :2], np.zeros(len(x))])
+
+    def novelty(self, x: Array) -> Array:
+        """A law of physics holds everywhere."""
+        return np.zeros(len(x))
+
+
+def learn_drag(epochs: Array) -> AirVelocityModel:
+    """Drag coefficients and wind by least squares over aided epochs (N, COLUMNS): the same observation, no network."""
+    blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
+    unseen = np.empty((len(epochs), 3))
+    for block in blocks:
+        others = np.setdiff1d(np.arange(len(epochs)), block)
+        unseen[block] = _residuals(epochs[block], *_fit_drag(epochs[others]))
+    law, wind = _fit_drag(epochs)
+    horizontal = unseen[:, :2]
+    target = float(np.square(epochs[:, BODY_VELOCITY : BODY_VELOCITY + 2]).mean())
+    spread, errors = wind_spread(attitude(epochs), unseen), {1: float(np.square(horizontal).mean())}
+    nothing = np.zeros((_INPUTS + 1, _INPUTS + 1))
+    model = AirVelocityModel(
+        law, wind, np.zeros(2), np.zeros((2, 2)), spread, np.ones(3), np.ones(3), nothing, errors, target
+    )
+    return _with_noise(model, epochs, unseen)
+
+
+def _fit_drag(epochs: Array) -> tuple[DragLaw, Array]:
+    """Eq. (1) along body x and y with g = -f / D: unknowns 1 / D (2) and the wind (2)."""
+    directions = attitude(epochs)[:, :2].transpose(0, 2, 1)
+    count = len(epochs)
+    design = np.zeros((2 * count, 4))
+    for axis in range(2):
+        rows = slice(axis * count, (axis + 1) * count)
+        design[rows, axis] = -epochs[:, FORCE + axis]
+        design[rows, 2:] = directions[:, axis]
+    target = epochs[:, BODY_VELOCITY : BODY_VELOCITY + 2].T.ravel()
+    solution = np.linalg.solve(design.T @ design + _RIDGE * count * np.eye(4), design.T @ target)
+    return DragLaw(solution[:2]), solution[2:]
+
+
+def _is_guided(epochs: Array) -> bool:
+    """Whether the vehicle goes where its nose points, neither sideways nor up: what flies has to tilt or to climb."""
+    if len(epochs) * PERIOD < _GUIDED_TIME:
+        return False
+    ahead, sideways, upwards = np.square(epochs[:, BODY_VELOCITY:VELOCITY]).mean(axis=0)
+    return bool(ahead > _MOVING and max(sideways, upwards) < _SLIPS * ahead)
+
+
+def _parameter_cov(epochs: Array) -> Array:
+    """Covariance (10, 10) of a linear law's coefficients of (inputs, 1) for a noise of one in one second."""
+    x = inputs(epochs)
+    spread = x.std(axis=0)
+    scale = 1.0 / np.where(spread > 1e-9, spread, 1.0)
+    z = np.column_stack([(x - x.mean(axis=0)) * scale, np.ones(len(x))])
+    cov = np.linalg.inv(PERIOD * (z.T @ z + _RIDGE * len(x) * np.eye(z.shape[1])))
+    standardised = np.diag([*scale, 1.0])
+    standardised[:-1, -1] = -scale * x.mean(axis=0)
+    return standardised.T @ cov @ standardised
+
+
+def _fit(epochs: Array, rules: int, windless: bool) -> tuple[Anfis, Array]:
+    """Network and mean wind (2,). The wind comes from the linear model, whose least squares see both together."""
+    wind = np.zeros(2) if windless else _joint_wind(epochs)
+    target = epochs[:, BODY_VELOCITY:VELOCITY] - _in_body(epochs, wind)
+    network = Anfis(rules=rules, ridge=_RIDGE, partition="fcm", iterations=_ITERATIONS)
+    return network.fit(inputs(epochs), target), wind
+
+
+def _joint_wind(epochs: Array) -> Array:
+    """The wind (2,) of eq. (1) with a linear g: ridge least squares over the consequents of three axes and the wind."""
+    x = inputs(epochs)
+    spread = x.std(axis=0)
+    z = np.column_stack([(x - x.mean(axis=0)) / np.where(spread > 1e-9, spread, 1.0), np.ones(len(x))])
+    ridge = _RIDGE * len(x) * np.diag([*np.ones(x.shape[1]), 1e-2])
+    return mean_wind(attitude(epochs), epochs[:, BODY_VELOCITY:VELOCITY], z, ridge, _WIND_RIDGE)
+
+
+def _in_body(epochs: Array, wind: Array) -> Array:
+    """A horizontal vector (2,) of n resolved in b at every epoch, (N, 3)."""
+    return np.einsum("nij,i->nj", attitude(epochs)[:, :2], wind)
+
+
+def _residuals(epochs: Array, network: Law, wind: Array) -> Array:
+    """Body velocity (N, 3) that network and wind do not explain."""
+    return epochs[:, BODY_VELOCITY:VELOCITY] - network.predict(inputs(epochs)) - _in_body(epochs, wind)
+
+
+def _unseen_residuals(epochs: Array, blocks: list[Array], rules: int, windless: bool) -> Array:
+    residual = np.empty((len(epochs), 3))
+    for block in blocks:
+        others = np.setdiff1d(np.arange(len(epochs)), block)
+        residual[block] = _residuals(epochs[block], *_fit(epochs[others], rules, windless))
+    return residual
+
+
+def _with_noise(model: AirVelocityModel, epochs: Array, unseen: Array) -> AirVelocityModel:
+    """The model with its wind of today and with the noise that is left when the wind is followed."""
+    seen = _residuals(epochs, model.network, model.wind_mean)
+    density = np.maximum(_low_frequency_density(unseen), _FLOOR)
+    C = attitude(epochs)
+    nothing, unknown = np.zeros(2), model.wind_spread * np.eye(2)
+    wind, cov, expected = track(C, seen, density, model.wind_spread, nothing, unknown)
+    white = seen - np.einsum("nij,ni->nj", C[:, :2], expected)
+    optimism = np.maximum(np.square(unseen).mean(axis=0) / np.maximum(np.square(seen).mean(axis=0), 1e-9), 1.0)
+    noise = np.maximum(_low_frequency_density(white) * optimism, _FLOOR)
+    hover_noise = _hover_noise(epochs, unseen)
+    return replace(model, wind=wind, wind_cov=cov, noise=noise, hover_noise=hover_noise)
+
+
+def _low_frequency_density(residual: Array) -> Array:
+    """Variance (3,) of a mean over one second of white noise as strong as ``residual`` (N, 3) at low frequency.
+
+    Bartlett's estimate of the spectral density at zero, at least the density of independent residuals.
+    """
+    count = len(residual)
+    lags = min(round(_MEMORY / PERIOD), count // 4)
+    square = np.square(residual).mean(axis=0)
+    total = square.copy()
+    for lag in range(1, lags + 1):
+        total += 2.0 * (1.0 - lag / (lags + 1)) * (residual[lag:] * residual[:-lag]).mean(axis=0)
+    return np.maximum(total, square) * PERIOD
+
+
+def _hover_noise(epochs: Array, unseen: Array) -> Array:
+    """What the residuals are while the vehicle hovers; a guess where it never did: there the network knows nothing."""
+    square = np.square(epochs[:, VELOCITY : VELOCITY + 2]).sum(axis=1)
+    hovers = square < SLOW**2
+    seconds = float(hovers.sum()) * PERIOD
+    known = 2.0 * np.square(unseen[hovers]).mean(axis=0) if hovers.any() else np.zeros(3)
+    guess = 1.0 + 0.5 * float(square[~hovers].mean()) if not hovers.all() else 1.0
+    return (_UNSEEN_HOVER * guess + seconds * known) / (_UNSEEN_HOVER + seconds)

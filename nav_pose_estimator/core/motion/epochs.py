@@ -1,0 +1,59 @@
+"""Half-second means of a navigation solution: what is learned from, and what a prediction is made of.
+
+An epoch is one row (COLUMNS,): time of its end, mean attitude matrix, and the means of velocity (body and level frame),
+specific force, angular rate and position. Velocity in b is the mean of ``C^T v``, not a product of means: an aerobatic
+aircraft rolls far within half a second.
+"""
+
+import numpy as np
+
+from nav_pose_estimator.core.filter.layout import OUT_FORCE, OUT_POS, OUT_QUAT, OUT_RATE, OUT_VEL
+from nav_pose_estimator.core.numerics.jit import kernel
+from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
+
+PERIOD = 0.5  # s
+TIME, ATTITUDE, BODY_VELOCITY, VELOCITY, FORCE, RATE, POSITION, COLUMNS = 0, 1, 10, 13, 16, 19, 22, 25
+"""Columns: s, C_nb row-major (9), C^T v [m/s] (3), v_n [m/s] (3), f_b [m/s^2] (3), w_b [rad/s] (3), lat, lon, alt."""
+ACTIVITY_EPOCHS = 4
+"""Epochs over which the activity is taken: two seconds tell a hovering multirotor from a moving one."""
+_STILL = 1e-4  # (m/s^2)^2: below, activity is not told apart
+
+
+@kernel
+def epoch(t, rows):
+    """The epoch that ends at ``t`` [s] from output rows (N, OUT_COLUMNS) of ``core.filter.layout``, N > 0."""
+    mean = np.zeros(COLUMNS)
+    N = rows.shape[0]
+    for n in range(N):
+        C = quat_to_matrix(rows[n, OUT_QUAT : OUT_QUAT + 4])
+        for i in range(3):
+            for j in range(3):
+                mean[ATTITUDE + 3 * i + j] += C[i, j]
+                mean[BODY_VELOCITY + i] += C[j, i] * rows[n, OUT_VEL + j]
+            mean[VELOCITY + i] += rows[n, OUT_VEL + i]
+            mean[FORCE + i] += rows[n, OUT_FORCE + i]
+            mean[RATE + i] += rows[n, OUT_RATE + i]
+            mean[POSITION + i] += rows[n, OUT_POS + i]
+    for c in range(COLUMNS):
+        mean[c] /= N
+    mean[TIME] = t
+    return mean
+
+
+def attitude(epochs: np.ndarray) -> np.ndarray:
+    """C_nb of epochs (N, COLUMNS), (N, 3, 3)."""
+    return epochs[:, ATTITUDE:BODY_VELOCITY].reshape(-1, 3, 3)
+
+
+def horizontal_acceleration(epochs: np.ndarray) -> np.ndarray:
+    """East and North of the specific force in n, (N, 2) [m/s^2]: without a tilt error, the acceleration over ground."""
+    return np.einsum("nij,nj->ni", attitude(epochs)[:, :2], epochs[:, FORCE:RATE])
+
+
+def activity(epochs: np.ndarray) -> np.ndarray:
+    """Logarithm (N,) of the RMS horizontal acceleration over the last two seconds up to each epoch."""
+    square = np.square(horizontal_acceleration(epochs)).sum(axis=1)
+    summed = np.cumsum(np.concatenate([np.zeros(1), square]))
+    last = np.arange(1, len(square) + 1)
+    first = np.maximum(last - ACTIVITY_EPOCHS, 0)
+    return 0.5 * np.log((summed[last] - summed[first]) / (last - first) + _STILL)

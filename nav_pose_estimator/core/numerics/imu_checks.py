@@ -1,0 +1,43 @@
+"""Questions about a block of IMU samples that one compiled pass answers at a tenth of the cost of numpy calls."""
+
+from nav_pose_estimator.core.numerics.jit import kernel
+
+
+@kernel
+def is_unremarkable(stamps, gyro, accel, last_ns, before, step_ns, bounds):
+    """True for N samples that follow one another in time, are in range, and neither repeat nor clip anywhere.
+
+    ``stamps`` (N,) int64 ns, ``gyro`` and ``accel`` (N, 3). They continue the sample of time ``last_ns`` with the six
+    values ``before`` by at most ``step_ns`` from one to the next. ``bounds``: largest rate and force, and the rate and
+    force beyond which an axis that repeats itself is clipped. False says nothing: the exact rules have to look.
+    """
+    rate, force, usual_rate, usual_force = bounds
+    for i in range(len(stamps)):
+        last = stamps[i - 1] if i > 0 else last_ns
+        if not 0 < stamps[i] - last <= step_ns:
+            return False
+        same_gyro = same_accel = 0
+        for k in range(3):
+            w, f = gyro[i, k], accel[i, k]
+            if not (abs(w) <= rate and abs(f) <= force):  # false for NaN
+                return False
+            if w == (gyro[i - 1, k] if i > 0 else before[k]):
+                same_gyro += 1
+                if abs(w) > usual_rate:
+                    return False
+            if f == (accel[i - 1, k] if i > 0 else before[3 + k]):
+                same_accel += 1
+                if abs(f) > usual_force:
+                    return False
+        if same_gyro == 3 or same_accel == 3:
+            return False
+    return True
+
+
+@kernel
+def stays_in_period(stamps, period, length):
+    """Whether every one of ``stamps`` (N,) [ns] lies in the ``period``-th stretch of ``length`` [ns]."""
+    for i in range(len(stamps)):  # noqa: SIM110 - a compiled kernel has no generators
+        if stamps[i] // length != period:
+            return False
+    return True

@@ -1,0 +1,89 @@
+"""One source for two worlds: numeric kernels are compiled where numba is installed and plain Python elsewhere.
+
+A kernel is written with scalars and explicit loops over small arrays. That is what numba compiles best, and what
+plain Python runs faster than numpy calls on 3-vectors.
+"""
+
+import hashlib
+import os
+import sys
+from functools import cache
+from types import ModuleType
+from typing import Any
+
+try:
+    import numba
+except ImportError:
+    numba = None  # type: ignore[assignment]
+
+_PACKAGE = __name__.partition(".")[0]  # kernels of every room are compiled into each other
+_FOLDER = os.path.dirname(sys.modules[_PACKAGE].__file__ or "")
+COMPILED: bool = numba is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
+"""True when kernels run as machine code in this process."""
+
+
+def kernel(function):
+    """Compile ``function`` with numba (cached on disk, float64, no fast-math); without numba return it unchanged."""
+    return _compile(function)
+
+
+def inlined(function):
+    """A kernel for the inside of others: the compiler copies it into every caller.
+
+    A call between compiled functions costs tens of nanoseconds for its arrays alone (their reference counts), more
+    than the arithmetic of a small kernel.
+    """
+    return _compile(function, forceinline=True)
+
+
+def _compile(function, **options):
+    if numba is None:
+        return function
+    compiled = numba.njit(cache=True, error_model="numpy", **options)(function)
+    if not COMPILED or _tie_cache_to_sources(compiled):
+        return compiled
+    return numba.njit(error_model="numpy", **options)(function)
+
+
+def _tie_cache_to_sources(compiled) -> bool:
+    """Make the cached machine code of a kernel stale when anything that was compiled into it has changed.
+
+    By itself numba looks at size and time of the kernel's file only. Numbers and kernels of other files are compiled
+    in as well: with an old cache, a new layout would be read at the old places. False when this numba keeps its cache
+    some other way: the kernel then has to do without.
+    """
+    function = compiled.py_func
+    parts = (function.__module__, _text_of(function.__code__.co_filename), _compiled_in(function.__globals__))
+    try:
+        compiled.source_stamp = hashlib.sha256(repr(parts).encode()).hexdigest()
+        compiled._cache._cache_file._source_stamp = compiled.source_stamp
+    except AttributeError:
+        return False
+    return True
+
+
+@cache
+def _text_of(path: str) -> str:
+    """Digest of a source file: its text and not its time, so that a copied or touched file keeps its cache."""
+    with open(path, "rb") as file:
+        return hashlib.sha256(file.read()).hexdigest()
+
+
+def _compiled_in(names: dict[str, Any]) -> list[Any]:
+    """What kernels may take from a module's globals: numbers, kernels, and those of modules of this package."""
+    parts: list[Any] = []
+    for name, value in sorted(names.items()):
+        if isinstance(value, int | float | tuple):
+            parts.append((name, value))
+        elif isinstance(value, ModuleType) and value.__name__.partition(".")[0] == _PACKAGE:
+            parts.append((name, _compiled_in(vars(value))))
+        elif hasattr(value, "source_stamp"):
+            parts.append((name, value.source_stamp))
+    return parts
+
+
+def is_first_run() -> bool:
+    """True when machine code has yet to be made, which takes about a minute: worth a word to who waits."""
+    if not COMPILED or os.environ.get("NUMBA_CACHE_DIR"):
+        return False
+    return not any(name.endswith(".nbi") for _, _, names in os.walk(_FOLDER) for name in names)

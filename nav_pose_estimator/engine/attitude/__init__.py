@@ -1,0 +1,1 @@
+"""The attitude engine around the attitude filters."""

@@ -1,0 +1,1 @@
+"""All engines in one: what `pose_estimator` and `replay` run."""

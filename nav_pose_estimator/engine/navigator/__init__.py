@@ -1,0 +1,1 @@
+"""The strapdown navigator: filter on its time line, modes, start."""

@@ -1,0 +1,194 @@
+"""Two hypotheses of what the vehicle does, each with a navigator of its own, while nothing else bounds the drift.
+
+The filter splits when GNSS is lost: one branch travels as the network predicts, one hovers. Every half second each
+branch takes in what its hypothesis says of the velocity; how well that fits decides how probable it is (interacting
+multiple model, Blom and Bar-Shalom 1988). A wrong hypothesis cannot spoil the other, and what comes out, mean and
+covariance of the mixture, is as uncertain as the decision. It differs from the textbook in that the branches are mixed
+after the hypotheses have been weighed on each of them (generalised pseudo-Bayesian, second order).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter import measurements, memory
+from nav_pose_estimator.core.filter.kalman import correct, innovation, log_density
+from nav_pose_estimator.core.filter.mixture import blend_rows, error_between, merge, with_wind
+from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
+
+_LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
+_UNMODELLED = 8.0  # m^2/s^2: of a velocity that has drifted; the covariance knows nothing of lasting wrong predictions
+_REMEMBERED = 10.0  # s: the longest that checkpoints reach back
+_DRIVING_NOISE = [at.GYRO_NOISE_PSD, at.ACCEL_NOISE_PSD, at.GYRO_BIAS_PSD, at.ACCEL_BIAS_PSD, at.GYRO_MATRIX_PSD]
+_PLACE = slice(at.DPOS, at.DPOS + 3)
+_CORRELATION = 10.0  # s: what is nearer in time is no independent evidence of a regime
+
+
+class Branches:
+    """Branches of the filter with their weights: one ``core.filter.memory`` each, with wind block and checkpoints."""
+
+    def __init__(self, trunk: np.ndarray, slots: int, evidence: MotionEvidence) -> None:
+        """Split the filter of the memory ``trunk`` into the hypotheses of ``evidence``, with its wind."""
+        n = int(trunk[memory.STATES])
+        self._drift_variance = evidence.drift_variance
+        stated = trunk[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
+        known = self._drift_variance * stated
+        # nobody has seen how wrong the position was that GNSS left
+        known[_PLACE, _PLACE] += (1.0 - self._drift_variance) * stated[_PLACE, _PLACE]
+        P = with_wind(known, evidence.wind_cov)
+        constants = _with_wind_block(trunk[memory.CONSTANTS : memory.ORIGIN], evidence)
+        branch = memory.make(constants, len(P), slots, trunk[memory.PERIOD])
+        branch[memory.ORIGIN : memory.STATES] = trunk[memory.ORIGIN : memory.STATES]
+        branch[memory.NAV : memory.CONSTANTS] = trunk[memory.NAV : memory.CONSTANTS]
+        branch[memory.NAV + at.WIND : memory.NAV + at.WIND + 2] = evidence.wind
+        branch[memory.NAV + at.GYRO_WANDER] *= self._drift_variance
+        branch[memory.HEAD : memory.HEAD + P.size] = P.ravel()
+        memory.add_checkpoint(branch)
+        self.memories = np.tile(branch, (len(evidence.hypotheses), 1))
+        self.weights = np.array([h.probability for h in evidence.hypotheses])
+        self._decisions = [(-math.inf, self.weights)]  # (time, weights from then on), as far back as checkpoints
+
+    def copy(self) -> Branches:
+        """An independent copy."""
+        twin = object.__new__(Branches)
+        twin.memories = self.memories.copy()
+        twin.weights, twin._decisions = self.weights, list(self._decisions)
+        twin._drift_variance = self._drift_variance
+        return twin
+
+    def pairs(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Nominal state and covariance of every branch; writing to them changes the branch."""
+        return [(_nav(one), _covariance(one)) for one in self.memories]
+
+    def run(self, rows: np.ndarray, begin: int, end: int, due: float, out: np.ndarray) -> int:
+        """``memory.run_block`` along every branch; ``out`` receives the solution of the mixture."""
+        own = np.empty((len(self.memories), *out.shape))
+        for one, own_rows in zip(self.memories, own, strict=True):
+            stop = memory.run_block(one, rows, begin, end, due, own_rows)
+        first = len(out) - end
+        blend_rows(own, self.weights, first + begin, first + stop, out)
+        return stop
+
+    def restore_before(self, t: float) -> float:
+        """Go back to the last checkpoint before ``t``; returns its time."""
+        for one in self.memories:
+            memory.restore_before(one, t)
+        now = float(self.memories[0][memory.NAV + at.TIME])
+        while len(self._decisions) > 1 and self._decisions[-1][0] > now:
+            self._decisions.pop()
+        self.weights = self._decisions[-1][1]
+        return now
+
+    def mix_into(self, trunk: np.ndarray) -> None:
+        """Make the filter of the memory ``trunk`` the mixture of the branches, without the wind block."""
+        memory.mix(self.memories, self.weights, trunk)
+        trunk[memory.NAV + at.GYRO_WANDER] /= self._drift_variance
+
+    def _stacked(self) -> tuple[np.ndarray, np.ndarray]:
+        n = int(self.memories[0, memory.STATES])
+        Ps = self.memories[:, memory.HEAD : memory.HEAD + n * n].reshape(-1, n, n)
+        return self.memories[:, memory.NAV : memory.CONSTANTS].copy(), Ps.copy()
+
+    def decide(self, evidence: MotionEvidence) -> None:
+        """Let every hypothesis act on every branch, weigh what comes out, and merge it hypothesis by hypothesis.
+
+        A vehicle that travels at 7 m/s cannot hover the next moment: how well a hypothesis fits is asked of each branch
+        that it may have come from, not of their mixture, in which everything is possible.
+        """
+        navs, Ps = self._stacked()
+        count = len(navs)
+        after_navs, after_Ps = np.tile(navs, (count, 1, 1)), np.tile(Ps, (count, 1, 1, 1))  # hypothesis, branch, ...
+        joint = self._joint_weights(after_navs, after_Ps, evidence)
+        if not joint.any():
+            return
+        weights = joint.sum(axis=1)
+        for j, (nav, P) in enumerate(self.pairs()):
+            if weights[j] > 0.0:
+                nav[:], P[:] = merge(after_navs[j], after_Ps[j], joint[j] / weights[j])
+        weights = np.maximum(weights / weights.sum(), _LEAST_WEIGHT)
+        self.weights = weights / weights.sum()
+        now = float(navs[0, at.TIME])
+        self._decisions = [*(d for d in self._decisions if d[0] >= now - _REMEMBERED), (now, self.weights)]
+
+    def _joint_weights(self, navs: np.ndarray, Ps: np.ndarray, evidence: MotionEvidence) -> np.ndarray:
+        """Correct ``navs``, ``Ps`` [j, i] for hypothesis j behind branch i; returns the weights of the pairs, or 0."""
+        count = len(navs)
+        middle, _ = merge(navs[0], Ps[0], self.weights)
+        stay = math.exp(-evidence.interval / evidence.dwell) if count > 1 else 1.0
+        transition = np.full((count, count), (1.0 - stay) / max(count - 1, 1))
+        np.fill_diagonal(transition, stay)
+        tempered = min(evidence.interval / _CORRELATION, 1.0)
+        exponent = np.empty((count, count))
+        for j, hypothesis in enumerate(evidence.hypotheses):
+            for i in range(count):
+                likelihood, entry = _act(navs[j, i], Ps[j, i], middle, evidence, hypothesis)
+                # what is seen while a regime lasts is correlated; that it could begin at all counts once and in full
+                exponent[j, i] = tempered * likelihood + (i != j) * (1.0 - tempered) * entry
+        known = np.isfinite(exponent)
+        if not known.any():
+            return np.zeros((count, count))
+        likely = np.exp(np.where(known, exponent, -np.inf) - exponent[known].max())
+        return np.asarray(transition * self.weights * likely)  # the transition is symmetric
+
+
+def _act(
+    nav: np.ndarray, P: np.ndarray, middle: np.ndarray, evidence: MotionEvidence, hypothesis: Hypothesis
+) -> tuple[float, float]:
+    """Correct one branch; returns logarithms: how likely is what was observed, and that the regime begins here."""
+    n = len(P)
+    mean = np.array(evidence.wind_mean)
+    nav[at.WIND : at.WIND + 2] = mean + math.exp(-evidence.interval / evidence.wind_tau) * (
+        nav[at.WIND : at.WIND + 2] - mean
+    )
+    apart = error_between(middle, nav, n)  # the branch's error were the mixture the truth
+    seen, used = [], []  # (z, H, variances): what tells the hypotheses apart, what corrects the branch
+    likelihood, entry = hypothesis.log_likelihood, 0.0
+    if hypothesis.velocity_var is not None:
+        _, H = measurements.horizontal_velocity(nav, n, 0.0, 0.0)
+        z, variances = np.array(evidence.velocity[:2]) + H @ apart, np.full(2, hypothesis.velocity_var)
+        seen.append((z, H, variances))
+        entry = -0.5 * innovation(P, z, H, np.diag(variances + _UNMODELLED))
+        if hypothesis.velocity_time is not None:
+            # a velocity persists: it tells the regimes apart at once, but corrects the filter little by little
+            used.append((z, H, variances * hypothesis.velocity_time / evidence.interval))
+    if evidence.air_velocity is not None and hypothesis.air_noise is not None:
+        means = evidence.attitude, np.array(evidence.velocity), np.array(evidence.body_velocity)
+        z, H = measurements.mean_air_velocity(nav, n, *means, np.array(evidence.air_velocity))
+        base = slice(at.BASE_STATES)  # the wind is the branch's own already
+        air = z + H[:, base] @ apart[base], H, np.array(hypothesis.air_noise)
+        seen.append(air)
+        used.append(air)
+    if seen:
+        likelihood += log_density(P, *_as_one(seen))
+    if used and not math.isfinite(correct(nav, P, *_as_one(used))):
+        return -math.inf, -math.inf
+    return likelihood, entry
+
+
+def _as_one(observations: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Independent observations (z, H, variances) as one: z, H, R."""
+    z, H, variances = (np.concatenate(parts) for parts in zip(*observations, strict=True))
+    return z, H, np.diag(variances)
+
+
+def _nav(branch: np.ndarray) -> np.ndarray:
+    return branch[memory.NAV : memory.CONSTANTS]
+
+
+def _covariance(branch: np.ndarray) -> np.ndarray:
+    n = int(branch[memory.STATES])
+    return branch[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
+
+
+def _with_wind_block(constants: np.ndarray, evidence: MotionEvidence) -> np.ndarray:
+    wider = constants.copy()
+    wider[_DRIVING_NOISE] *= evidence.drift_variance
+    wider[at.I_WIND_DRAG] = at.BASE_STATES
+    if wider[at.I_GYRO_MATRIX] >= 0.0:
+        wider[at.I_GYRO_MATRIX] += at.WIND_DRAG_STATES
+    wider[at.WIND_RATE] = 1.0 / evidence.wind_tau
+    wider[at.WIND_PSD] = 2.0 * evidence.wind_spread / evidence.wind_tau
+    return wider

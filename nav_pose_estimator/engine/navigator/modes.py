@@ -1,0 +1,78 @@
+"""Which mode the navigator is in, when that changes, and what is said about it."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable
+
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.parameters.navigator import NavigatorParameters
+from nav_pose_estimator.engine.sensors.aids import AidInput
+from nav_pose_estimator.engine.sensors.gnss import GnssInput
+from nav_pose_estimator.engine.solutions import Level, Mode
+
+_AID_HOLDS = 3.0  # s: how long an aid counts as bounding the drift
+_OFFER_HOLDS = 2.0  # s: how long a fix under test counts as re-acquisition
+LEVELLING = frozenset((Mode.WAITING_IMU, Mode.ALIGNING, Mode.NO_ORIGIN))
+"""While the filter does not run."""
+DENIED = frozenset((Mode.COASTING, Mode.DEAD_RECKONING, Mode.EXPIRED, Mode.REACQUIRING))
+
+
+class ModeKeeper:
+    """The mode is a function of four times: now, last used fix, last offered fix, last bounding aid."""
+
+    def __init__(self, parameters: NavigatorParameters) -> None:
+        self._parameters = parameters
+        self.mode = Mode.WAITING_IMU
+
+    def set_parameters(self, parameters: NavigatorParameters) -> None:
+        """New times that separate the modes."""
+        self._parameters = parameters
+
+    def copy(self) -> ModeKeeper:
+        """An independent copy."""
+        return copy.copy(self)
+
+    def note_alignment(self, has_attitude: bool) -> None:
+        """While the filter does not run: aligning, or level but without a position."""
+        self.mode = Mode.NO_ORIGIN if has_attitude else Mode.ALIGNING
+
+    def seconds_unaided(self, t: float, last_used: float) -> float:
+        """Seconds since the last used fix while GNSS counts as lost, else zero."""
+        gap = t - last_used
+        return gap if self._parameters.lost_after < gap < math.inf else 0.0
+
+    def deadline(self, t: float, gnss: GnssInput, aids: AidInput) -> float:
+        """The next time after ``t`` at which the mode may change by time alone."""
+        times = (
+            gnss.last_used + self._parameters.lost_after,
+            gnss.last_used + self._parameters.expire_after,
+            gnss.last_offered + _OFFER_HOLDS,
+            aids.last_bounding + _AID_HOLDS,
+        )
+        return min((at for at in times if at > t), default=math.inf)
+
+    def update(
+        self, t: float, gnss: GnssInput, aids: AidInput, journal: Journal, stamp: Callable[[float], int]
+    ) -> Mode:
+        """The mode at ``t`` of a running filter; a change is an event."""
+        mode = self.at(t, gnss, aids)
+        if mode is not self.mode:
+            was_denied, is_denied = self.mode in DENIED, mode in DENIED
+            level = Level.WARN if is_denied and not was_denied else Level.INFO
+            why = f" ({gnss.refusal})" if is_denied and gnss.refusal else ""
+            journal.say(stamp(t), f"mode.{mode.value.lower()}", level, f"{self.mode.value} -> {mode.value}{why}")
+            self.mode = mode
+        return mode
+
+    def at(self, t: float, gnss: GnssInput, aids: AidInput) -> Mode:
+        """The mode that ``t`` asks for, of a running filter."""
+        gap = t - gnss.last_used
+        if gap < self._parameters.lost_after:
+            return Mode.AIDED
+        if t - gnss.last_offered < _OFFER_HOLDS and gnss.last_offered > gnss.last_used + self._parameters.lost_after:
+            return Mode.REACQUIRING
+        if gap >= self._parameters.expire_after:
+            return Mode.EXPIRED
+        return Mode.COASTING if t - aids.last_bounding < _AID_HOLDS else Mode.DEAD_RECKONING

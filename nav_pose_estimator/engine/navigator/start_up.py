@@ -1,0 +1,169 @@
+"""Before the filter runs: what the aligner is given, what it waits for, and what comes of it."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections import deque
+
+import numpy as np
+
+from nav_pose_estimator.core.alignment.aligner import Aligner
+from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, KnownBiases
+from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
+from nav_pose_estimator.core.filter import bias_noise, measurements
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.kalman import correct, gated_correct
+from nav_pose_estimator.core.filter.vertical_channel import gated_height
+from nav_pose_estimator.engine.number_checks import is_covariance, is_within
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
+
+_FARTHEST = 1e6  # m: a pose beyond this is not in the local frame
+POSE_REFUSALS = {
+    "no_origin": "a pose can be set only while the navigator runs",
+    "value": "its position, orientation or covariance is none",
+}
+_UNSTATED_TILT_SD = 0.1  # rad: tilt of an attitude that comes without covariance
+_SAME_EPOCH = 0.05  # s: a fix and a velocity closer than this belong together
+
+
+class StartUp:
+    """Pairs fixes with velocities for the aligner and keeps the few last velocities for a reset."""
+
+    def __init__(self, parameters: Parameters, known: KnownBiases | None = None) -> None:
+        """``known``: the biases of the IMU where a navigator has just known them."""
+        self.known_biases = known
+        self._use_mag = parameters.aids.magnetometer
+        settings = {name: getattr(parameters.alignment, name) for name in AlignmentSettings.shared()}
+        self._aligner = Aligner(
+            AlignmentSettings(
+                gyro_noise=parameters.imu.gyro_noise,
+                accel_noise=parameters.imu.accel_noise,
+                declination=parameters.aids.declination,
+                lever_arm=parameters.gnss.lever_arm,
+                known=known,
+                **settings,
+            )
+        )
+        self._pending_fix: tuple[float, GnssFix, np.ndarray] | None = None
+        self._velocities: deque[tuple[float, tuple, np.ndarray]] = deque(maxlen=10)
+        self._done: Alignment | None = None
+        self.time = 0.0
+
+    def copy(self) -> StartUp:
+        """An independent copy. A finished aligner takes nothing in any more: copies share it, and what it holds."""
+        if not self._aligner.is_complete:
+            return copy.deepcopy(self)
+        twin = copy.copy(self)
+        twin._velocities = self._velocities.copy()
+        return twin
+
+    def imu(self, row: np.ndarray) -> None:
+        """One IMU row [t, gyro, accel] in body axes."""
+        self.time = float(row[at.IMU_T])
+        self._aligner.imu(self.time, row[at.IMU_GYRO : at.IMU_ACCEL], row[at.IMU_ACCEL :])
+
+    def mag(self, t: float, field: tuple[float, float, float]) -> None:
+        """Magnetic field in b."""
+        if self._use_mag and all(map(math.isfinite, field)):
+            self._aligner.mag(t, np.array(field))
+
+    def set_declination(self, declination: float) -> None:
+        """The declination [rad] is known only now."""
+        self._aligner.set_declination(declination)
+
+    def attitude(self, t: float, sample: AttitudeSample) -> None:
+        """Attitude of the attitude filter: its tilt helps to level in motion."""
+        variance = _UNSTATED_TILT_SD**2 if sample.cov_n is None else float(np.max(np.diag(sample.cov_n)[:2]))
+        self._aligner.attitude(t, sample.q_nb, math.sqrt(max(variance, 0.0)))
+
+    def fix(self, t: float, sample: GnssFix, R: np.ndarray) -> None:
+        """A usable fix valid at ``t``; handed on with the velocity of its epoch, or alone when none came."""
+        if self._pending_fix is not None:
+            self._hand_on(None, None)
+        self._pending_fix = (t, sample, R)
+        near = self._near(t)
+        if near is not None:
+            self._hand_on(near[1], near[2])
+
+    def velocity(self, t: float, vel_enu: tuple, R: np.ndarray) -> None:
+        """A velocity valid at ``t``."""
+        self._velocities.append((t, vel_enu, R))
+        if self._pending_fix is not None and abs(self._pending_fix[0] - t) < _SAME_EPOCH:
+            self._hand_on(vel_enu, R)
+
+    def result(self) -> Alignment | None:
+        """The finished alignment with position, or None."""
+        result = self._aligner.result()
+        return result if result is not None and result.has_position else None
+
+    @property
+    def restarts(self) -> int:
+        """How often heading hypotheses that had gone astray were started anew."""
+        return self._aligner.restarts
+
+    @property
+    def has_attitude(self) -> bool:
+        """True when only the position is missing."""
+        return self._aligner.result() is not None
+
+    def waiting_for(self, gnss_refusal: str) -> str:
+        """One sentence for the pilot."""
+        why = self._aligner.waiting_for()
+        return f"{why} (GNSS: {gnss_refusal})" if gnss_refusal else why
+
+    def _near(self, t: float) -> tuple[float, tuple, np.ndarray] | None:
+        return next((v for v in reversed(self._velocities) if abs(v[0] - t) < _SAME_EPOCH), None)
+
+    def _hand_on(self, vel_enu: tuple | None, velocity_R: np.ndarray | None) -> None:
+        if self._pending_fix is None:
+            return
+        t, fix, R = self._pending_fix
+        self._pending_fix = None
+        velocity_sd = 0.0 if velocity_R is None else float(math.sqrt(velocity_R[0, 0]))
+        self._aligner.gnss(t, fix.lat, fix.lon, fix.alt, vel_enu, float(math.sqrt(R[0, 0])), velocity_sd)
+
+
+def pose_refusal(sample: SetPose, running: bool) -> str:
+    """Why a pose given from outside is not used, a key of ``POSE_REFUSALS``; empty if it is."""
+    if not running:
+        return "no_origin"
+    norm = math.hypot(*sample.q_nb)
+    known = sample.cov is None or is_covariance(sample.cov, 6)
+    return "" if is_within(sample.position_enu, _FARTHEST) and 0.9 < norm < 1.1 and known else "value"
+
+
+def set_pose(nav: np.ndarray, P: np.ndarray, sample: SetPose, origin: tuple[float, float, float]) -> None:
+    """Write a pose given from outside into ``nav`` and ``P``; a missing covariance means 1 m and 3 deg."""
+    nav[at.LAT : at.VEL] = [float(x) for x in enu_to_lla(sample.position_enu, *origin)]
+    nav[at.QUAT : at.GYRO_BIAS] = np.array(sample.q_nb) / np.linalg.norm(sample.q_nb)
+    cov = np.diag([1.0] * 3 + [math.radians(3.0) ** 2] * 3) if sample.cov is None else np.array(sample.cov, float)
+    for start, block in ((at.DPOS, cov[:3, :3]), (at.PHI, cov[3:, 3:])):
+        P[start : start + 3, :] = 0.0
+        P[:, start : start + 3] = 0.0
+        P[start : start + 3, start : start + 3] = block
+
+
+def warm_up(constants: np.ndarray, states: int) -> None:
+    """Call every kernel of the observations once on harmless numbers; a rehearsed flight calls those of the IMU."""
+    nav = np.zeros(at.NAV_SIZE)
+    nav[at.QUAT] = 1.0
+    P = np.eye(states)
+    zero = np.zeros(3)
+    for z, H in (
+        measurements.gnss_position(nav, states, 0.0, 0.0, 0.0, zero),
+        measurements.gnss_velocity(nav, states, zero, zero),
+        measurements.body_velocity(nav, states, zero, zero),
+        measurements.height(nav, states, 0.0),
+        measurements.magnetic_heading(nav, states, 0.0, 1.0, 0.0, 0.0),
+        measurements.horizontal_velocity(nav, states, 0.0, 0.0),
+        measurements.zero_velocity(nav, states),
+    ):
+        R = np.eye(len(z))
+        gated_correct(nav, P, z, H, R, 10.0, 100.0)
+        correct(nav, P, z, H, R)
+    gated_height(nav, P, 0.0, 1.0, 10.0, 100.0)
+    bias_noise.begin(nav, constants)
+    bias_noise.observe(nav, P)
+    bias_noise.overstatement(nav)

@@ -1,0 +1,1 @@
+"""What is learned while GNSS is good, rehearsed, and used when it is lost."""

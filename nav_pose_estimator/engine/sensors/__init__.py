@@ -1,0 +1,1 @@
+"""One file for each sensor: from samples to observations of the filter."""

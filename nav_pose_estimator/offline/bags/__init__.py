@@ -1,0 +1,1 @@
+"""Bags: storage, decoding, reading, writing."""

@@ -1,0 +1,1 @@
+"""Attitude filters against optical truth."""

@@ -1,0 +1,194 @@
+"""``benchmark outage | attitude | speed``."""
+
+import argparse
+import csv
+import json
+import math
+import multiprocessing
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, fields
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+from nav_pose_estimator.errors import UserError
+
+PARTS = {
+    "outage": "forced GNSS outages over many bags and methods",
+    "attitude": "attitude errors on recorded motions with optical truth",
+    "speed": "what everything costs on this machine",
+}
+OUTAGES, SUMMARY_CSV, SUMMARY_JSON, REPORT = "outages.csv", "summary.csv", "summary.json", "report.html"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the three benchmarks."""
+    parser.description = "Measure the package: drift in GNSS outages, attitude, speed."
+    parts = parser.add_subparsers(dest="part", required=True, metavar="{outage,attitude,speed}")
+    _add_outage(parts.add_parser("outage", help=PARTS["outage"], description=PARTS["outage"]))
+    for name in ("attitude", "speed"):
+        module = f"nav_pose_estimator.offline.benchmarks.{name}.benchmark"
+        if find_spec(module) is not None:
+            part = parts.add_parser(name, help=PARTS[name], description=PARTS[name])
+            import_module(module).add_arguments(part)
+
+
+def _add_outage(part: argparse.ArgumentParser) -> None:
+    add = part.add_argument
+    add("bags", nargs="+", type=Path, metavar="BAG", help="recordings; NAME.json beside NAME_bag is read")
+    add("--lengths", default="10,30,60", metavar="S,...", help="lengths of the outages (default: 10,30,60)")
+    add("--every", type=float, default=5.0, metavar="S", help="an outage starts every S seconds (default: 5)")
+    add("--first", type=float, metavar="S", help="first start after the flight begins (default: 160, short flights 60)")
+    add("--methods", default="best,coast,hold,const_velocity", metavar="M,...", help="methods to compare")
+    add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto (default: NAME.json, else auto)")
+    add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
+    add("--jobs", type=int, default=1, metavar="N", help="processes (default: 1)")
+    add("--out", type=Path, default=Path("outage_benchmark"), metavar="DIR", help="folder for tables and report")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Carry one of the benchmarks out."""
+    if arguments.part != "outage":
+        return import_module(f"nav_pose_estimator.offline.benchmarks.{arguments.part}.benchmark").run(arguments)
+    from nav_pose_estimator.offline.bags.storage import Bag
+    from nav_pose_estimator.offline.benchmarks.outage.report import write_report
+    from nav_pose_estimator.offline.benchmarks.outage.statistics import summarise
+
+    tasks = _tasks(arguments)
+    for bag in arguments.bags:
+        Bag(bag).close()  # a mistyped name ends the command now, not after an hour
+    folder = make_folder(arguments.out)
+    flights = _run_all(tasks, arguments.jobs)
+    rows = _rows(flights)
+    if not rows:
+        raise UserError("no outage fits into these flights: try shorter --lengths or an earlier --first")
+    summaries = summarise(rows)
+    _write_csv(folder / OUTAGES, [asdict(row) for row in rows])
+    _write_csv(folder / SUMMARY_CSV, [asdict(s) for s in summaries])
+    _write_json(folder / SUMMARY_JSON, flights, summaries, arguments)
+    write_report(folder / REPORT, flights, summaries)
+    _print(summaries, rows)
+    print(f"report: {folder / REPORT}")
+    return 0
+
+
+def make_folder(path: Path) -> Path:
+    """The output folder; files of an earlier run in it are overwritten, others stay."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{path} cannot be made ({error.strerror})") from None
+    return path
+
+
+def _tasks(arguments: argparse.Namespace) -> list:
+    from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task
+    from nav_pose_estimator.offline.flights import methods
+
+    names = methods.check([name.strip() for name in arguments.methods.split(",") if name.strip()])
+    try:
+        lengths = tuple(sorted({float(text) for text in arguments.lengths.split(",")}))
+    except ValueError:
+        raise UserError(f"--lengths {arguments.lengths!r}: write seconds separated by commas, as in 10,30,60") from None
+    if not names or not all(0.0 < length < 86400.0 for length in lengths):
+        raise UserError("--methods and --lengths must name at least one method and one positive length")
+    if not 0.0 < arguments.every < math.inf or arguments.jobs < 1:
+        raise UserError("--every and --jobs must be positive")
+    predictors = tuple(name for name in names if name in methods.PREDICTORS)
+    passes = [name for name in names if name not in methods.PREDICTORS]
+    if predictors and methods.COAST not in passes:
+        passes.append(methods.COAST)  # predictors go on from its states
+    shared = {"lengths": lengths, "every": arguments.every, "first": arguments.first, "config": arguments.config}
+    return [
+        Task(
+            bag=bag,
+            method=name,
+            predictors=predictors * (name == methods.COAST),
+            gnss_delay=arguments.gnss_delay,
+            **shared,
+        )
+        for bag in arguments.bags
+        for name in passes
+    ]
+
+
+def _run_all(tasks: list, jobs: int) -> list:
+    from tqdm import tqdm
+
+    from nav_pose_estimator.offline.benchmarks.outage.benchmark import run_task
+
+    with tqdm(total=len(tasks), unit=" pass", disable=not sys.stderr.isatty()) as bar:
+        if jobs == 1:
+            return [run_task(task, bar.update) for task in tasks]
+        # Each process computes on one thread, else the libraries' threads fight for the cores.
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+            os.environ.setdefault(name, "1")
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=context) as pool:
+            waiting = {pool.submit(run_task, task): i for i, task in enumerate(tasks)}
+            done: dict[int, object] = {}
+            for future in as_completed(waiting):
+                done[waiting[future]] = future.result()
+                bar.update(1)
+    return [done[i] for i in range(len(tasks))]
+
+
+def _rows(flights: list) -> list:
+    from nav_pose_estimator.offline.benchmarks.outage.statistics import Row
+
+    columns = [item.name for item in fields(Row)][2:]
+    return [
+        Row(flight.bag, method, **{name: getattr(errors, name) for name in columns})
+        for flight in flights
+        for (method, _), outages in flight.errors.items()
+        for errors in outages
+    ]
+
+
+def _write_csv(path: Path, rows: list[dict]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]) if rows else [])
+        writer.writeheader()
+        for row in rows:
+            writer.writerow(
+                {name: f"{value:.4f}" if isinstance(value, float) else value for name, value in row.items()}
+            )
+
+
+def _write_json(path: Path, flights: list, summaries: list, arguments: argparse.Namespace) -> None:
+    from nav_pose_estimator.offline.replay.files import plain, versions
+
+    content = {
+        "summaries": [asdict(s) for s in summaries],
+        "flights": [
+            {
+                "bag": flight.bag,
+                "methods": list(dict.fromkeys(method for method, _ in flight.errors)),
+                "gnss_delay_s": flight.delay,
+                "flight_window_s": flight.window,
+                "gnss_samples_checked_in_outages": flight.proof,
+                "notices": flight.notices,
+            }
+            for flight in flights
+        ],
+        "options": {key: str(value) for key, value in vars(arguments).items() if key in ("every", "first", "lengths")},
+        "versions": versions(),
+    }
+    path.write_text(json.dumps(plain(content), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _print(summaries: list, rows: list) -> None:
+    from nav_pose_estimator.offline.benchmarks.outage.report import HEADER, table_rows
+
+    left_out = {(row.bag, row.length_s, row.start_s, row.status) for row in rows if row.status != "ok"}
+    for status in sorted({item[3] for item in left_out}):
+        count = len({item[:3] for item in left_out if item[3] == status})
+        print(f"note: {count} outages left out for all methods ({status})", file=sys.stderr)
+    for bag, length in dict.fromkeys((s.bag, s.length_s) for s in summaries):
+        table = [HEADER, *table_rows([s for s in summaries if (s.bag, s.length_s) == (bag, length)])]
+        widths = [max(len(row[i]) for row in table) for i in range(len(HEADER))]
+        print(f"\n{bag}, {length:g} s")
+        for row in table:
+            print("  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True)))

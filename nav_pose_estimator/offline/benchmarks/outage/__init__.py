@@ -1,0 +1,1 @@
+"""Outages over many flights and methods."""

@@ -1,0 +1,260 @@
+"""Forced outages on one flight: one aided pass, and from each start a copy of the estimator without GNSS.
+
+What the estimator has learned at an outage's start comes from before it: the copy is taken there. The copy runs for the
+longest outage; the errors after every shorter one are read off the same run, so that no GNSS returns in between.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, OUT_POS, OUT_QUAT, OUT_VEL
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
+from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
+from nav_pose_estimator.offline.flights import latency, methods
+from nav_pose_estimator.offline.flights.config_file import load_parameters
+from nav_pose_estimator.offline.flights.flight_window import flight_window, outage_starts
+from nav_pose_estimator.offline.flights.outage_errors import NOT_AIDED, OutageErrors, judge
+from nav_pose_estimator.offline.flights.outages import GnssLeak, GnssRemoval, Outage, OutageProof
+from nav_pose_estimator.offline.flights.recording import Recording, load
+from nav_pose_estimator.offline.flights.tracks import Reference, Track, TrackRecorder, displacement_enu, shift
+from nav_pose_estimator.offline.replay.replay import as_block, reference_lever
+
+GRID = 1.0  # s between the points of an error-growth curve
+_DAMAGED_NS = 10**10
+MARGIN = 0.2  # s: a run goes on so long after the outage's end, still without GNSS, to reach its last fix
+
+
+@dataclass(frozen=True)
+class Task:
+    """One pass over one bag. ``method`` names the estimator, ``predictors`` what is derived from its states."""
+
+    bag: Path
+    method: str
+    predictors: tuple[str, ...]
+    lengths: tuple[float, ...]
+    every: float
+    first: float | None = None
+    gnss_delay: str | None = None
+    config: Path | None = None
+
+
+@dataclass
+class FlightResult:
+    """``errors``: (method, length) -> one entry per outage; ``growth``: method -> (outages, seconds) errors."""
+
+    bag: str
+    delay: float
+    window: tuple[float, float]
+    errors: dict[tuple[str, float], list[OutageErrors]] = field(default_factory=dict)
+    growth: dict[str, np.ndarray] = field(default_factory=dict)
+    path: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # reference, East and North, m
+    starts: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # where the outages begin
+    notices: list[str] = field(default_factory=list)
+    proof: int = 0  # GNSS samples that were looked at on their way into an estimator that runs an outage
+
+
+@dataclass(frozen=True)
+class _Start:
+    """An outage's start: the estimator there, and the place in the stream to go on from."""
+
+    outage: Outage
+    snapshot: object
+    index: int
+    row: int
+    aided: bool
+    state: np.ndarray | None  # last row of the solution, OUT_COLUMNS
+
+
+def run_task(task: Task, advanced: Callable[[float], None] | None = None) -> FlightResult:
+    """Carry out one pass. ``advanced`` is called with the share done since the last call."""
+    recording = load(task.bag)
+    parameters = methods.apply(load_parameters(task.config), task.method)
+    window = flight_window(recording)
+    planned = outage_starts(window, list(task.lengths), task.every, task.first)
+    starts = sorted({outage.start for outages in planned.values() for outage in outages})
+    parameters, how = _with_delay(task, recording, parameters, min(starts, default=np.inf))
+    result = FlightResult(task.bag.name, parameters.gnss.delay, window, notices=[how, *recording.notices])
+    run_outages(recording, parameters, planned, (task.method, *task.predictors), result, advanced)
+    _draw(result, recording.reference(parameters.gnss.delay), starts)
+    return result
+
+
+def run_outages(
+    recording: Recording,
+    parameters: Parameters,
+    planned: dict[float, list[Outage]],
+    names: tuple[str, ...],
+    result: FlightResult,
+    advanced: Callable[[float], None] | None = None,
+) -> None:
+    """The ``planned`` outages (length -> outages) of one recording, filed in ``result``.
+
+    The estimator has ``parameters``, its errors go under the first of ``names``; the others are predictors.
+    """
+    starts = sorted({outage.start for outages in planned.values() for outage in outages})
+    runs = [Outage(s, max(n for n, outages in planned.items() if any(o.start == s for o in outages))) for s in starts]
+    reference = recording.reference(parameters.gnss.delay)
+    fix_times = recording.fix_times(parameters.gnss.delay)
+    judge_run = _judge(planned, fix_times, reference, reference_lever(reference, parameters), result)
+    engine = PoseEstimator(parameters, attitude=False)
+    for start in _aided_pass(recording, parameters, runs):
+        track = _outage_run(engine, recording, parameters, start, result)
+        judge_run(names[0], start, track)
+        for name in names[1:]:
+            judge_run(name, start, _predict(name, start))
+        if advanced is not None:
+            advanced(1.0 / len(runs))
+
+
+def _with_delay(task: Task, recording: Recording, parameters: Parameters, until: float) -> tuple[Parameters, str]:
+    option = task.gnss_delay
+    if option is None and "gnss_latency_est_s" not in recording.sidecar:
+        option = latency.AUTO
+    return latency.choose(recording, parameters, option, None, until)
+
+
+def _aided_pass(recording: Recording, parameters: Parameters, runs: list[Outage]) -> Iterator[_Start]:
+    """Run the whole flight with GNSS and stop at the start of each outage."""
+    engine = PoseEstimator(parameters, attitude=False)
+    engine.warm_up()
+    state = None
+    waiting = list(runs)
+    delay_ns = round(parameters.gnss.delay * 1e9)
+    newest_gnss = 0
+    for index, sample in enumerate(recording.samples):
+        if not waiting:
+            return
+        stamps = sample.stamps_ns if isinstance(sample, ImuBlock) else None
+        done = 0
+        while waiting:
+            start_ns = recording.epoch_ns + round(waiting[0].start * 1e9)
+            row = _first_at(sample, stamps, start_ns, delay_ns)
+            if row is None:
+                break
+            if newest_gnss >= start_ns:
+                raise GnssLeak("GNSS from inside an outage was used before it")
+            if row > done:
+                state = _last_row(engine.feed(_rows(sample, done, row)), state)
+            done = row
+            yield _Start(waiting.pop(0), engine.snapshot(), index, done, engine.mode is Mode.AIDED, state)
+        state = _last_row(engine.feed(_rows(sample, done, None)), state)
+        if isinstance(sample, (GnssFix, GnssVelocity)):
+            newest_gnss = max(newest_gnss, sample.stamp_ns - delay_ns)
+
+
+def _first_at(sample: Sample, stamps: np.ndarray | None, start_ns: int, delay_ns: int) -> int | None:
+    """Row of ``sample`` with which the outage has begun; None if it begins later."""
+    if stamps is not None:
+        row = int(np.searchsorted(stamps, start_ns))
+        return row if row < len(stamps) else None
+    if sample.stamp_ns is None:
+        return None
+    # GNSS with a negative latency is valid after its stamp; a stamp far ahead is damaged and begins nothing.
+    time_ns = sample.stamp_ns - min(delay_ns, 0) * isinstance(sample, (GnssFix, GnssVelocity))
+    return 0 if start_ns <= time_ns < start_ns + _DAMAGED_NS else None
+
+
+def _rows(sample: Sample, first: int, last: int | None) -> Sample:
+    if not isinstance(sample, ImuBlock) or (first == 0 and last is None):
+        return sample
+    return sample.part(first, last)
+
+
+def _last_row(outputs: list, before: np.ndarray | None) -> np.ndarray | None:
+    for output in reversed(outputs):
+        if isinstance(output, NavBlock):
+            return output.rows[-1]
+        if isinstance(output, NavSolution):
+            return as_block(output).rows[-1]
+    return before
+
+
+def _outage_run(
+    engine: PoseEstimator, recording: Recording, parameters: Parameters, start: _Start, result: FlightResult
+) -> Track:
+    """The estimator from ``start`` on without GNSS until a little after the outage's end."""
+    engine.restore(start.snapshot)
+    without = [Outage(start.outage.start, start.outage.length + MARGIN)]
+    removal = GnssRemoval(without, recording.epoch_ns, parameters.gnss.delay)
+    proof = OutageProof([start.outage], recording.epoch_ns, parameters.gnss.delay)
+    tracks = TrackRecorder(recording.epoch_ns)
+    if start.state is not None:
+        # the state in which GNSS was lost, so that the first fixes find an estimate on both sides
+        stamp = recording.epoch_ns + round(start.outage.start * 1e9) - 1
+        tracks.add(NavBlock(np.array([stamp]), start.state[None, :], Mode.AIDED, 0, np.zeros(3)))
+    end_ns = recording.epoch_ns + round((without[0].end) * 1e9)
+    for i in range(start.index, len(recording.samples)):
+        sample = _rows(recording.samples[i], start.row if i == start.index else 0, None)
+        if not removal.keep(sample):
+            continue
+        proof.check(sample)
+        for output in engine.feed(sample):
+            if isinstance(output, NavBlock):
+                tracks.add(output)
+        if isinstance(sample, ImuBlock) and sample.stamps_ns[-1] >= end_ns:
+            break
+    result.proof += proof.seen
+    return tracks.track()
+
+
+def _predict(name: str, start: _Start) -> Track:
+    """``hold`` the last position, or go on with the last velocity; no deviation is claimed."""
+    if start.state is None:
+        return Track(np.empty(0), np.empty((0, OUT_COLUMNS)))
+    t = np.array([0.0, start.outage.length + MARGIN])
+    rows = np.full((2, OUT_COLUMNS), np.nan)
+    rows[:, OUT_QUAT : OUT_QUAT + 4] = start.state[OUT_QUAT : OUT_QUAT + 4]
+    velocity = start.state[OUT_VEL : OUT_VEL + 3] * (name == methods.CONST_VELOCITY)
+    rows[:, OUT_POS : OUT_POS + 3] = shift(start.state[OUT_POS : OUT_POS + 3], t[:, None] * velocity)
+    return Track(start.outage.start + t, rows)
+
+
+def _judge(
+    planned: dict[float, list[Outage]],
+    fix_times: np.ndarray,
+    reference: Reference,
+    lever: np.ndarray,
+    out: FlightResult,
+) -> Callable[[str, _Start, Track], None]:
+    """A function that files the errors of one run at every length."""
+    lengths_at: dict[float, list[Outage]] = {}
+    for outages in planned.values():
+        for outage in outages:
+            lengths_at.setdefault(outage.start, []).append(outage)
+    grid = np.arange(0.0, max(planned, default=0.0) + GRID / 2, GRID)
+
+    def file(method: str, start: _Start, track: Track) -> None:
+        for outage in lengths_at[start.outage.start]:
+            if start.aided:
+                errors = judge(outage, fix_times, reference, track, lever)
+            else:
+                errors = OutageErrors(outage.start, outage.length, status=NOT_AIDED)
+            out.errors.setdefault((method, outage.length), []).append(errors)
+            if outage.length == start.outage.length:
+                curve = _curve(errors, grid)
+                before = out.growth.get(method, np.empty((0, len(grid))))
+                out.growth[method] = np.vstack([before, curve])
+
+    return file
+
+
+def _curve(errors: OutageErrors, grid: np.ndarray) -> np.ndarray:
+    if len(errors.after) < 2:
+        return np.full(len(grid), np.nan)
+    return np.interp(grid, errors.after, errors.growth, left=np.nan, right=np.nan)
+
+
+def _draw(result: FlightResult, reference: Reference, starts: list[float]) -> None:
+    """The path of the flight for the report's map."""
+    inside = (reference.t >= result.window[0]) & (reference.t <= result.window[1])
+    if not inside.any():
+        return
+    step = max(int(inside.sum()) // 2000, 1)
+    origin = reference.position[inside][0]
+    result.path = displacement_enu(reference.position[inside][::step], origin)[:, :2]
+    result.starts = displacement_enu(reference.at(np.array(starts)), origin)[:, :2]

@@ -1,0 +1,113 @@
+"""report.html of the outage benchmark: tables by length, and map and error growth of each flight."""
+
+import math
+from collections.abc import Iterator
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from nav_pose_estimator.offline.benchmarks.outage.benchmark import GRID, FlightResult
+from nav_pose_estimator.offline.benchmarks.outage.statistics import ALL, Summary
+from nav_pose_estimator.offline.page import page
+from nav_pose_estimator.offline.page.svg import Plot
+
+_STYLES = ("a", "b", "c", "d", "e", "f", "a dash", "b dash", "c dash")
+HEADER = [
+    "method",
+    "n",
+    "median m",
+    "95 % interval",
+    "rms m",
+    "90 % m",
+    "max m",
+    "in 3 sigma",
+    "err/sigma",
+    "ratio",
+    "wins",
+]
+
+
+def write_report(path: Path, flights: list[FlightResult], summaries: list[Summary]) -> None:
+    """Write the page."""
+    page.write(path, "GNSS outages", _body(flights, summaries))
+
+
+def table_rows(summaries: list[Summary]) -> list[list[str]]:
+    """The summaries of one flight and length as texts; the smallest median and RMS are marked as best."""
+    if not summaries:
+        return []
+    best = {name: min(getattr(s, name) for s in summaries) for name in ("median_m", "rms_m")}
+    return [
+        [
+            s.method,
+            str(s.outages),
+            ("*" if s.median_m == best["median_m"] else "") + _number(s.median_m),
+            f"{_number(s.median_low_m)} to {_number(s.median_high_m)}",
+            ("*" if s.rms_m == best["rms_m"] else "") + _number(s.rms_m),
+            _number(s.p90_m),
+            _number(s.max_m),
+            "–" if math.isnan(s.within_3_sigma) else f"{100.0 * s.within_3_sigma:.0f} %",
+            _number(s.error_over_sigma, 2),
+            _number(s.rms_ratio, 2),
+            "–" if math.isnan(s.win_rate) else f"{100.0 * s.win_rate:.0f} %",
+        ]
+        for s in summaries
+    ]
+
+
+def _body(flights: list[FlightResult], summaries: list[Summary]) -> Iterator[str]:
+    yield "<h1>GNSS outages</h1>"
+    yield '<p class="soft">Horizontal error at the end of forced outages, mean over the fixes of the last 1.05 s, '
+    yield "against ground truth or the withheld GNSS. Interval: bootstrap of the median, clustered by flight, within "
+    yield "one flight by stretches of an outage's length. Ratio and wins: RMS and single outages against the best "
+    yield "classical method of that flight (coast, hold, const_velocity, velocity_prior, drag).</p>"
+    names = [flight.bag for flight in flights]
+    bags = list(dict.fromkeys(names))
+    for bag in ([ALL] if len(bags) > 1 else []) + bags:
+        yield f"<h2>{escape('All flights' if bag == ALL else bag)}</h2>"
+        if bag != ALL:
+            yield from _flight([flight for flight in flights if flight.bag == bag])
+        for length in sorted({s.length_s for s in summaries if s.bag == bag}):
+            chosen = [s for s in summaries if s.bag == bag and s.length_s == length]
+            yield f"<p><b>{length:g} s</b></p>" + page.table(HEADER, table_rows(chosen))
+
+
+def _flight(passes: list[FlightResult]) -> Iterator[str]:
+    first = passes[0]
+    begin, end = first.window
+    yield f'<p class="soft">Flight from {begin:.0f} to {end:.0f} s, GNSS latency {first.delay:.3f} s. '
+    yield f"{sum(p.proof for p in passes)} GNSS samples passed the door of an estimator in an outage, none of them "
+    yield "valid inside it.</p>"
+    growth = {method: curves for flight in passes for method, curves in flight.growth.items()}
+    if growth:
+        yield page.figure(_growth(growth), "Median horizontal error; band: 25 to 75 % of the outages, first method.")
+    if len(first.path):
+        yield page.figure(_map(first), "Dots: where the outages begin.")
+
+
+def _growth(growth: dict[str, np.ndarray]) -> str:
+    plot = Plot("s since GNSS was lost", "horizontal error, m", height=320, log=True)
+    for (method, curves), style in zip(growth.items(), _STYLES, strict=False):
+        seen = np.isfinite(curves).sum(axis=0) >= max(1, len(curves) // 4)
+        if not seen.any():
+            continue
+        t = np.arange(curves.shape[1])[seen] * GRID
+        low, middle, high = np.nanpercentile(curves[:, seen], [25, 50, 75], axis=0)
+        if style == _STYLES[0]:
+            plot.band(t, low, high, style)
+        plot.line(t, middle, style, method)
+    return plot.render()
+
+
+def _map(flight: FlightResult) -> str:
+    plot = Plot("East, m", "North, m", height=420, equal=True)
+    plot.line(flight.path[:, 0], flight.path[:, 1], "f", thinned=False)
+    for east, north in flight.starts.tolist():
+        if math.isfinite(east):
+            plot.mark(east, north, "dot")
+    return plot.render()
+
+
+def _number(value: float, digits: int = 1) -> str:
+    return f"{value:.{digits}f}" if math.isfinite(value) else "–"

@@ -1,0 +1,148 @@
+"""From single outages to a table: medians with intervals, calibration, and who wins."""
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from nav_pose_estimator.offline.flights.methods import CLASSICAL
+from nav_pose_estimator.offline.flights.outage_errors import OK
+
+RESAMPLES = 2000
+CONFIDENCE = 0.95
+ALL = "all"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One outage of one method."""
+
+    bag: str
+    method: str
+    length_s: float
+    start_s: float
+    end_error_m: float
+    rms_error_m: float
+    max_error_m: float
+    end_vertical_m: float
+    end_sigma_m: float
+    travelled_m: float
+    status: str
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A method on one flight, or on all of them (``bag`` "all"), at one outage length."""
+
+    bag: str
+    method: str
+    length_s: float
+    outages: int
+    median_m: float
+    median_low_m: float
+    median_high_m: float
+    rms_m: float
+    p90_m: float
+    max_m: float
+    within_3_sigma: float
+    error_over_sigma: float
+    best_classical: str
+    rms_ratio: float
+    win_rate: float
+
+
+def comparable(rows: Iterable[Row]) -> list[Row]:
+    """The rows of the outages that every method came through: all are judged on the same ones."""
+    rows = list(rows)
+    spoiled = {(row.bag, row.length_s, row.start_s) for row in rows if row.status != OK}
+    return [row for row in rows if (row.bag, row.length_s, row.start_s) not in spoiled]
+
+
+def summarise(rows: Iterable[Row], seed: int = 1) -> list[Summary]:
+    """Every method, length and flight, then all flights together where there are several."""
+    rows = comparable(rows)
+    bags = list(dict.fromkeys(row.bag for row in rows))
+    groups = [(bag, [row for row in rows if row.bag == bag]) for bag in bags]
+    if len(bags) > 1:
+        groups.append((ALL, rows))
+    out = []
+    for bag, members in groups:
+        for length in sorted({row.length_s for row in members}):
+            out += _compare(bag, length, [row for row in members if row.length_s == length], seed)
+    return out
+
+
+def _compare(bag: str, length: float, rows: list[Row], seed: int) -> list[Summary]:
+    methods = list(dict.fromkeys(row.method for row in rows))
+    by_method = {method: [row for row in rows if row.method == method] for method in methods}
+    rivals = {m: rms([row.end_error_m for row in r]) for m, r in by_method.items() if m in CLASSICAL}
+    best = min(rivals, key=lambda method: rivals[method]) if rivals else ""
+    return [_summary(bag, method, length, by_method[method], best, by_method.get(best, []), seed) for method in methods]
+
+
+def _summary(bag: str, method: str, length: float, rows: list[Row], best: str, rival: list[Row], seed: int) -> Summary:
+    errors = np.array([row.end_error_m for row in rows])
+    sigma = np.array([row.end_sigma_m for row in rows])
+    known = np.isfinite(sigma) & (sigma > 0.0)
+    low, high = bootstrap(errors, clusters(rows), np.median, seed)
+    other = {(row.bag, row.start_s): row.end_error_m for row in rival}
+    pairs = [(row.end_error_m, other[row.bag, row.start_s]) for row in rows if (row.bag, row.start_s) in other]
+    return Summary(
+        bag=bag,
+        method=method,
+        length_s=length,
+        outages=len(rows),
+        median_m=float(np.median(errors)),
+        median_low_m=low,
+        median_high_m=high,
+        rms_m=rms(errors),
+        p90_m=float(np.percentile(errors, 90)),
+        max_m=float(errors.max()),
+        within_3_sigma=_mean(errors[known] <= 3.0 * sigma[known]),
+        error_over_sigma=float(np.median(errors[known] / sigma[known])) if known.any() else math.nan,
+        best_classical=best,
+        rms_ratio=rms(errors) / rms([b for _, b in pairs]) if pairs else math.nan,
+        win_rate=_mean([(a < b) + 0.5 * (a == b) for a, b in pairs]),
+    )
+
+
+def clusters(rows: list[Row]) -> np.ndarray:
+    """(N,) cluster of each outage. Flights where there are several; else stretches of one outage length of the flight.
+
+    Outages that overlap share their errors: counting them as independent would make the interval too narrow.
+    """
+    bags = list(dict.fromkeys(row.bag for row in rows))
+    if len(bags) > 1:
+        return np.array([bags.index(row.bag) for row in rows])
+    first = min(row.start_s for row in rows)
+    return np.array([int((row.start_s - first) / row.length_s + 1e-9) for row in rows])
+
+
+def bootstrap(
+    values: np.ndarray, cluster: np.ndarray, statistic: Callable[[np.ndarray], float], seed: int
+) -> tuple[float, float]:
+    """Percentile interval of ``statistic`` when whole clusters are drawn with replacement (Efron 1979).
+
+    NaN where there are fewer than two clusters: one flight says nothing of another.
+    """
+    members = [values[cluster == c] for c in np.unique(cluster)]
+    if len(members) < 2:
+        return math.nan, math.nan
+    rng = np.random.default_rng(seed)
+    draws = rng.integers(0, len(members), (RESAMPLES, len(members)))
+    found = [statistic(np.concatenate([members[i] for i in draw])) for draw in draws]
+    tail = 50.0 * (1.0 - CONFIDENCE)
+    low, high = np.percentile(found, [tail, 100.0 - tail])
+    return float(low), float(high)
+
+
+def rms(values) -> float:
+    """Root of the mean square; NaN of nothing."""
+    values = np.asarray(values, float)
+    return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
+
+
+def _mean(values) -> float:
+    values = np.asarray(values, float)
+    return float(values.mean()) if len(values) else math.nan

@@ -1,0 +1,246 @@
+"""The figures of ``benchmark speed`` that are measured in this process."""
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
+
+import numpy as np
+
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, ImuSample, Sample
+from nav_pose_estimator.offline.benchmarks.speed.flight_messages import imu_bytes
+
+SECONDS, IMU_HZ = 600.0, 200.0
+BLOCK = 200  # IMU samples
+SINGLES = 4000
+REPEAT = 5
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured value; ``goal`` None where there is none. ``better``: lower or higher."""
+
+    what: str
+    value: float
+    unit: str
+    goal: float | None = None
+    better: str = "lower"
+
+    @property
+    def verdict(self) -> str:
+        """Whether the goal is met; empty without one."""
+        if self.goal is None:
+            return ""
+        met = self.value <= self.goal if self.better == "lower" else self.value >= self.goal
+        return "met" if met else "missed"
+
+
+def flight() -> list[Sample]:
+    """The samples of a plain flight, GNSS once a second."""
+    from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
+
+    return samples(SECONDS, IMU_HZ)
+
+
+def best_time(
+    action: Callable[[], object], repeat: int = REPEAT, prepare: Callable[[], object] = lambda: None
+) -> float:
+    """Least CPU time [s] of ``repeat`` runs of ``action``, each behind a ``prepare`` that does not count."""
+    times = []
+    for _ in range(repeat):
+        prepare()
+        start = time.process_time()
+        action()
+        times.append(time.process_time() - start)
+    return min(times)
+
+
+def singles(flight: list[Sample], count: int) -> list[ImuSample]:
+    """The first ``count`` IMU samples of a flight, one by one."""
+    out: list[ImuSample] = []
+    for block in flight:
+        if isinstance(block, ImuBlock):
+            rows = zip(block.stamps_ns.tolist(), block.gyro.tolist(), block.accel.tolist(), strict=True)
+            out += [ImuSample(t, tuple(w), tuple(f)) for t, w, f in rows]
+            if len(out) >= count:
+                break
+    return out[:count]
+
+
+def blocks_of(imu: ImuBlock, size: int) -> list[ImuBlock]:
+    """``imu`` cut into blocks of ``size`` samples."""
+    starts = range(0, len(imu), size)
+    return [imu.part(i, i + size) for i in starts]
+
+
+def imu_only(flight: list[Sample]) -> ImuBlock:
+    """All IMU samples as one block."""
+    blocks = [s for s in flight if isinstance(s, ImuBlock)]
+    parts = (np.concatenate([getattr(b, name) for b in blocks]) for name in ("stamps_ns", "gyro", "accel"))
+    return ImuBlock(*parts)
+
+
+def aligned(flight: list[Sample], seconds: float):
+    """A navigator that has flown ``seconds``, and what follows."""
+    from nav_pose_estimator.engine.navigator.sins import SinsEngine
+
+    engine = SinsEngine(Parameters())
+    engine.warm_up()
+    first = next(s for s in flight if isinstance(s, ImuBlock)).stamps_ns[0]
+    limit = first + round(seconds * 1e9)
+    for i, sample in enumerate(flight):
+        if (sample.stamps_ns[0] if isinstance(sample, ImuBlock) else sample.stamp_ns) >= limit:
+            return engine, flight[i:]
+        engine.feed(sample)
+    return engine, []
+
+
+def navigator(flight: list[Sample]) -> list[Figure]:
+    """The strapdown navigator with its filter."""
+    from nav_pose_estimator.ros.messages.imu_cdr import decode_imu
+
+    engine, rest = aligned(flight, 60.0)
+    start = engine.snapshot()
+    imu = imu_only(rest)
+    one_by_one = singles(rest, SINGLES)
+    messages = [imu_bytes(sample) for sample in one_by_one]
+    with_gnss = _joined([s for s in rest if isinstance(s, (ImuBlock, GnssFix, GnssVelocity))])
+
+    def cost(samples: list, count: int) -> float:
+        return 1e6 * best_time(lambda: _feed(engine, samples), prepare=lambda: engine.restore(start)) / count
+
+    def call_back() -> None:
+        """What a node does with serialized Imu messages, but for rclpy itself."""
+        for message in messages:
+            for sample in decode_imu(message) or ():
+                engine.feed(sample)
+
+    callback = 1e6 * best_time(call_back, prepare=lambda: engine.restore(start)) / SINGLES
+    return [
+        Figure("navigator, IMU alone, blocks of 1 s", cost(blocks_of(imu, BLOCK), len(imu)), "us/epoch", 0.4),
+        Figure("navigator, IMU and 1 Hz GNSS", cost(with_gnss, len(imu)), "us/epoch"),
+        Figure("navigator, sample by sample", cost(one_by_one, SINGLES), "us/epoch"),
+        Figure("IMU callback of sins_node without rclpy", callback, "us", 10.0),
+    ]
+
+
+def _feed(engine, samples: list) -> None:
+    for sample in samples:
+        engine.feed(sample)
+
+
+def _joined(samples: list[Sample]) -> list[Sample]:
+    """The samples with neighbouring IMU blocks made one."""
+    out: list[Sample] = []
+    for sample in samples:
+        if isinstance(sample, ImuBlock) and out and isinstance(out[-1], ImuBlock):
+            pair = out[-1], sample
+            out[-1] = ImuBlock(*(np.concatenate([getattr(b, n) for b in pair]) for n in ("stamps_ns", "gyro", "accel")))
+        else:
+            out.append(sample)
+    return out
+
+
+def whole_estimator(flight: list[Sample]) -> list[Figure]:
+    """Attitude filter, navigator and learner together, all sensors of the flight, as a replay runs them."""
+    from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+
+    count = len(imu_only(flight))
+    figures = []
+    for name, enabled in (("off", False), ("on", True)):
+        parameters = update(Parameters(), {"learner.enabled": enabled})
+        PoseEstimator(parameters).warm_up()
+        cost = best_time(partial(_fly, PoseEstimator, parameters, flight), repeat=2)
+        figures.append(Figure(f"pose estimator, all sensors, learner {name}", 1e6 * cost / count, "us/epoch"))
+    return figures
+
+
+def _fly(make_engine: Callable, parameters: Parameters, samples: list[Sample]) -> None:
+    make_engine(parameters).feed_all(samples)
+
+
+def attitude(flight: list[Sample]) -> list[Figure]:
+    """The attitude filter, in a batch and one update at a time, and what peers need for the same."""
+    from nav_pose_estimator import estimate_attitude
+    from nav_pose_estimator.core.attitude import complementary
+    from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
+    from nav_pose_estimator.engine.attitude.filters import complementary_state
+
+    imu = imu_only(flight)
+    t = (imu.stamps_ns - imu.stamps_ns[0]) * 1e-9
+    one_by_one = singles(flight, SINGLES)
+    state = complementary_state(Parameters())
+    engine = AttitudeEngine(Parameters())
+    engine.warm_up()
+
+    def update_each() -> None:
+        for sample in one_by_one:
+            complementary.step(state, 1.0 / IMU_HZ, *sample.gyro, *sample.accel)
+
+    update_each()
+    batch = 1e6 * best_time(lambda: estimate_attitude(t, imu.gyro, imu.accel)) / len(imu)
+    each = 1e6 * best_time(update_each) / SINGLES
+    fed = best_time(lambda: _feed(engine, one_by_one), prepare=lambda: engine.reset(0, "again"))
+    return [
+        Figure("attitude, batch", batch, "us/update", 0.1),
+        Figure("attitude, one update a call", each, "us/update", 1.2),
+        Figure("attitude engine, sample by sample", 1e6 * fed / SINGLES, "us/update"),
+        *_attitude_peers(imu, batch, each),
+    ]
+
+
+def _attitude_peers(imu: ImuBlock, own_batch: float, own_each: float) -> list[Figure]:
+    figures = []
+    gyro, accel = np.ascontiguousarray(imu.gyro), np.ascontiguousarray(imu.accel)
+    if find_spec("vqf") is not None:
+        from vqf import VQF
+
+        def update_each() -> None:
+            peer = VQF(1.0 / IMU_HZ)
+            for i in range(SINGLES):
+                peer.update(gyro[i], accel[i])
+
+        batch = 1e6 * best_time(lambda: VQF(1.0 / IMU_HZ).updateBatch(gyro, accel)) / len(imu)
+        each = 1e6 * best_time(update_each) / SINGLES
+        figures += [
+            Figure("  peer VQF (C++), batch", batch, "us/update"),
+            Figure("  peer VQF (C++), one update a call", each, "us/update"),
+            Figure("  attitude over VQF, batch", own_batch / batch, "", 1.0),
+            Figure("  attitude over VQF, one update a call", own_each / each, "", 1.0),
+        ]
+    if find_spec("imufusion") is not None:
+        import imufusion
+
+        degrees, force = np.degrees(gyro), accel / 9.81
+
+        def fuse() -> None:
+            peer = imufusion.Ahrs()
+            for i in range(SINGLES):
+                peer.update_no_magnetometer(degrees[i], force[i])
+
+        with suppress(AttributeError, TypeError):  # its interface differs between versions: no comparison then
+            figures.append(
+                Figure("  peer imufusion (C), one update a call", 1e6 * best_time(fuse) / SINGLES, "us/update")
+            )
+    return figures
+
+
+def learner() -> list[Figure]:
+    """The neuro-fuzzy network: training and one prediction."""
+    from nav_pose_estimator import Anfis
+
+    rng = np.random.default_rng(1)
+    X = rng.normal(size=(3000, 10))
+    Y = np.column_stack([np.sin(X[:, 0]) + 0.1 * X[:, 1], np.tanh(X[:, 2] - X[:, 3])])
+    model = Anfis(rules=16)
+    model.fit(X[:300], Y[:300])
+    fitting = best_time(lambda: model.fit(X, Y), repeat=1)
+    predict = best_time(lambda: [model.predict(X[i : i + 1]) for i in range(2000)]) / 2000
+    return [
+        Figure("ANFIS, 16 rules, 3000 samples, training", fitting, "s", 2.0),
+        Figure("ANFIS, one prediction", 1e6 * predict, "us", 10.0),
+    ]

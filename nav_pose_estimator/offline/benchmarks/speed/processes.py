@@ -1,0 +1,161 @@
+"""The figures of ``benchmark speed`` that need bags or processes of their own."""
+
+import json
+import os
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from nav_pose_estimator.engine.samples import ImuBlock, Sample
+from nav_pose_estimator.offline.benchmarks.speed.figures import IMU_HZ, SECONDS, Figure, best_time, singles
+from nav_pose_estimator.offline.benchmarks.speed.flight_messages import imu_bytes, message_of
+
+_LIMIT = 900.0  # s that a process may take
+_TRIES = 3
+_LONG = 3600.0  # s of flight
+_PLAIN_SECONDS = 20.0  # s of flight that the navigator is timed over without numba
+
+
+def bags(scratch: Path, flight: list[Sample]) -> list[Figure]:
+    """Reading the Imu messages of a bag."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    samples = singles(flight, int(SECONDS * IMU_HZ))
+    figures = []
+    for name, plugin in (("mcap", StoragePlugin.MCAP), ("sqlite3", StoragePlugin.SQLITE3)):
+        with Writer(scratch / name, version=9, storage_plugin=plugin) as writer:
+            connection = writer.add_connection("/imu/data_raw", "sensor_msgs/msg/Imu", typestore=store)
+            for sample in samples:
+                writer.write(connection, sample.stamp_ns, imu_bytes(sample))
+        cost = best_time(partial(_read, scratch / name))
+        figures.append(Figure(f"bag reading, {name}", 1e6 * cost / len(samples), "us/message", 4.5))
+        peer = best_time(partial(_read_with_rosbags, scratch / name, 20000), repeat=1)
+        figures.append(Figure(f"  peer rosbags AnyReader, {name}", 1e6 * peer / 20000, "us/message"))
+    return figures
+
+
+def _read(path: Path) -> None:
+    from nav_pose_estimator.offline.bags.reader import read_samples
+
+    for _ in read_samples(path):
+        pass
+
+
+def _read_with_rosbags(path: Path, count: int) -> None:
+    from itertools import islice
+
+    from rosbags.highlevel import AnyReader
+
+    with AnyReader([path]) as reader:
+        for connection, _, raw in islice(reader.messages(), count):
+            reader.deserialize(raw, connection.msgtype)
+
+
+def replays(scratch: Path) -> list[Figure]:
+    """Replay in a process of its own, as a user starts it: default configuration, learner on, method ``best``.
+
+    All but the first run find the kernels compiled.
+    """
+    figures = []
+    for seconds, goal, tries in ((SECONDS, 240.0, _TRIES), (_LONG, 600.0, 2)):
+        bag = scratch / f"flight_{seconds:.0f}"
+        write_flight_bag(bag, seconds)
+        command = [sys.executable, "-m", "nav_pose_estimator", "replay", str(bag), "--outage", "300:30"]
+        command += ["--out", str(scratch / "out")]
+        walls, processor, alone = [], [], []
+        for _ in range(tries):
+            before = os.times()
+            _run(command)
+            after = os.times()
+            summary = json.loads((scratch / "out" / "summary.json").read_text(encoding="utf-8"))
+            walls.append(summary["wall_seconds"])
+            used = after.children_user + after.children_system - before.children_user - before.children_system
+            processor.append(used)
+            alone.append(summary["times_real_time"])
+        name, unit = f"replay of {seconds:.0f} s", "x real time"
+        figures += [
+            Figure(f"{name}, process start to report", seconds / min(walls), unit, goal, "higher"),
+            Figure(f"  {name}, CPU time of the process", seconds / min(processor), unit),
+            Figure(f"  {name}, estimator alone", max(alone), unit),
+        ]
+    return figures
+
+
+def without_numba() -> list[Figure]:
+    """The navigator where no compiler is installed, in 1 s blocks."""
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    code = "from nav_pose_estimator.offline import speed_processes as p; print(p.plain_python_cost())"
+    cost = float(_run([sys.executable, "-c", code], environment).split()[-1])
+    return [Figure("navigator without numba, blocks of 1 s", cost, "us/epoch", 60.0)]
+
+
+def plain_python_cost() -> float:
+    """CPU time [us] per IMU epoch in this process."""
+    from nav_pose_estimator.offline.benchmarks.speed import figures as speed_figures
+    from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
+
+    engine, rest = speed_figures.aligned(samples(30.0 + _PLAIN_SECONDS, IMU_HZ), 30.0)
+    start, imu = engine.snapshot(), speed_figures.imu_only(rest)
+    blocks = speed_figures.blocks_of(imu, speed_figures.BLOCK)
+
+    def fly() -> None:
+        for block in blocks:
+            engine.feed(block)
+
+    return 1e6 * best_time(fly, prepare=lambda: engine.restore(start)) / len(imu)
+
+
+def write_flight_bag(path: Path, seconds: float, imu_hz: float = IMU_HZ, gnss_hz: float = 5.0) -> None:
+    """``plain_flight`` as a rosbag2 (mcap)."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {}
+        for sample in samples(seconds, imu_hz, gnss_hz):
+            parts = singles([sample], len(sample)) if isinstance(sample, ImuBlock) else [sample]
+            for part in parts:
+                topic, kind, raw = message_of(part, store)
+                if topic not in connections:
+                    connections[topic] = writer.add_connection(topic, kind, typestore=store)
+                writer.write(connections[topic], part.stamp_ns or 0, raw)
+
+
+def start_up() -> list[Figure]:
+    """Time and memory of a process that loads the navigator and warms it up; only where the system has /proc."""
+    if not Path("/proc/self/status").exists():
+        return []
+    return [
+        *_loaded("navigator", "nav_pose_estimator.engine.navigator.sins", "SinsEngine", (1.5, 170.0)),
+        *_loaded("pose estimator", "nav_pose_estimator.engine.composed.pose_estimator", "PoseEstimator", (None, None)),
+    ]
+
+
+def _loaded(what: str, module: str, name: str, goals: tuple[float | None, float | None]) -> list[Figure]:
+    code = (
+        f"import time;a=time.perf_counter();from {module} import {name};{name}().warm_up();b=time.perf_counter();"
+        # not ru_maxrss: that remembers the process it was started from
+        "print(b-a,next(int(x.split()[1])/1024 for x in open('/proc/self/status') if x.startswith('VmHWM')))"
+    )
+    runs = [[float(text) for text in _run([sys.executable, "-c", code]).split()] for _ in range(_TRIES)]
+    seconds, memory = np.min(runs, axis=0).tolist()
+    return [
+        Figure(f"import and warm-up, {what}", seconds, "s", goals[0]),
+        Figure(f"memory after that, {what}", memory, "MB", goals[1]),
+    ]
+
+
+def _run(command: list[str], environment: dict[str, str] | None = None) -> str:
+    """What ``command`` prints; ``RuntimeError`` with its last words where it fails."""
+    done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT, env=environment)
+    if done.returncode != 0:
+        raise RuntimeError(f"{' '.join(command[:4])} said: {done.stderr.strip()[-300:]}")
+    return done.stdout

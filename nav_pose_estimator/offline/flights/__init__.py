@@ -1,0 +1,1 @@
+"""Recorded and simulated flights in memory, outages in them, and what they are judged by."""

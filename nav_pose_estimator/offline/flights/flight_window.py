@@ -1,0 +1,52 @@
+"""When the flight is, and where in it the outages of a benchmark start."""
+
+import numpy as np
+
+from nav_pose_estimator.engine.samples import ImuBlock
+from nav_pose_estimator.offline.flights.outages import Outage, periodic
+from nav_pose_estimator.offline.flights.recording import Recording
+
+SHORT_FLIGHT = 300.0  # s
+FIRST, FIRST_OF_SHORT = 160.0, 60.0  # s after the flight begins: time to align, to calibrate and to learn
+MOVING = 1.5  # m/s
+SHAKING = 0.5  # m/s^2: deviation of the specific force within a second while the motors run
+
+
+def flight_window(recording: Recording) -> tuple[float, float]:
+    """Start and end of the flight [s since the first stamp]: from NAME.json, else from motion and vibration."""
+    known = recording.sidecar.get("flight_window_s")
+    if isinstance(known, list) and len(known) == 2:
+        start, end = (recording.seconds_of_log(float(value)) for value in known)
+        return max(start, 0.0), min(end, recording.duration)
+    seconds = np.unique(np.concatenate([_moving_seconds(recording), _shaking_seconds(recording)]))
+    if len(seconds) == 0:
+        return 0.0, recording.duration
+    return float(seconds[0]), float(min(seconds[-1] + 1.0, recording.duration))
+
+
+def outage_starts(
+    window: tuple[float, float], lengths: list[float], every: float, first: float | None
+) -> dict[float, list[Outage]]:
+    """Length -> outages of that length: from ``first`` seconds after the flight begins, all over before it ends."""
+    if first is None:
+        first = FIRST_OF_SHORT if window[1] - window[0] < SHORT_FLIGHT else FIRST
+    return {length: periodic(every, length, window[0] + first, window[1]) for length in lengths}
+
+
+def _moving_seconds(recording: Recording) -> np.ndarray:
+    stamps = [v.stamp_ns for v in recording.velocities if np.hypot(*v.vel_enu[:2]) > MOVING]
+    return (np.array(stamps, np.int64) - recording.epoch_ns) // 10**9
+
+
+def _shaking_seconds(recording: Recording) -> np.ndarray:
+    blocks = [s for s in recording.samples if isinstance(s, ImuBlock)]
+    force = np.linalg.norm(np.concatenate([block.accel for block in blocks]), axis=1)
+    second = (np.concatenate([block.stamps_ns for block in blocks]) - recording.epoch_ns) // 10**9
+    good = np.isfinite(force) & (second >= 0)
+    force, second = force[good], second[good]
+    if len(second) == 0 or second.max() > 10**6:
+        return np.empty(0, np.int64)
+    count = np.maximum(np.bincount(second), 1)
+    mean = np.bincount(second, force) / count
+    variance = np.bincount(second, (force - mean[second]) ** 2) / count
+    return np.flatnonzero(variance > SHAKING**2)

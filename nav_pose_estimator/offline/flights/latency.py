@@ -1,0 +1,226 @@
+"""How late the fixes are: the shift of their stamps under which the filter's velocity innovations are smallest.
+
+Only data from before the first outage are used. The filter runs once for each trial latency over the same data with the
+GNSS stamps moved, so that the prediction horizon is the same for all of them and the minimum is not biased.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, OUT_POS, OUT_T, OUT_VEL
+from nav_pose_estimator.engine.navigator.sins import SinsEngine
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.engine.samples import (
+    GnssFix,
+    GnssVelocity,
+    ImuBlock,
+    MagSample,
+    PressureSample,
+    Sample,
+    SatelliteCount,
+)
+from nav_pose_estimator.engine.solutions import NavBlock
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.flights.recording import Recording
+from nav_pose_estimator.offline.flights.tracks import displacement_enu
+
+COARSE = np.arange(-0.1, 0.601, 0.1)  # s
+COARSE_WINDOW, WINDOW = 150.0, 600.0  # s of data for the search, and for the final figure
+RESOLUTION = 0.004  # s
+MIN_DATA = 20.0  # s
+SETTLE = 15.0  # s after the start of the filter in which innovations do not count
+CORRELATION = 2.0  # s: innovations closer than this are not independent
+MOVING, LASTING = 2.0, 50  # m/s, fixes
+RUN_UP_NS = 40 * 10**9  # data before the motion, for the filter to start on
+WEAK = 0.02  # s: a larger deviation of the estimate is called a weak minimum
+COMPASS_NS = 200_000_000  # the heading needs no more than this many nanoseconds between magnetometer samples
+AUTO = "auto"
+
+
+@dataclass(frozen=True)
+class Latency:
+    """``delay`` [s]: stamp minus time of validity. ``rise``: relative growth of the innovations 0.1 s beside it."""
+
+    delay: float
+    rise: float
+    trials: np.ndarray  # (K,) s
+    innovations: np.ndarray  # (K,) RMS, m/s (m where the bag has no GNSS velocity)
+    seconds: float  # of data used
+
+    @property
+    def sd(self) -> float:
+        """Deviation of the estimate [s], from the curvature of the likelihood of Gaussian innovations."""
+        information = 2.0 * self.seconds / CORRELATION * self.rise
+        return 0.1 / math.sqrt(information) if information > 0.0 else math.inf
+
+    @property
+    def weak(self) -> bool:
+        """True when the data hardly tell one latency from another."""
+        return not self.sd <= WEAK
+
+
+def estimate(recording: Recording, parameters: Parameters, until: float = math.inf) -> Latency:
+    """Estimate the latency from data before ``until`` [s]. Raises ``UserError`` where there is too little of it."""
+    from scipy.optimize import minimize_scalar  # late: most commands know the latency, and it takes long to load
+
+    search = _Stream(recording, parameters, until, COARSE_WINDOW)
+    coarse = min(COARSE.tolist(), key=search.innovation_rms)
+    stream = _Stream(recording, parameters, until, WINDOW)
+    cost: dict[float, float] = {}
+
+    def trial(delay: float) -> float:
+        delay = round(float(delay), 4)
+        if delay not in cost:
+            cost[delay] = stream.innovation_rms(delay)
+        return cost[delay]
+
+    if not math.isfinite(trial(coarse)):
+        raise UserError("the latency cannot be estimated: the filter did not start on the data before the first outage")
+    found = minimize_scalar(trial, bounds=(coarse - 0.1, coarse + 0.1), method="bounded", options={"xatol": RESOLUTION})
+    best = round(float(found.x), 4)
+    rise = 0.5 * (trial(best - 0.1) + trial(best + 0.1)) / max(trial(best), 1e-9) - 1.0
+    trials = np.array(sorted(cost))
+    return Latency(best, rise, trials, np.array([cost[t] for t in trials.tolist()]), stream.seconds)
+
+
+def describe(latency: Latency) -> str:
+    """The estimate in words."""
+    text = f"GNSS latency {latency.delay:.3f} s from {latency.seconds:.0f} s of data"
+    if not latency.weak:
+        return f"{text} (deviation {latency.sd:.3f} s)"
+    return (
+        f"{text}: weak minimum (deviation {latency.sd:.2f} s); "
+        "fly with more acceleration, or trust the receiver's data sheet"
+    )
+
+
+def choose(
+    recording: Recording, parameters: Parameters, option: str | None, config: Path | None, until: float
+) -> tuple[Parameters, str]:
+    """Parameters with the latency to use, and one sentence that says where it is from.
+
+    ``option`` is what the user gave: seconds, ``auto`` (from the data) or None: then a configuration file decides, else
+    NAME.json beside the bag.
+    """
+    if option is None and config is not None:
+        return parameters, f"GNSS latency {parameters.gnss.delay:g} s (from {config.name} or default)"
+    if option == AUTO:
+        found = estimate(recording, parameters, until)
+        return update(parameters, {"gnss.delay": found.delay}), describe(found)
+    if option is None:
+        known = recording.sidecar.get("gnss_latency_est_s")
+        if isinstance(known, (int, float)):
+            how = f"GNSS latency {known:g} s (from {recording.name}.json)"
+            return update(parameters, {"gnss.delay": float(known)}), how
+        return parameters, f"GNSS latency {parameters.gnss.delay:g} s (default; --gnss-delay auto estimates it)"
+    try:
+        delay = float(option)
+    except ValueError:
+        raise UserError(f"--gnss-delay {option!r}: write seconds, or auto") from None
+    return update(parameters, {"gnss.delay": delay}), f"GNSS latency {delay:g} s (as given)"
+
+
+class _Stream:
+    """The data in arrays, so that a trial only merges them anew."""
+
+    def __init__(self, recording: Recording, parameters: Parameters, until: float, window: float) -> None:
+        # a rest that is found at one delay and not at the next would be a step in what is to be minimised
+        self._parameters = update(parameters, {"gnss.delay": 0.0, "aids.zero_velocity": False})
+        limit = recording.epoch_ns + round(min(until, recording.duration + 1.0) * 1e9)
+        start = self._start(recording, limit)
+        limit = min(limit, start + round(window * 1e9))
+        blocks = [s for s in recording.samples if isinstance(s, ImuBlock) and len(s)]
+        stamps = np.concatenate([b.stamps_ns for b in blocks])
+        good = (stamps >= start) & (stamps < limit) & (np.maximum.accumulate(stamps) == stamps)
+        self._imu = ImuBlock(
+            stamps[good],
+            np.concatenate([b.gyro for b in blocks])[good],
+            np.concatenate([b.accel for b in blocks])[good],
+        )
+        self._others = _useful(recording.samples, start, limit)
+        self.seconds = float(stamps[good][-1] - stamps[good][0]) * 1e-9 if good.any() else 0.0
+        if self.seconds < MIN_DATA or not any(isinstance(s, GnssFix) for s in self._others):
+            raise UserError("the latency cannot be estimated: less than 20 s of fixes come before the first outage")
+        self._with_velocity = any(isinstance(s, GnssVelocity) for s in self._others)
+
+    @staticmethod
+    def _start(recording: Recording, limit: int) -> int:
+        """A little before the vehicle begins to move: standing still tells nothing of the latency."""
+        early = [v for v in recording.velocities if v.stamp_ns < limit]
+        moving = np.array([math.hypot(*v.vel_enu[:2]) > MOVING for v in early])
+        # a receiver on the ground may jump now and then; flying is to move for most of the next fixes
+        lasting = np.convolve(moving, np.ones(LASTING), "full")[LASTING - 1 :] > 0.6 * LASTING
+        first = int(np.argmax(lasting)) if lasting.any() else 0
+        return max(recording.epoch_ns, early[first].stamp_ns - RUN_UP_NS) if early else recording.epoch_ns
+
+    def innovation_rms(self, delay: float) -> float:
+        """RMS of the horizontal innovations with the fixes moved by ``delay`` [s]; infinite if the filter fails."""
+        engine = SinsEngine(self._parameters)
+        judged = GnssVelocity if self._with_velocity else GnssFix
+        errors: list[float] = []
+        rows, last_ns, first_ns = np.empty((0, OUT_COLUMNS)), 0, 0
+        for sample in self._merged(round(delay * 1e9)):
+            if isinstance(sample, judged) and len(rows) == 2 and last_ns > first_ns + round(SETTLE * 1e9):
+                ahead = (sample.stamp_ns - last_ns) * 1e-9
+                if ahead < 0.1:
+                    errors.append(_innovation(sample, rows, ahead))
+            for output in engine.feed(sample):
+                if isinstance(output, NavBlock):
+                    rows = np.vstack([rows[-1:], output.rows[-2:]])[-2:]
+                    last_ns = int(output.stamps_ns[-1])
+                    first_ns = first_ns or last_ns
+        return math.sqrt(np.mean(np.square(errors))) if len(errors) > 20 else math.inf
+
+    def _merged(self, delay_ns: int) -> list[Sample]:
+        """All samples in order of time, GNSS at its time of validity."""
+        moved = [_moved(s, delay_ns) for s in self._others]
+        moved.sort(key=lambda s: s.stamp_ns)
+        cuts = np.searchsorted(self._imu.stamps_ns, [s.stamp_ns for s in moved])
+        out: list[Sample] = []
+        done, imu = 0, self._imu
+        for cut, sample in zip(cuts.tolist(), moved, strict=True):
+            if cut > done:
+                out.append(imu.part(done, cut))
+                done = cut
+            out.append(sample)
+        return out
+
+
+def _useful(samples: list[Sample], start: int, limit: int) -> list[Sample]:
+    """What bears on the horizontal velocity, with the magnetometer thinned: every sample more is a block less."""
+    out: list[Sample] = []
+    next_mag = 0
+    for sample in samples:
+        if (
+            isinstance(sample, (ImuBlock, PressureSample))
+            or not sample.stamp_ns
+            or not start <= sample.stamp_ns < limit
+        ):
+            continue
+        if isinstance(sample, MagSample):
+            if sample.stamp_ns < next_mag:
+                continue
+            next_mag = sample.stamp_ns + COMPASS_NS
+        out.append(sample)
+    return out
+
+
+def _moved(sample: Sample, delay_ns: int) -> Sample:
+    if isinstance(sample, (GnssFix, GnssVelocity, SatelliteCount)):
+        return replace(sample, stamp_ns=sample.stamp_ns - delay_ns)
+    return sample
+
+
+def _innovation(sample: GnssFix | GnssVelocity, rows: np.ndarray, ahead: float) -> float:
+    """Horizontal difference to the prediction, carried ``ahead`` seconds on from the last two rows."""
+    last, slope = rows[-1], (rows[-1] - rows[-2]) / max(rows[-1][OUT_T] - rows[-2][OUT_T], 1e-3)
+    if isinstance(sample, GnssVelocity):
+        predicted = (last + ahead * slope)[OUT_VEL : OUT_VEL + 2]
+        return math.hypot(sample.vel_enu[0] - predicted[0], sample.vel_enu[1] - predicted[1])
+    predicted = (last + ahead * slope)[OUT_POS : OUT_POS + 3]
+    east, north, _ = displacement_enu(np.array([sample.lat, sample.lon, sample.alt]), predicted).tolist()
+    return math.hypot(east, north)

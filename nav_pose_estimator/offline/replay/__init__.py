@@ -1,0 +1,1 @@
+"""The command `replay` and the files it writes."""

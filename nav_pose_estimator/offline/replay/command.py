@@ -1,0 +1,152 @@
+"""``replay BAG``: the command line around :mod:`nav_pose_estimator.offline.replay.replay`."""
+
+import argparse
+import math
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.process_clock import seconds_since_start
+
+DESCRIPTION = (
+    "Replay a rosbag2 through the pose estimator, take GNSS away for a while, and see how far the pose drifts."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of ``replay``."""
+    parser.description = DESCRIPTION
+    parser.add_argument("bag", type=Path, metavar="BAG", help="rosbag2: a folder, a .mcap or a .db3 file")
+    parser.add_argument("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
+    add = parser.add_argument
+    add("--outage", action="append", default=[], metavar="START:LENGTH", help="take GNSS away, s from the first stamp")
+    add("--outage-every", metavar="PERIOD:LENGTH", help="outages all through the flight")
+    add("--aid", metavar="NAME,...", help="use exactly these aids besides IMU and GNSS; none for no aid")
+    add("--method", metavar="NAME", default="best", help="how to get through an outage (default: best)")
+    add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto to estimate it from the bag")
+    add("--estimate-latency", action="store_true", help="estimate the latency of the fixes, print it and stop")
+    add("--remap", action="append", default=[], metavar="OURS:=THEIRS", help="/imu/data_raw:=/topic/in/the/bag")
+    add("--rate", type=float, default=20.0, metavar="HZ", help="rows a second in the output files (default: 20)")
+    add("--out", type=Path, metavar="DIR", help="folder for report and data (default: NAME_replay)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Carry the command out. Raises ``UserError`` for what the user can mend."""
+    from nav_pose_estimator.core.numerics.jit import is_first_run
+    from nav_pose_estimator.offline.bags.topic_map import parse_remaps
+    from nav_pose_estimator.offline.flights import latency, methods, outages
+    from nav_pose_estimator.offline.flights.config_file import load_parameters
+    from nav_pose_estimator.offline.flights.recording import load
+    from nav_pose_estimator.offline.replay.aid_option import with_aids
+
+    if not 0.0 < arguments.rate <= 1000.0:
+        raise UserError("--rate must lie between 0 and 1000 Hz")
+    wanted = [outages.parse_outage(text) for text in arguments.outage]
+    every = outages.parse_outage_every(arguments.outage_every) if arguments.outage_every else None
+    parameters = methods.apply(load_parameters(arguments.config), arguments.method)
+    if arguments.aid is not None:
+        parameters = with_aids(parameters, arguments.aid)
+    remaps = parse_remaps(arguments.remap)
+    folder = None if arguments.estimate_latency else _folder(arguments)  # before the work, should it be impossible
+    with _bar("reading", None) as bar:
+        recording = load(arguments.bag, remaps, bar.update)
+    if every is not None:
+        wanted += outages.periodic(*every, first=every[0], end=recording.duration)
+    wanted = outages.check_separate(wanted)
+    late = [o for o in wanted if o.end > recording.duration]
+    if late:
+        raise UserError(
+            f"the outage {late[0].start:g}:{late[0].length:g} ends after the bag ({recording.duration:.1f} s)"
+        )
+    if is_first_run():
+        print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)
+    if folder is None:
+        print(latency.describe(latency.estimate(recording, parameters, _first(wanted))))
+        return 0
+    parameters, how = latency.choose(recording, parameters, arguments.gnss_delay, arguments.config, _first(wanted))
+    print(how)
+    _replay(recording, parameters, wanted, folder, arguments.rate)
+    return 0
+
+
+def _first(wanted: list) -> float:
+    return min((outage.start for outage in wanted), default=math.inf)
+
+
+def _folder(arguments: argparse.Namespace) -> Path:
+    from nav_pose_estimator.offline.replay.files import prepare_folder
+
+    folder = arguments.out or Path(f"{arguments.bag.resolve().stem.removesuffix('_bag')}_replay")
+    prepare_folder(folder)
+    return folder
+
+
+def _replay(recording, parameters, wanted, folder: Path, rate: float) -> None:
+    from nav_pose_estimator.offline.replay import files
+    from nav_pose_estimator.offline.replay.replay import replay
+    from nav_pose_estimator.offline.replay.report import write_report
+
+    with _bar("replay", recording.imu_count) as bar:
+        result = replay(recording, parameters, wanted, bar.update)
+    write_report(folder / files.REPORT, result)
+    files.write_summary(folder / files.SUMMARY, result, seconds_since_start())
+    files.write_tum(folder / files.TUM, result, rate)
+    files.write_csv(folder / files.CSV, result, rate)
+    wall = seconds_since_start()
+    _tell(result, wall)
+    if len(result.track):
+        from nav_pose_estimator.offline.replay.solution_bag import write_solution
+
+        write_solution(folder / files.SOLUTION, result, min(rate, 10.0))
+    print(f"report: {folder / files.REPORT}")
+
+
+def _tell(result, wall: float) -> None:
+    """The outcome in a few lines."""
+    from nav_pose_estimator.offline.replay.report import OUTAGE_HEADER, mode_spans, outage_rows
+
+    for text in result.recording.notices:
+        print(f"note: {text}", file=sys.stderr)
+    spans = mode_spans(result)
+    print("modes: " + (", ".join(f"{mode.value} from {start:.1f} s" for start, _, mode in spans[:12]) or "none"))
+    if result.status.waiting_for:
+        print(f"waiting for: {result.status.waiting_for}")
+    if result.errors:
+        rows = [OUTAGE_HEADER, *outage_rows(result)]
+        widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+        for row in rows:
+            print("  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True)))
+    duration = result.recording.duration
+    print(f"{duration:.0f} s in {wall:.2f} s, process start to report: {duration / wall:.0f} x real time ", end="")
+    print(f"(estimator alone {duration / max(result.seconds, 1e-9):.0f} x)")
+
+
+class _bar:
+    """A progress bar on a terminal, nothing elsewhere; tqdm is loaded only where it is seen."""
+
+    def __init__(self, title: str, total: int | None) -> None:
+        self._bar: Any = None
+        self._pending = 0
+        self._next = time.monotonic() + 0.3
+        self._title, self._total = title, total
+
+    def __enter__(self) -> "_bar":
+        return self
+
+    def update(self, count: int) -> None:
+        """``count`` more IMU samples are done."""
+        self._pending += count
+        if self._pending < 4096 or not sys.stderr.isatty() or time.monotonic() < self._next:
+            return
+        if self._bar is None:
+            from tqdm import tqdm
+
+            self._bar = tqdm(desc=self._title, total=self._total, unit=" IMU", unit_scale=True, leave=False)
+        self._bar.update(self._pending)
+        self._pending = 0
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()

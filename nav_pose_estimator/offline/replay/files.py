@@ -1,0 +1,141 @@
+"""What a replay leaves in its folder: summary.json, trajectory.tum, estimate.csv and the solution bag."""
+
+import json
+import math
+import platform
+import shutil
+from collections.abc import Iterable
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nav_pose_estimator import __version__
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.core.numerics.jit import COMPILED
+from nav_pose_estimator.core.numerics.rotation import euler_from_quat_many
+from nav_pose_estimator.engine.parameters.schema import flatten
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.flights.tracks import Track
+from nav_pose_estimator.offline.replay.replay import ReplayResult
+from nav_pose_estimator.offline.replay.report import mode_spans
+
+SUMMARY, TUM, CSV, REPORT, SOLUTION = "summary.json", "trajectory.tum", "estimate.csv", "report.html", "solution"
+OUTPUTS = frozenset((SUMMARY, TUM, CSV, REPORT, SOLUTION))
+CSV_COLUMNS = (
+    "t_s,lat_deg,lon_deg,alt_m,east_m,north_m,up_m,v_east_mps,v_north_mps,v_up_mps,roll_deg,pitch_deg,yaw_deg,"
+    "sd_east_m,sd_north_m,sd_up_m,mode"
+)
+
+
+def prepare_folder(path: Path) -> None:
+    """Make the folder; an earlier replay's files are replaced, anything else is refused with ``UserError``."""
+    if path.exists() and not path.is_dir():
+        raise UserError(f"{path} is a file; --out must name a folder")
+    if path.is_dir():
+        foreign = sorted(item.name for item in path.iterdir() if item.name not in OUTPUTS)
+        if foreign:
+            raise UserError(f"{path} holds {foreign[0]!r}, which no replay wrote: choose another --out")
+        for item in path.iterdir():
+            shutil.rmtree(item) if item.is_dir() else item.unlink()
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{path} cannot be made ({error.strerror})") from None
+
+
+def decimate(track: Track, rate_hz: float) -> Track:
+    """At most ``rate_hz`` rows a second."""
+    slots = np.floor(track.t * rate_hz + 1e-6).astype(np.int64)
+    chosen = np.diff(slots, prepend=-(1 << 62)) != 0
+    return Track(track.t[chosen], track.rows[chosen])
+
+
+def write_summary(path: Path, result: ReplayResult, wall_seconds: float) -> dict[str, Any]:
+    """Everything a script wants to know of a replay; NaN is null."""
+    recording, status = result.recording, result.status
+    summary = {
+        "bag": recording.path.name,
+        "duration_s": recording.duration,
+        "imu_samples": recording.imu_count,
+        "reference": result.reference.kind if len(result.reference) else None,
+        "gnss_delay_s": result.parameters.gnss.delay,
+        "final_mode": status.mode.value,
+        "seconds_aided": sum(e - s for s, e, mode in mode_spans(result) if mode.value == "AIDED"),
+        "first_aided_s": next((s for s, _, mode in mode_spans(result) if mode.value == "AIDED"), None),
+        "modes": [{"start_s": s, "end_s": e, "mode": mode.value} for s, e, mode in mode_spans(result)],
+        "outages": [
+            {key: value for key, value in vars(e).items() if not isinstance(value, np.ndarray)} for e in result.errors
+        ],
+        "outage_proof": result.proof,
+        "not_finite_rows": int((~np.isfinite(result.track.rows).all(axis=1)).sum()),
+        "counters": {**status.counters, **result.recording.counters},
+        "values": status.values,
+        "notices": recording.notices,
+        "estimator_seconds": result.seconds,
+        "times_real_time": recording.duration / max(result.seconds, 1e-9),
+        "wall_seconds": wall_seconds,
+        "versions": versions(),
+        "parameters": flatten(result.parameters),
+    }
+    summary = plain(summary)
+    path.write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return summary
+
+
+def versions() -> dict[str, str]:
+    """Versions of what took part."""
+    found = {"nav_pose_estimator": __version__, "python": platform.python_version(), "kernels": _kernels()}
+    for name in ("numpy", "numba", "rosbags"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def write_tum(path: Path, result: ReplayResult, rate_hz: float) -> None:
+    """``stamp x y z qx qy qz qw`` a line, ENU metres from the origin (the form that evo reads)."""
+    track = decimate(result.track, rate_hz)
+    enu = _local(track, result)
+    rows = np.column_stack([enu, track.q_nb[:, [1, 2, 3, 0]]]).tolist()
+    stamps = (np.round(track.t * 1e9).astype(np.int64) + result.recording.epoch_ns).tolist()
+    form = "%d.%09d" + " %.6f" * 3 + " %.9f" * 4
+    path.write_text("\n".join([form % (s // 10**9, s % 10**9, *row) for s, row in zip(stamps, rows, strict=True)]))
+
+
+def write_csv(path: Path, result: ReplayResult, rate_hz: float) -> None:
+    """The estimate as text, columns ``CSV_COLUMNS``; t counts from the bag's first stamp."""
+    track = decimate(result.track, rate_hz)
+    angles = np.degrees(euler_from_quat_many(track.q_nb))
+    position = track.position * np.array([180.0 / math.pi, 180.0 / math.pi, 1.0])
+    parts = [track.t, position, _local(track, result), track.velocity, angles, track.sd("position")]
+    starts = [start for start, _, _ in mode_spans(result)]
+    names = [mode.value for _, _, mode in mode_spans(result)]
+    modes = [names[i] for i in np.maximum(np.searchsorted(starts, track.t, side="right") - 1, 0)]
+    form = "%.4f,%.9f,%.9f" + ",%.4f" * 13
+    rows = zip(np.column_stack(parts).tolist(), modes, strict=True)
+    path.write_text("\n".join([CSV_COLUMNS, *(f"{form % tuple(row)},{mode}" for row, mode in rows)]) + "\n")
+
+
+def _local(track: Track, result: ReplayResult) -> np.ndarray:
+    origin = result.origin or (tuple(track.position[0]) if len(track) else (0.0, 0.0, 0.0))
+    return np.asarray(lla_to_enu(*track.position.T, *origin)).reshape(-1, 3)
+
+
+def _kernels() -> str:
+    return "compiled" if COMPILED else "plain Python"
+
+
+def plain(value: Any) -> Any:
+    """``value`` in the types of JSON; numbers that are not finite become null."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, str) or value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, Iterable):
+        return [plain(item) for item in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    return int(value)

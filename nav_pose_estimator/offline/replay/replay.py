@@ -1,0 +1,155 @@
+"""A recording through the pose estimator: the engine of the nodes, no middleware, as fast as the machine goes."""
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nav_pose_estimator.core.filter.layout import OUT_COLUMNS
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
+from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution, Output, Status
+from nav_pose_estimator.offline.flights.outage_errors import OutageErrors, judge
+from nav_pose_estimator.offline.flights.outages import GnssRemoval, Outage, OutageProof
+from nav_pose_estimator.offline.flights.recording import Recording
+from nav_pose_estimator.offline.flights.tracks import Reference, Track, TrackRecorder
+
+STATE_PERIOD_NS = 1_000_000_000
+"""Full states (biases, covariance) are kept once a second: the last IMU sample of a block is then fed by itself."""
+RESET = "reset"
+"""Event after which the navigator aligns again."""
+Progress = Callable[[int], None]
+
+
+@dataclass
+class Record:
+    """Everything that came out of an estimator."""
+
+    epoch_ns: int
+    tracks: TrackRecorder
+    states: list[NavSolution] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    modes: list[tuple[float, Mode]] = field(default_factory=list)
+    imu_samples: int = 0
+
+    def take(self, outputs: Iterable[Output]) -> None:
+        """File the outputs of one call of ``feed``."""
+        for output in outputs:
+            if isinstance(output, NavBlock):
+                self.tracks.add(output)
+                self._note_mode(int(output.stamps_ns[0]), output.mode)
+            elif isinstance(output, NavSolution):
+                self.states.append(output)
+                self.tracks.add(as_block(output))
+                self._note_mode(output.stamp_ns, output.mode)
+            elif isinstance(output, Event):
+                self._note_event(output)
+
+    def _note_event(self, event: Event) -> None:
+        if event.name == RESET:  # until the next solution there is none: the mode before must not seem to last
+            self._note_mode(event.stamp_ns, Mode.ALIGNING)
+        if event.text:
+            self.events.append(event)
+
+    def _note_mode(self, stamp_ns: int, mode: Mode) -> None:
+        if not self.modes or self.modes[-1][1] is not mode:
+            self.modes.append(((stamp_ns - self.epoch_ns) * 1e-9, mode))
+
+
+@dataclass
+class ReplayResult:
+    """A finished replay."""
+
+    recording: Recording
+    parameters: Parameters
+    outages: list[Outage]
+    reference: Reference
+    fix_times: np.ndarray
+    track: Track
+    record: Record
+    status: Status
+    origin: tuple[float, float, float] | None
+    errors: list[OutageErrors]
+    proof: dict[str, float | int | None]
+    seconds: float  # spent in the estimator, loading of its kernels included
+
+
+def as_block(solution: NavSolution) -> NavBlock:
+    """One solution in the form of a block."""
+    row = solution.values[:OUT_COLUMNS]
+    stamps = np.array([solution.stamp_ns], np.int64)
+    return NavBlock(stamps, row[None, :], solution.mode, solution.reset_count, solution.correction_enu)
+
+
+def replay(
+    recording: Recording, parameters: Parameters, outages: list[Outage], progress: Progress | None = None
+) -> ReplayResult:
+    """Run a recording with GNSS taken away in ``outages``. ``progress`` is called with the IMU samples just done."""
+    engine = PoseEstimator(parameters)  # kernels are loaded as they are called: no flight has to wait for them here
+    delay = parameters.gnss.delay
+    removal = GnssRemoval(outages, recording.epoch_ns, delay)
+    proof = OutageProof(outages, recording.epoch_ns, delay)
+    record = Record(recording.epoch_ns, TrackRecorder(recording.epoch_ns))
+    began = time.perf_counter()
+    run(engine, removal.filter(recording.samples), record, proof, progress)
+    seconds = time.perf_counter() - began
+    reference = recording.reference(delay)
+    fix_times = recording.fix_times(delay)
+    track = record.tracks.track()
+    lever = reference_lever(reference, parameters)
+    return ReplayResult(
+        recording=recording,
+        parameters=parameters,
+        outages=outages,
+        reference=reference,
+        fix_times=fix_times,
+        track=track,
+        record=record,
+        status=engine.status(),
+        origin=engine.origin,
+        errors=[judge(outage, fix_times, reference, track, lever) for outage in outages],
+        proof=proof.summary(),
+        seconds=seconds,
+    )
+
+
+def reference_lever(reference: Reference, parameters: Parameters) -> np.ndarray:
+    """From the IMU to the point that the reference describes: the antenna for GNSS, the IMU itself for ground truth."""
+    return np.array(parameters.gnss.lever_arm) if reference.kind == "GNSS" else np.zeros(3)
+
+
+def run(
+    engine: PoseEstimator,
+    samples: Iterable[Sample],
+    record: Record,
+    proof: OutageProof,
+    progress: Progress | None = None,
+) -> None:
+    """Feed ``samples``; every one of them passes the proof that it carries nothing from inside an outage."""
+    next_state = 0
+    waiting: list[Sample] = []
+    for sample in samples:
+        proof.check(sample)
+        waiting.append(sample)
+        if not isinstance(sample, ImuBlock):
+            continue
+        record.imu_samples += len(sample)
+        last_ns = int(sample.stamps_ns[-1])
+        if not next_state - 2 * STATE_PERIOD_NS < last_ns < next_state:  # also after a clock that went back
+            next_state = last_ns + STATE_PERIOD_NS
+            waiting[-1:] = [*([_rows(sample, slice(0, -1))] if len(sample) > 1 else []), _last(sample)]
+            record.take(engine.feed_all(waiting))
+            waiting = []
+        if progress is not None:
+            progress(len(sample))
+    record.take(engine.feed_all(waiting))
+
+
+def _rows(block: ImuBlock, chosen: slice) -> ImuBlock:
+    return ImuBlock(block.stamps_ns[chosen], block.gyro[chosen], block.accel[chosen])
+
+
+def _last(block: ImuBlock) -> ImuSample:
+    return ImuSample(int(block.stamps_ns[-1]), tuple(block.gyro[-1].tolist()), tuple(block.accel[-1].tolist()))

@@ -1,0 +1,1 @@
+"""ROS messages to samples and solutions to messages; free of rclpy."""

@@ -1,0 +1,218 @@
+"""Messages to samples. The only place that knows how ROS and its drivers write things down.
+
+The functions read attributes only, so they take messages of rclpy and of rosbags alike. Each returns what follows from
+one message, in order: samples to feed, and events for what had to be disregarded. Vectors keep the sensor's own axes:
+mounting and FRD are the engine's business. Numbers that are NaN pass through where the engine refuses them by name.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
+from nav_pose_estimator.engine.samples import (
+    AttitudeSample,
+    BodyVelocity,
+    GnssFix,
+    GnssVelocity,
+    ImuSample,
+    MagSample,
+    NavigatorVelocity,
+    PressureSample,
+    Sample,
+    SetPose,
+    Vector3,
+    VelocityError,
+)
+from nav_pose_estimator.engine.solutions import Event, Level
+from nav_pose_estimator.ros.messages import covariance
+from nav_pose_estimator.ros.messages.covariance import Knowledge
+
+Converted = tuple[Sample | Event, ...]
+Adapter = Callable[[Any], Converted]
+
+NS_PER_S = 1_000_000_000
+_COVARIANCE_TYPE_UNKNOWN = 0  # sensor_msgs/NavSatFix
+
+
+def stamp_ns(message: Any) -> int:
+    """The header stamp in integer nanoseconds; 0 where the driver did not stamp the message."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+
+
+def imu(message: Any) -> Converted:
+    """sensor_msgs/Imu to :class:`ImuSample`. Its covariances are no noise densities and are not used."""
+    absent = message.angular_velocity_covariance[0] == -1.0, message.linear_acceleration_covariance[0] == -1.0
+    sample = ImuSample(stamp_ns(message), vector(message.angular_velocity), vector(message.linear_acceleration))
+    return imu_sample(sample, *absent)
+
+
+def imu_sample(sample: ImuSample, gyro_absent: bool, accel_absent: bool) -> Converted:
+    """``sample`` unless its message says (covariance[0] == -1) that one of its two halves was not measured."""
+    if not (gyro_absent or accel_absent):
+        return (sample,)
+    which = "angular velocity" if gyro_absent else "linear acceleration"
+    text = f"the IMU message says that it has no {which} (covariance[0] is -1); not used"
+    return (Event(sample.stamp_ns, "imu.rejected.absent", Level.WARN, text),)
+
+
+def imu_attitude(message: Any) -> Converted:
+    """The orientation of a sensor_msgs/Imu to :class:`AttitudeSample`; an event where it has none."""
+    stamp = stamp_ns(message)
+    cov = covariance.read(message.orientation_covariance, 3)
+    q_nb = quaternion(message.orientation)
+    if cov.knowledge is Knowledge.ABSENT or q_nb is None:
+        text = "imu/data has no orientation; not used"
+        return (Event(stamp, "attitude.rejected.absent", Level.WARN, text),)
+    return (AttitudeSample(stamp, q_nb, cov.matrix), *_flaw(stamp, "attitude", cov.flaw))
+
+
+def magnetic_field(message: Any) -> Converted:
+    """sensor_msgs/MagneticField [T] to :class:`MagSample`."""
+    return (MagSample(stamp_ns(message), vector(message.magnetic_field)),)
+
+
+def nav_sat_fix(message: Any) -> Converted:
+    """sensor_msgs/NavSatFix to :class:`GnssFix`. STATUS_UNKNOWN (-2, the default of Jazzy) stays negative: no fix."""
+    stamp = stamp_ns(message)
+    cov = covariance.Reading(Knowledge.UNKNOWN)
+    if message.position_covariance_type != _COVARIANCE_TYPE_UNKNOWN:
+        cov = covariance.read(message.position_covariance, 3)
+    fix = GnssFix(
+        stamp,
+        math.radians(message.latitude),
+        math.radians(message.longitude),
+        float(message.altitude),
+        int(message.status.status),
+        cov.matrix,
+    )
+    return (fix, *_flaw(stamp, "gnss.position", cov.flaw))
+
+
+def twist_with_covariance(message: Any) -> Converted:
+    """geometry_msgs/TwistWithCovarianceStamped, ENU, to :class:`GnssVelocity`. Angular parts are not looked at."""
+    stamp = stamp_ns(message)
+    cov = covariance.read(message.twist.covariance, 6, block=3)
+    velocity = GnssVelocity(stamp, vector(message.twist.twist.linear), cov.matrix)
+    return (velocity, *_flaw(stamp, "gnss.velocity", cov.flaw))
+
+
+def twist(message: Any) -> Converted:
+    """geometry_msgs/TwistStamped, ENU, to :class:`GnssVelocity` of unknown covariance."""
+    return (GnssVelocity(stamp_ns(message), vector(message.twist.linear)),)
+
+
+def body_velocity(message: Any) -> Converted:
+    """geometry_msgs/TwistWithCovarianceStamped in the velocity sensor's axes to :class:`BodyVelocity`."""
+    stamp = stamp_ns(message)
+    cov = covariance.read(message.twist.covariance, 6, block=3)
+    velocity = BodyVelocity(stamp, vector(message.twist.twist.linear), cov.matrix)
+    return (velocity, *_flaw(stamp, "body_velocity", cov.flaw))
+
+
+def velocity_error(message: Any) -> Converted:
+    """geometry_msgs/TwistWithCovarianceStamped, ENU, to :class:`VelocityError`: estimate minus truth.
+
+    A prediction that does not say how good it is is not used.
+    """
+    stamp, dv_n = stamp_ns(message), vector(message.twist.twist.linear)
+    cov = covariance.read(message.twist.covariance, 6, block=3)
+    if cov.matrix is None or not all(map(math.isfinite, dv_n)):
+        text = "a predicted velocity error has no covariance, or is not a number; not used"
+        return (Event(stamp, "outage.rejected.covariance", Level.WARN, text),)
+    return (VelocityError(stamp, dv_n, cov.matrix),)
+
+
+def fluid_pressure(message: Any) -> Converted:
+    """sensor_msgs/FluidPressure [Pa] to :class:`PressureSample`."""
+    stamp = stamp_ns(message)
+    variance, flaw = covariance.read_variance(message.variance)
+    return (PressureSample(stamp, float(message.fluid_pressure), variance), *_flaw(stamp, "baro", flaw))
+
+
+def set_pose(message: Any, frame: str = "map") -> Converted:
+    """geometry_msgs/PoseWithCovarianceStamped in ``frame`` (or without frame_id) to :class:`SetPose`."""
+    stamp = stamp_ns(message)
+    pose, cov = message.pose.pose, covariance.read(message.pose.covariance, 6)
+    position, q_nb = vector(pose.position), quaternion(pose.orientation)
+    if message.header.frame_id.lstrip("/") not in ("", frame):
+        text = f"set_pose came in frame {message.header.frame_id!r}; only {frame!r} is understood"
+        return (Event(stamp, "set_pose.rejected.frame", Level.WARN, text),)
+    if q_nb is None or not all(map(math.isfinite, position)):
+        text = "set_pose holds a position or an orientation that is not a number; not used"
+        return (Event(stamp, "set_pose.rejected.nan", Level.WARN, text),)
+    return (SetPose(stamp, position, q_nb, cov.matrix), *_flaw(stamp, "set_pose", cov.flaw))
+
+
+def odometry_velocity(message: Any) -> Converted:
+    """The velocity of a nav_msgs/Odometry (twist in the body, REP-105), turned by its pose: :class:`NavigatorVelocity`.
+
+    An unknown covariance says that nobody vouches for the velocity: it is then not valid.
+    """
+    stamp = stamp_ns(message)
+    q_nb = quaternion(message.pose.pose.orientation)
+    if q_nb is None:
+        text = "an odometry message holds no orientation; not used"
+        return (Event(stamp, "navigator_velocity.rejected.orientation", Level.WARN, text),)
+    velocity = quat_to_matrix(np.array(q_nb)) @ np.array(vector(message.twist.twist.linear))
+    cov = covariance.read(message.twist.covariance, 6, block=3)
+    known = cov.knowledge is Knowledge.KNOWN
+    return (
+        NavigatorVelocity(stamp, tuple(velocity.tolist()), known, q_nb),
+        *_flaw(stamp, "navigator_velocity", cov.flaw),
+    )
+
+
+def without_vertical(adapter: Adapter) -> Adapter:
+    """``adapter`` for a driver that never fills the vertical velocity (MAVROS ``raw/gps_vel``): Up becomes NaN."""
+
+    def adapt(message: Any) -> Converted:
+        return tuple(_drop_up(item) if isinstance(item, GnssVelocity) else item for item in adapter(message))
+
+    return adapt
+
+
+def from_ned(adapter: Adapter) -> Adapter:
+    """``adapter`` for a driver that publishes velocities in North-East-Down."""
+
+    def adapt(message: Any) -> Converted:
+        return tuple(_ned_to_enu(item) if isinstance(item, GnssVelocity) else item for item in adapter(message))
+
+    return adapt
+
+
+def vector(value: Any) -> Vector3:
+    """A geometry_msgs/Vector3 or Point as three floats."""
+    return float(value.x), float(value.y), float(value.z)
+
+
+def quaternion(value: Any) -> tuple[float, float, float, float] | None:
+    """A geometry_msgs/Quaternion as unit (w, x, y, z); None where it is no rotation (all zero, NaN, far from unit)."""
+    q = float(value.w), float(value.x), float(value.y), float(value.z)
+    norm = math.sqrt(sum(c * c for c in q))
+    if not 0.9 < norm < 1.1:  # false for NaN as well
+        return None
+    w, x, y, z = (c / norm for c in q)
+    return w, x, y, z
+
+
+def _ned_to_enu(velocity: GnssVelocity) -> GnssVelocity:
+    north, east, down = velocity.vel_enu
+    cov = velocity.cov_enu
+    turned = None if cov is None else cov[np.ix_((1, 0, 2), (1, 0, 2))] * np.outer((1, 1, -1), (1, 1, -1))
+    return GnssVelocity(velocity.stamp_ns, (east, north, -down), turned)
+
+
+def _drop_up(velocity: GnssVelocity) -> GnssVelocity:
+    east, north, _ = velocity.vel_enu
+    return GnssVelocity(velocity.stamp_ns, (east, north, math.nan), velocity.cov_enu)
+
+
+def _flaw(stamp: int, source: str, flaw: str) -> tuple[Event, ...]:
+    if not flaw:
+        return ()
+    text = f"a {source} covariance is {flaw.replace('_', ' ')}; taken as unknown"
+    return (Event(stamp, f"{source}.covariance.{flaw}", Level.WARN, text),)

@@ -1,0 +1,30 @@
+"""gps_msgs/GPSFix (gpsd_client, novatel and others): position and velocity in one message."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from nav_pose_estimator.engine.samples import GnssVelocity
+from nav_pose_estimator.ros.messages.convert import Converted, nav_sat_fix, stamp_ns
+
+_SIGMAS_OF_95_PERCENT = 1.96  # GPSFix states errors at 95 % confidence
+
+
+def fix(message: Any) -> Converted:
+    """The position: GPSFix names its fields as NavSatFix does."""
+    return nav_sat_fix(message)
+
+
+def velocity(message: Any) -> Converted:
+    """Track, speed and climb to :class:`GnssVelocity`; its covariance where the driver states both speed errors."""
+    track, speed = math.radians(message.track), float(message.speed)
+    vel_enu = speed * math.sin(track), speed * math.cos(track), float(message.climb)
+    return (GnssVelocity(stamp_ns(message), vel_enu, _covariance(message)),)
+
+
+def _covariance(message: Any) -> np.ndarray | None:
+    horizontal, vertical = (float(e) / _SIGMAS_OF_95_PERCENT for e in (message.err_speed, message.err_climb))
+    if not (0.0 < horizontal < math.inf and 0.0 < vertical < math.inf):
+        return None
+    return np.diag([horizontal**2, horizontal**2, vertical**2])

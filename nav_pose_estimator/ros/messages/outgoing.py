@@ -1,0 +1,149 @@
+"""Solutions to messages. Each function fills a message that the caller keeps and reuses; rclpy and rosbags alike.
+
+REP-105: odometry is given in odom, where base_link moves without jumps; every correction of the position is in the
+transform from map to odom. REP-103: East-North-Up, Forward-Left-Up; covariances row-major, x, y, z, then rotations
+about the fixed axes.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from nav_pose_estimator.core.filter.layout import BASE_STATES, D_GYRO_BIAS, DPOS, DVEL, PHI
+from nav_pose_estimator.core.numerics.rotation import quat_to_matrix, skew
+from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, OutageError
+from nav_pose_estimator.engine.world_frame import attitude_in, vector_in
+from nav_pose_estimator.ros.messages.convert import NS_PER_S
+
+_STATUS_FIX, _STATUS_NO_FIX, _SERVICE_GPS = 0, -1, 1  # sensor_msgs/NavSatStatus
+_COVARIANCE_KNOWN = 3  # sensor_msgs/NavSatFix
+_NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def fill_stamp(stamp: Any, stamp_ns: int) -> None:
+    """builtin_interfaces/Time."""
+    stamp.sec, stamp.nanosec = divmod(int(stamp_ns), NS_PER_S)
+
+
+def fill_imu(message: Any, solution: AttitudeSolution, world_frame: str = "enu") -> None:
+    """sensor_msgs/Imu with orientation. Rates are free of bias, accelerations are specific force (REP-145)."""
+    fill_stamp(message.header.stamp, solution.stamp_ns)
+    q_nb, cov_n = attitude_in(world_frame, solution.q_nb, solution.cov_n)
+    _fill_quaternion(message.orientation, q_nb)
+    message.orientation_covariance[:] = cov_n.ravel()
+    _fill_vector(message.angular_velocity, vector_in(world_frame, solution.rate_b))
+    _fill_vector(message.linear_acceleration, vector_in(world_frame, solution.accel_b))
+
+
+def fill_odometry(message: Any, solution: NavSolution) -> None:
+    """nav_msgs/Odometry: pose in odom, twist in base_link, both with covariance; the pose's is that of the map pose."""
+    fill_stamp(message.header.stamp, solution.stamp_ns)
+    C_nb = quat_to_matrix(solution.q_nb)
+    _fill_vector(message.pose.pose.position, solution.position_enu - solution.correction_enu)
+    _fill_quaternion(message.pose.pose.orientation, solution.q_nb)
+    message.pose.covariance[:] = pose_covariance(solution.cov).ravel()
+    _fill_vector(message.twist.twist.linear, C_nb.T @ solution.vel_n)
+    _fill_vector(message.twist.twist.angular, solution.rate_b)
+    message.twist.covariance[:] = twist_covariance(solution.cov, C_nb, solution.vel_n).ravel()
+
+
+def fill_pose(message: Any, solution: NavSolution) -> None:
+    """geometry_msgs/PoseWithCovarianceStamped in map: the best position there is, jumps included."""
+    fill_stamp(message.header.stamp, solution.stamp_ns)
+    _fill_vector(message.pose.pose.position, solution.position_enu)
+    _fill_quaternion(message.pose.pose.orientation, solution.q_nb)
+    message.pose.covariance[:] = pose_covariance(solution.cov).ravel()
+
+
+def fill_fix(message: Any, solution: NavSolution, has_fix: bool) -> None:
+    """sensor_msgs/NavSatFix of base_link; ``has_fix`` False once the position is no longer to be trusted."""
+    fill_stamp(message.header.stamp, solution.stamp_ns)
+    message.status.status, message.status.service = (_STATUS_FIX if has_fix else _STATUS_NO_FIX), _SERVICE_GPS
+    message.latitude, message.longitude = math.degrees(solution.lat), math.degrees(solution.lon)
+    message.altitude = float(solution.alt)
+    message.position_covariance[:] = solution.cov[DPOS : DPOS + 3, DPOS : DPOS + 3].ravel()
+    message.position_covariance_type = _COVARIANCE_KNOWN
+
+
+def fill_origin(message: Any, stamp_ns: int, origin: tuple[float, float, float]) -> None:
+    """sensor_msgs/NavSatFix: where the local frame has its zero (latitude, longitude [rad], ellipsoid height [m])."""
+    fill_stamp(message.header.stamp, stamp_ns)
+    message.status.status, message.status.service = _STATUS_FIX, _SERVICE_GPS
+    message.latitude, message.longitude, message.altitude = math.degrees(origin[0]), math.degrees(origin[1]), origin[2]
+
+
+def fill_vector_stamped(message: Any, stamp_ns: int, values: np.ndarray) -> None:
+    """geometry_msgs/Vector3Stamped."""
+    fill_stamp(message.header.stamp, stamp_ns)
+    _fill_vector(message.vector, values)
+
+
+def fill_transform(message: Any, stamp_ns: int, translation: np.ndarray, q: np.ndarray | None = None) -> None:
+    """geometry_msgs/TransformStamped; ``q`` scalar first, None for no rotation."""
+    fill_stamp(message.header.stamp, stamp_ns)
+    _fill_vector(message.transform.translation, translation)
+    _fill_quaternion(message.transform.rotation, _NO_ROTATION if q is None else q)
+
+
+def pose_covariance(P: np.ndarray) -> np.ndarray:
+    """(6, 6) of position (map) and rotation about the map's axes. phi turns against the estimate: signs change."""
+    cov = np.empty((6, 6))
+    cov[:3, :3] = P[DPOS : DPOS + 3, DPOS : DPOS + 3]
+    cov[3:, 3:] = P[PHI : PHI + 3, PHI : PHI + 3]
+    cov[:3, 3:] = -P[DPOS : DPOS + 3, PHI : PHI + 3]
+    cov[3:, :3] = cov[:3, 3:].T
+    return cov
+
+
+def twist_covariance(P: np.ndarray, C_nb: np.ndarray, vel_n: np.ndarray) -> np.ndarray:
+    """(6, 6) of velocity and angular rate in the body.
+
+    v_b = C' v_n gives dv_b = C' (dv - [v x] phi), and the rate errs by what is left of the gyroscope's bias; the white
+    noise of the gyroscope comes on top of it.
+    """
+    turn, bias = C_nb.T @ skew(vel_n), slice(D_GYRO_BIAS, D_GYRO_BIAS + 3)
+    half = C_nb.T @ P[DVEL : DVEL + 3] - turn @ P[PHI : PHI + 3]  # covariance of dv_b with every state
+    cov = np.empty((6, 6))
+    cov[:3, :3] = half[:, DVEL : DVEL + 3] @ C_nb - half[:, PHI : PHI + 3] @ turn.T
+    cov[:3, 3:] = half[:, bias]
+    cov[3:, :3] = cov[:3, 3:].T
+    cov[3:, 3:] = P[bias, bias]
+    return cov
+
+
+def warm_up() -> None:
+    """Call the kernels that messages need once."""
+    pose_covariance(np.eye(BASE_STATES))
+    twist_covariance(np.eye(BASE_STATES), quat_to_matrix(_NO_ROTATION), np.zeros(3))
+
+
+def fill_velocity_error(message: Any, error: OutageError) -> None:
+    """geometry_msgs/TwistWithCovarianceStamped, ENU; the angular part is marked as not known."""
+    fill_stamp(message.header.stamp, error.stamp_ns)
+    _fill_vector(message.twist.twist.linear, np.array(error.dv_n))
+    cov = np.zeros((6, 6))
+    cov[:3, :3] = error.cov
+    cov[3, 3] = -1.0
+    message.twist.covariance[:] = cov.ravel()
+
+
+def is_finite(solution: NavSolution | AttitudeSolution | OutageError) -> bool:
+    """Whether every number that goes into messages is one: nothing else may leave a node."""
+    if isinstance(solution, OutageError):
+        return math.isfinite(sum(solution.dv_n + solution.dp_n) + float(solution.cov.sum()))
+    few: tuple[np.ndarray, ...]
+    if isinstance(solution, AttitudeSolution):
+        few, cov = (solution.q_nb, solution.rate_b, solution.accel_b), solution.cov_n
+    else:
+        few, cov = (solution.position_enu, solution.vel_n, solution.q_nb, solution.rate_b), solution.cov
+    # sums of lists: for three numbers they take a tenth of numpy's time
+    return math.isfinite(float(cov.sum()) + sum(sum(part.tolist()) for part in few))
+
+
+def _fill_vector(target: Any, values: np.ndarray) -> None:
+    target.x, target.y, target.z = values.tolist()
+
+
+def _fill_quaternion(target: Any, q: np.ndarray) -> None:
+    target.w, target.x, target.y, target.z = q.tolist()

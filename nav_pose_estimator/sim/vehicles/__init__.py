@@ -1,0 +1,1 @@
+"""Vehicles: how they move."""

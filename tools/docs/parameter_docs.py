@@ -1,0 +1,140 @@
+"""Writes ``config/nav_pose_estimator.yaml`` and ``docs/parameters.md`` from the parameter dataclasses.
+
+``python tools/docs/parameter_docs.py`` writes both; with ``--check`` it only says whether they are
+up to date.
+"""
+
+import argparse
+import sys
+import textwrap
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import troubleshooting_docs
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import Spec
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+YAML_FILE = Path("config/nav_pose_estimator.yaml")
+PAGE = Path("docs/parameters.md")
+WIDTH = 120
+
+_YAML_HEAD = """\
+# Every parameter of every node with its default: what is not changed can be left out.
+# Written by `make docs` from nav_pose_estimator/engine/parameters; a comment says what a value means, then its unit
+# and range. Parameters marked "live" can be set while the node runs (ros2 param set), the others only at start.
+/**:
+  ros__parameters:
+"""
+_PAGE_HEAD = """\
+# Parameters
+
+Written by `make docs` from `nav_pose_estimator/engine/parameters`. The same names hold in a ROS parameter file, with
+`-p NAME:=VALUE` on the command line, and in `replay --config FILE`. *Live* parameters can be set while a node runs; the
+others are read-only then. A name that does not exist, a wrong type and a value out of range end in one clear sentence.
+"""
+
+
+def yaml_text() -> str:
+    """The parameter file with every default."""
+    return _YAML_HEAD + "".join(_yaml_group(Parameters(), 4))
+
+
+def page_text() -> str:
+    """The documentation page: one table per group."""
+    return _PAGE_HEAD + "".join(_page_groups(Parameters(), ""))
+
+
+def _yaml_group(group: Any, indent: int) -> Iterator[str]:
+    margin = " " * indent
+    for item in fields(group):
+        value = getattr(group, item.name)
+        if is_dataclass(value):
+            yield f"\n{_comment(_summary(value), margin)}{margin}{item.name}:\n"
+            yield from _yaml_group(value, indent + 2)
+        else:
+            spec = Spec(key=item.name, default=value, **item.metadata)
+            yield f"{_comment('. '.join(_facts(spec)), margin)}{margin}{item.name}: {_yaml_value(value)}\n"
+
+
+def _facts(spec: Spec) -> Iterator[str]:
+    yield spec.description.rstrip(".")
+    bounds = _bounds(spec)
+    measure = ", ".join(text for text in (spec.unit, bounds, "live" if spec.mutable else "") if text)
+    if measure:
+        yield f"[{measure}]"
+
+
+def _bounds(spec: Spec) -> str:
+    if spec.choices:
+        return " | ".join(spec.choices)
+    low, high = spec.minimum, spec.maximum
+    if low is not None and high is not None:
+        return f"{low:g} to {high:g}"
+    if low is not None:
+        return f"at least {low:g}"
+    return "" if high is None else f"at most {high:g}"
+
+
+def _page_groups(group: Any, prefix: str) -> Iterator[str]:
+    specs = [item for item in fields(group) if not is_dataclass(getattr(group, item.name))]
+    if specs:
+        yield f"\n## {prefix.rstrip('.')}\n\n{_summary(group)}\n\n"
+        yield "| parameter | default | unit | range | live | meaning |\n|---|---|---|---|---|---|\n"
+    for item in specs:
+        spec = Spec(key=item.name, default=getattr(group, item.name), **item.metadata)
+        cells = [f"`{prefix}{spec.key}`", f"`{_yaml_value(spec.default)}`", spec.unit, _bounds(spec)]
+        cells += ["yes" if spec.mutable else "", spec.description]
+        yield "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n"
+    for item in fields(group):
+        if is_dataclass(getattr(group, item.name)):
+            yield from _page_groups(getattr(group, item.name), f"{prefix}{item.name}.")
+
+
+def _summary(group: Any) -> str:
+    return " ".join((type(group).__doc__ or "").split("\n\n")[0].split())
+
+
+def _comment(text: str, margin: str) -> str:
+    return textwrap.fill(text, WIDTH, initial_indent=f"{margin}# ", subsequent_indent=f"{margin}#   ") + "\n"
+
+
+def _yaml_value(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_yaml_value(item) for item in value) + "]"
+    if isinstance(value, str):
+        return f'"{value}"'
+    return _yaml_float(value) if isinstance(value, float) else str(value)
+
+
+def _yaml_float(value: float) -> str:
+    """YAML 1.1 needs a point and a signed exponent, or it reads a text."""
+    text = repr(value)
+    mantissa, mark, exponent = text.partition("e")
+    return f"{mantissa if '.' in mantissa else mantissa + '.0'}{mark}{exponent}" if mark else text
+
+
+def main() -> int:
+    """Write the files, or check them."""
+    parser = argparse.ArgumentParser(description="Write the parameter file and the generated pages from the code.")
+    parser.add_argument("--check", action="store_true", help="write nothing, exit with 1 if a file is not up to date")
+    check = parser.parse_args().check
+    stale = 0
+    pages = ((PAGE, page_text()), (troubleshooting_docs.PAGE, troubleshooting_docs.page_text()))
+    for path, text in ((YAML_FILE, yaml_text()), *pages):
+        target = REPOSITORY / path
+        if target.exists() and target.read_text(encoding="utf-8") == text:
+            continue
+        stale += 1
+        if not check:
+            target.write_text(text, encoding="utf-8")
+        print(f"{path} is out of date: run make docs" if check else f"wrote {path}")
+    return 1 if check and stale else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,193 @@
+"""docs/troubleshooting.md from the code: the modes, what a node waits for, and every event with cause and cure."""
+
+from collections.abc import Iterable, Iterator
+
+from nav_pose_estimator.engine.catalogue import SECTIONS
+from nav_pose_estimator.ros.wording import ATTITUDE_MEANINGS, LEARNER_MEANINGS, MEANINGS
+
+PAGE = "docs/troubleshooting.md"
+
+_INTRODUCTION = """# What to do when
+
+Written by `make docs` from `engine/catalogue.py` and `tools/docs/troubleshooting_docs.py`; a test compares it with the
+code.
+
+Three places say how things stand, in the same words: the log of the node, `~/status` (latched: the last one comes at
+once) and `/diagnostics` (once a second: state, inputs, counters). In a recorded flight `replay` counts the same events.
+
+```bash
+ros2 topic echo --once --qos-durability transient_local /pose_estimator/status
+ros2 topic echo /diagnostics        # or rqt_robot_monitor
+```
+
+Look for what you see in the first table; for the name of a counter in the last ones.
+"""
+
+_SYMPTOMS = (
+    (
+        "`imu/data_raw never came (0 publishers)`",
+        "nobody publishes under that name",
+        "`ros2 topic list`, then remap: `-r imu/data_raw:=/your/topic`; namespaces count",
+    ),
+    (
+        "`imu/data_raw never came (1 publishers)`",
+        "there is a publisher, and nothing gets through",
+        "the same line names a wrong type or QoS; else `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, a firewall",
+    ),
+    (
+        "`... publishes geometry_msgs/msg/TwistStamped, ... is expected`",
+        "the driver sends another message type than the node subscribes to",
+        "set `ros.input.imu`, `.fix`, `.velocity` or `gnss.gate.satellite_source`; see config/driver_*.yaml",
+    ),
+    (
+        "`... offers incompatible QoS (...)`",
+        "publisher and subscription do not agree on reliability or durability",
+        "inputs are best effort, which fits every publisher: remove the `qos_overrides` that made it stricter",
+    ),
+    (
+        "`gps/fix silent for 4 s (1 publishers)`",
+        "the driver is there but has stopped publishing",
+        "look at the receiver; the navigator goes on without it",
+    ),
+    (
+        "many `lost` in the inputs",
+        "the machine is too slow, or another process takes the core",
+        "[load](load.md); install numba; lower `ros.output.odometry_rate`; raise `ros.input.queue`",
+    ),
+    (
+        "`... is set to px4_msgs/SensorCombined, but px4_msgs is not installed here`",
+        "the message package is missing in this workspace",
+        "install it, source the workspace, or choose another type in `ros.input`",
+    ),
+    (
+        "`there is no parameter '...'; did you mean ...`",
+        "a misspelt name in the YAML file or after `-p`",
+        "[all parameters](parameters.md); the node stops on purpose instead of flying with a default",
+    ),
+    (
+        "AIDED never comes, `satellite count` in the sentence",
+        "the gate wants a count of satellites that nobody publishes",
+        "remap `gps/satellites`, or set `gnss.gate.satellite_source` to `none`",
+    ),
+    (
+        "AIDED never comes, `Finding the heading from motion`",
+        "no magnetometer, or one that cannot be believed",
+        "accelerate and turn; calibrate the magnetometer (`attitude.hard_iron`, `attitude.soft_iron`)",
+    ),
+    (
+        "the attitude is upside down or mirrored",
+        "the axes of the IMU are not Forward-Left-Up",
+        "at rest and level the driver must read z = +9.8; for FRD set `imu.convention: frd`, else `imu.mounting_rpy`",
+    ),
+    (
+        "the pose circles or oscillates while GNSS is good",
+        "the stamps of GNSS and IMU do not belong together",
+        "`replay BAG --estimate-latency` measures `gnss.delay`; then see the clocks",
+    ),
+    (
+        "heading is wrong by a constant angle on the ground",
+        "magnetic declination or hard iron",
+        "[`aids.declination_from_model`, or set `aids.declination`](conventions.md#magnetic-declination); calibrate",
+    ),
+    (
+        "sigma is much smaller or larger than the errors",
+        "the noise of the IMU is not that of the parameters",
+        "set `imu.gyro_noise`, `imu.accel_noise` ([tuning](tuning.md)); watch `nis.*`: above 1 they are too small",
+    ),
+    (
+        "`ros2 topic hz` of odometry is lower than the IMU's",
+        "`ros.output.odometry_rate` limits it (100 Hz)",
+        "set it to 0 for one message with every IMU sample",
+    ),
+    (
+        "with `use_sim_time` the stamps of /diagnostics are 0",
+        "nobody publishes /clock",
+        "play the bag with `--clock`; the estimator itself runs on the stamps of the samples and needs no clock",
+    ),
+)
+
+_WAITING = (
+    ("Waiting for IMU data.", "look at the inputs line: name, type, QoS"),
+    ("Level and heading are known; waiting for a GNSS fix.", "the sentence goes on with why fixes are refused"),
+    ("Waiting for a GNSS fix", "or keep the vehicle still, with a magnetometer, as the bracket says"),
+    ("Finding the heading from motion:", "speed up, brake or turn; straight and steady flight shows no heading"),
+    ("Level is known; heading needs motion, because there is", "fly, or give it a magnetometer it can believe"),
+    ("The IMU is at rest, but GNSS reports motion;", "wait; on a moving deck or vehicle: accelerate"),
+    ("Waiting for GNSS to show the vehicle's motion.", "gps/vel helps; without it a few seconds of fixes are needed"),
+    ("no IMU sample has come yet", "attitude_node: look at the inputs line"),
+    ("levelling: the first second of data", "attitude_node: wait"),
+    ("waiting for the origin of the navigator", "anfis_node: start sins_node, or remap sins_node/origin"),
+    ("waiting for the navigator's biases", "anfis_node: remap sins_node/bias/gyro and sins_node/bias/accel"),
+    ("waiting for odometry/filtered", "anfis_node: remap odometry/filtered"),
+)
+
+_STATUS = (
+    ("mode", "see the table of modes"),
+    ("waiting for", "what is missing until AIDED"),
+    ("seconds without GNSS", "since the last fix that was used; 0 while AIDED"),
+    ("horizontal sigma [m]", "one standard deviation of the position, now"),
+    ("horizontal sigma in 30 s [m]", "what it will be if GNSS stays away"),
+    ("GNSS refused because", "why the last fix was not used"),
+    ("satellites", "the last count"),
+    (
+        "nis.gnss_position, nis.gnss_velocity",
+        "mean normalised innovation squared: below 1 with the wide defaults; above 1 the noises are too small",
+    ),
+    ("nis.gnss_position.p99, nis.gnss_velocity.p99", "its 99th percentile over the last observations"),
+    ("gnss.gate_radius_m", "how far from the prediction a fix may lie now without being refused"),
+    ("gnss.resets, gnss.last_reset_m", "how often the position was put on GNSS, and how far it moved the last time"),
+    ("learner.flight_s, learner.trainings", "flight with GNSS that the learner remembers; trainings taken over"),
+    ("learner.rules, learner.target_rms", "rules of the network; RMS of what it had to learn [m/s]"),
+    (
+        "learner.error_rms.N, learner.noise.x",
+        "what N rules leave of it on data not trained on; noise of the prediction",
+    ),
+    ("rehearsal.count, rehearsal.rms_30_s.NAME", "rehearsed outages; RMS error [m] after 30 s of each way to coast"),
+    ("rehearsal.drift_variance", "how large the squared errors of coasting were in parts of what the filter stated"),
+    ("alignment.restarts", "how often the search for the heading began anew"),
+    ("tilt_sd_deg, yaw_sd_deg", "attitude_node: standard deviations in degrees"),
+    ("not used because", "anfis_node: why the model stays silent in an outage"),
+    ("training, trainings", "anfis_node: running, or why the last one failed; how many there were"),
+    ("... after each training", "anfis_node: the learning curve of each score"),
+    ("gyro_bias_deg_s, field_trust", "attitude_node: bias found; trust in the magnetic field, 0 to 1"),
+)
+
+
+def page_text() -> str:
+    """The whole page."""
+    return "\n".join(_page()) + "\n"
+
+
+def _page() -> Iterator[str]:
+    yield _INTRODUCTION
+    yield "## What you see\n"
+    yield from _table(("you see", "because", "do"), _SYMPTOMS)
+    yield "\n## Modes\n"
+    yield from _table(("mode", "means"), ((f"`{mode.value}`", text) for mode, text in MEANINGS.items()))
+    yield "\nAIDED is OK, EXPIRED an error, any other mode a warning. The other nodes use them for themselves:\n"
+    yield from _table(("node", "mode", "means"), _of_other_nodes())
+    yield ""
+    yield "## What a node waits for\n"
+    yield from _table(("the sentence begins", "do"), ((f"`{text}`", cure) for text, cure in _WAITING))
+    yield "\n## The values of the status\n"
+    yield from _table(("key", "means"), ((f"`{key}`", text) for key, text in _STATUS))
+    yield "\n## Events and counters\n"
+    yield "The counter `imu.rejected.nan` counts the events of that name; `*` stands for any word. The log says an"
+    yield "event the 1st, 10th, 100th ... time.\n"
+    for title, entries in SECTIONS.items():
+        yield f"### {title}\n"
+        rows = ((f"`{entry.name}`", entry.meaning, entry.cure or "nothing to do") for entry in entries)
+        yield from _table(("event", "means", "do"), rows)
+        yield ""
+
+
+def _of_other_nodes() -> Iterator[tuple[str, str, str]]:
+    for node, meanings in (("attitude_node", ATTITUDE_MEANINGS), ("anfis_node", LEARNER_MEANINGS)):
+        yield from ((node, f"`{mode.value}`", text) for mode, text in meanings.items())
+
+
+def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
+    yield "| " + " | ".join(head) + " |"
+    yield "|" + "---|" * len(head)
+    for row in rows:
+        yield "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
