@@ -14,7 +14,7 @@ import rclpy
 from rclpy.serialization import serialize_message
 from nav_pose_estimator.engine.samples import ImuSample
 from nav_pose_estimator.nodes.pose_estimator import PoseEstimatorNode
-from nav_pose_estimator.ros.sample_messages import TOPICS, to_message
+from nav_pose_estimator.ros.messages.sample_messages import TOPICS, to_message
 from nav_pose_estimator.sim.scenarios import SCENARIOS, generate
 
 def known():

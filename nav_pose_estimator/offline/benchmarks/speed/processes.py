@@ -89,7 +89,7 @@ def replays(scratch: Path) -> list[Figure]:
 def without_numba() -> list[Figure]:
     """The navigator where no compiler is installed, in 1 s blocks."""
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
-    code = "from nav_pose_estimator.offline import speed_processes as p; print(p.plain_python_cost())"
+    code = "from nav_pose_estimator.offline.benchmarks.speed import processes as p; print(p.plain_python_cost())"
     cost = float(_run([sys.executable, "-c", code], environment).split()[-1])
     return [Figure("navigator without numba, blocks of 1 s", cost, "us/epoch", 60.0)]
 
