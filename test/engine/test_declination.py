@@ -168,7 +168,7 @@ def test_what_was_found_outlives_a_change_of_parameters_and_a_reset(flight):
     assert math.degrees(found) == pytest.approx(15.2, abs=0.1)
     engine.set_parameters(update(engine.parameters, {"aids.magnetometer_sd": 0.2}))
     assert engine.sins.declination == found
-    assert engine.sins._run.aids._parameters.magnetometer_sd == 0.2
+    assert engine.sins._run.parameters.aids.magnetometer_sd == 0.2
     engine.reset(int(flight.imu.stamps_ns[-1]), "a test")
     assert engine.sins.declination == found
     again = [o for s in flight.samples() for o in engine.feed(s)]

@@ -11,12 +11,11 @@ from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.kalman import horizontal_sd, predicted_horizontal_sd
 from nav_pose_estimator.engine import warm_up_flight
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.navigator import filter_setup, start_up
+from nav_pose_estimator.engine.navigator import filter_setup, intake, start_up
 from nav_pose_estimator.engine.navigator.engine_clock import NS
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun, Origin
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
-from nav_pose_estimator.engine.sensors.aids import UNEVENTFUL
 from nav_pose_estimator.engine.sensors.imu import GAP, RESTARTS, ImuInput
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, NavSolution, Output, Status
 
@@ -47,7 +46,7 @@ class SinsEngine:
         elif isinstance(sample, ImuBlock):
             outputs = self._on_imu_block(sample)
         else:
-            self._run.take(sample)
+            intake.take(self._run, sample)
             outputs = []
         events = self._journal.drain()
         return [*events, *outputs] if events else outputs
@@ -70,7 +69,7 @@ class SinsEngine:
     def nominal_state(self) -> np.ndarray:
         """The nominal state (``filter.layout``) at the last IMU sample, with everything that has arrived; a copy."""
         self._run.timeline.settle()
-        return self._run.timeline.nav.copy()
+        return self._run.timeline.filter.nav.copy()
 
     @property
     def horizontal_sd(self) -> float:
@@ -79,7 +78,7 @@ class SinsEngine:
         if not timeline.running:
             return math.inf
         timeline.settle()
-        return float(horizontal_sd(timeline.P))
+        return float(horizontal_sd(timeline.filter.P))
 
     @property
     def journal(self) -> Journal:
@@ -88,7 +87,7 @@ class SinsEngine:
 
     def set_use_gnss(self, flag: bool) -> None:
         """Switch GNSS off and on again (outage drill)."""
-        self._gnss_enabled = self._run.gnss.enabled = flag
+        self._gnss_enabled = self._run.gnss.reception.enabled = flag
 
     def set_parameters(self, parameters: Parameters) -> None:
         """Change what is marked mutable while the filter runs; the rest must be as it was."""
@@ -114,18 +113,18 @@ class SinsEngine:
         run, timeline, gnss = self._run, self._run.timeline, self._run.gnss
         t, sd, later = 0.0, self.horizontal_sd, math.inf
         if timeline.running:
-            t = timeline.time
-            later = predicted_horizontal_sd(timeline.nav, timeline.P, timeline.constants, 30.0)
-        waiting = "" if timeline.running else run.aligner.waiting_for(gnss.refusal)
+            t = timeline.filter.time
+            later = predicted_horizontal_sd(timeline.filter.nav, timeline.filter.P, timeline.filter.constants, 30.0)
+        waiting = "" if timeline.running else run.aligner.waiting_for(gnss.reception.refusal)
         return Status(
             stamp_ns=run.clock.stamp(t),
             mode=self.mode,
             waiting_for=waiting,
-            seconds_coasting=run.modes.seconds_unaided(t, gnss.last_used),
+            seconds_coasting=run.modes.seconds_unaided(t, run.aiding.fix_used),
             horizontal_sd=sd,
             horizontal_sd_in_30_s=later,
-            gnss_refusal=gnss.refusal,
-            satellites=gnss.satellites,
+            gnss_refusal=gnss.reception.refusal,
+            satellites=gnss.reception.satellites,
             counters=dict(self._journal.counters),
             values={"alignment.restarts": float(run.aligner.restarts), **gnss.figures()},
         )
@@ -156,7 +155,7 @@ class SinsEngine:
         if t < run.quiet_until and self._input.passes(sample):
             gyro, accel = self._input.to_body(sample.gyro), self._input.to_body(sample.accel)
             values = run.timeline.advance_one(t, gyro, accel)
-            return [NavSolution(sample.stamp_ns, run.modes.mode, values, run.timeline.shift, run.gnss.resets)]
+            return [NavSolution(sample.stamp_ns, run.modes.mode, values, run.timeline.shift, run.gnss.position.resets)]
         outputs: list[Output] = []
         for item in self._input.accept(sample):
             if isinstance(item, Event):
@@ -167,7 +166,7 @@ class SinsEngine:
 
     def _solution(self, block: NavBlock) -> NavSolution:
         """The solution of a block of one sample, at which the filter stands."""
-        values = self._run.timeline.complete(block.rows[0])
+        values = self._run.timeline.filter.complete(block.rows[0])
         return NavSolution(int(block.stamps_ns[0]), block.mode, values, block.correction_enu, block.reset_count)
 
     def _on_imu_block(self, block: ImuBlock) -> list[Output]:
@@ -200,15 +199,15 @@ class SinsEngine:
             ahead = self._advance_in_one_mode(stamps_ns[done:], rows[done:])
             done += sum(len(block.stamps_ns) for block in ahead)
             blocks += ahead
-            if self._run.gnss.despair:
+            if self._run.gnss.position.despair:
                 clock = self._run.clock  # the rows that follow count from it
-                self._restart(int(blocks[-1].stamps_ns[-1]), self._run.gnss.despair)
+                self._restart(int(blocks[-1].stamps_ns[-1]), self._run.gnss.position.despair)
                 self._run.clock = clock
         return blocks
 
     def _blocks(self, stamps_ns: np.ndarray, out: np.ndarray) -> list[NavBlock]:
         """The rows of the last ``advance``, one block for each stretch of constant correction."""
-        timeline, mode, resets = self._run.timeline, self.mode, self._run.gnss.resets
+        timeline, mode, resets = self._run.timeline, self.mode, self._run.gnss.position.resets
         blocks: list[NavBlock] = []
         done = 0
         for end, correction in [*timeline.moves, (len(out), timeline.shift)]:
@@ -224,11 +223,11 @@ class SinsEngine:
         run.timeline.settle()
         times = rows[:, at.IMU_T]
         now = float(times[0])
-        if self.mode is Mode.AIDED and not now - run.gnss.last_used < self.parameters.navigator.lost_after:
+        if self.mode is Mode.AIDED and not now - run.aiding.fix_used < self.parameters.navigator.lost_after:
             run.declare_loss(now)
         if now >= run.rest_due:
             run.look_for_rest(now)
-        limit = min(run.mode_deadline(now), run.timeline.next_observation(besides=UNEVENTFUL), run.rest_due)
+        limit = min(run.mode_deadline(now), run.timeline.next_observation(quiet=False), run.rest_due)
         count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
         if run.mode_at(now) is not self.mode:
             count = 1  # the change has the time of its row, whatever the size of the blocks

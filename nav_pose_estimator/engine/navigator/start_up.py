@@ -51,12 +51,12 @@ class StartUp:
         self._done: Alignment | None = None
         self.time = 0.0
 
-    def copy(self) -> StartUp:
-        """An independent copy. A finished aligner takes nothing in any more: copies share it, and what it holds."""
-        if not self._aligner.is_complete:
-            return copy.deepcopy(self)
+    def __deepcopy__(self, memo: dict) -> StartUp:
+        """A finished aligner takes nothing in any more: copies share it, and what it holds."""
+        if self._aligner.is_complete:
+            memo[id(self._aligner)] = self._aligner
         twin = copy.copy(self)
-        twin._velocities = self._velocities.copy()
+        twin.__dict__ = copy.deepcopy(self.__dict__, memo)
         return twin
 
     def imu(self, row: np.ndarray) -> None:
