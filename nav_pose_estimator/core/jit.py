@@ -9,6 +9,8 @@ import os
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 try:
     import numba
 except ImportError:
@@ -45,10 +47,11 @@ def _tie_cache_to_sources(compiled) -> bool:
     """Make the cached machine code of a kernel stale when anything that was compiled into it has changed.
 
     By itself numba looks at the kernel's own file only. Numbers and kernels of other files are compiled in as well:
-    with an old cache, a new ``core.layout`` would be read at the old places. False when this numba keeps its cache some
-    other way: the kernel then has to do without.
+    with an old cache, a new ``core.layout`` would be read at the old places. So are numba's versions of NumPy's functions,
+    whose types follow the promotion rules of the NumPy that is installed. False when this numba keeps its cache some other
+    way: the kernel then has to do without.
     """
-    parts = _compiled_in(compiled.py_func.__globals__)
+    parts = [np.__version__, *_compiled_in(compiled.py_func.__globals__)]
     try:
         file = compiled._cache._cache_file
         compiled.source_stamp = hashlib.sha256(repr((file._source_stamp, parts)).encode()).hexdigest()
