@@ -149,7 +149,8 @@ def test_what_failed_is_said_and_tried_again(host):
     assert host.installed() == [f".venv {OPTIONS} -r requirements.txt", f".venv {PACKAGE}"]
 
 
-SHOW = 'echo "${ROS_DISTRO:-none} $AMENT_PREFIX_PATH $ROS_AUTOMATIC_DISCOVERY_RANGE ${NUMBA_CACHE_DIR:-beside}"; which python'
+SHOW = """echo "${ROS_DISTRO:-none} $AMENT_PREFIX_PATH $ROS_AUTOMATIC_DISCOVERY_RANGE ${NUMBA_CACHE_DIR:-beside}"
+which python"""
 
 
 def test_a_command_runs_with_ros_from_apt(host):

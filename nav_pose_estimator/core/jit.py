@@ -47,9 +47,9 @@ def _tie_cache_to_sources(compiled) -> bool:
     """Make the cached machine code of a kernel stale when anything that was compiled into it has changed.
 
     By itself numba looks at the kernel's own file only. Numbers and kernels of other files are compiled in as well:
-    with an old cache, a new ``core.layout`` would be read at the old places. So are numba's versions of NumPy's functions,
-    whose types follow the promotion rules of the NumPy that is installed. False when this numba keeps its cache some other
-    way: the kernel then has to do without.
+    with an old cache, a new ``core.layout`` would be read at the old places. So are numba's forms of NumPy's functions,
+    whose types follow the rules of the NumPy that is installed. False when this numba keeps its cache some other way:
+    the kernel then has to do without.
     """
     parts = [np.__version__, *_compiled_in(compiled.py_func.__globals__)]
     try:
