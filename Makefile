@@ -39,13 +39,13 @@ test-plain: # the numerical core once more, without the compiler
 test-all:
 	@$(PYTEST) $(ARGS)
 
-test-jazzy: # what computes and what reads bags, once more with the NumPy and SciPy that ROS 2 Jazzy has on Ubuntu 24.04
+test-jazzy: # all that needs no ROS, once more with the NumPy and SciPy that ROS 2 Jazzy has on Ubuntu 24.04
 	@tools/setup_environment.sh jazzy
-	@[ ! -d .venv-jazzy ] || NAV_POSE_VENV=.venv-jazzy $(PYTEST) test/core test/offline test/test_structure.py $(ARGS)
+	@[ ! -d .venv-jazzy ] || NAV_POSE_VENV=.venv-jazzy $(PYTEST) test/core test/engine test/sim test/offline test/test_structure.py $(ARGS)
 
 docs: ## Write config/nav_pose_estimator.yaml, docs/parameters.md and docs/troubleshooting.md from the code
 	@$(IN_ENVIRONMENT) python -m nav_pose_estimator.offline.parameter_docs
 
 clean: ## Remove what was built (not .venv)
-	rm -rf build install log out .pytest_cache .ruff_cache .mypy_cache .hypothesis *.egg-info
+	rm -rf build install log out .pytest_cache .ruff_cache .mypy_cache .hypothesis .venv-jazzy/numba_cache *.egg-info
 	find nav_pose_estimator test -name __pycache__ -prune -exec rm -rf {} +

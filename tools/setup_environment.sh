@@ -62,11 +62,10 @@ find_python() {
         "or: pyenv install 3.12, or: uv python install 3.12; or name one with: make PYTHON=/path/to/python3.12 ..."
 }
 
-# ROS from apt is for Python 3.12, and parts of it (yaml, lark) are packages of the host.
+# With ROS from apt, parts of it (yaml, lark) are packages of the host, which the environment has to see.
 is_usable() {
     case "$(version_of "$VENV/bin/python")" in
-        3.12) ! host_has_ros || grep -q "include-system-site-packages = true" "$VENV/pyvenv.cfg" ;;
-        3.11 | 3.13 | 3.14) ! host_has_ros ;;
+        3.11 | 3.12 | 3.13 | 3.14) ! host_has_ros || grep -q "include-system-site-packages = true" "$VENV/pyvenv.cfg" ;;
         *) return 1 ;;
     esac
 }

@@ -30,7 +30,8 @@ def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
     """
     path = Path(path)
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **{name: np.asarray(value) for name, value in arrays.items()})
+    # Without allow_pickle=False: NumPy 1 knows no such option here and would save it as one more array.
+    np.savez(buffer, **{name: np.asarray(value) for name, value in arrays.items()})
     body = buffer.getvalue()
     header = _MAGIC + f"{VERSION}\n{hashlib.sha256(body).hexdigest()}\n".encode()
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
