@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -100,6 +101,67 @@ def test_offline_reaches_no_rclpy_by_detours():
             if candidate.is_file():
                 queue.append(candidate)
     assert PACKAGE / "ros" / "messages" / "convert.py" in reached
+
+
+def names_of(library: str, path: Path) -> Iterator[tuple[int, str]]:
+    """(line, dotted name) of what a file takes from ``library``: ``np.linalg.norm`` is ``numpy.linalg.norm``."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    known = {
+        alias.asname or alias.name: alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import)
+        for alias in node.names
+        if alias.name.split(".")[0] == library
+    }
+    yield from ((line, name) for line, name in imports(path) if name.split(".")[0] == library)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute):
+            first, _, rest = ast.unparse(node).partition(".")
+            if first in known and rest.replace(".", "").isidentifier():
+                yield node.lineno, f"{known[first]}.{rest}"
+
+
+def exists(name: str) -> bool:
+    """Whether the installed library has ``name``; what stands behind a constant (``numpy.pi.real``) does not matter."""
+    found, *rest = name.split(".")
+    thing = import_module(found)
+    for piece in rest:
+        found += f".{piece}"
+        if not hasattr(thing, piece):
+            try:
+                thing = import_module(found)
+            except ImportError:
+                return False
+        else:
+            thing = getattr(thing, piece)
+    return True
+
+
+# Names of the module numpy that the 1.26 of Ubuntu 24.04 does not have (dir(numpy) of 2.5 without that of 1.26).
+NUMPY_2_ONLY = re.compile(
+    r"^numpy\.(acosh?|asinh?|atan[2h]?|astype|bitwise_(count|invert|left_shift|right_shift)|bool|concat|cumulative_prod|"
+    r"cumulative_sum|isdtype|u?long|matrix_transpose|matvec|permute_dims|pow|strings|trapezoid|unique_all|unique_counts|"
+    r"unique_inverse|unique_values|unstack|vecdot|vecmat)(\.|$)"
+)
+
+
+def test_the_package_does_without_names_that_only_numpy_2_has():
+    found = [
+        f"{relative(path)}:{line}: {name}"
+        for path in MODULES
+        for line, name in names_of("numpy", path)
+        if NUMPY_2_ONLY.match(name)
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize("library", ["numpy", "scipy"])
+def test_every_name_of_a_library_exists_in_the_installed_version(library):
+    """Of use because this file runs with the versions of Ubuntu 24.04 as well (make test-jazzy)."""
+    programs = sorted((REPOSITORY / "benchmarks").rglob("*.py"))
+    named = {name: (path, line) for path in [*MODULES, *TESTS, *programs] for line, name in names_of(library, path)}
+    assert len(named) > 10 or library == "scipy"
+    assert {name: f"{relative(path)}:{line}" for name, (path, line) in named.items() if not exists(name)} == {}
 
 
 def test_a_file_has_at_most_400_lines():

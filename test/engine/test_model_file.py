@@ -47,6 +47,10 @@ def test_saving_twice_gives_the_same_file(file, model, tmp_path):
     assert (tmp_path / "again").read_bytes() == file.read_bytes()
 
 
+def test_the_arrays_that_are_read_are_those_that_were_written(file, model):
+    assert set(model_file.load_arrays(file)) == set(model.state())
+
+
 def test_nothing_is_left_beside_the_file(file):
     assert os.listdir(file.parent) == [file.name]
 

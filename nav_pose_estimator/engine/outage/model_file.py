@@ -11,6 +11,7 @@ import os
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,8 @@ def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
     """
     path = Path(path)
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **{name: np.asarray(value) for name, value in arrays.items()})
+    named: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items()}
+    np.savez(buffer, **named)  # without allow_pickle=False, which NumPy 1 would save as one more array
     body = buffer.getvalue()
     header = _MAGIC + f"{VERSION}\n{hashlib.sha256(body).hexdigest()}\n".encode()
     temporary = path.with_name(f".{path.name}.{os.getpid()}")

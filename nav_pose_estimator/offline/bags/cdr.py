@@ -156,7 +156,8 @@ def columns(kind: str, batch: RawBatch, names: tuple[str, ...]) -> dict[str, np.
             values = _gather(buffer, batch.offsets + position, field.numbers * field.size).view(_numpy_code(field))
             found[name] = values if values.shape[1] > 1 else values[:, 0]
     if "header.stamp.sec" in found:
-        found["stamp_ns"] = found.pop("header.stamp.sec") * np.int64(10**9) + found.pop("header.stamp.nanosec")
+        # An array, not only a scalar, has to be int64: NumPy 1 goes by the value of a scalar and would stay with int32.
+        found["stamp_ns"] = found.pop("header.stamp.sec").astype(np.int64) * 10**9 + found.pop("header.stamp.nanosec")
     return found
 
 
