@@ -27,7 +27,7 @@ from nav_pose_estimator.engine.samples import (
     NavigatorVelocity,
     SatelliteCount,
 )
-from nav_pose_estimator.engine.sensors.imu import axes_matrix
+from nav_pose_estimator.engine.sensors.mounting import axes_matrix
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.sim.scenarios import generate

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from nav_pose_estimator.engine.parameters.imu import ImuParameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample
-from nav_pose_estimator.engine.sensors.imu import CLOCK_JUMP, GAP, STUCK, STUCK_END, ImuInput, axes_matrix
+from nav_pose_estimator.engine.sensors.imu import ImuInput
+from nav_pose_estimator.engine.sensors.imu_rules import CLOCK_JUMP, GAP, STUCK, STUCK_END
+from nav_pose_estimator.engine.sensors.mounting import axes_matrix
 from nav_pose_estimator.engine.solutions import Event
 from pieces import one_by_one
 

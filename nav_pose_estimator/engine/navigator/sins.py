@@ -16,7 +16,8 @@ from nav_pose_estimator.engine.navigator.engine_clock import NS
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun, Origin
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
-from nav_pose_estimator.engine.sensors.imu import GAP, RESTARTS, ImuInput
+from nav_pose_estimator.engine.sensors.imu import ImuInput
+from nav_pose_estimator.engine.sensors.imu_rules import GAP, RESTARTS
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, NavSolution, Output, Status
 
 _SHORT_GAP = 60.0  # s without IMU data over which its biases stay known
@@ -153,7 +154,7 @@ class SinsEngine:
         run = self._run
         t = (sample.stamp_ns - run.clock.zero_ns) * NS
         if t < run.quiet_until and self._input.passes(sample):
-            gyro, accel = self._input.to_body(sample.gyro), self._input.to_body(sample.accel)
+            gyro, accel = self._input.mounting.vector(sample.gyro), self._input.mounting.vector(sample.accel)
             values = run.timeline.advance_one(t, gyro, accel)
             return [NavSolution(sample.stamp_ns, run.modes.mode, values, run.timeline.shift, run.gnss.position.resets)]
         outputs: list[Output] = []

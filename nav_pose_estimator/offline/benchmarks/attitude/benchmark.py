@@ -12,6 +12,7 @@ import numpy as np
 
 from nav_pose_estimator.core.numerics.rotation import quat_from_rotvec_many, quat_multiply_many
 from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
+from nav_pose_estimator.engine.attitude.recorded import feed_recorded
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import ImuBlock
@@ -125,7 +126,7 @@ def estimate(trial: Trial, parameters: Parameters, with_mag: bool) -> AttitudeBl
     """The engine's own rows for ``trial``."""
     stamps = np.rint(trial.t * 1e9).astype(np.int64) + _FIRST_NS
     block = ImuBlock(stamps, np.ascontiguousarray(trial.gyro), np.ascontiguousarray(trial.accel))
-    return AttitudeEngine(parameters).feed_recorded(block, trial.mag if with_mag else None)
+    return feed_recorded(AttitudeEngine(parameters), block, trial.mag if with_mag else None)
 
 
 def summarise(rows: list[Row]) -> list[Row]:
