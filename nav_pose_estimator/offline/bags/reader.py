@@ -22,7 +22,7 @@ from nav_pose_estimator.ros.messages.convert import Converted
 from nav_pose_estimator.ros.messages.message_table import IMU, Source
 
 Convert = Callable[[RawBatch], list[Converted]]
-_UNREADABLE = (BagError, CdrError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+UNREADABLE = (BagError, CdrError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 """What damaged bytes lead to, or a definition in the bag unlike the known one."""
 
 
@@ -126,7 +126,7 @@ class BagReader:
     def _convert_one(self, decode: Decoder, source: Source, payload: bytes) -> Converted:
         try:
             return source.adapter(decode(payload))
-        except _UNREADABLE:
+        except UNREADABLE:
             self.counters["bag.damaged_message"] += 1
             return ()
 

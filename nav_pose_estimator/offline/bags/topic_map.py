@@ -60,6 +60,7 @@ def map_topics(available: dict[str, Topic], remaps: dict[str, str], parameters: 
     search = _Search(available, remaps, parameters or Parameters())
     search.take_named()
     search.detect()
+    search.take_truth()
     found = search.found
     if IMU.topic not in found.topics:
         raise BagError(_why_there_is_no_imu(available, search.candidates_of_imu))
@@ -81,7 +82,7 @@ class _Search:
         self._of_others: tuple[str, ...] = ()  # namespaces of other vehicles
 
     def take_named(self) -> None:
-        """Inputs under the name that they should have, and the truth."""
+        """Inputs under the name that they should have."""
         for one in INPUTS:
             asked = _absolute(one.topic) in self._remaps
             name = self._name(one.topic)
@@ -89,11 +90,6 @@ class _Search:
                 self._take(one, self._available[name], asked)
             elif asked:
                 raise BagError(f"there is no topic {name} in the bag; {_listing(self._available)}")
-        if _absolute(TRUTH) in self._remaps and self._name(TRUTH) not in self._available:
-            raise BagError(f"there is no topic {self._name(TRUTH)} in the bag; {_listing(self._available)}")
-        truth = self._available.get(self._name(TRUTH)) or self._available.get(_absolute(TRUTH))
-        if truth is not None and truth.type == _TRUTH_TYPE and truth.encoding == "cdr":
-            self.found.truth = truth
 
     def detect(self) -> None:
         """Inputs that are still missing, by type and words; the IMU first, for it tells whose bag this is."""
@@ -111,6 +107,20 @@ class _Search:
             self.found.notices.append(
                 f"topics below {names} are taken for another vehicle's: --remap names one of them"
             )
+
+    def take_truth(self) -> None:
+        """The true motion of the chosen vehicle, where the bag has it."""
+        name, plain = self._name(TRUTH), _absolute(TRUTH)
+        truth = self._available.get(name)
+        if truth is None and plain in self._remaps:
+            raise BagError(f"there is no topic {name} in the bag; {_listing(self._available)}")
+        if self._of_others and plain not in self._remaps:
+            truth = None
+        if truth is not None and truth.type == _TRUTH_TYPE and truth.encoding == "cdr":
+            self.found.truth = truth
+        elif plain in self._available:
+            text = f"{plain} is not used, for it may be another vehicle's: --remap {plain}:={plain} takes it"
+            self.found.notices.append(text)
 
     def _name(self, topic: str) -> str:
         return self._remaps.get(_absolute(topic), f"{self._namespace}/{topic}")

@@ -89,6 +89,9 @@ def load(
             if progress is not None and isinstance(sample, ImuBlock):
                 progress(len(sample))
         stamps = [(int(s.stamps_ns[0]), int(s.stamps_ns[-1])) for s in samples if isinstance(s, ImuBlock) and len(s)]
+        if not stamps:
+            why = next((f": {event.text}" for event in reader.events if event.text), "")
+            raise BagError(f"{path} holds no readable IMU message{why}")
         epoch_ns, last_ns = _span(path, samples, stamps)
         truth, assumed = _truth(reader, samples, epoch_ns)
         counters = reader.counters + Counter(event.name for event in reader.events)
@@ -109,8 +112,6 @@ def sidecar(path: Path) -> dict:
 
 
 def _span(path: Path, samples: list[Sample], imu: list[tuple[int, int]]) -> tuple[int, int]:
-    if not imu:
-        raise BagError(f"{path} holds no readable IMU message")
     others = [s.stamp_ns for s in samples[:1000] if not isinstance(s, ImuBlock) and s.stamp_ns]
     stamped = [first for first, _ in imu if first > 0]
     if not stamped:
