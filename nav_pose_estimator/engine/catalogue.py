@@ -52,7 +52,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("imu.saturated.accelerometer", "the accelerometer is at the end of its range", "as for the gyroscope"),
         Entry("imu.saturated.ended", "the IMU is within its range again"),
-        Entry("imu.rejected.absent", "the message says that it has no rate or no acceleration", "use the raw topic"),
+        Entry(
+            "imu.rejected.absent",
+            "the message has no rate or no acceleration",
+            "use the raw topic; let the driver join gyroscope and accelerometer",
+        ),
         Entry("imu.rejected.backward", "a stamp older than the one before it", _SENSOR),
         Entry(
             "imu.rejected.duplicate", "two samples with one stamp", "the driver sends samples twice or stamps coarsely"
@@ -193,6 +197,8 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("zero_velocity.withheld.speed", "the IMU was still, but the navigator is not sure to be slow: no rest"),
         Entry("body_velocity.rejected.value", "a velocity without any number", _SENSOR),
+        Entry("airspeed.rejected.absent", "PX4 says that it has no airspeed", "look at the pitot tube and its driver"),
+        Entry("range.rejected.outside", "nothing within the limits that the rangefinder states", "fly lower, or wait"),
         Entry(
             "outage.rejected.covariance",
             "a predicted velocity error without covariance or numbers",

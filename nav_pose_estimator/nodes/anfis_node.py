@@ -11,8 +11,8 @@ from std_msgs.msg import Bool
 from nav_pose_estimator.engine.solutions import OutageError, Status
 from nav_pose_estimator.ros import inputs, qos, spin, wording
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
+from nav_pose_estimator.ros.messages.cdr import peek_stamp_ns
 from nav_pose_estimator.ros.messages.convert import vector
-from nav_pose_estimator.ros.messages.imu_cdr import peek_stamp_ns
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.outage_model import OutageModel
 from nav_pose_estimator.ros.outputs import LearnerOutput
@@ -31,9 +31,9 @@ class AnfisNode(EstimatorNode):
         trainer = Trainer()
         super().__init__("anfis_node", partial(OutageModel, train=trainer.submit))
         self._output = LearnerOutput(self, self.parameters)
-        self.listen_imu(inputs.imu_input(self.parameters.ros.input))
+        self.listen(inputs.imu(self.parameters), needed=True)
         pace = Pace(_ODOMETRY_RATE)
-        self.listen_raw(inputs.navigator_input(), lambda data: pace.is_due(peek_stamp_ns(data)), needed=True)
+        self.listen_raw(inputs.NAVIGATOR, lambda data: pace.is_due(peek_stamp_ns(data)), needed=True)
         self._listen_to_facts()
         self.keeper = ModelKeeper(self, self.engine, trainer, self.parameters.ros.model, self.say)
         self.get_logger().info("ready")

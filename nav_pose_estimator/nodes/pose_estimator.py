@@ -23,8 +23,8 @@ class PoseEstimatorNode(EstimatorNode):
         super().__init__("pose_estimator", partial(PoseEstimator, train=trainer.submit))
         self._attitude = AttitudeOutput(self, self.parameters)
         self._navigation = NavigationOutput(self, self.parameters)
-        self.listen_imu(inputs.imu_input(self.parameters.ros.input))
-        for source in inputs.navigator_inputs(self.parameters):
+        self.listen(inputs.imu(self.parameters), needed=True)
+        for source in inputs.of_navigator(self.parameters):
             self.listen(source, needed=source.topic == "gps/fix")
         self.offer_gnss_switch()
         self._learned, pupil = LearnerOutput(self, self.parameters), self.engine.outage_aid

@@ -22,12 +22,12 @@ class SinsNode(EstimatorNode):
     def __init__(self) -> None:
         super().__init__("sins_node", partial(PoseEstimator, attitude=False, train=_leave_to_anfis_node))
         self._output = NavigationOutput(self, self.parameters)
-        self.listen_imu(inputs.imu_input(self.parameters.ros.input))
-        for source in inputs.navigator_inputs(self.parameters):
+        self.listen(inputs.imu(self.parameters), needed=True)
+        for source in inputs.of_navigator(self.parameters):
             self.listen(source, needed=source.topic == "gps/fix")
         # wanted only until the filter runs
-        self.listen_raw(inputs.attitude_input(), lambda data: self.engine.mode in LEVELLING)
-        self.listen(inputs.prediction_input())
+        self.listen_raw(inputs.ATTITUDE, lambda data: self.engine.mode in LEVELLING)
+        self.listen(inputs.PREDICTION)
         self.offer_gnss_switch()
         self.get_logger().info("ready")
 

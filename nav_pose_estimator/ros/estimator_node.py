@@ -15,9 +15,9 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Mode, NavSolution, Status
 from nav_pose_estimator.ros import qos, wording
 from nav_pose_estimator.ros.diagnostics import Diagnostics, InputWatch
-from nav_pose_estimator.ros.inputs import Input
+from nav_pose_estimator.ros.inputs import message_class
 from nav_pose_estimator.ros.logbook import Logbook
-from nav_pose_estimator.ros.messages.imu_cdr import decode_imu
+from nav_pose_estimator.ros.messages.message_table import Source
 from nav_pose_estimator.ros.messages.outgoing import is_finite, warm_up
 from nav_pose_estimator.ros.parameters import LiveParameters, declare
 from nav_pose_estimator.ros.time_guard import TimeGuard, stamp_of
@@ -59,27 +59,20 @@ class EstimatorNode(Node):
 
     # --- inputs ----------------------------------------------------------------------------------------------------
 
-    def listen(self, source: Input, needed: bool = False) -> None:
+    def listen(self, source: Source, needed: bool = False) -> None:
         """Subscribe to ``source``; a ``needed`` one that is silent is a warning on diagnostics."""
-        self._subscribe(source.topic, source.message_class(), source.adapter, needed)
+        kind = message_class(source)
+        if source.from_bytes is None:
+            self._subscribe(source.topic, kind, source.adapter, needed)
+        else:
+            self._subscribe(source.topic, kind, source.from_bytes, needed, raw=True)
 
-    def listen_imu(self, source: Input) -> None:
-        """Subscribe to the IMU: sensor_msgs/Imu is decoded from its bytes."""
-        kind = source.message_class()
-
-        def adapt(data: bytes) -> tuple[Any, ...]:
-            decoded = decode_imu(data)
-            return source.adapter(deserialize_message(data, kind)) if decoded is None else decoded
-
-        raw = source.package == "sensor_msgs"
-        self._subscribe(source.topic, kind, adapt if raw else source.adapter, True, raw)
-
-    def listen_raw(self, source: Input, choose: Callable[[bytes], bool], needed: bool = False) -> None:
+    def listen_raw(self, source: Source, choose: Callable[[bytes], bool], needed: bool = False) -> None:
         """Subscribe to a ``source`` of which only the messages are read that ``choose`` wants by their bytes.
 
         What other nodes publish comes at hundreds of hertz; to build every message would cost more than to use it.
         """
-        kind = source.message_class()
+        kind = message_class(source)
 
         def adapt(data: bytes) -> tuple[Any, ...]:
             return source.adapter(deserialize_message(data, kind)) if choose(data) else ()

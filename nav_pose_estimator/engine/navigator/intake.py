@@ -11,12 +11,15 @@ from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.split_filter import MOTION
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.samples import (
+    Airspeed,
     AttitudeSample,
+    DifferentialPressure,
     GnssFix,
     GnssVelocity,
     MagSample,
     MotionEvidence,
     NavigatorVelocity,
+    RangeToGround,
     Sample,
     SatelliteCount,
     SetPose,
@@ -128,5 +131,8 @@ _HANDLERS: dict[type, Callable[[FilterRun, Any], None]] = {
     AttitudeSample: _attitude,
     NavigatorVelocity: _not_for_us,
     VelocityError: _not_for_us,
+    Airspeed: _not_for_us,
+    DifferentialPressure: _not_for_us,
+    RangeToGround: _not_for_us,
     **{aid.sample: _aid for aid in AIDS},
 }

@@ -11,12 +11,13 @@ import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
 from nav_pose_estimator.core.numerics.rotation import quat_rotate_many
+from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
-from nav_pose_estimator.offline.bags import topic_map
-from nav_pose_estimator.offline.bags.cdr import Decoder, columns
+from nav_pose_estimator.offline.bags.decoder import Decoder
 from nav_pose_estimator.offline.bags.raw_messages import BagError
 from nav_pose_estimator.offline.bags.reader import BagReader
 from nav_pose_estimator.offline.flights.tracks import Reference, displacement_enu, gnss_reference
+from nav_pose_estimator.ros.messages.cdr import columns
 
 TRUTH_ORIGIN = "/ground_truth/origin"
 _ODOMETRY_FIELDS = ("pose.pose.position", "pose.pose.orientation", "twist.twist.linear")
@@ -71,17 +72,26 @@ class Recording:
 
 
 def load(
-    path: Path | str, remaps: dict[str, str] | None = None, progress: Callable[[int], None] | None = None
+    path: Path | str,
+    remaps: dict[str, str] | None = None,
+    progress: Callable[[int], None] | None = None,
+    parameters: Parameters | None = None,
 ) -> Recording:
-    """Read a bag. ``progress`` is called with the number of IMU samples read. Raises ``BagError``."""
+    """Read a bag as ``parameters`` say (``ros.input``). ``progress`` is called with the number of IMU samples read.
+
+    Raises ``BagError``.
+    """
     path = Path(path)
-    with BagReader(path, remaps) as reader:
+    with BagReader(path, remaps, parameters) as reader:
         samples: list[Sample] = []
         for sample in reader.samples():
             samples.append(sample)
             if progress is not None and isinstance(sample, ImuBlock):
                 progress(len(sample))
         stamps = [(int(s.stamps_ns[0]), int(s.stamps_ns[-1])) for s in samples if isinstance(s, ImuBlock) and len(s)]
+        if not stamps:
+            why = next((f": {event.text}" for event in reader.events if event.text), "")
+            raise BagError(f"{path} holds no readable IMU message{why}")
         epoch_ns, last_ns = _span(path, samples, stamps)
         truth, assumed = _truth(reader, samples, epoch_ns)
         counters = reader.counters + Counter(event.name for event in reader.events)
@@ -102,8 +112,6 @@ def sidecar(path: Path) -> dict:
 
 
 def _span(path: Path, samples: list[Sample], imu: list[tuple[int, int]]) -> tuple[int, int]:
-    if not imu:
-        raise BagError(f"{path} holds no readable IMU message")
     others = [s.stamp_ns for s in samples[:1000] if not isinstance(s, ImuBlock) and s.stamp_ns]
     stamped = [first for first, _ in imu if first > 0]
     if not stamped:
@@ -115,7 +123,7 @@ def _span(path: Path, samples: list[Sample], imu: list[tuple[int, int]]) -> tupl
 
 def _truth(reader: BagReader, samples: list[Sample], epoch_ns: int) -> tuple[Reference | None, list[str]]:
     """The ground truth of the bag, and what had to be assumed for it."""
-    topic = reader.topics.topics.get(topic_map.TRUTH)
+    topic = reader.topics.truth
     if topic is None or topic.count == 0:
         return None, []
     batches = list(reader.bag.batches([topic.name]))

@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     remaps = parse_remaps(arguments.remap)
     folder = None if arguments.estimate_latency else _folder(arguments)  # before the work, should it be impossible
     with _bar("reading", None) as bar:
-        recording = load(arguments.bag, remaps, bar.update)
+        recording = load(arguments.bag, remaps, bar.update, parameters)
     if every is not None:
         wanted += outages.periodic(*every, first=every[0], end=recording.duration)
     wanted = outages.check_separate(wanted)

@@ -14,7 +14,7 @@ from nav_pose_estimator.core.filter.layout import BASE_STATES, D_GYRO_BIAS, DPOS
 from nav_pose_estimator.core.numerics.rotation import quat_to_matrix, skew
 from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, OutageError
 from nav_pose_estimator.engine.world_frame import attitude_in, vector_in
-from nav_pose_estimator.ros.messages.convert import NS_PER_S
+from nav_pose_estimator.ros.messages.cdr import NS_PER_S
 
 _STATUS_FIX, _STATUS_NO_FIX, _SERVICE_GPS = 0, -1, 1  # sensor_msgs/NavSatStatus
 _COVARIANCE_KNOWN = 3  # sensor_msgs/NavSatFix
