@@ -12,7 +12,7 @@ from nav_pose_estimator.engine.outage.habits import MotionKnowledge
 from nav_pose_estimator.engine.outage.learner import OutageLearner
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuSample
-from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavSolution, OutageError, Status
+from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavSolution, PredictedDrift, Status
 from nav_pose_estimator.ros.navigator_watch import NavigatorWatch, OdometrySample
 
 _NETWORK_ALONE = "anfis"  # the navigator weighs the prediction against what else it knows of the motion
@@ -33,7 +33,7 @@ class OutageModel:
         self._knowledge: MotionKnowledge | None = None
         self._position_error = np.zeros(3)
 
-    def feed(self, sample: ImuSample | OdometrySample) -> list[OutageError | Event]:
+    def feed(self, sample: ImuSample | OdometrySample) -> list[PredictedDrift | Event]:
         """What follows from one sample."""
         if isinstance(sample, ImuSample):
             return list(self.watch.imu(sample))
@@ -51,7 +51,7 @@ class OutageModel:
             return []
         return self._predict(solution)
 
-    def _predict(self, solution: NavSolution) -> list[OutageError | Event]:
+    def _predict(self, solution: NavSolution) -> list[PredictedDrift | Event]:
         """What the network says at the end of an epoch without GNSS."""
         if self._knowledge is None:
             epochs = self.learner.memory.last(self._parameters.learner.window)
@@ -64,7 +64,7 @@ class OutageModel:
             return []
         self._position_error = self._position_error + PERIOD * np.array(error.dv_n)
         east, north, up = self._position_error.tolist()
-        return [OutageError(solution.stamp_ns, error.dv_n, error.cov, (east, north, up))]
+        return [PredictedDrift(solution.stamp_ns, error.dv_n, error.cov, (east, north, up))]
 
     def accept(self, result: Any) -> None:
         """Take the result of a training."""

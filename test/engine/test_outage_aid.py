@@ -23,7 +23,7 @@ from nav_pose_estimator.engine.samples import (
     SatelliteCount,
     VelocityError,
 )
-from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution, OutageError
+from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution, PredictedDrift
 from nav_pose_estimator.offline.replay.replay import as_block
 from told import flight
 
@@ -88,7 +88,7 @@ class Flown:
             for output in estimator.feed(sample):
                 if isinstance(output, NavBlock | NavSolution):
                     blocks.append(output if isinstance(output, NavBlock) else as_block(output))
-                elif isinstance(output, OutageError):
+                elif isinstance(output, PredictedDrift):
                     self.errors.append(output)
         self.stamps = np.concatenate([b.stamps_ns for b in blocks])
         self.rows = np.concatenate([b.rows for b in blocks])

@@ -16,7 +16,7 @@ from nav_pose_estimator.engine.solutions import (
     Event,
     NavBlock,
     NavSolution,
-    OutageError,
+    PredictedDrift,
 )
 from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
 from pieces import one_by_one
@@ -53,7 +53,7 @@ def told(outputs: list) -> dict[str, list]:
             said["attitude"].append(output.q_nb.tolist())
         elif isinstance(output, Event):
             said["events"].append((output.stamp_ns, output.name, output.text))
-        elif isinstance(output, OutageError):
+        elif isinstance(output, PredictedDrift):
             said["errors"].append((output.stamp_ns, output.dv_n, output.dp_n))
     return said
 

@@ -18,7 +18,7 @@ from nav_pose_estimator.core.motion.epochs import ATTITUDE, BODY_VELOCITY, COLUM
 from nav_pose_estimator.core.numerics.rotation import quat_from_rotvec
 from nav_pose_estimator.engine.outage.learner import TrainingJob
 from nav_pose_estimator.engine.samples import ImuSample
-from nav_pose_estimator.engine.solutions import Mode, NavSolution, OutageError
+from nav_pose_estimator.engine.solutions import Mode, NavSolution, PredictedDrift
 from nav_pose_estimator.nodes.anfis_node import AnfisNode
 from nav_pose_estimator.nodes.sins_node import SinsNode
 from nav_pose_estimator.ros.messages import convert
@@ -213,8 +213,10 @@ def test_odometry_without_covariance_is_refused_by_name(around):
 
 
 # --- the navigator's side ------------------------------------------------------------------------------------------
-def error(stamp: int = STAMP, dv_n=(1.5, -0.25, 0.1)) -> OutageError:
-    return OutageError(stamp, dv_n, np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.16]]), (1.0, 2.0, 3.0))
+def error(stamp: int = STAMP, dv_n=(1.5, -0.25, 0.1)) -> PredictedDrift:
+    return PredictedDrift(
+        stamp, dv_n, np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.16]]), (1.0, 2.0, 3.0)
+    )
 
 
 def test_a_prediction_goes_through_its_message_unchanged():

@@ -206,7 +206,7 @@ class PoseEstimator:
         self.sins.warm_up()
         if self.attitude is not None:
             self.attitude.warm_up()
-        warm_up_flight.rehearse(lambda: PoseEstimator(self.parameters))
+        warm_up_flight.warm_up(lambda: PoseEstimator(self.parameters))
 
     def snapshot(self) -> Any:
         """Everything that changes, to be given to ``restore``."""

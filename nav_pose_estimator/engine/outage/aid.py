@@ -17,7 +17,7 @@ from nav_pose_estimator.engine.outage.learner import OutageLearner, TrainingJob,
 from nav_pose_estimator.engine.outage.rehearsals import COAST, VirtualOutages
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.engine.samples import MotionEvidence, Sample, VelocityError
-from nav_pose_estimator.engine.solutions import NavBlock, NavSolution, OutageError
+from nav_pose_estimator.engine.solutions import NavBlock, NavSolution, PredictedDrift
 
 _LARGEST_SPEED = 1e3  # m/s
 _ENOUGH = 20.0  # s of flight below which nothing is known of the motion
@@ -79,7 +79,7 @@ class OutageAid:
 
     def step(
         self, output: NavBlock | NavSolution, sins: SinsEngine
-    ) -> tuple[MotionEvidence | None, OutageError | None]:
+    ) -> tuple[MotionEvidence | None, PredictedDrift | None]:
         """Called with every piece of the solution; returns what it says of the motion in an outage."""
         finished = self._collector.feed(output)
         if finished is None:
@@ -95,7 +95,7 @@ class OutageAid:
                 self._train(job)
         return self._in_outage(stamp) if output.mode in DENIED else (None, None)
 
-    def _in_outage(self, stamp_ns: int) -> tuple[MotionEvidence | None, OutageError | None]:
+    def _in_outage(self, stamp_ns: int) -> tuple[MotionEvidence | None, PredictedDrift | None]:
         if self._knowledge is None:
             self._knowledge = self._choose()
             self._position_error = np.zeros(3)
@@ -105,7 +105,7 @@ class OutageAid:
         if error is None:
             return evidence, None
         self._position_error = self._position_error + me.PERIOD * np.array(error.dv_n)
-        return evidence, OutageError(stamp_ns, error.dv_n, error.cov, vector3(self._position_error))
+        return evidence, PredictedDrift(stamp_ns, error.dv_n, error.cov, vector3(self._position_error))
 
     def _choose(self) -> MotionKnowledge | None:
         """What to go by in this outage: for ``best`` what did best in the rehearsals, else what was asked for."""
