@@ -8,13 +8,13 @@ from geometry_msgs.msg import Vector3Stamped
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Bool
 
+from nav_pose_estimator.engine.outage.remote import RemoteLearner
 from nav_pose_estimator.engine.solutions import PredictedDrift, Status
 from nav_pose_estimator.ros import inputs, qos, spin, wording
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.messages.convert import vector
 from nav_pose_estimator.ros.messages.imu_cdr import peek_stamp_ns
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
-from nav_pose_estimator.ros.outage_model import OutageModel
 from nav_pose_estimator.ros.outputs import LearnerOutput
 from nav_pose_estimator.ros.pace import Pace
 from nav_pose_estimator.ros.training import Trainer
@@ -29,7 +29,7 @@ class AnfisNode(EstimatorNode):
 
     def __init__(self) -> None:
         trainer = Trainer()
-        super().__init__("anfis_node", partial(OutageModel, train=trainer.submit))
+        super().__init__("anfis_node", partial(RemoteLearner, train=trainer.submit))
         self._output = LearnerOutput(self, self.parameters)
         self.listen_imu(inputs.imu_input(self.parameters.ros.input))
         pace = Pace(_ODOMETRY_RATE)

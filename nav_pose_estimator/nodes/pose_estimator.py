@@ -38,7 +38,7 @@ class PoseEstimatorNode(EstimatorNode):
         if self.keeper is None:
             return level, sentence, facts
         aid = self.engine.outage_aid
-        learner = replace(status, waiting_for=aid.learner.reason, values=aid.status())
+        learner = replace(status, waiting_for=aid.learner.state.reason, values=aid.status())
         return level, sentence, facts + wording.learner_facts(learner, self.keeper.training, self.keeper.history)[1:]
 
     def destroy_node(self) -> None:

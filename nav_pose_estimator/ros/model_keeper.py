@@ -11,7 +11,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from nav_pose_estimator.core.motion.epochs import ATTITUDE, BODY_VELOCITY, COLUMNS, PERIOD, TIME
-from nav_pose_estimator.engine.outage.learner import TrainingJob
+from nav_pose_estimator.engine.outage.methods.anfis import NetworkTraining
 from nav_pose_estimator.engine.outage.model_file import load_arrays, save_arrays
 from nav_pose_estimator.engine.parameters.ros import ModelParameters
 from nav_pose_estimator.engine.solutions import Level
@@ -83,16 +83,16 @@ class ModelKeeper:
         if self._trainer.is_busy:
             raise UserError("a training is running")
         learner = self._pupil.learner
-        newest = learner.memory.last(1.0)
+        newest = learner.state.memory.last(1.0)
         job = learner.job(float(newest[-1, TIME])) if len(newest) else None
         if job is None:
-            raise UserError(f"there is nothing to train on yet: {learner.reason}")
+            raise UserError(f"there is nothing to train on yet: {learner.state.reason}")
         self._trainer.submit(job)
         return "the training has begun; diagnostics tell how it ends"
 
     def save(self) -> str:
         """Write the model; ``UserError`` when that is impossible."""
-        save_arrays(self._path(), self._pupil.learner.state())
+        save_arrays(self._path(), self._pupil.learner.arrays())
         self._say("outage.model.saved", Level.INFO, f"the model is in {self._path()}")
         return f"the model is in {self._path()}"
 
@@ -118,7 +118,7 @@ class ModelKeeper:
 
     def _note_scores(self) -> None:
         """A point of the learning curve when the learner has taken a result over, which it does in its own time."""
-        before, self._trainings = self._trainings, self._pupil.learner.trainings
+        before, self._trainings = self._trainings, self._pupil.learner.state.trainings
         if self._trainings > before:
             scores = {name: float(value) for name, value in self._pupil.learner.scores().items()}
             self.history = [*self.history, scores][-_CURVE:]
@@ -134,7 +134,7 @@ def _warm_up() -> None:
     epochs = np.random.default_rng(0).normal(size=(_EPOCHS, COLUMNS))
     epochs[:, TIME] = np.arange(_EPOCHS) * PERIOD
     epochs[:, ATTITUDE:BODY_VELOCITY] = np.eye(3).ravel()
-    model = TrainingJob(epochs, (1,)).run().model.follow(epochs[-1])
+    model = NetworkTraining(epochs, (1,)).run().model.follow(epochs[-1])
     model.predict(epochs[-1])
 
 

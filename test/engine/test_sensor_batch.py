@@ -72,7 +72,7 @@ def test_a_flight_in_long_blocks_is_the_flight_sample_by_sample(delay: float) ->
     for name, values in expected.items():
         assert given[name] == values, name
     assert whole.status().counters == single.status().counters
-    learned, expected_learned = (one.outage_aid.learner.memory.last(1e3) for one in (whole, single))
+    learned, expected_learned = (one.outage_aid.learner.state.memory.last(1e3) for one in (whole, single))
     assert len(learned) > 50
     np.testing.assert_array_equal(learned, expected_learned)
     assert sum(isinstance(o, NavBlock) for o in at_once) < 0.6 * sum(isinstance(s, ImuBlock) for s in flight(delay))

@@ -16,7 +16,9 @@ from nav_pose_estimator.engine.composed import sensor_batch
 from nav_pose_estimator.engine.composed.sensor_batch import SensorBatch
 from nav_pose_estimator.engine.navigator.modes import LEVELLING
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
-from nav_pose_estimator.engine.outage.aid import OutageAid, Train
+from nav_pose_estimator.engine.outage.aid import OutageAid
+from nav_pose_estimator.engine.outage.methods.registry import estimators
+from nav_pose_estimator.engine.outage.pilot import Train
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import (
     AttitudeSample,
@@ -24,6 +26,7 @@ from nav_pose_estimator.engine.samples import (
     ImuBlock,
     ImuSample,
     MagSample,
+    MotionEvidence,
     NavigatorVelocity,
     Sample,
     VelocityError,
@@ -56,7 +59,8 @@ class PoseEstimator:
         self.sins = SinsEngine(self.parameters)
         self.attitude = AttitudeEngine(self.parameters) if attitude else None
         learner = self.parameters.learner
-        self.outage_aid = OutageAid(learner, train) if learner.enabled and learner.method != "coast" else None
+        helps = learner.enabled and estimators()[learner.method].helps
+        self.outage_aid = OutageAid(learner, train) if helps else None
         self._period = 0
 
     def feed(self, sample: Sample) -> list[Output]:
@@ -133,14 +137,15 @@ class PoseEstimator:
         """Show the solution to what learns from it; in an outage let the navigator hear what it says."""
         outputs: list[Output] = []
         for solution in solutions:
-            if isinstance(solution, (NavBlock, NavSolution)):
-                evidence, error = outage_aid.step(solution, self.sins)
-                if evidence is not None:
-                    outputs += self.sins.feed(evidence)
-                    if evidence.air_velocity is not None:
-                        self.sins.journal.count("outage.evidence.network")
-                if error is not None:
-                    outputs.append(error)
+            if not isinstance(solution, (NavBlock, NavSolution)):
+                continue
+            said, drift = outage_aid.step(solution, self.sins)
+            for sample in said:
+                outputs += self.sins.feed(sample)
+                if isinstance(sample, MotionEvidence) and sample.air_velocity is not None:
+                    self.sins.journal.count("outage.evidence.network")
+            if drift is not None:
+                outputs.append(drift)
         return outputs
 
     def _is_time_to_talk(self, sample: ImuSample | ImuBlock) -> bool:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,21 +16,35 @@ _LEAST_SHARE = 0.6  # of the usual number of IMU samples: an epoch with fewer ha
 _GOOD_HEADING = 0.2  # rad: with a worse one nothing can be learned of directions
 
 
-class EpochCollector:
-    """Collects the rows of navigation solutions; ``recent`` are the last epochs, whatever the mode."""
+@dataclass
+class CollectorState:
+    """What has been collected: ``recent`` epochs, and ``rows`` of the epoch to come."""
 
-    def __init__(self) -> None:
-        self.recent: deque[np.ndarray] = deque(maxlen=ACTIVITY_EPOCHS)
-        self._rows: list[np.ndarray] = []
-        self._period = 0
-        self._usual = 0.0
-        self._aided = True
+    recent: deque[np.ndarray] = field(default_factory=lambda: deque(maxlen=ACTIVITY_EPOCHS))
+    rows: list[np.ndarray] = field(default_factory=list)
+    period: int = 0  # number of the epoch to come, since the epoch of the stamps
+    usual: float = 0.0  # rows in an epoch
+    is_aided: bool = True  # so far, throughout the epoch to come
+
+    def copy(self) -> CollectorState:
+        """An independent copy; arrays never change."""
+        return replace(self, recent=self.recent.copy(), rows=list(self.rows))
+
+
+class EpochCollector:
+    """Collects the rows of navigation solutions."""
+
+    def __init__(self, state: CollectorState | None = None) -> None:
+        self._state = state or CollectorState()
 
     def copy(self) -> EpochCollector:
         """An independent copy."""
-        twin = copy.copy(self)
-        twin.recent, twin._rows = self.recent.copy(), list(self._rows)
-        return twin
+        return EpochCollector(self._state.copy())
+
+    @property
+    def recent(self) -> np.ndarray:
+        """The last epochs, whatever the mode: (up to ACTIVITY_EPOCHS, COLUMNS)."""
+        return np.array(self._state.recent)
 
     def feed(self, output: NavBlock | NavSolution) -> tuple[np.ndarray, bool] | None:
         """Take a solution whose last sample may end an epoch; returns (epoch, worth learning from) when it does."""
@@ -40,32 +53,32 @@ class EpochCollector:
             # as sample by sample: the first one is where collecting begins, the last one may end an epoch already
             self.feed(replace(output, stamps_ns=output.stamps_ns[:1], rows=rows[:1]))
             return self.feed(replace(output, stamps_ns=output.stamps_ns[1:], rows=rows[1:]))
-        self._rows.append(rows)
-        self._aided &= output.mode is Mode.AIDED
+        state = self._state
+        state.rows.append(rows)
+        state.is_aided &= output.mode is Mode.AIDED
         period = stamp // _PERIOD_NS
-        if period == self._period:
+        if period == state.period:
             return None
-        consecutive, self._period = period == self._period + 1, period
-        rows = np.concatenate(self._rows)
+        is_consecutive, state.period = period == state.period + 1, period
+        rows = np.concatenate(state.rows)
+        is_aided, count = state.is_aided, len(rows)
+        state.rows, state.is_aided = [], True
+        if not is_consecutive:
+            state.usual = 0.0
+            return None
+        is_good = is_aided and count >= _LEAST_SHARE * state.usual and rows[-1, at.OUT_VAR + 2] < _GOOD_HEADING**2
+        state.usual = count if state.usual == 0.0 else state.usual + 0.05 * (count - state.usual)
         finished = epoch(stamp * 1e-9, rows)
-        aided, count = self._aided, len(rows)
-        self._rows.clear()
-        self._aided = True
-        if not consecutive:
-            self._usual = 0.0
-            return None
-        good = aided and count >= _LEAST_SHARE * self._usual and rows[-1, at.OUT_VAR + 2] < _GOOD_HEADING**2
-        self._usual = count if self._usual == 0.0 else self._usual + 0.05 * (count - self._usual)
-        self.recent.append(finished)
-        return finished, bool(good)
+        state.recent.append(finished)
+        return finished, bool(is_good)
 
     def _begins_with(self, block: NavBlock) -> bool:
         """Whether the first sample of ``block`` does not continue what has been collected: a start, or a gap."""
-        return not 0 <= int(block.stamps_ns[0]) // _PERIOD_NS - self._period <= 1
+        return not 0 <= int(block.stamps_ns[0]) // _PERIOD_NS - self._state.period <= 1
 
 
 class FlightMemory:
-    """The epochs (N, COLUMNS) of the last ten minutes of aided flight."""
+    """The epochs of the last ten minutes of aided flight, COLUMNS and what the method adds."""
 
     def __init__(self, seconds: float = 600.0) -> None:
         self._epochs: deque[np.ndarray] = deque(maxlen=round(seconds / PERIOD))
@@ -83,16 +96,16 @@ class FlightMemory:
         self._epochs.append(one)
 
     def last(self, seconds: float) -> np.ndarray:
-        """The epochs of the last ``seconds`` before the newest one, (N, COLUMNS)."""
+        """The epochs of the last ``seconds`` before the newest one, (N, COLUMNS or more)."""
         if not self._epochs:
             return np.empty((0, COLUMNS))
         newest = self._epochs[-1][0]
         count = next((i for i, e in enumerate(reversed(self._epochs)) if e[0] <= newest - seconds), len(self._epochs))
-        return np.array(list(self._epochs)[len(self._epochs) - count :]).reshape(-1, COLUMNS)
+        return np.array(list(self._epochs)[len(self._epochs) - count :])
 
     def copy(self) -> FlightMemory:
         """An independent copy."""
-        twin = copy.copy(self)
+        twin = FlightMemory()
         twin._epochs = self._epochs.copy()
         return twin
 
