@@ -7,11 +7,12 @@ flight after its data ended, whoever computed it, so that a replay learns the sa
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.outage.epochs import FlightMemory
 from nav_pose_estimator.engine.outage.methods.method import Model, TrainingJob, TrainingPlan, TrainingResult
 from nav_pose_estimator.engine.outage.methods.registry import estimators
@@ -35,10 +36,6 @@ class LearnerState:
     next_s: float = 0.0  # when the next training is due
     result: TrainingResult | None = None  # waits for its time
 
-    def copy(self) -> LearnerState:
-        """An independent copy; models and results never change."""
-        return replace(self, memory=self.memory.copy())
-
 
 class OutageLearner:
     """Schedules trainings on the flight's memory and keeps the model that is in use."""
@@ -54,7 +51,7 @@ class OutageLearner:
     def copy(self) -> OutageLearner:
         """An independent copy."""
         twin = OutageLearner(self._parameters)
-        twin.state = self.state.copy()
+        twin.state = snapshot(self.state)
         return twin
 
     def learn(self, epoch: np.ndarray) -> TrainingJob | None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.outage.epochs import EpochCollector
 from nav_pose_estimator.engine.outage.learner import OutageLearner
 from nav_pose_estimator.engine.outage.methods.method import Flight, Guide, TrainingJob, TrainingResult
@@ -27,10 +28,6 @@ class PilotState:
     guide: Guide | None = None
     position_error: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
-    def copy(self) -> PilotState:
-        """An independent copy; a guide never changes."""
-        return replace(self, collector=self.collector.copy(), position_error=self.position_error.copy())
-
 
 class OutagePilot:
     """Serves whoever has navigation solutions, his own or those that come over topics."""
@@ -44,7 +41,7 @@ class OutagePilot:
     def copy(self) -> OutagePilot:
         """An independent copy."""
         twin = OutagePilot(self._parameters, self._elsewhere)
-        twin.learner, twin.state = self.learner.copy(), self.state.copy()
+        twin.learner, twin.state = self.learner.copy(), snapshot(self.state)
         return twin
 
     def reset(self) -> None:

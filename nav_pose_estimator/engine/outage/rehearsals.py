@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import step_enu
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.outage.epochs import EpochCollector, last_stamp
@@ -49,7 +50,7 @@ class Contestant:
 
     def copy(self) -> Contestant:
         """An independent copy."""
-        return Contestant(self.sins.snapshot(), self.collector.copy(), self.guide)
+        return Contestant(self.sins.snapshot(), snapshot(self.collector), self.guide)
 
     def feed(self, sample: Sample) -> None:
         """Fly on, and take in what the motion says."""
@@ -63,25 +64,14 @@ class Contestant:
 
 @dataclass
 class RehearsalState:
-    """The rehearsal that is being flown, and what the last ones have shown."""
+    """What the contestants still have to fly, when the rehearsal ends, and what the last ones have shown."""
 
-    contestants: dict[str, Contestant] = field(default_factory=dict)
     waiting: list[Sample] = field(default_factory=list)  # what the copies get at the end of the epoch
     waiting_since: int = 0  # ns, IMU stamp
     next_ns: int = 0
     until_ns: int = 0
     squares: deque[dict[str, float]] = field(default_factory=deque)  # errors at the end, m^2
     surprises: deque[float] = field(default_factory=deque)  # squared error of coasting over its stated variance
-
-    def copy(self) -> RehearsalState:
-        """An independent copy, running rehearsals included."""
-        return replace(
-            self,
-            contestants={name: contestant.copy() for name, contestant in self.contestants.items()},
-            waiting=list(self.waiting),
-            squares=self.squares.copy(),
-            surprises=self.surprises.copy(),
-        )
 
 
 class Rehearsals:
@@ -90,12 +80,14 @@ class Rehearsals:
     def __init__(self, rules: RehearsalRules | None = None) -> None:
         self._rules = rules or RehearsalRules()
         kept = self._rules.kept
+        self.contestants: dict[str, Contestant] = {}
         self.state = RehearsalState(squares=deque(maxlen=kept), surprises=deque(maxlen=kept))
 
     def copy(self) -> Rehearsals:
         """An independent copy, running rehearsals included."""
         twin = Rehearsals(self._rules)
-        twin.state = self.state.copy()
+        twin.contestants = {name: contestant.copy() for name, contestant in self.contestants.items()}
+        twin.state = snapshot(self.state)
         return twin
 
     @property
@@ -132,7 +124,7 @@ class Rehearsals:
 
     def feed(self, sample: Sample) -> None:
         """Hand a sample to the copies; nothing that comes from GNSS reaches them."""
-        if not self.state.contestants or isinstance(sample, _FROM_GNSS):
+        if not self.contestants or isinstance(sample, _FROM_GNSS):
             return
         self.state.waiting.append(sample)
         if isinstance(sample, (ImuSample, ImuBlock)):
@@ -146,7 +138,7 @@ class Rehearsals:
         self._catch_up()
         if sins.mode is not Mode.AIDED or self._has_restarted():
             self._stop()
-        elif self.state.contestants:
+        elif self.contestants:
             if stamp_ns >= self.state.until_ns:
                 self._judge(sins)
                 self._stop()
@@ -156,24 +148,24 @@ class Rehearsals:
 
     def start(self, stamp_ns: int, sins: SinsEngine, collector: EpochCollector, ways: Mapping[str, Guide]) -> None:
         """Begin a rehearsal of coasting and of every way in ``ways``."""
-        self.state.contestants = {COAST: Contestant(sins.snapshot(), EpochCollector(), None)}
+        self.contestants = {COAST: Contestant(sins.snapshot(), EpochCollector(), None)}
         for name, guide in ways.items():
-            self.state.contestants[name] = Contestant(sins.snapshot(), collector.copy(), guide)
+            self.contestants[name] = Contestant(sins.snapshot(), snapshot(collector), guide)
         self.state.until_ns, self.state.next_ns = stamp_ns + _LENGTH_NS, stamp_ns + _PERIOD_NS
 
     def _judge(self, sins: SinsEngine) -> None:
         errors = {}
         truth, known = sins.nominal_state(), sins.horizontal_sd
-        for name, contestant in self.state.contestants.items():
+        for name, contestant in self.contestants.items():
             east, north, _ = step_enu(truth[at.LAT : at.VEL], contestant.sins.nominal_state()[at.LAT : at.VEL])
             errors[name] = float(east**2 + north**2)
-        stated = self.state.contestants[COAST].sins.horizontal_sd ** 2 - known**2
+        stated = self.contestants[COAST].sins.horizontal_sd ** 2 - known**2
         self.state.surprises.append(errors[COAST] / max(stated, 1.0))
         self.state.squares.append(errors)
 
     def _has_restarted(self) -> bool:
         """A gap in the IMU data makes the copies align again, for which they lack GNSS."""
-        return any(one.sins.mode not in (*DENIED, Mode.AIDED) for one in self.state.contestants.values())
+        return any(one.sins.mode not in (*DENIED, Mode.AIDED) for one in self.contestants.values())
 
     def _catch_up(self) -> None:
         """Fly the copies up to the last IMU sample: a quarter of the work that each sample by itself would be.
@@ -189,10 +181,10 @@ class Rehearsals:
             self._fly(joined(imu))
 
     def _fly(self, sample: Sample) -> None:
-        for contestant in self.state.contestants.values():
+        for contestant in self.contestants.values():
             contestant.feed(sample)
 
     def _stop(self) -> None:
-        self.state.contestants.clear()
+        self.contestants.clear()
         self.state.waiting.clear()
         self.state.waiting_since = 0

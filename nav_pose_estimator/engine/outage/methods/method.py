@@ -19,8 +19,8 @@ from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 
 Array = NDArray[np.float64]
 Model = Any
-"""What a method's training gives. Only the method looks inside; the learner calls ``follow(epoch)`` after each epoch of
-aided flight, which returns the model brought up to date, and ``state()``, which returns named arrays for a file."""
+"""What a method's training gives: a frozen dataclass that only the method looks into. The learner calls ``follow(epoch)``
+after each epoch of aided flight, for the model brought up to date, and ``state()`` for named arrays to be saved."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Advice:
 
 
 class Guide(Protocol):
-    """What is known when GNSS is lost. It was made from data before the loss, and never changes."""
+    """What is known when GNSS is lost: a frozen dataclass, made from data before the loss."""
 
     def advise(self, stamp_ns: int, recent: Array, external: VelocityError | None = None) -> Advice:
         """Called at the end of every epoch; ``recent`` (up to ACTIVITY_EPOCHS, COLUMNS) ends with it.
