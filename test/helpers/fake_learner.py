@@ -53,6 +53,9 @@ class Learner:
     state: State = field(default_factory=State)
     next_job: Job = field(default_factory=lambda: Job(1))
 
+    def warm_up(self) -> None:
+        """There is nothing to compile."""
+
     def job(self, now: float) -> Job:
         return self.next_job
 

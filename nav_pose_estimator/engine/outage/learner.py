@@ -54,6 +54,10 @@ class OutageLearner:
         twin.state = snapshot(self.state)
         return twin
 
+    def warm_up(self) -> None:
+        """Compile (or load) what a model needs when it comes into use, which may be in the middle of an outage."""
+        self.method.warm_up()
+
     def learn(self, epoch: np.ndarray) -> TrainingJob | None:
         """Take an epoch of aided flight; returns a job when a training is due. Hand its result to ``accept``."""
         state, now = self.state, float(epoch[me.TIME])

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import AirVelocityGuide
 from nav_pose_estimator.engine.outage.methods.method import (
@@ -20,6 +23,7 @@ from nav_pose_estimator.engine.outage.methods.method import (
 )
 
 NETWORK = "network"  # the way's name in rehearsals and on diagnostics
+_WARM_UP_EPOCHS = 120
 _SEARCH_EVERY = 4  # trainings
 _EXPLAINS = 0.9  # a model must leave less than this part of what it was to learn
 
@@ -47,6 +51,14 @@ class Anfis(OutageMethod):
     name = "anfis"
     summary = "the network alone"
     trains = True
+
+    def warm_up(self) -> None:
+        """Train on noise, follow it and predict."""
+        epochs = np.random.default_rng(0).normal(size=(_WARM_UP_EPOCHS, me.COLUMNS))
+        epochs[:, me.TIME] = np.arange(_WARM_UP_EPOCHS) * me.PERIOD
+        epochs[:, me.ATTITUDE : me.BODY_VELOCITY] = np.eye(3).ravel()
+        model = NetworkTraining(epochs, (1,)).run().model.follow(epochs[-1])
+        model.predict(epochs[-1])
 
     def job(self, epochs: Array, plan: TrainingPlan) -> TrainingJob:
         """Train with the numbers of rules to try: all of them now and then, else the one in use and one rule."""

@@ -19,8 +19,8 @@ from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 
 Array = NDArray[np.float64]
 Model = Any
-"""What a method's training gives: a frozen dataclass that only the method looks into. The learner calls ``follow(epoch)``
-after each epoch of aided flight, for the model brought up to date, and ``state()`` for named arrays to be saved."""
+"""What a method's training gives: a frozen dataclass that only the method looks into. The learner calls its
+``follow(epoch)`` for the model brought up to date by one more epoch of aided flight, and ``state()`` for its arrays."""
 
 
 @dataclass(frozen=True)
@@ -125,6 +125,9 @@ class OutageMethod(Method):
     trains = False
     """Whether ``job`` has work to do."""
     rehearsal = RehearsalRules()
+
+    def warm_up(self) -> None:
+        """Call once what training and model compile."""
 
     def columns(self, output: NavBlock | NavSolution) -> Array:
         """What to remember of an epoch beside its COLUMNS, from the ``output`` that ended it: (K,), K fixed."""
