@@ -216,7 +216,9 @@ class MotionEvidence:
     ``attitude`` (3, 3) mean C_nb; ``velocity`` in n and ``body_velocity`` (mean of C^T v) of the estimate [m/s];
     ``air_velocity`` predicted in b [m/s], None without a prediction. The wind (East, North, m/s) with which an outage
     begins, its mean, covariance (2, 2) now and variance in the long run, and its time constant. ``dwell`` [s]: how long
-    a regime lasts. ``drift_variance``: squared errors without GNSS in parts of what the filter states.
+    a regime lasts. ``drift_variance``: squared errors without GNSS in parts of what the filter states. What is nearer
+    in time than ``correlation`` [s] is no independent evidence of a regime. ``unmodelled_var`` [m^2/s^2]: of a velocity
+    that has drifted; the covariance knows nothing of lasting wrong predictions.
     """
 
     stamp_ns: int
@@ -233,6 +235,8 @@ class MotionEvidence:
     wind_spread: float = 0.0
     wind_tau: float = 1.0
     drift_variance: float = 1.0
+    correlation: float = 10.0
+    unmodelled_var: float = 8.0
 
 
 Sample = (

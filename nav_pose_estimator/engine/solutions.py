@@ -177,7 +177,7 @@ class NavBlock:
 
 
 @dataclass(frozen=True, slots=True)
-class OutageError:
+class PredictedDrift:
     """What the network says in an outage: velocity error ENU [m/s], covariance (3, 3), position error so far [m]."""
 
     stamp_ns: int
@@ -230,4 +230,4 @@ class Status:
     values: dict[str, float]  # nis means, rates, delays ...
 
 
-Output = NavSolution | NavBlock | AttitudeSolution | AttitudeBlock | OutageError | Event
+Output = NavSolution | NavBlock | AttitudeSolution | AttitudeBlock | PredictedDrift | Event

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
-from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, OutageError, Status
+from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, PredictedDrift, Status
 from nav_pose_estimator.ros import inputs, spin, wording
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
@@ -16,7 +16,7 @@ from nav_pose_estimator.ros.training import Trainer
 class PoseEstimatorNode(EstimatorNode):
     """The composed estimator: the engine that replay runs, fed from topics."""
 
-    published = (NavSolution, AttitudeSolution, OutageError)
+    published = (NavSolution, AttitudeSolution, PredictedDrift)
 
     def __init__(self) -> None:
         trainer = Trainer()
@@ -38,7 +38,7 @@ class PoseEstimatorNode(EstimatorNode):
         if self.keeper is None:
             return level, sentence, facts
         aid = self.engine.outage_aid
-        learner = replace(status, waiting_for=aid.learner.reason, values=aid.status())
+        learner = replace(status, waiting_for=aid.learner.state.reason, values=aid.status())
         return level, sentence, facts + wording.learner_facts(learner, self.keeper.training, self.keeper.history)[1:]
 
     def destroy_node(self) -> None:
@@ -47,9 +47,9 @@ class PoseEstimatorNode(EstimatorNode):
             self.keeper.stop()
         super().destroy_node()
 
-    def publish(self, solution: AttitudeSolution | NavSolution | OutageError) -> None:
+    def publish(self, solution: AttitudeSolution | NavSolution | PredictedDrift) -> None:
         """Attitude, navigation and predictions on their topics."""
-        if isinstance(solution, OutageError):
+        if isinstance(solution, PredictedDrift):
             self._learned.publish(solution)
             return
         if isinstance(solution, AttitudeSolution):

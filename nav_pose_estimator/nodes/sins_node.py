@@ -5,7 +5,7 @@ from functools import partial
 
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.navigator.modes import LEVELLING
-from nav_pose_estimator.engine.outage.learner import TrainingJob
+from nav_pose_estimator.engine.outage.methods.method import TrainingJob
 from nav_pose_estimator.engine.solutions import NavSolution
 from nav_pose_estimator.ros import inputs, spin
 from nav_pose_estimator.ros.estimator_node import EstimatorNode

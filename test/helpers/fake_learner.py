@@ -37,19 +37,29 @@ class Memory:
 
 
 @dataclass
+class State:
+    """Of a learner."""
+
+    memory: Memory = field(default_factory=Memory)
+    reason: str = "nothing has been learned yet"
+    trainings: int = 0
+
+
+@dataclass
 class Learner:
     """The face of ``OutageLearner`` that a node needs."""
 
     weight: float = 0.0
-    memory: Memory = field(default_factory=Memory)
-    reason: str = "nothing has been learned yet"
-    trainings: int = 0
+    state: State = field(default_factory=State)
     next_job: Job = field(default_factory=lambda: Job(1))
+
+    def warm_up(self) -> None:
+        """There is nothing to compile."""
 
     def job(self, now: float) -> Job:
         return self.next_job
 
-    def state(self) -> dict[str, np.ndarray]:
+    def arrays(self) -> dict[str, np.ndarray]:
         return {"weight": np.array(self.weight)}
 
     def load(self, state: dict[str, np.ndarray]) -> None:
@@ -70,8 +80,8 @@ class Pupil:
 
     def accept(self, result: tuple[int, int]) -> None:
         self.results.append(result)
-        self.learner.weight, self.learner.reason = float(result[0]), ""
-        self.learner.trainings += 1
+        self.learner.weight, self.learner.state.reason = float(result[0]), ""
+        self.learner.state.trainings += 1
 
 
 @dataclass

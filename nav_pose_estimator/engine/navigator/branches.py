@@ -20,11 +20,9 @@ from nav_pose_estimator.core.filter.mixture import blend_rows, error_between, me
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 
 _LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
-_UNMODELLED = 8.0  # m^2/s^2: of a velocity that has drifted; the covariance knows nothing of lasting wrong predictions
 _REMEMBERED = 10.0  # s: the longest that checkpoints reach back
 _DRIVING_NOISE = [at.GYRO_NOISE_PSD, at.ACCEL_NOISE_PSD, at.GYRO_BIAS_PSD, at.ACCEL_BIAS_PSD, at.GYRO_MATRIX_PSD]
 _PLACE = slice(at.DPOS, at.DPOS + 3)
-_CORRELATION = 10.0  # s: what is nearer in time is no independent evidence of a regime
 
 
 class Branches:
@@ -120,7 +118,7 @@ class Branches:
         stay = math.exp(-evidence.interval / evidence.dwell) if count > 1 else 1.0
         transition = np.full((count, count), (1.0 - stay) / max(count - 1, 1))
         np.fill_diagonal(transition, stay)
-        tempered = min(evidence.interval / _CORRELATION, 1.0)
+        tempered = min(evidence.interval / evidence.correlation, 1.0)
         exponent = np.empty((count, count))
         for j, hypothesis in enumerate(evidence.hypotheses):
             for i in range(count):
@@ -150,7 +148,7 @@ def _act(
         _, H = measurements.horizontal_velocity(nav, n, 0.0, 0.0)
         z, variances = np.array(evidence.velocity[:2]) + H @ apart, np.full(2, hypothesis.velocity_var)
         seen.append((z, H, variances))
-        entry = -0.5 * innovation(P, z, H, np.diag(variances + _UNMODELLED))
+        entry = -0.5 * innovation(P, z, H, np.diag(variances + evidence.unmodelled_var))
         if hypothesis.velocity_time is not None:
             # a velocity persists: it tells the regimes apart at once, but corrects the filter little by little
             used.append((z, H, variances * hypothesis.velocity_time / evidence.interval))

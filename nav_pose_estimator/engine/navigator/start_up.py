@@ -146,7 +146,7 @@ def set_pose(nav: np.ndarray, P: np.ndarray, sample: SetPose, origin: tuple[floa
 
 
 def warm_up(constants: np.ndarray, states: int) -> None:
-    """Call every kernel of the observations once on harmless numbers; a rehearsed flight calls those of the IMU."""
+    """Call every kernel of the observations once on harmless numbers; the warm-up flight calls those of the IMU."""
     nav = np.zeros(at.NAV_SIZE)
     nav[at.QUAT] = 1.0
     P = np.eye(states)

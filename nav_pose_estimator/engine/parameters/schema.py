@@ -5,8 +5,8 @@ From there come the ROS parameter descriptors, the YAML files, the documentation
 
 import difflib
 import reprlib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 from nav_pose_estimator.errors import UserError
@@ -38,13 +38,16 @@ class Spec:
 def param(
     default: Any,
     unit: str,
-    description: str,
+    description: str | Callable[[], str],
     minimum: float | None = None,
     maximum: float | None = None,
-    choices: tuple[str, ...] = (),
+    choices: tuple[str, ...] | Callable[[], tuple[str, ...]] = (),
     mutable: bool = False,
 ) -> Any:
-    """Declare a field. ``default`` bool, int, float, str or a tuple of floats; unit "" for a pure number."""
+    """Declare a field. ``default`` bool, int, float, str or a tuple of floats; unit "" for a pure number.
+
+    ``description`` and ``choices`` that come from a registry are functions, asked whenever they are needed.
+    """
     meta = {
         "unit": unit,
         "description": description,
@@ -65,7 +68,12 @@ def specs(group: Any, prefix: str = "") -> Iterator[Spec]:
         if is_dataclass(value):
             yield from specs(value, f"{key}.")
         else:
-            yield Spec(key=key, default=value, **item.metadata)
+            yield spec_of(item, key, value)
+
+
+def spec_of(item: Field, key: str, value: Any) -> Spec:
+    """What ``param`` declared of a field, under the name ``key`` and with the default ``value``."""
+    return Spec(key, value, **{name: fact() if callable(fact) else fact for name, fact in item.metadata.items()})
 
 
 def flatten(group: Any) -> dict[str, Any]:

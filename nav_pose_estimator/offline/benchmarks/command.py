@@ -96,21 +96,17 @@ def _tasks(arguments: argparse.Namespace) -> list:
         raise UserError("--methods and --lengths must name at least one method and one positive length")
     if not 0.0 < arguments.every < math.inf or arguments.jobs < 1:
         raise UserError("--every and --jobs must be positive")
-    predictors = tuple(name for name in names if name in methods.PREDICTORS)
-    passes = [name for name in names if name not in methods.PREDICTORS]
-    if predictors and methods.COAST not in passes:
-        passes.append(methods.COAST)  # predictors go on from its states
     shared = {"lengths": lengths, "every": arguments.every, "first": arguments.first, "config": arguments.config}
     return [
         Task(
             bag=bag,
             method=name,
-            predictors=predictors * (name == methods.COAST),
+            predictors=extrapolated,
             gnss_delay=arguments.gnss_delay,
             **shared,
         )
         for bag in arguments.bags
-        for name in passes
+        for name, extrapolated in methods.passes(names)
     ]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, OUT_POS, OUT_QUAT, OUT_VEL
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.outage.methods.registry import extrapolations
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
@@ -203,13 +204,13 @@ def _outage_run(
 
 
 def _predict(name: str, start: _Start) -> Track:
-    """``hold`` the last position, or go on with the last velocity; no deviation is claimed."""
+    """Go on from the state at the loss of GNSS as the extrapolation ``name`` says; no deviation is claimed."""
     if start.state is None:
         return Track(np.empty(0), np.empty((0, OUT_COLUMNS)))
     t = np.array([0.0, start.outage.length + MARGIN])
     rows = np.full((2, OUT_COLUMNS), np.nan)
     rows[:, OUT_QUAT : OUT_QUAT + 4] = start.state[OUT_QUAT : OUT_QUAT + 4]
-    velocity = start.state[OUT_VEL : OUT_VEL + 3] * (name == methods.CONST_VELOCITY)
+    velocity = extrapolations()[name].velocity(start.state[OUT_VEL : OUT_VEL + 3])
     rows[:, OUT_POS : OUT_POS + 3] = shift(start.state[OUT_POS : OUT_POS + 3], t[:, None] * velocity)
     return Track(start.outage.start + t, rows)
 
