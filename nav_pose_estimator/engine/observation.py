@@ -9,11 +9,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 Array = np.ndarray
+
+
+class FilterView(NamedTuple):
+    """The filter, or one branch of it: nominal state, covariance (n, n), constants (``core.filter.layout``)."""
+
+    nav: Array
+    P: Array
+    constants: Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from nav_pose_estimator.engine.navigator import filter_setup
 from nav_pose_estimator.engine.navigator.branches import Branches
 from nav_pose_estimator.engine.navigator.split_filter import MOTION
 from nav_pose_estimator.engine.navigator.timeline import Timeline
-from nav_pose_estimator.engine.observation import Kind, Observation
+from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
@@ -28,16 +28,16 @@ NORTH = Kind("north")
 POSITION, VELOCITY = Kind("position", 0, whole=True), Kind("velocity", 1, whole=True)
 
 
-def apply(o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
+def apply(o: Observation, f: FilterView) -> None:
     """A position, a velocity over ground, or the velocity North alone."""
     if o.kind is POSITION:
-        z, H = measurements.gnss_position(nav, len(P), *o.measured, np.zeros(3))
+        z, H = measurements.gnss_position(f.nav, len(f.P), *o.measured, np.zeros(3))
     elif o.kind is VELOCITY:
-        z, H = measurements.gnss_velocity(nav, len(P), np.array(o.measured), np.zeros(3))
+        z, H = measurements.gnss_velocity(f.nav, len(f.P), np.array(o.measured), np.zeros(3))
     else:
-        z, H = measurements.horizontal_velocity(nav, len(P), nav[at.VEL], *o.measured)
+        z, H = measurements.horizontal_velocity(f.nav, len(f.P), f.nav[at.VEL], *o.measured)
         z, H = z[1:], np.ascontiguousarray(H[1:])
-    correct(nav, P, z, H, 0.1 * np.eye(len(z)))
+    correct(f.nav, f.P, z, H, 0.1 * np.eye(len(z)))
 
 
 def observation(t: float, kind: Kind, measured: Any) -> Observation:
@@ -350,7 +350,7 @@ def test_blocks_and_single_rows_are_equal_on_branches(block: int) -> None:
 def test_a_refused_position_keeps_the_branches() -> None:
     """GIVEN branches WHEN a position acts that the filter does not take THEN the hypotheses go on."""
     timeline = started(speed=2.0)
-    timeline._apply = lambda o, nav, P: None  # what the gate does to a fix of 500 m
+    timeline._apply = lambda o, f: None  # what the gate does to a fix of 500 m
     rows = imu_rows(3.0)
     fly(timeline, rows[:50])
     timeline.observe(observation(1.2, POSITION, (LAT, LON, ALT)))

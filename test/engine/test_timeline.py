@@ -10,7 +10,7 @@ from nav_pose_estimator.core.filter import measurements, memory
 from nav_pose_estimator.core.filter.kalman import correct
 from nav_pose_estimator.engine.navigator import filter_setup
 from nav_pose_estimator.engine.navigator.timeline import Timeline
-from nav_pose_estimator.engine.observation import Kind, Observation
+from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 
@@ -19,13 +19,13 @@ POSITION, VELOCITY = Kind("position", precedence=0), Kind("velocity", precedence
 LAT, LON, ALT = 0.8, 0.2, 300.0
 
 
-def apply(o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
+def apply(o: Observation, f: FilterView) -> None:
     """Position or velocity with unit noise."""
     if o.kind is POSITION:
-        z, H = measurements.gnss_position(nav, len(P), *o.measured, np.zeros(3))
+        z, H = measurements.gnss_position(f.nav, len(f.P), *o.measured, np.zeros(3))
     else:
-        z, H = measurements.gnss_velocity(nav, len(P), np.array(o.measured), np.zeros(3))
-    correct(nav, P, z, H, np.eye(3))
+        z, H = measurements.gnss_velocity(f.nav, len(f.P), np.array(o.measured), np.zeros(3))
+    correct(f.nav, f.P, z, H, np.eye(3))
 
 
 def observation(t: float, kind: Kind, measured: tuple) -> Observation:

@@ -154,9 +154,9 @@ class FilterRun:
         The decision falls with what has arrived by then, and stays when the past is replayed.
         """
         self.rest_due = (math.floor(t / Stillness.PERIOD) + 1.0) * Stillness.PERIOD
-        filter_, mean_rate = self.timeline.filter, self._stillness.add(self.timeline.recent_rows(Stillness.PERIOD))
+        whole, mean_rate = self.timeline.filter, self._stillness.add(self.timeline.recent_rows(Stillness.PERIOD))
         if mean_rate is not None:
-            self.observe(self._rest.observe(mean_rate, filter_.nav, filter_.P, self.clock.stamp(filter_.time)))
+            self.observe(self._rest.observe(mean_rate, whole.view, self.clock.stamp(whole.time)))
 
     # --- mode --------------------------------------------------------------------------------------------------------
 

@@ -9,14 +9,14 @@ import numpy as np
 from nav_pose_estimator.core.filter import memory
 from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, SOLUTION_SIZE, TIME
 from nav_pose_estimator.engine.navigator.branches import Branches
-from nav_pose_estimator.engine.observation import Kind, Observation
+from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
 from nav_pose_estimator.engine.samples import MotionEvidence, Vector3
 
 MOTION = Kind("motion")
 """Observations that split the filter into branches and weigh them; what they measured is a MotionEvidence."""
 
-Apply = Callable[[Observation, np.ndarray, np.ndarray], None]
-"""(observation, nav, P): lets an observation act on a filter that stands at its time."""
+Apply = Callable[[Observation, FilterView], None]
+"""Lets an observation act on a filter that stands at its time."""
 
 
 class SplitFilter:
@@ -37,6 +37,7 @@ class SplitFilter:
         self.nav = vector[memory.NAV : memory.CONSTANTS]
         self.constants = vector[memory.CONSTANTS : memory.ORIGIN]
         self.P = vector[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
+        self.view = FilterView(self.nav, self.P, self.constants)
 
     def __deepcopy__(self, _memo: dict) -> SplitFilter:
         """A copy whose parts are parts of its own vector."""
@@ -91,15 +92,15 @@ class SplitFilter:
             if observation.arrival > self._united_by:  # else it is of means that GNSS has proved wrong since
                 self._weigh(observation.measured)
         elif self.branches is None:
-            apply(observation, self.nav, self.P)
+            apply(observation, self.view)
         elif observation.kind.whole:
             was = self.nav.copy()
-            apply(observation, self.nav, self.P)
+            apply(observation, self.view)
             if not np.array_equal(was, self.nav):
                 self._unite(observation.arrival)
         else:
             for nav, P in self.branches.pairs():
-                apply(observation, nav, P)
+                apply(observation, FilterView(nav, P, self.constants))
             self.branches.mix_into(self.vector)
         return self.branches is not before
 

@@ -10,7 +10,7 @@ from nav_pose_estimator.core.earth.atmosphere import pressure_height
 from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.core.filter.layout import ALT
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, Kind, Observation, Use
+from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import PressureSample
 from nav_pose_estimator.engine.sensors.aiding import Aiding
@@ -46,10 +46,10 @@ class Barometer(Aid):
             return self._refuse()
         return Observation(t, sample.stamp_ns, self.kind, pressure_height(sample.pressure))
 
-    def decide(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> Decision:
+    def decide(self, o: Observation, f: FilterView) -> Decision:
         """Learn the reference while GNSS is good; without GNSS use it."""
         if self._aiding.gnss_is_good(o.t):
-            self._learn(o, float(nav[ALT]))
+            self._learn(o, float(f.nav[ALT]))
             return LEFT_OUT
         return LEFT_OUT if math.isnan(self._offset) else Decision(Use.GATED, self._offset)
 
@@ -60,7 +60,7 @@ class Barometer(Aid):
         share = self._period / min(max(o.t - self._since, self._period), self._tau)
         self._offset += min(share, 1.0) * (difference - self._offset)
 
-    def linearise(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> Linearised:
+    def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """One row, the height."""
         assert o.decision is not None
-        return *measurements.height(nav, len(P), o.measured - o.decision.reference), self._R
+        return *measurements.height(f.nav, len(f.P), o.measured - o.decision.reference), self._R

@@ -9,7 +9,7 @@ import numpy as np
 
 from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
-from nav_pose_estimator.engine.observation import Kind, Observation
+from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import BodyVelocity
 from nav_pose_estimator.engine.sensors.mounting import rotation_from_rpy
@@ -57,7 +57,7 @@ class BodyVelocitySensor(Aid):
         R = self._axes @ R @ self._axes.T
         return Observation(t - self._delay, sample.stamp_ns, self.kind, _Measured(velocity, self._lever), R)
 
-    def linearise(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> Linearised:
+    def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """Three rows, C^T v + w x l."""
         assert o.stated_R is not None
-        return *measurements.body_velocity(nav, len(P), *o.measured), o.stated_R
+        return *measurements.body_velocity(f.nav, len(f.P), *o.measured), o.stated_R

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.observation import Decision, Kind, Observation, Use
+from nav_pose_estimator.engine.observation import Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.gnss_position import GnssPositionSensor
@@ -26,7 +24,7 @@ class GnssLoss(Sensor):
     def set_parameters(self, parameters: Parameters) -> None:
         """It has none."""
 
-    def decide(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> Decision:
+    def decide(self, o: Observation, f: FilterView) -> Decision:
         """By the factor that was known when the loss was declared."""
         return Decision(Use.WIDENING, o.measured)
 

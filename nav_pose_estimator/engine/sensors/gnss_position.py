@@ -14,7 +14,7 @@ from nav_pose_estimator.core.gnss.return_evidence import distance, unexplained
 from nav_pose_estimator.core.gnss.spoof_drift import WalkOff
 from nav_pose_estimator.engine.catalogue import in_words
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, UNGATED, Decision, Kind, Observation, Use
+from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, UNGATED, Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix
@@ -66,22 +66,22 @@ class GnssPositionSensor(Sensor):
         R = self._reception.position_noise(sample)
         return Observation(t, sample.stamp_ns, self.kind, (sample.lat, sample.lon, sample.alt), R)
 
-    def linearise(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> Linearised:
+    def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """Position of the antenna in metres."""
         assert o.stated_R is not None
-        return *measurements.gnss_position(nav, len(P), *o.measured, self._lever), o.stated_R
+        return *measurements.gnss_position(f.nav, len(f.P), *o.measured, self._lever), o.stated_R
 
-    def decide(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> Decision:
+    def decide(self, o: Observation, f: FilterView) -> Decision:
         """Ask the guard of the return, which is offered every fix."""
-        z, H, R = self.linearise(o, nav, P)
+        z, H, R = self.linearise(o, f)
         # what the guard remembers must be the receiver's alone: a filter gone astray would bend it
         fix = self._local(*o.measured)
         predicted = [f + d for f, d in zip(fix, z.tolist(), strict=True)]
         sd = np.sqrt(R.diagonal()).tolist()
-        predicted_sd = np.sqrt(P.diagonal()[DPOS : DPOS + 3]).tolist()
+        predicted_sd = np.sqrt(f.P.diagonal()[DPOS : DPOS + 3]).tolist()
         gap = max(o.t - self._aiding.fix_used, 0.0)
         self.gate_radius = self._guard.settings.sigmas * math.hypot(max(sd[:2]), max(predicted_sd[:2]))
-        velocity, strange = self._velocity_now(o, nav, P, z, H)
+        velocity, strange = self._velocity_now(o, f, z, H)
         broken = self._velocity_apart > self._guard.settings.sigmas and gap < self._despair_gap
         if broken:  # not GNSS but the filter is what contradicts itself
             strange = 0.0
@@ -114,7 +114,7 @@ class GnssPositionSensor(Sensor):
             self._journal.say(o.stamp_ns, "gnss.drift.ended", Level.INFO, text)
 
     def _velocity_now(
-        self, o: Observation, nav: np.ndarray, P: np.ndarray, z: np.ndarray, H: np.ndarray
+        self, o: Observation, f: FilterView, z: np.ndarray, H: np.ndarray
     ) -> tuple[list[float] | None, float]:
         """The receiver's last velocity, and what of it and the fix together no drift explains; None without one."""
         last = self._velocity.misfit
@@ -122,14 +122,14 @@ class GnssPositionSensor(Sensor):
             self._velocity_apart = 0.0
             return None, 0.0
         rows = len(last.difference)
-        _, velocity_H = measurements.gnss_velocity(nav, len(P), np.zeros(3), self._lever)
+        _, velocity_H = measurements.gnss_velocity(f.nav, len(f.P), np.zeros(3), self._lever)
         R = np.zeros((3 + rows, 3 + rows))
         R[:3, :3], R[3:, 3:] = o.stated_R, last.R
-        self._velocity_apart = distance(last.difference, velocity_H[:rows], P, last.R)
-        strange = unexplained(np.concatenate([z, last.difference]), np.concatenate([H, velocity_H[:rows]]), P, R)
+        self._velocity_apart = distance(last.difference, velocity_H[:rows], f.P, last.R)
+        strange = unexplained(np.concatenate([z, last.difference]), np.concatenate([H, velocity_H[:rows]]), f.P, R)
         return last.velocity, strange
 
-    def note(self, o: Observation, nav: np.ndarray, z: np.ndarray, status: int, nis: float) -> None:
+    def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count it, and keep the innovations of fixes that had to pass the gate."""
         assert o.decision is not None
         if o.decision.use is Use.RESET:
@@ -145,10 +145,10 @@ class GnssPositionSensor(Sensor):
                 self._journal.count("gnss.inflated.position")
         self._reception.use(o.t)
 
-    def settle(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
+    def settle(self, o: Observation, f: FilterView) -> None:
         """GNSS shows how far the gyroscope's bias moves."""
         if self._aiding.gnss_is_good(o.t):
-            bias_noise.observe(nav, P)
+            bias_noise.observe(f.nav, f.P)
 
     def _local(self, lat: float, lon: float, alt: float) -> list[float]:
         lat0, lon0, alt0 = self.origin or (lat, lon, alt)

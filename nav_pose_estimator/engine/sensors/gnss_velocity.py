@@ -10,7 +10,7 @@ import numpy as np
 from nav_pose_estimator.core.filter import bias_noise, measurements
 from nav_pose_estimator.core.filter.layout import BASE_STATES
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, Kind, Observation
+from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import GnssVelocity
 from nav_pose_estimator.engine.sensors.aiding import Aiding
@@ -50,22 +50,22 @@ class GnssVelocitySensor(Sensor):
         R = self._reception.velocity_noise(sample)
         return Observation(t, sample.stamp_ns, self.kind, np.array(sample.vel_enu), R)
 
-    def decide(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> Decision:
+    def decide(self, o: Observation, f: FilterView) -> Decision:
         """Only while fixes are used: a velocity alone does not tell that GNSS is back."""
         if self._aiding.gnss_is_good(o.t):
             return GATED
         self._journal.count("gnss.rejected.velocity_without_position")
-        self._remember(o, nav)
+        self._remember(o, f.nav)
         return LEFT_OUT
 
-    def linearise(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> Linearised:
+    def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """Velocity of the antenna."""
         assert o.stated_R is not None
-        z, H = measurements.gnss_velocity(nav, len(P), o.measured, self._lever)
+        z, H = measurements.gnss_velocity(f.nav, len(f.P), o.measured, self._lever)
         rows = _rows(o)
         return z[:rows], H[:rows], o.stated_R[:rows, :rows]
 
-    def note(self, o: Observation, nav: np.ndarray, z: np.ndarray, status: int, nis: float) -> None:
+    def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count it; a refusal is told once, for it has no place in ``refusal`` beside the positions."""
         self.record.add(nis, len(z), self._reception.fix_period)
         if status:
@@ -79,7 +79,7 @@ class GnssVelocitySensor(Sensor):
             text = "GNSS velocity not used: it disagrees with the filter"
             self._journal.say(o.stamp_ns, "gnss.rejected.velocity_innovation", Level.INFO, text)
             self._is_refused = True
-        self._remember(o, nav)
+        self._remember(o, f.nav)
 
     def _remember(self, o: Observation, nav: np.ndarray) -> None:
         assert o.stated_R is not None
@@ -87,10 +87,10 @@ class GnssVelocitySensor(Sensor):
         z, _ = measurements.gnss_velocity(nav, BASE_STATES, o.measured, self._lever)
         self.misfit = Misfit(o.t, z[:rows], o.stated_R[:rows, :rows], o.measured.tolist())
 
-    def settle(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
+    def settle(self, o: Observation, f: FilterView) -> None:
         """GNSS shows how far the gyroscope's bias moves."""
         if self._aiding.gnss_is_good(o.t):
-            bias_noise.observe(nav, P)
+            bias_noise.observe(f.nav, f.P)
 
 
 def _rows(o: Observation) -> int:

@@ -10,7 +10,7 @@ from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.core.filter.layout import PHI
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_within
-from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, Kind, Observation, Use
+from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import MagSample
 from nav_pose_estimator.engine.sensors.aiding import Aiding
@@ -47,23 +47,23 @@ class Magnetometer(Aid):
             return self._refuse()
         return Observation(t, sample.stamp_ns, self.kind, tuple(sample.field))
 
-    def decide(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> Decision:
+    def decide(self, o: Observation, f: FilterView) -> Decision:
         """While GNSS shows the heading learn the offset; otherwise let the field hold the heading."""
-        if self._aiding.gnss_is_good(o.t) and math.sqrt(P[PHI + 2, PHI + 2]) < _KNOWN_HEADING:
-            self._learn(o, nav, P)
+        if self._aiding.gnss_is_good(o.t) and math.sqrt(f.P[PHI + 2, PHI + 2]) < _KNOWN_HEADING:
+            self._learn(o, f)
             return LEFT_OUT
         return LEFT_OUT if math.isnan(self._offset) else Decision(Use.GATED, self._offset)
 
-    def _learn(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
-        z, _ = measurements.magnetic_heading(nav, len(P), *o.measured, self._declination)
+    def _learn(self, o: Observation, f: FilterView) -> None:
+        z, _ = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self._declination)
         if math.isnan(self._offset):
             self._offset, self._since = float(z[0]), o.t
         share = self._period / min(max(o.t - self._since, 1.0), _OFFSET_MEMORY)
         self._offset += min(share, 1.0) * math.remainder(float(z[0]) - self._offset, 2.0 * math.pi)
 
-    def linearise(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> Linearised:
+    def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """One row, phi_z. A tilt that is wrong lets the vertical field pass for a horizontal one."""
         assert o.decision is not None
-        tilt_variance = P[PHI, PHI] + P[PHI + 1, PHI + 1]
-        z, H = measurements.magnetic_heading(nav, len(P), *o.measured, self._declination + o.decision.reference)
+        tilt_variance = f.P[PHI, PHI] + f.P[PHI + 1, PHI + 1]
+        z, H = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self._declination + o.decision.reference)
         return z, H, np.array([[self._variance + 4.0 * tilt_variance]])

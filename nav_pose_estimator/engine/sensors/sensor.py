@@ -8,7 +8,7 @@ import numpy as np
 
 from nav_pose_estimator.core.filter.measurement_noise import Fixed, NoiseModel
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.observation import GATED, Decision, Kind, Observation
+from nav_pose_estimator.engine.observation import GATED, Decision, FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 
@@ -40,21 +40,21 @@ class Sensor:
         """New noises and periods; what was learned stays."""
         raise NotImplementedError
 
-    def decide(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> Decision:
-        """What becomes of ``o``: asked once, when the filter first stands at its time."""
+    def decide(self, o: Observation, f: FilterView) -> Decision:
+        """What becomes of ``o``: asked once, when the filter ``f`` first stands at its time."""
         return GATED
 
-    def linearise(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> Linearised:
-        """The observation at the state ``nav``, with the reference that was decided on."""
+    def linearise(self, o: Observation, f: FilterView) -> Linearised:
+        """The observation at the state of ``f``, with the reference that was decided on."""
         raise NotImplementedError
 
-    def note(self, o: Observation, nav: np.ndarray, z: np.ndarray, status: int, nis: float) -> None:
-        """What came of it (statuses of ``kalman.gated_correct``), told once; ``nav`` is corrected already."""
+    def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
+        """What came of it (statuses of ``kalman.gated_correct``), told once; ``f`` is corrected already."""
         self._journal.count(f"{self.kind.name}.{('rejected', 'used', 'inflated')[status]}")
         if status and self.bounds_drift:
             self._aiding.bound_drift(o.t)
 
-    def settle(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
+    def settle(self, o: Observation, f: FilterView) -> None:
         """Called each time that ``o`` has acted or was left out."""
 
 
