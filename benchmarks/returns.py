@@ -29,7 +29,7 @@ def waited(engine: PoseEstimator, recording: Recording, start: _Start, offset: f
     delay_ns = round(engine.parameters.gnss.delay * 1e9)
     begin = recording.epoch_ns + round(start.outage.start * 1e9)
     end, row = begin + round(start.outage.length * 1e9), start.row
-    run = engine.sins._run
+    run = engine.sins.run
     back = run.clock.seconds(end)
     for sample in recording.samples[start.index :]:
         if isinstance(sample, ImuBlock):

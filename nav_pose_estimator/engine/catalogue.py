@@ -160,7 +160,14 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("gnss.rejected.inconsistent", "position and velocity of the fixes contradict each other", "as above"),
         Entry("gnss.waiting.ambiguous", "two series of fixes contradict each other", "wait: the longer one wins"),
-        Entry("gnss.held", "an unexpected return waits for a decision (policy hold)", "set gnss.reacquisition.policy"),
+        Entry(
+            "gnss.held",
+            "an unexpected return waits for a decision (policy hold)",
+            "call ~/accept_return or ~/refuse_return",
+        ),
+        Entry("gnss.return.accepted", "the operator accepted the return of GNSS that was held"),
+        Entry("gnss.return.refused", "the operator refused the return of GNSS that was held"),
+        Entry("gnss.return.none", "a decision about a return was made, but none was held"),
         Entry("gnss.reacquired.*", "GNSS is back and used as a correction"),
         Entry(
             "gnss.reset.*",

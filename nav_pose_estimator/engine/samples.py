@@ -159,6 +159,14 @@ class SetPose:
 
 
 @dataclass(frozen=True, slots=True)
+class ReturnDecision:
+    """What the operator says of GNSS that is back somewhere unexpected (policy ``hold``): take it or forget it."""
+
+    stamp_ns: int
+    accept: bool
+
+
+@dataclass(frozen=True, slots=True)
 class AttitudeSample:
     """Attitude from another estimator: ``q_nb`` scalar first, ``cov_n`` (3, 3) [rad^2] about n axes."""
 
@@ -252,8 +260,14 @@ Sample = (
     | DifferentialPressure
     | RangeToGround
     | SetPose
+    | ReturnDecision
     | AttitudeSample
     | NavigatorVelocity
     | VelocityError
     | MotionEvidence
 )
+
+
+def stamp_of(sample: Sample) -> int | None:
+    """The stamp of a sample, of a block its last one; None for a count that came without a header."""
+    return int(sample.stamps_ns[-1]) if isinstance(sample, ImuBlock) else sample.stamp_ns

@@ -6,7 +6,7 @@ from functools import partial
 
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, PredictedDrift, Status
-from nav_pose_estimator.ros import inputs, spin, wording
+from nav_pose_estimator.ros import inputs, services, spin, wording
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.outputs import AttitudeOutput, LearnerOutput, NavigationOutput
@@ -26,7 +26,7 @@ class PoseEstimatorNode(EstimatorNode):
         self.listen(inputs.imu(self.parameters), needed=True)
         for source in inputs.of_navigator(self.parameters):
             self.listen(source, needed=source.topic == "gps/fix")
-        self.offer_gnss_switch()
+        services.offer_gnss(self)
         self._learned, pupil = LearnerOutput(self, self.parameters), self.engine.outage_aid
         model = self.parameters.ros.model
         self.keeper = None if pupil is None else ModelKeeper(self, pupil, trainer, model, self.say)

@@ -7,7 +7,7 @@ from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.navigator.modes import LEVELLING
 from nav_pose_estimator.engine.outage.methods.method import TrainingJob
 from nav_pose_estimator.engine.solutions import NavSolution
-from nav_pose_estimator.ros import inputs, spin
+from nav_pose_estimator.ros import inputs, services, spin
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.outputs import NavigationOutput
 
@@ -28,7 +28,7 @@ class SinsNode(EstimatorNode):
         # wanted only until the filter runs
         self.listen_raw(inputs.ATTITUDE, lambda data: self.engine.mode in LEVELLING)
         self.listen(inputs.PREDICTION)
-        self.offer_gnss_switch()
+        services.offer_gnss(self)
         self.get_logger().info("ready")
 
     def publish(self, solution: NavSolution) -> None:

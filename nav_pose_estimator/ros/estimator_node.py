@@ -8,19 +8,19 @@ from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from std_srvs.srv import SetBool, Trigger
 
 from nav_pose_estimator.core.numerics.jit import is_first_run
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import stamp_of
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Mode, NavSolution, Status
-from nav_pose_estimator.ros import qos, wording
+from nav_pose_estimator.ros import qos, services, wording
 from nav_pose_estimator.ros.diagnostics import Diagnostics, InputWatch
 from nav_pose_estimator.ros.inputs import message_class
 from nav_pose_estimator.ros.logbook import Logbook
 from nav_pose_estimator.ros.messages.message_table import Source
 from nav_pose_estimator.ros.messages.outgoing import is_finite, warm_up
 from nav_pose_estimator.ros.parameters import LiveParameters, declare
-from nav_pose_estimator.ros.time_guard import TimeGuard, stamp_of
+from nav_pose_estimator.ros.time_guard import TimeGuard
 
 
 class EstimatorNode(Node):
@@ -51,11 +51,7 @@ class EstimatorNode(Node):
         self._timer = self.create_timer(period, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         back = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
         self._jump = self.get_clock().create_jump_callback(back, post_callback=self._on_clock_jump)
-        self._reset_service = self.create_service(Trigger, "~/reset", self._on_reset)
-
-    def offer_gnss_switch(self) -> None:
-        """Service ~/use_gnss: take GNSS away and give it back (outage drill)."""
-        self._gnss_service = self.create_service(SetBool, "~/use_gnss", self._on_use_gnss)
+        services.offer_reset(self)
 
     # --- inputs ----------------------------------------------------------------------------------------------------
 
@@ -86,9 +82,11 @@ class EstimatorNode(Node):
         self._watches.append(watch)
         callback = partial(self.receive, watch, adapter)
         profile = qos.sensor(self.parameters.ros.input.queue)
-        watch.attach(
-            qos.subscribe(self, kind, topic, callback, profile, raw, on_lost=watch.lost, on_misfit=self._note_misfit)
-        )
+
+        def misfit(text: str) -> None:
+            self.say("qos.incompatible", Level.WARN, text)
+
+        watch.attach(qos.subscribe(self, kind, topic, callback, profile, raw, on_lost=watch.lost, on_misfit=misfit))
 
     def receive(self, watch: InputWatch, adapter: Callable[[Any], tuple[Any, ...]], message: Any) -> None:
         """The callback of every subscription."""
@@ -100,7 +98,7 @@ class EstimatorNode(Node):
                 else:
                     self.take(item)
         except Exception as error:
-            self._note_failure(watch.topic, error)
+            self.note_failure(watch.topic, error)
 
     def take(self, sample: Any) -> None:
         """Feed one sample and publish what follows."""
@@ -152,27 +150,20 @@ class EstimatorNode(Node):
             own = {k: v for k, v in self.logbook.counters.items() if k not in status.counters}
             self._diagnostics.publish(self.describe(status), self._watches, {**status.counters, **own})
         except Exception as error:
-            self._note_failure("diagnostics", error)
+            self.note_failure("diagnostics", error)
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self._guard.expect_restart()
 
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            self.deliver(self.engine.reset(self._guard.newest_ns, "asked for by a service call"))
-            self._guard.forget()
-            response.success, response.message = True, "started again"
-        except Exception as error:
-            self._note_failure("~/reset", error)
-            response.success, response.message = False, str(error)
-        return response
+    def reset(self, reason: str) -> None:
+        """Let the engine start again."""
+        self.deliver(self.engine.reset(self.newest_ns, reason))
+        self._guard.forget()
 
-    def _on_use_gnss(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self.engine.set_use_gnss(request.data)
-        response.success = True
-        response.message = "GNSS is used" if request.data else "GNSS is not used until it is switched on again"
-        self.say("mode.use_gnss", Level.WARN, f"operator: {response.message}")
-        return response
+    @property
+    def newest_ns(self) -> int:
+        """The newest stamp that has come."""
+        return self._guard.newest_ns
 
     def _set_parameters(self, parameters: Parameters) -> None:
         self.parameters = parameters
@@ -181,12 +172,10 @@ class EstimatorNode(Node):
 
     def say(self, name: str, level: Level, text: str) -> None:
         """Count and log something that the node itself has to say."""
-        self.logbook.note(Event(self._guard.newest_ns, name, level, text))
+        self.logbook.note(Event(self.newest_ns, name, level, text))
 
-    def _note_misfit(self, text: str) -> None:
-        self.say("qos.incompatible", Level.WARN, text)
-
-    def _note_failure(self, where: str, error: Exception) -> None:
+    def note_failure(self, where: str, error: Exception) -> None:
+        """Count and log what went wrong with one message or call."""
         if not self.context.ok():
             return  # shutting down: publishers are gone
         text = f"{where}: {type(error).__name__}: {' '.join(str(error).split())}; the message is not used"

@@ -93,7 +93,7 @@ class Flown:
         self.stamps = np.concatenate([b.stamps_ns for b in blocks])
         self.rows = np.concatenate([b.rows for b in blocks])
         self.modes = [b.mode for b in blocks for _ in b.stamps_ns]
-        self.counters, self.state = estimator.status().counters, estimator.sins.nominal_state()
+        self.counters, self.state = estimator.status().counters, estimator.sins.run.settled.nav.copy()
 
     @property
     def off(self) -> np.ndarray:
@@ -140,11 +140,11 @@ def test_sigma_covers_the_error_and_the_return_unites_the_branches(at_loss) -> N
     and are gone, and the position is good again."""
     estimator = going_on(at_loss)
     lost = Flown(estimator, without_gnss(between(LOST, BACK)))
-    assert estimator.sins._run.timeline.filter.branches is not None
+    assert estimator.sins.run.timeline.filter.branches is not None
     assert np.mean(lost.off < 3.0 * lost.sigma) > 0.99
     assert 0.3 < lost.sigma[-1] < 50.0
     back = Flown(estimator, between(BACK, END))
-    assert estimator.sins._run.timeline.filter.branches is None
+    assert estimator.sins.run.timeline.filter.branches is None
     assert back.modes[-1] is Mode.AIDED
     assert back.off[-1] < 2.5
     assert np.isfinite(back.rows).all()

@@ -9,10 +9,10 @@ import pytest
 import small_bags
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu_point
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, MagSample
-from nav_pose_estimator.engine.sensors.mounting import rotation_from_rpy
 from nav_pose_estimator.engine.solutions import AttitudeBlock, Event
 from nav_pose_estimator.engine.world_frame import attitude_in
 from nav_pose_estimator.ros.messages import convert

@@ -82,6 +82,7 @@ class ReacquisitionState:
     tracks: tuple[Track, ...] = ()
     loose: Track | None = None  # fixes that follow each other in space, whatever their velocities say
     returned: Return | None = None
+    held: bool = False  # a return that is as good as it can prove waits for the operator
     confirmed: bool = False  # the operator agrees to the next jump
 
 
@@ -105,6 +106,7 @@ class Decision:
 EXPECTED, CONTRADICTION, UNEXPLAINED, IMPLAUSIBLE, INCONSISTENT = range(5)
 _ZONES = ("expected", "contradiction", "unexplained", "implausible", "inconsistent")
 _SEVERITIES = ("info", "warn", "error", "error", "error")
+HELD = "gnss.held"
 _MAX_TRACKS = 4
 _SCATTER = 0.33  # fixes within seconds share most of their error: what scatters between them is a third of their sigma
 _EASY = 0.5  # share of the bound on what is unexplained up to which a return is as good as any
@@ -136,7 +138,7 @@ class Reacquisition:
     as what it contradicts. A false cluster at the end of an outage is left as soon as the truth speaks.
 
     Policies: ``blend``: an expected return is an ordinary correction, any other a reset; ``reset``: every return is a
-    reset; ``hold``: only expected returns are taken, all others wait for ``confirm()``.
+    reset; ``hold``: only expected returns are taken, all others wait for ``decide()``.
     """
 
     def __init__(self, settings: ReacquisitionSettings):
@@ -147,9 +149,19 @@ class Reacquisition:
         """Forget everything."""
         self.state = ReacquisitionState()
 
-    def confirm(self) -> None:
-        """The operator agrees to the next jump (policy ``hold``)."""
-        self.state.confirmed = True
+    def decide(self, accept: bool) -> bool:
+        """What the operator says of a return that is held (policy ``hold``); False where none is.
+
+        An accepted one is taken with its next fix. A refused one is forgotten: what goes on there has to prove itself
+        anew, and is held again.
+        """
+        if not self.state.held:
+            return False
+        self.state.confirmed = accept
+        if not accept:
+            self.state.tracks, self.state.loose = (), None
+        self.state.held = False
+        return True
 
     def offer(
         self,
@@ -189,6 +201,7 @@ class Reacquisition:
         loose = self.state.loose
         if waiting_for and loose is not None and not self._waiting_for(loose, INCONSISTENT, offset, lost):
             track, zone, waiting_for = loose, INCONSISTENT, ""
+        self.state.held = waiting_for == HELD
         if waiting_for:
             return Decision("wait" if lost else "reject", waiting_for, offset, sigmas)
         return self._approve(fix, track, zone, offset, sigmas, predicted_sd, gap_s)
@@ -267,7 +280,7 @@ class Reacquisition:
         if track.count < 2 * max(rivals, default=0) and track.duration < settings.implausible_time:
             return "gnss.waiting.ambiguous"
         if settings.policy == "hold" and zone != EXPECTED and not self.state.confirmed:
-            return "gnss.held"
+            return HELD
         return ""
 
     def _required(self, zone: int, track: Track, offset: Vector3) -> float:

@@ -12,10 +12,8 @@ from nav_pose_estimator.core.attitude.motion import turn_heading
 from nav_pose_estimator.engine.attitude.field import NO_FIELD, FieldInput
 from nav_pose_estimator.engine.attitude.filters import KERNELS, MAKE_STATE
 from nav_pose_estimator.engine.attitude.memory import Memory, take_velocity
-from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, NavigatorVelocity, Sample, Vector3
-from nav_pose_estimator.engine.sensors.imu import ImuInput
-from nav_pose_estimator.engine.sensors.imu_rules import (
+from nav_pose_estimator.engine.imu.input import ImuInput
+from nav_pose_estimator.engine.imu.rules import (
     CLOCK_JUMP,
     RESTARTS,
     SATURATED_ACCEL,
@@ -24,6 +22,8 @@ from nav_pose_estimator.engine.sensors.imu_rules import (
     STUCK,
     STUCK_END,
 )
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, NavigatorVelocity, Sample, Vector3
 from nav_pose_estimator.engine.solutions import AttitudeBlock, AttitudeSolution, Event, Level, Mode, Output, Status
 
 _NS = 1e-9
@@ -45,8 +45,8 @@ class AttitudeEngine:
     def __init__(self, parameters: Parameters | None = None) -> None:
         self._parameters = parameters or Parameters()
         self._kernels = KERNELS[self._parameters.attitude.filter]
-        self._input = ImuInput(self._parameters.imu)
-        self.field = FieldInput(self._parameters, self._input.mounting, self._kernels)
+        self.input = ImuInput(self._parameters.imu)
+        self.field = FieldInput(self._parameters, self.input.mounting, self._kernels)
         self._counters: Counter[str] = Counter()
         self._memory = _fresh(self._parameters)
 
@@ -55,12 +55,12 @@ class AttitudeEngine:
     def feed(self, sample: Sample) -> list[Output]:
         """Solutions and events that follow from ``sample``, in order. Samples that are of no use here give nothing."""
         if isinstance(sample, ImuSample):
-            if self._input.passes(sample):
-                turn = self._input.mounting.vector
+            if self.input.passes(sample):
+                turn = self.input.mounting.vector
                 return [self._step(sample.stamp_ns, turn(sample.gyro), turn(sample.accel))]
-            return [self._handle(item) for item in self._input.accept(sample)]
+            return [self._handle(item) for item in self.input.accept(sample)]
         if isinstance(sample, ImuBlock):
-            return [self._handle(item) for item in self.accept(sample)]
+            return [self._handle(item) for item in self.input.accept_block(sample)]
         if isinstance(sample, MagSample):
             return [self.note(event) for event in self.field.take(sample, self._memory)]
         if isinstance(sample, NavigatorVelocity):
@@ -115,13 +115,13 @@ class AttitudeEngine:
 
     def snapshot(self) -> Any:
         """Everything that changes, to be given to :meth:`restore`. Counters go on counting."""
-        return copy.deepcopy(self._memory), self._input.snapshot()
+        return copy.deepcopy(self._memory), self.input.snapshot()
 
     def restore(self, snapshot: Any) -> None:
         """Go back to an earlier :meth:`snapshot`."""
         memory, door = snapshot
         self._memory = copy.deepcopy(memory)
-        self._input.restore(door)
+        self.input.restore(door)
 
     def set_parameters(self, parameters: Parameters) -> None:
         """Take new constants while the filter runs; estimates stay. The filter itself must be the same."""
@@ -143,7 +143,7 @@ class AttitudeEngine:
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
         """Forget everything but the counters and the declination, and say why."""
         self._memory = _fresh(self._parameters, float(self._memory.state[at.DECLINATION]))
-        self._input.reset()
+        self.input.reset()
         text = f"the attitude filter starts anew: {reason}"
         return [self.note(Event(stamp_ns, "attitude.reset", Level.WARN, text))]
 
@@ -168,10 +168,6 @@ class AttitudeEngine:
         self._kernels.step(memory.state, (stamp_ns - memory.last_ns) * _NS, *gyro, *accel)
         memory.last_ns = stamp_ns
         return AttitudeSolution(stamp_ns, memory.state[: at.HEAD_SIZE].copy())
-
-    def accept(self, block: ImuBlock) -> list[ImuBlock | Event]:
-        """What ``ImuInput`` makes of a block: accepted samples in body axes, and events."""
-        return self._input.accept_block(block)
 
     def run(self, block: ImuBlock, field: np.ndarray) -> np.ndarray:
         """Rows (N, BLOCK_COLUMNS) of accepted samples; ``field`` (N, 3) or (0, 3) in b."""

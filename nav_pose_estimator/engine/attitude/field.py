@@ -7,9 +7,9 @@ import numpy as np
 
 from nav_pose_estimator.core.attitude import layout as at
 from nav_pose_estimator.engine.attitude.memory import Memory
+from nav_pose_estimator.engine.imu.mounting import Mounting
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import MagSample
-from nav_pose_estimator.engine.sensors.mounting import Mounting
 from nav_pose_estimator.engine.solutions import Event, Level
 
 NO_FIELD = np.empty((0, 3))

@@ -61,7 +61,7 @@ def feed_recorded(engine: AttitudeEngine, block: ImuBlock, mag: np.ndarray | Non
     if not len(block):
         return AttitudeBlock(block.stamps_ns, np.empty((0, at.BLOCK_COLUMNS)))
     field = NO_FIELD if mag is None else engine.field.many_in_body(mag)
-    items = engine.accept(block)
+    items = engine.input.accept_block(block)
     if len(items) == 1 and isinstance(items[0], ImuBlock) and len(items[0]) == len(block):
         return AttitudeBlock(block.stamps_ns, engine.run(items[0], field))
     rows = np.full((len(block), at.BLOCK_COLUMNS), np.nan)

@@ -122,7 +122,7 @@ class PoseEstimator:
             if is_due and moved:
                 self.attitude.feed(navigator_velocity(moved[-1]))
             if isinstance(sample, GnssFix):
-                self.attitude.set_declination(self.sins.declination)
+                self.attitude.set_declination(self.sins.run.parameters.aids.declination)
         return outputs
 
     def _navigate(self, sample: Sample, early: Early, attitudes: list[Output]) -> list[Output]:

@@ -18,6 +18,7 @@ from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, start_up
 from nav_pose_estimator.engine.navigator.engine_clock import EngineClock
 from nav_pose_estimator.engine.navigator.modes import ModeKeeper
+from nav_pose_estimator.engine.navigator.split_filter import SplitFilter
 from nav_pose_estimator.engine.navigator.timeline import Timeline
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.parameters import Parameters
@@ -26,7 +27,7 @@ from nav_pose_estimator.engine.sensors import declination
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.aids import AIDS
 from nav_pose_estimator.engine.sensors.fusion import Fusion
-from nav_pose_estimator.engine.sensors.gnss import Gnss
+from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss
 from nav_pose_estimator.engine.sensors.rest import Rest
 from nav_pose_estimator.engine.solutions import Level, Mode
 
@@ -88,12 +89,17 @@ class FilterRun:
         return self.timeline.filter.time if self.timeline.running else self.aligner.time
 
     @property
+    def settled(self) -> SplitFilter:
+        """The filter at the last IMU sample, with everything that has arrived."""
+        self.timeline.settle()
+        return self.timeline.filter
+
+    @property
     def known_biases(self) -> KnownBiases | None:
         """What is known of the IMU's biases, by the filter or from the run before; None where that is little."""
         if not self.timeline.running:
             return self.aligner.known_biases
-        self.timeline.settle()
-        nav, variances = self.timeline.filter.nav, self.timeline.filter.P.diagonal()
+        nav, variances = self.settled.nav, self.settled.P.diagonal()
         gyro_sd, accel_sd = (
             2.0 * math.sqrt(variances[start : start + 3].max()) for start in (at.D_GYRO_BIAS, at.D_ACCEL_BIAS)
         )

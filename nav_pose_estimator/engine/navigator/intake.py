@@ -20,6 +20,7 @@ from nav_pose_estimator.engine.samples import (
     MotionEvidence,
     NavigatorVelocity,
     RangeToGround,
+    ReturnDecision,
     Sample,
     SatelliteCount,
     SetPose,
@@ -118,6 +119,21 @@ def _set_pose(run: FilterRun, sample: SetPose) -> None:
     run.journal.say(sample.stamp_ns, "set_pose", Level.INFO, "the pose was set from outside")
 
 
+_RETURN_SAID = {
+    True: ("gnss.return.accepted", "operator: the return of GNSS is accepted"),
+    False: ("gnss.return.refused", "operator: the return of GNSS is refused; it has to prove itself again"),
+}
+
+
+def _return(run: FilterRun, sample: ReturnDecision) -> None:
+    name, text = "gnss.return.none", "there is no return of GNSS that waits for a decision"
+    if run.timeline.running:
+        run.timeline.settle()
+        if run.gnss.position.decide_return(sample.accept):
+            name, text = _RETURN_SAID[sample.accept]
+    run.journal.say(sample.stamp_ns, name, Level.INFO, text)
+
+
 def _not_for_us(run: FilterRun, sample: Sample) -> None:
     """Meant for the estimators around this one."""
 
@@ -128,6 +144,7 @@ _HANDLERS: dict[type, Callable[[FilterRun, Any], None]] = {
     SatelliteCount: _count,
     MotionEvidence: _motion,
     SetPose: _set_pose,
+    ReturnDecision: _return,
     AttitudeSample: _attitude,
     NavigatorVelocity: _not_for_us,
     VelocityError: _not_for_us,

@@ -18,6 +18,7 @@ from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
+from nav_pose_estimator.engine.navigator.status import horizontal_deviation
 from nav_pose_estimator.engine.outage.epochs import EpochCollector, last_stamp
 from nav_pose_estimator.engine.outage.methods.coast import Coast
 from nav_pose_estimator.engine.outage.methods.method import Guide, RehearsalRules
@@ -26,6 +27,7 @@ from nav_pose_estimator.engine.samples import (
     GnssVelocity,
     ImuBlock,
     ImuSample,
+    ReturnDecision,
     Sample,
     SatelliteCount,
     SetPose,
@@ -37,7 +39,7 @@ COAST = Coast.name
 _LENGTH_NS = 30_000_000_000
 _PERIOD_NS = 60_000_000_000
 _LONGEST_WAIT_NS = 2_000_000_000  # four epochs: only where the navigator has no solution that would end one
-_FROM_GNSS = (GnssFix, GnssVelocity, SatelliteCount, SetPose)
+_FROM_GNSS = (GnssFix, GnssVelocity, SatelliteCount, SetPose, ReturnDecision)
 
 
 @dataclass
@@ -155,11 +157,11 @@ class Rehearsals:
 
     def _judge(self, sins: SinsEngine) -> None:
         errors = {}
-        truth, known = sins.nominal_state(), sins.horizontal_sd
+        truth, known = sins.run.settled.nav, horizontal_deviation(sins.run)
         for name, contestant in self.contestants.items():
-            east, north, _ = step_enu(truth[at.LAT : at.VEL], contestant.sins.nominal_state()[at.LAT : at.VEL])
+            east, north, _ = step_enu(truth[at.LAT : at.VEL], contestant.sins.run.settled.nav[at.LAT : at.VEL])
             errors[name] = float(east**2 + north**2)
-        stated = self.contestants[COAST].sins.horizontal_sd ** 2 - known**2
+        stated = horizontal_deviation(self.contestants[COAST].sins.run) ** 2 - known**2
         self.state.surprises.append(errors[COAST] / max(stated, 1.0))
         self.state.squares.append(errors)
 

@@ -14,13 +14,13 @@ import numpy as np
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
 from nav_pose_estimator.core.filter.layout import BASE_STATES, D_ACCEL_BIAS, D_GYRO_BIAS, DPOS, DVEL, PHI
 from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
+from nav_pose_estimator.engine.imu.input import ImuInput
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.outage.learner import OutageLearner
 from nav_pose_estimator.engine.outage.methods.method import Guide, TrainingResult
 from nav_pose_estimator.engine.outage.pilot import OutagePilot, Train
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuSample, Vector3
-from nav_pose_estimator.engine.sensors.imu import ImuInput
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavSolution, PredictedDrift, Status
 
 

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from nav_pose_estimator.core.filter import measurements
+from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import BodyVelocity
-from nav_pose_estimator.engine.sensors.mounting import rotation_from_rpy
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised
 
 _LARGEST_SPEED = 1e3  # m/s

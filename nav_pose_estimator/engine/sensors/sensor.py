@@ -69,6 +69,10 @@ class Aid(Sensor):
         """The observation of a sample stamped ``t`` [s]; None where it is not due, or refused and counted."""
         raise NotImplementedError
 
+    def figures(self) -> dict[str, float]:
+        """What it shows in the navigator's status, by names that begin with its family."""
+        return {}
+
     def _refuse(self, why: str = "value") -> None:
         self._journal.count(f"{self.family}.rejected.{why}")
 

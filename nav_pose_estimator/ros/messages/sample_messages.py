@@ -20,11 +20,11 @@ from nav_pose_estimator.engine.samples import (
     PressureSample,
     Sample,
     SatelliteCount,
+    stamp_of,
 )
 from nav_pose_estimator.ros.messages.message_table import INPUTS
 from nav_pose_estimator.ros.messages.outgoing import fill_stamp
 from nav_pose_estimator.ros.messages.satellites import MAVLINK_UNKNOWN
-from nav_pose_estimator.ros.time_guard import stamp_of
 
 _COVARIANCE_UNKNOWN, _COVARIANCE_KNOWN = 0, 3  # sensor_msgs/NavSatFix
 

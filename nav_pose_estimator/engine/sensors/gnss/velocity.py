@@ -14,8 +14,8 @@ from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, Fil
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import GnssVelocity
 from nav_pose_estimator.engine.sensors.aiding import Aiding
-from nav_pose_estimator.engine.sensors.gnss_reception import GnssReception
-from nav_pose_estimator.engine.sensors.innovation_record import InnovationRecord
+from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
+from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
 

@@ -19,9 +19,9 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix
 from nav_pose_estimator.engine.sensors.aiding import Aiding
-from nav_pose_estimator.engine.sensors.gnss_reception import GnssReception
-from nav_pose_estimator.engine.sensors.gnss_velocity import GnssVelocitySensor
-from nav_pose_estimator.engine.sensors.innovation_record import InnovationRecord
+from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
+from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
+from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
 
@@ -149,6 +149,10 @@ class GnssPositionSensor(Sensor):
         """GNSS shows how far the gyroscope's bias moves."""
         if self._aiding.gnss_is_good(o.t):
             bias_noise.observe(f.nav, f.P)
+
+    def decide_return(self, accept: bool) -> bool:
+        """What the operator says of a return that waits for that; False where none does."""
+        return self._guard.decide(accept)
 
     def _local(self, lat: float, lon: float, alt: float) -> list[float]:
         lat0, lon0, alt0 = self.origin or (lat, lon, alt)

@@ -8,9 +8,9 @@ from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.sensors.aiding import Aiding
-from nav_pose_estimator.engine.sensors.gnss_position import GnssPositionSensor
-from nav_pose_estimator.engine.sensors.gnss_reception import GnssReception
-from nav_pose_estimator.engine.sensors.gnss_velocity import GnssVelocitySensor
+from nav_pose_estimator.engine.sensors.gnss.position import GnssPositionSensor
+from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
+from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
 from nav_pose_estimator.engine.sensors.sensor import Sensor
 
 _LARGEST_FACTOR = 9.0  # of the covariance: three times the deviation

@@ -1,7 +1,7 @@
 """The door for IMU samples: checks them, names what is wrong, and turns the sensor's axes into the body's.
 
 Every engine that takes IMU samples owns one :class:`ImuInput`, so that a damaged sample is refused for the same reason
-everywhere. ``imu_rules`` is the only definition of a good sample; :meth:`ImuInput.accept_block` proves with whole-array
+everywhere. ``rules`` is the only definition of a good sample; :meth:`ImuInput.accept_block` proves with whole-array
 comparisons that no rule applies to a block and otherwise walks through it sample by sample.
 """
 
@@ -12,10 +12,10 @@ import numpy as np
 
 from nav_pose_estimator.core.numerics.imu_checks import is_unremarkable
 from nav_pose_estimator.core.numerics.jit import COMPILED
+from nav_pose_estimator.engine.imu.mounting import Mounting
+from nav_pose_estimator.engine.imu.rules import CLIPPED_FORCE, CLIPPED_RATE, ImuMemory, ImuRules, count_one
 from nav_pose_estimator.engine.parameters.imu import ImuParameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Vector3
-from nav_pose_estimator.engine.sensors.imu_rules import CLIPPED_FORCE, CLIPPED_RATE, ImuMemory, ImuRules, count_one
-from nav_pose_estimator.engine.sensors.mounting import Mounting
 from nav_pose_estimator.engine.solutions import Event
 
 _FEW = 4  # up to so many samples are checked faster one by one than by whole-array comparisons
