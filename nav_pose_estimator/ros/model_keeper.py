@@ -9,7 +9,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from nav_pose_estimator.core.motion.epochs import TIME
 from nav_pose_estimator.engine.outage.model_file import load_arrays, save_arrays
 from nav_pose_estimator.engine.parameters.ros import ModelParameters
 from nav_pose_estimator.engine.solutions import Level
@@ -80,8 +79,7 @@ class ModelKeeper:
         if self._trainer.is_busy:
             raise UserError("a training is running")
         learner = self._pupil.learner
-        newest = learner.state.memory.last(1.0)
-        job = learner.job(float(newest[-1, TIME])) if len(newest) else None
+        job = learner.job()
         if job is None:
             raise UserError(f"there is nothing to train on yet: {learner.state.reason}")
         self._trainer.submit(job)

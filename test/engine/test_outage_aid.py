@@ -197,7 +197,7 @@ def test_nothing_is_learned_in_an_outage(at_loss) -> None:
     learned, guide, rehearsals = aid.learner.state, aid.guide, aid.rehearsals
     seconds, model = learned.memory.seconds, learned.model
     assert guide is not None
-    aid.accept(aid.learner.job(LOST).run())
+    aid.accept(aid.learner.job().run())
     Flown(estimator, without_gnss(between(LOST + 5.0, BACK)))
     assert learned.memory.seconds == seconds
     assert learned.model is model

@@ -27,20 +27,9 @@ class Job:
 
 
 @dataclass
-class Memory:
-    """So many epochs; the last column block is left out."""
-
-    epochs: np.ndarray = field(default_factory=lambda: np.empty((0, 25)))
-
-    def last(self, seconds: float) -> np.ndarray:
-        return self.epochs
-
-
-@dataclass
 class State:
     """Of a learner."""
 
-    memory: Memory = field(default_factory=Memory)
     reason: str = "nothing has been learned yet"
     trainings: int = 0
 
@@ -51,12 +40,12 @@ class Learner:
 
     weight: float = 0.0
     state: State = field(default_factory=State)
-    next_job: Job = field(default_factory=lambda: Job(1))
+    next_job: Job | None = None
 
     def warm_up(self) -> None:
         """There is nothing to compile."""
 
-    def job(self, now: float) -> Job:
+    def job(self) -> Job | None:
         return self.next_job
 
     def arrays(self) -> dict[str, np.ndarray]:

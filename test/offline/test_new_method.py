@@ -36,7 +36,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "nav_pose_estimator"
 
 @dataclass(frozen=True)
 class UsualMotion:
-    """Mean velocity (3,) in b, and how often it followed an epoch."""
+    """Mean velocity (3,) in b, and how many epochs it has followed."""
 
     velocity: np.ndarray
     followed: int = 0
@@ -45,6 +45,8 @@ class UsualMotion:
         return UsualMotion(self.velocity, self.followed + 1)
 
     def advise(self, stamp_ns: int, recent: np.ndarray, external: VelocityError | None = None) -> Advice:
+        assert len(recent) <= Toy.history
+        assert (recent[:, me.COLUMNS :] == 7.0).all(), "its own column comes with every epoch"
         east, north, up = self.velocity.tolist()
         return Advice((BodyVelocity(stamp_ns, (east, north, up), 0.04 * np.eye(3)),))
 
@@ -67,12 +69,14 @@ class Toy(OutageMethod):
     name = "usual_motion"
     summary = "a made-up velocity sensor that says what was usual"
     trains = True
+    history = 9
 
     def columns(self, output) -> np.ndarray:
         return np.array([7.0])
 
     def job(self, epochs: np.ndarray, plan: TrainingPlan) -> TrainingJob:
-        assert (epochs[:, me.COLUMNS :] == 7.0).all(), "its own column comes with every epoch"
+        assert epochs.shape[1] == me.COLUMNS + 1
+        assert (epochs[:, me.COLUMNS :] == 7.0).all()
         return Averaging(epochs)
 
     def scores(self, model: UsualMotion) -> dict[str, float]:

@@ -209,8 +209,8 @@ def _helped(aid: OutageAid, sins: SinsEngine, solutions: list[Output]) -> list[O
     for solution in solutions:
         if not isinstance(solution, (NavBlock, NavSolution)):
             continue
-        said, drift = aid.step(solution, sins)
-        for sample in said:
+        samples, drift = aid.step(solution, sins)
+        for sample in samples:
             outputs += sins.feed(sample)
             if isinstance(sample, MotionEvidence) and sample.air_velocity is not None:
                 sins.journal.count("outage.evidence.network")

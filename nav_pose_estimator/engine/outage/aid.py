@@ -8,11 +8,11 @@ from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.outage.epochs import last_stamp
 from nav_pose_estimator.engine.outage.learner import OutageLearner
 from nav_pose_estimator.engine.outage.methods.method import Flight, Guide, TrainingResult
-from nav_pose_estimator.engine.outage.pilot import OutagePilot, Train
+from nav_pose_estimator.engine.outage.pilot import OutageHelp, OutagePilot, Train
 from nav_pose_estimator.engine.outage.rehearsals import Rehearsals
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.engine.samples import Sample, VelocityError
-from nav_pose_estimator.engine.solutions import NavBlock, NavSolution, PredictedDrift
+from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 
 _LARGEST_SPEED = 1e3  # m/s
 _ENOUGH = 20.0  # s of flight below which nothing is known of the motion
@@ -64,19 +64,17 @@ class OutageAid:
         """Every sample that the navigator gets: the rehearsals live on it."""
         self.rehearsals.feed(sample)
 
-    def step(
-        self, output: NavBlock | NavSolution, sins: SinsEngine
-    ) -> tuple[tuple[Sample, ...], PredictedDrift | None]:
-        """Called with every piece of the solution; in an outage returns samples for the navigator, and its drift."""
+    def step(self, output: NavBlock | NavSolution, sins: SinsEngine) -> OutageHelp:
+        """Called with every piece of the solution."""
         finished = self._pilot.collect(output)
         if finished is None:
-            return (), None
+            return OutageHelp()
         stamp = last_stamp(output)
         if self.rehearsals.is_due(stamp, sins) and (flight := self._flight()) is not None:
             self.rehearsals.start(stamp, sins, self._pilot.state.collector, self.learner.method.ways(flight))
-        self._pilot.learn(finished, output)
+        self._pilot.learn(finished)
         if output.mode not in DENIED:
-            return (), None
+            return OutageHelp()
         return self._pilot.advise(stamp, self.choose, self._external)
 
     def choose(self) -> Guide | None:

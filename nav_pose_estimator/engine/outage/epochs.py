@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.motion.epochs import ACTIVITY_EPOCHS, COLUMNS, PERIOD, epoch
+from nav_pose_estimator.core.motion.epochs import COLUMNS, PERIOD, epoch
+from nav_pose_estimator.core.numerics.snapshot import SHARED
+from nav_pose_estimator.engine.outage.methods.method import OutageMethod
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
 
 _PERIOD_NS = round(PERIOD * 1e9)
@@ -17,11 +20,19 @@ _REMEMBERED = 600.0  # s
 _GOOD_HEADING = 0.2  # rad: with a worse one nothing can be learned of directions
 
 
+class FinishedEpoch(NamedTuple):
+    """``values`` (COLUMNS + K,) of an epoch, and whether it is worth learning from: aided, complete, heading known."""
+
+    values: np.ndarray
+    is_good: bool
+
+
 @dataclass
 class EpochCollector:
-    """Collects the rows of navigation solutions, epoch by epoch."""
+    """Collects the rows of navigation solutions, epoch by epoch, with what the method adds to them."""
 
-    epochs: deque[np.ndarray] = field(default_factory=lambda: deque(maxlen=ACTIVITY_EPOCHS))  # the last ones
+    method: OutageMethod = field(default_factory=OutageMethod, metadata=SHARED)
+    epochs: deque[np.ndarray] = field(default_factory=deque)  # the last ones, whatever the mode
     rows: list[np.ndarray] = field(default_factory=list)  # of the epoch to come
     period: int = 0  # number of the epoch to come, counted from the zero of the stamps
     usual: float = 0.0  # rows in an epoch
@@ -29,11 +40,11 @@ class EpochCollector:
 
     @property
     def recent(self) -> np.ndarray:
-        """The last epochs, whatever the mode: (up to ACTIVITY_EPOCHS, COLUMNS)."""
+        """The last epochs, (up to the method's ``history``, COLUMNS or more)."""
         return np.array(self.epochs)
 
-    def feed(self, output: NavBlock | NavSolution) -> tuple[np.ndarray, bool] | None:
-        """Take a solution whose last sample may end an epoch; returns (epoch, worth learning from) when it does."""
+    def feed(self, output: NavBlock | NavSolution) -> FinishedEpoch | None:
+        """Take a solution whose last sample may end an epoch; returns the epoch when it does."""
         stamp, rows = last_stamp(output), solution_rows(output)
         if isinstance(output, NavBlock) and len(rows) > 1 and self._begins_with(output):
             # as sample by sample: the first one is where collecting begins, the last one may end an epoch already
@@ -53,9 +64,11 @@ class EpochCollector:
             return None
         is_good = is_aided and count >= _LEAST_SHARE * self.usual and rows[-1, at.OUT_VAR + 2] < _GOOD_HEADING**2
         self.usual = count if self.usual == 0.0 else self.usual + 0.05 * (count - self.usual)
-        finished = epoch(stamp * 1e-9, rows)
+        finished = np.append(epoch(stamp * 1e-9, rows), self.method.columns(output))
         self.epochs.append(finished)
-        return finished, bool(is_good)
+        if len(self.epochs) > self.method.history:
+            self.epochs.popleft()
+        return FinishedEpoch(finished, bool(is_good))
 
     def _begins_with(self, block: NavBlock) -> bool:
         """Whether the first sample of ``block`` does not continue what has been collected: a start, or a gap."""

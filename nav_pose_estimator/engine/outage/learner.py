@@ -14,7 +14,13 @@ import numpy as np
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.outage.epochs import FlightMemory
-from nav_pose_estimator.engine.outage.methods.method import Model, TrainingJob, TrainingPlan, TrainingResult
+from nav_pose_estimator.engine.outage.methods.method import (
+    Model,
+    TrainingJob,
+    TrainingPlan,
+    TrainingResult,
+    newest_time,
+)
 from nav_pose_estimator.engine.outage.methods.registry import estimators
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.errors import UserError
@@ -68,20 +74,20 @@ class OutageLearner:
             self._take_over(state.result)
         # a clock that went back does not wait for the old time
         waits = 0.0 < state.next_s - now <= self._parameters.period
-        return None if waits or not self.method.trains else self.job(now)
+        return None if waits or not self.method.trains else self.job()
 
-    def job(self, now: float) -> TrainingJob | None:
-        """A training on the window up to now; ``None``, with a reason, when there is none to be had."""
+    def job(self) -> TrainingJob | None:
+        """A training on the window up to the newest epoch; ``None``, with a reason, when there is none to be had."""
+        if not self.method.trains:
+            return None
         state = self.state
         epochs = state.memory.last(self._parameters.window)
         seconds = len(epochs) * me.PERIOD
-        if not self.method.trains:
-            return None
         if seconds < _LEAST:
             state.reason = f"only {seconds:.0f} s of flight with GNSS have been seen, {_LEAST:.0f} are needed"
             return None
         job = self.method.job(epochs, TrainingPlan(self._parameters.rules, state.begun, state.model))
-        state.next_s = now + min(self._parameters.period, _YOUNG * seconds)
+        state.next_s = newest_time(epochs) + min(self._parameters.period, _YOUNG * seconds)
         state.begun += 1
         return job
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.numerics.snapshot import snapshot
-from nav_pose_estimator.engine.outage.epochs import EpochCollector
+from nav_pose_estimator.engine.outage.epochs import EpochCollector, FinishedEpoch
 from nav_pose_estimator.engine.outage.learner import OutageLearner
 from nav_pose_estimator.engine.outage.methods.method import Flight, Guide, TrainingJob, TrainingResult
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
@@ -20,23 +21,30 @@ Train = Callable[[TrainingJob], None]
 Choose = Callable[[], Guide | None]
 
 
+class OutageHelp(NamedTuple):
+    """What comes out of half a second of an outage: ``samples`` for the navigator, and the drift that a model sees."""
+
+    samples: tuple[Sample, ...] = ()
+    drift: PredictedDrift | None = None
+
+
 @dataclass
 class PilotState:
     """What of a pilot changes besides its learner. ``position_error`` (3,): sum since the loss of GNSS [m], ENU."""
 
-    collector: EpochCollector = field(default_factory=EpochCollector)
+    collector: EpochCollector
     guide: Guide | None = None
     position_error: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
 class OutagePilot:
-    """Serves whoever has navigation solutions, his own or those that come over topics."""
+    """Follows the solutions of one navigator, of this process or of another."""
 
     def __init__(self, parameters: LearnerParameters, train: Train | None = None) -> None:
         """``train`` carries out a job and hands its result to ``accept``; by default here and now."""
         self._parameters, self._elsewhere = parameters, train
         self.learner = OutageLearner(parameters)
-        self.state = PilotState()
+        self.state = PilotState(EpochCollector(self.learner.method))
 
     def copy(self) -> OutagePilot:
         """An independent copy."""
@@ -47,19 +55,18 @@ class OutagePilot:
     def reset(self) -> None:
         """Forget the flight; the model stays, the next training replaces it."""
         self.learner = OutageLearner(self._parameters, self.learner.state.model)
-        self.state = PilotState()
+        self.state = PilotState(EpochCollector(self.learner.method))
 
-    def collect(self, output: NavBlock | NavSolution) -> tuple[np.ndarray, bool] | None:
-        """Take a piece of the solution; (epoch, worth learning from) when it ends an epoch. ``learn`` takes that."""
+    def collect(self, output: NavBlock | NavSolution) -> FinishedEpoch | None:
+        """Take a piece of the solution; returns the epoch that it ends, which goes to ``learn``."""
         return self.state.collector.feed(output)
 
-    def learn(self, finished: tuple[np.ndarray, bool], output: NavBlock | NavSolution) -> None:
-        """Learn from what ``collect`` gave for ``output``, if it is good: then no outage lasts, either."""
-        epoch, is_good = finished
-        if not is_good:
+    def learn(self, finished: FinishedEpoch) -> None:
+        """Learn from an epoch if it is good, and then no outage lasts, either."""
+        if not finished.is_good:
             return
         self.state.guide = None
-        job = self.learner.learn(np.append(epoch, self.learner.method.columns(output)))
+        job = self.learner.learn(finished.values)
         if job is None:
             return
         if self._elsewhere is None:
@@ -78,10 +85,8 @@ class OutagePilot:
             return None
         return Flight(epochs, self.learner.state.model, drift_variance)
 
-    def advise(
-        self, stamp_ns: int, choose: Choose, external: VelocityError | None = None
-    ) -> tuple[tuple[Sample, ...], PredictedDrift | None]:
-        """At the end of an epoch without GNSS: samples for the navigator, and the drift that the model sees.
+    def advise(self, stamp_ns: int, choose: Choose, external: VelocityError | None = None) -> OutageHelp:
+        """Called at the end of every epoch without GNSS.
 
         ``choose`` is asked when an outage begins, and again while it has nothing to offer.
         """
@@ -89,11 +94,11 @@ class OutagePilot:
         if state.guide is None:
             state.guide, state.position_error = choose(), np.zeros(3)
         if state.guide is None:
-            return (), None
+            return OutageHelp()
         advice = state.guide.advise(stamp_ns, state.collector.recent, external)
         error = advice.velocity_error
         if error is None:
-            return advice.samples, None
+            return OutageHelp(advice.samples)
         state.position_error = state.position_error + me.PERIOD * np.array(error.dv_n)
         east, north, up = state.position_error.tolist()
-        return advice.samples, PredictedDrift(stamp_ns, error.dv_n, error.cov, (east, north, up))
+        return OutageHelp(advice.samples, PredictedDrift(stamp_ns, error.dv_n, error.cov, (east, north, up)))

@@ -133,10 +133,10 @@ class RemoteLearner:
         finished = None if solution is None else self._pilot.collect(solution)
         if solution is None or finished is None:
             return []
-        self._pilot.learn(finished, solution)
+        self._pilot.learn(finished)
         if solution.mode not in DENIED:
             return []
-        _, drift = self._pilot.advise(solution.stamp_ns, self._choose)
+        drift = self._pilot.advise(solution.stamp_ns, self._choose).drift
         if self._pilot.state.guide is None:
             return [Event(solution.stamp_ns, "outage.no_model")]
         return [] if drift is None else [drift]

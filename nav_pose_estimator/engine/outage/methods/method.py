@@ -25,7 +25,7 @@ Model = Any
 
 @dataclass(frozen=True)
 class Flight:
-    """What a flight has shown so far. ``epochs`` (N, COLUMNS or more) of its aided part in order of time, N > 0.
+    """What a flight has shown so far. ``epochs`` (N, COLUMNS + K) of its aided part in order of time, N > 0.
 
     ``drift_variance``: squared errors of coasting as a fraction of the variance that the filter states, by rehearsals.
     """
@@ -47,7 +47,7 @@ class Guide(Protocol):
     """What is known when GNSS is lost: a frozen dataclass, made from data before the loss."""
 
     def advise(self, stamp_ns: int, recent: Array, external: VelocityError | None = None) -> Advice:
-        """Called at the end of every epoch; ``recent`` (up to ACTIVITY_EPOCHS, COLUMNS) ends with it.
+        """Called at the end of every epoch; ``recent`` (up to the method's ``history``, COLUMNS + K) ends with it.
 
         ``external`` is the newest prediction of another process, for a guide that has no model of its own.
         """
@@ -124,13 +124,15 @@ class OutageMethod(Method):
     """False where there is nothing to ask in an outage."""
     trains = False
     """Whether ``job`` has work to do."""
+    history = me.ACTIVITY_EPOCHS
+    """Number of epochs that a guide gets to see."""
     rehearsal = RehearsalRules()
 
     def warm_up(self) -> None:
         """Call once what training and model compile."""
 
     def columns(self, output: NavBlock | NavSolution) -> Array:
-        """What to remember of an epoch beside its COLUMNS, from the ``output`` that ended it: (K,), K fixed."""
+        """What to add to the COLUMNS of an epoch, from the ``output`` that ended it: (K,), K fixed."""
         return np.empty(0)
 
     def job(self, epochs: Array, plan: TrainingPlan) -> TrainingJob:
