@@ -5,9 +5,10 @@ import pytest
 from exact_motion import Motion, survey, times_of
 from scipy.stats import chi2
 
+from filter_start import initial_covariance
 from imu_run import run_imu
 from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.filter.constants import initial_covariance, make_constants, state_count
+from nav_pose_estimator.core.filter.constants import make_constants, state_count
 from nav_pose_estimator.core.filter.kalman import correct
 from nav_pose_estimator.core.filter.measurements import gnss_position, gnss_velocity
 from nav_pose_estimator.core.filter.strapdown import flush_covariance

@@ -8,9 +8,10 @@ from exact_motion import rest, survey, times_of
 from hypothesis import given
 from hypothesis import strategies as st
 
+from filter_start import initial_covariance
 from imu_run import run_imu
 from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.filter.constants import initial_covariance, make_constants, state_count
+from nav_pose_estimator.core.filter.constants import make_constants, state_count
 from nav_pose_estimator.core.filter.kalman import (
     ACCEPTED,
     INFLATED,
@@ -221,12 +222,3 @@ def test_outlook_is_what_coasting_gives():
     assert expected == pytest.approx(horizontal_sd(P), rel=0.01)
     assert expected > 2.0 * now
     assert predicted_horizontal_sd(nav, P, numbers, 0.0) == horizontal_sd(P)
-
-
-def test_start_covariance_goes_to_the_states_by_name():
-    numbers = constants(wind_drag_states=True, gyro_matrix_states=True)
-    sd = np.sqrt(np.diag(start_covariance(numbers)))
-    assert sd[at.PHI : at.PHI + 3] == pytest.approx((0.01, 0.01, 0.1))
-    assert sd[at.DPOS : at.DPOS + 3] == pytest.approx((2.0, 2.0, 4.0))
-    assert sd[15:19] == pytest.approx((3.0, 3.0, 0.1, 0.1))
-    assert sd[19:] == pytest.approx(0.005)

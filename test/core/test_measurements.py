@@ -30,9 +30,7 @@ CASES = {
     "zero_velocity": (measurements.zero_velocity, ()),
     "gnss_position": (measurements.gnss_position, (0.80001, 0.20002, 290.0, LEVER)),
     "gnss_velocity": (measurements.gnss_velocity, (np.array([3.0, -6.0, 1.0]), LEVER)),
-    "horizontal_position": (measurements.horizontal_position, (0.80001, 0.20002)),
     "horizontal_velocity": (measurements.horizontal_velocity, (3.0, -6.0)),
-    "vertical_velocity": (measurements.vertical_velocity, (1.0,)),
     "height": (measurements.height, (290.0,)),
     "body_velocity": (measurements.body_velocity, (np.array([3.0, -6.0, 1.0]), LEVER)),
 }

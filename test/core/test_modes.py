@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from exact_motion import survey, times_of
 
+from filter_start import initial_covariance
 from imu_run import run_imu
 from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.filter.constants import initial_covariance, make_constants
+from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.kalman import gated_correct, predicted_horizontal_sd
 from nav_pose_estimator.core.filter.strapdown import flush_covariance
 

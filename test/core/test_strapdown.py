@@ -9,7 +9,6 @@ from scipy.integrate import solve_ivp
 
 from imu_run import run_imu
 from nav_pose_estimator.core.earth.ellipsoid import (
-    MAX_LAT,
     OMEGA,
     ecef_to_enu_matrix,
     ecef_to_lla,
@@ -232,7 +231,7 @@ def test_a_gap_opens_the_covariance():
     assert np.linalg.eigvalsh(P).min() > 0.0
 
 
-@pytest.mark.parametrize("lat", [math.pi / 2, -math.pi / 2, MAX_LAT, 1.57])
+@pytest.mark.parametrize("lat", [math.pi / 2, -math.pi / 2, 1.5707, 1.57])
 def test_a_pole_gives_finite_numbers(lat):
     nav, P = np.zeros(at.NAV_SIZE), np.eye(15)
     nav[at.LAT], nav[at.QUAT] = lat, 1.0

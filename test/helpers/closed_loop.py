@@ -7,8 +7,9 @@ import numpy as np
 from imu_run import run_imu
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as L
-from nav_pose_estimator.core.numerics.rotation import quat_conjugate_many, quat_multiply_many, rotvec_from_quat_many
+from nav_pose_estimator.core.numerics.rotation import quat_conjugate_many, quat_multiply_many
 from nav_pose_estimator.sim.trajectories import Truth
+from rotations import rotation_vectors
 
 
 class Errors(NamedTuple):
@@ -40,5 +41,5 @@ def navigate(truth: Truth, gyro: np.ndarray | None = None, accel: np.ndarray | N
     return Errors(
         np.linalg.norm(there - true, axis=1),
         np.linalg.norm(out[:, L.OUT_VEL : L.OUT_VEL + 3] - truth.v_n[1:], axis=1),
-        np.linalg.norm(rotvec_from_quat_many(turn), axis=1),
+        np.linalg.norm(rotation_vectors(turn), axis=1),
     )

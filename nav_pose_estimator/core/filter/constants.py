@@ -1,9 +1,9 @@
-"""The constants vector and the first covariance of the filter, from plain numbers by name."""
+"""The constants vector of the filter, from plain numbers by name."""
 
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from nav_pose_estimator.core.filter.layout import (
     ACCEL_BIAS_PSD,
@@ -12,11 +12,7 @@ from nav_pose_estimator.core.filter.layout import (
     BASE_STATES,
     CONSTANTS_SIZE,
     COV_PERIOD,
-    D_ACCEL_BIAS,
-    D_GYRO_BIAS,
-    DPOS,
     DRAG_PSD,
-    DVEL,
     GAP_ACCEL_SD,
     GAP_DT,
     GAP_RATE_SD,
@@ -27,7 +23,6 @@ from nav_pose_estimator.core.filter.layout import (
     GYRO_NOISE_PSD,
     I_GYRO_MATRIX,
     I_WIND_DRAG,
-    PHI,
     POINT_SAMPLED,
     WIND_DRAG_STATES,
     WIND_PSD,
@@ -89,37 +84,3 @@ def state_count(constants: Array) -> int:
     """Size n of the error state that ``constants`` describe."""
     wind_drag, gyro_matrix = constants[I_WIND_DRAG] >= 0.0, constants[I_GYRO_MATRIX] >= 0.0
     return BASE_STATES + WIND_DRAG_STATES * int(wind_drag) + GYRO_MATRIX_STATES * int(gyro_matrix)
-
-
-def initial_covariance(
-    constants: Array,
-    *,
-    misalignment_sd: ArrayLike,
-    velocity_sd: ArrayLike,
-    position_sd: ArrayLike,
-    gyro_bias_sd: ArrayLike,
-    accel_bias_sd: ArrayLike,
-    wind_sd: float = 0.0,
-    drag_sd: float = 0.0,
-    gyro_matrix_sd: float = 0.0,
-) -> Array:
-    """Diagonal covariance P (n, n) of a start. A deviation is one number or three, one per axis.
-
-    Misalignment [rad] is about East, North (tilt) and Up (heading); velocity [m/s] and position [m] East, North, Up.
-    """
-    n = state_count(constants)
-    sd = np.zeros(n)
-    for start, value in (
-        (PHI, misalignment_sd),
-        (DVEL, velocity_sd),
-        (DPOS, position_sd),
-        (D_GYRO_BIAS, gyro_bias_sd),
-        (D_ACCEL_BIAS, accel_bias_sd),
-    ):
-        sd[start : start + 3] = value
-    wind, matrix = int(constants[I_WIND_DRAG]), int(constants[I_GYRO_MATRIX])
-    if wind >= 0:
-        sd[wind : wind + WIND_DRAG_STATES] = (wind_sd, wind_sd, drag_sd, drag_sd)
-    if matrix >= 0:
-        sd[matrix : matrix + GYRO_MATRIX_STATES] = gyro_matrix_sd
-    return np.diag(sd**2)

@@ -73,19 +73,6 @@ def gnss_velocity(nav, states, velocity, lever):
 
 
 @kernel
-def horizontal_position(nav, states, lat, lon):
-    """Horizontal position of the IMU without lever arm (a prior, not a sensor); z in m, East and North."""
-    z = np.zeros(2)
-    H = np.zeros((2, states))
-    r_m, r_n = radii(nav[LAT])
-    z[0] = wrap_angle(nav[LON] - lon) * (r_n + nav[ALT]) * math.cos(nav[LAT])
-    z[1] = (nav[LAT] - lat) * (r_m + nav[ALT])
-    H[0, DPOS] = 1.0
-    H[1, DPOS + 1] = 1.0
-    return z, H
-
-
-@kernel
 def horizontal_velocity(nav, states, v_east, v_north):
     """Horizontal velocity over ground [m/s]: a prior or a zero-velocity update of the plane."""
     z = np.zeros(2)
@@ -104,25 +91,6 @@ def zero_velocity(nav, states):
     H = np.zeros((3, states))
     for i in range(3):
         H[i, DVEL + i] = 1.0
-    return z, H
-
-
-@kernel
-def velocity_error(nav, states, dv_east, dv_north):
-    """Predicted error of the horizontal velocity, estimate minus truth [m/s] (what the network learns)."""
-    z = np.array([dv_east, dv_north])
-    H = np.zeros((2, states))
-    H[0, DVEL] = 1.0
-    H[1, DVEL + 1] = 1.0
-    return z, H
-
-
-@kernel
-def vertical_velocity(nav, states, v_up):
-    """Vertical velocity [m/s]."""
-    z = np.array([nav[VEL + 2] - v_up])
-    H = np.zeros((1, states))
-    H[0, DVEL + 2] = 1.0
     return z, H
 
 
