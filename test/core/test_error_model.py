@@ -15,7 +15,7 @@ from nav_pose_estimator.core.filter.strapdown import corrected_rate, propagate
 from nav_pose_estimator.core.numerics.rotation import quat_conjugate, quat_multiply, quat_rotate, rotvec_from_quat
 
 EARTH = 6.4e6
-ALL_STATES = 28
+ALL_STATES = 26
 
 
 def constants(**changes):
@@ -30,10 +30,9 @@ def constants(**changes):
         "gap_dt": 1.0,
         "gap_rate_sd": 0.3,
         "gap_accel_sd": 2.0,
-        "wind_drag_states": True,
+        "wind_states": True,
         "wind_walk": 0.1,
         "wind_tau": 500.0,
-        "drag_walk": 0.002,
         "gyro_matrix_states": True,
         "gyro_matrix_walk": 1e-6,
     }
@@ -50,7 +49,7 @@ def cruising() -> np.ndarray:
 
 
 def difference(nav, other) -> np.ndarray:
-    """Errors (28,) of ``nav`` as an estimate of ``other``, by the definitions of ``core.filter.layout``."""
+    """Errors (26,) of ``nav`` as an estimate of ``other``, by the definitions of ``core.filter.layout``."""
     e = np.zeros(ALL_STATES)
     q, true_q = nav[at.QUAT : at.QUAT + 4], other[at.QUAT : at.QUAT + 4]
     e[at.PHI : at.PHI + 3] = rotvec_from_quat(quat_multiply(true_q, quat_conjugate(q)))
@@ -134,7 +133,7 @@ def random_covariance(n: int) -> np.ndarray:
     sd[at.PHI : at.PHI + 3] = 1e-2
     sd[at.D_GYRO_BIAS : at.D_GYRO_BIAS + 3] = 1e-3
     sd[at.D_ACCEL_BIAS : at.D_ACCEL_BIAS + 3] = 0.05
-    sd[19:] = 1e-3
+    sd[17:] = 1e-3
     return (factor @ factor.T / n + np.eye(n)) * np.outer(sd, sd)
 
 
@@ -149,7 +148,7 @@ def van_loan(P, F, Q, T) -> np.ndarray:
 def noise(numbers) -> np.ndarray:
     Q = np.zeros((ALL_STATES, ALL_STATES))
     densities = [at.GYRO_NOISE_PSD] * 3 + [at.ACCEL_NOISE_PSD] * 3 + [None] * 3 + [at.GYRO_BIAS_PSD] * 3
-    densities += [at.ACCEL_BIAS_PSD] * 3 + [at.WIND_PSD] * 2 + [at.DRAG_PSD] * 2 + [at.GYRO_MATRIX_PSD] * 9
+    densities += [at.ACCEL_BIAS_PSD] * 3 + [at.WIND_PSD] * 2 + [at.GYRO_MATRIX_PSD] * 9
     np.fill_diagonal(Q, [0.0 if name is None else numbers[name] for name in densities])
     return Q
 
@@ -172,10 +171,10 @@ def test_covariance_step_is_of_second_order(form, T):
     assert deviations[1] < 0.3 * deviations[0]
 
 
-@pytest.mark.parametrize("wind_drag", [False, True])
+@pytest.mark.parametrize("wind", [False, True])
 @pytest.mark.parametrize("gyro_matrix", [False, True])
-def test_step_is_the_same_for_every_number_of_states(wind_drag, gyro_matrix):
-    numbers = constants(wind_drag_states=wind_drag, gyro_matrix_states=gyro_matrix)
+def test_step_is_the_same_for_every_number_of_states(wind, gyro_matrix):
+    numbers = constants(wind_states=wind, gyro_matrix_states=gyro_matrix)
     n, T = state_count(numbers), 0.04
     force, rate = np.array([1.0, 2.0, 9.7]), np.array([0.1, 0.2, 0.5])
     F = error_model.system_matrix(cruising(), numbers, n, force, rate)
@@ -208,8 +207,8 @@ def test_step_uses_the_sums_and_empties_them():
 @pytest.mark.parametrize("blocks", [(False, False), (True, False), (False, True), (True, True)])
 def test_optional_blocks_leave_the_base_states_alone(blocks):
     # GIVEN blocks that are known exactly and stay so
-    numbers = constants(wind_drag_states=blocks[0], gyro_matrix_states=blocks[1], gyro_matrix_walk=0.0)
-    alone = constants(wind_drag_states=False, gyro_matrix_states=False)
+    numbers = constants(wind_states=blocks[0], gyro_matrix_states=blocks[1], gyro_matrix_walk=0.0)
+    alone = constants(wind_states=False, gyro_matrix_states=False)
     n = state_count(numbers)
     P, P_alone = np.zeros((n, n)), random_covariance(at.BASE_STATES)
     P[: at.BASE_STATES, : at.BASE_STATES] = P_alone
@@ -225,7 +224,7 @@ def test_covariance_at_50_hz_is_as_good_as_at_200():
     ends = []
     for period in (0.02, 0.005):
         nav, P = survey().nav(0.0), random_covariance(at.BASE_STATES)
-        numbers = constants(covariance_period=period, wind_drag_states=False, gyro_matrix_states=False)
+        numbers = constants(covariance_period=period, wind_states=False, gyro_matrix_states=False)
         rows = survey().imu_rows(np.arange(2001) * 0.005)
         run_imu(nav, P, numbers, rows, np.empty((len(rows), at.OUT_COLUMNS)))
         error_model.covariance_step(nav, P, numbers)
@@ -235,5 +234,5 @@ def test_covariance_at_50_hz_is_as_good_as_at_200():
 
 def test_nothing_moves_without_time():
     nav, P = survey().nav(0.0), zero_covariance()
-    error_model.covariance_step(nav, P, constants(wind_drag_states=False, gyro_matrix_states=False))
+    error_model.covariance_step(nav, P, constants(wind_states=False, gyro_matrix_states=False))
     assert not P.any()

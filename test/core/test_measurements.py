@@ -8,7 +8,7 @@ from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.core.filter.kalman import inject
 from nav_pose_estimator.core.numerics.rotation import quat_from_euler
 
-N = at.BASE_STATES + at.WIND_DRAG_STATES
+N = at.BASE_STATES + at.WIND_STATES
 LEVER = np.array([0.3, -0.2, 0.5])
 AIR = np.array([3.0, -6.0, 1.0])
 
@@ -20,7 +20,6 @@ def state() -> np.ndarray:
     nav[at.VEL : at.VEL + 3] = 4.0, -7.0, 1.5
     nav[at.QUAT : at.QUAT + 4] = quat_from_euler(0.2, -0.1, 2.0)
     nav[at.WIND : at.WIND + 2] = 1.0, -2.0
-    nav[at.DRAG : at.DRAG + 2] = 0.3, 0.2
     nav[at.PREV_RATE : at.PREV_RATE + 3] = 0.4, -0.3, 0.9
     nav[at.PREV_FORCE : at.PREV_FORCE + 3] = -0.7, 0.4, 9.9
     return nav

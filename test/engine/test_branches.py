@@ -211,7 +211,7 @@ def test_the_mixture_has_the_size_of_the_filter(size: int) -> None:
     """GIVEN a filter with or without gyro matrix WHEN it splits THEN only the branches carry the wind."""
     timeline = started(size=size)
     fly(timeline, imu_rows(1.0))
-    assert [P.shape for _, P in timeline.branches.pairs()] == [(size + 4, size + 4)] * 2
+    assert [P.shape for _, P in timeline.branches.pairs()] == [(size + 2, size + 2)] * 2
     assert timeline.P.shape == (size, size)
     assert np.linalg.eigvalsh(timeline.P).min() > 0.0
 

@@ -30,7 +30,7 @@ def navigate(truth: Truth, gyro: np.ndarray | None = None, accel: np.ndarray | N
     nav[L.PREV_RATE : L.PREV_RATE + 3], nav[L.PREV_FORCE : L.PREV_FORCE + 3] = gyro[0], accel[0]
     constants = np.zeros(L.CONSTANTS_SIZE)
     constants[L.COV_PERIOD], constants[L.GAP_DT] = 1e9, 1.0
-    constants[L.I_WIND_DRAG] = constants[L.I_GYRO_MATRIX] = -1.0
+    constants[L.I_WIND] = constants[L.I_GYRO_MATRIX] = -1.0
     out = np.empty((len(truth) - 1, L.OUT_COLUMNS))
     run_imu(nav, np.zeros((15, 15)), constants, np.column_stack([truth.t, gyro, accel])[1:], out)
 

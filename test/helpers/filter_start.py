@@ -16,7 +16,6 @@ def initial_covariance(
     gyro_bias_sd: ArrayLike,
     accel_bias_sd: ArrayLike,
     wind_sd: float = 0.0,
-    drag_sd: float = 0.0,
     gyro_matrix_sd: float = 0.0,
 ) -> np.ndarray:
     """P (n, n) from deviations in SI units, one number or three, one per axis: East, North, Up or x, y, z."""
@@ -29,9 +28,9 @@ def initial_covariance(
         (at.D_ACCEL_BIAS, accel_bias_sd),
     ):
         sd[start : start + 3] = value
-    wind, matrix = int(constants[at.I_WIND_DRAG]), int(constants[at.I_GYRO_MATRIX])
+    wind, matrix = int(constants[at.I_WIND]), int(constants[at.I_GYRO_MATRIX])
     if wind >= 0:
-        sd[wind : wind + at.WIND_DRAG_STATES] = (wind_sd, wind_sd, drag_sd, drag_sd)
+        sd[wind : wind + at.WIND_STATES] = wind_sd
     if matrix >= 0:
         sd[matrix : matrix + at.GYRO_MATRIX_STATES] = gyro_matrix_sd
     return np.diag(sd**2)

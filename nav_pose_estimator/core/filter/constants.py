@@ -12,7 +12,6 @@ from nav_pose_estimator.core.filter.layout import (
     BASE_STATES,
     CONSTANTS_SIZE,
     COV_PERIOD,
-    DRAG_PSD,
     GAP_ACCEL_SD,
     GAP_DT,
     GAP_RATE_SD,
@@ -22,11 +21,11 @@ from nav_pose_estimator.core.filter.layout import (
     GYRO_MATRIX_STATES,
     GYRO_NOISE_PSD,
     I_GYRO_MATRIX,
-    I_WIND_DRAG,
+    I_WIND,
     POINT_SAMPLED,
-    WIND_DRAG_STATES,
     WIND_PSD,
     WIND_RATE,
+    WIND_STATES,
 )
 
 Array = NDArray[np.float64]
@@ -45,10 +44,9 @@ def make_constants(
     gap_rate_sd: float,
     gap_accel_sd: float,
     point_sampled: bool = False,
-    wind_drag_states: bool = False,
+    wind_states: bool = False,
     wind_walk: float = 0.0,
     wind_tau: float = math.inf,
-    drag_walk: float = 0.0,
     gyro_matrix_states: bool = False,
     gyro_matrix_walk: float = 0.0,
 ) -> Array:
@@ -72,15 +70,14 @@ def make_constants(
     constants[POINT_SAMPLED] = float(point_sampled)
     constants[WIND_PSD] = wind_walk**2
     constants[WIND_RATE] = 1.0 / wind_tau
-    constants[DRAG_PSD] = drag_walk**2
     constants[GYRO_MATRIX_PSD] = gyro_matrix_walk**2
-    constants[I_WIND_DRAG] = BASE_STATES if wind_drag_states else -1
-    after_wind = BASE_STATES + WIND_DRAG_STATES * bool(wind_drag_states)
+    constants[I_WIND] = BASE_STATES if wind_states else -1
+    after_wind = BASE_STATES + WIND_STATES * bool(wind_states)
     constants[I_GYRO_MATRIX] = after_wind if gyro_matrix_states else -1
     return constants
 
 
 def state_count(constants: Array) -> int:
     """Size n of the error state that ``constants`` describe."""
-    wind_drag, gyro_matrix = constants[I_WIND_DRAG] >= 0.0, constants[I_GYRO_MATRIX] >= 0.0
-    return BASE_STATES + WIND_DRAG_STATES * int(wind_drag) + GYRO_MATRIX_STATES * int(gyro_matrix)
+    wind, gyro_matrix = constants[I_WIND] >= 0.0, constants[I_GYRO_MATRIX] >= 0.0
+    return BASE_STATES + WIND_STATES * int(wind) + GYRO_MATRIX_STATES * int(gyro_matrix)

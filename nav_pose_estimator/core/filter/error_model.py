@@ -13,7 +13,7 @@ Position errors are kept in metres, so that the covariance is well scaled. With 
 exactly, because d((R_N + h) cos L)/dL = -(R_M + h) sin L. Known small terms are dropped elsewhere: the change of the
 radii with latitude in w_en (1/300 of that term) and the change of gravity with latitude (8e-9 m/s^2 per metre).
 
-Nominal biases, wind and drag are held between corrections: the Gauss-Markov model describes what is missing from them.
+Nominal biases and wind are held between corrections: the Gauss-Markov model describes what is missing from them.
 
 Sources: CN113777645A, step 3 (states and structure; it drives no noise into the biases, which would stop the filter
 from learning them); Titterton and Weston, "Strapdown Inertial Navigation Technology", second edition, section 12.3;
@@ -35,7 +35,6 @@ from nav_pose_estimator.core.filter.layout import (
     D_ACCEL_BIAS,
     D_GYRO_BIAS,
     DPOS,
-    DRAG_PSD,
     DVEL,
     GAP_ACCEL_SD,
     GAP_RATE_SD,
@@ -46,7 +45,7 @@ from nav_pose_estimator.core.filter.layout import (
     GYRO_NOISE_PSD,
     GYRO_WANDER,
     I_GYRO_MATRIX,
-    I_WIND_DRAG,
+    I_WIND,
     LAT,
     PHI,
     QUAT,
@@ -94,7 +93,7 @@ def fill_system_matrix(F, nav, constants, f_n, w_b, C):
         _add_column(F, DVEL, D_ACCEL_BIAS + j, C[j])
         F[D_GYRO_BIAS + j, D_GYRO_BIAS + j] = -constants[GYRO_BIAS_RATE]
         F[D_ACCEL_BIAS + j, D_ACCEL_BIAS + j] = -constants[ACCEL_BIAS_RATE]
-    wind = int(constants[I_WIND_DRAG])
+    wind = int(constants[I_WIND])
     if wind >= 0:
         for j in range(2):
             F[wind + j, wind + j] = -constants[WIND_RATE]
@@ -255,11 +254,10 @@ def _add_noise(P, constants, T):
         P[D_ACCEL_BIAS + i, D_ACCEL_BIAS + i] += constants[ACCEL_BIAS_PSD] * T
     if P.shape[0] == BASE_STATES:
         return
-    wind = int(constants[I_WIND_DRAG])
+    wind = int(constants[I_WIND])
     if wind >= 0:
         for i in range(wind, wind + 2):
             P[i, i] += constants[WIND_PSD] * T
-            P[i + 2, i + 2] += constants[DRAG_PSD] * T
     matrix = int(constants[I_GYRO_MATRIX])
     if matrix >= 0:
         for i in range(matrix, matrix + GYRO_MATRIX_STATES):

@@ -4,7 +4,7 @@ An observation is ``z`` (m,), estimate minus measurement, with ``H`` (m, n) such
 noise covariance ``R`` (m, m). All arrays are float64 and contiguous; ``nav`` and ``P`` change in place. Bring ``P``
 to the time of ``nav`` first (``core.filter.strapdown.flush_covariance``).
 
-The optional blocks follow the base states in a fixed order, wind and drag first, so the size n says which are there.
+The optional blocks follow the base states in a fixed order, the wind first, so the size n says which are there.
 
 The covariance update is Joseph's form, a sum of two congruences, so that ``P`` stays exactly symmetric and positive
 definite also for measurements much better than the state.
@@ -39,7 +39,7 @@ from nav_pose_estimator.core.filter.layout import (
     QUAT,
     VEL,
     WIND,
-    WIND_DRAG_STATES,
+    WIND_STATES,
 )
 from nav_pose_estimator.core.numerics.jit import COMPILED, kernel
 from nav_pose_estimator.core.numerics.rotation import wrap_angle
@@ -135,19 +135,19 @@ def inject(nav, error):
         nav[ACCEL_BIAS + i] += error[D_ACCEL_BIAS + i]
     n = error.shape[0]
     block = BASE_STATES
-    if has_wind_drag(n):
-        for i in range(WIND_DRAG_STATES):
+    if has_wind(n):
+        for i in range(WIND_STATES):
             nav[WIND + i] += error[block + i]
-        block += WIND_DRAG_STATES
+        block += WIND_STATES
     if has_gyro_matrix(n):
         for i in range(GYRO_MATRIX_STATES):
             nav[GYRO_MATRIX + i] += error[block + i]
 
 
 @kernel
-def has_wind_drag(n):
-    """Whether an error state of size ``n`` has the wind and drag block (which then starts at ``BASE_STATES``)."""
-    return n == BASE_STATES + WIND_DRAG_STATES or n == BASE_STATES + WIND_DRAG_STATES + GYRO_MATRIX_STATES
+def has_wind(n):
+    """Whether an error state of size ``n`` has the wind block (which then starts at ``BASE_STATES``)."""
+    return n == BASE_STATES + WIND_STATES or n == BASE_STATES + WIND_STATES + GYRO_MATRIX_STATES
 
 
 @kernel

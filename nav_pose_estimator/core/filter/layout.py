@@ -11,28 +11,27 @@ QUAT = 6  # 4: q_nb, scalar first
 GYRO_BIAS = 10  # 3: rad/s
 ACCEL_BIAS = 13  # 3: m/s^2
 WIND = 16  # 2: air velocity over ground, East, North, m/s
-DRAG = 18  # 2: linear drag coefficient along body x and y, 1/s
-GYRO_MATRIX = 20  # 9: row-major M in w_measured = (I + M) w + bias
+GYRO_MATRIX = 18  # 9: row-major M in w_measured = (I + M) w + bias
 # --- memory of the integrator --------------------------------------------------------------------------------------
-TIME = 29  # s since the engine's epoch
-PREV_RATE = 30  # 3: corrected angular rate of the last interval, rad/s (coning, sculling)
-PREV_FORCE = 33  # 3: corrected specific force of the last interval, m/s^2
-PREV_ACCEL = 36  # 3: dv/dt of the last interval in n, m/s^2 (mid-interval extrapolation)
+TIME = 27  # s since the engine's epoch
+PREV_RATE = 28  # 3: corrected angular rate of the last interval, rad/s (coning, sculling)
+PREV_FORCE = 31  # 3: corrected specific force of the last interval, m/s^2
+PREV_ACCEL = 34  # 3: dv/dt of the last interval in n, m/s^2 (mid-interval extrapolation)
 # --- sums since the last covariance step ---------------------------------------------------------------------------
-SUM_TIME = 39  # s
-SUM_FORCE = 40  # 3: integral of C_nb f_b, m/s
-SUM_RATE = 43  # 3: integral of the corrected angular rate in b, rad
-SUM_GAP = 46  # s of data gap bridged since the last covariance step
+SUM_TIME = 37  # s
+SUM_FORCE = 38  # 3: integral of C_nb f_b, m/s
+SUM_RATE = 41  # 3: integral of the corrected angular rate in b, rad
+SUM_GAP = 44  # s of data gap bridged since the last covariance step
 # --- what the flight has shown of the gyroscope's bias (bias_noise) -------------------------------------------
-GYRO_WANDER = 47  # (rad/s)^2/s: driving noise of the gyroscope bias beyond that of the constants
-WANDER_LEVEL = 48  # mean ratio of short windows
-WANDER_SHORT_COUNT = 49
-WANDER_TIME = 50  # s, last look
-WANDER_MARKS = 51  # 4 x 8: begun windows
-WANDER_FLOOR = 83  # (rad/s)^2/s: the constants' driving noise; 0 while nothing is learned
-WANDER_MEAN = 84  # mean ratio of long windows
-WANDER_COUNT = 85
-NAV_SIZE = 86
+GYRO_WANDER = 45  # (rad/s)^2/s: driving noise of the gyroscope bias beyond that of the constants
+WANDER_LEVEL = 46  # mean ratio of short windows
+WANDER_SHORT_COUNT = 47
+WANDER_TIME = 48  # s, last look
+WANDER_MARKS = 49  # 4 x 8: begun windows
+WANDER_FLOOR = 81  # (rad/s)^2/s: the constants' driving noise; 0 while nothing is learned
+WANDER_MEAN = 82  # mean ratio of long windows
+WANDER_COUNT = 83
+NAV_SIZE = 84
 
 # --- error state ---------------------------------------------------------------------------------------------------
 PHI = 0  # 3: misalignment in n, rad
@@ -41,7 +40,7 @@ DPOS = 6  # 3: East, North, Up, m
 D_GYRO_BIAS = 9  # 3: rad/s
 D_ACCEL_BIAS = 12  # 3: m/s^2
 BASE_STATES = 15
-WIND_DRAG_STATES = 4  # optional block: wind (2), drag (2)
+WIND_STATES = 2  # optional block
 GYRO_MATRIX_STATES = 9  # optional block
 
 # --- filter constants: one float64 vector handed to the kernels ----------------------------------------------------
@@ -57,14 +56,13 @@ GAP_RATE_SD = 8  # rad/s: unknown angular rate during a gap
 GAP_ACCEL_SD = 9  # m/s^2: unknown specific force during a gap
 WIND_PSD = 10  # (m/s)^2/s
 WIND_RATE = 11  # 1/tau, 1/s
-DRAG_PSD = 12  # (1/s)^2/s
-GYRO_MATRIX_PSD = 13  # 1/s
-I_WIND_DRAG = 14  # index of the wind and drag block in the error state, -1 without
-I_GYRO_MATRIX = 15  # index of the gyro-matrix block in the error state, -1 without
+GYRO_MATRIX_PSD = 12  # 1/s
+I_WIND = 13  # index of the wind block in the error state, -1 without
+I_GYRO_MATRIX = 14  # index of the gyro-matrix block in the error state, -1 without
 POINT_SAMPLED = (
-    16  # 1: IMU values are instantaneous (trapezoidal rule), 0: means over the interval that ends at the stamp
+    15  # 1: IMU values are instantaneous (trapezoidal rule), 0: means over the interval that ends at the stamp
 )
-CONSTANTS_SIZE = 17
+CONSTANTS_SIZE = 16
 
 # --- IMU block and output rows -------------------------------------------------------------------------------------
 IMU_T, IMU_GYRO, IMU_ACCEL, IMU_COLUMNS = 0, 1, 4, 7  # t [s since epoch], gyro [rad/s] (3), accel [m/s^2] (3)

@@ -29,7 +29,7 @@ from nav_pose_estimator.core.filter.layout import (
     SOLUTION_ENU,
     SUM_TIME,
     TIME,
-    WIND_DRAG_STATES,
+    WIND_STATES,
 )
 from nav_pose_estimator.core.filter.mixture import merge
 from nav_pose_estimator.core.filter.strapdown import integrate, write_output
@@ -182,6 +182,6 @@ def mix(branches, weights, trunk):
     nav, P = merge(navs, Ps, weights)
     trunk[NAV:CONSTANTS] = nav
     for i in range(m):
-        row = i if i < BASE_STATES else i + WIND_DRAG_STATES
+        row = i if i < BASE_STATES else i + WIND_STATES
         for j in range(m):
-            trunk[HEAD + m * i + j] = P[row, j if j < BASE_STATES else j + WIND_DRAG_STATES]
+            trunk[HEAD + m * i + j] = P[row, j if j < BASE_STATES else j + WIND_STATES]

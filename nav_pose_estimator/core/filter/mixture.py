@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.earth.ellipsoid import cos_latitude, radii
-from nav_pose_estimator.core.filter.kalman import has_gyro_matrix, has_wind_drag, inject
+from nav_pose_estimator.core.filter.kalman import has_gyro_matrix, has_wind, inject
 from nav_pose_estimator.core.filter.layout import (
     ACCEL_BIAS,
     ALT,
@@ -36,7 +36,7 @@ from nav_pose_estimator.core.filter.layout import (
     QUAT,
     VEL,
     WIND,
-    WIND_DRAG_STATES,
+    WIND_STATES,
 )
 from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.core.numerics.rotation import wrap_angle
@@ -59,10 +59,10 @@ def error_between(nav, other, n):
         error[D_GYRO_BIAS + i] = nav[GYRO_BIAS + i] - other[GYRO_BIAS + i]
         error[D_ACCEL_BIAS + i] = nav[ACCEL_BIAS + i] - other[ACCEL_BIAS + i]
     block = BASE_STATES
-    if has_wind_drag(n):
-        for i in range(WIND_DRAG_STATES):
+    if has_wind(n):
+        for i in range(WIND_STATES):
             error[block + i] = nav[WIND + i] - other[WIND + i]
-        block += WIND_DRAG_STATES
+        block += WIND_STATES
     if has_gyro_matrix(n):
         for i in range(GYRO_MATRIX_STATES):
             error[block + i] = nav[GYRO_MATRIX + i] - other[GYRO_MATRIX + i]
@@ -155,11 +155,10 @@ def _mean_longitude(longitudes, weights):
 
 
 def with_wind(P: Array, cov: Array) -> Array:
-    """``P`` without the wind and drag block -> with it: wind covariance ``cov`` (2, 2) [m^2/s^2], drag known."""
-    kept = [*range(BASE_STATES), *range(BASE_STATES + WIND_DRAG_STATES, len(P) + WIND_DRAG_STATES)]
-    wider = np.zeros((len(P) + WIND_DRAG_STATES,) * 2)
+    """``P`` without the wind block -> with it, of covariance ``cov`` (2, 2) [m^2/s^2]."""
+    kept = [*range(BASE_STATES), *range(BASE_STATES + WIND_STATES, len(P) + WIND_STATES)]
+    wider = np.zeros((len(P) + WIND_STATES,) * 2)
     wider[np.ix_(kept, kept)] = P
-    wider[BASE_STATES : BASE_STATES + 2, BASE_STATES : BASE_STATES + 2] = cov
-    for i in range(BASE_STATES + 2, BASE_STATES + WIND_DRAG_STATES):
-        wider[i, i] = 1e-8
+    wind = slice(BASE_STATES, BASE_STATES + WIND_STATES)
+    wider[wind, wind] = cov
     return wider

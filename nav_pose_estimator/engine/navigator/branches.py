@@ -186,9 +186,9 @@ def _covariance(branch: np.ndarray) -> np.ndarray:
 def _with_wind_block(constants: np.ndarray, evidence: MotionEvidence) -> np.ndarray:
     wider = constants.copy()
     wider[_DRIVING_NOISE] *= evidence.drift_variance
-    wider[at.I_WIND_DRAG] = at.BASE_STATES
+    wider[at.I_WIND] = at.BASE_STATES
     if wider[at.I_GYRO_MATRIX] >= 0.0:
-        wider[at.I_GYRO_MATRIX] += at.WIND_DRAG_STATES
+        wider[at.I_GYRO_MATRIX] += at.WIND_STATES
     wider[at.WIND_RATE] = 1.0 / evidence.wind_tau
     wider[at.WIND_PSD] = 2.0 * evidence.wind_spread / evidence.wind_tau
     return wider
