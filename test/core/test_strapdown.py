@@ -18,6 +18,7 @@ from nav_pose_estimator.core.earth.ellipsoid import (
     radii,
 )
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX, Wander
 from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.strapdown import flush_covariance, propagate
 from nav_pose_estimator.core.numerics.jit import COMPILED
@@ -210,7 +211,7 @@ def test_biases_and_gyro_matrix_are_taken_out():
     nav[at.GYRO_BIAS : at.GYRO_BIAS + 3] = 1e-3, -2e-3, 3e-3
     nav[at.ACCEL_BIAS : at.ACCEL_BIAS + 3] = 0.1, -0.2, 0.3
     nav[at.GYRO_MATRIX : at.GYRO_MATRIX + 9] = M.ravel()
-    numbers = constants(gyro_matrix_states=True, covariance_period=1e9)
+    numbers = constants(blocks={GYRO_MATRIX: Wander()}, covariance_period=1e9)
     run_imu(nav, np.zeros((24, 24)), numbers, rows, np.empty((len(rows), at.OUT_COLUMNS)))
     # THEN the motion is that of the true rates (the inverse of I + M is taken to first order)
     assert np.linalg.norm(motion.error_of(nav)[at.DPOS : at.DPOS + 3]) < 0.01

@@ -9,6 +9,7 @@ import pytest
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.core.filter import memory as filter_memory
+from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX
 from nav_pose_estimator.core.filter.kalman import correct
 from nav_pose_estimator.engine.navigator import filter_setup
 from nav_pose_estimator.engine.navigator.branches import Branches
@@ -22,7 +23,7 @@ LAT, LON, ALT = 0.8, 0.2, 300.0
 PERIOD = 0.5
 
 
-def apply(o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
+def apply(o: Observation, nav: np.ndarray, P: np.ndarray, constants: np.ndarray) -> None:
     """A position, a velocity over ground, or the velocity North alone."""
     if o.kind == "position":
         z, H = measurements.gnss_position(nav, len(P), *o.arguments, np.zeros(3))
@@ -31,7 +32,7 @@ def apply(o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
     else:
         z, H = measurements.horizontal_velocity(nav, len(P), nav[at.VEL], *o.arguments)
         z, H = z[1:], np.ascontiguousarray(H[1:])
-    correct(nav, P, z, H, 0.1 * np.eye(len(z)))
+    correct(nav, P, constants, z, H, 0.1 * np.eye(len(z)))
 
 
 def started(speed: float = 0.0, accel_error: float = 0.02, size: int = at.BASE_STATES, sampling: str = "mean"):
@@ -206,7 +207,7 @@ def test_a_single_hypothesis_needs_no_decision() -> None:
     assert len(timeline.branches.memories) == 1
 
 
-@pytest.mark.parametrize("size", [at.BASE_STATES, at.BASE_STATES + at.GYRO_MATRIX_STATES])
+@pytest.mark.parametrize("size", [at.BASE_STATES, at.BASE_STATES + GYRO_MATRIX.size])
 def test_the_mixture_has_the_size_of_the_filter(size: int) -> None:
     """GIVEN a filter with or without gyro matrix WHEN it splits THEN only the branches carry the wind."""
     timeline = started(size=size)
@@ -339,7 +340,7 @@ def test_blocks_and_single_rows_are_equal_on_branches(block: int) -> None:
 def test_a_refused_position_keeps_the_branches() -> None:
     """GIVEN branches WHEN a position acts that the filter does not take THEN the hypotheses go on."""
     timeline = started(speed=2.0)
-    timeline._apply = lambda o, nav, P: None  # what the gate does to a fix of 500 m
+    timeline._apply = lambda *_: None  # what the gate does to a fix of 500 m
     rows = imu_rows(3.0)
     fly(timeline, rows[:50])
     timeline.observe(1.2, POSITION, (LAT, LON, ALT), 0)

@@ -15,13 +15,13 @@ RATE = 200
 LAT, LON, ALT = 0.8, 0.2, 300.0
 
 
-def apply(o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
+def apply(o: Observation, nav: np.ndarray, P: np.ndarray, constants: np.ndarray) -> None:
     """Position or velocity with unit noise."""
     if o.kind == "position":
         z, H = measurements.gnss_position(nav, len(P), *o.arguments, np.zeros(3))
     else:
         z, H = measurements.gnss_velocity(nav, len(P), np.array(o.arguments), np.zeros(3))
-    correct(nav, P, z, H, np.eye(3))
+    correct(nav, P, constants, z, H, np.eye(3))
 
 
 def imu_rows(seconds: float, seed: int = 3) -> np.ndarray:

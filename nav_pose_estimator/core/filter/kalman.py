@@ -1,10 +1,8 @@
 """Kalman filter of the error state, closed loop: an observation corrects the nominal state and the error is zero again.
 
 An observation is ``z`` (m,), estimate minus measurement, with ``H`` (m, n) such that z = H error + noise, and the
-noise covariance ``R`` (m, m). All arrays are float64 and contiguous; ``nav`` and ``P`` change in place. Bring ``P``
-to the time of ``nav`` first (``core.filter.strapdown.flush_covariance``).
-
-The optional blocks follow the base states in a fixed order, the wind first, so the size n says which are there.
+noise covariance ``R`` (m, m). All arrays are float64 and contiguous; ``nav`` and ``P`` change in place. ``constants``
+tell which states there are. Bring ``P`` to the time of ``nav`` first (``core.filter.strapdown.flush_covariance``).
 
 The covariance update is Joseph's form, a sum of two congruences, so that ``P`` stays exactly symmetric and positive
 definite also for measurements much better than the state.
@@ -18,42 +16,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from nav_pose_estimator.core.earth.ellipsoid import cos_latitude, gravity, radii
+from nav_pose_estimator.core.earth.ellipsoid import gravity
 from nav_pose_estimator.core.filter.error_model import propagate_covariance, system_matrix
-from nav_pose_estimator.core.filter.layout import (
-    ACCEL_BIAS,
-    ALT,
-    BASE_STATES,
-    D_ACCEL_BIAS,
-    D_GYRO_BIAS,
-    DPOS,
-    DVEL,
-    GYRO_BIAS,
-    GYRO_BIAS_PSD,
-    GYRO_MATRIX,
-    GYRO_MATRIX_STATES,
-    GYRO_WANDER,
-    LAT,
-    LON,
-    PHI,
-    QUAT,
-    VEL,
-    WIND,
-    WIND_STATES,
-)
+from nav_pose_estimator.core.filter.error_state import inject
+from nav_pose_estimator.core.filter.layout import ALT, DPOS, GYRO_BIAS_PSD, GYRO_WANDER, LAT, PHI
 from nav_pose_estimator.core.numerics.jit import COMPILED, kernel
-from nav_pose_estimator.core.numerics.rotation import wrap_angle
-from nav_pose_estimator.core.numerics.vectors import (
-    add,
-    cross,
-    load3,
-    load4,
-    q_exp,
-    q_multiply,
-    q_polish,
-    scale,
-    store4,
-)
+from nav_pose_estimator.core.numerics.vectors import add, cross, load3, scale
 
 Array = NDArray[np.float64]
 
@@ -65,7 +33,7 @@ PREDICTION_STEP = 1.0  # s
 
 # --- correct -------------------------------------------------------------------------------------------------------
 @kernel
-def correct(nav, P, z, H, R):
+def correct(nav, P, constants, z, H, R):
     """Take one observation in. Returns its normalised innovation squared (NIS).
 
     The NIS is infinite, and nothing is changed, when a number is not finite or H P H' + R is not positive definite.
@@ -74,12 +42,12 @@ def correct(nav, P, z, H, R):
     gain = np.empty((n, m))
     nis = _gain(P, z, H, R, gain)
     if nis < math.inf:
-        _update(nav, P, z, H, R, gain)
+        _update(nav, P, constants, z, H, R, gain)
     return nis
 
 
 @kernel
-def gated_correct(nav, P, z, H, R, soft, hard):
+def gated_correct(nav, P, constants, z, H, R, soft, hard):
     """``correct`` behind a gate on the NIS; returns (status, nis) with the NIS before any inflation.
 
     Up to ``soft`` the observation is ACCEPTED as it is. Up to ``hard`` it is INFLATED: R grows by (nis / soft - 1) S
@@ -92,7 +60,7 @@ def gated_correct(nav, P, z, H, R, soft, hard):
     status, noise = ACCEPTED, R
     if nis > soft:
         status, noise = INFLATED, _widened(P, H, R, nis / soft - 1.0)
-    if correct(nav, P, z, H, noise) == math.inf:
+    if correct(nav, P, constants, z, H, noise) == math.inf:
         return REJECTED, nis
     return status, nis
 
@@ -119,41 +87,6 @@ def log_density(P, z, H, R):
     for i in range(m):
         total -= math.log(L[i, i])
     return total
-
-
-@kernel
-def inject(nav, error):
-    """Take an estimated ``error`` (n,) out of ``nav``: C <- Exp(phi) C, v and p less their errors, the rest added."""
-    store4(nav, QUAT, q_polish(q_multiply(q_exp(load3(error, PHI)), load4(nav, QUAT))))
-    R_M, R_N = radii(nav[LAT])
-    nav[LON] = wrap_angle(nav[LON] - error[DPOS] / ((R_N + nav[ALT]) * cos_latitude(nav[LAT])))
-    nav[LAT] -= error[DPOS + 1] / (R_M + nav[ALT])
-    nav[ALT] -= error[DPOS + 2]
-    for i in range(3):
-        nav[VEL + i] -= error[DVEL + i]
-        nav[GYRO_BIAS + i] += error[D_GYRO_BIAS + i]
-        nav[ACCEL_BIAS + i] += error[D_ACCEL_BIAS + i]
-    n = error.shape[0]
-    block = BASE_STATES
-    if has_wind(n):
-        for i in range(WIND_STATES):
-            nav[WIND + i] += error[block + i]
-        block += WIND_STATES
-    if has_gyro_matrix(n):
-        for i in range(GYRO_MATRIX_STATES):
-            nav[GYRO_MATRIX + i] += error[block + i]
-
-
-@kernel
-def has_wind(n):
-    """Whether an error state of size ``n`` has the wind block (which then starts at ``BASE_STATES``)."""
-    return n == BASE_STATES + WIND_STATES or n == BASE_STATES + WIND_STATES + GYRO_MATRIX_STATES
-
-
-@kernel
-def has_gyro_matrix(n):
-    """Whether an error state of size ``n`` has the gyro-matrix block (the last one)."""
-    return n >= BASE_STATES + GYRO_MATRIX_STATES
 
 
 @kernel
@@ -309,7 +242,7 @@ def _turn_misalignment(P, phi):
 
 
 @kernel
-def _update(nav, P, z, H, R, gain):
+def _update(nav, P, constants, z, H, R, gain):
     """Correct ``nav`` and ``P`` with a given gain."""
     m, n = H.shape
     error = np.zeros(n)
@@ -318,7 +251,7 @@ def _update(nav, P, z, H, R, gain):
             error[i] += gain[i, r] * z[r]
     _joseph(P, H, R, gain)
     _turn_misalignment(P, load3(error, PHI))
-    inject(nav, error)
+    inject(nav, constants, error)
 
 
 # --- outlook -------------------------------------------------------------------------------------------------------

@@ -14,7 +14,6 @@ import numpy as np
 from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.core.filter.layout import (
     ALT,
-    BASE_STATES,
     D_GYRO_BIAS,
     DPOS,
     DVEL,
@@ -144,11 +143,11 @@ def body_velocity(nav, states, velocity, lever):
 
 
 @kernel
-def mean_air_velocity(nav, states, attitude, velocity, body_velocity, air):
+def mean_air_velocity(nav, states, wind, attitude, velocity, body_velocity, air):
     """Predicted velocity through the air [m/s], body axes, against means over an interval that ends at ``nav``.
 
     ``attitude`` (3, 3) mean C_nb, ``velocity`` (3,) and ``body_velocity`` (3,) mean v and mean C^T v of the estimate,
-    ``air`` (3,) the prediction. The wind states start at ``BASE_STATES``. z = C^T (v - wind) - air.
+    ``air`` (3,) the prediction. The states of the wind begin at ``wind``. z = C^T (v - wind) - air.
     """
     z = np.zeros(3)
     H = np.zeros((3, states))
@@ -158,7 +157,7 @@ def mean_air_velocity(nav, states, attitude, velocity, body_velocity, air):
         _velocity_in_body_row(H, i, attitude, through_air)
         for k in range(2):
             # what is missing from the wind is still in the expected air velocity
-            H[i, BASE_STATES + k] = attitude[k, i]
+            H[i, wind + k] = attitude[k, i]
     return z, H
 
 

@@ -271,13 +271,13 @@ class FilterRun:
         elif not self.timeline.observe(t, kind, arguments, _PRIORITY.get(kind, 5)):
             self.journal.say(stamp_ns, f"{kind}.rejected.late", Level.INFO, f"{kind}: {_LATE}")
 
-    def _apply(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
+    def _apply(self, o: Observation, nav: np.ndarray, P: np.ndarray, constants: np.ndarray) -> None:
         """Called by the time line when the filter stands at the observation's time."""
         if o.kind in _PRIORITY:
-            self.gnss.apply(o, nav, P)
+            self.gnss.apply(o, nav, P, constants)
         else:
             aided = o.t - self.gnss.last_used <= self.parameters.navigator.lost_after
-            self.aids.apply(o, nav, P, aided)
+            self.aids.apply(o, nav, P, constants, aided)
 
     # --- mode --------------------------------------------------------------------------------------------------------
 

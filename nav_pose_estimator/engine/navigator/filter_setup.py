@@ -6,7 +6,7 @@ import numpy as np
 
 from nav_pose_estimator.core.alignment.types import Alignment
 from nav_pose_estimator.core.filter import bias_noise
-from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX, Wander, enlarged, set_blocks
 from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.engine.parameters import Parameters
 
@@ -27,14 +27,8 @@ def constants(parameters: Parameters) -> np.ndarray:
         gap_rate_sd=navigator.gap_rate_sd,
         gap_accel_sd=navigator.gap_force_sd,
         point_sampled=imu.sampling == "point",
-        gyro_matrix_states=navigator.gyro_matrix_states,
-        gyro_matrix_walk=1e-6,
+        blocks={GYRO_MATRIX: Wander(walk=1e-6)} if navigator.gyro_matrix_states else None,
     )
-
-
-def states(parameters: Parameters) -> int:
-    """Length of the error state."""
-    return at.BASE_STATES + at.GYRO_MATRIX_STATES * parameters.navigator.gyro_matrix_states
 
 
 def complete_start(start: Alignment, constants: np.ndarray, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
@@ -42,9 +36,9 @@ def complete_start(start: Alignment, constants: np.ndarray, parameters: Paramete
     nav = start.nav.copy()
     if parameters.imu.learn_gyro_bias_sd:
         bias_noise.begin(nav, constants)
-    full = np.diag(np.full(states(parameters), parameters.navigator.gyro_matrix_sd**2))
-    full[: at.BASE_STATES, : at.BASE_STATES] = start.P
-    return nav, full
+    base = constants.copy()
+    set_blocks(base, ())
+    return nav, enlarged(start.P, base, constants, {GYRO_MATRIX: parameters.navigator.gyro_matrix_sd**2})
 
 
 def gates(parameters: Parameters) -> list[tuple[float, float]]:

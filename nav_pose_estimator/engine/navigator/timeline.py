@@ -46,7 +46,8 @@ class Observation:
 
 
 _KEY, _TIME = operator.attrgetter("key"), operator.attrgetter("t")
-Apply = Callable[[Observation, np.ndarray, np.ndarray], None]
+Apply = Callable[[Observation, np.ndarray, np.ndarray, np.ndarray], None]
+"""(observation, nav, P, constants): let an observation act on a filter that stands at its time."""
 
 
 class Timeline:
@@ -67,7 +68,7 @@ class Timeline:
         self._period = checkpoint_period
         # as many as the window can hold, one before it, and the one being added
         self._slots = math.ceil(window / checkpoint_period) + 2
-        self._hold(memory.make(constants, 0, self._slots, checkpoint_period))
+        self._hold(memory.make(constants, self._slots, checkpoint_period))
         self._rows = np.empty((0, IMU_COLUMNS))  # a buffer with room at the end; the live part is [_first:_last]
         self._first = self._last = 0
         self._observations: list[Observation] = []  # sorted by key
@@ -101,7 +102,7 @@ class Timeline:
         ``origin`` latitude, longitude [rad], height [m] of the local frame; None keeps the one there is.
         """
         place = self._memory[memory.ORIGIN : memory.STATES] if origin is None else origin
-        fresh = memory.make(self.constants, len(P), self._slots, self._period)
+        fresh = memory.make(self.constants, self._slots, self._period)
         fresh[memory.ORIGIN : memory.STATES] = place
         fresh[memory.NAV : memory.CONSTANTS] = nav
         fresh[memory.HEAD : memory.HEAD + P.size] = P.ravel()
@@ -277,15 +278,15 @@ class Timeline:
             if observation.arrival > self._united_by:  # else it is of means that GNSS has proved wrong since
                 self._weigh(*observation.arguments)
         elif self.branches is None:
-            self._apply(observation, self.nav, self.P)
+            self._apply(observation, self.nav, self.P, self.constants)
         elif observation.kind in self._whole:
             was = self.nav.copy()
-            self._apply(observation, self.nav, self.P)
+            self._apply(observation, self.nav, self.P, self.constants)
             if not np.array_equal(was, self.nav):
                 self._unite(observation.arrival)
         else:
             for nav, P in self.branches.pairs():
-                self._apply(observation, nav, P)
+                self._apply(observation, nav, P, self.branches.constants)
             self.branches.mix_into(self._memory)
         if not self.replaying and not np.array_equal(before, self.nav[LAT:VEL]):
             self.shift = self.shift + step_enu(before, self.nav[LAT:VEL])

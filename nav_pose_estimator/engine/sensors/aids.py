@@ -112,7 +112,7 @@ class AidInput:
 
     # --- application -------------------------------------------------------------------------------------------------
 
-    def apply(self, o: Observation, nav: np.ndarray, P: np.ndarray, aided: bool) -> None:
+    def apply(self, o: Observation, nav: np.ndarray, P: np.ndarray, constants: np.ndarray, aided: bool) -> None:
         """Let one observation act. ``aided``: GNSS is good at its time, so references may be learned."""
         if o.kind == "height":
             prepared = self._prepare_height(o, nav, P, aided)
@@ -125,11 +125,11 @@ class AidInput:
         arguments, R = prepared
         z, H = _LINEARISE[o.kind](nav, len(P), *arguments)
         if o.kind == "height":
-            status, _ = gated_height(nav, P, float(z[0]), float(R[0, 0]), *self._gates[0])
+            status, _ = gated_height(nav, P, constants, float(z[0]), float(R[0, 0]), *self._gates[0])
         else:
             soft, hard = self._gates[len(z) - 1]
             # a rest that is unlikely is none, and not one that counts for less
-            status, _ = gated_correct(nav, P, z, H, R, soft, soft if o.kind == "zero_velocity" else hard)
+            status, _ = gated_correct(nav, P, constants, z, H, R, soft, soft if o.kind == "zero_velocity" else hard)
         if o.memory.get("counted"):
             return
         o.memory["counted"] = True

@@ -157,19 +157,19 @@ class GnssInput:
 
     # --- application, in the order of the times of validity ----------------------------------------------------------
 
-    def apply(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
+    def apply(self, o: Observation, nav: np.ndarray, P: np.ndarray, constants: np.ndarray) -> None:
         """Let one observation of this input act on the filter."""
         if o.kind == LOSS:
             P *= o.arguments[0] * bias_noise.overstatement(nav)
             return
         if o.kind == POSITION:
-            self._apply_position(o, nav, P)
+            self._apply_position(o, nav, P, constants)
         else:
-            self._apply_velocity(o, nav, P)
+            self._apply_velocity(o, nav, P, constants)
         if o.t - self.last_used <= self._lost_after:
             bias_noise.observe(nav, P)
 
-    def _apply_position(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
+    def _apply_position(self, o: Observation, nav: np.ndarray, P: np.ndarray, constants: np.ndarray) -> None:
         stamp, position, R = o.arguments
         z, H = measurements.gnss_position(nav, len(P), *position, self._lever)
         first = not o.memory
@@ -179,9 +179,9 @@ class GnssInput:
         if action == "reset":
             self._reset(o, nav, P, z, R, first)
         elif action == "ungated":
-            correct(nav, P, z, H, R)
+            correct(nav, P, constants, z, H, R)
         elif action == "gated":
-            status, nis = gated_correct(nav, P, z, H, R, *self._gates[2])
+            status, nis = gated_correct(nav, P, constants, z, H, R, *self._gates[2])
             if first:
                 self._note(POSITION, stamp, o.t, status, nis, 3)
             return
@@ -246,7 +246,7 @@ class GnssInput:
         strange = unexplained(np.concatenate([z, misfit]), np.concatenate([H, velocity_H[:rows]]), P, R)
         return velocity, strange
 
-    def _apply_velocity(self, o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
+    def _apply_velocity(self, o: Observation, nav: np.ndarray, P: np.ndarray, constants: np.ndarray) -> None:
         stamp, velocity, R = o.arguments
         first = not o.memory
         if first:
@@ -254,7 +254,7 @@ class GnssInput:
         z, H = measurements.gnss_velocity(nav, len(P), velocity, self._lever)
         rows = 3 if math.isfinite(velocity[2]) else 2
         if o.memory["use"]:
-            status, nis = gated_correct(nav, P, z[:rows], H[:rows], R[:rows, :rows], *self._gates[rows - 1])
+            status, nis = gated_correct(nav, P, constants, z[:rows], H[:rows], R[:rows, :rows], *self._gates[rows - 1])
             if first:
                 self._note(VELOCITY, stamp, o.t, status, nis, rows)
                 z, _ = measurements.gnss_velocity(nav, len(P), velocity, self._lever)
