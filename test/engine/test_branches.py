@@ -11,6 +11,7 @@ import pytest
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.core.filter import memory as filter_memory
+from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX
 from nav_pose_estimator.core.filter.kalman import correct
 from nav_pose_estimator.engine.navigator import filter_setup
 from nav_pose_estimator.engine.navigator.branches import Branches
@@ -37,7 +38,7 @@ def apply(o: Observation, f: FilterView) -> None:
     else:
         z, H = measurements.horizontal_velocity(f.nav, len(f.P), f.nav[at.VEL], *o.measured)
         z, H = z[1:], np.ascontiguousarray(H[1:])
-    correct(f.nav, f.P, z, H, 0.1 * np.eye(len(z)))
+    correct(*f, z, H, 0.1 * np.eye(len(z)))
 
 
 def observation(t: float, kind: Kind, measured: Any) -> Observation:
@@ -217,12 +218,12 @@ def test_a_single_hypothesis_needs_no_decision() -> None:
     assert len(timeline.filter.branches.memories) == 1
 
 
-@pytest.mark.parametrize("size", [at.BASE_STATES, at.BASE_STATES + at.GYRO_MATRIX_STATES])
+@pytest.mark.parametrize("size", [at.BASE_STATES, at.BASE_STATES + GYRO_MATRIX.size])
 def test_the_mixture_has_the_size_of_the_filter(size: int) -> None:
     """GIVEN a filter with or without gyro matrix WHEN it splits THEN only the branches carry the wind."""
     timeline = started(size=size)
     fly(timeline, imu_rows(1.0))
-    assert [P.shape for _, P in timeline.filter.branches.pairs()] == [(size + 4, size + 4)] * 2
+    assert [P.shape for _, P in timeline.filter.branches.pairs()] == [(size + 2, size + 2)] * 2
     assert timeline.filter.P.shape == (size, size)
     assert np.linalg.eigvalsh(timeline.filter.P).min() > 0.0
 

@@ -25,7 +25,7 @@ def apply(o: Observation, f: FilterView) -> None:
         z, H = measurements.gnss_position(f.nav, len(f.P), *o.measured, np.zeros(3))
     else:
         z, H = measurements.gnss_velocity(f.nav, len(f.P), np.array(o.measured), np.zeros(3))
-    correct(f.nav, f.P, z, H, np.eye(3))
+    correct(*f, z, H, np.eye(3))
 
 
 def observation(t: float, kind: Kind, measured: tuple) -> Observation:

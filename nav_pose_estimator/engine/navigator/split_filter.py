@@ -29,7 +29,7 @@ class SplitFilter:
         self._slots, self._period = slots, checkpoint_period
         self.branches: Branches | None = None
         self._united_by = 0  # arrival of the observation that ended branches last
-        self._hold(memory.make(constants, 0, slots, checkpoint_period))
+        self._hold(memory.make(constants, slots, checkpoint_period))
 
     def _hold(self, vector: np.ndarray) -> None:
         n = int(vector[memory.STATES])
@@ -49,7 +49,7 @@ class SplitFilter:
     def start(self, nav: np.ndarray, P: np.ndarray, origin: tuple[float, float, float] | None) -> None:
         """Begin whole at ``nav``, ``P``; ``origin`` as in ``Timeline.start``."""
         place = self.vector[memory.ORIGIN : memory.STATES] if origin is None else origin
-        fresh = memory.make(self.constants, len(P), self._slots, self._period)
+        fresh = memory.make(self.constants, self._slots, self._period)
         fresh[memory.ORIGIN : memory.STATES] = place
         fresh[memory.NAV : memory.CONSTANTS] = nav
         fresh[memory.HEAD : memory.HEAD + P.size] = P.ravel()
@@ -100,7 +100,7 @@ class SplitFilter:
                 self._unite(observation.arrival)
         else:
             for nav, P in self.branches.pairs():
-                apply(observation, FilterView(nav, P, self.constants))
+                apply(observation, FilterView(nav, P, self.branches.constants))
             self.branches.mix_into(self.vector)
         return self.branches is not before
 

@@ -49,7 +49,7 @@ class Fusion:
         if decision.use is Use.RESET:
             _reset(f, z, R, decision.velocity)
         elif decision.use is Use.UNGATED:
-            correct(f.nav, f.P, z, H, R)
+            correct(*f, z, H, R)
         else:
             status, nis = self._behind_the_gate(sensor, f, (z, H, R))
         if first:
@@ -61,8 +61,8 @@ class Fusion:
         z, H, R = observation
         soft, hard = self.gates[len(z) - 1]
         if sensor.vertical_only:
-            return gated_height(f.nav, f.P, float(z[0]), float(R[0, 0]), soft, hard)
-        return gated_correct(f.nav, f.P, z, H, R, soft, soft if sensor.all_or_nothing else hard)
+            return gated_height(*f, float(z[0]), float(R[0, 0]), soft, hard)
+        return gated_correct(*f, z, H, R, soft, soft if sensor.all_or_nothing else hard)
 
 
 def _reset(f: FilterView, z: np.ndarray, R: np.ndarray, velocity: tuple[float, ...]) -> None:
