@@ -33,7 +33,7 @@ class AnfisNode(EstimatorNode):
         self._output = LearnerOutput(self, self.parameters)
         self.listen(inputs.imu(self.parameters), needed=True)
         pace = Pace(_ODOMETRY_RATE)
-        self.listen_raw(inputs.NAVIGATOR, lambda data: pace.is_due(peek_stamp_ns(data)), needed=True)
+        self.listen(inputs.NAVIGATOR, needed=True, choose=lambda data: pace.is_due(peek_stamp_ns(data)))
         self._listen_to_facts()
         self.keeper = ModelKeeper(self, self.engine, trainer, self.parameters.ros.model, self.say)
         self.get_logger().info("ready")

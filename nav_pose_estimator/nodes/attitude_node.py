@@ -31,9 +31,8 @@ class AttitudeNode(EstimatorNode):
         self._velocity_pace = Pace(_VELOCITY_RATE)
         self.listen(inputs.imu(self.parameters), needed=True)
         self.listen(inputs.magnetometer(self.parameters))
-        self.listen_raw(
-            replace(inputs.ODOMETRY, adapter=self._velocity), lambda d: self._velocity_pace.is_due(peek_stamp_ns(d))
-        )
+        odometry = replace(inputs.ODOMETRY, adapter=self._velocity)
+        self.listen(odometry, choose=lambda data: self._velocity_pace.is_due(peek_stamp_ns(data)))
         qos.subscribe(self, Bool, "gnss/denied", self._on_denied, qos.latched())
         if self.parameters.aids.declination_from_model:
             qos.subscribe(self, NavSatFix, "sins_node/origin", self._on_origin, qos.latched())

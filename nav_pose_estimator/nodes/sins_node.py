@@ -26,7 +26,7 @@ class SinsNode(EstimatorNode):
         for source in inputs.of_navigator(self.parameters):
             self.listen(source, needed=source.topic == "gps/fix")
         # wanted only until the filter runs
-        self.listen_raw(inputs.ATTITUDE, lambda data: self.engine.mode in LEVELLING)
+        self.listen(inputs.ATTITUDE, choose=lambda data: self.engine.mode in LEVELLING)
         self.listen(inputs.PREDICTION)
         services.offer_gnss(self)
         self.get_logger().info("ready")

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -50,33 +50,28 @@ class EstimatorNode(Node):
         period = self.parameters.ros.output.diagnostics_period
         self._timer = self.create_timer(period, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         back = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
-        self._jump = self.get_clock().create_jump_callback(back, post_callback=self._on_clock_jump)
+        self._jump = self.get_clock().create_jump_callback(back, post_callback=lambda _: self._guard.expect_restart())
         services.offer_reset(self)
 
     # --- inputs ----------------------------------------------------------------------------------------------------
 
-    def listen(self, source: Source, needed: bool = False) -> None:
-        """Subscribe to ``source``; a ``needed`` one that is silent is a warning on diagnostics."""
-        kind = message_class(source)
-        if source.from_bytes is None:
-            self._subscribe(source.topic, kind, source.adapter, needed)
-        else:
-            self._subscribe(source.topic, kind, source.from_bytes, needed, raw=True)
+    def listen(self, source: Source, needed: bool = False, choose: Callable[[bytes], bool] | None = None) -> None:
+        """Subscribe to ``source``; a ``needed`` one that is silent is a warning on diagnostics.
 
-    def listen_raw(self, source: Source, choose: Callable[[bytes], bool], needed: bool = False) -> None:
-        """Subscribe to a ``source`` of which only the messages are read that ``choose`` wants by their bytes.
-
-        What other nodes publish comes at hundreds of hertz; to build every message would cost more than to use it.
+        With ``choose`` only those messages are read that it wants by their bytes: what other nodes publish comes at
+        hundreds of hertz, and to build every message would cost more than to use it.
         """
-        kind = message_class(source)
+        kind, from_bytes = message_class(source), source.from_bytes
+        if choose is not None:
+            wanted = choose
 
-        def adapt(data: bytes) -> tuple[Any, ...]:
-            return source.adapter(deserialize_message(data, kind)) if choose(data) else ()
+            def from_bytes(data: bytes) -> tuple[Any, ...]:
+                return source.adapter(deserialize_message(data, kind)) if wanted(data) else ()
 
-        self._subscribe(source.topic, kind, adapt, needed, True)
+        self._subscribe(source.topic, kind, from_bytes or source.adapter, needed, raw=from_bytes is not None)
 
     def _subscribe(
-        self, topic: str, kind: Any, adapter: Callable[[Any], tuple[Any, ...]], needed: bool, raw: bool = False
+        self, topic: str, kind: Any, adapter: Callable[[Any], tuple[Any, ...]], needed: bool, raw: bool
     ) -> None:
         watch = InputWatch(self, topic, needed)
         self._watches.append(watch)
@@ -151,9 +146,6 @@ class EstimatorNode(Node):
             self._diagnostics.publish(self.describe(status), self._watches, {**status.counters, **own})
         except Exception as error:
             self.note_failure("diagnostics", error)
-
-    def _on_clock_jump(self, jump: TimeJump) -> None:
-        self._guard.expect_restart()
 
     def reset(self, reason: str) -> None:
         """Let the engine start again."""

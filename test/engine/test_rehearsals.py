@@ -1,6 +1,7 @@
 """Rehearsals: what the copies get to see, how they are judged, and what three of them decide."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -48,14 +49,12 @@ class Navigator:
         return []
 
     @property
-    def horizontal_sd(self) -> float:
+    def run(self) -> SimpleNamespace:
         """States 10 m after half a minute, and nothing while aided."""
-        return self._elapsed / 3.0
-
-    def nominal_state(self) -> np.ndarray:
-        nav = np.zeros(at.NAV_SIZE)
+        nav, P = np.zeros(at.NAV_SIZE), np.zeros((at.BASE_STATES, at.BASE_STATES))
         nav[at.LAT] = 0.8 + self._drift * self._elapsed / 6.367e6
-        return nav
+        P[at.DPOS, at.DPOS] = (self._elapsed / 3.0) ** 2
+        return SimpleNamespace(settled=SimpleNamespace(nav=nav, P=P), timeline=SimpleNamespace(running=True))
 
 
 def fly(rehearsals: Rehearsals, navigator: Navigator, start: float, end: float, ways=("network",)) -> None:
