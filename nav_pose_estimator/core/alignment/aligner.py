@@ -93,8 +93,28 @@ class _Level:
     P: Array
 
 
+@dataclass(init=False, eq=False, slots=True)
 class Aligner:
     """Feed it samples in order of arrival until ``result`` is there. Times are seconds since the engine's epoch."""
+
+    settings: AlignmentSettings
+    restarts: int
+    """How often a bank of hypotheses that had gone astray was started anew."""
+    _constants: Array
+    _lever: Array
+    _biases: KnownBiases
+    _rest: RestDetector
+    _rows: list[tuple[float, ...]]
+    _fixes: deque[_Fix]
+    _compass: Compass
+    _outside: OutsideLevels
+    _now: float
+    _last_fix: _Fix | None
+    _level: _Level | None
+    _bank: HeadingHypotheses | None
+    _bank_start: float
+    _from_rest: bool
+    _done: Alignment | None
 
     def __init__(self, settings: AlignmentSettings) -> None:
         s = self.settings = settings
@@ -121,19 +141,16 @@ class Aligner:
     def reset(self) -> None:
         """Forget everything."""
         self._rest.reset()
-        self._rows: list[tuple[float, ...]] = []
-        self._fixes: deque[_Fix] = deque()
+        self._rows = []
+        self._fixes = deque()
         self._compass = Compass(self.settings.declination)
         self._outside = OutsideLevels()
         self._now = -math.inf
-        self._last_fix: _Fix | None = None
-        self._level: _Level | None = None
-        self._bank: HeadingHypotheses | None = None
+        self._last_fix = self._level = self._bank = None
         self._bank_start = 0.0
         self._from_rest = False
-        self._done: Alignment | None = None
+        self._done = None
         self.restarts = 0
-        """How often a bank of hypotheses that had gone astray was started anew."""
 
     # --- samples -----------------------------------------------------------------------------------------------------
 

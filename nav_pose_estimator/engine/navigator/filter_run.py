@@ -16,6 +16,7 @@ import numpy as np
 from nav_pose_estimator.core.alignment.rest import Stillness
 from nav_pose_estimator.core.alignment.types import KnownBiases
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, start_up
 from nav_pose_estimator.engine.navigator.engine_clock import EngineClock
@@ -87,7 +88,7 @@ class FilterRun:
         twin.aids = self.aids.copy(journal)
         twin.aligner = self.aligner.copy()
         twin.modes = self.modes.copy()
-        twin._stillness = self._stillness.copy()
+        twin._stillness = snapshot(self._stillness)
         return twin
 
     def set_parameters(self, parameters: Parameters) -> None:
