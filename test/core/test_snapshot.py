@@ -7,7 +7,11 @@ from enum import Enum
 
 import numpy as np
 import pytest
+from exact_motion import survey, times_of
 
+from filter_start import plain_constants
+from nav_pose_estimator.core.alignment.heading_hypotheses import HeadingHypotheses
+from nav_pose_estimator.core.gnss.quality_gate import GateSettings, GnssGate
 from nav_pose_estimator.core.numerics.snapshot import SHARED, snapshot
 
 
@@ -90,3 +94,21 @@ def test_an_array_that_cannot_be_written_to_is_shared() -> None:
 def test_what_cannot_be_copied_is_refused(value: object) -> None:
     with pytest.raises(TypeError, match="snapshot cannot copy"):
         snapshot(Track([value]))  # type: ignore[list-item]
+
+
+def test_the_components_of_core_are_states() -> None:
+    """GIVEN a gate and a bank of hypotheses WHEN copied THEN the copy goes its own way."""
+    gate = GnssGate(GateSettings("none", 6, 4, 2.0, 2.0, 10.0, 0.5, 20.0, 40.0))
+    twin = snapshot(gate)
+    gate.update_count(1.0, 9)
+    assert gate.state.last_update == 1.0
+    assert twin.state.last_update == -np.inf
+    assert twin.settings is gate.settings
+
+    bank = HeadingHypotheses(survey().nav(0.0), np.eye(15), 4, plain_constants(), np.zeros(3))
+    other = snapshot(bank)
+    before = other.navs.copy()
+    bank.run(survey().imu_rows(times_of(0.5, 50.0)))
+    np.testing.assert_array_equal(other.navs, before)
+    other.run(survey().imu_rows(times_of(0.5, 50.0)))
+    np.testing.assert_array_equal(other.navs, bank.navs)

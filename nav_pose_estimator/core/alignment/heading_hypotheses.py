@@ -9,6 +9,7 @@ navigator itself, so tilt, biases and their correlations come with the heading, 
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,8 +87,19 @@ def _log_det(P, H, R):
     return math.log(max(det, 1e-300))
 
 
+@dataclass(init=False, eq=False, slots=True)
 class HeadingHypotheses:
     """The bank. All hypotheses share one time; ``merged`` is their mixture as one state."""
+
+    headings0: list[float]
+    navs: Array
+    Ps: Array
+    updates: int
+    _constants: Array
+    _lever: Array
+    _cost: Array
+    _nis: Array  # running mean per degree of freedom
+    _scores: Array
 
     def __init__(
         self, nav: Array, P: Array, count: int, constants: Array, lever: Array, log_prior: Array | None = None
@@ -108,7 +120,7 @@ class HeadingHypotheses:
         self._constants = constants
         self._lever = lever
         self._cost = np.zeros(count) if log_prior is None else -2.0 * log_prior
-        self._nis = np.ones(count)  # running mean per degree of freedom
+        self._nis = np.ones(count)
         self._scores = np.zeros((count, 2))
 
     @property

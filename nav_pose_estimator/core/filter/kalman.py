@@ -94,7 +94,7 @@ def log_density(P, z, H, R):
 def _whitened_square(P, z, H, R, HP, L):
     """The NIS, or infinity when there is none; ``HP`` (m, n) becomes H P and ``L`` (m, m) the factor of H P H' + R.
 
-    Zeros of H cost nothing in H P. They do count in the products with it: 0 times NaN gives away a P that is broken.
+    H P skips the zeros of H. The product with H' does not: 0 times NaN shows that P is broken.
     """
     m, n = H.shape
     for i in range(m):

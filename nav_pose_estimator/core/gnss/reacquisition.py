@@ -1,12 +1,12 @@
 """Is GNSS back, and is it GNSS? The state machine for the return from an outage.
 
 Pure Python and without a clock: time comes with each call, float seconds since the engine's epoch. All that changes
-is one ``state`` of immutable parts, so that ``dataclasses.replace(machine.state)`` is a snapshot.
+is one ``state``; ``core.numerics.snapshot`` copies the guard with it.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from nav_pose_estimator.core.gnss.quality_gate import Notice
 
@@ -115,6 +115,7 @@ _DECISIVE = 6.0  # difference of squared deviations that makes one of two places
 _TINY = 1e-6  # m: a sigma of zero must not divide; s: rounding of times
 
 
+@dataclass(eq=False)
 class Reacquisition:
     """Guard in front of the filter: offer it every usable fix, while GNSS is fused and after an outage alike.
 
@@ -141,9 +142,8 @@ class Reacquisition:
     reset; ``hold``: only expected returns are taken, all others wait for ``decide()``.
     """
 
-    def __init__(self, settings: ReacquisitionSettings):
-        self.settings = settings
-        self.state = ReacquisitionState()
+    settings: ReacquisitionSettings
+    state: ReacquisitionState = field(default_factory=ReacquisitionState, init=False)
 
     def reset(self) -> None:
         """Forget everything."""

@@ -87,7 +87,7 @@ def _compiled_in(names: dict[str, Any]) -> list[Any]:
 
 
 def is_first_run() -> bool:
-    """True when machine code has yet to be made, which takes about a minute: worth a word to who waits."""
+    """True when machine code has yet to be made, which takes about a minute: worth telling the user."""
     if not COMPILED or os.environ.get("NUMBA_CACHE_DIR"):
         return False
     return not any(name.endswith(".nbi") for _, _, names in os.walk(_FOLDER) for name in names)

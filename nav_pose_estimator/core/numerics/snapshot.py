@@ -3,6 +3,9 @@
 A component holds parameters, state and what it derives from the parameters. Parameters are frozen dataclasses and are
 shared between copies; the state is a dataclass, and every field that is ever added to it is copied, with no code of
 its own. What the rule does not know is an error and not silently shared.
+
+A class with methods and a constructor of its own is a state, too, as ``@dataclass(init=False, eq=False, slots=True)``:
+with slots an attribute that is not declared as a field cannot be set, so none is forgotten.
 """
 
 from __future__ import annotations
