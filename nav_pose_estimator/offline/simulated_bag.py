@@ -17,6 +17,7 @@ from nav_pose_estimator.engine.samples import (
 )
 from nav_pose_estimator.offline.bags.cdr_packing import STAMP, pack
 from nav_pose_estimator.offline.bags.writer import FAST, MCAP, Messages, write_bag
+from nav_pose_estimator.ros.messages.message_table import IMU, INPUTS
 from nav_pose_estimator.sim.imu_grades import ImuGrade
 from nav_pose_estimator.sim.recording import Recording
 
@@ -47,10 +48,12 @@ def write_recording(
 def messages(recording: Recording, truth_hz: float = TRUTH_HZ) -> list[Messages]:
     """All topics of the bag. ``/ground_truth/origin`` is where the axes of ``/ground_truth/odom`` meet."""
     topics = [_origin(recording), _imu(recording)]
-    for sensor, topic, kind, rows in _SENSORS:
+    inputs = {one.sample: one for one in INPUTS}
+    for sensor, rows in _PACKERS.items():
         chosen = [timed for timed in recording.others if type(timed.sample) is sensor]
         if chosen:
             times = np.array([timed.arrival_ns for timed in chosen], np.int64)
+            topic, kind = f"/{inputs[sensor].topic}", inputs[sensor].types[0].name
             topics.append(Messages(topic, kind, times, rows(kind, [timed.sample for timed in chosen])))
     return [*topics, _truth(recording, truth_hz)]
 
@@ -64,7 +67,7 @@ def _origin(recording: Recording) -> Messages:
 
 
 def _imu(recording: Recording) -> Messages:
-    kind, block, n = "sensor_msgs/msg/Imu", recording.imu, len(recording.imu)
+    kind, block, n = IMU.types[0].name, recording.imu, len(recording.imu)
     gyro_var, accel_var = _sample_variances(recording.imu_grade, recording.truth.dt)
     absent = np.zeros(9)
     absent[0] = -1.0  # REP-145: no orientation
@@ -78,7 +81,7 @@ def _imu(recording: Recording) -> Messages:
         "linear_acceleration": block.accel,
         "linear_acceleration_covariance": (accel_var * np.eye(3)).ravel(),
     }
-    return Messages("/imu/data_raw", kind, recording.imu_arrivals_ns, pack(kind, n, fields))
+    return Messages(f"/{IMU.topic}", kind, recording.imu_arrivals_ns, pack(kind, n, fields))
 
 
 def _sample_variances(grade: ImuGrade, dt: float) -> tuple[float, float]:
@@ -167,10 +170,11 @@ def _place(place: np.ndarray) -> dict:
 
 
 _Packer = Callable[[str, list], np.ndarray]
-_SENSORS: tuple[tuple[type[Sample], str, str, _Packer], ...] = (
-    (GnssFix, "/gps/fix", "sensor_msgs/msg/NavSatFix", _fixes),
-    (GnssVelocity, "/gps/vel", "geometry_msgs/msg/TwistWithCovarianceStamped", _velocities),
-    (SatelliteCount, "/gps/satellites", "std_msgs/msg/UInt32", _counts),
-    (MagSample, "/imu/mag", "sensor_msgs/msg/MagneticField", _fields),
-    (PressureSample, "/baro", "sensor_msgs/msg/FluidPressure", _pressures),
-)
+_PACKERS: dict[type[Sample], _Packer] = {
+    GnssFix: _fixes,
+    GnssVelocity: _velocities,
+    SatelliteCount: _counts,
+    MagSample: _fields,
+    PressureSample: _pressures,
+}
+"""Sensors of a simulated recording; topics and types are the defaults of the message table."""

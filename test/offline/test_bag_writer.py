@@ -8,7 +8,7 @@ from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
 
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline.bags.cdr_packing import pack, serialize, typestore
+from nav_pose_estimator.offline.bags.cdr_packing import pack, typestore
 from nav_pose_estimator.offline.bags.writer import MCAP, SMALL, SQLITE3, Messages, write_bag
 
 COUNT = 20_000
@@ -24,7 +24,8 @@ def topics(count: int = COUNT) -> list[Messages]:
     header = typestore().types["std_msgs/msg/Header"](
         stamp=typestore().types["builtin_interfaces/msg/Time"](sec=1, nanosec=2), frame_id=""
     )
-    diagnostics = [serialize("diagnostic_msgs/msg/DiagnosticArray", array(header=header, status=[]))] * 2
+    message = array(header=header, status=[])
+    diagnostics = [bytes(typestore().serialize_cdr(message, "diagnostic_msgs/msg/DiagnosticArray"))] * 2
     return [
         Messages("/imu", "sensor_msgs/msg/Imu", times, imu),
         Messages("/count", "std_msgs/msg/UInt32", times + 1_000_000, counts),
