@@ -83,8 +83,8 @@ def test_what_is_not_a_bag_is_never_removed(tmp_path: Path) -> None:
     (tmp_path / "thesis" / "thesis.tex").write_text("years of work")
     (tmp_path / "file").write_text("a file")
     for path, text in (
-        (tmp_path / "thesis", "is not a bag"),
-        (tmp_path / "file", "is not a bag"),
+        (tmp_path / "thesis", "holds 'thesis.tex', which is not of an earlier bag"),
+        (tmp_path / "file", "is a file"),
         (tmp_path / "file" / "bag", "is a file"),
     ):
         with pytest.raises(UserError, match=text):
