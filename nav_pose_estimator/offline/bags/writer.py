@@ -24,7 +24,7 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.bags.cdr_packing import typestore
-from nav_pose_estimator.offline.bags.mcap_file import zstandard
+from nav_pose_estimator.offline.bags.unpacking import zstandard
 from nav_pose_estimator.offline.output_folder import OutputFolder
 
 MCAP, SQLITE3 = "mcap", "sqlite3"
