@@ -55,11 +55,13 @@ def run(arguments: argparse.Namespace) -> int:
     from nav_pose_estimator.offline.bags.storage import Bag
     from nav_pose_estimator.offline.benchmarks.outage.report import write_report
     from nav_pose_estimator.offline.benchmarks.outage.statistics import summarise
+    from nav_pose_estimator.offline.damaged_input import reading
     from nav_pose_estimator.offline.output_folder import OutputFolder
 
     tasks = _tasks(arguments)
     for bag in arguments.bags:
-        Bag(bag).close()  # a mistyped name ends the command now, not after an hour
+        with reading(bag):
+            Bag(bag).close()  # a mistyped name ends the command now, not after an hour
     inputs = [*arguments.bags, *([arguments.config] if arguments.config else [])]
     with OutputFolder(arguments.out, "outage benchmark", inputs) as folder:
         flights = _run_all(tasks, arguments.jobs)

@@ -10,6 +10,7 @@ from typing import Any
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.process_clock import seconds_since_start
+from nav_pose_estimator.offline.terminal import printable
 
 DESCRIPTION = (
     "Replay a rosbag2 through the pose estimator, take GNSS away for a while, and see how far the pose drifts."
@@ -60,10 +61,10 @@ def run(arguments: argparse.Namespace) -> int:
         recording = plan.load()
         wanted = plan.outages(recording)
         parameters, how = latency.choose(recording, parameters, arguments.gnss_delay, arguments.config, _first(wanted))
-        print(how)
+        print(printable(how))
         work.mkdir()
         _replay(recording, parameters, wanted, work, arguments.rate)
-    print(f"report: {folder / REPORT}")
+    print(f"report: {printable(str(folder / REPORT))}")
     return 0
 
 
@@ -84,6 +85,8 @@ class _Plan:
 
         with _bar("reading", None) as bar:
             recording = load(self.arguments.bag, self.remaps, bar.update)
+        for text in recording.notices:
+            print(f"note: {printable(text)}", file=sys.stderr)
         if is_first_run():
             print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)
         return recording
@@ -130,9 +133,10 @@ def _replay(recording, parameters, wanted, folder: Path, rate: float) -> None:
 def _tell(result, wall: float) -> None:
     """The outcome in a few lines."""
     from nav_pose_estimator.offline.replay.report import OUTAGE_HEADER, mode_spans, outage_rows
+    from nav_pose_estimator.offline.replay.warnings import warnings
 
-    for text in result.recording.notices:
-        print(f"note: {text}", file=sys.stderr)
+    for warned in warnings(result):
+        print(printable(warned.sentence), file=sys.stderr)
     spans = mode_spans(result)
     print("modes: " + (", ".join(f"{mode.value} from {start:.1f} s" for start, _, mode in spans[:12]) or "none"))
     if result.status.waiting_for:

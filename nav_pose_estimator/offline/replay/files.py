@@ -4,6 +4,7 @@ import json
 import math
 import platform
 from collections.abc import Iterable
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from nav_pose_estimator.engine.parameters.schema import flatten
 from nav_pose_estimator.offline.flights.tracks import Track
 from nav_pose_estimator.offline.replay.replay import ReplayResult
 from nav_pose_estimator.offline.replay.report import mode_spans
+from nav_pose_estimator.offline.replay.warnings import warnings
 
 SUMMARY, TUM, CSV, REPORT, SOLUTION = "summary.json", "trajectory.tum", "estimate.csv", "report.html", "solution"
 CSV_COLUMNS = (
@@ -54,6 +56,7 @@ def write_summary(path: Path, result: ReplayResult, wall_seconds: float) -> dict
         "counters": {**status.counters, **result.recording.counters},
         "values": status.values,
         "notices": recording.notices,
+        "warnings": [asdict(warned) for warned in warnings(result)],
         "estimator_seconds": result.seconds,
         "times_real_time": recording.duration / max(result.seconds, 1e-9),
         "wall_seconds": wall_seconds,
