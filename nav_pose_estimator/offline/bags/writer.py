@@ -3,6 +3,7 @@
 rosbags writes the files; its call per message is replaced by one per chunk, which is ten times faster.
 """
 
+import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -73,10 +74,13 @@ def write_bag(
     """
     if storage not in (MCAP, SQLITE3):
         raise UserError(f"there is no storage {storage!r}; choose {MCAP} or {SQLITE3}")
-    with _folder(path, force) as work, _Writer(work, storage, level) as writer:
-        for key, value in (notes or {}).items():
-            writer.set_custom_data(key, value)
-        _write(writer, topics)
+    try:
+        with _folder(path, force) as work, _Writer(work, storage, level) as writer:
+            for key, value in (notes or {}).items():
+                writer.set_custom_data(key, value)
+            _write(writer, topics)
+    except sqlite3.OperationalError as error:  # the disk is full, above all
+        raise UserError(f"{path} cannot be written: {error}; nothing was changed") from None
 
 
 def check_room(path: Path, force: bool) -> None:

@@ -20,6 +20,7 @@ from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.benchmarks.attitude import peers as attitude_peers
 from nav_pose_estimator.offline.benchmarks.attitude import report as attitude_report
 from nav_pose_estimator.offline.benchmarks.attitude.trials import CONDITIONS, Trial, errors, load_trial, rmse
+from nav_pose_estimator.offline.damaged_input import reading
 from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.offline.output_folder import OutputFolder
 
@@ -69,7 +70,10 @@ def run(arguments: argparse.Namespace) -> int:
     methods = _chosen(arguments.methods, METHODS, "--methods")
     conditions = _chosen(arguments.conditions, tuple(CONDITIONS), "--conditions")
     peers = _peers(arguments.peers)
-    trials = [load_trial(path) for path in arguments.trials]
+    trials = []
+    for path in arguments.trials:
+        with reading(path):
+            trials.append(load_trial(path))
     parameters = load_parameters(arguments.config)
     for method in methods:
         AttitudeEngine(update(parameters, {"attitude.filter": method})).warm_up()
