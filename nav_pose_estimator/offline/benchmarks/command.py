@@ -55,32 +55,28 @@ def run(arguments: argparse.Namespace) -> int:
     from nav_pose_estimator.offline.bags.storage import Bag
     from nav_pose_estimator.offline.benchmarks.outage.report import write_report
     from nav_pose_estimator.offline.benchmarks.outage.statistics import summarise
+    from nav_pose_estimator.offline.damaged_input import reading
+    from nav_pose_estimator.offline.output_folder import OutputFolder
 
     tasks = _tasks(arguments)
     for bag in arguments.bags:
-        Bag(bag).close()  # a mistyped name ends the command now, not after an hour
-    folder = make_folder(arguments.out)
-    flights = _run_all(tasks, arguments.jobs)
-    rows = _rows(flights)
-    if not rows:
-        raise UserError("no outage fits into these flights: try shorter --lengths or an earlier --first")
-    summaries = summarise(rows)
-    _write_csv(folder / OUTAGES, [asdict(row) for row in rows])
-    _write_csv(folder / SUMMARY_CSV, [asdict(s) for s in summaries])
-    _write_json(folder / SUMMARY_JSON, flights, summaries, arguments)
-    write_report(folder / REPORT, flights, summaries)
-    _print(summaries, rows)
-    print(f"report: {folder / REPORT}")
+        with reading(bag):
+            Bag(bag).close()  # a mistyped name ends the command now, not after an hour
+    inputs = [*arguments.bags, *([arguments.config] if arguments.config else [])]
+    with OutputFolder(arguments.out, "outage benchmark", inputs) as folder:
+        flights = _run_all(tasks, arguments.jobs)
+        rows = _rows(flights)
+        if not rows:
+            raise UserError("no outage fits into these flights: try shorter --lengths or an earlier --first")
+        summaries = summarise(rows)
+        folder.mkdir()
+        _write_csv(folder / OUTAGES, [asdict(row) for row in rows])
+        _write_csv(folder / SUMMARY_CSV, [asdict(s) for s in summaries])
+        _write_json(folder / SUMMARY_JSON, flights, summaries, arguments)
+        write_report(folder / REPORT, flights, summaries)
+        _print(summaries, rows)
+    print(f"report: {arguments.out / REPORT}")
     return 0
-
-
-def make_folder(path: Path) -> Path:
-    """The output folder; files of an earlier run in it are overwritten, others stay."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"{path} cannot be made ({error.strerror})") from None
-    return path
 
 
 def _tasks(arguments: argparse.Namespace) -> list:

@@ -15,8 +15,8 @@ SHAKING = 0.5  # m/s^2: deviation of the specific force within a second while th
 def flight_window(recording: Recording) -> tuple[float, float]:
     """Start and end of the flight [s since the first stamp]: from NAME.json, else from motion and vibration."""
     known = recording.sidecar.get("flight_window_s")
-    if isinstance(known, list) and len(known) == 2:
-        start, end = (recording.seconds_of_log(float(value)) for value in known)
+    if known is not None:
+        start, end = (recording.seconds_of_log(value) for value in known)
         return max(start, 0.0), min(end, recording.duration)
     seconds = np.unique(np.concatenate([_moving_seconds(recording), _shaking_seconds(recording)]))
     if len(seconds) == 0:
