@@ -3,6 +3,7 @@
 ``None`` means unknown: a sensor that gives no covariance gives ``None``, never an invented number.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -115,6 +116,39 @@ class BodyVelocity:
 
 
 @dataclass(frozen=True, slots=True)
+class Airspeed:
+    """True airspeed along the body's x axis [m/s] and its deviation ``sd`` [m/s], NaN if unknown.
+
+    ``stamp_ns`` None: it came without a header (std_msgs/Float32) and holds at the last IMU sample.
+    """
+
+    stamp_ns: int | None
+    speed: float
+    sd: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class DifferentialPressure:
+    """Total minus static pressure of a pitot tube [Pa]: 0.5 * density * (true airspeed)^2; below zero by its noise."""
+
+    stamp_ns: int
+    pressure: float
+
+
+@dataclass(frozen=True, slots=True)
+class RangeToGround:
+    """Distance [m] along the beam of a rangefinder that looks down, within the limits that the sensor states.
+
+    Of an ultrasonic cone of ``field_of_view`` [rad] the nearest point in it, 0 for a ray; ``sd`` [m], NaN if unknown.
+    """
+
+    stamp_ns: int
+    distance: float
+    field_of_view: float = 0.0
+    sd: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
 class SetPose:
     """Pose given from outside, in the local ENU frame of the origin. ``cov`` (6, 6): x, y, z, rotations, or None."""
 
@@ -210,6 +244,9 @@ Sample = (
     | MagSample
     | PressureSample
     | BodyVelocity
+    | Airspeed
+    | DifferentialPressure
+    | RangeToGround
     | SetPose
     | AttitudeSample
     | NavigatorVelocity

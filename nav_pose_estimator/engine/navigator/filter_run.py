@@ -23,14 +23,17 @@ from nav_pose_estimator.engine.navigator.modes import DENIED, ModeKeeper
 from nav_pose_estimator.engine.navigator.timeline import MOTION, Observation, Timeline
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import (
+    Airspeed,
     AttitudeSample,
     BodyVelocity,
+    DifferentialPressure,
     GnssFix,
     GnssVelocity,
     MagSample,
     MotionEvidence,
     NavigatorVelocity,
     PressureSample,
+    RangeToGround,
     Sample,
     SatelliteCount,
     SetPose,
@@ -306,4 +309,7 @@ _HANDLERS: dict[type, Callable[[FilterRun, Any], None]] = {
     AttitudeSample: FilterRun._on_attitude,
     NavigatorVelocity: FilterRun._not_for_us,
     VelocityError: FilterRun._not_for_us,
+    Airspeed: FilterRun._not_for_us,
+    DifferentialPressure: FilterRun._not_for_us,
+    RangeToGround: FilterRun._not_for_us,
 }
