@@ -39,6 +39,8 @@ RUN_UP_NS = 40 * 10**9  # data before the motion, for the filter to start on
 WEAK = 0.02  # s: a larger deviation of the estimate is called a weak minimum
 COMPASS_NS = 200_000_000  # the heading needs no more than this many nanoseconds between magnetometer samples
 AUTO = "auto"
+PRIOR, PRIOR_SOURCE = "gnss_latency_prior_s", "gnss_latency_prior_from"
+"""What stands beside a recording of a flight log: the autopilot's own parameter for the latency [s], and its name."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,14 @@ def estimate(recording: Recording, parameters: Parameters, until: float = math.i
     return Latency(best, rise, trials, np.array([cost[t] for t in trials.tolist()]), stream.seconds)
 
 
+def velocity_innovations(recording: Recording, parameters: Parameters, delay: float, until: float) -> float:
+    """RMS of the horizontal innovations [m/s] before ``until`` [s] with fixes ``delay`` [s] old; infinite if it fails.
+
+    Raises ``UserError`` where there is too little data.
+    """
+    return _Stream(recording, parameters, until, COARSE_WINDOW).innovation_rms(delay)
+
+
 def describe(latency: Latency) -> str:
     """The estimate in words."""
     text = f"GNSS latency {latency.delay:.3f} s from {latency.seconds:.0f} s of data"
@@ -108,9 +118,12 @@ def choose(
     """
     if option is None and config is not None:
         return parameters, f"GNSS latency {parameters.gnss.delay:g} s (from {config.name} or default)"
+    prior = recording.sidecar.get(PRIOR)
     if option == AUTO:
-        found = estimate(recording, parameters, until)
-        return update(parameters, {"gnss.delay": found.delay}), describe(found)
+        return _estimated(recording, parameters, until)
+    if option is None and isinstance(prior, (int, float)):
+        how = f"GNSS latency {prior:g} s ({_source(recording)}; --gnss-delay auto estimates it)"
+        return update(parameters, {"gnss.delay": float(prior)}), how
     if option is None:
         known = recording.sidecar.get("gnss_latency_est_s")
         if isinstance(known, (int, float)):
@@ -122,6 +135,26 @@ def choose(
     except ValueError:
         raise UserError(f"--gnss-delay {option!r}: write seconds, or auto") from None
     return update(parameters, {"gnss.delay": delay}), f"GNSS latency {delay:g} s (as given)"
+
+
+def _estimated(recording: Recording, parameters: Parameters, until: float) -> tuple[Parameters, str]:
+    """The estimate, with what the autopilot's parameters say beside it, and in its place where it is weak."""
+    prior = recording.sidecar.get(PRIOR)
+    if not isinstance(prior, (int, float)):
+        found = estimate(recording, parameters, until)
+        return update(parameters, {"gnss.delay": found.delay}), describe(found)
+    says = f"{_source(recording)} says {prior:g} s"
+    try:
+        found = estimate(recording, parameters, until)
+    except UserError as error:
+        return update(parameters, {"gnss.delay": float(prior)}), f"GNSS latency {prior:g} s: {says}; {error}"
+    if found.weak:
+        return update(parameters, {"gnss.delay": float(prior)}), f"GNSS latency {prior:g} s: {says}; {describe(found)}"
+    return update(parameters, {"gnss.delay": found.delay}), f"{describe(found)}; {says}"
+
+
+def _source(recording: Recording) -> str:
+    return f"{recording.sidecar.get(PRIOR_SOURCE, 'a parameter')} of the autopilot"
 
 
 class _Stream:

@@ -24,7 +24,10 @@ _ODOMETRY_FIELDS = ("pose.pose.position", "pose.pose.orientation", "twist.twist.
 
 @dataclass
 class Recording:
-    """One bag. ``epoch_ns`` is its first stamp, from which all seconds count up to ``duration``."""
+    """One flight. ``epoch_ns`` is its first stamp, from which all seconds count up to ``duration``.
+
+    ``opinion``: what the autopilot itself estimated, where a flight log tells; for the report, never for an estimator.
+    """
 
     path: Path
     samples: list[Sample]
@@ -34,6 +37,7 @@ class Recording:
     notices: list[str] = field(default_factory=list)
     counters: Counter[str] = field(default_factory=Counter)
     sidecar: dict = field(default_factory=dict)
+    opinion: Reference | None = None
 
     @property
     def name(self) -> str:

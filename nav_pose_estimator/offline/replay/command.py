@@ -11,14 +11,18 @@ from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.process_clock import seconds_since_start
 
 DESCRIPTION = (
-    "Replay a rosbag2 through the pose estimator, take GNSS away for a while, and see how far the pose drifts."
+    "Replay a rosbag2 or a flight log (PX4 ULog, ArduPilot DataFlash) through the pose estimator, take GNSS away for a "
+    "while, and see how far the pose drifts."
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of ``replay``."""
+    from nav_pose_estimator.offline.logs.open_recording import add_options
+
     parser.description = DESCRIPTION
-    parser.add_argument("bag", type=Path, metavar="BAG", help="rosbag2: a folder, a .mcap or a .db3 file")
+    what = "rosbag2 (a folder, a .mcap or a .db3 file), PX4 .ulg, or ArduPilot .bin or .log"
+    parser.add_argument("bag", type=Path, metavar="BAG|LOG", help=what)
     parser.add_argument("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
     add = parser.add_argument
     add("--outage", action="append", default=[], metavar="START:LENGTH", help="take GNSS away, s from the first stamp")
@@ -28,6 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto to estimate it from the bag")
     add("--estimate-latency", action="store_true", help="estimate the latency of the fixes, print it and stop")
     add("--remap", action="append", default=[], metavar="OURS:=THEIRS", help="/imu/data_raw:=/topic/in/the/bag")
+    add_options(parser)
+    add("--list", action="store_true", help="say what the recording holds, replay nothing")
     add("--rate", type=float, default=20.0, metavar="HZ", help="rows a second in the output files (default: 20)")
     add("--out", type=Path, metavar="DIR", help="folder for report and data (default: NAME_replay)")
 
@@ -38,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     from nav_pose_estimator.offline.bags.topic_map import parse_remaps
     from nav_pose_estimator.offline.flights import latency, methods, outages
     from nav_pose_estimator.offline.flights.config_file import load_parameters
-    from nav_pose_estimator.offline.flights.recording import load
+    from nav_pose_estimator.offline.logs.open_recording import open_recording, options_of, prepared
     from nav_pose_estimator.offline.replay.aid_option import with_aids
 
     if not 0.0 < arguments.rate <= 1000.0:
@@ -49,19 +55,26 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.aid is not None:
         parameters = with_aids(parameters, arguments.aid)
     remaps = parse_remaps(arguments.remap)
+    options = options_of(arguments, parameters)
+    if arguments.list:
+        from nav_pose_estimator.offline.logs.listing import describe
+
+        print("\n".join(describe(arguments.bag, options, remaps, parameters)))
+        return 0
     folder = None if arguments.estimate_latency else _folder(arguments)  # before the work, should it be impossible
     with _bar("reading", None) as bar:
-        recording = load(arguments.bag, remaps, bar.update)
+        recording = open_recording(arguments.bag, options, remaps, bar.update)
     if every is not None:
         wanted += outages.periodic(*every, first=every[0], end=recording.duration)
     wanted = outages.check_separate(wanted)
     late = [o for o in wanted if o.end > recording.duration]
     if late:
         raise UserError(
-            f"the outage {late[0].start:g}:{late[0].length:g} ends after the bag ({recording.duration:.1f} s)"
+            f"the outage {late[0].start:g}:{late[0].length:g} ends after the recording ({recording.duration:.1f} s)"
         )
     if is_first_run():
         print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)
+    recording = prepared(recording, parameters, _first(wanted))
     if folder is None:
         print(latency.describe(latency.estimate(recording, parameters, _first(wanted))))
         return 0
@@ -105,12 +118,15 @@ def _replay(recording, parameters, wanted, folder: Path, rate: float) -> None:
 
 def _tell(result, wall: float) -> None:
     """The outcome in a few lines."""
+    from nav_pose_estimator.offline.replay import second_opinion
     from nav_pose_estimator.offline.replay.report import OUTAGE_HEADER, mode_spans, outage_rows
 
     for text in result.recording.notices:
         print(f"note: {text}", file=sys.stderr)
     spans = mode_spans(result)
     print("modes: " + (", ".join(f"{mode.value} from {start:.1f} s" for start, _, mode in spans[:12]) or "none"))
+    if text := second_opinion.sentence(result):
+        print(text)
     if result.status.waiting_for:
         print(f"waiting for: {result.status.waiting_for}")
     if result.errors:

@@ -1,0 +1,86 @@
+"""A flight log as tables: one per kind of message and instance, one column per field.
+
+Both formats come to this form; what the fields mean in physical terms is the business of ``px4_fields`` and
+``ardupilot_fields``.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Table:
+    """Messages of one kind and instance in the order of the file.
+
+    ``time_us`` (N,) int64 on the clock of the log; ``columns`` (N,) by field name, ``units`` of those that the log tells.
+    """
+
+    name: str
+    instance: int
+    time_us: Array
+    columns: dict[str, Array]
+    units: dict[str, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.time_us)
+
+    def has(self, *names: str) -> bool:
+        """True if every one of the fields is there."""
+        return all(name in self.columns for name in names)
+
+    def number(self, *names: str, default: float = np.nan) -> Array:
+        """The first of the fields that exists as (N,) float64, else ``default`` throughout."""
+        for name in names:
+            if name in self.columns:
+                return self.columns[name].astype(np.float64)
+        return np.full(len(self), default)
+
+    def vector(self, *names: str) -> Array:
+        """Fields side by side, (N, len(names)); one name stands for the elements ``name[0]`` to ``name[2]`` of an array."""
+        if len(names) == 1:
+            names = tuple(f"{names[0]}[{i}]" for i in range(3))
+        return np.stack([self.number(name) for name in names], axis=-1)
+
+    def rate(self) -> float:
+        """Messages a second [Hz]: the reciprocal of the median interval; 0 for fewer than two."""
+        steps = np.diff(self.time_us)
+        steps = steps[steps > 0]
+        return 1e6 / float(np.median(steps)) if len(steps) else 0.0
+
+    def select(self, chosen: Array) -> "Table":
+        """The messages at ``chosen`` (mask or index array)."""
+        columns = {name: values[chosen] for name, values in self.columns.items()}
+        return Table(self.name, self.instance, self.time_us[chosen], columns, self.units)
+
+
+@dataclass
+class LogTables:
+    """All that was read of one log. ``names``: the kinds of messages found, for whoever misses one.
+
+    ``notices``: what was damaged or assumed, one sentence each.
+    """
+
+    path: Path
+    form: str  # "ULog" or "DataFlash"
+    tables: dict[str, list[Table]]
+    names: list[str]
+    parameters: dict[str, float] = field(default_factory=dict)
+    firmware: str = ""
+    notices: list[str] = field(default_factory=list)
+    counters: Counter[str] = field(default_factory=Counter)
+
+    def instances(self, name: str) -> list[Table]:
+        """The tables of one kind of message, by instance; empty if there is none."""
+        return self.tables.get(name, [])
+
+    def first(self, *names: str) -> Table | None:
+        """Lowest instance of the first kind that the log holds."""
+        for name in names:
+            if self.instances(name):
+                return self.instances(name)[0]
+        return None
