@@ -106,10 +106,10 @@ def _angles(result: ReplayResult) -> tuple[Array, Array]:
     if opinion.q_nb is None or len(result.track) == 0:
         return np.empty(0), np.empty(0)
     rows = result.track.at(opinion.t)
-    q = quat_normalize_many(rows[:, OUT_QUAT : OUT_QUAT + 4])
-    turned = quat_multiply_many(q, quat_conjugate_many(opinion.q_nb))
-    good = np.isfinite(turned).all(axis=1)
-    error = np.degrees(rotvec_from_quat_many(turned[good]))
+    good = np.isfinite(rows[:, OUT_QUAT]) & np.isfinite(opinion.q_nb).all(axis=1)
+    ours = quat_normalize_many(rows[good, OUT_QUAT : OUT_QUAT + 4])
+    turned = quat_multiply_many(ours, quat_conjugate_many(opinion.q_nb[good]))
+    error = np.degrees(rotvec_from_quat_many(turned))
     return np.linalg.norm(error[:, :2], axis=1), error[:, 2]
 
 
