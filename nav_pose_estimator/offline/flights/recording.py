@@ -11,7 +11,7 @@ import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
 from nav_pose_estimator.core.numerics.rotation import quat_rotate_many
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample, joined
 from nav_pose_estimator.offline.bags import topic_map
 from nav_pose_estimator.offline.bags.cdr import Decoder, columns
 from nav_pose_estimator.offline.bags.raw_messages import BagError
@@ -53,6 +53,11 @@ class Recording:
     def velocities(self) -> list[GnssVelocity]:
         """All GNSS velocities, in the order of arrival."""
         return [s for s in self.samples if isinstance(s, GnssVelocity)]
+
+    @cached_property
+    def imu(self) -> ImuBlock:
+        """All IMU samples, in the order of arrival."""
+        return joined([s for s in self.samples if isinstance(s, ImuBlock)])
 
     @cached_property
     def imu_count(self) -> int:

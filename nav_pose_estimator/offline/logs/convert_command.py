@@ -48,12 +48,11 @@ def sidecar_path(bag: Path) -> Path:
 
 def write_log_bag(path: Path, recording, force: bool = False) -> int:
     """Write the samples of a log's recording, and NAME.json with what its parameters say: the number of messages."""
-    from nav_pose_estimator.engine.samples import ImuBlock, joined
+    from nav_pose_estimator.engine.samples import ImuBlock
     from nav_pose_estimator.offline.bags.sensor_topics import imu_topic, sensor_topics
     from nav_pose_estimator.offline.bags.writer import write_bag
 
-    block = joined([sample for sample in recording.samples if isinstance(sample, ImuBlock)])
-    timed, arrival = [], recording.epoch_ns
+    block, timed, arrival = recording.imu, [], recording.epoch_ns
     for sample in recording.samples:
         if not isinstance(sample, ImuBlock):
             arrival = arrival if sample.stamp_ns is None else sample.stamp_ns  # a count comes with its fix
