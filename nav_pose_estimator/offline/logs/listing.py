@@ -56,7 +56,7 @@ def _lines(log: LogSensors, options: LogOptions, parameters: Parameters | None) 
     if log.delay is not None:
         lines.append(f"GNSS latency: {log.delay[0]:g} s by the autopilot's parameter {log.delay[1]}")
     if log.antenna is not None:
-        place = ", ".join(f"{value:.2f}" for value in log.antenna)
+        place = ", ".join(f"{value + 0.0:.2f}" for value in log.antenna)
         lines.append(f"antenna: {place} m forward, left, up of the IMU by the autopilot's parameters (gnss.lever_arm)")
     return [*lines, *(f"note: {text}" for text in log.notices)]
 

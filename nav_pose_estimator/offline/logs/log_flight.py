@@ -21,8 +21,8 @@ SLOW_HZ = 40.0
 UNDATED_NS = 10**18  # what the clock of the log counts from where GNSS does not tell the date
 CLOCK_WINDOW_US = 60_000_000
 """The clock is judged by the first minute of fixes: what comes later may lie in an outage, and must not be used there."""
-LEAD_US = 500_000
-"""What other sensors measured so long before the first IMU sample belongs to the recording."""
+BESIDE_US = 500_000
+"""What other sensors measured so long before the first or after the last IMU sample belongs to the recording."""
 CLOCKS = ("auto", "log", "gnss")
 
 
@@ -134,8 +134,8 @@ def _cut(gnss: Gnss, segment: Segment) -> Gnss:
 
 
 def _inside(time_us: Array, segment: Segment) -> Array:
-    """(N,) bool: times in the segment, or a little before it, as a bag may begin with another sensor than the IMU."""
-    return (time_us > segment.begin_us - LEAD_US) & (time_us <= segment.end_us)
+    """(N,) bool: times in the segment, or a little beside it: a recording may begin or end with another sensor."""
+    return (time_us > segment.begin_us - BESIDE_US) & (time_us < segment.end_us + BESIDE_US)
 
 
 def _first_minute(gnss: Gnss) -> ClockFit | None:

@@ -163,7 +163,7 @@ def _air(log: LogTables) -> list[Series | None]:
     table = log.first("airspeed")
     if table is not None and table.has("true_airspeed_m_s"):
         speed = table.number("true_airspeed_m_s")
-        good = (speed >= 0.0) & (table.number("confidence", default=1.0) > 0.0)
+        good = table.number("confidence", default=1.0) > 0.0
         return [sensors.airspeed(table, speed, good)]
     table = log.first("airspeed_validated")
     if table is not None and table.has("true_airspeed_m_s", "selected_airspeed_index"):
