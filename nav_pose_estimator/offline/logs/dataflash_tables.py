@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nav_pose_estimator.offline.bags.raw_messages import BagError
-from nav_pose_estimator.offline.logs.log_tables import LogTables, Table
+from nav_pose_estimator.offline.logs.log_tables import LogTables, Table, wild
 
 Array = np.ndarray
 FIELDS_OF_FMT = ("Type", "Length", "Name", "Format", "Columns")
@@ -115,11 +115,10 @@ class _Clock:
         places = np.concatenate([p for p, _ in timed] or [np.empty(0, np.int64)])
         times = np.concatenate([t for _, t in timed] or [np.empty(0, np.int64)])
         order = np.argsort(places, kind="stable")
-        self._places, times = places[order], times[order]
-        latest = np.maximum.accumulate(times) if len(times) else times
-        # A clock that starts again stays behind; a single damaged time does not.
-        fell = np.flatnonzero((times[1:] < times[:-1] - _RESTART_US) & (times[1:] < latest[:-1] - _RESTART_US)) + 1
-        fell = np.array([i for i in fell.tolist() if np.median(times[i : i + 20]) < times[i - 1] - _RESTART_US], int)
+        places, times = places[order], times[order]
+        sound = ~wild(times)
+        self._places, times = places[sound], times[sound]
+        fell = np.flatnonzero(np.diff(times) < -_RESTART_US) + 1
         self.restarts = len(fell)
         shifts = np.zeros(len(times), np.int64)
         for i in fell.tolist():

@@ -13,6 +13,32 @@ import numpy as np
 Array = np.ndarray
 
 
+_HALF_WINDOW = 5
+_SLACK_US, _INTERVALS = 500_000, 10  # a time may lie so far from the middle of its neighbours
+_LONGEST_US = 3_600_000_000
+
+
+def wild(time_us: Array) -> Array:
+    """(N,) bool: times [µs] that do not fit between their neighbours, as damage leaves them.
+
+    Each is compared with the median of the eleven around it, which for rising times is the time itself.
+    """
+    steps = np.diff(time_us.astype(np.float64))
+    if len(time_us) < 3 or ((steps >= 0.0).all() and steps.max() < _LONGEST_US):
+        return np.zeros(len(time_us), bool)
+    half = min(_HALF_WINDOW, (len(time_us) - 1) // 2)
+    padded = np.pad(time_us.astype(np.float64), half, mode="reflect")
+    middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
+    return np.abs(time_us - middle) > max(_SLACK_US, _INTERVALS * float(np.median(np.abs(steps))))
+
+
+def rising(time_us: Array) -> Array:
+    """(N,) bool: messages with a time that fits and is newer than those of all before them."""
+    fits = (time_us > 0) & ~wild(time_us)
+    newest = np.maximum.accumulate(np.where(fits, time_us, 0)) if len(time_us) else time_us
+    return fits & np.concatenate([[True], time_us[1:] > newest[:-1]])[: len(time_us)]
+
+
 @dataclass(frozen=True)
 class Table:
     """Messages of one kind and instance in the order of the file.

@@ -8,7 +8,7 @@ import numpy as np
 from nav_pose_estimator.core.earth.atmosphere import height_pressure
 from nav_pose_estimator.offline.flights.tracks import Reference, shift
 from nav_pose_estimator.offline.logs import sensors
-from nav_pose_estimator.offline.logs.log_tables import LogTables, Table
+from nav_pose_estimator.offline.logs.log_tables import LogTables, Table, rising
 from nav_pose_estimator.offline.logs.opinion import opinion
 from nav_pose_estimator.offline.logs.sensors import Array, Gnss, Imu, LogSensors, Series
 
@@ -60,7 +60,7 @@ def _combined(table: Table) -> Imu | None:
         return None
     clipped = table.number("accelerometer_clipping", default=0.0) + table.number("gyro_clipping", default=0.0)
     relative = table.number("accelerometer_timestamp_relative", default=0.0).astype(np.int64)
-    valid = (relative != _INVALID_RELATIVE) & sensors.rising(table.time_us)
+    valid = (relative != _INVALID_RELATIVE) & rising(table.time_us)
     table, relative, clipped = table.select(valid), relative[valid], clipped[valid]
     gyro, accel = table.vector("gyro_rad"), table.vector("accelerometer_m_s2")
     # Both to the older of the two stamps: the newer one is interpolated from samples that had arrived by then.
@@ -76,7 +76,7 @@ def _at(wanted_us: Array, time_us: Array, values: Array) -> Array:
 
 def _integrated(table: Table) -> Imu | None:
     """A ``vehicle_imu`` whose delta angles cover the flight; one that was logged at 2 Hz lacks most of them."""
-    table = table.select(sensors.rising(table.time_us))
+    table = table.select(rising(table.time_us))
     if len(table) < 2 or not table.has("delta_angle[0]", "delta_velocity[0]", "delta_angle_dt", "delta_velocity_dt"):
         return None
     gyro_us, accel_us = table.number("delta_angle_dt"), table.number("delta_velocity_dt")

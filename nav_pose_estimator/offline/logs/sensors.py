@@ -9,7 +9,7 @@ import numpy as np
 from nav_pose_estimator.core.numerics.rotation import quat_multiply_many, quat_normalize_many
 from nav_pose_estimator.engine.samples import Airspeed, DifferentialPressure, MagSample, PressureSample, RangeToGround
 from nav_pose_estimator.offline.flights.tracks import Reference
-from nav_pose_estimator.offline.logs.log_tables import Table
+from nav_pose_estimator.offline.logs.log_tables import Table, rising
 
 Array = np.ndarray
 GAUSS = 1e-4  # T
@@ -92,14 +92,6 @@ class LogSensors:
     def receiver(self) -> Gnss | None:
         """The receiver with the most fixes, the first of equals."""
         return max(self.gnss, key=lambda g: int(g.has_fix.sum()), default=None)
-
-
-def rising(time_us: Array) -> Array:
-    """(N,) bool: messages that are newer than all before them."""
-    if len(time_us) == 0:
-        return np.zeros(0, bool)
-    newest = np.maximum.accumulate(time_us)
-    return np.concatenate([[True], time_us[1:] > newest[:-1]]) & (time_us > 0)
 
 
 def make_imu(name: str, time_us: Array, gyro_frd: Array, accel_frd: Array, clipped: Array | None = None) -> Imu:

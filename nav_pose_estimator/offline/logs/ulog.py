@@ -34,7 +34,7 @@ TOPICS = (
 )
 """The topics that are read; the others are skipped, which saves time and memory."""
 # What pyulog lets out when a file is damaged where it does not expect it.
-_DAMAGE = (struct.error, KeyError, IndexError, ValueError, TypeError, AttributeError, OverflowError, MemoryError)
+_DAMAGE = (struct.error, KeyError, IndexError, ValueError, TypeError, AttributeError, OverflowError, OSError, MemoryError)
 
 
 def read_ulog(path: Path) -> LogTables:
