@@ -1,4 +1,4 @@
-"""Flight logs written by the tests: PX4 ULog and ArduPilot DataFlash, of old and of new firmware, from a simulated flight."""
+"""Flight logs written from a simulated flight: PX4 ULog and ArduPilot DataFlash, of old and of new firmware."""
 
 import math
 import struct
@@ -17,7 +17,7 @@ UTC_US = 1_700_000_000_000_000  # GNSS time at that moment
 LATENCY_MS = 130.0
 FRD = np.array([1.0, -1.0, -1.0])
 
-# --- ULog --------------------------------------------------------------------------------------------------------------
+# --- ULog ------------------------------------------------------------------------------------------------------------
 
 ULOG_HEAD = b"ULog\x01\x12\x35\x01"
 _ULOG_TYPES = {
@@ -83,7 +83,7 @@ def _ulog_key(kind: str, key: str, value: bytes) -> bytes:
     return _ulog_message(kind, bytes([len(key)]) + key.encode() + value)
 
 
-# --- DataFlash ---------------------------------------------------------------------------------------------------------
+# --- DataFlash -------------------------------------------------------------------------------------------------------
 
 _LETTERS = {
     "b": "b", "B": "B", "h": "h", "H": "H", "i": "i", "I": "I", "f": "f", "d": "d", "n": "4s", "N": "16s", "Z": "64s",
@@ -149,12 +149,12 @@ class DataFlash:
         return "\n".join(lines) + "\n"
 
 
-# --- a flight ----------------------------------------------------------------------------------------------------------
+# --- a flight --------------------------------------------------------------------------------------------------------
 
 
 @dataclass
 class Flight:
-    """A simulated flight in the numbers that autopilots log: FRD, NED, log clock in microseconds (at time of receipt)."""
+    """A simulated flight in the numbers that autopilots log: FRD, NED, log clock in microseconds (of receipt)."""
 
     recording: Recording
     imu_us: np.ndarray

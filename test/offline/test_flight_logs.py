@@ -41,7 +41,7 @@ def of(recording: Recording, kind: type) -> list:
     return [sample for sample in recording.samples if type(sample) is kind]
 
 
-# --- the samples -------------------------------------------------------------------------------------------------------
+# --- the samples -----------------------------------------------------------------------------------------------------
 
 
 def test_the_imu_is_that_of_the_flight(recording, flown):
@@ -111,11 +111,11 @@ def test_px4s_attitude_is_turned_to_our_axes(flown, tmp_path):
     assert agreement.min() > 1.0 - 1e-6
 
 
-# --- what the firmware may do ------------------------------------------------------------------------------------------
+# --- what the firmware may do ----------------------------------------------------------------------------------------
 
 
 def test_two_hertz_of_vehicle_imu_are_never_used(flown, tmp_path):
-    """GIVEN a log with vehicle_imu at 2 Hz (the default of PX4) and one at the full rate, THEN only the latter counts."""
+    """GIVEN vehicle_imu at 2 Hz (the default of PX4) and one at the full rate, THEN only the latter counts."""
     log = px4(flown)
     for multi_id, rows in ((0, slice(None, None, 50)), (1, slice(None))):
         count = len(flown.imu_us[rows])
@@ -193,7 +193,7 @@ def test_the_units_that_a_log_describes_count(flown, tmp_path):
     np.testing.assert_allclose(field, flown.gauss * [1e-4, -1e-4, -1e-4], atol=1e-10)
 
 
-# --- what may be missing -----------------------------------------------------------------------------------------------
+# --- what may be missing ---------------------------------------------------------------------------------------------
 
 
 def test_a_log_without_gnss_says_which_topic_is_missing(flown, tmp_path):

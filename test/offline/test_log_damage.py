@@ -73,10 +73,10 @@ def test_a_log_that_was_cut_off_is_read_to_its_end(contents, tmp_path, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_damage_ends_in_an_error_of_pythons_own(contents, tmp_path, kind):
-    """GIVEN files cut anywhere, with bytes changed, lost and repeated, THEN they are read or refused in one sentence."""
+    """GIVEN files cut anywhere, with bytes changed, lost and repeated, THEN they are read, or one sentence says why."""
     random = np.random.default_rng(7)
     whole = np.frombuffer(contents[kind], np.uint8)
-    refused = 0
+    refused = []
     for trial in range(60):
         data = whole[: random.integers(1, len(whole))] if trial % 3 == 0 else whole.copy()
         if trial % 3 == 1:
@@ -89,10 +89,9 @@ def test_no_damage_ends_in_an_error_of_pythons_own(contents, tmp_path, kind):
         try:
             open_recording(path, LogOptions())
         except UserError as error:
-            refused += 1
-            assert "\n" not in str(error)
-            assert str(error).isprintable()
-    assert refused < 60
+            refused.append(str(error))
+    assert all(text.isprintable() for text in refused)
+    assert len(refused) < 60
 
 
 FOREIGN = {

@@ -44,7 +44,7 @@ def imu_topic(block: ImuBlock, arrivals_ns: np.ndarray, gyro_var: float = 0.0, a
 
 
 def sensor_topics(timed: list[tuple[int, Sample]]) -> list[Messages]:
-    """The topics of all sensors but the IMU that are in ``timed``: (time of receipt [ns], sample) in order of receipt."""
+    """The topics of all sensors but the IMU in ``timed``: (time of receipt [ns], sample) in order of receipt."""
     topics = []
     for sensor, topic, kind, rows in _SENSORS:
         chosen = [(arrival, sample) for arrival, sample in timed if type(sample) is sensor]

@@ -31,7 +31,6 @@ def ardupilot_sensors(log: LogTables) -> LogSensors:
     """What the log says of the sensors."""
     gnss = [found for table in log.instances("GPS") if (found := _gnss(log, table)) is not None]
     receiver = max(gnss, key=lambda g: int(g.has_fix.sum()), default=None)
-    named = next(((name, log.parameters[name]) for name in _LATENCY if log.parameters.get(name, 0.0) > 0.0), None)
     return LogSensors(
         path=log.path,
         form=log.form,
@@ -42,7 +41,7 @@ def ardupilot_sensors(log: LogTables) -> LogSensors:
         others=[series for series in (_magnetometer(log), _barometer(log), _airspeed(log), _range(log)) if series],
         armed=_armed(log),
         opinion=_opinion(log, receiver),
-        delay=None if named is None else (named[1] * 1e-3, named[0]),
+        delay=sensors.known_delay(log.parameters, _LATENCY),
         antenna=_antenna(log),
         names=log.names,
         needs=("IMU", "GPS"),
@@ -70,10 +69,10 @@ def _gnss(log: LogTables, table: Table) -> Gnss | None:
     speed, course = table.number("Spd"), np.radians(table.number("GCrs"))
     velocity = np.column_stack([speed * np.sin(course), speed * np.cos(course), -table.number("VZ")])
     accuracy, undulation = _accuracy(log, table)
-    week, of_week = table.number("GWk", "Week", default=0.0), table.number("GMS", default=0.0)
+    week, of_week = table.whole("GWk", "Week"), table.whole("GMS")
     if not table.has("GMS") and not table.has("TimeUS"):
-        of_week = table.number("TimeMS", default=0.0)  # old logs: time of week, not the clock of the log
-    count = table.number("NSats", default=-1.0)
+        of_week = table.whole("TimeMS")  # old logs: time of week, not the clock of the log
+    count = table.whole("NSats", default=-1)
     return Gnss(
         name=f"GPS[{table.instance}]",
         time_us=table.time_us,
@@ -81,7 +80,7 @@ def _gnss(log: LogTables, table: Table) -> Gnss | None:
         has_fix=has_fix,
         velocity=velocity,
         accuracy=accuracy,
-        satellites=np.where(count == 255.0, -1, count).astype(np.int64),
+        satellites=np.where(count == 255, -1, count),
         utc_us=utc_from_gps_week(week, of_week),
         undulation=undulation,
         sea_level=True,

@@ -128,8 +128,10 @@ def _define(walk: _Walk, lengths: list[int], body: bytes) -> None:
         return
     form = Format(name.decode(), letters.decode(), tuple(columns.decode().split(",")) if columns else ())
     size = sum(np.dtype(_TYPES[letter]).itemsize for letter in form.letters if letter in _TYPES)
-    readable = len(set(form.columns)) == len(form.letters) and set(form.letters) <= _TYPES.keys()
-    lengths[kind] = length
+    readable = len(set(form.columns)) == len(form.letters) and set(form.letters) <= _TYPES.keys() and all(form.columns)
+    if lengths[kind] and kind != FMT_TYPE:
+        return  # said before: a second description that differs is damaged
+    lengths[kind] = length if kind != FMT_TYPE else FMT_LENGTH
     if readable and size == length - _HEADER and kind != FMT_TYPE:
         walk.formats[kind] = form
     elif kind == FMT_TYPE:

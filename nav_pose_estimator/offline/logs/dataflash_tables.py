@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nav_pose_estimator.offline.bags.raw_messages import BagError
-from nav_pose_estimator.offline.logs.log_tables import LogTables, Table, wild
+from nav_pose_estimator.offline.logs.log_tables import LogTables, Table, finite, wild
 
 Array = np.ndarray
 FIELDS_OF_FMT = ("Type", "Length", "Name", "Format", "Columns")
@@ -186,7 +186,7 @@ def _pairs(item: RawMessages | None, *names: str) -> list[tuple]:
 
 def _parameters(known: dict[str, RawMessages]) -> dict[str, float]:
     """Name -> the last value that was logged."""
-    return {_text(name): float(value) for name, value in _pairs(known.get("PARM"), "Name", "Value")}
+    return finite((_text(name), value) for name, value in _pairs(known.get("PARM"), "Name", "Value"))
 
 
 def _text(value: object) -> str:

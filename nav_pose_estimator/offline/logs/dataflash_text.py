@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from nav_pose_estimator.offline.logs.dataflash_tables import FIELDS_OF_FMT, Format, RawMessages, build
-from nav_pose_estimator.offline.logs.log_tables import LogTables
+from nav_pose_estimator.offline.logs.log_tables import LogTables, whole_numbers
 
 _TEXTS = "nNZM"  # format letters of fields that hold text; a mode is one as text
+_LARGEST = 2.0**62  # of whole numbers
 _SCALED = "cCeEL"  # to "f": the numbers are scaled already
 
 
@@ -89,8 +90,10 @@ def _numbers(values: tuple[str, ...], letter: str) -> tuple[np.ndarray, np.ndarr
         return np.array(values).astype(np.int64 if whole else np.float64), np.ones(len(values), bool)
     except ValueError:
         found = np.array([_number(value) for value in values])
+    if whole:
+        return whole_numbers(found), np.abs(found) < _LARGEST
     fits = np.isfinite(found) | np.array([value.lower() in ("nan", "-nan", "inf", "-inf") for value in values])
-    return (np.nan_to_num(found).astype(np.int64) if whole else found), fits
+    return found, fits
 
 
 def _number(value: str) -> float:

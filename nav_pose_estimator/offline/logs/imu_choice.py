@@ -52,7 +52,9 @@ def with_best_imu(recording: Recording, parameters: Parameters, until: float) ->
     names = ", ".join(
         f"{value:.2f} m/s with {imu.name}" for value, imu in zip(found.innovations, recording.log.imus, strict=True)
     )
-    chosen.notices.append(f"IMU {found.best} of {len(recording.log.imus)} is used (--imu N takes another): {_HOW} {names}")
+    chosen.notices.append(
+        f"IMU {found.best} of {len(recording.log.imus)} is used (--imu N takes another): {_HOW} {names}"
+    )
     return chosen
 
 

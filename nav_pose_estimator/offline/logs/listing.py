@@ -160,7 +160,8 @@ def _of_bag(recording: Recording) -> LogSensors:
 
 
 def _times(samples: list[Sample], kind: type) -> Array:
-    return np.array([s.stamp_ns for s in samples if type(s) is kind and s.stamp_ns], np.int64) // 1000
+    stamps = [getattr(s, "stamp_ns", None) for s in samples if type(s) is kind]
+    return np.array([stamp for stamp in stamps if stamp], np.int64) // 1000
 
 
 def _gnss_of_bag(recording: Recording) -> Gnss:

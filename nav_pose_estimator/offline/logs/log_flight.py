@@ -20,7 +20,7 @@ SLOW_HZ = 40.0
 """An IMU that was logged more slowly aliases vibration and misses turns: no minute without GNSS on it."""
 UNDATED_NS = 10**18  # what the clock of the log counts from where GNSS does not tell the date
 CLOCK_WINDOW_US = 60_000_000
-"""The clock is judged by the first minute of fixes: what comes later may lie in an outage, and must not be used there."""
+"""The clock is judged by the first minute of fixes: later ones may lie in an outage, which must not use them."""
 BESIDE_US = 500_000
 """What other sensors measured so long before the first or after the last IMU sample belongs to the recording."""
 CLOCKS = ("auto", "log", "gnss")
@@ -30,7 +30,7 @@ CLOCKS = ("auto", "log", "gnss")
 class LogOptions:
     """Which part of a log: ``imu`` and ``segment`` count from 1, None for the best IMU and for the whole log.
 
-    ``clock``: ``log`` as it stands, ``gnss`` scaled to GNSS time, ``auto`` scaled where it is off by more than 1000 ppm.
+    ``clock``: ``log`` as it stands, ``gnss`` scaled to GNSS time, ``auto`` scaled where it is more than 1000 ppm off.
     ``max_gap`` [s]: an estimator starts again after a longer pause of the IMU.
     """
 
@@ -59,7 +59,7 @@ class LogRecording(Recording):
 
 
 def log_recording(log: LogSensors, options: LogOptions) -> LogRecording:
-    """The samples of a log. Raises ``BagError`` where it lacks what an estimator needs, or has no such IMU or segment."""
+    """The samples of a log. Raises ``BagError`` where it lacks what an estimator needs, or such an IMU or segment."""
     imu = _chosen_imu(log, options.imu)
     receiver = _receiver(log)
     segment, told = _chosen_segment(log, imu, options)
@@ -233,11 +233,15 @@ def _notices(log: LogSensors, imu: Imu, gnss: Gnss, repeated: int, options: LogO
     pauses = np.diff(imu.time_us) * 1e-6
     long = pauses[pauses > options.max_gap]
     if len(long):
-        told.append(f"the IMU pauses {len(long)} times, {long.max():.1f} s at most: the estimator starts again after it")
+        told.append(
+            f"the IMU pauses {len(long)} times, {long.max():.1f} s at most: the estimator starts again after it"
+        )
     if repeated:
         told.append(f"{repeated} GNSS messages only repeat the one before: left out")
     if imu.clipped:
-        told.append(f"{imu.clipped} IMU samples were out of the sensor's range ({100 * imu.clipped / len(imu.time_us):.2g} %)")
+        told.append(
+            f"{imu.clipped} IMU samples were out of the sensor's range ({100 * imu.clipped / len(imu.time_us):.2g} %)"
+        )
     if gnss.sea_level:
         told.append("heights are above mean sea level: the log has no ellipsoid heights")
     return told

@@ -4,7 +4,9 @@ Both formats come to this form; what the fields mean in physical terms is the bu
 ``ardupilot_fields``.
 """
 
+import math
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,6 +18,17 @@ Array = np.ndarray
 _HALF_WINDOW = 5
 _SLACK_US, _INTERVALS = 500_000, 10  # a time may lie so far from the middle of its neighbours
 _LONGEST_US = 3_600_000_000
+
+
+def finite(pairs: Iterable[tuple[str, object]]) -> dict[str, float]:
+    """Parameters by name, without those that damage has left no numbers."""
+    return {key: float(value) for key, value in pairs if isinstance(value, (int, float)) and math.isfinite(value)}
+
+
+def whole_numbers(values: Array) -> Array:
+    """(N,) int64; 0 for what does not fit."""
+    with np.errstate(invalid="ignore"):
+        return np.where(np.abs(values) < 2.0**62, values, 0.0).astype(np.int64)
 
 
 def wild(time_us: Array) -> Array:
@@ -43,7 +56,7 @@ def rising(time_us: Array) -> Array:
 class Table:
     """Messages of one kind and instance in the order of the file.
 
-    ``time_us`` (N,) int64 on the clock of the log; ``columns`` (N,) by field name, ``units`` of those that the log tells.
+    ``time_us`` (N,) int64 on the clock of the log; ``columns`` (N,) by field name, ``units`` where the log tells them.
     """
 
     name: str
@@ -63,11 +76,16 @@ class Table:
         """The first of the fields that exists as (N,) float64, else ``default`` throughout."""
         for name in names:
             if name in self.columns:
-                return self.columns[name].astype(np.float64)
+                with np.errstate(invalid="ignore"):  # damage may leave signalling NaNs
+                    return self.columns[name].astype(np.float64)
         return np.full(len(self), default)
 
+    def whole(self, *names: str, default: int = 0) -> Array:
+        """The same as (N,) int64; what is no whole number that int64 holds becomes 0."""
+        return whole_numbers(self.number(*names, default=default))
+
     def vector(self, *names: str) -> Array:
-        """Fields side by side, (N, len(names)); one name stands for the elements ``name[0]`` to ``name[2]`` of an array."""
+        """Fields side by side, (N, len(names)); one name stands for the elements ``name[0]`` to ``name[2]``."""
         if len(names) == 1:
             names = tuple(f"{names[0]}[{i}]" for i in range(3))
         return np.stack([self.number(name) for name in names], axis=-1)

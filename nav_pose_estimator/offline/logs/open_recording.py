@@ -24,7 +24,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--imu", type=int, metavar="N", help="of a log: which IMU, from 1 (default: that which follows GNSS best)")
     add("--segment", type=int, metavar="N", help="of a log: one arming or piece only, from 1 (default: the whole log)")
-    add("--clock", choices=CLOCKS, default="auto", help="of a log: scale its times to GNSS time (auto: when 0.1 %% off)")
+    add(
+        "--clock", choices=CLOCKS, default="auto", help="of a log: scale its times to GNSS time (auto: when 0.1 %% off)"
+    )
 
 
 def options_of(arguments: argparse.Namespace, parameters: Parameters | None = None) -> LogOptions:

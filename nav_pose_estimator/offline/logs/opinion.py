@@ -11,7 +11,9 @@ Array = np.ndarray
 _LONGEST_US = 2_000_000  # between two rows of an opinion; over more than that nothing is interpolated
 
 
-def opinion(kind: str, placed: tuple[Array, Array, Array] | None, turned: tuple[Array, Array] | None) -> Reference | None:
+def opinion(
+    kind: str, placed: tuple[Array, Array, Array] | None, turned: tuple[Array, Array] | None
+) -> Reference | None:
     """Join position and attitude, which are logged apart.
 
     ``placed``: times (N,) [µs], positions (N, 3) latitude, longitude [rad], height [m], velocities (N, 3) ENU.
@@ -21,12 +23,13 @@ def opinion(kind: str, placed: tuple[Array, Array, Array] | None, turned: tuple[
     if placed is None and turned is None:
         return None
     if placed is None:
+        assert turned is not None
         time_us, q_nb = turned
         nothing = np.full((len(time_us), 3), np.nan)
         return Reference(kind, time_us * 1e-6, nothing, None, q_nb)
     time_us, position, velocity = placed
-    q_nb = None if turned is None or len(turned[0]) < 2 else _nearest(time_us, *turned)
-    return Reference(kind, time_us * 1e-6, position, velocity, q_nb)
+    attitude = None if turned is None or len(turned[0]) < 2 else _nearest(time_us, *turned)
+    return Reference(kind, time_us * 1e-6, position, velocity, attitude)
 
 
 def _nearest(wanted_us: Array, time_us: Array, q_nb: Array) -> Array:

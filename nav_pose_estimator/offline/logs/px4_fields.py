@@ -18,15 +18,16 @@ _INVALID_RELATIVE = 0x7FFFFFFF
 _DOWN = 25  # distance_sensor.orientation: pitch 270 degrees
 _ALL_SAMPLES = 0.9  # share of the time that the delta angles of a vehicle_imu must cover to be complete
 _TYPES = {1: "fixed wing", 2: "quadrotor", 3: "coaxial", 4: "helicopter", 10: "rover", 13: "hexarotor", 14: "octorotor"}
-_TYPES |= {i: "VTOL" for i in range(19, 26)}
+_TYPES |= dict.fromkeys(range(19, 26), "VTOL")
 
 
 def px4_sensors(log: LogTables) -> LogSensors:
     """What the log says of the sensors."""
-    gnss = [found for name in ("vehicle_gps_position", "sensor_gps") for t in log.instances(name) if (found := _gnss(t))]
+    gnss = [
+        found for name in ("vehicle_gps_position", "sensor_gps") for t in log.instances(name) if (found := _gnss(t))
+    ]
     receiver = max(gnss, key=lambda g: int(g.has_fix.sum()), default=None)
     undulation = receiver.undulation if receiver is not None else np.nan
-    delay = log.parameters.get("EKF2_GPS_DELAY")
     antenna = [log.parameters.get(f"EKF2_GPS_POS_{axis}", 0.0) for axis in "XYZ"]
     lever = tuple((np.array(antenna) * sensors.FLU_FROM_FRD).tolist())
     return LogSensors(
@@ -39,7 +40,7 @@ def px4_sensors(log: LogTables) -> LogSensors:
         others=[series for series in (_magnetometer(log), _barometer(log), *_air(log), _range(log)) if series],
         armed=_armed(log),
         opinion=_opinion(log, 0.0 if np.isnan(undulation) else undulation),
-        delay=None if delay is None else (delay * 1e-3, "EKF2_GPS_DELAY"),
+        delay=sensors.known_delay(log.parameters, ["EKF2_GPS_DELAY"]),
         antenna=lever if any(antenna) else None,
         names=log.names,
         needs=("sensor_combined", "vehicle_gps_position or sensor_gps"),
@@ -59,7 +60,7 @@ def _combined(table: Table) -> Imu | None:
     if not table.has("gyro_rad[0]", "accelerometer_m_s2[0]"):
         return None
     clipped = table.number("accelerometer_clipping", default=0.0) + table.number("gyro_clipping", default=0.0)
-    relative = table.number("accelerometer_timestamp_relative", default=0.0).astype(np.int64)
+    relative = table.whole("accelerometer_timestamp_relative")
     valid = (relative != _INVALID_RELATIVE) & rising(table.time_us)
     table, relative, clipped = table.select(valid), relative[valid], clipped[valid]
     gyro, accel = table.vector("gyro_rad"), table.vector("accelerometer_m_s2")
@@ -86,7 +87,7 @@ def _integrated(table: Table) -> Imu | None:
     with np.errstate(divide="ignore", invalid="ignore"):
         gyro = table.vector("delta_angle") / (gyro_us * 1e-6)[:, None]
         accel = table.vector("delta_velocity") / (accel_us * 1e-6)[:, None]
-    stamps = table.number("timestamp_sample").astype(np.int64) if table.has("timestamp_sample") else table.time_us
+    stamps = table.whole("timestamp_sample") if table.has("timestamp_sample") else table.time_us
     stamps = stamps if np.all(stamps > 0) else table.time_us
     return sensors.make_imu(f"vehicle_imu {table.instance}", stamps, gyro, accel, clipped)
 
@@ -105,7 +106,7 @@ def _gnss(table: Table) -> Gnss | None:
     usable = bool(known[has_fix].all()) and bool(has_fix.any())
     velocity = sensors.enu(table.vector("vel_n_m_s", "vel_e_m_s", "vel_d_m_s"))
     velocity[table.number("vel_ned_valid", default=1.0) == 0.0] = np.nan
-    count = table.number("satellites_used", default=255.0)
+    count = table.whole("satellites_used", default=255)
     return Gnss(
         name=f"{table.name} {table.instance}" if table.instance else table.name,
         time_us=table.time_us,
@@ -114,8 +115,8 @@ def _gnss(table: Table) -> Gnss | None:
         velocity=velocity,
         # s_variance_m_s is, in spite of its name, the deviation of the speed in m/s
         accuracy=np.stack([_positive(table.number(name)) for name in ("eph", "epv", "s_variance_m_s")], axis=-1),
-        satellites=np.where(count == 255.0, -1, count).astype(np.int64),
-        utc_us=table.number("time_utc_usec", default=0.0).astype(np.int64),
+        satellites=np.where(count == 255, -1, count),
+        utc_us=table.whole("time_utc_usec"),
         undulation=float(np.median((ellipsoid - sea_level)[has_fix])) if usable else np.nan,
         sea_level=not usable,
     )
@@ -152,7 +153,7 @@ def _barometer(log: LogTables) -> Series | None:
 
 def _relative(table: Table, offset: str) -> tuple[Array, Array]:
     """Times of a sensor inside ``sensor_combined``, and which rows bring a new measurement of it."""
-    relative = table.number(offset).astype(np.int64)
+    relative = table.whole(offset)
     time_us = table.time_us + relative
     return time_us, (relative != _INVALID_RELATIVE) & np.concatenate([[True], np.diff(time_us) > 0])
 
@@ -171,7 +172,11 @@ def _air(log: LogTables) -> list[Series | None]:
         return [sensors.airspeed(table, speed, (table.number("selected_airspeed_index") >= 1.0) & (speed >= 0.0))]
     table = log.first("differential_pressure")
     if table is not None:
-        return [sensors.differential_pressure(table, table.number("differential_pressure_pa", "differential_pressure_raw_pa"))]
+        return [
+            sensors.differential_pressure(
+                table, table.number("differential_pressure_pa", "differential_pressure_raw_pa")
+            )
+        ]
     return []
 
 

@@ -1,6 +1,7 @@
 """The pieces of a log: armings, and stretches between gaps in the IMU data."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -33,12 +34,12 @@ def find_segments(imu_us: Array, armed: list[tuple[int, int]] | None, max_gap: f
         return []
     cuts = set((np.flatnonzero(np.diff(imu_us) > max_gap * 1e6) + 1).tolist())
     spans = armed or []
-    for (_, before), (after, _) in zip(spans[:-1], spans[1:], strict=True):
+    for (_, before), (after, _) in pairwise(spans):
         cuts.add(int(np.searchsorted(imu_us, (before + after) // 2)))
     edges = sorted({0, len(imu_us), *cuts})
     pieces = [
         Segment(int(imu_us[a]), int(imu_us[b - 1]), _overlap(int(imu_us[a]), int(imu_us[b - 1]), spans))
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
+        for a, b in pairwise(edges)
     ]
     flown = [piece for piece in pieces if piece.armed > 0.0] if armed else []
     lasting = [piece for piece in pieces if piece.end_us - piece.begin_us >= SHORTEST_US]

@@ -1,13 +1,21 @@
 """What a flight log says of the sensors, in this package's frames and units, still on the clock of the log."""
 
 from collections import Counter
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from nav_pose_estimator.core.numerics.rotation import quat_multiply_many, quat_normalize_many
-from nav_pose_estimator.engine.samples import Airspeed, DifferentialPressure, MagSample, PressureSample, RangeToGround
+from nav_pose_estimator.engine.samples import (
+    Airspeed,
+    DifferentialPressure,
+    MagSample,
+    PressureSample,
+    RangeToGround,
+    Sample,
+)
 from nav_pose_estimator.offline.flights.tracks import Reference
 from nav_pose_estimator.offline.logs.log_tables import Table, rising
 
@@ -16,6 +24,7 @@ GAUSS = 1e-4  # T
 FLU_FROM_FRD = np.array([1.0, -1.0, -1.0])
 _ENU_FROM_NED = np.array([0.0, 0.5**0.5, 0.5**0.5, 0.0])
 _FRD_FROM_FLU = np.array([0.0, 1.0, 0.0, 0.0])
+_LONGEST_DELAY = 1000.0  # ms
 FIX, NO_FIX = 0, -1  # sensor_msgs/NavSatStatus
 
 
@@ -52,10 +61,10 @@ class Gnss:
 
 @dataclass(frozen=True)
 class Series:
-    """Other samples of one sensor: ``make`` turns a stamp and a row of ``values`` (N, k) into a sample."""
+    """All of one other sensor: with a stamp, each row of ``values`` (N, k) makes a sample of ``kind``."""
 
     name: str
-    kind: type[MagSample] | type[PressureSample] | type[Airspeed] | type[DifferentialPressure] | type[RangeToGround]
+    kind: type[Sample]
     time_us: Array
     values: Array
 
@@ -94,6 +103,12 @@ class LogSensors:
         return max(self.gnss, key=lambda g: int(g.has_fix.sum()), default=None)
 
 
+def known_delay(parameters: dict[str, float], names: Iterable[str]) -> tuple[float, str] | None:
+    """Latency of the fixes [s] by the first of the parameters [ms] that is set, and its name."""
+    found = ((parameters[name] * 1e-3, name) for name in names if 0.0 < parameters.get(name, 0.0) < _LONGEST_DELAY)
+    return next(found, None)
+
+
 def make_imu(name: str, time_us: Array, gyro_frd: Array, accel_frd: Array, clipped: Array | None = None) -> Imu:
     """An IMU from FRD columns; rows that are not finite, or not newer than those before, are left out."""
     good = rising(time_us) & np.isfinite(gyro_frd).all(axis=1) & np.isfinite(accel_frd).all(axis=1)
@@ -125,22 +140,33 @@ def differential_pressure(table: Table, pressure: Array) -> Series | None:
     return _series(table.name, DifferentialPressure, table.time_us, pressure[:, None], pressure != 0.0)
 
 
-def range_to_ground(table: Table, distance: Array, field_of_view: float, deviation: Array, good: Array) -> Series | None:
+def range_to_ground(
+    table: Table, distance: Array, field_of_view: float, deviation: Array, good: Array
+) -> Series | None:
     """Distances of a rangefinder that looks down [m] as samples."""
     values = np.column_stack([distance, np.full(len(distance), field_of_view), deviation])
     return _series(table.name, RangeToGround, table.time_us, values, good & np.isfinite(distance), columns=1)
 
 
-def _series(name: str, kind: type, time_us: Array, values: Array, good: Array, columns: int | None = None) -> Series | None:
+def _series(
+    name: str, kind: type, time_us: Array, values: Array, good: Array, columns: int | None = None
+) -> Series | None:
     good = good & rising(time_us) & np.isfinite(values[:, :columns]).all(axis=1)
     return Series(name, kind, time_us[good], values[good]) if good.any() else None
 
 
-def sample(series: Series, stamp_ns: int, row: list[float]):
+def sample(series: Series, stamp_ns: int, row: list[float]) -> Sample:
     """Row of a series as the sample that it is."""
-    if series.kind is MagSample:
-        return MagSample(stamp_ns, (row[0], row[1], row[2]))
-    return series.kind(stamp_ns, *row)
+    return _MAKERS[series.kind](stamp_ns, row)
+
+
+_MAKERS: dict[type[Sample], Callable[[int, list[float]], Sample]] = {
+    MagSample: lambda stamp, row: MagSample(stamp, (row[0], row[1], row[2])),
+    PressureSample: lambda stamp, row: PressureSample(stamp, row[0]),
+    Airspeed: lambda stamp, row: Airspeed(stamp, row[0]),
+    DifferentialPressure: lambda stamp, row: DifferentialPressure(stamp, row[0]),
+    RangeToGround: lambda stamp, row: RangeToGround(stamp, *row),
+}
 
 
 def enu(ned: Array) -> Array:
@@ -180,4 +206,6 @@ def armed_spans(time_us: Array, armed: Array) -> list[tuple[int, int]] | None:
     time_us, armed = time_us[order], armed[order].astype(np.int8)
     edges = np.diff(armed, prepend=0, append=0)
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return [(int(time_us[a]), int(time_us[min(b, len(time_us) - 1)])) for a, b in zip(starts, ends, strict=True)]
+    last = len(time_us) - 1
+    pairs = zip(starts.tolist(), ends.tolist(), strict=True)
+    return [(int(time_us[begin]), int(time_us[min(end, last)])) for begin, end in pairs]

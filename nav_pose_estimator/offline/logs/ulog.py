@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.offline.bags.raw_messages import BagError
-from nav_pose_estimator.offline.logs.log_tables import LogTables, Table
+from nav_pose_estimator.offline.logs.log_tables import LogTables, Table, finite
 
 MAGIC = b"ULog\x01\x12\x35"
 TOPICS = (
@@ -34,7 +34,17 @@ TOPICS = (
 )
 """The topics that are read; the others are skipped, which saves time and memory."""
 # What pyulog lets out when a file is damaged where it does not expect it.
-_DAMAGE = (struct.error, KeyError, IndexError, ValueError, TypeError, AttributeError, OverflowError, OSError, MemoryError)
+_DAMAGE = (
+    struct.error,
+    KeyError,
+    IndexError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    OverflowError,
+    OSError,
+    MemoryError,
+)
 
 
 def read_ulog(path: Path) -> LogTables:
@@ -55,7 +65,7 @@ def read_ulog(path: Path) -> LogTables:
         form="ULog",
         tables=tables,
         names=list(tables),
-        parameters={key: float(value) for key, value in log.initial_parameters.items() if np.isscalar(value)},
+        parameters=finite(log.initial_parameters.items()),
         firmware=_firmware(log),
         notices=notices,
     )

@@ -43,7 +43,7 @@ class Task:
     first: float | None = None
     gnss_delay: str | None = None
     config: Path | None = None
-    log: LogOptions = LogOptions()  # which part, if it is a flight log
+    log: LogOptions = field(default_factory=LogOptions)  # which part, if it is a flight log
 
 
 @dataclass
