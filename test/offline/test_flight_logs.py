@@ -5,12 +5,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nav_pose_estimator.engine.samples import MagSample, PressureSample, Sample, SatelliteCount
+from nav_pose_estimator.engine.samples import (
+    Airspeed,
+    MagSample,
+    PressureSample,
+    RangeToGround,
+    Sample,
+    SatelliteCount,
+)
 from nav_pose_estimator.offline.bags.raw_messages import BagError
 from nav_pose_estimator.offline.flights.recording import Recording
 from nav_pose_estimator.offline.flights.tracks import Reference, displacement_enu
-from nav_pose_estimator.offline.logs.log_flight import LogOptions
 from nav_pose_estimator.offline.logs.open_recording import open_recording, read_sensors
+from nav_pose_estimator.offline.logs.options import LogOptions
 from small_logs import LATENCY_MS, UTC_US, Flight, ardupilot, flight, px4, px4_gnss, write
 
 KINDS = {
@@ -225,3 +232,57 @@ def test_an_imu_or_a_segment_that_is_not_there(flown, tmp_path):
         open_recording(path, LogOptions(imu=3))
     with pytest.raises(BagError, match="has no segment 2; there are 1"):
         open_recording(path, LogOptions(segment=2))
+
+
+# --- airspeed and range ----------------------------------------------------------------------------------------------
+
+
+def test_airspeed_and_range_of_px4(flown, tmp_path):
+    """GIVEN a sensor's airspeed and two rangefinders, THEN the true airspeed and the beam that looks down are taken."""
+    log, count = px4(flown), len(flown.baro_us)
+    log.add("airspeed", flown.baro_us, {"true_airspeed_m_s": ("float", np.full(count, 17.5))})
+    for multi_id, orientation, distance in ((0, 0, 3.0), (1, 25, 8.0)):
+        columns = {
+            "current_distance": ("float", np.full(count, distance)),
+            "min_distance": ("float", np.full(count, 0.2)),
+            "max_distance": ("float", np.full(count, 40.0)),
+            "variance": ("float", np.full(count, 0.04)),
+            "signal_quality": ("int8_t", np.where(np.arange(count) % 2, 100, 0)),
+            "orientation": ("uint8_t", np.full(count, orientation)),
+        }
+        log.add("distance_sensor", flown.baro_us, columns, multi_id)
+    found = open_recording(write(tmp_path / "a.ulg", log.encode()), LogOptions())
+    assert [(s.speed, np.isnan(s.sd)) for s in of(found, Airspeed)] == [(17.5, True)] * count
+    ranges = of(found, RangeToGround)
+    assert len(ranges) == count // 2  # those without a signal are none
+    assert (ranges[0].distance, ranges[0].sd) == (8.0, pytest.approx(0.2))
+
+
+def test_ground_speed_minus_wind_is_no_airspeed(flown, tmp_path):
+    """GIVEN a validated airspeed that PX4 made of GNSS for the first half, THEN only the sensor's half is taken."""
+    log, count = px4(flown), len(flown.baro_us)
+    half = np.arange(count) < count // 2
+    columns = {
+        "true_airspeed_m_s": ("float", np.full(count, 15.0)),
+        "selected_airspeed_index": ("int8_t", np.where(half, 0, 1)),
+    }
+    log.add("airspeed_validated", flown.baro_us, columns)
+    found = open_recording(write(tmp_path / "a.ulg", log.encode()), LogOptions())
+    assert len(of(found, Airspeed)) == count - count // 2
+
+
+def test_airspeed_of_ardupilot_is_made_true_by_the_density(flown, tmp_path):
+    """GIVEN 20 m/s of equivalent airspeed in air of 0.81 times the density at sea level, THEN it flies 22.2 m/s."""
+    log = ardupilot(flown)
+    log.messages = [message for message in log.messages if message[2] != "BARO"]
+    log.define("ARSP", "QBfff", "TimeUS,I,Airspeed,DiffPress,Temp")
+    log.define("RFND", "QBfBB", "TimeUS,Instance,Dist,Stat,Orient")
+    pressure = 0.81 * 1.225 * 287.05 * 288.15
+    for t in flown.baro_us.tolist():
+        log.add(t, "BARO", t, 0, 0.0, pressure)
+        log.add(t, "ARSP", t, 0, 20.0, 200.0, 15.0)
+        log.add(t, "RFND", t, 0, 6.5, 4, 25)
+        log.add(t, "RFND", t, 1, 2.5, 4, 0)
+    found = open_recording(write(tmp_path / "a.bin", log.encode()), LogOptions())
+    assert of(found, Airspeed)[5].speed == pytest.approx(20.0 / 0.9, rel=1e-4)
+    assert {sample.distance for sample in of(found, RangeToGround)} == {6.5}

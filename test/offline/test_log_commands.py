@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,14 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.command_line import main
+from nav_pose_estimator.offline.flights import latency
+from nav_pose_estimator.offline.flights.flight_window import flight_window
 from nav_pose_estimator.offline.flights.recording import load
 from nav_pose_estimator.offline.logs.clock_fit import fit_clock
 from nav_pose_estimator.offline.logs.gnss_time import ROLLOVER, WEEK, rolled, utc_from_gps_week
 from nav_pose_estimator.offline.logs.imu_choice import compare_imus
-from nav_pose_estimator.offline.logs.log_flight import LogOptions
 from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared, read_sensors
+from nav_pose_estimator.offline.logs.options import LogOptions
 from nav_pose_estimator.offline.logs.segments import find_segments
 from nav_pose_estimator.offline.replay.replay import replay
 from small_logs import Flight, ardupilot, flight, px4, write
@@ -262,3 +265,28 @@ def test_leap_seconds_of_the_day_are_taken_off():
         gps = utc - 315_964_800 + leap
         found = utc_from_gps_week(np.array([gps // WEEK]), np.array([gps % WEEK * 1000]))
         assert found[0] == utc * 10**6
+
+
+# --- latency ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("rise", "expected"), [(1.0, 0.2), (1e-3, 0.13), (0.04, 0.165)])
+def test_a_weak_estimate_of_the_latency_leans_on_the_autopilots_parameter(ulg, monkeypatch, rise, expected):
+    """GIVEN 0.2 s from the data and 0.13 s by EKF2_GPS_DELAY, THEN the flatter the minimum the less the data count."""
+    found = latency.Latency(0.2, rise, np.zeros(1), np.zeros(1), 70.0)
+    monkeypatch.setattr(latency, "estimate", lambda *_: found)
+    parameters, how = latency.choose(open_recording(ulg, LogOptions()), Parameters(), "auto", None, np.inf)
+    assert parameters.gnss.delay == pytest.approx(expected, abs=0.012)
+    assert "0.13 s by EKF2_GPS_DELAY" in how
+
+
+def test_arming_bounds_the_flight(flown, tmp_path):
+    """GIVEN a vehicle that shakes and moves in the log before arming, THEN the flight begins at arming."""
+    recording = open_recording(write(tmp_path / "a.ulg", px4(flown).encode()), LogOptions())
+    begin, end = recording.sidecar["armed_s"][0]
+    assert begin == pytest.approx(5.5, abs=0.6)
+    recording.velocities[:] = [replace(v, vel_enu=(5.0, 0.0, 0.0)) for v in recording.velocities]
+    assert begin <= flight_window(recording)[0] < begin + 1.0
+    assert flight_window(recording)[1] <= end + 1.0
+    del recording.sidecar["armed_s"]
+    assert flight_window(recording)[0] < 1.0

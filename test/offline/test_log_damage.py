@@ -8,8 +8,8 @@ import pytest
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.bags.raw_messages import BagError
 from nav_pose_estimator.offline.command_line import main
-from nav_pose_estimator.offline.logs.log_flight import LogOptions
 from nav_pose_estimator.offline.logs.open_recording import open_recording, read_sensors
+from nav_pose_estimator.offline.logs.options import LogOptions
 from small_logs import ardupilot, flight, px4, write
 
 SECONDS = 12.0

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_outage(part: argparse.ArgumentParser) -> None:
-    from nav_pose_estimator.offline.logs.open_recording import add_options
+    from nav_pose_estimator.offline.logs.options import add_options
 
     add = part.add_argument
     add("bags", nargs="+", type=Path, metavar="BAG|LOG", help="bags or flight logs; NAME.json beside NAME_bag is read")
@@ -90,7 +90,7 @@ def _tasks(arguments: argparse.Namespace) -> list:
     from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task
     from nav_pose_estimator.offline.flights import methods
     from nav_pose_estimator.offline.flights.config_file import load_parameters
-    from nav_pose_estimator.offline.logs.open_recording import options_of
+    from nav_pose_estimator.offline.logs.options import options_of
 
     names = methods.check([name.strip() for name in arguments.methods.split(",") if name.strip()])
     try:

@@ -41,6 +41,7 @@ COMPASS_NS = 200_000_000  # the heading needs no more than this many nanoseconds
 AUTO = "auto"
 PRIOR, PRIOR_SOURCE = "gnss_latency_prior_s", "gnss_latency_prior_from"
 """What stands beside a recording of a flight log: the autopilot's own parameter for the latency [s], and its name."""
+PRIOR_SD = 0.06  # s: estimates lie up to a tenth of a second beside the parameter
 
 
 @dataclass(frozen=True)
@@ -138,19 +139,20 @@ def choose(
 
 
 def _estimated(recording: Recording, parameters: Parameters, until: float) -> tuple[Parameters, str]:
-    """The estimate, with what the autopilot's parameters say beside it, and in its place where it is weak."""
+    """The estimate, weighed with what the autopilot's parameters say where a log tells."""
     prior = recording.sidecar.get(PRIOR)
     if not isinstance(prior, (int, float)):
         found = estimate(recording, parameters, until)
         return update(parameters, {"gnss.delay": found.delay}), describe(found)
-    says = f"{_source(recording)} says {prior:g} s"
+    says = f"{prior:g} s by {_source(recording)}"
     try:
         found = estimate(recording, parameters, until)
     except UserError as error:
-        return update(parameters, {"gnss.delay": float(prior)}), f"GNSS latency {prior:g} s: {says}; {error}"
-    if found.weak:
-        return update(parameters, {"gnss.delay": float(prior)}), f"GNSS latency {prior:g} s: {says}; {describe(found)}"
-    return update(parameters, {"gnss.delay": found.delay}), f"{describe(found)}; {says}"
+        return update(parameters, {"gnss.delay": float(prior)}), f"GNSS latency {says} ({error})"
+    weight = PRIOR_SD**2 / (PRIOR_SD**2 + found.sd**2)  # zero for an estimate of infinite deviation
+    delay = round(prior + weight * (found.delay - prior), 4)
+    data = f"{found.delay:.3f} s from {found.seconds:.0f} s of data (deviation {found.sd:.3f} s)"
+    return update(parameters, {"gnss.delay": delay}), f"GNSS latency {delay:.3f} s: {data}, {says}"
 
 
 def _source(recording: Recording) -> str:

@@ -21,6 +21,7 @@ _FIX_3D = 3
 _UNDEFINED_HDOP = 90.0  # the receivers' 99.99
 _ARMED, _DISARMED = 10, 11  # EV.Id
 _DOWN, _GOOD = 25, 4  # RFND.Orient: pitch 270 degrees; RFND.Stat
+_STANDARD_CELSIUS = 15.0  # for sensors that do not measure the temperature
 _GAS_CONSTANT, _SEA_LEVEL_DENSITY, _KELVIN = 287.05, 1.225, 273.15  # dry air [J/(kg K)], [kg/m^3]
 _LATENCY = ("GPS_DELAY_MS", "GPS1_DELAY_MS", "EK3_VEL_DELAY", "EKF_VEL_DELAY")
 _ESTIMATORS = {"XKF1": "EKF3", "NKF1": "EKF2", "EKF1": "EKF1"}
@@ -129,7 +130,8 @@ def _airspeed(log: LogTables) -> Series | None:
         return None
     pressure = np.interp(table.time_us, baro.time_us, baro.number("Press"))
     # outside temperature by the airspeed sensor where it has one; a barometer's is that of its own board
-    celsius = np.clip(table.number("Temp", default=15.0), -60.0, 60.0)
+    celsius = table.number("Temp", default=0.0)
+    celsius = np.where((celsius > -60.0) & (celsius < 60.0) & (celsius != 0.0), celsius, _STANDARD_CELSIUS)
     density = pressure / (_GAS_CONSTANT * (celsius + _KELVIN))
     speed = table.number("Airspeed")
     good = (speed >= 0.0) & (table.number("H", "Health", default=1.0) > 0.0) & (density > 0.0)

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline.logs.open_recording import add_options, open_recording, options_of, prepared
+from nav_pose_estimator.offline.logs.options import add_options, options_of
 
 DESCRIPTION = "Write a flight log (PX4 ULog, ArduPilot DataFlash) as a rosbag2 (mcap), which every tool of ROS reads."
 
@@ -25,6 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     from nav_pose_estimator.engine.parameters import Parameters
     from nav_pose_estimator.offline.bags.writer import check_room
     from nav_pose_estimator.offline.logs.log_flight import LogRecording
+    from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
 
     beside = sidecar_path(arguments.bag)
     check_room(arguments.bag, arguments.force)

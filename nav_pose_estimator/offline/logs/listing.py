@@ -20,8 +20,9 @@ from nav_pose_estimator.offline.flights.recording import Recording, load
 from nav_pose_estimator.offline.logs import sensors
 from nav_pose_estimator.offline.logs.clock_fit import fit_clock
 from nav_pose_estimator.offline.logs.imu_choice import compare_imus
-from nav_pose_estimator.offline.logs.log_flight import LogOptions, log_recording
+from nav_pose_estimator.offline.logs.log_flight import log_recording
 from nav_pose_estimator.offline.logs.open_recording import log_form, read_sensors
+from nav_pose_estimator.offline.logs.options import LogOptions
 from nav_pose_estimator.offline.logs.segments import find_segments
 from nav_pose_estimator.offline.logs.sensors import Array, Gnss, Imu, LogSensors, Series
 

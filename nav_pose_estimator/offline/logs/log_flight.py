@@ -4,15 +4,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from nav_pose_estimator.engine.parameters.imu import ImuParameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample, SatelliteCount
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.bags.raw_messages import BagError
+from nav_pose_estimator.offline.flights.flight_window import ARMED
 from nav_pose_estimator.offline.flights.latency import PRIOR, PRIOR_SOURCE
 from nav_pose_estimator.offline.flights.recording import Recording
 from nav_pose_estimator.offline.flights.tracks import Reference
 from nav_pose_estimator.offline.logs import sensors
 from nav_pose_estimator.offline.logs.clock_fit import ClockFit, fit_clock
+from nav_pose_estimator.offline.logs.options import CLOCKS, LogOptions
 from nav_pose_estimator.offline.logs.segments import Segment, find_segments
 from nav_pose_estimator.offline.logs.sensors import FIX, NO_FIX, Array, Gnss, Imu, LogSensors
 
@@ -23,21 +24,6 @@ CLOCK_WINDOW_US = 60_000_000
 """The clock is judged by the first minute of fixes: later ones may lie in an outage, which must not use them."""
 BESIDE_US = 500_000
 """What other sensors measured so long before the first or after the last IMU sample belongs to the recording."""
-CLOCKS = ("auto", "log", "gnss")
-
-
-@dataclass(frozen=True)
-class LogOptions:
-    """Which part of a log: ``imu`` and ``segment`` count from 1, None for the best IMU and for the whole log.
-
-    ``clock``: ``log`` as it stands, ``gnss`` scaled to GNSS time, ``auto`` scaled where it is more than 1000 ppm off.
-    ``max_gap`` [s]: an estimator starts again after a longer pause of the IMU.
-    """
-
-    imu: int | None = None
-    segment: int | None = None
-    clock: str = "auto"
-    max_gap: float = ImuParameters().max_gap
 
 
 @dataclass
@@ -74,7 +60,6 @@ def log_recording(log: LogSensors, options: LogOptions) -> LogRecording:
     epoch_ns, last_ns = min([int(block.stamps_ns[0]), *(stamp for stamp, _ in timed[:1])]), int(block.stamps_ns[-1])
     counters = log.counters.copy()
     counters.update({"log.gnss_repeated": repeated, "log.imu_clipped": imu.clipped})
-    sidecar = {} if log.delay is None else {PRIOR: log.delay[0], PRIOR_SOURCE: log.delay[1]}
     return LogRecording(
         path=log.path,
         samples=_merged(block, timed),
@@ -82,7 +67,7 @@ def log_recording(log: LogSensors, options: LogOptions) -> LogRecording:
         duration=(last_ns - epoch_ns) * 1e-9,
         notices=[*log.notices, *told, *clock.notices, *_notices(log, imu, gnss, repeated, options)],
         counters=+counters,
-        sidecar=sidecar,
+        sidecar=_sidecar(log, clock, epoch_ns),
         opinion=_opinion(log.opinion, clock, epoch_ns),
         log=log,
         options=options,
@@ -222,6 +207,15 @@ def _opinion(opinion: Reference | None, clock: _Clock, epoch_ns: int) -> Referen
         return None
     time_us = np.round(opinion.t * 1e6).astype(np.int64)
     return replace(opinion, t=(clock.stamps(time_us) - epoch_ns) * 1e-9)
+
+
+def _sidecar(log: LogSensors, clock: _Clock, epoch_ns: int) -> dict:
+    """What the log tells beside its samples, in the form of NAME.json."""
+    told: dict = {} if log.delay is None else {PRIOR: log.delay[0], PRIOR_SOURCE: log.delay[1]}
+    if log.armed:
+        spans = (clock.stamps(np.array(log.armed, np.int64).ravel()) - epoch_ns) * 1e-9
+        told[ARMED] = np.round(spans, 3).reshape(-1, 2).tolist()
+    return told
 
 
 def _notices(log: LogSensors, imu: Imu, gnss: Gnss, repeated: int, options: LogOptions) -> list[str]:

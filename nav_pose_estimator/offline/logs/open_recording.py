@@ -1,6 +1,5 @@
 """One way to open whatever a flight was recorded in: rosbag2, PX4 ULog, ArduPilot DataFlash."""
 
-import argparse
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,28 +10,13 @@ from nav_pose_estimator.offline.bags.storage import Bag
 from nav_pose_estimator.offline.flights.recording import Recording, load
 from nav_pose_estimator.offline.logs import dataflash, dataflash_text, ulog
 from nav_pose_estimator.offline.logs.imu_choice import with_best_imu
-from nav_pose_estimator.offline.logs.log_flight import CLOCKS, LogOptions, LogRecording, log_recording
+from nav_pose_estimator.offline.logs.log_flight import LogRecording, log_recording
+from nav_pose_estimator.offline.logs.options import LogOptions
 from nav_pose_estimator.offline.logs.sensors import LogSensors
 
 ULOG, BINARY, TEXT = "ULog", "DataFlash", "DataFlash text"
 _ENDINGS = {".ulg": ULOG, ".ulog": ULOG, ".bin": BINARY, ".log": TEXT}
 _HEAD = 4096
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Options of every command that opens a log."""
-    add = parser.add_argument
-    add("--imu", type=int, metavar="N", help="of a log: which IMU, from 1 (default: that which follows GNSS best)")
-    add("--segment", type=int, metavar="N", help="of a log: one arming or piece only, from 1 (default: the whole log)")
-    add(
-        "--clock", choices=CLOCKS, default="auto", help="of a log: scale its times to GNSS time (auto: when 0.1 %% off)"
-    )
-
-
-def options_of(arguments: argparse.Namespace, parameters: Parameters | None = None) -> LogOptions:
-    """The options that ``add_options`` has added."""
-    max_gap = (parameters or Parameters()).imu.max_gap
-    return LogOptions(arguments.imu, arguments.segment, arguments.clock, max_gap)
 
 
 def open_recording(
@@ -43,6 +27,8 @@ def open_recording(
 ) -> Recording:
     """Read a bag or a log. Raises ``BagError``, one sentence that says what is wrong with it."""
     if log_form(path) is None:
+        if options.imu is not None or options.segment is not None:
+            raise UserError(f"{path.name} is no flight log: --imu and --segment are for those")
         return load(path, remaps, progress)
     if remaps:
         raise BagError(f"{path.name} is a flight log: --remap is for the topics of bags")

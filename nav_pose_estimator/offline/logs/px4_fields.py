@@ -16,6 +16,7 @@ _ARMED = 2  # vehicle_status.arming_state
 _FIX_3D, _EXTRAPOLATED = 3, 8
 _INVALID_RELATIVE = 0x7FFFFFFF
 _DOWN = 25  # distance_sensor.orientation: pitch 270 degrees
+_FIRST_SENSOR, _LAST_SENSOR = 1, 3  # airspeed_validated.airspeed_source; others are synthetic
 _ALL_SAMPLES = 0.9  # share of the time that the delta angles of a vehicle_imu must cover to be complete
 _TYPES = {1: "fixed wing", 2: "quadrotor", 3: "coaxial", 4: "helicopter", 10: "rover", 13: "hexarotor", 14: "octorotor"}
 _TYPES |= dict.fromkeys(range(19, 26), "VTOL")
@@ -167,9 +168,10 @@ def _air(log: LogTables) -> list[Series | None]:
         good = table.number("confidence", default=1.0) > 0.0
         return [sensors.airspeed(table, speed, good)]
     table = log.first("airspeed_validated")
-    if table is not None and table.has("true_airspeed_m_s", "selected_airspeed_index"):
-        speed = table.number("true_airspeed_m_s")
-        return [sensors.airspeed(table, speed, (table.number("selected_airspeed_index") >= 1.0) & (speed >= 0.0))]
+    if table is not None and table.has("true_airspeed_m_s"):
+        source = table.number("airspeed_source", "selected_airspeed_index")
+        of_a_sensor = (source >= _FIRST_SENSOR) & (source <= _LAST_SENSOR)
+        return [sensors.airspeed(table, table.number("true_airspeed_m_s"), of_a_sensor)]
     table = log.first("differential_pressure")
     if table is not None:
         return [

@@ -18,7 +18,7 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of ``replay``."""
-    from nav_pose_estimator.offline.logs.open_recording import add_options
+    from nav_pose_estimator.offline.logs.options import add_options
 
     parser.description = DESCRIPTION
     what = "rosbag2 (a folder, a .mcap or a .db3 file), PX4 .ulg, or ArduPilot .bin or .log"
@@ -44,7 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     from nav_pose_estimator.offline.bags.topic_map import parse_remaps
     from nav_pose_estimator.offline.flights import latency, methods, outages
     from nav_pose_estimator.offline.flights.config_file import load_parameters
-    from nav_pose_estimator.offline.logs.open_recording import open_recording, options_of, prepared
+    from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
+    from nav_pose_estimator.offline.logs.options import options_of
     from nav_pose_estimator.offline.replay.aid_option import with_aids
 
     if not 0.0 < arguments.rate <= 1000.0:
@@ -70,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     late = [o for o in wanted if o.end > recording.duration]
     if late:
         raise UserError(
-            f"the outage {late[0].start:g}:{late[0].length:g} ends after the recording ({recording.duration:.1f} s)"
+            f"the outage {late[0].start:g}:{late[0].length:g} ends after the bag ({recording.duration:.1f} s)"
         )
     if is_first_run():
         print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)

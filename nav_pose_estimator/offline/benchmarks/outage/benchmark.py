@@ -22,8 +22,8 @@ from nav_pose_estimator.offline.flights.outage_errors import NOT_AIDED, OutageEr
 from nav_pose_estimator.offline.flights.outages import GnssLeak, GnssRemoval, Outage, OutageProof
 from nav_pose_estimator.offline.flights.recording import Recording
 from nav_pose_estimator.offline.flights.tracks import Reference, Track, TrackRecorder, displacement_enu, shift
-from nav_pose_estimator.offline.logs.log_flight import LogOptions
 from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
+from nav_pose_estimator.offline.logs.options import LogOptions
 from nav_pose_estimator.offline.replay.replay import as_block, reference_lever
 
 GRID = 1.0  # s between the points of an error-growth curve
