@@ -162,6 +162,9 @@ def test_the_imu_that_follows_gnss_best_is_recommended_and_used(two_imus):
     used = prepared(recording, Parameters(), np.inf)
     assert used.imu_number == 2
     assert any(text.startswith("IMU 2 of 2 is used") for text in used.notices)
+    early = prepared(open_recording(two_imus, LogOptions()), Parameters(), 15.0)
+    assert early.imu_number == 1
+    assert any("too little data to compare them" in text for text in early.notices)
     chosen = open_recording(two_imus, LogOptions(imu=1))
     assert prepared(chosen, Parameters(), np.inf) is chosen
 

@@ -151,8 +151,8 @@ class _Units:
     """Units and multipliers by the messages UNIT, MULT and FMTU, which firmware has written since 2017."""
 
     def __init__(self, known: dict[str, RawMessages]) -> None:
-        self._labels = {chr(int(i)): _text(text) for i, text in _pairs(known.get("UNIT"), "Id", "Label")}
-        self._factors = {chr(int(i)): float(factor) for i, factor in _pairs(known.get("MULT"), "Id", "Mult")}
+        self._labels = {_letter(i): _text(text) for i, text in _pairs(known.get("UNIT"), "Id", "Label")}
+        self._factors = {_letter(i): float(factor) for i, factor in _pairs(known.get("MULT"), "Id", "Mult")}
         rows = known.get("FMTU")
         self._of_type: dict[int, tuple[str, str]] = {}
         if rows is not None and {"FmtType", "UnitIds", "MultIds"} <= rows.columns.keys():
@@ -182,6 +182,10 @@ def _pairs(item: RawMessages | None, *names: str) -> list[tuple]:
     if item is None or not set(names) <= item.columns.keys():
         return []
     return list(zip(*(item.columns[name].tolist() for name in names), strict=True))
+
+
+def _letter(number: int) -> str:
+    return chr(int(number) & 0x7F)
 
 
 def _parameters(known: dict[str, RawMessages]) -> dict[str, float]:

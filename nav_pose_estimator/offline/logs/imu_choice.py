@@ -46,15 +46,18 @@ def with_best_imu(recording: Recording, parameters: Parameters, until: float) ->
     """The recording by the IMU of its log that does best before ``until`` [s]; itself where there is no choice."""
     if not isinstance(recording, LogRecording) or recording.log is None or recording.options.imu is not None:
         return recording
-    if len(recording.log.imus) < 2 or (found := compare_imus(recording, parameters, until)) is None:
+    imus = recording.log.imus
+    if len(imus) < 2:
+        return recording
+    found = compare_imus(recording, parameters, until)
+    if found is None:
+        recording.notices.append(
+            f"IMU 1 of {len(imus)} is used (--imu N takes another): too little data to compare them"
+        )
         return recording
     chosen = recording if found.best == recording.imu_number else recording.with_imu(found.best)
-    names = ", ".join(
-        f"{value:.2f} m/s with {imu.name}" for value, imu in zip(found.innovations, recording.log.imus, strict=True)
-    )
-    chosen.notices.append(
-        f"IMU {found.best} of {len(recording.log.imus)} is used (--imu N takes another): {_HOW} {names}"
-    )
+    values = ", ".join(f"{value:.2f} m/s with {imu.name}" for value, imu in zip(found.innovations, imus, strict=True))
+    chosen.notices.append(f"IMU {found.best} of {len(imus)} is used (--imu N takes another): {_HOW} {values}")
     return chosen
 
 

@@ -28,7 +28,6 @@ TOPICS = (
     "vehicle_attitude",
     "vehicle_local_position",
     "vehicle_global_position",
-    "estimator_status",
     "vehicle_status",
     "actuator_armed",
 )
@@ -74,15 +73,15 @@ def read_ulog(path: Path) -> LogTables:
 def _parse(path: Path) -> tuple[Any, list[str]]:
     """pyulog's object, and notices."""
     try:
-        from pyulog import ULog
-        from pyulog.exceptions import ULogException
+        from pyulog import core as pyulog
     except ModuleNotFoundError:
         raise BagError(f"{path.name} is a PX4 ULog, which the package pyulog reads: pip install pyulog") from None
+    refused = getattr(pyulog, "ULogException", TypeError)  # an exception of its own since 1.3
     said = io.StringIO()
     with path.open("rb", buffering=0) as raw, _Watched(raw) as file, redirect_stdout(said):
         try:
-            log = ULog(file, list(TOPICS))
-        except ULogException as error:
+            log = pyulog.ULog(file, list(TOPICS))
+        except refused as error:
             raise BagError(f"{path} is no readable ULog ({error})") from None
         except _DAMAGE as error:
             raise BagError(f"{path} is damaged and cannot be read ({type(error).__name__})") from None
