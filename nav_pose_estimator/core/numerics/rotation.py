@@ -220,3 +220,13 @@ def wrap_angle_many(a: ArrayLike) -> Array:
     """Angles ``a`` (...) [rad] brought into [-pi, pi)."""
     a = np.asarray(a, dtype=float)
     return a - 2.0 * np.pi * np.floor((a + np.pi) / (2.0 * np.pi))
+
+
+def rotvec_from_quat_many(q: ArrayLike) -> Array:
+    """Rotation vectors (..., 3) [rad] of the unit quaternions ``q`` (..., 4), of length at most pi."""
+    q = np.asarray(q, dtype=float)
+    q = np.where(q[..., :1] < 0.0, -q, q)
+    length = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    small = length < 1e-150
+    factor = np.where(small, 2.0, 2.0 * np.arctan2(length, q[..., :1]) / np.where(small, 1.0, length))
+    return factor * q[..., 1:]

@@ -36,14 +36,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_outage(part: argparse.ArgumentParser) -> None:
+    from nav_pose_estimator.offline.logs.options import add_options
+
     add = part.add_argument
-    add("bags", nargs="+", type=Path, metavar="BAG", help="recordings; NAME.json beside NAME_bag is read")
+    add("bags", nargs="+", type=Path, metavar="BAG|LOG", help="bags or flight logs; NAME.json beside NAME_bag is read")
     add("--lengths", default="10,30,60", metavar="S,...", help="lengths of the outages (default: 10,30,60)")
     add("--every", type=float, default=5.0, metavar="S", help="an outage starts every S seconds (default: 5)")
     add("--first", type=float, metavar="S", help="first start after the flight begins (default: 160, short flights 60)")
     add("--methods", default="best,coast,hold,const_velocity", metavar="M,...", help="methods to compare")
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto (default: NAME.json, else auto)")
     add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
+    add_options(part)
     add("--jobs", type=int, default=1, metavar="N", help="processes (default: 1)")
     add("--out", type=Path, default=Path("outage_benchmark"), metavar="DIR", help="folder for tables and report")
 
@@ -52,16 +55,14 @@ def run(arguments: argparse.Namespace) -> int:
     """Carry one of the benchmarks out."""
     if arguments.part != "outage":
         return import_module(f"nav_pose_estimator.offline.benchmarks.{arguments.part}.benchmark").run(arguments)
-    from nav_pose_estimator.offline.bags.storage import Bag
     from nav_pose_estimator.offline.benchmarks.outage.report import write_report
     from nav_pose_estimator.offline.benchmarks.outage.statistics import summarise
-    from nav_pose_estimator.offline.damaged_input import reading
+    from nav_pose_estimator.offline.logs.open_recording import check_readable
     from nav_pose_estimator.offline.output_folder import OutputFolder
 
     tasks = _tasks(arguments)
     for bag in arguments.bags:
-        with reading(bag):
-            Bag(bag).close()  # a mistyped name ends the command now, not after an hour
+        check_readable(bag)  # a mistyped name ends the command now, not after an hour
     inputs = [*arguments.bags, *([arguments.config] if arguments.config else [])]
     with OutputFolder(arguments.out, "outage benchmark", inputs) as folder:
         flights = _run_all(tasks, arguments.jobs)
@@ -82,6 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _tasks(arguments: argparse.Namespace) -> list:
     from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task
     from nav_pose_estimator.offline.flights import methods
+    from nav_pose_estimator.offline.flights.config_file import load_parameters
+    from nav_pose_estimator.offline.logs.options import options_of
 
     names = methods.check([name.strip() for name in arguments.methods.split(",") if name.strip()])
     try:
@@ -93,6 +96,7 @@ def _tasks(arguments: argparse.Namespace) -> list:
     if not 0.0 < arguments.every < math.inf or arguments.jobs < 1:
         raise UserError("--every and --jobs must be positive")
     shared = {"lengths": lengths, "every": arguments.every, "first": arguments.first, "config": arguments.config}
+    shared["log"] = options_of(arguments, load_parameters(arguments.config))
     return [
         Task(
             bag=bag,

@@ -39,6 +39,9 @@ RUN_UP_NS = 40 * 10**9  # data before the motion, for the filter to start on
 WEAK = 0.02  # s: a larger deviation of the estimate is called a weak minimum
 COMPASS_NS = 200_000_000  # the heading needs no more than this many nanoseconds between magnetometer samples
 AUTO = "auto"
+PRIOR, PRIOR_SOURCE = "gnss_latency_prior_s", "gnss_latency_prior_from"
+"""What stands beside a recording of a flight log: the autopilot's own parameter for the latency [s], and its name."""
+PRIOR_SD = 0.06  # s: estimates lie up to a tenth of a second beside the parameter
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,14 @@ def estimate(recording: Recording, parameters: Parameters, until: float = math.i
     return Latency(best, rise, trials, np.array([cost[t] for t in trials.tolist()]), stream.seconds)
 
 
+def velocity_innovations(recording: Recording, parameters: Parameters, delay: float, until: float) -> float:
+    """RMS of the horizontal innovations [m/s] before ``until`` [s] with fixes ``delay`` [s] old; infinite if it fails.
+
+    Raises ``UserError`` where there is too little data.
+    """
+    return _Stream(recording, parameters, until, COARSE_WINDOW).innovation_rms(delay)
+
+
 def describe(latency: Latency) -> str:
     """The estimate in words."""
     text = f"GNSS latency {latency.delay:.3f} s from {latency.seconds:.0f} s of data"
@@ -117,19 +128,21 @@ def choose(
     own = f"{parameters.gnss.delay:g} s"
     if option is None and config is not None and parameters.gnss.delay != Parameters().gnss.delay:
         return parameters, f"GNSS latency {own} (from {config.name})"
-    known = recording.sidecar.get("gnss_latency_est_s")
-    if option is None and known is not None:
+    prior, known = recording.sidecar.get(PRIOR), recording.sidecar.get("gnss_latency_est_s")
+    if option is None and isinstance(prior, (int, float)):
+        how = f"GNSS latency {prior:g} s ({_source(recording)}; --gnss-delay auto estimates it)"
+        return _with(parameters, prior), how
+    if option is None and isinstance(known, (int, float)):
         return _with(parameters, known), f"GNSS latency {known:g} s (from {recording.name}.json)"
     if option is None and not search:
         return parameters, f"GNSS latency {own} (default; --gnss-delay auto estimates it)"
     if option is None or option == AUTO:
         try:
-            found = estimate(recording, parameters, until)
+            return _estimated(recording, parameters, until)
         except UserError as error:
             if option == AUTO:
                 raise
             return parameters, f"GNSS latency {own} (default: {error})"
-        return _with(parameters, found.delay), describe(found)
     try:
         delay = float(option)
     except ValueError:
@@ -139,6 +152,27 @@ def choose(
 
 def _with(parameters: Parameters, delay: float) -> Parameters:
     return update(parameters, {"gnss.delay": float(delay)})
+
+
+def _estimated(recording: Recording, parameters: Parameters, until: float) -> tuple[Parameters, str]:
+    """The estimate, weighed with what the autopilot's parameters say where a log tells."""
+    prior = recording.sidecar.get(PRIOR)
+    if not isinstance(prior, (int, float)):
+        found = estimate(recording, parameters, until)
+        return update(parameters, {"gnss.delay": found.delay}), describe(found)
+    says = f"{prior:g} s by {_source(recording)}"
+    try:
+        found = estimate(recording, parameters, until)
+    except UserError as error:
+        return update(parameters, {"gnss.delay": float(prior)}), f"GNSS latency {says} ({error})"
+    weight = PRIOR_SD**2 / (PRIOR_SD**2 + found.sd**2)  # zero for an estimate of infinite deviation
+    delay = round(prior + weight * (found.delay - prior), 4)
+    data = f"{found.delay:.3f} s from {found.seconds:.0f} s of data (deviation {found.sd:.3f} s)"
+    return update(parameters, {"gnss.delay": delay}), f"GNSS latency {delay:.3f} s: {data}, {says}"
+
+
+def _source(recording: Recording) -> str:
+    return f"{recording.sidecar.get(PRIOR_SOURCE, 'a parameter')} of the autopilot"
 
 
 class _Stream:

@@ -12,7 +12,7 @@ import numpy as np
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
 from nav_pose_estimator.core.numerics.rotation import quat_rotate_many
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample, joined
 from nav_pose_estimator.engine.solutions import Event
 from nav_pose_estimator.offline.bags.decoder import Decoder
 from nav_pose_estimator.offline.bags.raw_messages import BagError
@@ -28,9 +28,10 @@ _ODOMETRY_FIELDS = ("pose.pose.position", "pose.pose.orientation", "twist.twist.
 
 @dataclass
 class Recording:
-    """One bag. ``epoch_ns`` is its first stamp, from which all seconds count up to ``duration``.
+    """One flight. ``epoch_ns`` is its first stamp, from which all seconds count up to ``duration``.
 
-    ``notices`` are sentences for the user, ``events`` what the conversion of single messages had to say.
+    ``notices`` are sentences for the user, ``events`` what the conversion of single messages had to say. ``opinion``:
+    what the autopilot itself estimated, where a flight log tells; for the report, never for an estimator.
     """
 
     path: Path
@@ -42,6 +43,7 @@ class Recording:
     counters: Counter[str] = field(default_factory=Counter)
     sidecar: dict = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
+    opinion: Reference | None = None
 
     @property
     def name(self) -> str:
@@ -57,6 +59,11 @@ class Recording:
     def velocities(self) -> list[GnssVelocity]:
         """All GNSS velocities, in the order of arrival."""
         return [s for s in self.samples if isinstance(s, GnssVelocity)]
+
+    @cached_property
+    def imu(self) -> ImuBlock:
+        """All IMU samples, in the order of arrival."""
+        return joined([s for s in self.samples if isinstance(s, ImuBlock)])
 
     @cached_property
     def imu_count(self) -> int:

@@ -13,14 +13,18 @@ from nav_pose_estimator.offline.process_clock import seconds_since_start
 from nav_pose_estimator.offline.terminal import printable
 
 DESCRIPTION = (
-    "Replay a rosbag2 through the pose estimator, take GNSS away for a while, and see how far the pose drifts."
+    "Replay a rosbag2 or a flight log (PX4 ULog, ArduPilot DataFlash) through the pose estimator, take GNSS away for a "
+    "while, and see how far the pose drifts."
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of ``replay``."""
+    from nav_pose_estimator.offline.logs.options import add_options
+
     parser.description = DESCRIPTION
-    parser.add_argument("bag", type=Path, metavar="BAG", help="rosbag2: a folder, a .mcap or a .db3 file")
+    what = "rosbag2 (a folder, a .mcap or a .db3 file), PX4 .ulg, or ArduPilot .bin or .log"
+    parser.add_argument("bag", type=Path, metavar="BAG|LOG", help=what)
     parser.add_argument("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
     add = parser.add_argument
     add("--outage", action="append", default=[], metavar="START:LENGTH", help="take GNSS away, s from the first stamp")
@@ -30,6 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto to estimate it from the bag")
     add("--estimate-latency", action="store_true", help="estimate the latency of the fixes, print it and stop")
     add("--remap", action="append", default=[], metavar="OURS:=THEIRS", help="/imu/data_raw:=/topic/in/the/bag")
+    add_options(parser)
+    add("--list", action="store_true", help="say what the recording holds, replay nothing")
     add("--rate", type=float, default=20.0, metavar="HZ", help="rows a second in the output files (default: 20)")
     add("--out", type=Path, metavar="DIR", help="folder for report and data (default: NAME_replay)")
 
@@ -51,6 +57,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.aid is not None:
         parameters = with_aids(parameters, arguments.aid)
     plan = _Plan(arguments, parameters, parse_remaps(arguments.remap), wanted, every)
+    if arguments.list:
+        from nav_pose_estimator.offline.logs.listing import describe
+
+        print("\n".join(map(printable, describe(arguments.bag, plan.options, plan.remaps, parameters))))
+        return 0
     if arguments.estimate_latency:
         recording = plan.load()
         print(latency.describe(latency.estimate(recording, parameters, _first(plan.outages(recording)))))
@@ -78,13 +89,21 @@ class _Plan:
     wanted: list
     every: tuple[float, float] | None
 
+    @property
+    def options(self) -> Any:
+        """How a flight log is to be read."""
+        from nav_pose_estimator.offline.logs.options import options_of
+
+        return options_of(self.arguments, self.parameters)
+
     def load(self) -> Any:
         """The recording."""
         from nav_pose_estimator.core.numerics.jit import is_first_run
-        from nav_pose_estimator.offline.flights.recording import load
+        from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
 
         with _bar("reading", None) as bar:
-            recording = load(self.arguments.bag, self.remaps, bar.update, self.parameters)
+            recording = open_recording(self.arguments.bag, self.options, self.remaps, bar.update, self.parameters)
+        recording = prepared(recording, self.parameters, _first(self.outages(recording)))
         for text in recording.notices:
             print(f"note: {printable(text)}", file=sys.stderr)
         if is_first_run():
@@ -132,6 +151,7 @@ def _replay(recording, parameters, wanted, folder: Path, rate: float) -> None:
 
 def _tell(result, wall: float) -> None:
     """The outcome in a few lines."""
+    from nav_pose_estimator.offline.replay import second_opinion
     from nav_pose_estimator.offline.replay.report import OUTAGE_HEADER, mode_spans, outage_rows
     from nav_pose_estimator.offline.replay.warnings import warnings
 
@@ -139,6 +159,8 @@ def _tell(result, wall: float) -> None:
         print(printable(warned.sentence), file=sys.stderr)
     spans = mode_spans(result)
     print("modes: " + (", ".join(f"{mode.value} from {start:.1f} s" for start, _, mode in spans[:12]) or "none"))
+    if text := second_opinion.sentence(result):
+        print(text)
     if result.status.waiting_for:
         print(f"waiting for: {result.status.waiting_for}")
     if result.errors:

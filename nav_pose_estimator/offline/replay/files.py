@@ -17,6 +17,7 @@ from nav_pose_estimator.core.numerics.jit import COMPILED
 from nav_pose_estimator.core.numerics.rotation import euler_from_quat_many
 from nav_pose_estimator.engine.parameters.schema import flatten
 from nav_pose_estimator.offline.flights.tracks import Track
+from nav_pose_estimator.offline.replay import second_opinion
 from nav_pose_estimator.offline.replay.replay import ReplayResult
 from nav_pose_estimator.offline.replay.report import mode_spans
 from nav_pose_estimator.offline.replay.warnings import warnings
@@ -52,6 +53,7 @@ def write_summary(path: Path, result: ReplayResult, wall_seconds: float) -> dict
             {key: value for key, value in vars(e).items() if not isinstance(value, np.ndarray)} for e in result.errors
         ],
         "outage_proof": result.proof,
+        "second_opinion": second_opinion.figures(result),
         "not_finite_rows": int((~np.isfinite(result.track.rows).all(axis=1)).sum()),
         "counters": {**status.counters, **result.recording.counters},
         "values": status.values,

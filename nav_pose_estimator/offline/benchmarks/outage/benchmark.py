@@ -21,8 +21,10 @@ from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.offline.flights.flight_window import flight_window, outage_starts
 from nav_pose_estimator.offline.flights.outage_errors import NOT_AIDED, OutageErrors, judge
 from nav_pose_estimator.offline.flights.outages import GnssLeak, GnssRemoval, Outage, OutageProof
-from nav_pose_estimator.offline.flights.recording import Recording, load
+from nav_pose_estimator.offline.flights.recording import Recording
 from nav_pose_estimator.offline.flights.tracks import Reference, Track, TrackRecorder, displacement_enu, shift
+from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
+from nav_pose_estimator.offline.logs.options import LogOptions
 from nav_pose_estimator.offline.replay.replay import as_block, reference_lever
 
 GRID = 1.0  # s between the points of an error-growth curve
@@ -42,6 +44,7 @@ class Task:
     first: float | None = None
     gnss_delay: str | None = None
     config: Path | None = None
+    log: LogOptions = field(default_factory=LogOptions)  # which part, if it is a flight log
 
 
 @dataclass
@@ -73,12 +76,13 @@ class _Start:
 
 def run_task(task: Task, advanced: Callable[[float], None] | None = None) -> FlightResult:
     """Carry out one pass. ``advanced`` is called with the share done since the last call."""
-    recording = load(task.bag)
     parameters = methods.apply(load_parameters(task.config), task.method)
+    recording = open_recording(task.bag, task.log, parameters=parameters)
     window = flight_window(recording)
     planned = outage_starts(window, list(task.lengths), task.every, task.first)
     starts = sorted({outage.start for outages in planned.values() for outage in outages})
     until = min(starts, default=np.inf)
+    recording = prepared(recording, parameters, until)
     parameters, how = latency.choose(recording, parameters, task.gnss_delay, task.config, until, search=True)
     result = FlightResult(task.bag.name, parameters.gnss.delay, window, notices=[how, *recording.notices])
     run_outages(recording, parameters, planned, (task.method, *task.predictors), result, advanced)
