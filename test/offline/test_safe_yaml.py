@@ -10,10 +10,10 @@ from nav_pose_estimator.offline.safe_yaml import LARGEST_FILE, YamlError, parse_
 ALIASES = "a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n"
 HOSTILE = {
     "alias bomb": (ALIASES, "refers to &a with an alias"),
-    "brackets": ("[" * 100_000, "nested more than"),
+    "brackets": ("[" * 100_000, "nested more than|nesting depth"),
     "dashes": ("- " * 100_000, "nested more than"),
     "indentation": ("\n".join(" " * i + "a:" for i in range(1000)), "nested more than"),
-    "braces": ("{a: " * 100_000, "nested more than"),
+    "braces": ("{a: " * 100_000, "nested more than|nesting depth"),
     "many values": ("[" + "1," * 300_000 + "]", "more than 200000 values"),
     "impossible date": ("a: 2020-45-40", "cannot be read"),
     "endless number": ("a: " + "9" * 5000, "cannot be read"),

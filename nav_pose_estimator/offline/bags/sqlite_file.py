@@ -8,7 +8,6 @@ from nav_pose_estimator.offline.bags.raw_messages import BagError, RawBatch, Top
 
 ROWS_AT_ONCE = 8192
 LARGEST_VALUE = 64 << 20  # bytes of a text or a message
-_IS_MESSAGE = "typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
 
 
 class SqliteFile:
@@ -39,7 +38,7 @@ class SqliteFile:
     @property
     def span(self) -> tuple[int, int] | None:
         """Receive times [ns] of the first and last message; None without any."""
-        query = f"SELECT min(timestamp), max(timestamp) FROM messages WHERE {_IS_MESSAGE}"
+        query = "SELECT min(timestamp), max(timestamp) FROM messages WHERE typeof(timestamp) = 'integer'"
         try:
             first, last = self._database.execute(query).fetchone()
         except sqlite3.Error:  # said when the messages are read
@@ -54,19 +53,25 @@ class SqliteFile:
         """Messages of the topics ``names`` in receive-time order."""
         wanted = {i: names.index(topic.name) for i, topic in self._topics.items() if topic.name in names}
         marks = ",".join("?" * len(wanted))
-        query = (
-            f"SELECT timestamp, topic_id, data FROM messages WHERE topic_id IN ({marks}) AND {_IS_MESSAGE} "
-            "ORDER BY timestamp, id"
-        )
+        query = f"SELECT timestamp, topic_id, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp, id"
+        lost = 0
         try:
             cursor = self._database.execute(query, list(wanted))
             while rows := cursor.fetchmany(ROWS_AT_ONCE):
                 times, topics, payloads = zip(*rows, strict=True)
+                if {*map(type, times)} != {int} or {*map(type, payloads)} != {bytes}:
+                    good = [row for row in rows if type(row[0]) is int and type(row[2]) is bytes]
+                    lost += len(rows) - len(good)
+                    times, topics, payloads = zip(*good, strict=True) if good else ((), (), ())
                 yield from_payloads(list(times), [wanted[topic] for topic in topics], list(payloads))
         except sqlite3.Error as error:
-            text = f"{self.path.name} is damaged ({error}): the messages after that place are lost"
-            if text not in self.warnings:
-                self.warnings.append(text)
+            self._warn(f"{self.path.name} is damaged ({error}): the messages after that place are lost")
+        if lost:
+            self._warn(f"{self.path.name} is damaged: {lost} messages have no time or no content")
+
+    def _warn(self, text: str) -> None:
+        if text not in self.warnings:
+            self.warnings.append(text)
 
     def _refuse_computed(self) -> None:
         """A view, or a column that is computed, may go on for ever: a recording has neither."""
@@ -91,16 +96,11 @@ class SqliteFile:
         return {i: Topic(n, kind, counts.get(i, 0), enc, definitions.get(kind, "")) for i, n, kind, enc in good}
 
     def _counts(self) -> dict[int, int]:
-        """Number of messages of each topic; messages that cannot be read are told."""
-        query = f"SELECT topic_id, count(*), sum({_IS_MESSAGE}) FROM messages GROUP BY topic_id"
         try:
-            rows = self._database.execute(query).fetchall()
+            return dict(self._database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
         except sqlite3.Error as error:
-            self.warnings.append(f"{self.path.name} is damaged ({error}): its messages cannot be counted")
+            self._warn(f"{self.path.name} is damaged ({error}): its messages cannot be counted")
             return {}
-        if lost := sum(count - good for _, count, good in rows):
-            self.warnings.append(f"{self.path.name} is damaged: {lost} messages have no time or no content")
-        return {topic: good for topic, _, good in rows}
 
     def _has_table(self, name: str) -> bool:
         query = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = ?"

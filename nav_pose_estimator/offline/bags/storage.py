@@ -204,6 +204,8 @@ def _timed(file: AnyFile, names: list[str]) -> Iterator[tuple[int, RawBatch]]:
 
 def _overlapping(files: list[AnyFile]) -> list[list[AnyFile]]:
     """The files in order of time, those that overlap together; files without times stay where they are."""
+    if len(files) == 1:  # whose times may take long to find
+        return [files]
     before, spans = 0, []
     for file in files:
         start, end = file.span or (before, before)
