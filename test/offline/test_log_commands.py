@@ -21,6 +21,7 @@ from nav_pose_estimator.offline.logs.imu_choice import compare_imus
 from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared, read_sensors
 from nav_pose_estimator.offline.logs.options import LogOptions
 from nav_pose_estimator.offline.logs.segments import find_segments
+from nav_pose_estimator.offline.logs.sensors import Gnss
 from nav_pose_estimator.offline.replay.replay import replay
 from small_logs import Flight, ardupilot, flight, px4, write
 
@@ -193,7 +194,7 @@ def test_a_segment_is_replayed_by_itself(flown, tmp_path):
     path = write(tmp_path / "a.bin", log.encode())
     whole, second = open_recording(path, LogOptions()), open_recording(path, LogOptions(segment=2))
     assert any("holds 2 segments" in text for text in whole.notices)
-    assert any("the IMU pauses 1 times, 20.0 s" in text for text in whole.notices)
+    assert any("the IMU pauses once, 20.0 s" in text for text in whole.notices)
     assert second.duration == pytest.approx(SECONDS - 40.0, abs=0.1)
     assert second.imu.stamps_ns[0] - whole.epoch_ns == pytest.approx(40e9, abs=0.1e9)
     assert not any("pauses" in text for text in second.notices)
@@ -212,7 +213,8 @@ def slow_clock(tmp_path_factory) -> Path:
 def test_a_wrong_clock_is_told_and_scaled(slow_clock):
     found = open_recording(slow_clock, LogOptions())
     assert found.duration == pytest.approx(SECONDS, abs=0.05)
-    assert any("runs 8.33 % slow against GNSS time: its times were scaled" in text for text in found.notices)
+    words = "runs 9.09 % slow: a second of it lasts 1.0909 s of GNSS time; its times were scaled"
+    assert any(words in text for text in found.notices)
     rate = (len(found.fixes) - 1) / ((found.fixes[-1].stamp_ns - found.fixes[0].stamp_ns) * 1e-9)
     assert rate == pytest.approx(5.0, rel=1e-3)
 
@@ -235,6 +237,29 @@ def test_the_clock_is_judged_before_an_outage_could_hide_the_data(flown, tmp_pat
     changed = Flight(**{**vars(flown), "utc_us": flown.utc_us + np.maximum(fixes - 61_000_000, 0) // 10})
     found = open_recording(write(tmp_path / "a.ulg", px4(changed).encode()), LogOptions())
     np.testing.assert_array_equal(found.imu.stamps_ns - found.imu.stamps_ns[0], (flown.imu_us - flown.imu_us[0]) * 1000)
+
+
+def test_late_messages_and_pauses_do_not_move_the_clock(flown):
+    """GIVEN ticks of 20 ms, every ninth message 0.4 s late and a pause of 20 s, THEN the rate is found to 500 ppm."""
+    rate, index = 1.0832, np.arange(len(flown.gnss_us))
+    shown = flown.utc_us - np.where(index % 9 == 0, 400_000, 0)
+    log_us = np.round(flown.gnss_us / rate / 20_000).astype(np.int64) * 20_000
+    keep = (flown.gnss_us < 30_000_000) | (flown.gnss_us > 50_000_000)
+    count = int(keep.sum())
+    gnss = Gnss(
+        name="jittery",
+        time_us=log_us[keep],
+        position=np.zeros((count, 3)),
+        has_fix=np.ones(count, bool),
+        velocity=np.zeros((count, 3)),
+        accuracy=np.ones((count, 3)),
+        satellites=np.full(count, 9),
+        utc_us=shown[keep],
+    )
+    fit = fit_clock(gnss, 0, 1 << 62)
+    assert fit.jumps == 0
+    assert fit.wrong
+    assert fit.rate == pytest.approx(rate, abs=5e-4)
 
 
 def test_leap_seconds_that_a_receiver_learns_are_no_clock_error(flown, tmp_path):

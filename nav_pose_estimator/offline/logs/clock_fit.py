@@ -14,7 +14,8 @@ Array = np.ndarray
 TOLERATED = 1e-3
 """Relative error of a clock up to which it is left alone. Crystals are within 1e-4."""
 MIN_SPAN, MIN_EPOCHS = 10.0, 20  # s, fixes
-_JUMP = 0.5  # s between two epochs that the clocks of receiver and log disagree
+_JUMP, _DRIFT = 0.8, 0.01  # s, and parts of the interval: more is a jump
+_NEIGHBOURS = 5  # fixes before and after
 _SIGMAS = 3.0
 
 
@@ -39,9 +40,12 @@ class ClockFit:
 
     def describe(self) -> str:
         """The error in words: how much, and which way."""
-        error = 1.0 / self.rate - 1.0
-        amount = f"{abs(error) * 100:.2f} %" if abs(error) > 1e-3 else f"{abs(error) * 1e6:.0f} ppm"
-        return f"the clock of the log runs {amount} {'fast' if error > 0 else 'slow'} against GNSS time"
+        error = self.rate - 1.0
+        way = "slow" if error > 0.0 else "fast"
+        if abs(error) < TOLERATED:
+            return f"the clock of the log runs {abs(error) * 1e6:.0f} ppm {way} against GNSS time"
+        amount = f"{abs(error) * 100:.2f} % {way}"
+        return f"the clock of the log runs {amount}: a second of it lasts {self.rate:.4f} s of GNSS time"
 
 
 def fit_clock(gnss: Gnss, from_us: int, to_us: int) -> ClockFit | None:
@@ -59,10 +63,13 @@ def fit_clock(gnss: Gnss, from_us: int, to_us: int) -> ClockFit | None:
 
 
 def _without_jumps(log: Array, utc: Array) -> tuple[Array, int]:
-    steps, told = np.diff(log), np.diff(utc)
-    usual = float(np.median(told / np.maximum(steps, 1e-6)))
-    off = told - usual * steps
-    jump = np.where(np.abs(off) > _JUMP, off, 0.0)
+    """``utc`` (N,) without lasting jumps, and their number. A late message is none: the next ones are on time again."""
+    lag = max(len(log) // 5, 1)
+    usual = float(np.median((utc[lag:] - utc[:-lag]) / np.maximum(log[lag:] - log[:-lag], 1e-6)))
+    padded = np.pad(utc - usual * log, _NEIGHBOURS, mode="reflect")
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOURS + 1), axis=1)
+    steps = np.diff(smooth)
+    jump = np.where(np.abs(steps) > _JUMP + _DRIFT * np.diff(log), steps, 0.0)
     return utc - np.concatenate([[0.0], np.cumsum(jump)]), int(np.count_nonzero(jump))
 
 

@@ -145,7 +145,7 @@ class _Clock:
         self.notices = []
         if fit is not None and fit.wrong:
             done = "its times were scaled" if scaled else "--clock auto scales its times"
-            self.notices.append(f"{fit.describe()}: {done}")
+            self.notices.append(f"{fit.describe()}; {done}")
 
     def stamps(self, time_us: Array) -> Array:
         """(N,) int64 [ns]."""
@@ -227,9 +227,8 @@ def _notices(log: LogSensors, imu: Imu, gnss: Gnss, repeated: int, options: LogO
     pauses = np.diff(imu.time_us) * 1e-6
     long = pauses[pauses > options.max_gap]
     if len(long):
-        told.append(
-            f"the IMU pauses {len(long)} times, {long.max():.1f} s at most: the estimator starts again after it"
-        )
+        times = "once" if len(long) == 1 else f"{len(long)} times"
+        told.append(f"the IMU pauses {times}, {long.max():.1f} s at most: the estimator starts again after it")
     if repeated:
         told.append(f"{repeated} GNSS messages only repeat the one before: left out")
     if imu.clipped:
