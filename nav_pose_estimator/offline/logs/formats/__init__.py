@@ -1,0 +1,1 @@
+"""Flight logs as they lie on disk: tables of numbers by message."""
