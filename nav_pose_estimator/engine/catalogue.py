@@ -205,6 +205,15 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("zero_velocity.withheld.speed", "the IMU was still, but the navigator is not sure to be slow: no rest"),
         Entry("body_velocity.rejected.value", "a velocity without any number", _SENSOR),
         Entry("airspeed.rejected.absent", "PX4 says that it has no airspeed", "look at the pitot tube and its driver"),
+        Entry("airspeed.rejected.value", "an airspeed that is not a number, or impossible", _SENSOR),
+        Entry("airspeed.rejected.slow", "an airspeed below aids.airspeed_min: a pitot tube tells nothing of it"),
+        Entry("airspeed.*", "an airspeed was used, counted for less (inflated), or refused by the filter's gate"),
+        Entry("range.rejected.value", "a distance to the ground that is not a number, or impossible", _SENSOR),
+        Entry(
+            "range.new_ground",
+            "the ground was at another level for two seconds: heights count from there",
+        ),
+        Entry("ground_range.*", "a height above ground was used, counted for less (inflated), or refused by the gate"),
         Entry("range.rejected.outside", "nothing within the limits that the rangefinder states", "fly lower, or wait"),
         Entry(
             "outage.rejected.covariance",
@@ -212,6 +221,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "anfis_node sends one",
         ),
         Entry("outage.evidence", "what the flight so far says of the motion was used"),
+        Entry("outage.evidence.redundant", "what the flight taught was not used, because the airspeed knows more"),
         Entry("outage.evidence.network", "... and the network's prediction was part of it"),
         Entry(
             "outage.no_model", "GNSS is lost and anfis_node has no model yet", "fly longer with GNSS, or load a model"

@@ -11,7 +11,7 @@ from nav_pose_estimator.sim.faults import Fault, Shift
 from nav_pose_estimator.sim.imu_grades import ImuGrade, imu_grade
 from nav_pose_estimator.sim.noise import stream
 from nav_pose_estimator.sim.recording import Recording
-from nav_pose_estimator.sim.sensors import Barometer, Gnss, Magnetometer
+from nav_pose_estimator.sim.sensors import Barometer, Gnss, Magnetometer, Pitot, Rangefinder
 from nav_pose_estimator.sim.trajectories import Origin, sample_times
 from nav_pose_estimator.sim.vehicles import motions
 from nav_pose_estimator.sim.vehicles.missions import Mission
@@ -38,6 +38,8 @@ class Scenario:
     gnss: Gnss | None = field(default_factory=Gnss)
     magnetometer: Magnetometer | None = field(default_factory=Magnetometer)
     barometer: Barometer | None = field(default_factory=Barometer)
+    airspeed: Pitot | None = None
+    ground_range: Rangefinder | None = None
     faults: tuple[Fault, ...] = ()
     imu_rate: float = 200.0  # Hz
     origin: Origin = HOME
@@ -77,6 +79,20 @@ _ALL = (
         LIGHT,
     ),
     Scenario("fixed_wing", "A small fixed wing: runway, climb, coordinated turns", FixedWing(), LIGHT),
+    Scenario(
+        "fixed_wing_airspeed",
+        "The fixed wing with a pitot tube",
+        FixedWing(),
+        LIGHT,
+        airspeed=Pitot(),
+    ),
+    Scenario(
+        "hover_range",
+        "The hovering quadrotor with a laser that looks down",
+        _HOVER,
+        LIGHT,
+        ground_range=Rangefinder(),
+    ),
     Scenario("road_vehicle", "A car with bends, slopes and stops", RoadVehicle(), duration=900.0),
     Scenario("at_rest", "Nothing moves", Prescribed(motions.at_rest(0.02, -0.03, 0.7)), duration=300.0),
     Scenario("coning", "A cone of 3 deg at 5 Hz in place", Prescribed(motions.coning()), duration=120.0),
@@ -178,6 +194,8 @@ def generate(
         ("gnss", scenario.gnss),
         ("magnetometer", scenario.magnetometer),
         ("barometer", scenario.barometer),
+        ("airspeed", scenario.airspeed),
+        ("ground_range", scenario.ground_range),
     ):
         if model is not None:
             others += getattr(sensors, name)(truth, model, stream(seed, name), START_NS)

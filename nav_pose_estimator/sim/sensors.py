@@ -9,11 +9,13 @@ from nav_pose_estimator.core.earth.atmosphere import height_pressure
 from nav_pose_estimator.core.earth.ellipsoid import radii_many
 from nav_pose_estimator.core.numerics.rotation import quat_conjugate_many, quat_rotate_many
 from nav_pose_estimator.engine.samples import (
+    Airspeed,
     GnssFix,
     GnssVelocity,
     ImuBlock,
     MagSample,
     PressureSample,
+    RangeToGround,
     Sample,
     SatelliteCount,
 )
@@ -190,6 +192,52 @@ def barometer(truth: Truth, model: Barometer, rng: np.random.Generator, start_ns
     variance = model.noise**2 if model.variance else None
     rows = zip(arrivals, stamps, pressure.tolist(), strict=True)
     return [Timed(arrival, PressureSample(stamp, value, variance)) for arrival, stamp, value in rows]
+
+
+@dataclass(frozen=True)
+class Pitot:
+    """A pitot tube along the body's x axis: true airspeed with a scale error."""
+
+    rate: float = 10.0  # Hz
+    noise: float = 0.4  # m/s per sample
+    scale_sd: float = 0.03
+    transport: float = 0.0005  # s: arrival minus stamp
+
+
+def airspeed(truth: Truth, model: Pitot, rng: np.random.Generator, start_ns: int) -> list[Timed]:
+    """True airspeed, of the flow along the nose."""
+    t = sensor_times(truth, model.rate)
+    at = truth.at(t)
+    flow = quat_rotate_many(quat_conjugate_many(at.q_nb), at.v_n - at.wind_n)[:, 0]
+    measured = np.maximum(flow, 0.0) * (1.0 + model.scale_sd * rng.standard_normal())
+    measured = measured + model.noise * rng.standard_normal(len(t))
+    stamps, arrivals = to_ns(t, start_ns).tolist(), to_ns(t + model.transport, start_ns).tolist()
+    rows = zip(arrivals, stamps, measured.tolist(), strict=True)
+    return [Timed(arrival, Airspeed(stamp, value)) for arrival, stamp, value in rows]
+
+
+@dataclass(frozen=True)
+class Rangefinder:
+    """A laser that looks down on ground that is flat but for ``roughness``."""
+
+    rate: float = 20.0  # Hz
+    noise: float = 0.03  # m per sample
+    roughness: float = 0.05  # m
+    farthest: float = 60.0  # m
+    transport: float = 0.0005  # s: arrival minus stamp
+
+
+def ground_range(truth: Truth, model: Rangefinder, rng: np.random.Generator, start_ns: int) -> list[Timed]:
+    """Distance along the beam to the ground at the height where the motion begins; nothing beyond reach."""
+    t = sensor_times(truth, model.rate)
+    at = truth.at(t)
+    down = -quat_rotate_many(at.q_nb, np.array([0.0, 0.0, -1.0]))[:, 2]
+    height = at.alt - truth.alt[0] + 0.2 + model.roughness * rng.standard_normal(len(t))
+    distance = height / np.maximum(down, 0.1) + model.noise * rng.standard_normal(len(t))
+    seen = (distance > 0.05) & (distance < model.farthest) & (down > 0.5)
+    stamps, arrivals = to_ns(t, start_ns), to_ns(t + model.transport, start_ns)
+    rows = zip(arrivals[seen].tolist(), stamps[seen].tolist(), distance[seen].tolist(), strict=True)
+    return [Timed(arrival, RangeToGround(stamp, value)) for arrival, stamp, value in rows]
 
 
 def sensor_times(truth: Truth, rate: float) -> np.ndarray:

@@ -9,12 +9,19 @@ Numbers = TypeVar("Numbers", float, NDArray)
 _SEA_LEVEL_PRESSURE = 101_325.0  # Pa
 _SEA_LEVEL_TEMPERATURE = 288.15  # K
 _LAPSE_RATE = 0.0065  # K/m
+_GAS_CONSTANT = 287.053  # J/(kg K), of dry air
 _EXPONENT = 0.190263  # R L / (g M)
 
 
 def pressure_height(pressure: Numbers) -> Numbers:
     """Pressure altitude [m] of a static ``pressure`` [Pa]."""
     return _SEA_LEVEL_TEMPERATURE / _LAPSE_RATE * (1.0 - (pressure / _SEA_LEVEL_PRESSURE) ** _EXPONENT)
+
+
+def air_density(pressure: Numbers) -> Numbers:
+    """Density [kg/m^3] of dry air at a static ``pressure`` [Pa], with the temperature of the standard atmosphere."""
+    temperature = _SEA_LEVEL_TEMPERATURE - _LAPSE_RATE * pressure_height(pressure)
+    return pressure / (_GAS_CONSTANT * temperature)
 
 
 def height_pressure(height: Numbers) -> Numbers:

@@ -12,6 +12,7 @@ missing from it (truth = estimate + error), a Gauss-Markov process or a random w
 | dvl | biases of four beams [m/s], common scale error k: measured = (1 + k) beam + bias | observations of beams |
 | depth | bias of a height from water pressure [m] | observations of that height |
 | gravity | gravity beyond the normal one, n [m/s^2] | velocity: dv_dot = ... - dg |
+| airspeed | scale error k of an airspeed sensor: measured = (1 + k) airspeed | observations of the airspeed |
 
 Sources: CN114459477B (dvl, depth: states 16 to 21); J. Sola (2017), section 5.3 (gravity, there with the other sign).
 """
@@ -37,6 +38,10 @@ class Block:
     size: int
     nav: int
     index: int
+
+    def is_in(self, constants: Array) -> bool:
+        """Whether the filter of ``constants`` has it."""
+        return bool(constants[self.index] >= 0.0)
 
     def states(self, constants: Array) -> slice:
         """Its states in the error state of a filter that has it."""
@@ -66,7 +71,8 @@ GYRO_MATRIX = Block("gyro_matrix", 9, at.GYRO_MATRIX, at.I_GYRO_MATRIX)
 DVL = Block("dvl", 5, at.DVL, at.I_DVL)
 DEPTH = Block("depth", 1, at.DEPTH, at.I_DEPTH)
 GRAVITY = Block("gravity", 3, at.GRAVITY, at.I_GRAVITY)
-BLOCKS = (WIND, GYRO_MATRIX, DVL, DEPTH, GRAVITY)
+AIRSPEED = Block("airspeed", 1, at.AIRSPEED, at.I_AIRSPEED)
+BLOCKS = (WIND, GYRO_MATRIX, DVL, DEPTH, GRAVITY, AIRSPEED)
 """All blocks, in their order in the error state and in ``nav``."""
 TABLE = tuple((block.index, block.size, block.nav) for block in BLOCKS)
 """(constant with the first state, size, place in ``nav``) of every block, for kernels."""
@@ -98,6 +104,15 @@ def set_wander(constants: Array, block: Block, wander: Wander) -> None:
     """How ``block`` changes in the filter of ``constants``."""
     constants[block.psd] = np.square(wander.walk)
     constants[block.rate] = 1.0 / wander.tau
+
+
+def keep_blocks(constants: Array, before: Array) -> None:
+    """Give ``constants`` the blocks of ``before`` as well, with their noise."""
+    own = blocks_of(constants)
+    set_blocks(constants, {*own, *blocks_of(before)})
+    for block in blocks_of(before):
+        if block not in own:
+            constants[block.psd], constants[block.rate] = before[block.psd], before[block.rate]
 
 
 @kernel

@@ -16,26 +16,27 @@ GYRO_MATRIX = 18  # 9: row-major M in w_measured = (I + M) w + bias
 DVL = 27  # 5: biases of four beams, m/s, and their common scale error: v_measured = (1 + scale) v + bias
 DEPTH = 32  # 1: bias of a height from water pressure, m
 GRAVITY = 33  # 3: gravity beyond the normal one, n, m/s^2
+AIRSPEED = 36  # 1: scale error of an airspeed sensor: measured = (1 + scale) airspeed
 # --- memory of the integrator --------------------------------------------------------------------------------------
-TIME = 36  # s since the engine's epoch
-PREV_RATE = 37  # 3: corrected angular rate of the last interval, rad/s (coning, sculling)
-PREV_FORCE = 40  # 3: corrected specific force of the last interval, m/s^2
-PREV_ACCEL = 43  # 3: dv/dt of the last interval in n, m/s^2 (mid-interval extrapolation)
+TIME = 37  # s since the engine's epoch
+PREV_RATE = 38  # 3: corrected angular rate of the last interval, rad/s (coning, sculling)
+PREV_FORCE = 41  # 3: corrected specific force of the last interval, m/s^2
+PREV_ACCEL = 44  # 3: dv/dt of the last interval in n, m/s^2 (mid-interval extrapolation)
 # --- sums since the last covariance step ---------------------------------------------------------------------------
-SUM_TIME = 46  # s
-SUM_FORCE = 47  # 3: integral of C_nb f_b, m/s
-SUM_RATE = 50  # 3: integral of the corrected angular rate in b, rad
-SUM_GAP = 53  # s of data gap bridged since the last covariance step
+SUM_TIME = 47  # s
+SUM_FORCE = 48  # 3: integral of C_nb f_b, m/s
+SUM_RATE = 51  # 3: integral of the corrected angular rate in b, rad
+SUM_GAP = 54  # s of data gap bridged since the last covariance step
 # --- what the flight has shown of the gyroscope's bias (bias_noise) -------------------------------------------
-GYRO_WANDER = 54  # (rad/s)^2/s: driving noise of the gyroscope bias beyond that of the constants
-WANDER_LEVEL = 55  # mean ratio of short windows
-WANDER_SHORT_COUNT = 56
-WANDER_TIME = 57  # s, last look
-WANDER_MARKS = 58  # 4 x 8: begun windows
-WANDER_FLOOR = 90  # (rad/s)^2/s: the constants' driving noise; 0 while nothing is learned
-WANDER_MEAN = 91  # mean ratio of long windows
-WANDER_COUNT = 92
-NAV_SIZE = 93
+GYRO_WANDER = 55  # (rad/s)^2/s: driving noise of the gyroscope bias beyond that of the constants
+WANDER_LEVEL = 56  # mean ratio of short windows
+WANDER_SHORT_COUNT = 57
+WANDER_TIME = 58  # s, last look
+WANDER_MARKS = 59  # 4 x 8: begun windows
+WANDER_FLOOR = 91  # (rad/s)^2/s: the constants' driving noise; 0 while nothing is learned
+WANDER_MEAN = 92  # mean ratio of long windows
+WANDER_COUNT = 93
+NAV_SIZE = 94
 
 # --- error state ---------------------------------------------------------------------------------------------------
 PHI = 0  # 3: misalignment in n, rad
@@ -45,7 +46,7 @@ D_GYRO_BIAS = 9  # 3: rad/s
 D_ACCEL_BIAS = 12  # 3: m/s^2
 BASE_STATES = 15
 """States of every filter. Optional blocks follow, see ``filter.blocks``."""
-OPTIONAL_STATES = 20
+OPTIONAL_STATES = 21
 """Sum of the sizes of all blocks; their nominal values lie side by side from ``WIND`` on."""
 
 # --- filter constants: one float64 vector handed to the kernels ----------------------------------------------------
@@ -61,9 +62,9 @@ GAP_RATE_SD = 8  # rad/s: unknown angular rate during a gap
 GAP_ACCEL_SD = 9  # m/s^2: unknown specific force during a gap
 POINT_SAMPLED = 10
 """1: IMU values are instantaneous (trapezoidal rule), 0: means over the interval that ends at the stamp."""
-I_WIND, I_GYRO_MATRIX, I_DVL, I_DEPTH, I_GRAVITY = 11, 12, 13, 14, 15
+I_WIND, I_GYRO_MATRIX, I_DVL, I_DEPTH, I_GRAVITY, I_AIRSPEED = 11, 12, 13, 14, 15, 16
 """Where each optional block begins in the error state, -1 without."""
-BLOCK_PSD = 16
+BLOCK_PSD = 17
 """OPTIONAL_STATES: density of the driving noise of every optional state, its unit squared per s, in the order of
 ``nav``."""
 BLOCK_RATE = BLOCK_PSD + OPTIONAL_STATES

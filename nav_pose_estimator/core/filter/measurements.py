@@ -13,6 +13,7 @@ import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.core.filter.layout import (
+    AIRSPEED,
     ALT,
     D_GYRO_BIAS,
     DPOS,
@@ -131,7 +132,7 @@ def body_velocity(nav, states, velocity, lever):
     swing[2] = w[0] * lever[1] - w[1] * lever[0]
     for i in range(3):
         z[i] = C[0, i] * v[0] + C[1, i] * v[1] + C[2, i] * v[2] + swing[i] - velocity[i]
-        _velocity_in_body_row(H, i, C, v)
+        _velocity_in_body_row(H, i, C, v, i)
     # -[l x] on the gyroscope bias
     H[0, D_GYRO_BIAS + 1] = lever[2]
     H[0, D_GYRO_BIAS + 2] = -lever[1]
@@ -154,7 +155,7 @@ def mean_air_velocity(nav, states, wind, attitude, velocity, body_velocity, air)
     through_air = np.array([velocity[0] - nav[WIND], velocity[1] - nav[WIND + 1], velocity[2]])
     for i in range(3):
         z[i] = body_velocity[i] - attitude[0, i] * nav[WIND] - attitude[1, i] * nav[WIND + 1] - air[i]
-        _velocity_in_body_row(H, i, attitude, through_air)
+        _velocity_in_body_row(H, i, attitude, through_air, i)
         for k in range(2):
             # what is missing from the wind is still in the expected air velocity
             H[i, wind + k] = attitude[k, i]
@@ -162,13 +163,39 @@ def mean_air_velocity(nav, states, wind, attitude, velocity, body_velocity, air)
 
 
 @kernel
-def _velocity_in_body_row(H, i, C, v):
-    """Row i of d(C_hat^T v_hat): -C^T [v x] on phi (from C_hat^T = C^T (I + [phi x])) and C^T on dv."""
-    H[i, PHI] = C[2, i] * v[1] - C[1, i] * v[2]
-    H[i, PHI + 1] = C[0, i] * v[2] - C[2, i] * v[0]
-    H[i, PHI + 2] = C[1, i] * v[0] - C[0, i] * v[1]
+def airspeed(nav, states, wind, scale, measured):
+    """True airspeed [m/s] of a pitot tube, and no sideslip: two rows, for a vehicle that flies where its nose points.
+
+    ``wind`` and ``scale`` say where the states of the wind and of the sensor's scale begin. A pitot tube forgives flow
+    from up to some 15 deg aside, so the first row is the length of the velocity through the air:
+    z = (1 + k) |v - wind| - measured. The second is its component along body y, which is none in coordinated flight.
+    """
+    z = np.zeros(2)
+    H = np.zeros((2, states))
+    C = quat_to_matrix(nav[QUAT : QUAT + 4])
+    air = np.array([nav[VEL] - nav[WIND], nav[VEL + 1] - nav[WIND + 1], nav[VEL + 2]])
+    speed = math.sqrt(air[0] ** 2 + air[1] ** 2 + air[2] ** 2)
+    gain = 1.0 + nav[AIRSPEED]
+    z[0] = gain * speed - measured
+    for i in range(3):
+        H[0, DVEL + i] = gain * air[i] / max(speed, 1.0)
+        z[1] += C[i, 1] * air[i]
+    H[0, scale] = -speed  # what is missing from wind and scale is still in the estimate
+    _velocity_in_body_row(H, 1, C, air, 1)
+    for k in range(2):
+        H[0, wind + k] = H[0, DVEL + k]
+        H[1, wind + k] = C[k, 1]
+    return z, H
+
+
+@kernel
+def _velocity_in_body_row(H, row, C, v, i):
+    """Component i of d(C_hat^T v_hat) into ``H`` [row]: -C^T [v x] on phi (C_hat^T = C^T (I + [phi x])), C^T on dv."""
+    H[row, PHI] = C[2, i] * v[1] - C[1, i] * v[2]
+    H[row, PHI + 1] = C[0, i] * v[2] - C[2, i] * v[0]
+    H[row, PHI + 2] = C[1, i] * v[0] - C[0, i] * v[1]
     for k in range(3):
-        H[i, DVEL + k] = C[k, i]
+        H[row, DVEL + k] = C[k, i]
 
 
 @kernel

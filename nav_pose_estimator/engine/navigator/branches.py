@@ -38,14 +38,18 @@ class Branches:
         known = self._drift_variance * stated
         # nobody has seen how wrong the position was that GNSS left
         known[_PLACE, _PLACE] += (1.0 - self._drift_variance) * stated[_PLACE, _PLACE]
-        constants, P = with_block(trunk[memory.CONSTANTS : memory.ORIGIN], known, WIND, evidence.wind_cov)
+        constants, P = trunk[memory.CONSTANTS : memory.ORIGIN].copy(), known
+        self._wind_is_measured = WIND.is_in(constants)
+        if not self._wind_is_measured:
+            constants, P = with_block(constants, known, WIND, evidence.wind_cov)
+            constants[WIND.psd] = 2.0 * evidence.wind_spread / evidence.wind_tau
+            constants[WIND.rate] = 1.0 / evidence.wind_tau
         constants[_DRIVING_NOISE] *= evidence.drift_variance
-        constants[WIND.psd] = 2.0 * evidence.wind_spread / evidence.wind_tau
-        constants[WIND.rate] = 1.0 / evidence.wind_tau
         branch = memory.make(constants, slots, trunk[memory.PERIOD])
         branch[memory.ORIGIN : memory.STATES] = trunk[memory.ORIGIN : memory.STATES]
         branch[memory.NAV : memory.CONSTANTS] = trunk[memory.NAV : memory.CONSTANTS]
-        _nav(branch)[WIND.estimates] = evidence.wind
+        if not self._wind_is_measured:
+            _nav(branch)[WIND.estimates] = evidence.wind
         branch[memory.NAV + at.GYRO_WANDER] *= self._drift_variance
         branch[memory.HEAD : memory.HEAD + P.size] = P.ravel()
         memory.add_checkpoint(branch)
@@ -58,7 +62,7 @@ class Branches:
         twin = object.__new__(Branches)
         twin.memories = self.memories.copy()
         twin.weights, twin._decisions = self.weights, list(self._decisions)
-        twin._drift_variance = self._drift_variance
+        twin._drift_variance, twin._wind_is_measured = self._drift_variance, self._wind_is_measured
         return twin
 
     def pairs(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -131,6 +135,8 @@ class Branches:
         exponent = np.empty((count, count))
         for j, hypothesis in enumerate(evidence.hypotheses):
             for i in range(count):
+                if not self._wind_is_measured:
+                    _relax_wind(navs[j, i], evidence)
                 likelihood, entry = _act(navs[j, i], Ps[j, i], self.constants, middle, evidence, hypothesis)
                 # what is seen while a regime lasts is correlated; that it could begin at all counts once and in full
                 exponent[j, i] = tempered * likelihood + (i != j) * (1.0 - tempered) * entry
@@ -139,6 +145,12 @@ class Branches:
             return np.zeros((count, count))
         likely = np.exp(np.where(known, exponent, -np.inf) - exponent[known].max())
         return np.asarray(transition * self.weights * likely)  # the transition is symmetric
+
+
+def _relax_wind(nav: np.ndarray, evidence: MotionEvidence) -> None:
+    """The wind goes back to its mean."""
+    mean, wind = np.array(evidence.wind_mean), nav[WIND.estimates]
+    wind[:] = mean + math.exp(-evidence.interval / evidence.wind_tau) * (wind - mean)
 
 
 def _act(
@@ -151,9 +163,6 @@ def _act(
 ) -> tuple[float, float]:
     """Correct one branch; returns logarithms: how likely is what was observed, and that the regime begins here."""
     n = len(P)
-    mean = np.array(evidence.wind_mean)
-    wind = nav[WIND.estimates]
-    wind[:] = mean + math.exp(-evidence.interval / evidence.wind_tau) * (wind - mean)
     apart = error_between(middle, nav, constants)  # the branch's error were the mixture the truth
     seen, used = [], []  # (z, H, variances): what tells the hypotheses apart, what corrects the branch
     likelihood, entry = hypothesis.log_likelihood, 0.0

@@ -14,6 +14,7 @@ import numpy as np
 from nav_pose_estimator.core.alignment.rest import Stillness
 from nav_pose_estimator.core.alignment.types import KnownBiases
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.blocks import keep_blocks
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, start_up
 from nav_pose_estimator.engine.navigator.engine_clock import EngineClock
@@ -75,7 +76,9 @@ class FilterRun:
         """Change what is marked mutable while the filter runs; the rest must be as it was."""
         self.parameters = parameters = declination.as_before(parameters, self.parameters)
         self.quiet_until = -math.inf
-        self.timeline.filter.constants[:] = filter_setup.constants(parameters)
+        constants = filter_setup.constants(parameters)
+        keep_blocks(constants, self.timeline.filter.constants)
+        self.timeline.filter.constants[:] = constants
         self.aiding.lost_after = parameters.navigator.lost_after
         self.gnss.set_parameters(parameters)
         for sensor in (*self.aids.values(), self._rest):

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+from nav_pose_estimator.core.earth.atmosphere import air_density, height_pressure
+from nav_pose_estimator.core.filter.blocks import blocks_of, enlarged, set_blocks, set_wander
+from nav_pose_estimator.core.filter.layout import ALT
 from nav_pose_estimator.engine.navigator import start_up
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
@@ -19,7 +24,7 @@ from nav_pose_estimator.engine.samples import (
     MagSample,
     MotionEvidence,
     NavigatorVelocity,
-    RangeToGround,
+    PressureSample,
     ReturnDecision,
     Sample,
     SatelliteCount,
@@ -27,6 +32,9 @@ from nav_pose_estimator.engine.samples import (
     VelocityError,
 )
 from nav_pose_estimator.engine.sensors.aids import AIDS
+from nav_pose_estimator.engine.sensors.airspeed import AirspeedSensor
+from nav_pose_estimator.engine.sensors.barometer import Barometer
+from nav_pose_estimator.engine.sensors.sensor import Aid
 from nav_pose_estimator.engine.solutions import Level
 
 _UNEVENTFUL = frozenset((AttitudeSample, NavigatorVelocity, *(aid.sample for aid in AIDS if aid.kind.quiet)))
@@ -37,7 +45,7 @@ def take(run: FilterRun, sample: Sample) -> None:
     """Take one sample that is not the IMU's."""
     kind = type(sample)
     if kind not in _UNEVENTFUL:
-        run.quiet_until = -float("inf")
+        run.quiet_until = -math.inf
     _HANDLERS[kind](run, sample)
 
 
@@ -85,14 +93,56 @@ def _aid(run: FilterRun, sample: Any) -> None:
     if t is None:
         return
     if run.timeline.running:
-        run.observe(aid.observe(sample, t))
+        observation = aid.observe(sample, t)
+        if observation is None or _give_blocks(run, aid):
+            run.observe(observation)
     elif isinstance(sample, MagSample):
         run.aligner.mag(t, sample.field)
+
+
+def _give_blocks(run: FilterRun, aid: Aid) -> bool:
+    """Let the filter have the states that ``aid`` asks for; False while it is split and cannot be given any."""
+    before = run.timeline.filter.constants
+    added = {block: aid.first_sd[block] ** 2 for block in aid.blocks if not block.is_in(before)}
+    if not added:
+        return True
+    whole = run.settled
+    if whole.branches is not None:
+        return False
+    constants = before.copy()
+    set_blocks(constants, {*blocks_of(constants), *added})
+    for block in added:
+        set_wander(constants, block, aid.blocks[block])
+    run.timeline.restart(constants, whole.nav, enlarged(whole.P, before, constants, added))
+    return True
+
+
+def _airspeed(run: FilterRun, sample: Airspeed) -> None:
+    """One without a header holds at the last IMU sample."""
+    if sample.stamp_ns is None:
+        if not run.clock.running:
+            return
+        sample = replace(sample, stamp_ns=run.clock.stamp(run.now))
+    _aid(run, sample)
+
+
+def _differential_pressure(run: FilterRun, sample: DifferentialPressure) -> None:
+    """To true airspeed, by the density of the air that the barometer tells, else that of the height."""
+    barometer = run.aids[PressureSample]
+    pressure = barometer.pressure if isinstance(barometer, Barometer) else math.nan
+    if math.isnan(pressure):
+        pressure = height_pressure(float(run.timeline.filter.nav[ALT]))
+    speed = math.sqrt(2.0 * max(sample.pressure, 0.0) / air_density(pressure))
+    _aid(run, Airspeed(sample.stamp_ns, speed))
 
 
 def _motion(run: FilterRun, sample: MotionEvidence) -> None:
     t = run.clock.time_of(sample.stamp_ns, "outage.rejected", run.journal)
     if t is not None and run.timeline.running and run.modes.mode in DENIED:
+        airspeed = run.aids[Airspeed]
+        if isinstance(airspeed, AirspeedSensor) and airspeed.bounds_at(t):
+            run.journal.count("outage.evidence.redundant")  # what was learned knows less than the sensor
+            return
         run.observe(Observation(t, sample.stamp_ns, MOTION, sample))
         run.aiding.bound_drift(t)
         run.journal.count("outage.evidence")
@@ -148,8 +198,7 @@ _HANDLERS: dict[type, Callable[[FilterRun, Any], None]] = {
     AttitudeSample: _attitude,
     NavigatorVelocity: _not_for_us,
     VelocityError: _not_for_us,
-    Airspeed: _not_for_us,
-    DifferentialPressure: _not_for_us,
-    RangeToGround: _not_for_us,
     **{aid.sample: _aid for aid in AIDS},
+    Airspeed: _airspeed,
+    DifferentialPressure: _differential_pressure,
 }

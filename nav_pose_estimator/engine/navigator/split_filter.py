@@ -46,10 +46,12 @@ class SplitFilter:
         twin.branches, twin._united_by = self.branches and self.branches.copy(), self._united_by
         return twin
 
-    def start(self, nav: np.ndarray, P: np.ndarray, origin: tuple[float, float, float] | None) -> None:
+    def start(
+        self, constants: np.ndarray, nav: np.ndarray, P: np.ndarray, origin: tuple[float, float, float] | None
+    ) -> None:
         """Begin whole at ``nav``, ``P``; ``origin`` as in ``Timeline.start``."""
         place = self.vector[memory.ORIGIN : memory.STATES] if origin is None else origin
-        fresh = memory.make(self.constants, self._slots, self._period)
+        fresh = memory.make(constants, self._slots, self._period)
         fresh[memory.ORIGIN : memory.STATES] = place
         fresh[memory.NAV : memory.CONSTANTS] = nav
         fresh[memory.HEAD : memory.HEAD + P.size] = P.ravel()

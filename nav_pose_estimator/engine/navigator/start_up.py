@@ -161,6 +161,7 @@ def warm_up(constants: np.ndarray) -> None:
         measurements.magnetic_heading(nav, states, 0.0, 1.0, 0.0, 0.0),
         measurements.horizontal_velocity(nav, states, 0.0, 0.0),
         measurements.zero_velocity(nav, states),
+        measurements.airspeed(nav, states, 0, 0, 1.0),
     ):
         R = np.eye(len(z))
         gated_correct(nav, P, constants, z, H, R, 10.0, 100.0)

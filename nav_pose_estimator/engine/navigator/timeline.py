@@ -47,7 +47,17 @@ class Timeline:
 
         ``origin`` latitude, longitude [rad], height [m] of the local frame; None keeps the one there is.
         """
-        self.filter.start(nav, P, origin)
+        self.restart(self.filter.constants, nav, P, origin)
+
+    def restart(
+        self,
+        constants: np.ndarray,
+        nav: np.ndarray,
+        P: np.ndarray,
+        origin: tuple[float, float, float] | None = None,
+    ) -> None:
+        """The same with other ``constants``, which may have other states."""
+        self.filter.start(constants, nav, P, origin)
         self.running, self._started = True, self.filter.time
         self._queue.keep_after(self.filter.time)
         self._dirty, self._late = None, False

@@ -29,6 +29,12 @@ class AidParameters:
     body_velocity_rpy: tuple[float, ...] = param(
         (0.0, 0.0, 0.0), "rad", "Roll, pitch, yaw of the velocity sensor in the body frame", -3.2, 3.2
     )
+    airspeed: bool = param(True, "", "Use the airspeed of a fixed wing: it learns the wind and bounds the drift")
+    airspeed_sd: float = param(0.8, "m/s", "Smallest deviation of a true airspeed", 0.05, 20.0, mutable=True)
+    airspeed_min: float = param(7.0, "m/s", "A lower airspeed is not used", 1.0, 100.0)
+    wind_sd: float = param(5.0, "m/s", "Deviation of each wind component before anything is known", 0.1, 50.0)
+    range: bool = param(True, "", "Use a rangefinder that looks down for the height above flat ground")
+    range_sd: float = param(0.1, "m", "Smallest deviation of a distance to the ground", 0.01, 10.0, mutable=True)
     zero_velocity: bool = param(
         True, "", "Hold the velocity at zero while the vehicle provably rests; needs navigator.memory of 1 s"
     )

@@ -31,6 +31,7 @@ class Barometer(Aid):
         self._pacer = Pacer()
         self._offset = math.nan  # m: barometric minus filter height
         self._since = 0.0
+        self.pressure = math.nan  # Pa, the last good one
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New noise, period and time constant."""
@@ -40,6 +41,8 @@ class Barometer(Aid):
 
     def observe(self, sample: PressureSample, t: float) -> Observation | None:
         """A pressure [Pa], at most every ``aids.barometer_period``."""
+        if _LOWEST < sample.pressure < _HIGHEST:
+            self.pressure = sample.pressure
         if not self._enabled or not self._pacer.passes(t, self._period):
             return None
         if not _LOWEST < sample.pressure < _HIGHEST:

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from nav_pose_estimator.core.filter.blocks import Block, Wander
 from nav_pose_estimator.core.filter.measurement_noise import Fixed, NoiseModel
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import GATED, Decision, FilterView, Kind, Observation
@@ -64,6 +65,11 @@ class Aid(Sensor):
     sample: ClassVar[type]
     family: ClassVar[str]
     """Of its counters on arrival (``mag.rejected.value``)."""
+
+    blocks: ClassVar[dict[Block, Wander]] = {}
+    """States that the filter is given with its first observation, and how they change."""
+    first_sd: dict[Block, float]
+    """Their deviations then."""
 
     def observe(self, sample: Any, t: float) -> Observation | None:
         """The observation of a sample stamped ``t`` [s]; None where it is not due, or refused and counted."""
