@@ -161,6 +161,16 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "attitude.two_stage.bias_tau": 100.0,
         "attitude.two_stage.correction": "literal",
     },
+    "wing": {
+        "aids.airspeed": False,
+        "aids.airspeed_sd": 1.6,
+        "aids.airspeed_min": 14.0,
+        "aids.wind_sd": 10.0,
+    },
+    "ground": {
+        "aids.range": False,
+        "aids.range_sd": 0.2,
+    },
     "first_training": {"learner.rules": 1},
     "learning": {
         "learner.enabled": False,
@@ -240,6 +250,10 @@ def _with_body_velocity(recording: Recording, faults: tuple[Fault, ...], begin: 
             due = t + 0.2
 
 
+def _silent(scenario: str, duration: float, *faults: Fault) -> list[Sample]:
+    return list(generate(scenario, duration, seed=5, imu_rate=50.0).with_faults(*faults).samples())
+
+
 def _spoiled(duration: float, *faults: Fault) -> list[Sample]:
     return list(_base(duration).with_faults(*faults).samples())
 
@@ -249,6 +263,8 @@ FLIGHTS: dict[str, Callable[[], list[Sample]]] = {
     "two_stage": _full,
     "air": lambda: list(generate("start_in_air", 60.0, seed=5, imu_rate=50.0).samples()),
     "late": lambda: list(generate("late_gnss", 40.0, seed=5, imu_rate=50.0).samples()),
+    "wing": lambda: list(generate("fixed_wing_airspeed", 60.0, seed=5, imu_rate=50.0).samples()),
+    "ground": lambda: _silent("hover_range", 60.0, *silence(45.0, 10.0)),
     # GNSS jumps in flight and stays there
     "spoof": lambda: _spoiled(90.0, Shift(GnssFix, 40.0, 50.0, (300.0, 0.0, 0.0))),
     # it comes back where the filter cannot be, but the vehicle could
