@@ -42,26 +42,19 @@ def run(arguments: argparse.Namespace) -> int:
     """Carry the command out. Raises ``UserError`` for what the user can mend."""
     from nav_pose_estimator.core.numerics.jit import is_first_run
     from nav_pose_estimator.offline.bags.topic_map import parse_remaps
-    from nav_pose_estimator.offline.flights import latency, methods, outages
-    from nav_pose_estimator.offline.flights.config_file import load_parameters
+    from nav_pose_estimator.offline.flights import latency, outages
     from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
     from nav_pose_estimator.offline.logs.options import options_of
-    from nav_pose_estimator.offline.replay.aid_option import with_aids
 
     if not 0.0 < arguments.rate <= 1000.0:
         raise UserError("--rate must lie between 0 and 1000 Hz")
     wanted = [outages.parse_outage(text) for text in arguments.outage]
     every = outages.parse_outage_every(arguments.outage_every) if arguments.outage_every else None
-    parameters = methods.apply(load_parameters(arguments.config), arguments.method)
-    if arguments.aid is not None:
-        parameters = with_aids(parameters, arguments.aid)
+    parameters = _parameters(arguments)
     remaps = parse_remaps(arguments.remap)
     options = options_of(arguments, parameters)
     if arguments.list:
-        from nav_pose_estimator.offline.logs.listing import describe
-
-        print("\n".join(describe(arguments.bag, options, remaps, parameters)))
-        return 0
+        return _list(arguments.bag, options, remaps, parameters)
     folder = None if arguments.estimate_latency else _folder(arguments)  # before the work, should it be impossible
     with _bar("reading", None) as bar:
         recording = open_recording(arguments.bag, options, remaps, bar.update)
@@ -82,6 +75,22 @@ def run(arguments: argparse.Namespace) -> int:
     parameters, how = latency.choose(recording, parameters, arguments.gnss_delay, arguments.config, _first(wanted))
     print(how)
     _replay(recording, parameters, wanted, folder, arguments.rate)
+    return 0
+
+
+def _parameters(arguments: argparse.Namespace):
+    from nav_pose_estimator.offline.flights import methods
+    from nav_pose_estimator.offline.flights.config_file import load_parameters
+    from nav_pose_estimator.offline.replay.aid_option import with_aids
+
+    parameters = methods.apply(load_parameters(arguments.config), arguments.method)
+    return parameters if arguments.aid is None else with_aids(parameters, arguments.aid)
+
+
+def _list(path: Path, options, remaps: dict[str, str], parameters) -> int:
+    from nav_pose_estimator.offline.logs.listing import describe
+
+    print("\n".join(describe(path, options, remaps, parameters)))
     return 0
 
 
