@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     every = outages.parse_outage_every(arguments.outage_every) if arguments.outage_every else None
     parameters = _parameters(arguments)
     remaps = parse_remaps(arguments.remap)
-    options = options_of(arguments, parameters)
+    options = options_of(arguments, parameters, min(_first(wanted), every[0] if every else math.inf))
     if arguments.list:
         return _list(arguments.bag, options, remaps, parameters)
     folder = None if arguments.estimate_latency else _folder(arguments)  # before the work, should it be impossible
