@@ -159,6 +159,14 @@ class SetPose:
 
 
 @dataclass(frozen=True, slots=True)
+class ReturnDecision:
+    """What the operator says of GNSS that is back somewhere unexpected (policy ``hold``): take it or forget it."""
+
+    stamp_ns: int
+    accept: bool
+
+
+@dataclass(frozen=True, slots=True)
 class AttitudeSample:
     """Attitude from another estimator: ``q_nb`` scalar first, ``cov_n`` (3, 3) [rad^2] about n axes."""
 
@@ -216,7 +224,9 @@ class MotionEvidence:
     ``attitude`` (3, 3) mean C_nb; ``velocity`` in n and ``body_velocity`` (mean of C^T v) of the estimate [m/s];
     ``air_velocity`` predicted in b [m/s], None without a prediction. The wind (East, North, m/s) with which an outage
     begins, its mean, covariance (2, 2) now and variance in the long run, and its time constant. ``dwell`` [s]: how long
-    a regime lasts. ``drift_variance``: squared errors without GNSS in parts of what the filter states.
+    a regime lasts. ``drift_variance``: squared errors without GNSS in parts of what the filter states. What is nearer
+    in time than ``correlation`` [s] is no independent evidence of a regime. ``unmodelled_var`` [m^2/s^2]: of a velocity
+    that has drifted; the covariance knows nothing of lasting wrong predictions.
     """
 
     stamp_ns: int
@@ -233,6 +243,8 @@ class MotionEvidence:
     wind_spread: float = 0.0
     wind_tau: float = 1.0
     drift_variance: float = 1.0
+    correlation: float = 10.0
+    unmodelled_var: float = 8.0
 
 
 Sample = (
@@ -248,8 +260,14 @@ Sample = (
     | DifferentialPressure
     | RangeToGround
     | SetPose
+    | ReturnDecision
     | AttitudeSample
     | NavigatorVelocity
     | VelocityError
     | MotionEvidence
 )
+
+
+def stamp_of(sample: Sample) -> int | None:
+    """The stamp of a sample, of a block its last one; None for a count that came without a header."""
+    return int(sample.stamps_ns[-1]) if isinstance(sample, ImuBlock) else sample.stamp_ns

@@ -18,6 +18,7 @@ from typing import NoReturn
 
 from nav_pose_estimator import __version__
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.terminal import printable
 
 PROGRAM = "nav_pose_estimator"
 DONE, FAILED, WRONG_USE, INTERRUPTED = 0, 1, 2, 130
@@ -208,7 +209,7 @@ def _describe(error: Exception) -> str:
 def _complain(name: str, text: str, code: int) -> int:
     if os.environ.get("NAV_POSE_DEBUG", "0") not in ("", "0"):
         traceback.print_exc()
-    print(f"{name}: {text}", file=sys.stderr)
+    print(f"{name}: {printable(text)}", file=sys.stderr)
     return code
 
 

@@ -58,32 +58,26 @@ def run(arguments: argparse.Namespace) -> int:
     from nav_pose_estimator.offline.benchmarks.outage.report import write_report
     from nav_pose_estimator.offline.benchmarks.outage.statistics import summarise
     from nav_pose_estimator.offline.logs.open_recording import check_readable
+    from nav_pose_estimator.offline.output_folder import OutputFolder
 
     tasks = _tasks(arguments)
     for bag in arguments.bags:
         check_readable(bag)  # a mistyped name ends the command now, not after an hour
-    folder = make_folder(arguments.out)
-    flights = _run_all(tasks, arguments.jobs)
-    rows = _rows(flights)
-    if not rows:
-        raise UserError("no outage fits into these flights: try shorter --lengths or an earlier --first")
-    summaries = summarise(rows)
-    _write_csv(folder / OUTAGES, [asdict(row) for row in rows])
-    _write_csv(folder / SUMMARY_CSV, [asdict(s) for s in summaries])
-    _write_json(folder / SUMMARY_JSON, flights, summaries, arguments)
-    write_report(folder / REPORT, flights, summaries)
-    _print(summaries, rows)
-    print(f"report: {folder / REPORT}")
+    inputs = [*arguments.bags, *([arguments.config] if arguments.config else [])]
+    with OutputFolder(arguments.out, "outage benchmark", inputs) as folder:
+        flights = _run_all(tasks, arguments.jobs)
+        rows = _rows(flights)
+        if not rows:
+            raise UserError("no outage fits into these flights: try shorter --lengths or an earlier --first")
+        summaries = summarise(rows)
+        folder.mkdir()
+        _write_csv(folder / OUTAGES, [asdict(row) for row in rows])
+        _write_csv(folder / SUMMARY_CSV, [asdict(s) for s in summaries])
+        _write_json(folder / SUMMARY_JSON, flights, summaries, arguments)
+        write_report(folder / REPORT, flights, summaries)
+        _print(summaries, rows)
+    print(f"report: {arguments.out / REPORT}")
     return 0
-
-
-def make_folder(path: Path) -> Path:
-    """The output folder; files of an earlier run in it are overwritten, others stay."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"{path} cannot be made ({error.strerror})") from None
-    return path
 
 
 def _tasks(arguments: argparse.Namespace) -> list:
@@ -102,10 +96,6 @@ def _tasks(arguments: argparse.Namespace) -> list:
         raise UserError("--methods and --lengths must name at least one method and one positive length")
     if not 0.0 < arguments.every < math.inf or arguments.jobs < 1:
         raise UserError("--every and --jobs must be positive")
-    predictors = tuple(name for name in names if name in methods.PREDICTORS)
-    passes = [name for name in names if name not in methods.PREDICTORS]
-    if predictors and methods.COAST not in passes:
-        passes.append(methods.COAST)  # predictors go on from its states
     shared = {"lengths": lengths, "every": arguments.every, "first": arguments.first, "config": arguments.config}
     first = FIRST_OF_SHORT if arguments.first is None else arguments.first  # no outage of any flight begins sooner
     shared["log"] = options_of(arguments, load_parameters(arguments.config), first)
@@ -113,12 +103,12 @@ def _tasks(arguments: argparse.Namespace) -> list:
         Task(
             bag=bag,
             method=name,
-            predictors=predictors * (name == methods.COAST),
+            predictors=extrapolated,
             gnss_delay=arguments.gnss_delay,
             **shared,
         )
         for bag in arguments.bags
-        for name in passes
+        for name, extrapolated in methods.passes(names)
     ]
 
 

@@ -20,8 +20,8 @@ def flight_window(recording: Recording) -> tuple[float, float]:
     Where a flight log tells of arming, nothing before it and after it is flight.
     """
     known = recording.sidecar.get("flight_window_s")
-    if isinstance(known, list) and len(known) == 2:
-        start, end = (recording.seconds_of_log(float(value)) for value in known)
+    if known is not None:
+        start, end = (recording.seconds_of_log(value) for value in known)
         return max(start, 0.0), min(end, recording.duration)
     seconds = np.unique(np.concatenate([_moving_seconds(recording), _shaking_seconds(recording)]))
     seconds = _armed(recording, seconds)

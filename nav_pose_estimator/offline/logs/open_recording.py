@@ -7,6 +7,7 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.bags.raw_messages import BagError
 from nav_pose_estimator.offline.bags.storage import Bag
+from nav_pose_estimator.offline.damaged_input import reading
 from nav_pose_estimator.offline.flights.recording import Recording, load
 from nav_pose_estimator.offline.logs import dataflash, dataflash_text, ulog
 from nav_pose_estimator.offline.logs.imu_choice import with_best_imu
@@ -24,15 +25,17 @@ def open_recording(
     options: LogOptions,
     remaps: dict[str, str] | None = None,
     progress: Callable[[int], None] | None = None,
+    parameters: Parameters | None = None,
 ) -> Recording:
-    """Read a bag or a log. Raises ``BagError``, one sentence that says what is wrong with it."""
+    """Read a bag, as ``parameters`` say (``ros.input``), or a log. Raises ``UserError`` for what cannot be read."""
     if log_form(path) is None:
         if options.imu is not None or options.segment is not None:
             raise UserError(f"{path.name} is no flight log: --imu and --segment are for those")
-        return load(path, remaps, progress)
+        return load(path, remaps, progress, parameters)
     if remaps:
         raise BagError(f"{path.name} is a flight log: --remap is for the topics of bags")
-    recording = log_recording(read_sensors(path), options)
+    with reading(path):
+        recording = log_recording(read_sensors(path), options)
     if progress is not None:
         progress(recording.imu_count)
     return recording

@@ -4,11 +4,13 @@ import argparse
 import math
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.process_clock import seconds_since_start
+from nav_pose_estimator.offline.terminal import printable
 
 DESCRIPTION = (
     "Replay a rosbag2 or a flight log (PX4 ULog, ArduPilot DataFlash) through the pose estimator, take GNSS away for a "
@@ -40,70 +42,93 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Carry the command out. Raises ``UserError`` for what the user can mend."""
-    from nav_pose_estimator.core.numerics.jit import is_first_run
     from nav_pose_estimator.offline.bags.topic_map import parse_remaps
-    from nav_pose_estimator.offline.flights import latency, outages
-    from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
-    from nav_pose_estimator.offline.logs.options import options_of
+    from nav_pose_estimator.offline.flights import latency, methods, outages
+    from nav_pose_estimator.offline.flights.config_file import load_parameters
+    from nav_pose_estimator.offline.output_folder import OutputFolder
+    from nav_pose_estimator.offline.replay.aid_option import with_aids
+    from nav_pose_estimator.offline.replay.files import REPORT
 
     if not 0.0 < arguments.rate <= 1000.0:
         raise UserError("--rate must lie between 0 and 1000 Hz")
     wanted = [outages.parse_outage(text) for text in arguments.outage]
     every = outages.parse_outage_every(arguments.outage_every) if arguments.outage_every else None
-    parameters = _parameters(arguments)
-    remaps = parse_remaps(arguments.remap)
-    options = options_of(arguments, parameters, min(_first(wanted), every[0] if every else math.inf))
-    if arguments.list:
-        return _list(arguments.bag, options, remaps, parameters)
-    folder = None if arguments.estimate_latency else _folder(arguments)  # before the work, should it be impossible
-    with _bar("reading", None) as bar:
-        recording = open_recording(arguments.bag, options, remaps, bar.update)
-    if every is not None:
-        wanted += outages.periodic(*every, first=every[0], end=recording.duration)
-    wanted = outages.check_separate(wanted)
-    late = [o for o in wanted if o.end > recording.duration]
-    if late:
-        raise UserError(
-            f"the outage {late[0].start:g}:{late[0].length:g} ends after the bag ({recording.duration:.1f} s)"
-        )
-    if is_first_run():
-        print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)
-    recording = prepared(recording, parameters, _first(wanted))
-    if folder is None:
-        print(latency.describe(latency.estimate(recording, parameters, _first(wanted))))
-        return 0
-    parameters, how = latency.choose(recording, parameters, arguments.gnss_delay, arguments.config, _first(wanted))
-    print(how)
-    _replay(recording, parameters, wanted, folder, arguments.rate)
-    return 0
-
-
-def _parameters(arguments: argparse.Namespace):
-    from nav_pose_estimator.offline.flights import methods
-    from nav_pose_estimator.offline.flights.config_file import load_parameters
-    from nav_pose_estimator.offline.replay.aid_option import with_aids
-
     parameters = methods.apply(load_parameters(arguments.config), arguments.method)
-    return parameters if arguments.aid is None else with_aids(parameters, arguments.aid)
+    if arguments.aid is not None:
+        parameters = with_aids(parameters, arguments.aid)
+    plan = _Plan(arguments, parameters, parse_remaps(arguments.remap), wanted, every)
+    if arguments.list:
+        from nav_pose_estimator.offline.logs.listing import describe
 
-
-def _list(path: Path, options, remaps: dict[str, str], parameters) -> int:
-    from nav_pose_estimator.offline.logs.listing import describe
-
-    print("\n".join(describe(path, options, remaps, parameters)))
+        print("\n".join(map(printable, describe(arguments.bag, plan.options, plan.remaps, parameters))))
+        return 0
+    if arguments.estimate_latency:
+        recording = plan.load()
+        print(latency.describe(latency.estimate(recording, parameters, _first(plan.outages(recording)))))
+        return 0
+    folder = arguments.out or Path(f"{arguments.bag.resolve().stem.removesuffix('_bag')}_replay")
+    inputs = [path for path in (arguments.bag, arguments.config) if path is not None]
+    with OutputFolder(folder, "replay", inputs) as work:  # before the work, should it be impossible
+        recording = plan.load()
+        wanted = plan.outages(recording)
+        parameters, how = latency.choose(recording, parameters, arguments.gnss_delay, arguments.config, _first(wanted))
+        print(printable(how))
+        work.mkdir()
+        _replay(recording, parameters, wanted, work, arguments.rate)
+    print(f"report: {printable(str(folder / REPORT))}")
     return 0
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What the command line asks for, checked as far as that is possible without the recording."""
+
+    arguments: argparse.Namespace
+    parameters: Any
+    remaps: dict[str, str]
+    wanted: list
+    every: tuple[float, float] | None
+
+    @property
+    def options(self) -> Any:
+        """How a flight log is to be read."""
+        from nav_pose_estimator.offline.logs.options import options_of
+
+        until = min(_first(self.wanted), self.every[0] if self.every else math.inf)
+        return options_of(self.arguments, self.parameters, until)
+
+    def load(self) -> Any:
+        """The recording."""
+        from nav_pose_estimator.core.numerics.jit import is_first_run
+        from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
+
+        with _bar("reading", None) as bar:
+            recording = open_recording(self.arguments.bag, self.options, self.remaps, bar.update, self.parameters)
+        recording = prepared(recording, self.parameters, _first(self.outages(recording)))
+        for text in recording.notices:
+            print(f"note: {printable(text)}", file=sys.stderr)
+        if is_first_run():
+            print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)
+        return recording
+
+    def outages(self, recording: Any) -> list:
+        """The outages in order. Raises ``UserError`` for what does not fit into the recording."""
+        from nav_pose_estimator.offline.flights import outages
+
+        wanted = list(self.wanted)
+        if self.every is not None:
+            wanted += outages.periodic(*self.every, first=self.every[0], end=recording.duration)
+        wanted = outages.check_separate(wanted)
+        late = [o for o in wanted if o.end > recording.duration]
+        if late:
+            raise UserError(
+                f"the outage {late[0].start:g}:{late[0].length:g} ends after the bag ({recording.duration:.1f} s)"
+            )
+        return wanted
 
 
 def _first(wanted: list) -> float:
     return min((outage.start for outage in wanted), default=math.inf)
-
-
-def _folder(arguments: argparse.Namespace) -> Path:
-    from nav_pose_estimator.offline.replay.files import prepare_folder
-
-    folder = arguments.out or Path(f"{arguments.bag.resolve().stem.removesuffix('_bag')}_replay")
-    prepare_folder(folder)
-    return folder
 
 
 def _replay(recording, parameters, wanted, folder: Path, rate: float) -> None:
@@ -123,16 +148,16 @@ def _replay(recording, parameters, wanted, folder: Path, rate: float) -> None:
         from nav_pose_estimator.offline.replay.solution_bag import write_solution
 
         write_solution(folder / files.SOLUTION, result, min(rate, 10.0))
-    print(f"report: {folder / files.REPORT}")
 
 
 def _tell(result, wall: float) -> None:
     """The outcome in a few lines."""
     from nav_pose_estimator.offline.replay import second_opinion
     from nav_pose_estimator.offline.replay.report import OUTAGE_HEADER, mode_spans, outage_rows
+    from nav_pose_estimator.offline.replay.warnings import warnings
 
-    for text in result.recording.notices:
-        print(f"note: {text}", file=sys.stderr)
+    for warned in warnings(result):
+        print(printable(warned.sentence), file=sys.stderr)
     spans = mode_spans(result)
     print("modes: " + (", ".join(f"{mode.value} from {start:.1f} s" for start, _, mode in spans[:12]) or "none"))
     if text := second_opinion.sentence(result):

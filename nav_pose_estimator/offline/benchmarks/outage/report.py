@@ -9,6 +9,7 @@ import numpy as np
 
 from nav_pose_estimator.offline.benchmarks.outage.benchmark import GRID, FlightResult
 from nav_pose_estimator.offline.benchmarks.outage.statistics import ALL, Summary
+from nav_pose_estimator.offline.flights.methods import classical
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
 
@@ -61,7 +62,7 @@ def _body(flights: list[FlightResult], summaries: list[Summary]) -> Iterator[str
     yield '<p class="soft">Horizontal error at the end of forced outages, mean over the fixes of the last 1.05 s, '
     yield "against ground truth or the withheld GNSS. Interval: bootstrap of the median, clustered by flight, within "
     yield "one flight by stretches of an outage's length. Ratio and wins: RMS and single outages against the best "
-    yield "classical method of that flight (coast, hold, const_velocity, velocity_prior, drag).</p>"
+    yield f"classical method of that flight ({', '.join(classical())}).</p>"
     names = [flight.bag for flight in flights]
     bags = list(dict.fromkeys(names))
     for bag in ([ALL] if len(bags) > 1 else []) + bags:

@@ -1,6 +1,7 @@
 """Rehearsals: what the copies get to see, how they are judged, and what three of them decide."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +10,10 @@ from flown import Flight
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.outage.aid import OutageAid
 from nav_pose_estimator.engine.outage.epochs import EpochCollector
-from nav_pose_estimator.engine.outage.habits import MotionKnowledge
-from nav_pose_estimator.engine.outage.rehearsals import COAST, VirtualOutages
+from nav_pose_estimator.engine.outage.methods.air_velocity_guide import AirVelocityGuide
+from nav_pose_estimator.engine.outage.methods.method import Flight as FlightSoFar
+from nav_pose_estimator.engine.outage.methods.registry import estimators
+from nav_pose_estimator.engine.outage.rehearsals import COAST, Rehearsals
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.engine.samples import (
     GnssFix,
@@ -24,7 +27,7 @@ from nav_pose_estimator.engine.samples import (
 from nav_pose_estimator.engine.solutions import Mode
 
 SECOND = 10**9
-KNOWLEDGE = MotionKnowledge.of("best", Flight(seconds=40.0).epochs(), None)
+GUIDE = estimators()["best"].ways(FlightSoFar(Flight(seconds=40.0).epochs()))["regimes"]
 
 
 class Navigator:
@@ -46,38 +49,36 @@ class Navigator:
         return []
 
     @property
-    def horizontal_sd(self) -> float:
+    def run(self) -> SimpleNamespace:
         """States 10 m after half a minute, and nothing while aided."""
-        return self._elapsed / 3.0
-
-    def nominal_state(self) -> np.ndarray:
-        nav = np.zeros(at.NAV_SIZE)
+        nav, P = np.zeros(at.NAV_SIZE), np.zeros((at.BASE_STATES, at.BASE_STATES))
         nav[at.LAT] = 0.8 + self._drift * self._elapsed / 6.367e6
-        return nav
+        P[at.DPOS, at.DPOS] = (self._elapsed / 3.0) ** 2
+        return SimpleNamespace(settled=SimpleNamespace(nav=nav, P=P), timeline=SimpleNamespace(running=True))
 
 
-def fly(outages: VirtualOutages, navigator: Navigator, start: float, end: float, ways=("network",)) -> None:
+def fly(rehearsals: Rehearsals, navigator: Navigator, start: float, end: float, ways=("network",)) -> None:
     """100 IMU samples a second, half a second at a time, with a rehearsal whenever one is due."""
     for stamp in range(round(start * SECOND), round(end * SECOND), SECOND // 2):
         for n in range(50):
-            outages.feed(ImuSample(stamp + n * SECOND // 100, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8)))
-        if outages.is_due(stamp + SECOND // 2, navigator):
-            outages.start(stamp + SECOND // 2, navigator, EpochCollector(), dict.fromkeys(ways, KNOWLEDGE))
+            rehearsals.feed(ImuSample(stamp + n * SECOND // 100, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8)))
+        if rehearsals.is_due(stamp + SECOND // 2, navigator):
+            rehearsals.start(stamp + SECOND // 2, navigator, EpochCollector(), dict.fromkeys(ways, GUIDE))
 
 
-def rehearsed(drifts: list[float], count: int, ways=("network",)) -> VirtualOutages:
-    outages = VirtualOutages()
-    fly(outages, Navigator(drifts), 1000.0, 1000.0 + 60.0 * count, ways)
-    assert outages.rehearsals == min(count, 6)
-    return outages
+def rehearsed(drifts: list[float], count: int, ways=("network",)) -> Rehearsals:
+    rehearsals = Rehearsals()
+    fly(rehearsals, Navigator(drifts), 1000.0, 1000.0 + 60.0 * count, ways)
+    assert rehearsals.count == min(count, 6)
+    return rehearsals
 
 
 def test_a_rehearsal_lasts_half_a_minute_and_comes_every_minute() -> None:
     """GIVEN copies that drift 2 and 1 m/s WHEN three minutes go by THEN three rehearsals found 60 and 30 m."""
-    outages = rehearsed([2.0, 1.0], 3)
-    assert outages.rms(COAST) == pytest.approx(60.0, rel=0.02)
-    assert outages.rms("network") == pytest.approx(30.0, rel=0.02)
-    assert outages.rms("regimes") is None
+    rehearsals = rehearsed([2.0, 1.0], 3)
+    assert rehearsals.rms(COAST) == pytest.approx(60.0, rel=0.02)
+    assert rehearsals.rms("network") == pytest.approx(30.0, rel=0.02)
+    assert rehearsals.rms("regimes") is None
 
 
 def test_it_needs_three_rehearsals_to_condemn() -> None:
@@ -91,27 +92,27 @@ def test_it_needs_three_rehearsals_to_condemn() -> None:
 
 
 def test_worse_means_by_more_than_the_ratio() -> None:
-    outages = rehearsed([1.0, 2.0], 3)
-    assert outages.is_worse("network", COAST, 1.9)
-    assert not outages.is_worse("network", COAST, 2.1)
-    assert not outages.is_worse(COAST, "network", 1.0)
+    rehearsals = rehearsed([1.0, 2.0], 3)
+    assert rehearsals.is_worse("network", COAST, 1.9)
+    assert not rehearsals.is_worse("network", COAST, 2.1)
+    assert not rehearsals.is_worse(COAST, "network", 1.0)
 
 
 def test_only_rehearsals_that_both_flew_count() -> None:
     """GIVEN a way that came up late WHEN compared THEN only what both flew decides."""
-    outages, navigator = VirtualOutages(), Navigator([1.0, 1.0])
-    fly(outages, navigator, 1000.0, 1120.0, ("regimes",))
+    rehearsals, navigator = Rehearsals(), Navigator([1.0, 1.0])
+    fly(rehearsals, navigator, 1000.0, 1120.0, ("regimes",))
     later = Navigator([1.0, 1.0, 9.0])
-    fly(outages, later, 1120.0, 1240.0, ("regimes", "network"))
-    assert not outages.is_worse("network", "regimes", 1.1)
-    fly(outages, later, 1240.0, 1300.0, ("regimes", "network"))
-    assert outages.is_worse("network", "regimes", 1.1)
+    fly(rehearsals, later, 1120.0, 1240.0, ("regimes", "network"))
+    assert not rehearsals.is_worse("network", "regimes", 1.1)
+    fly(rehearsals, later, 1240.0, 1300.0, ("regimes", "network"))
+    assert rehearsals.is_worse("network", "regimes", 1.1)
 
 
 def test_a_filter_that_errs_less_than_it_states_is_believed_more() -> None:
     """GIVEN a filter that states 10 m after half a minute WHEN it errs by 10 m THEN its covariance stays; by 3 m, it
     shrinks as more rehearsals show it, but never to nothing; by 30 m, it is not for rehearsals to say."""
-    assert VirtualOutages().drift_variance == 1.0
+    assert Rehearsals().drift_variance == 1.0
     assert rehearsed([1.0 / 3.0], 4).drift_variance == pytest.approx(1.0, abs=0.05)
     little = [rehearsed([0.1], count).drift_variance for count in (1, 3, 6)]
     assert 1.0 > little[0] > little[1] > little[2] > 0.1
@@ -121,16 +122,16 @@ def test_a_filter_that_errs_less_than_it_states_is_believed_more() -> None:
 
 def test_old_rehearsals_are_forgotten() -> None:
     """GIVEN a way that did badly WHEN it does well in six rehearsals since THEN it is used again."""
-    outages = rehearsed([1.0, 50.0], 3)
-    assert outages.is_worse("network", COAST, 1.1)
-    fly(outages, Navigator([2.0, 1.0]), 1180.0, 1180.0 + 6 * 60.0)
-    assert not outages.is_worse("network", COAST, 1.0)
+    rehearsals = rehearsed([1.0, 50.0], 3)
+    assert rehearsals.is_worse("network", COAST, 1.1)
+    fly(rehearsals, Navigator([2.0, 1.0]), 1180.0, 1180.0 + 6 * 60.0)
+    assert not rehearsals.is_worse("network", COAST, 1.0)
 
 
 def test_nothing_from_gnss_reaches_the_copies() -> None:
     """GIVEN a rehearsal WHEN samples of every kind come THEN the copies see IMU and magnetometer only."""
-    outages, navigator = VirtualOutages(), Navigator([1.0, 1.0])
-    fly(outages, navigator, 1000.0, 1001.0)
+    rehearsals, navigator = Rehearsals(), Navigator([1.0, 1.0])
+    fly(rehearsals, navigator, 1000.0, 1001.0)
     stamp = 1001 * SECOND
     for sample in (
         GnssFix(stamp, 0.8, 0.2, 300.0),
@@ -140,8 +141,8 @@ def test_nothing_from_gnss_reaches_the_copies() -> None:
         ImuSample(stamp + 1, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8)),
         MagSample(stamp + 2, (0.0, 2e-5, 0.0)),
     ):
-        outages.feed(sample)
-    outages.is_due(stamp + SECOND // 2, navigator)  # the copies fly up to here
+        rehearsals.feed(sample)
+    rehearsals.is_due(stamp + SECOND // 2, navigator)  # the copies fly up to here
     for copy in navigator.copies:
         assert {type(sample) for sample in copy.seen} == {ImuBlock, MagSample}
         # what is no IMU sample waits ahead of the block; it acts at its own time all the same
@@ -151,43 +152,43 @@ def test_nothing_from_gnss_reaches_the_copies() -> None:
 
 def test_an_outage_ends_a_rehearsal_without_a_judgement() -> None:
     """GIVEN a rehearsal WHEN GNSS is really lost THEN nothing is judged, and the next begins when it is back."""
-    outages, navigator = VirtualOutages(), Navigator([1.0, 1.0])
-    fly(outages, navigator, 1000.0, 1015.0)
+    rehearsals, navigator = Rehearsals(), Navigator([1.0, 1.0])
+    fly(rehearsals, navigator, 1000.0, 1015.0)
     navigator.mode = Mode.COASTING
-    fly(outages, navigator, 1015.0, 1090.0)
-    assert outages.rehearsals == 0
+    fly(rehearsals, navigator, 1015.0, 1090.0)
+    assert rehearsals.count == 0
     assert len(navigator.copies) == 2
     navigator.mode = Mode.AIDED
-    fly(outages, navigator, 1090.0, 1125.0)
-    assert outages.rehearsals == 1
+    fly(rehearsals, navigator, 1090.0, 1125.0)
+    assert rehearsals.count == 1
 
 
 def test_a_gap_in_the_imu_data_ends_a_rehearsal() -> None:
     """GIVEN a rehearsal WHEN a gap makes the copies align again THEN it is not judged: that was no drift."""
-    outages, navigator = VirtualOutages(), Navigator([1.0, 1.0])
-    fly(outages, navigator, 1000.0, 1010.0)
+    rehearsals, navigator = Rehearsals(), Navigator([1.0, 1.0])
+    fly(rehearsals, navigator, 1000.0, 1010.0)
     for copy in navigator.copies:
         copy.mode = Mode.ALIGNING
-    fly(outages, navigator, 1010.0, 1055.0)
-    assert outages.rehearsals == 0
-    fly(outages, navigator, 1055.0, 1100.0)
-    assert outages.rehearsals == 1
+    fly(rehearsals, navigator, 1010.0, 1055.0)
+    assert rehearsals.count == 0
+    fly(rehearsals, navigator, 1055.0, 1100.0)
+    assert rehearsals.count == 1
 
 
 def test_a_clock_that_went_back_does_not_stop_the_rehearsals() -> None:
-    outages = rehearsed([1.0, 1.0], 1)
-    fly(outages, Navigator([1.0, 1.0]), 10.0, 100.0)
-    assert outages.rehearsals >= 2
+    rehearsals = rehearsed([1.0, 1.0], 1)
+    fly(rehearsals, Navigator([1.0, 1.0]), 10.0, 100.0)
+    assert rehearsals.count >= 2
 
 
 def test_a_copy_goes_on_with_a_rehearsal_of_its_own() -> None:
-    outages, navigator = VirtualOutages(), Navigator([1.0, 2.0])
-    fly(outages, navigator, 1000.0, 1015.0)
+    rehearsals, navigator = Rehearsals(), Navigator([1.0, 2.0])
+    fly(rehearsals, navigator, 1000.0, 1015.0)
     for contestant in navigator.copies:
         contestant._drifts = [contestant._drift]
-    twin = outages.copy()
+    twin = rehearsals.copy()
     fly(twin, navigator, 1015.0, 1031.5)
-    assert (outages.rehearsals, twin.rehearsals) == (0, 1)
+    assert (rehearsals.count, twin.count) == (0, 1)
 
 
 # --- the choice ------------------------------------------------------------------------------------------------------
@@ -201,7 +202,7 @@ def aid_with(rms: dict[str, float], rehearsals: int = 3, method: str = "best") -
         if job is not None:
             aid.accept(job.run())
     for _ in range(rehearsals):
-        aid.rehearsals._squares.append({name: value**2 for name, value in rms.items()})
+        aid.rehearsals.state.squares.append({name: value**2 for name, value in rms.items()})
     return aid
 
 
@@ -218,22 +219,22 @@ def aid_with(rms: dict[str, float], rehearsals: int = 3, method: str = "best") -
 def test_best_is_what_did_best_in_rehearsal(rms, rehearsals: int, chosen: str | None) -> None:
     """GIVEN rehearsals WHEN GNSS is lost THEN the way that did better is taken, and none that did far worse than
     coasting: no regret."""
-    knowledge = aid_with(rms, rehearsals)._choose()
-    name = None if knowledge is None else "regimes" if knowledge.model is None else "network"
+    guide = aid_with(rms, rehearsals).choose()
+    name = None if guide is None else "regimes" if guide.model is None else "network"
     assert name == chosen
 
 
 def test_a_method_that_was_asked_for_is_not_second_guessed() -> None:
-    knowledge = aid_with({COAST: 1.0, "network": 50.0}, method="anfis_linear")._choose()
-    assert knowledge.method == "anfis_linear"
-    assert knowledge.model is not None
+    guide = aid_with({COAST: 1.0, "network": 50.0}, method="anfis_linear").choose()
+    assert isinstance(guide, AirVelocityGuide)
+    assert guide.model is not None
 
 
 def test_without_enough_flight_nothing_is_known() -> None:
     aid = OutageAid(LearnerParameters())
     for one in Flight(seconds=15.0).epochs():
         aid.learner.learn(one)
-    assert aid._choose() is None
+    assert aid.choose() is None
 
 
 def test_the_status_tells_the_rehearsals() -> None:
@@ -245,8 +246,8 @@ def test_the_status_tells_the_rehearsals() -> None:
 
 def test_a_reset_forgets_the_flight_and_keeps_the_model() -> None:
     aid = aid_with({COAST: 1.0, "network": 50.0})
-    model = aid.model
+    model = aid.learner.state.model
     aid.reset()
-    assert aid.model is model is not None
-    assert aid.rehearsals.rehearsals == 0
-    assert aid.learner.memory.seconds == 0.0
+    assert aid.learner.state.model is model is not None
+    assert aid.rehearsals.count == 0
+    assert aid.learner.state.memory.seconds == 0.0

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.core.motion.air_velocity import learn_air_velocity
-from nav_pose_estimator.engine.outage.habits import BEST, MotionKnowledge
+from nav_pose_estimator.engine.outage.methods.best import NETWORK, Best
+from nav_pose_estimator.engine.outage.methods.method import Flight
 from true_epochs import epochs_of
 
 pytestmark = pytest.mark.compiled
@@ -14,10 +15,11 @@ pytestmark = pytest.mark.compiled
 def test_a_car_is_never_taken_for_one_that_hovers(scenario: str, names: list[str]) -> None:
     """GIVEN a learned vehicle WHEN GNSS is lost THEN only what flies may hover; a car tells by its nose."""
     epochs = epochs_of(scenario, seed=1)
-    knowledge = MotionKnowledge.of(BEST, epochs, learn_air_velocity(epochs))
-    evidence, error = knowledge.evidence(10**9, epochs[-4:])
+    guide = Best().ways(Flight(epochs, learn_air_velocity(epochs)))[NETWORK]
+    advice = guide.advise(10**9, epochs[-4:])
+    (evidence,) = advice.samples
     assert [hypothesis.name for hypothesis in evidence.hypotheses] == names
-    assert error is not None
+    assert advice.velocity_error is not None
     if scenario == "road_vehicle":
         (travel,) = evidence.hypotheses
         assert travel.velocity_var is None
