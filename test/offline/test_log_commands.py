@@ -317,6 +317,10 @@ def test_a_weak_estimate_of_the_latency_leans_on_the_autopilots_parameter(ulg, m
     assert "0.13 s by EKF2_GPS_DELAY" in how
 
 
+def test_the_default_gap_is_that_of_the_parameters():
+    assert LogOptions().max_gap == Parameters().imu.max_gap
+
+
 def test_arming_bounds_the_flight(flown, tmp_path):
     """GIVEN a vehicle that shakes and moves in the log before arming, THEN the flight begins at arming."""
     recording = open_recording(write(tmp_path / "a.ulg", px4(flown).encode()), LogOptions())

@@ -98,7 +98,7 @@ def _tasks(arguments: argparse.Namespace) -> list:
         raise UserError("--every and --jobs must be positive")
     shared = {"lengths": lengths, "every": arguments.every, "first": arguments.first, "config": arguments.config}
     first = FIRST_OF_SHORT if arguments.first is None else arguments.first  # no outage of any flight begins sooner
-    shared["log"] = options_of(arguments, load_parameters(arguments.config), first)
+    shared["log"] = options_of(arguments, load_parameters(arguments.config).imu.max_gap, first)
     return [
         Task(
             bag=bag,

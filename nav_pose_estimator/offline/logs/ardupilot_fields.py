@@ -9,8 +9,8 @@ from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
 from nav_pose_estimator.core.numerics.rotation import quat_from_euler_many
 from nav_pose_estimator.offline.flights.tracks import Reference, displacement_enu
 from nav_pose_estimator.offline.logs import sensors
+from nav_pose_estimator.offline.logs.formats.log_tables import LogTables, Table
 from nav_pose_estimator.offline.logs.gnss_time import utc_from_gps_week
-from nav_pose_estimator.offline.logs.log_tables import LogTables, Table
 from nav_pose_estimator.offline.logs.opinion import opinion
 from nav_pose_estimator.offline.logs.sensors import Array, Gnss, Imu, LogSensors, Series
 

@@ -9,7 +9,7 @@ from nav_pose_estimator.offline.bags.raw_messages import BagError
 from nav_pose_estimator.offline.bags.storage import Bag
 from nav_pose_estimator.offline.damaged_input import reading
 from nav_pose_estimator.offline.flights.recording import Recording, load
-from nav_pose_estimator.offline.logs import dataflash, dataflash_text, ulog
+from nav_pose_estimator.offline.logs.formats import dataflash, dataflash_text, ulog
 from nav_pose_estimator.offline.logs.imu_choice import with_best_imu
 from nav_pose_estimator.offline.logs.log_flight import LogRecording, log_recording
 from nav_pose_estimator.offline.logs.options import LogOptions

@@ -4,9 +4,6 @@ import argparse
 import math
 from dataclasses import dataclass
 
-from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.parameters.imu import ImuParameters
-
 CLOCKS = ("auto", "log", "gnss")
 
 
@@ -22,7 +19,7 @@ class LogOptions:
     imu: int | None = None
     segment: int | None = None
     clock: str = "auto"
-    max_gap: float = ImuParameters().max_gap
+    max_gap: float = 1.0  # the default of imu.max_gap
     until: float = math.inf
 
 
@@ -35,8 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def options_of(
-    arguments: argparse.Namespace, parameters: Parameters | None = None, until: float = math.inf
+    arguments: argparse.Namespace, max_gap: float = LogOptions.max_gap, until: float = math.inf
 ) -> LogOptions:
-    """The options that ``add_options`` has added; ``until`` [s]: where the first outage begins."""
-    max_gap = (parameters or Parameters()).imu.max_gap
+    """The options that ``add_options`` has added; see :class:`LogOptions` for the others."""
     return LogOptions(arguments.imu, arguments.segment, arguments.clock, max_gap, until)

@@ -8,7 +8,7 @@ import numpy as np
 from nav_pose_estimator.core.earth.atmosphere import height_pressure
 from nav_pose_estimator.offline.flights.tracks import Reference, shift
 from nav_pose_estimator.offline.logs import sensors
-from nav_pose_estimator.offline.logs.log_tables import LogTables, Table, rising
+from nav_pose_estimator.offline.logs.formats.log_tables import LogTables, Table, rising
 from nav_pose_estimator.offline.logs.opinion import opinion
 from nav_pose_estimator.offline.logs.sensors import Array, Gnss, Imu, LogSensors, Series
 

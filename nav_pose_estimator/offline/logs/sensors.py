@@ -17,7 +17,7 @@ from nav_pose_estimator.engine.samples import (
     Sample,
 )
 from nav_pose_estimator.offline.flights.tracks import Reference
-from nav_pose_estimator.offline.logs.log_tables import Table, rising
+from nav_pose_estimator.offline.logs.formats.log_tables import Table, rising
 
 Array = np.ndarray
 GAUSS = 1e-4  # T

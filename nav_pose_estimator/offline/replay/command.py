@@ -95,7 +95,7 @@ class _Plan:
         from nav_pose_estimator.offline.logs.options import options_of
 
         until = min(_first(self.wanted), self.every[0] if self.every else math.inf)
-        return options_of(self.arguments, self.parameters, until)
+        return options_of(self.arguments, self.parameters.imu.max_gap, until)
 
     def load(self) -> Any:
         """The recording."""

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.offline.logs.dataflash_tables import FIELDS_OF_FMT, Format, RawMessages, build
-from nav_pose_estimator.offline.logs.log_tables import LogTables, whole_numbers
+from nav_pose_estimator.offline.logs.formats.dataflash_tables import FIELDS_OF_FMT, Format, RawMessages, build
+from nav_pose_estimator.offline.logs.formats.log_tables import LogTables, whole_numbers
 
 _TEXTS = "nNZM"  # format letters of fields that hold text; a mode is one as text
 _LARGEST = 2.0**62  # of whole numbers

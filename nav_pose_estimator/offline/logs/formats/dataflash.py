@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.offline.logs.dataflash_tables import FIELDS_OF_FMT, Format, RawMessages, build
-from nav_pose_estimator.offline.logs.log_tables import LogTables
+from nav_pose_estimator.offline.logs.formats.dataflash_tables import FIELDS_OF_FMT, Format, RawMessages, build
+from nav_pose_estimator.offline.logs.formats.log_tables import LogTables
 
 MAGIC = b"\xa3\x95"
 FMT_TYPE, FMT_LENGTH = 0x80, 89

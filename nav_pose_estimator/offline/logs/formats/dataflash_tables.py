@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nav_pose_estimator.offline.bags.raw_messages import BagError
-from nav_pose_estimator.offline.logs.log_tables import LogTables, Table, finite, wild
+from nav_pose_estimator.offline.logs.formats.log_tables import LogTables, Table, finite, wild
 
 Array = np.ndarray
 FIELDS_OF_FMT = ("Type", "Length", "Name", "Format", "Columns")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.offline.bags.raw_messages import BagError
-from nav_pose_estimator.offline.logs.log_tables import LogTables, Table, finite
+from nav_pose_estimator.offline.logs.formats.log_tables import LogTables, Table, finite
 
 MAGIC = b"ULog\x01\x12\x35"
 TOPICS = (

@@ -1,0 +1,1 @@
+"""Flight logs as they stand in files, read into tables."""
