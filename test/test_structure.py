@@ -47,12 +47,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "offline.bags": {"core", "engine", "engine.parameters", "ros.messages", "offline"},
     "offline.flights": {"core", "engine.*", "sim.*", "ros.messages", "offline", "offline.bags"},
     "offline.logs.formats": {"offline", "offline.bags"},
-    "offline.logs": {
-        "core", "engine", "engine.parameters", "offline", "offline.bags", "offline.flights", "offline.logs.formats"
-    },
-    "offline.replay": {
-        "core", "engine.*", "offline", "offline.bags", "offline.flights", "offline.logs", "offline.page"
-    },
+    "offline.logs": {"core", "engine.*", "offline", "offline.bags", "offline.flights", "offline.logs.formats"},
+    "offline.replay": {"core", "engine.*", "offline.*"},
     "offline.benchmarks": {"offline.*"},
     "offline.benchmarks.outage": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.attitude": {"core", "engine.*", "offline.*"},

@@ -299,17 +299,6 @@ def test_headings_are_as_good_as_they_claim():
     assert 0.1 < np.sqrt(np.mean(np.square(tilts))) < 1.2
 
 
-def test_reset_forgets_and_the_second_run_equals_the_first():
-    story = Story(at_rest(0.1, 0.05, 2.0), 4.0, field_n=FIELD_N)
-    aligner = Aligner(settings())
-    first, _ = story.tell(aligner)
-    aligner.reset()
-    assert aligner.result() is None
-    second, _ = story.tell(aligner)
-    np.testing.assert_array_equal(first.nav, second.nav)
-    np.testing.assert_array_equal(first.P, second.P)
-
-
 # --- hypotheses ----------------------------------------------------------------------------------------------------
 def bank(count=8, prior=None):
     nav, P = np.zeros(at.NAV_SIZE), np.diag(np.linspace(0.01, 0.15, 15) ** 2)

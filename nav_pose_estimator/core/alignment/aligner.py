@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from nav_pose_estimator.core.alignment.first_states import from_level, heading_prior, in_motion
 from nav_pose_estimator.core.alignment.heading_hypotheses import HeadingHypotheses
 from nav_pose_estimator.core.alignment.levelling import (
     Compass,
@@ -28,35 +29,18 @@ from nav_pose_estimator.core.alignment.levelling import (
     level_attitude,
     level_covariance,
     level_in_motion,
-    turned,
 )
+from nav_pose_estimator.core.alignment.recent_rows import RecentRows
 from nav_pose_estimator.core.alignment.rest import RestDetector, RestSettings
 from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, Fix, KnownBiases, RestLevel
-from nav_pose_estimator.core.earth.ellipsoid import earth_rate_n
 from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.layout import (
-    ACCEL_BIAS,
     ALT,
-    BASE_STATES,
-    D_ACCEL_BIAS,
-    D_GYRO_BIAS,
     DPOS,
-    DVEL,
-    GYRO_BIAS,
-    IMU_ACCEL,
-    IMU_COLUMNS,
-    IMU_GYRO,
     IMU_T,
     LAT,
-    NAV_SIZE,
     PHI,
-    PREV_FORCE,
-    PREV_RATE,
-    QUAT,
-    TIME,
-    VEL,
 )
-from nav_pose_estimator.core.numerics.rotation import quat_to_matrix, wrap_angle
 
 Array = NDArray[np.float64]
 
@@ -85,7 +69,7 @@ class Aligner:
     _lever: Array
     _biases: KnownBiases
     _rest: RestDetector
-    _rows: list[tuple[float, ...]]
+    _rows: RecentRows
     _fixes: deque[Fix]
     _compass: Compass
     _outside: OutsideLevels
@@ -117,20 +101,14 @@ class Aligner:
         self._rest = RestDetector(
             RestSettings(s.static_window, s.rest_gyro_sd, s.rest_accel_sd, rate, 0.8, offset=self._biases.gyro)
         )
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything."""
-        self._rest.reset()
-        self._rows = []
+        self._rows = RecentRows()
         self._fixes = deque()
-        self._compass = Compass(self.settings.declination)
+        self._compass = Compass(s.declination)
         self._outside = OutsideLevels()
         self._now = -math.inf
-        self._last_fix = self._level = self._bank = None
+        self._last_fix = self._level = self._bank = self._done = None
         self._bank_start = 0.0
         self._from_rest = False
-        self._done = None
         self.restarts = 0
 
     # --- samples -----------------------------------------------------------------------------------------------------
@@ -140,7 +118,8 @@ class Aligner:
         if t <= self._now or self.is_complete:
             return
         self._now = t
-        self._rows.append((t, gyro[0], gyro[1], gyro[2], accel[0], accel[1], accel[2]))
+        row = (t, gyro[0], gyro[1], gyro[2], accel[0], accel[1], accel[2])
+        self._rows.rows.append(row)
         self._rest.update(t, gyro, accel)
         while self._fixes and self._fixes[0].t <= t:
             self._take(self._fixes.popleft())
@@ -150,9 +129,7 @@ class Aligner:
             self._learn_from_rest()
         else:
             self._done = None  # an attitude found at rest does not outlive the rest
-        if len(self._rows) > 64 and self._rows[len(self._rows) // 2][0] < self._keep_from():
-            oldest = self._keep_from()
-            self._rows = [row for row in self._rows if row[0] >= oldest]
+        self._rows.forget_before(self._keep_from())
 
     def gnss(
         self,
@@ -201,7 +178,7 @@ class Aligner:
             return ""
         if self._done is not None:
             return "Level and heading are known; waiting for a GNSS fix."
-        if not self._rows:
+        if not self._rows.rows:
             return "Waiting for IMU data."
         fix = self._last_fix
         if fix is None:
@@ -248,24 +225,9 @@ class Aligner:
             return
         fix = self._last_fix
         known = fix is not None and self._now - fix.t < _FIX_AGE
-        nav, P = self._start_from_level(self._level, yaw, fix if known else None)
+        nav, P = from_level(self._level, yaw, fix if known else None, self._rows.at(self._now), self._is_resting())
         P[PHI + 2, PHI + 2] = s.mag_heading_sd**2
-        self._finish(self._now, nav, P, "at rest, magnetic heading", has_position=known)
-
-    def _start_from_level(self, level: RestLevel, yaw: float, fix: Fix | None) -> tuple[Array, Array]:
-        """State and covariance at the time of ``level`` for a given yaw."""
-        nav, P = np.zeros(NAV_SIZE), level.P.copy()
-        nav[QUAT : QUAT + 4] = turned(level.q, yaw)
-        turn = np.eye(BASE_STATES)
-        turn[PHI : PHI + 2, PHI : PHI + 2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
-        P = turn @ P @ turn.T
-        nav[GYRO_BIAS : GYRO_BIAS + 3] = level.rate
-        if fix is not None:
-            C = quat_to_matrix(nav[QUAT : QUAT + 4])
-            nav[GYRO_BIAS : GYRO_BIAS + 3] -= C.T @ earth_rate_n(fix.position[0])
-        self._place(nav, P, fix)
-        self._set_memory(nav, level.t)
-        return nav, P
+        self._done = Alignment(self._now, nav, 0.5 * (P + P.T), "at rest, magnetic heading", known)
 
     # --- motion ------------------------------------------------------------------------------------------------------
 
@@ -280,13 +242,13 @@ class Aligner:
         bank = self._bank
         if bank is None:
             return
-        bank.run(self._rows_between(bank.time, fix.t))
+        bank.run(self._rows.between(bank.time, fix.t))
         bank.fuse(fix.position, fix.position_sd, fix.velocity, fix.velocity_sd)
         _, sd = bank.heading()
         if sd <= self.settings.heading_sd and fix.t - self._bank_start >= self.settings.min_time:
             nav, P = bank.merged()
             how = "at rest, heading from the first motion" if self._from_rest else "in motion, heading from GNSS"
-            self._finish(fix.t, nav, P, how)
+            self._done = Alignment(fix.t, nav, 0.5 * (P + P.T), how)
         elif bank.updates > _LOST_UPDATES and bank.nis > _LOST_NIS:
             self.restarts += 1
             self._bank = self._level = None
@@ -298,42 +260,20 @@ class Aligner:
             if fix.t <= level.t:
                 return None
             self._from_rest = True
-            nav, P = self._start_from_level(level, 0.0, None)
+            nav, P = from_level(level, 0.0, None, self._rows.at(level.t), self._is_resting())
             P[DPOS : DPOS + 3, DPOS : DPOS + 3] = np.diag((fix.position_sd + 5.0) ** 2)
             nav[LAT : ALT + 1] = fix.position
             q = level.q
         else:
-            rows = self._rows_between(fix.t - _LEVEL_WINDOW, fix.t)
+            rows = self._rows.between(fix.t - _LEVEL_WINDOW, fix.t)
             if len(rows) < 3 or rows[0, IMU_T] > fix.t - 0.7 * _LEVEL_WINDOW:
                 return None
             self._from_rest = False
-            nav, P, q = self._start_in_motion(rows, fix)
+            q, tilt_sd = self._outside.near(fix.t, s.tilt_sd) or (level_in_motion(rows), s.tilt_sd)
+            nav, P = in_motion(q, tilt_sd, fix, self._biases, self._rows.at(fix.t), self._is_resting())
         self._bank_start = fix.t
-        return HeadingHypotheses(nav, P, s.hypotheses, self._constants, self._lever, self._prior(q))
-
-    def _start_in_motion(self, rows: Array, fix: Fix) -> tuple[Array, Array, Array]:
-        s, biases = self.settings, self._biases
-        nav, P = np.zeros(NAV_SIZE), np.zeros((BASE_STATES, BASE_STATES))
-        q, tilt_sd = self._outside.near(fix.t, s.tilt_sd) or (level_in_motion(rows), s.tilt_sd)
-        nav[QUAT : QUAT + 4] = q
-        nav[GYRO_BIAS : GYRO_BIAS + 3], nav[ACCEL_BIAS : ACCEL_BIAS + 3] = biases.gyro, biases.accel
-        for start, sd in ((PHI, tilt_sd), (D_GYRO_BIAS, biases.gyro_sd), (D_ACCEL_BIAS, biases.accel_sd)):
-            P[start : start + 3, start : start + 3] = sd**2 * np.eye(3)
-        self._place(nav, P, fix)
-        self._set_memory(nav, fix.t)
-        return nav, P, q
-
-    def _prior(self, q_level: Array) -> Array | None:
-        """Logarithm of each hypothesis's weight from the magnetometer, None when it says nothing."""
-        s = self.settings
-        yaw = self._magnetic_yaw(q_level)
-        if yaw is None:
-            return None
-        spacing = 2.0 * math.pi / s.hypotheses
-        sd = math.hypot(s.mag_heading_sd, 0.3 * spacing)
-        away = np.array([wrap_angle(k * spacing - yaw) for k in range(s.hypotheses)])
-        likelihood = np.exp(-0.5 * (away / sd) ** 2)
-        return np.log(s.mag_trust * likelihood / likelihood.sum() + (1.0 - s.mag_trust) / s.hypotheses)
+        prior = heading_prior(s, self._magnetic_yaw(q))
+        return HeadingHypotheses(nav, P, s.hypotheses, self._constants, self._lever, prior)
 
     # --- small things ------------------------------------------------------------------------------------------------
 
@@ -341,38 +281,6 @@ class Aligner:
         """Yaw from the magnetometer, None when it cannot be believed (the compass knows why)."""
         lat, lon = (None, None) if self._last_fix is None else self._last_fix.position[:2]
         return self._compass.yaw(self._now, q_level, lat, lon)
-
-    def _finish(self, t: float, nav: Array, P: Array, method: str, has_position: bool = True) -> None:
-        self._done = Alignment(float(t), nav, 0.5 * (P + P.T), method, bool(has_position))
-
-    def _place(self, nav: Array, P: Array, fix: Fix | None) -> None:
-        """Position and velocity from a fix; without one position is unknown and velocity about zero."""
-        position_sd, velocity_sd = np.full(3, 1e3), np.full(3, 0.5)
-        if fix is not None:
-            nav[LAT : ALT + 1] = fix.position
-            position_sd = fix.position_sd
-            if fix.velocity is not None:
-                nav[VEL : VEL + 3] = fix.velocity
-                velocity_sd = np.maximum(fix.velocity_sd, 0.2)
-            elif not self._is_resting():
-                velocity_sd = np.full(3, 10.0)
-        for start, sd in ((DVEL, velocity_sd), (DPOS, position_sd)):
-            P[start : start + 3, start : start + 3] = np.diag(sd**2)
-
-    def _set_memory(self, nav: Array, t: float) -> None:
-        """Time and the integrator's memory of the last IMU row up to ``t``."""
-        row = next((row for row in reversed(self._rows) if row[IMU_T] <= t), self._rows[0])
-        nav[TIME] = t
-        nav[PREV_RATE : PREV_RATE + 3] = np.array(row[IMU_GYRO:IMU_ACCEL]) - nav[GYRO_BIAS : GYRO_BIAS + 3]
-        nav[PREV_FORCE : PREV_FORCE + 3] = np.array(row[IMU_ACCEL:IMU_COLUMNS]) - nav[ACCEL_BIAS : ACCEL_BIAS + 3]
-
-    def _rows_between(self, start: float, end: float) -> Array:
-        """IMU rows (N, 7) after ``start`` up to ``end``; the row across ``end`` counts up to it."""
-        rows = [row for row in self._rows if start < row[IMU_T] < end]
-        after = next((row for row in self._rows if row[IMU_T] >= end), None)
-        if after is not None:
-            rows.append((end, *after[IMU_GYRO:]))
-        return np.array(rows, dtype=float).reshape(-1, IMU_COLUMNS)
 
     def _keep_from(self) -> float:
         """IMU rows before this time are not needed any more."""

@@ -104,9 +104,11 @@ class _Plan:
 
         with _bar("reading", None) as bar:
             recording = open_recording(self.arguments.bag, self.options, self.remaps, bar.update, self.parameters)
-        recording = prepared(recording, self.parameters, _first(self.outages(recording)))
-        for text in recording.notices:
-            print(f"note: {printable(text)}", file=sys.stderr)
+        try:
+            recording = prepared(recording, self.parameters, _first(self.outages(recording)))
+        finally:  # what is wrong with the recording may be the cause of what fails
+            for text in recording.notices:
+                print(f"note: {printable(text)}", file=sys.stderr)
         if is_first_run():
             print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)
         return recording

@@ -1,1 +1,1 @@
-"""Flight logs as they stand in files, read into tables."""
+"""Flight logs as they lie on disk: tables of numbers by message."""

@@ -1,0 +1,97 @@
+"""First navigation states: from a level that a rest has taught, or from a level found in motion."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.alignment.levelling import turned
+from nav_pose_estimator.core.alignment.recent_rows import Row
+from nav_pose_estimator.core.alignment.types import AlignmentSettings, Fix, KnownBiases, RestLevel
+from nav_pose_estimator.core.earth.ellipsoid import earth_rate_n
+from nav_pose_estimator.core.filter.layout import (
+    ACCEL_BIAS,
+    ALT,
+    BASE_STATES,
+    D_ACCEL_BIAS,
+    D_GYRO_BIAS,
+    DPOS,
+    DVEL,
+    GYRO_BIAS,
+    IMU_ACCEL,
+    IMU_COLUMNS,
+    IMU_GYRO,
+    LAT,
+    NAV_SIZE,
+    PHI,
+    PREV_FORCE,
+    PREV_RATE,
+    QUAT,
+    TIME,
+    VEL,
+)
+from nav_pose_estimator.core.numerics.rotation import quat_to_matrix, wrap_angle
+
+Array = NDArray[np.float64]
+
+
+def from_level(level: RestLevel, yaw: float, fix: Fix | None, row: Row, resting: bool) -> tuple[Array, Array]:
+    """``nav`` (NAV_SIZE,) and P (15, 15) at the time of ``level`` for a given yaw [rad]; ``row`` is its IMU row."""
+    nav, P = np.zeros(NAV_SIZE), level.P.copy()
+    nav[QUAT : QUAT + 4] = turned(level.q, yaw)
+    turn = np.eye(BASE_STATES)
+    turn[PHI : PHI + 2, PHI : PHI + 2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
+    P = turn @ P @ turn.T
+    nav[GYRO_BIAS : GYRO_BIAS + 3] = level.rate
+    if fix is not None:
+        C = quat_to_matrix(nav[QUAT : QUAT + 4])
+        nav[GYRO_BIAS : GYRO_BIAS + 3] -= C.T @ earth_rate_n(fix.position[0])
+    _place(nav, P, fix, resting)
+    _set_memory(nav, level.t, row)
+    return nav, P
+
+
+def in_motion(q: Array, tilt_sd: float, fix: Fix, biases: KnownBiases, row: Row, resting: bool) -> tuple[Array, Array]:
+    """The same at ``fix`` from a level ``q`` found in motion, good to ``tilt_sd`` [rad]."""
+    nav, P = np.zeros(NAV_SIZE), np.zeros((BASE_STATES, BASE_STATES))
+    nav[QUAT : QUAT + 4] = q
+    nav[GYRO_BIAS : GYRO_BIAS + 3], nav[ACCEL_BIAS : ACCEL_BIAS + 3] = biases.gyro, biases.accel
+    for start, sd in ((PHI, tilt_sd), (D_GYRO_BIAS, biases.gyro_sd), (D_ACCEL_BIAS, biases.accel_sd)):
+        P[start : start + 3, start : start + 3] = sd**2 * np.eye(3)
+    _place(nav, P, fix, resting)
+    _set_memory(nav, fix.t, row)
+    return nav, P
+
+
+def heading_prior(settings: AlignmentSettings, yaw: float | None) -> Array | None:
+    """Logarithm of each hypothesis's weight from a magnetic yaw [rad]; None where there is none."""
+    if yaw is None:
+        return None
+    spacing = 2.0 * math.pi / settings.hypotheses
+    sd = math.hypot(settings.mag_heading_sd, 0.3 * spacing)
+    away = np.array([wrap_angle(k * spacing - yaw) for k in range(settings.hypotheses)])
+    likelihood = np.exp(-0.5 * (away / sd) ** 2)
+    uniform = (1.0 - settings.mag_trust) / settings.hypotheses
+    return np.log(settings.mag_trust * likelihood / likelihood.sum() + uniform)
+
+
+def _place(nav: Array, P: Array, fix: Fix | None, resting: bool) -> None:
+    """Position and velocity from a fix; without one position is unknown and velocity about zero."""
+    position_sd, velocity_sd = np.full(3, 1e3), np.full(3, 0.5)
+    if fix is not None:
+        nav[LAT : ALT + 1] = fix.position
+        position_sd = fix.position_sd
+        if fix.velocity is not None:
+            nav[VEL : VEL + 3] = fix.velocity
+            velocity_sd = np.maximum(fix.velocity_sd, 0.2)
+        elif not resting:
+            velocity_sd = np.full(3, 10.0)
+    for start, sd in ((DVEL, velocity_sd), (DPOS, position_sd)):
+        P[start : start + 3, start : start + 3] = np.diag(sd**2)
+
+
+def _set_memory(nav: Array, t: float, row: Row) -> None:
+    """Time and the integrator's memory of the last IMU row up to ``t``."""
+    nav[TIME] = t
+    nav[PREV_RATE : PREV_RATE + 3] = np.array(row[IMU_GYRO:IMU_ACCEL]) - nav[GYRO_BIAS : GYRO_BIAS + 3]
+    nav[PREV_FORCE : PREV_FORCE + 3] = np.array(row[IMU_ACCEL:IMU_COLUMNS]) - nav[ACCEL_BIAS : ACCEL_BIAS + 3]
