@@ -262,6 +262,15 @@ def test_late_messages_and_pauses_do_not_move_the_clock(flown):
     assert fit.rate == pytest.approx(rate, abs=5e-4)
 
 
+def test_fixes_of_an_outage_do_not_scale_the_times(slow_clock):
+    """GIVEN an outage so early that the clock shows its error only in it, THEN auto leaves the times, and says so."""
+    early = open_recording(slow_clock, LogOptions(until=8.0))
+    assert early.duration == pytest.approx(SECONDS * 11.0 / 12.0, abs=0.2)
+    assert any("--clock gnss scales its times" in text for text in early.notices)
+    late = open_recording(slow_clock, LogOptions(until=40.0))
+    assert late.duration == pytest.approx(SECONDS, abs=0.05)
+
+
 def test_leap_seconds_that_a_receiver_learns_are_no_clock_error(flown, tmp_path):
     jump = np.where(np.arange(len(flown.utc_us)) > 100, -2_000_000, 0)
     changed = Flight(**{**vars(flown), "utc_us": flown.utc_us + jump})
@@ -306,6 +315,10 @@ def test_a_weak_estimate_of_the_latency_leans_on_the_autopilots_parameter(ulg, m
     parameters, how = latency.choose(open_recording(ulg, LogOptions()), Parameters(), "auto", None, np.inf)
     assert parameters.gnss.delay == pytest.approx(expected, abs=0.012)
     assert "0.13 s by EKF2_GPS_DELAY" in how
+
+
+def test_the_default_gap_is_that_of_the_parameters():
+    assert LogOptions().max_gap == Parameters().imu.max_gap
 
 
 def test_arming_bounds_the_flight(flown, tmp_path):

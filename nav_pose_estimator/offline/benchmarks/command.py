@@ -84,6 +84,7 @@ def _tasks(arguments: argparse.Namespace) -> list:
     from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task
     from nav_pose_estimator.offline.flights import methods
     from nav_pose_estimator.offline.flights.config_file import load_parameters
+    from nav_pose_estimator.offline.flights.flight_window import FIRST_OF_SHORT
     from nav_pose_estimator.offline.logs.options import options_of
 
     names = methods.check([name.strip() for name in arguments.methods.split(",") if name.strip()])
@@ -96,7 +97,8 @@ def _tasks(arguments: argparse.Namespace) -> list:
     if not 0.0 < arguments.every < math.inf or arguments.jobs < 1:
         raise UserError("--every and --jobs must be positive")
     shared = {"lengths": lengths, "every": arguments.every, "first": arguments.first, "config": arguments.config}
-    shared["log"] = options_of(arguments, load_parameters(arguments.config))
+    first = FIRST_OF_SHORT if arguments.first is None else arguments.first  # no outage of any flight begins sooner
+    shared["log"] = options_of(arguments, load_parameters(arguments.config).imu.max_gap, first)
     return [
         Task(
             bag=bag,

@@ -1,5 +1,6 @@
 """From the sensors of a log to a recording: the same samples in the same order as from a bag."""
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from nav_pose_estimator.offline.flights.recording import Recording
 from nav_pose_estimator.offline.flights.tracks import Reference
 from nav_pose_estimator.offline.logs import sensors
 from nav_pose_estimator.offline.logs.clock_fit import ClockFit, fit_clock
-from nav_pose_estimator.offline.logs.options import CLOCKS, LogOptions
+from nav_pose_estimator.offline.logs.options import LogOptions
 from nav_pose_estimator.offline.logs.segments import Segment, find_segments
 from nav_pose_estimator.offline.logs.sensors import FIX, NO_FIX, Array, Gnss, Imu, LogSensors
 
@@ -21,7 +22,8 @@ SLOW_HZ = 40.0
 """An IMU that was logged more slowly aliases vibration and misses turns: no minute without GNSS on it."""
 UNDATED_NS = 10**18  # what the clock of the log counts from where GNSS does not tell the date
 CLOCK_WINDOW_US = 60_000_000
-"""The clock is judged by the first minute of fixes: later ones may lie in an outage, which must not use them."""
+"""The clock is judged by the first minute of fixes, and by those before the first outage alone."""
+_FASTEST = 0.9  # seconds of a log in which a second of an outage's start may pass
 BESIDE_US = 500_000
 """What other sensors measured so long before the first or after the last IMU sample belongs to the recording."""
 
@@ -53,8 +55,7 @@ def log_recording(log: LogSensors, options: LogOptions) -> LogRecording:
     gnss, repeated = sensors.fresh(_cut(receiver, segment))
     if not gnss.has_fix.any():
         raise BagError(f"{log.path}: segment {options.segment} holds no three-dimensional GNSS fix")
-    fit = _first_minute(gnss)
-    clock = _Clock(imu.time_us, fit, options.clock)
+    clock = _Clock(imu.time_us, gnss, options)
     block = _imu_block(imu, clock)
     timed = _timed_samples(gnss, log, segment, clock)
     epoch_ns, last_ns = min([int(block.stamps_ns[0]), *(stamp for stamp, _ in timed[:1])]), int(block.stamps_ns[-1])
@@ -123,28 +124,33 @@ def _inside(time_us: Array, segment: Segment) -> Array:
     return (time_us > segment.begin_us - BESIDE_US) & (time_us < segment.end_us + BESIDE_US)
 
 
-def _first_minute(gnss: Gnss) -> ClockFit | None:
+def _first_minute(gnss: Gnss, end_us: float) -> ClockFit | None:
+    """The fit to the first minute of fixes with a time, as far as it lies before ``end_us``."""
     timed = gnss.time_us[(gnss.utc_us > 0) & gnss.has_fix]
-    return fit_clock(gnss, int(timed[0]), int(timed[0]) + CLOCK_WINDOW_US) if len(timed) else None
+    if not len(timed):
+        return None
+    return fit_clock(gnss, int(timed[0]), int(min(timed[0] + CLOCK_WINDOW_US, end_us)))
 
 
 class _Clock:
     """From microseconds of the log to stamps: nanoseconds of UTC where the log knows the date."""
 
-    def __init__(self, imu_us: Array, fit: ClockFit | None, choice: str) -> None:
-        if choice not in CLOCKS:
-            raise UserError(f"--clock {choice}: choose from {', '.join(CLOCKS)}")
-        if choice == "gnss" and fit is None:
-            raise UserError("--clock gnss: the log has too few fixes with a time for that")
-        scaled = fit is not None and (choice == "gnss" or (choice == "auto" and fit.wrong))
+    def __init__(self, imu_us: Array, gnss: Gnss, options: LogOptions) -> None:
         self._begin_us = int(imu_us[0])
+        early = _first_minute(gnss, self._begin_us + _FASTEST * options.until * 1e6)
+        fit = early or _first_minute(gnss, math.inf)  # to tell the date, and what is wrong with the clock
+        if options.clock == "gnss" and fit is None:
+            raise UserError("--clock gnss: the log has too few fixes with a time for that")
+        automatic = options.clock == "auto" and early is not None and early.wrong
+        scaled = fit is not None and (options.clock == "gnss" or automatic)
         self.rate = fit.rate if scaled and fit is not None else 1.0
         self._begin_ns = UNDATED_NS + self._begin_us * 1000
         if fit is not None:
             self._begin_ns = (fit.utc_us - round((fit.at_us - self._begin_us) * self.rate)) * 1000
         self.notices = []
         if fit is not None and fit.wrong:
-            done = "its times were scaled" if scaled else "--clock auto scales its times"
+            other = "gnss" if options.clock == "auto" else "auto"  # auto does not where an outage hides the fixes
+            done = "its times were scaled" if scaled else f"--clock {other} scales its times"
             self.notices.append(f"{fit.describe()}; {done}")
 
     def stamps(self, time_us: Array) -> Array:

@@ -1,10 +1,8 @@
 """Options of every command that opens a flight log. Loads nothing that a ``--help`` would have to wait for."""
 
 import argparse
+import math
 from dataclasses import dataclass
-
-from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.parameters.imu import ImuParameters
 
 CLOCKS = ("auto", "log", "gnss")
 
@@ -14,13 +12,15 @@ class LogOptions:
     """Which part of a log: ``imu`` and ``segment`` count from 1, None for the best IMU and for the whole log.
 
     ``clock``: ``log`` as it stands, ``gnss`` scaled to GNSS time, ``auto`` scaled where it is more than 1000 ppm off.
-    ``max_gap`` [s]: an estimator starts again after a longer pause of the IMU.
+    ``max_gap`` [s]: an estimator starts again after a longer pause of the IMU. ``until`` [s since the first sample]:
+    where the first outage begins; fixes after it do not decide whether the times are scaled.
     """
 
     imu: int | None = None
     segment: int | None = None
     clock: str = "auto"
-    max_gap: float = ImuParameters().max_gap
+    max_gap: float = 1.0  # the default of imu.max_gap
+    until: float = math.inf
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +31,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--clock", choices=CLOCKS, default="auto", help="of a log: scale its times to GNSS time (auto: if 0.1 %% off)")
 
 
-def options_of(arguments: argparse.Namespace, parameters: Parameters | None = None) -> LogOptions:
-    """The options that ``add_options`` has added."""
-    max_gap = (parameters or Parameters()).imu.max_gap
-    return LogOptions(arguments.imu, arguments.segment, arguments.clock, max_gap)
+def options_of(
+    arguments: argparse.Namespace, max_gap: float = LogOptions.max_gap, until: float = math.inf
+) -> LogOptions:
+    """The options that ``add_options`` has added; see :class:`LogOptions` for the others."""
+    return LogOptions(arguments.imu, arguments.segment, arguments.clock, max_gap, until)

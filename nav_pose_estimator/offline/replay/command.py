@@ -94,7 +94,8 @@ class _Plan:
         """How a flight log is to be read."""
         from nav_pose_estimator.offline.logs.options import options_of
 
-        return options_of(self.arguments, self.parameters)
+        until = min(_first(self.wanted), self.every[0] if self.every else math.inf)
+        return options_of(self.arguments, self.parameters.imu.max_gap, until)
 
     def load(self) -> Any:
         """The recording."""
@@ -103,9 +104,11 @@ class _Plan:
 
         with _bar("reading", None) as bar:
             recording = open_recording(self.arguments.bag, self.options, self.remaps, bar.update, self.parameters)
-        recording = prepared(recording, self.parameters, _first(self.outages(recording)))
-        for text in recording.notices:
-            print(f"note: {printable(text)}", file=sys.stderr)
+        try:
+            recording = prepared(recording, self.parameters, _first(self.outages(recording)))
+        finally:  # what is wrong with the recording may be the cause of what fails
+            for text in recording.notices:
+                print(f"note: {printable(text)}", file=sys.stderr)
         if is_first_run():
             print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)
         return recording

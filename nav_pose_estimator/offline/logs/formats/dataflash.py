@@ -82,15 +82,20 @@ def _walk(data: bytes) -> _Walk:
         length = lengths[data[at + 2]] if data[at] == 0xA3 and data[at + 1] == 0x95 else 0
         end = at + length
         if length and end <= size and (end == size or data[end] == 0xA3):
-            kind = data[at + 2]
-            if kind == FMT_TYPE:
-                _define(walk, lengths, data[at + _HEADER : end])
-            starts[kind].append(at)
+            _take(walk, data, lengths, starts, at)
             at = end
             continue
         at = _resume(walk, data, lengths, starts, at, length)
     walk.starts = {kind: places for kind, places in enumerate(starts) if len(places)}
     return walk
+
+
+def _take(walk: _Walk, data: bytes, lengths: list[int], starts: list[array], at: int) -> None:
+    """Take note of the message at ``at``."""
+    kind = data[at + 2]
+    if kind == FMT_TYPE:
+        _define(walk, lengths, data[at + _HEADER : at + FMT_LENGTH])
+    starts[kind].append(at)
 
 
 def _resume(walk: _Walk, data: bytes, lengths: list[int], starts: list[array], at: int, length: int) -> int:
@@ -100,7 +105,7 @@ def _resume(walk: _Walk, data: bytes, lengths: list[int], starts: list[array], a
         walk.cut = True
         return len(data)
     if length and after >= at + length:  # the message itself is whole, what follows is not
-        starts[data[at + 2]].append(at)
+        _take(walk, data, lengths, starts, at)
         at += length
     if data[at:after].strip(b"\0\xff") or after < len(data):  # a file is filled up with zeros or ones
         walk.garbage += after - at

@@ -101,6 +101,7 @@ class _Watched(io.BufferedReader):
         return data
 
 
+_LONGEST_NAME = 80
 _HEADER_BYTES = 3  # of a message; at the end of an undamaged file the next header is looked for, and nothing is there
 
 
@@ -110,4 +111,5 @@ def _firmware(log: Any) -> str:
         version = log.get_version_info_str() or ""
     except TypeError:
         version = ""
-    return " ".join(str(part) for part in (info.get("sys_name", "PX4"), version, info.get("ver_hw", "")) if part)
+    text = " ".join(str(part) for part in (info.get("sys_name", "PX4"), version, info.get("ver_hw", "")) if part)
+    return "".join(c for c in text if c.isprintable())[:_LONGEST_NAME]
