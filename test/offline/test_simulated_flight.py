@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nav_pose_estimator.engine.outage.methods.hold import Hold
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock
 from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, run_outages
@@ -41,8 +42,8 @@ def test_outages_run_on_it() -> None:
     simulated = in_memory(generate("multirotor_light", 80.0, seed=1, imu_rate=100.0))
     planned = {5.0: periodic(15.0, 5.0, 50.0, 70.0), 10.0: periodic(15.0, 10.0, 50.0, 75.0)}
     result = FlightResult(simulated.name, 0.0, (0.0, 80.0))
-    run_outages(simulated, methods.apply(Parameters(), methods.COAST), planned, ("here", methods.HOLD), result)
-    assert set(result.errors) == {(name, length) for name in ("here", methods.HOLD) for length in (5.0, 10.0)}
+    run_outages(simulated, methods.apply(Parameters(), methods.COAST), planned, ("here", Hold.name), result)
+    assert set(result.errors) == {(name, length) for name in ("here", Hold.name) for length in (5.0, 10.0)}
     for outages in result.errors.values():
         assert [one.start_s for one in outages] == [50.0, 65.0]
         assert {one.status for one in outages} == {"ok"}

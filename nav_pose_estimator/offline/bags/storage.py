@@ -175,7 +175,8 @@ class Bag:
         return joined
 
     def _refuse_ros1(self) -> None:
-        if self.topics and all(topic.encoding == "ros1" for topic in self.topics.values()):
+        kinds = self.topics.values()
+        if kinds and all(topic.encoding == "ros1" or topic.type.count("/") == 1 for topic in kinds):
             raise BagError(f"{self.path} holds ROS 1 messages: {_ros1_cure('FLIGHT.bag')}")
 
 

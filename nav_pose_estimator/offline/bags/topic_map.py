@@ -18,7 +18,6 @@ IGNORED = "ground_truth"  # topics below this name are never an input, whatever 
 NAMESPACE = "__ns"
 _TRUTH_TYPE = "nav_msgs/msg/Odometry"
 _COMBINED = {kind.name for kind in FIX.types} & {kind.name for kind in VELOCITY.types}
-_ROS1 = "ros1"
 _MAVROS_VELOCITY = "raw/gps_vel"
 
 
@@ -221,11 +220,6 @@ def _why_there_is_no_imu(available: dict[str, Topic], candidates: list[str]) -> 
         return f"the bag holds several vehicles or IMUs ({', '.join(several)}): choose one with {option}"
     if candidates:
         return f"several topics could be the IMU ({names}): choose one with --remap {ours}:=TOPIC"
-    if any(topic.encoding == _ROS1 or topic.type.count("/") == 1 for topic in available.values()):
-        return (
-            "the bag holds messages of ROS 1, which differ from those of ROS 2: convert the original .bag file with"
-            " rosbags-convert --src FILE.bag --dst FOLDER (pip install rosbags), and replay FOLDER"
-        )
     return f"the bag has no sensor_msgs/Imu topic, without which there is no pose; {_listing(available)}"
 
 
