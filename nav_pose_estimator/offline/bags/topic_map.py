@@ -145,7 +145,7 @@ class _Search:
             trouble = f"{topic.name} is not used: {one.parameter} is {NONE}"
         elif source is None:
             trouble = f"{topic.name} is of type {topic.type}; as {_absolute(one.topic)} it must be {self._types(one)}"
-        if trouble and (asked or one is IMU) and _ROS1 not in topic.encoding:
+        if trouble and (asked or one is IMU) and "ros1" not in topic.encoding:
             raise BagError(trouble)
         if trouble or source is None:
             self.found.notices.append(f"{trouble}: left out")
