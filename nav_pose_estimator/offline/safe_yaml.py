@@ -1,4 +1,4 @@
-"""YAML from strangers: no aliases, no deep nesting, no huge documents, and numbers as ROS reads them.
+"""YAML from strangers (the metadata of bags): no aliases, no deep nesting, no huge documents.
 
 An alias can stand for a tree that doubles with each line, and deep nesting overflows the stack of libyaml. Both show in
 the stream of events, before anything is built.
