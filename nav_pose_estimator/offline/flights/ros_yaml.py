@@ -30,7 +30,7 @@ def read(path: Path) -> Any:
     Raises ``ParameterError``, one sentence without the file's name.
     """
     if path.exists() and not path.is_file():  # a pipe would wait for ever
-        raise ParameterError("is not a file")
+        raise ParameterError("cannot be read (it is not a file)")
     try:
         with path.open("rb") as file:
             data = file.read(_LARGEST + 1)
