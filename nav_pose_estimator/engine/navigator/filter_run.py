@@ -16,6 +16,8 @@ import numpy as np
 from nav_pose_estimator.core.alignment.rest import Stillness
 from nav_pose_estimator.core.alignment.types import KnownBiases
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter import noise_identification
+from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, start_up
 from nav_pose_estimator.engine.navigator.engine_clock import EngineClock
@@ -47,6 +49,8 @@ _UNEVENTFUL = frozenset((MagSample, PressureSample, AttitudeSample, NavigatorVel
 """Samples that change neither mode nor GNSS unless an observation comes of them."""
 _PRIORITY = {VELOCITY: 0, POSITION: 1, LOSS: 2}  # a fix is judged together with the velocity of its epoch
 _KNOWN_GYRO_SD = 0.01  # rad/s: a bias less certain than that tells no turn from rest
+_GROUNDED = 1.0  # m/s
+_LOOK_BACK = 1.5 * noise_identification.PERIOD  # s: rows beyond the last second, which began with the row before it
 _LATE = "an observation arrived later than the filter's memory reaches; it is not used"
 
 
@@ -60,10 +64,12 @@ class FilterRun:
         origin: Origin | None,
         use_gnss: bool,
         known: KnownBiases | None = None,
+        noise: NoiseIdentification | None = None,
     ) -> None:
-        """``origin``, ``use_gnss`` and, after a short gap, the ``known`` biases are what stays from the run before."""
+        """``origin``, ``use_gnss`` and, after a short gap, ``known`` biases and ``noise`` stay from the run before."""
         self.parameters, self.journal, self.origin = parameters, journal, origin
-        constants, gates = filter_setup.constants(parameters), filter_setup.gates(parameters)
+        self.noise = noise or NoiseIdentification()
+        constants, gates = self._constants(), filter_setup.gates(parameters)
         self.clock = EngineClock()
         # Up to here IMU samples meet nothing: no observation waits, the mode stays. Other input may end it.
         self.quiet_until = -math.inf
@@ -74,7 +80,7 @@ class FilterRun:
         self.aligner = start_up.StartUp(parameters, known)
         self.modes = ModeKeeper(parameters.navigator)
         self._stillness = Stillness()
-        self.rest_due = -math.inf if parameters.aids.zero_velocity else math.inf  # when to look for rest next
+        self.second_due = -math.inf  # when to look back on the last second next
 
     def copy(self, journal: Journal) -> FilterRun:
         """An independent copy that reports to ``journal``."""
@@ -88,6 +94,7 @@ class FilterRun:
         twin.aligner = self.aligner.copy()
         twin.modes = self.modes.copy()
         twin._stillness = self._stillness.copy()
+        twin.noise = self.noise.copy()
         return twin
 
     def set_parameters(self, parameters: Parameters) -> None:
@@ -95,7 +102,7 @@ class FilterRun:
         self.parameters = parameters = declination.as_before(parameters, self.parameters)
         gates = filter_setup.gates(parameters)
         self.quiet_until = -math.inf
-        self.timeline.constants[:] = filter_setup.constants(parameters)
+        self.timeline.constants[:] = self._constants()
         self.gnss.set_parameters(parameters.gnss, parameters.navigator.lost_after, gates)
         self.aids.set_parameters(parameters, gates)
         self.modes.set_parameters(parameters.navigator)
@@ -173,7 +180,7 @@ class FilterRun:
             return
         if self.parameters.aids.declination_from_model:
             self._locate(sample)
-        R = self.gnss.position_noise(sample)
+        R = self.noise.gnss_variance * self.gnss.position_noise(sample)
         if self.timeline.running:
             arguments = (sample.stamp_ns, (sample.lat, sample.lon, sample.alt), R)
             self._observe(t, POSITION, arguments, sample.stamp_ns)
@@ -192,7 +199,7 @@ class FilterRun:
         if t is None or not self.gnss.velocity(sample):
             return
         t -= self.parameters.gnss.delay
-        R = self.gnss.velocity_noise(sample)
+        R = self.noise.gnss_variance * self.gnss.velocity_noise(sample)
         self.aligner.velocity(t, sample.vel_enu, R)
         if self.timeline.running:
             self._observe(t, VELOCITY, (sample.stamp_ns, np.array(sample.vel_enu), R), sample.stamp_ns)
@@ -220,16 +227,34 @@ class FilterRun:
         if t is not None and self.timeline.running:
             self._aid(self.aids.body_velocity(sample, t), sample.stamp_ns)
 
-    def look_for_rest(self, t: float) -> None:
-        """Ahead of the IMU row at ``t``, the first one of a second: did the vehicle rest up to the row before?
+    def look_back(self, t: float) -> None:
+        """Ahead of the IMU row at ``t``, the first one of a second: what did the rows up to the one before show?
 
-        The decision falls with what has arrived by then, and stays when the past is replayed.
+        Whether the vehicle rests, and how noisy its sensors are. That is decided with what has arrived by then, and
+        stays when the past is replayed.
         """
-        self.rest_due = (math.floor(t / Stillness.PERIOD) + 1.0) * Stillness.PERIOD
+        self.second_due = (math.floor(t / Stillness.PERIOD) + 1.0) * Stillness.PERIOD
         timeline = self.timeline
         mean_rate = self._stillness.add(timeline.recent_rows(Stillness.PERIOD))
-        if mean_rate is not None:
+        if self.parameters.imu.learn_noise:
+            self._identify_noise(rests=mean_rate is not None)
+        if mean_rate is not None and self.parameters.aids.zero_velocity:
             self._aid(self.aids.rest(mean_rate, timeline.nav, timeline.P), self.clock.stamp(timeline.time))
+
+    def _identify_noise(self, rests: bool) -> None:
+        timeline = self.timeline
+        # a smooth cruise looks like rest; motors that do not run tell nothing of vibration
+        grounded = rests and math.hypot(*timeline.nav[at.VEL : at.VEL + 3].tolist()) < _GROUNDED
+        aided = timeline.time - self.gnss.last_used <= self.parameters.navigator.lost_after
+        if grounded or not aided or timeline.branches is not None:
+            self.noise.interrupt()
+        elif self.noise.note(timeline.nav, timeline.P, timeline.constants, timeline.recent_rows(_LOOK_BACK)):
+            timeline.constants[:] = self._constants()
+
+    def _constants(self) -> np.ndarray:
+        constants = filter_setup.constants(self.parameters)
+        constants[noise_identification.IMU_NOISE] *= self.noise.imu_variance
+        return constants
 
     def _on_motion(self, sample: MotionEvidence) -> None:
         t = self.clock.time_of(sample.stamp_ns, "outage.rejected", self.journal)
@@ -253,6 +278,7 @@ class FilterRun:
         start_up.set_pose(self.timeline.nav, self.timeline.P, sample, self.gnss.origin)
         self.timeline.start(self.timeline.nav, self.timeline.P)
         self.gnss.resets += 1
+        self.noise.interrupt()
         self.journal.say(sample.stamp_ns, "set_pose", Level.INFO, "the pose was set from outside")
 
     def _not_for_us(self, sample: Sample) -> None:

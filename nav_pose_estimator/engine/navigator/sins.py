@@ -107,7 +107,8 @@ class SinsEngine:
         before, parameters = self._run, self._run.parameters
         if parameters.aids.declination == self.parameters.aids.declination:
             parameters = self.parameters  # a field model that said nothing (the clock was not set yet?) is asked again
-        self._run = FilterRun(parameters, self._journal, before.origin, self._gnss_enabled, known)
+        noise = None if known is None else before.noise  # the same flight goes on
+        self._run = FilterRun(parameters, self._journal, before.origin, self._gnss_enabled, known, noise)
 
     def status(self) -> Status:
         """What a pilot wants to know."""
@@ -127,7 +128,7 @@ class SinsEngine:
             gnss_refusal=gnss.refusal,
             satellites=gnss.satellites,
             counters=dict(self._journal.counters),
-            values={"alignment.restarts": float(run.aligner.restarts), **gnss.figures()},
+            values={"alignment.restarts": float(run.aligner.restarts), **gnss.figures(), **run.noise.figures()},
         )
 
     def warm_up(self) -> None:
@@ -226,14 +227,14 @@ class SinsEngine:
         now = float(times[0])
         if self.mode is Mode.AIDED and not now - run.gnss.last_used < self.parameters.navigator.lost_after:
             run.declare_loss(now)
-        if now >= run.rest_due:
-            run.look_for_rest(now)
-        limit = min(run.mode_deadline(now), run.timeline.next_observation(besides=UNEVENTFUL), run.rest_due)
+        if now >= run.second_due:
+            run.look_back(now)
+        limit = min(run.mode_deadline(now), run.timeline.next_observation(besides=UNEVENTFUL), run.second_due)
         count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
         if run.mode_at(now) is not self.mode:
             count = 1  # the change has the time of its row, whatever the size of the blocks
         out = run.timeline.advance(rows[:count])
         now = float(times[count - 1])
         run.update_mode(now)
-        run.quiet_until = min(run.mode_deadline(now), run.timeline.next_observation(), run.rest_due)
+        run.quiet_until = min(run.mode_deadline(now), run.timeline.next_observation(), run.second_due)
         return self._blocks(stamps_ns[:count], out)
