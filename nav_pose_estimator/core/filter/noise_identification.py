@@ -9,9 +9,7 @@ when process and measurement noise are right, and the ratio q = d'd / tr E d d' 
 average. One-step innovations cannot tell this: the errors of a receiver last for seconds, and what an IMU does in a
 fifth of a second vanishes in them. Over seconds both show, and apart from each other: after two seconds the drift is
 mostly the velocity that GNSS left (too much trust in the receiver), after ten mostly tilt and gyroscope bias (too much
-trust in the IMU, vibration and its rectification included). What the receiver is to blame for does not count against
-the IMU: the ratio after ten seconds is divided by the mean ratio after two where that exceeds one.
-
+trust in the IMU, vibration and its rectification included).
 Each variance factor moves up the gradient of the likelihood with respect to its logarithm, drawn towards one by a
 normal prior on that logarithm: ``ln s += gain (q - 1 - ln s / PRIOR_VARIANCE)``. The gain falls as one over the number
 of trials to a floor, so that the factors follow a flight that changes. All noises of the IMU share one factor: what a
@@ -39,7 +37,7 @@ IMU_NOISE = [at.GYRO_NOISE_PSD, at.ACCEL_NOISE_PSD, at.ACCEL_BIAS_PSD]
 PERIOD = 1.0  # s between two calls of ``note``
 RECEIVER_TRIAL, IMU_TRIAL = 2, 10  # calls after which a trial tells of the receiver, of the IMU and ends
 IMU_SD_BOUNDS, GNSS_SD_BOUNDS = (0.5, 4.0), (1.0, 4.0)  # parts of the deviations that are set
-PRIOR_VARIANCE = 3.0  # of the logarithm of a variance factor
+PRIOR_VARIANCE = 6.0  # of the logarithm of a variance factor
 SMALLEST_GAIN = 0.15
 _FIRST_TRIALS = 3.0  # trials that the defaults are worth
 _LARGEST_RATIO = 4.0  # a single trial may be a gust or a glitch
@@ -53,7 +51,6 @@ class NoiseIdentification:
     def __init__(self) -> None:
         self.imu_variance = self.gnss_variance = 1.0
         self.trials = 0
-        self._receiver_ratio = 1.0  # mean of what trials told of the receiver
         self._flying: Array | None = None  # the copy, a ``core.filter.memory``
         self._calls = 0  # since the trial began
 
@@ -80,13 +77,10 @@ class NoiseIdentification:
         memory.run_block(flying, rows, 0, len(rows), math.inf, np.empty((len(rows), at.OUT_COLUMNS)))
         self._calls += 1
         if self._calls == RECEIVER_TRIAL:
-            ratio = self._ratio(nav, P)
-            self._receiver_ratio += self._gain * (min(ratio, _LARGEST_RATIO) - self._receiver_ratio)
-            self.gnss_variance = self._moved(self.gnss_variance, ratio, GNSS_SD_BOUNDS)
+            self.gnss_variance = self._moved(self.gnss_variance, self._ratio(nav, P), GNSS_SD_BOUNDS)
         if self._calls < IMU_TRIAL:
             return False
-        ratio = self._ratio(nav, P) / max(self._receiver_ratio, 1.0)
-        self.imu_variance = self._moved(self.imu_variance, ratio, IMU_SD_BOUNDS)
+        self.imu_variance = self._moved(self.imu_variance, self._ratio(nav, P), IMU_SD_BOUNDS)
         self.trials += 1
         self._begin(nav, P, constants)
         return True
