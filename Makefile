@@ -9,7 +9,7 @@ OUT := out/demo
 # Kernels are compiled when first called: two workers pay on two cores or more. Add options with ARGS="-k strapdown -x".
 PYTEST := $(IN_ENVIRONMENT) env ROS_PYTHON_CHECK_FIELDS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python -m pytest -n 2 --dist loadfile
 
-.PHONY: help demo setup test lint types test-plain test-all docs clean
+.PHONY: help demo setup test lint types test-plain test-all test-jazzy docs clean
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/^([a-z-]+):[^#]*## /  make \1\t/' | expand -t 18
@@ -21,9 +21,9 @@ demo: ## Replay a shipped flight with a 30 s GNSS outage and show what the pose 
 setup: ## Everything for the nodes, in .venv
 	@tools/setup_environment.sh run ros
 
-test: ## Lint, types, and every test (plain Python and compiled)
+test: ## Lint, types, and every test (plain Python, compiled, and with the NumPy and SciPy of Ubuntu 24.04)
 	@tools/setup_environment.sh run ros dev peers
-	@$(MAKE) --no-print-directory lint types test-plain test-all
+	@$(MAKE) --no-print-directory lint types test-plain test-all test-jazzy
 
 lint:
 	@tools/setup_environment.sh dev
@@ -39,9 +39,13 @@ test-plain: # the numerical core once more, without the compiler
 test-all:
 	@$(PYTEST) $(ARGS)
 
+test-jazzy: # all that needs no ROS, once more with the NumPy and SciPy that ROS 2 Jazzy has on Ubuntu 24.04
+	@tools/setup_environment.sh jazzy
+	@[ ! -d .venv-jazzy ] || NAV_POSE_VENV=.venv-jazzy $(PYTEST) test/core test/engine test/sim test/offline test/test_structure.py $(ARGS)
+
 docs: ## Write config/nav_pose_estimator.yaml, docs/parameters.md and docs/troubleshooting.md from the code
 	@$(IN_ENVIRONMENT) python tools/docs/parameter_docs.py
 
 clean: ## Remove what was built (not .venv)
-	rm -rf build install log out .pytest_cache .ruff_cache .mypy_cache .hypothesis *.egg-info
+	rm -rf build install log out .pytest_cache .ruff_cache .mypy_cache .hypothesis .venv-jazzy/numba_cache *.egg-info
 	find nav_pose_estimator test -name __pycache__ -prune -exec rm -rf {} +

@@ -14,6 +14,7 @@ COMMANDS = (
     "synthetic_sensors",
     "simulate",
     "replay",
+    "convert",
     "benchmark",
 )
 
@@ -50,6 +51,7 @@ setup(
     extras_require={
         "offline": ["rosbags>=0.11", "tqdm>=4.66"],
         "compiled": ["numba>=0.61"],
+        "logs": ["pyulog>=1.1"],
         "magnetic": ["pygeomag>=1.1"],
     },
     entry_points={

@@ -99,7 +99,7 @@ def measure(system: str, rate: float, seconds: float) -> Row:
     from nav_msgs.msg import Odometry
     from rclpy.qos import QoSProfile
 
-    from nav_pose_estimator.ros.messages.imu_cdr import peek_stamp_ns
+    from nav_pose_estimator.ros.messages.cdr import peek_stamp_ns
     from nav_pose_estimator.ros.spin import make_executor
 
     rclpy.init()

@@ -1,10 +1,11 @@
 # ruff: noqa: E402
 """What each part of the help in an outage is worth: the outage benchmark with one part changed at a time.
 
-    python benchmarks/outage_ablation.py BAG... [--every 20] [--lengths 30,60] [--variants best,one_rule,...]
+    python benchmarks/outage_ablation.py BAG... [--every 20] [--lengths 30,60] [--variants "best,one rule,..."]
 
-Every variant runs on the same outages. The literal reading of the source text is among them: a network that learns the
-Kalman filter's own position corrections (CN113777645A, claim 3) and subtracts what it predicts.
+Every variant is a method of its own, registered beside those of the package; all run on the same outages. The literal
+reading of the source text is among them: a network that learns the Kalman filter's own position corrections
+(CN113777645A, claim 3) and subtracts what it predicts.
 """
 
 import os
@@ -14,46 +15,63 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import argparse
 import tempfile
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 import yaml
 
-from nav_pose_estimator import Anfis
-from nav_pose_estimator.core.motion import air_velocity as outage_learning
+from nav_pose_estimator import Anfis as Network
 from nav_pose_estimator.core.motion import epochs as me
-from nav_pose_estimator.core.motion import wind
-from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, inputs
-from nav_pose_estimator.engine.navigator import branches
-from nav_pose_estimator.engine.outage import epochs
-from nav_pose_estimator.engine.outage import learner as outage_learner
-from nav_pose_estimator.engine.outage import rehearsals as virtual_outages
+from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity
+from nav_pose_estimator.engine.outage.methods.anfis import Anfis
+from nav_pose_estimator.engine.outage.methods.best import Best
+from nav_pose_estimator.engine.outage.methods.method import (
+    Advice,
+    Flight,
+    Guide,
+    RehearsalRules,
+    TrainingJob,
+    TrainingPlan,
+    TrainingResult,
+)
+from nav_pose_estimator.engine.outage.methods.registry import registered
+from nav_pose_estimator.engine.samples import VelocityError
+from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task, run_task
+
+
+@dataclass(frozen=True)
+class ChangedTraining:
+    """A training in which one part is changed: ``train`` makes the model from the epochs of ``job``."""
+
+    job: Any
+    train: Callable[[np.ndarray, tuple[int, ...]], AirVelocityModel]
+
+    @property
+    def until(self) -> float:
+        return self.job.until
+
+    def run(self) -> TrainingResult:
+        return TrainingResult(self.train(self.job.epochs, self.job.rules), self.until)
 
 
 class LiteralNetwork:
     """The filter's position correction of an epoch, learned from the ten inputs of the source text; as a velocity."""
 
     rules = 4
-    corrections: dict[float, np.ndarray]  # end of an epoch -> all corrections so far, ENU [m]
 
     def __init__(self, learned: np.ndarray) -> None:
-        wanted = np.array([self._increment(one) for one in learned])
-        self.network = Anfis(rules=4, partition="fcm", iterations=20).fit(self._inputs(learned), wanted)
+        """``learned`` (N, COLUMNS + 3): epochs and the sum of all corrections so far, ENU [m]."""
+        increments = np.diff(learned[:, me.COLUMNS :], axis=0, prepend=learned[:1, me.COLUMNS :]) / me.PERIOD
+        increments[np.diff(learned[:, me.TIME], prepend=-np.inf) > 1.5 * me.PERIOD] = 0.0  # behind a gap
+        self.network = Network(rules=4, partition="fcm", iterations=20).fit(self._inputs(learned), increments)
 
     def _inputs(self, some: np.ndarray) -> np.ndarray:
         yaw = np.arctan2(some[:, me.ATTITUDE + 3], some[:, me.ATTITUDE])
         return np.column_stack([some[:, me.VELOCITY : me.POSITION], np.cos(yaw), np.sin(yaw)])
-
-    def _increment(self, one: np.ndarray) -> np.ndarray:
-        now = self.corrections.get(one[me.TIME])
-        before = self.corrections.get(one[me.TIME] - me.PERIOD)
-        return np.zeros(3) if now is None or before is None else (now - before) / me.PERIOD
 
     def velocity(self, one: np.ndarray) -> np.ndarray:
         """Velocity in b (3,): that of the navigator less the predicted error. A correction is minus the error."""
@@ -61,16 +79,9 @@ class LiteralNetwork:
         return one[me.BODY_VELOCITY : me.VELOCITY] - me.attitude(one[None])[0].T @ error
 
 
-def literal_model(learned: np.ndarray, rules: tuple[int, ...] = (1,)) -> AirVelocityModel:
+class LiteralModel(AirVelocityModel):
     """The usual model with the literal network in the place of its own, and no wind."""
-    model = outage_learning.learn_air_velocity(learned, (1,))
-    network, still = LiteralNetwork(learned), np.zeros(2)
-    literal = _LiteralModel(**{**vars(model), "network": network, "wind_mean": still, "wind": still})
-    known = {"errors": {network.rules: model.errors[1]}, "wind_cov": np.zeros((2, 2)), "wind_spread": 1e-6}
-    return replace(literal, noise=np.full(3, 0.1), hover_noise=np.full(3, 0.1), **known)
 
-
-class _LiteralModel(AirVelocityModel):
     def predict(self, epoch: np.ndarray) -> tuple[np.ndarray, float]:
         return self.network.velocity(epoch), 1.0  # type: ignore[attr-defined]
 
@@ -78,71 +89,142 @@ class _LiteralModel(AirVelocityModel):
         return self
 
 
-@contextmanager
-def literal() -> Iterator[None]:
-    """Train on the filter's corrections instead of on the motion."""
-    LiteralNetwork.corrections = {}
-    feed = epochs.EpochCollector.feed
+class Literal(Anfis):
+    """Trains on the filter's corrections instead of on the motion."""
 
-    def noting(self: Any, output: Any) -> Any:
-        finished = feed(self, output)
-        if finished is not None:
-            LiteralNetwork.corrections[finished[0][me.TIME]] = output.correction_enu.copy()
-        return finished
+    name = "literal"
 
-    with (
-        patch.object(epochs.EpochCollector, "feed", noting),
-        patch.object(outage_learner, "learn_air_velocity", literal_model),
-    ):
-        yield
+    def columns(self, output: NavBlock | NavSolution) -> np.ndarray:
+        return output.correction_enu
 
+    def job(self, epochs: np.ndarray, plan: TrainingPlan) -> TrainingJob:
+        return ChangedTraining(super().job(epochs, plan), self._train)
 
-def without_wind(self: AirVelocityModel, epoch: np.ndarray) -> AirVelocityModel:
-    """No standby offset: the wind stays what it was on average."""
-    return replace(self, wind=np.zeros(2))
+    def _train(self, learned: np.ndarray, rules: tuple[int, ...]) -> AirVelocityModel:
+        model = learn_air_velocity(learned)
+        network, still = LiteralNetwork(learned), np.zeros(2)
+        literal = LiteralModel(**{**vars(model), "network": network, "wind_mean": still, "wind": still})
+        known = {"errors": {network.rules: model.errors[1]}, "wind_cov": np.zeros((2, 2)), "wind_spread": 1e-6}
+        return replace(literal, noise=np.full(3, 0.1), hover_noise=np.full(3, 0.1), **known)
 
 
-_inputs = inputs
+class RegimesAlone(Best):
+    """No network."""
+
+    name = "regimes alone"
+    trains = False
+
+
+class MeanWindModel(AirVelocityModel):
+    """The wind stays what it was on average."""
+
+    def follow(self, epoch: np.ndarray) -> AirVelocityModel:
+        return replace(self, wind=np.zeros(2))
 
 
 def without_force(some: np.ndarray) -> np.ndarray:
-    """Inputs in which the network does not feel drag."""
-    x = _inputs(some)
-    x[:, :3] = 0.0
-    return x
+    """Epochs (..., COLUMNS) without specific force."""
+    blind = some.copy()
+    blind[..., me.FORCE : me.RATE] = 0.0
+    return blind
 
 
-VARIANTS: dict[str, tuple[dict[str, Any], list[Any]]] = {
-    "best": ({}, []),
-    "literal": ({"method": "anfis"}, [literal]),
-    "no prior": ({"method": "anfis"}, []),  # nothing is expected of the speed: the network alone
-    "regimes alone": ({}, [lambda: patch.object(outage_learner, "_NETWORK_METHODS", frozenset())]),
-    "one rule": ({"rules": 1}, []),
-    "four rules": ({"rules": 4}, []),
-    "no standby offset": ({}, [lambda: patch.object(AirVelocityModel, "follow", without_wind)]),
-    "no drag": ({}, [lambda: patch.object(outage_learning, "inputs", without_force)]),
-    "axes alike": ({}, [lambda: patch.object(wind, "_weights", np.ones_like)]),
-    "stated drift": ({}, [lambda: patch.object(virtual_outages, "_SMALLEST_VARIANCE", 1.0)]),
-    "free entry": ({}, [lambda: patch.object(branches, "_UNMODELLED", 1e9)]),
-    "certain at once": ({}, [lambda: patch.object(branches, "_CORRELATION", me.PERIOD)]),
-    "velocity prior": ({"method": "velocity_prior"}, []),
-    "drag": ({"method": "drag"}, []),
-    "coast": ({"enabled": False}, []),
+class BlindModel(AirVelocityModel):
+    """A network that does not feel drag."""
+
+    def predict(self, epoch: np.ndarray) -> tuple[np.ndarray, float]:
+        return super().predict(without_force(epoch))
+
+    def follow(self, epoch: np.ndarray) -> AirVelocityModel:
+        return super().follow(without_force(epoch))
+
+
+class Retrained(Best):
+    """``best`` with another training of the network."""
+
+    def __init__(self, name: str, train: Callable[[np.ndarray, tuple[int, ...]], AirVelocityModel]) -> None:
+        self.name, self._train = name, train
+
+    def job(self, epochs: np.ndarray, plan: TrainingPlan) -> TrainingJob:
+        return ChangedTraining(super().job(epochs, plan), self._train)
+
+
+def with_mean_wind(epochs: np.ndarray, rules: tuple[int, ...]) -> AirVelocityModel:
+    """The change of the wind is not followed."""
+    return MeanWindModel(**vars(learn_air_velocity(epochs, rules)))
+
+
+def blind(epochs: np.ndarray, rules: tuple[int, ...]) -> AirVelocityModel:
+    """Specific force is hidden from the network."""
+    return BlindModel(**vars(learn_air_velocity(without_force(epochs), rules)))
+
+
+def with_axes_alike(epochs: np.ndarray, rules: tuple[int, ...]) -> AirVelocityModel:
+    """Every body axis counts alike for the wind."""
+    return learn_air_velocity(epochs, rules, weigh=np.ones_like)
+
+
+class StatedDrift(Best):
+    """The filter's covariance is believed, whatever rehearsals show."""
+
+    name = "stated drift"
+    rehearsal = RehearsalRules(smallest_variance=1.0)
+
+
+@dataclass(frozen=True)
+class ChangedGuide:
+    """A guide whose evidence has other values for some of its fields."""
+
+    guide: Guide
+    fields: dict[str, float]
+
+    def advise(self, stamp_ns: int, recent: np.ndarray, external: VelocityError | None = None) -> Advice:
+        advice = self.guide.advise(stamp_ns, recent, external)
+        return replace(advice, samples=tuple(replace(sample, **self.fields) for sample in advice.samples))
+
+
+class ChangedEvidence(Best):
+    """``best`` with evidence of which ``fields`` differ."""
+
+    def __init__(self, name: str, **fields: float) -> None:
+        self.name, self._fields = name, fields
+
+    def ways(self, flight: Flight) -> dict[str, Guide]:
+        return {name: ChangedGuide(guide, self._fields) for name, guide in super().ways(flight).items()}
+
+
+CHANGED = (
+    Literal(),
+    RegimesAlone(),
+    Retrained("no standby offset", with_mean_wind),
+    Retrained("no drag", blind),
+    Retrained("axes alike", with_axes_alike),
+    StatedDrift(),
+    ChangedEvidence("free entry", unmodelled_var=1e9),  # a hover begins for free
+    ChangedEvidence("certain at once", correlation=me.PERIOD),  # every half second is independent evidence
+)
+VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "best": ("best", {}),
+    "literal": ("literal", {}),
+    "no prior": ("anfis", {}),  # nothing is expected of the speed: the network alone
+    "regimes alone": ("regimes alone", {}),
+    "one rule": ("best", {"learner.rules": 1}),
+    "four rules": ("best", {"learner.rules": 4}),
+    **{method.name: (method.name, {}) for method in CHANGED[2:]},
+    "velocity prior": ("velocity_prior", {}),
+    "drag": ("drag", {}),
+    "coast": ("coast", {}),
 }
-"""Name -> (learner parameters, context managers that change one part)."""
+"""Name -> (method, further parameters)."""
 
 
 def run(name: str, bags: list[Path], lengths: tuple[float, ...], every: float) -> dict[float, list[float]]:
     """End errors [m] of one variant at each length, over all bags."""
-    settings, changes = VARIANTS[name]
+    method, parameters = VARIANTS[name]
     errors: dict[float, list[float]] = {length: [] for length in lengths}
-    with ExitStack() as stack, tempfile.TemporaryDirectory() as folder:
-        for change in changes:
-            stack.enter_context(change())
+    with registered(*CHANGED), tempfile.TemporaryDirectory() as folder:
         config = Path(folder) / "variant.yaml"
-        parameters = {f"learner.{key}": value for key, value in settings.items() if key != "method"}
         config.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}), encoding="utf-8")
-        method = "coast" if name == "coast" else settings.get("method", "best")
         for bag in bags:
             result = run_task(Task(bag, method, (), lengths, every, config=config if parameters else None))
             for (_, length), judged in result.errors.items():

@@ -29,7 +29,8 @@ def waited(engine: PoseEstimator, recording: Recording, start: _Start, offset: f
     delay_ns = round(engine.parameters.gnss.delay * 1e9)
     begin = recording.epoch_ns + round(start.outage.start * 1e9)
     end, row = begin + round(start.outage.length * 1e9), start.row
-    back = (end - engine.sins._epoch_ns) * 1e-9
+    run = engine.sins.run
+    back = run.clock.seconds(end)
     for sample in recording.samples[start.index :]:
         if isinstance(sample, ImuBlock):
             sample = ImuBlock(sample.stamps_ns[row:], sample.gyro[row:], sample.accel[row:])
@@ -42,8 +43,8 @@ def waited(engine: PoseEstimator, recording: Recording, start: _Start, offset: f
             sample = replace(sample, lat=sample.lat + offset / _EARTH)
         if not isinstance(sample, ImuBlock) or len(sample):
             engine.feed(sample)
-        if engine.sins._gnss.last_used > back - 0.01:
-            return engine.sins._gnss.last_used - back
+        if run.aiding.fix_used > back - 0.01:
+            return run.aiding.fix_used - back
     return None
 
 

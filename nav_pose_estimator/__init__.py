@@ -31,7 +31,7 @@ from importlib import import_module
 __version__ = "0.1.0"
 
 _PUBLIC = {
-    "estimate_attitude": "nav_pose_estimator.engine.attitude.engine",
+    "estimate_attitude": "nav_pose_estimator.engine.attitude.recorded",
     "Anfis": "nav_pose_estimator.core.learning.anfis",
 }
 __all__ = ["Anfis", "__version__", "estimate_attitude"]

@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -14,15 +15,47 @@ NAME = PACKAGE.name
 MODULES = sorted(PACKAGE.rglob("*.py"))
 TESTS = sorted((REPOSITORY / "test").rglob("*.py"))
 
-# Each part may import itself, these other parts, and what stands at the top (conventions, errors).
-MAY_IMPORT = {
-    "core": set(),
-    "engine": {"core"},
-    "ros": {"core", "engine"},
-    "sim": {"core", "engine"},
-    "offline": {"core", "engine", "sim", "ros"},
-    "nodes": {"core", "engine", "sim", "ros"},
-}
+# Each room may import itself and these. A part is a room and all the rooms in it.
+CORE = {"core.numerics", "core.earth"}
+MAY_IMPORT: dict[str, set[str]] = {
+    "core.numerics": set(),
+    "core.earth": {"core.numerics"},
+    "core.filter": CORE,
+    "core.alignment": {*CORE, "core.filter"},
+    "core.gnss": {*CORE, "core.filter"},
+    "core.attitude": {"core.numerics"},
+    "core.learning": {"core.numerics"},
+    "core.motion": {*CORE, "core.filter", "core.learning"},
+    "engine": {"core"},  # samples, observations, solutions: what all engines speak of
+    "engine.outage.methods": {"core.motion", "engine"},
+    "engine.parameters": {"engine.outage.methods"},  # their choices
+    "engine.imu": {"core", "engine", "engine.parameters"},
+    "engine.sensors": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.gnss"},
+    "engine.sensors.gnss": {"core", "engine", "engine.parameters", "engine.sensors"},
+    "engine.attitude": {"core", "engine", "engine.parameters", "engine.imu"},
+    "engine.navigator": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},
+    "engine.outage": {
+        "core", "engine", "engine.parameters", "engine.imu", "engine.navigator", "engine.outage.methods"
+    },
+    "engine.composed": {"core", "engine.*"},
+    "ros.messages": {"core", "engine", "engine.parameters"},
+    "ros": {"core", "engine.*", "ros.messages"},
+    "sim": {"core", "engine", "sim.vehicles"},
+    "sim.vehicles": {"core", "sim"},
+    "offline": {"core", "engine", "sim.*", "offline.bags"},  # the command line and what simulates
+    "offline.page": set(),
+    "offline.bags": {"core", "engine", "engine.parameters", "ros.messages", "offline"},
+    "offline.flights": {"core", "engine.*", "sim.*", "ros.messages", "offline", "offline.bags"},
+    "offline.replay": {"core", "engine.*", "offline", "offline.bags", "offline.flights", "offline.page"},
+    "offline.benchmarks": {"offline.*"},
+    "offline.benchmarks.outage": {"core", "engine.*", "offline.*"},
+    "offline.benchmarks.attitude": {"core", "engine.*", "offline.*"},
+    "offline.benchmarks.speed": {"core", "engine.*", "ros.messages", "offline.*"},
+    "nodes": {"core", "engine.*", "sim.*", "ros", "ros.messages"},
+}  # fmt: skip
+MUTUAL = {("sim", "sim.vehicles"), ("offline", "offline.bags")}
+"""Rooms that may need each other: the simulator is told as one story; the command line and helpers are everybody's."""
+LARGEST_ROOM, LARGEST_CLASS = 15, 15
 ROS_LIBRARIES = re.compile(r"^(rclpy|ament_index_python|\w+_msgs|rcl_interfaces|builtin_interfaces|std_srvs)(\.|$)")
 
 
@@ -41,6 +74,24 @@ def part(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0]
 
 
+def room(path: Path) -> str:
+    return ".".join(path.relative_to(PACKAGE).parts[:-1])
+
+
+def room_of_import(name: str) -> str | None:
+    """The room that a dotted name of this package lies in; None for other packages and for what stands at the top."""
+    pieces = name.split(".")[1:] if name.split(".")[0] == NAME else []
+    while pieces and not (PACKAGE / Path(*pieces)).is_dir():
+        pieces.pop()
+    return ".".join(pieces) or None
+
+
+def is_allowed(target: str, allowed: set[str]) -> bool:
+    """``engine`` is that room alone, ``engine.*`` it and all in it; ``core`` is open with all its rooms."""
+    whole = {entry.removesuffix(".*") for entry in allowed if entry.endswith(".*")} | (allowed & {"core"})
+    return target in allowed or any(target == one or target.startswith(f"{one}.") for one in whole)
+
+
 def relative(path: Path) -> str:
     return path.relative_to(REPOSITORY).as_posix()
 
@@ -55,14 +106,46 @@ def offending_imports(parts: set[str], is_forbidden: Callable[[Path, str], bool]
     ]
 
 
-def test_dependencies_point_inwards():
-    def points_outwards(path: Path, name: str) -> bool:
-        pieces = name.split(".")
-        if pieces[0] != NAME or len(pieces) < 2 or pieces[1] not in MAY_IMPORT:
-            return False
-        return pieces[1] not in MAY_IMPORT[part(path)] | {part(path)}
+def arrows() -> dict[tuple[str, str], str]:
+    """(room, room that it imports) -> one place where it does."""
+    found: dict[tuple[str, str], str] = {}
+    for path in MODULES:
+        for line, name in imports(path):
+            target = room_of_import(name)
+            if target is not None and target != room(path) and room(path):
+                found.setdefault((room(path), target), f"{relative(path)}:{line}")
+    return found
 
-    assert offending_imports(set(MAY_IMPORT), points_outwards) == []
+
+def test_rooms_import_only_what_they_may():
+    strangers = {place: arrow for arrow, place in arrows().items() if not is_allowed(arrow[1], MAY_IMPORT[arrow[0]])}
+    assert strangers == {}
+
+
+def test_rooms_do_not_need_each_other():
+    found = set(arrows())
+    both_ways = {(a, b) for a, b in found if (b, a) in found and a < b}
+    assert both_ways <= MUTUAL
+
+
+def test_every_room_is_in_the_table_and_small_enough():
+    files: dict[str, int] = {}
+    for path in MODULES:
+        if path.name != "__init__.py" and room(path):
+            files[room(path)] = files.get(room(path), 0) + 1
+    assert set(files) == set(MAY_IMPORT)
+    assert {name: count for name, count in files.items() if count > LARGEST_ROOM} == {}
+
+
+def test_a_class_has_at_most_15_methods():
+    large = {
+        f"{relative(path)}: {node.name}": count
+        for path in MODULES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+        and (count := sum(isinstance(part, ast.FunctionDef) for part in node.body)) > LARGEST_CLASS
+    }
+    assert large == {}
 
 
 def test_core_is_pure_numerics():
@@ -100,6 +183,67 @@ def test_offline_reaches_no_rclpy_by_detours():
             if candidate.is_file():
                 queue.append(candidate)
     assert PACKAGE / "ros" / "messages" / "convert.py" in reached
+
+
+def names_of(library: str, path: Path) -> Iterator[tuple[int, str]]:
+    """(line, dotted name) of what a file takes from ``library``: ``np.linalg.norm`` is ``numpy.linalg.norm``."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    known = {
+        alias.asname or alias.name: alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import)
+        for alias in node.names
+        if alias.name.split(".")[0] == library
+    }
+    yield from ((line, name) for line, name in imports(path) if name.split(".")[0] == library)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute):
+            first, _, rest = ast.unparse(node).partition(".")
+            if first in known and rest.replace(".", "").isidentifier():
+                yield node.lineno, f"{known[first]}.{rest}"
+
+
+def exists(name: str) -> bool:
+    """Whether the installed library has ``name``; what stands behind a constant (``numpy.pi.real``) does not matter."""
+    found, *rest = name.split(".")
+    thing = import_module(found)
+    for piece in rest:
+        found += f".{piece}"
+        if not hasattr(thing, piece):
+            try:
+                thing = import_module(found)
+            except ImportError:
+                return False
+        else:
+            thing = getattr(thing, piece)
+    return True
+
+
+# Names of the module numpy that the 1.26 of Ubuntu 24.04 does not have (dir(numpy) of 2.5 without that of 1.26).
+NUMPY_2_ONLY = re.compile(
+    r"^numpy\.(acosh?|asinh?|atan[2h]?|astype|bitwise_(count|invert|left_shift|right_shift)|bool|concat|cumulative_prod|"
+    r"cumulative_sum|isdtype|u?long|matrix_transpose|matvec|permute_dims|pow|strings|trapezoid|unique_all|unique_counts|"
+    r"unique_inverse|unique_values|unstack|vecdot|vecmat)(\.|$)"
+)
+
+
+def test_the_package_does_without_names_that_only_numpy_2_has():
+    found = [
+        f"{relative(path)}:{line}: {name}"
+        for path in MODULES
+        for line, name in names_of("numpy", path)
+        if NUMPY_2_ONLY.match(name)
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize("library", ["numpy", "scipy"])
+def test_every_name_of_a_library_exists_in_the_installed_version(library):
+    """Of use because this file runs with the versions of Ubuntu 24.04 as well (make test-jazzy)."""
+    programs = sorted((REPOSITORY / "benchmarks").rglob("*.py"))
+    named = {name: (path, line) for path in [*MODULES, *TESTS, *programs] for line, name in names_of(library, path)}
+    assert len(named) > 10 or library == "scipy"
+    assert {name: f"{relative(path)}:{line}" for name, (path, line) in named.items() if not exists(name)} == {}
 
 
 def test_a_file_has_at_most_400_lines():

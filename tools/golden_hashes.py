@@ -29,8 +29,8 @@ from nav_pose_estimator.engine.solutions import (
     Event,
     NavBlock,
     NavSolution,
-    OutageError,
     Output,
+    PredictedDrift,
 )
 from nav_pose_estimator.offline.bags.reader import BagReader
 from nav_pose_estimator.offline.flights.outages import GnssRemoval, Outage
@@ -62,7 +62,7 @@ class Fingerprint:
                 self._add("attitudes", output.rows)
             elif isinstance(output, AttitudeSolution):
                 self._add("attitudes", output.values)
-            elif isinstance(output, OutageError):
+            elif isinstance(output, PredictedDrift):
                 self._add("network", output.dv_n, output.dp_n, output.cov)
             elif isinstance(output, Event):
                 self._add("events", output.stamp_ns, output.name, output.text, sorted(output.data.items()))

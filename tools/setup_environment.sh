@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
-# Make or refresh .venv. Usage: tools/setup_environment.sh [run] [ros] [dev] [peers]   (default: run)
+# Make or refresh .venv. Usage: tools/setup_environment.sh [run] [ros] [dev] [peers] [jazzy]   (default: run)
 #
 #   run    replay, simulate, benchmark and the Python interface
 #   ros    rclpy and the common interfaces as wheels; nothing to do where /opt/ros/jazzy exists
 #   dev    tests, lint, types, colcon
 #   peers  other people's filters for comparison; a peer that cannot be installed is skipped
+#   jazzy  .venv-jazzy besides: run and tests with the NumPy and SciPy of Ubuntu 24.04, which .venv has where ROS is from apt
 #
 # A group whose requirement files have not changed since its last installation costs nothing.
 #   PYTHON=/path/to/python   use this interpreter instead of searching for one
@@ -61,11 +62,17 @@ find_python() {
         "or: pyenv install 3.12, or: uv python install 3.12; or name one with: make PYTHON=/path/to/python3.12 ..."
 }
 
+# With ROS from apt, parts of it (yaml, lark) are packages of the host, which the environment has to see.
+is_usable() {
+    case "$(version_of "$VENV/bin/python")" in
+        3.11 | 3.12 | 3.13 | 3.14) ! host_has_ros || grep -q "include-system-site-packages = true" "$VENV/pyvenv.cfg" ;;
+        *) return 1 ;;
+    esac
+}
+
 make_venv() {
     local python options=()
-    case "$(version_of "$VENV/bin/python" || true)" in
-        3.11 | 3.12 | 3.13 | 3.14) return ;;
-    esac
+    is_usable && return
     python=$(find_python)
     host_has_ros && options=(--system-site-packages)
     say "making $VENV with $("$python" --version)"
@@ -81,19 +88,19 @@ pip_install() {
 }
 
 run_requirements() {
-    if host_has_ros; then echo requirements-jazzy.txt; else echo requirements.txt; fi
+    if host_has_ros || [ "$VENV" = .venv-jazzy ]; then echo requirements-jazzy.txt; else echo requirements.txt; fi
 }
 
-# What a group depends on: its requirement files, this script and the interpreter.
+# What a group depends on: the requirement files (they constrain each other), this script and the interpreter.
 fingerprint() {
-    { cat requirements-base.txt "$@" tools/setup_environment.sh setup.py && "$VENV/bin/python" -VV && pwd; } | cksum
+    { run_requirements && cat requirements*.txt tools/setup_environment.sh setup.py && "$VENV/bin/python" -VV && pwd; } | cksum
 }
 
 # install GROUP FILE COMMAND...: runs COMMAND unless the group's stamp says that nothing has changed.
 install() {
     local group=$1 file=$2 stamp="$VENV/.installed-$1" now
     shift 2
-    now=$(fingerprint "$file")
+    now=$(fingerprint)
     [ "$(cat "$stamp" 2>/dev/null)" = "$now" ] && return
     say "installing $file"
     "$@" "$file" || fail "$file could not be installed; the lines above say what is missing (is the package index reachable?)"
@@ -126,6 +133,22 @@ setup_ros() {
     fi
 }
 
+setup_jazzy() {
+    local version VENV=.venv-jazzy PYTHON=${PYTHON:-.venv/bin/python} # for make_venv and install
+    if host_has_ros; then
+        say "no $VENV: .venv itself has the NumPy and SciPy of Ubuntu 24.04"
+        return
+    fi
+    version=$(version_of .venv/bin/python)
+    case "$version" in
+        3.11 | 3.12) ;;
+        *) say "warning: no $VENV: there is no NumPy 1.26 for Python $version, so nothing is tested with it" && return ;;
+    esac
+    make_venv
+    install run "$(run_requirements)" install_run
+    install test requirements-test.txt pip_install -c "$(run_requirements)" -r
+}
+
 make_venv
 for group in "${@:-run}"; do
     case "$group" in
@@ -133,6 +156,7 @@ for group in "${@:-run}"; do
         ros) setup_ros ;;
         dev) install dev requirements-dev.txt pip_install -c "$(run_requirements)" -r ;;
         peers) install peers requirements-peers.txt install_peers ;;
-        *) fail "there is no group '$group'; choose from run, ros, dev, peers" ;;
+        jazzy) setup_jazzy ;;
+        *) fail "there is no group '$group'; choose from run, ros, dev, peers, jazzy" ;;
     esac
 done

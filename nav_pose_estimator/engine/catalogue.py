@@ -52,7 +52,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("imu.saturated.accelerometer", "the accelerometer is at the end of its range", "as for the gyroscope"),
         Entry("imu.saturated.ended", "the IMU is within its range again"),
-        Entry("imu.rejected.absent", "the message says that it has no rate or no acceleration", "use the raw topic"),
+        Entry(
+            "imu.rejected.absent",
+            "the message has no rate or no acceleration",
+            "use the raw topic; let the driver join gyroscope and accelerometer",
+        ),
         Entry("imu.rejected.backward", "a stamp older than the one before it", _SENSOR),
         Entry(
             "imu.rejected.duplicate", "two samples with one stamp", "the driver sends samples twice or stamps coarsely"
@@ -156,7 +160,14 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("gnss.rejected.inconsistent", "position and velocity of the fixes contradict each other", "as above"),
         Entry("gnss.waiting.ambiguous", "two series of fixes contradict each other", "wait: the longer one wins"),
-        Entry("gnss.held", "an unexpected return waits for a decision (policy hold)", "set gnss.reacquisition.policy"),
+        Entry(
+            "gnss.held",
+            "an unexpected return waits for a decision (policy hold)",
+            "call ~/accept_return or ~/refuse_return",
+        ),
+        Entry("gnss.return.accepted", "the operator accepted the return of GNSS that was held"),
+        Entry("gnss.return.refused", "the operator refused the return of GNSS that was held"),
+        Entry("gnss.return.none", "a decision about a return was made, but none was held"),
         Entry("gnss.reacquired.*", "GNSS is back and used as a correction"),
         Entry(
             "gnss.reset.*",
@@ -193,6 +204,8 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("zero_velocity.withheld.speed", "the IMU was still, but the navigator is not sure to be slow: no rest"),
         Entry("body_velocity.rejected.value", "a velocity without any number", _SENSOR),
+        Entry("airspeed.rejected.absent", "PX4 says that it has no airspeed", "look at the pitot tube and its driver"),
+        Entry("range.rejected.outside", "nothing within the limits that the rangefinder states", "fly lower, or wait"),
         Entry(
             "outage.rejected.covariance",
             "a predicted velocity error without covariance or numbers",

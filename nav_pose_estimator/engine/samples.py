@@ -3,6 +3,7 @@
 ``None`` means unknown: a sensor that gives no covariance gives ``None``, never an invented number.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -115,6 +116,39 @@ class BodyVelocity:
 
 
 @dataclass(frozen=True, slots=True)
+class Airspeed:
+    """True airspeed along the body's x axis [m/s] and its deviation ``sd`` [m/s], NaN if unknown.
+
+    ``stamp_ns`` None: it came without a header (std_msgs/Float32) and holds at the last IMU sample.
+    """
+
+    stamp_ns: int | None
+    speed: float
+    sd: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class DifferentialPressure:
+    """Total minus static pressure of a pitot tube [Pa]: 0.5 * density * (true airspeed)^2; below zero by its noise."""
+
+    stamp_ns: int
+    pressure: float
+
+
+@dataclass(frozen=True, slots=True)
+class RangeToGround:
+    """Distance [m] along the beam of a rangefinder that looks down, within the limits that the sensor states.
+
+    Of an ultrasonic cone of ``field_of_view`` [rad] the nearest point in it, 0 for a ray; ``sd`` [m], NaN if unknown.
+    """
+
+    stamp_ns: int
+    distance: float
+    field_of_view: float = 0.0
+    sd: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
 class SetPose:
     """Pose given from outside, in the local ENU frame of the origin. ``cov`` (6, 6): x, y, z, rotations, or None."""
 
@@ -122,6 +156,14 @@ class SetPose:
     position_enu: Vector3
     q_nb: tuple[float, float, float, float]
     cov: np.ndarray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ReturnDecision:
+    """What the operator says of GNSS that is back somewhere unexpected (policy ``hold``): take it or forget it."""
+
+    stamp_ns: int
+    accept: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +224,9 @@ class MotionEvidence:
     ``attitude`` (3, 3) mean C_nb; ``velocity`` in n and ``body_velocity`` (mean of C^T v) of the estimate [m/s];
     ``air_velocity`` predicted in b [m/s], None without a prediction. The wind (East, North, m/s) with which an outage
     begins, its mean, covariance (2, 2) now and variance in the long run, and its time constant. ``dwell`` [s]: how long
-    a regime lasts. ``drift_variance``: squared errors without GNSS in parts of what the filter states.
+    a regime lasts. ``drift_variance``: squared errors without GNSS in parts of what the filter states. What is nearer
+    in time than ``correlation`` [s] is no independent evidence of a regime. ``unmodelled_var`` [m^2/s^2]: of a velocity
+    that has drifted; the covariance knows nothing of lasting wrong predictions.
     """
 
     stamp_ns: int
@@ -199,6 +243,8 @@ class MotionEvidence:
     wind_spread: float = 0.0
     wind_tau: float = 1.0
     drift_variance: float = 1.0
+    correlation: float = 10.0
+    unmodelled_var: float = 8.0
 
 
 Sample = (
@@ -210,9 +256,18 @@ Sample = (
     | MagSample
     | PressureSample
     | BodyVelocity
+    | Airspeed
+    | DifferentialPressure
+    | RangeToGround
     | SetPose
+    | ReturnDecision
     | AttitudeSample
     | NavigatorVelocity
     | VelocityError
     | MotionEvidence
 )
+
+
+def stamp_of(sample: Sample) -> int | None:
+    """The stamp of a sample, of a block its last one; None for a count that came without a header."""
+    return int(sample.stamps_ns[-1]) if isinstance(sample, ImuBlock) else sample.stamp_ns

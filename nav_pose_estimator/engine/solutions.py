@@ -101,12 +101,16 @@ class NavSolution:
         reset_count: int = 0,
         **parts: np.ndarray | float,
     ) -> "NavSolution":
-        """A solution put together from its ``parts``, named as the properties; what is not given is zero."""
+        """A solution put together from its ``parts``, named as the properties; what is not given is zero.
+
+        The variances of its output row are those of ``cov``.
+        """
         solution = cls(stamp_ns, mode, np.zeros(at.SOLUTION_SIZE), correction_enu, reset_count)
         for i, name in enumerate(("lat", "lon", "alt")):
             solution.values[at.OUT_POS + i] = parts.pop(name, 0.0)
         for name, value in parts.items():
             getattr(solution, name)[:] = value
+        solution.values[at.OUT_VAR : at.OUT_COLUMNS] = np.diag(solution.cov)[: at.OUT_COLUMNS - at.OUT_VAR]
         return solution
 
     @property
@@ -177,7 +181,7 @@ class NavBlock:
 
 
 @dataclass(frozen=True, slots=True)
-class OutageError:
+class PredictedDrift:
     """What the network says in an outage: velocity error ENU [m/s], covariance (3, 3), position error so far [m]."""
 
     stamp_ns: int
@@ -230,4 +234,4 @@ class Status:
     values: dict[str, float]  # nis means, rates, delays ...
 
 
-Output = NavSolution | NavBlock | AttitudeSolution | AttitudeBlock | OutageError | Event
+Output = NavSolution | NavBlock | AttitudeSolution | AttitudeBlock | PredictedDrift | Event

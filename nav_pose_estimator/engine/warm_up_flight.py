@@ -31,7 +31,7 @@ _MOVING = 400  # IMU samples of a flight that begins in the air
 
 
 class Engine(Protocol):
-    """What can be rehearsed."""
+    """What can be warmed up."""
 
     @property
     def mode(self) -> Mode: ...
@@ -40,7 +40,7 @@ class Engine(Protocol):
     def set_use_gnss(self, flag: bool) -> None: ...
 
 
-def rehearse(make_engine: Callable[[], Engine]) -> None:
+def warm_up(make_engine: Callable[[], Engine]) -> None:
     """Lead fresh engines through a start at rest, aided flight and an outage, and through a start in the air."""
     if not COMPILED:
         return

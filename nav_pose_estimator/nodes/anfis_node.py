@@ -8,13 +8,13 @@ from geometry_msgs.msg import Vector3Stamped
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Bool
 
-from nav_pose_estimator.engine.solutions import OutageError, Status
+from nav_pose_estimator.engine.outage.remote import RemoteLearner
+from nav_pose_estimator.engine.solutions import PredictedDrift, Status
 from nav_pose_estimator.ros import inputs, qos, spin, wording
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
+from nav_pose_estimator.ros.messages.cdr import peek_stamp_ns
 from nav_pose_estimator.ros.messages.convert import vector
-from nav_pose_estimator.ros.messages.imu_cdr import peek_stamp_ns
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
-from nav_pose_estimator.ros.outage_model import OutageModel
 from nav_pose_estimator.ros.outputs import LearnerOutput
 from nav_pose_estimator.ros.pace import Pace
 from nav_pose_estimator.ros.training import Trainer
@@ -25,15 +25,15 @@ _ODOMETRY_RATE = 50.0  # Hz: it learns from means of half a second; to read ever
 class AnfisNode(EstimatorNode):
     """Learns while GNSS is good; needs a navigator's odometry, biases, origin and gnss/denied."""
 
-    published = (OutageError,)
+    published = (PredictedDrift,)
 
     def __init__(self) -> None:
         trainer = Trainer()
-        super().__init__("anfis_node", partial(OutageModel, train=trainer.submit))
+        super().__init__("anfis_node", partial(RemoteLearner, train=trainer.submit))
         self._output = LearnerOutput(self, self.parameters)
-        self.listen_imu(inputs.imu_input(self.parameters.ros.input))
+        self.listen(inputs.imu(self.parameters), needed=True)
         pace = Pace(_ODOMETRY_RATE)
-        self.listen_raw(inputs.navigator_input(), lambda data: pace.is_due(peek_stamp_ns(data)), needed=True)
+        self.listen(inputs.NAVIGATOR, needed=True, choose=lambda data: pace.is_due(peek_stamp_ns(data)))
         self._listen_to_facts()
         self.keeper = ModelKeeper(self, self.engine, trainer, self.parameters.ros.model, self.say)
         self.get_logger().info("ready")
@@ -60,9 +60,9 @@ class AnfisNode(EstimatorNode):
         qos.subscribe(self, Vector3Stamped, "sins_node/bias/accel", accel_bias, qos.sensor(1))
         qos.subscribe(self, Bool, "gnss/denied", denied, qos.latched())
 
-    def publish(self, error: OutageError) -> None:
+    def publish(self, drift: PredictedDrift) -> None:
         """outage/velocity_error and outage/position_error."""
-        self._output.publish(error)
+        self._output.publish(drift)
 
     def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
         """Scores, learning curve and why the model is not used. Only a navigator that is missing is a warning."""

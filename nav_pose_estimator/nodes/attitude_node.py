@@ -13,8 +13,8 @@ from nav_pose_estimator.engine.sensors.declination import located
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Status
 from nav_pose_estimator.ros import inputs, qos, spin, wording
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
+from nav_pose_estimator.ros.messages.cdr import peek_stamp_ns
 from nav_pose_estimator.ros.messages.convert import Converted, nav_sat_fix, odometry_velocity
-from nav_pose_estimator.ros.messages.imu_cdr import peek_stamp_ns
 from nav_pose_estimator.ros.outputs import AttitudeOutput
 from nav_pose_estimator.ros.pace import Pace
 
@@ -29,12 +29,10 @@ class AttitudeNode(EstimatorNode):
         self._output = AttitudeOutput(self, self.parameters)
         self._denied = True  # until the navigator says that GNSS aids it
         self._velocity_pace = Pace(_VELOCITY_RATE)
-        self.listen_imu(inputs.imu_input(self.parameters.ros.input))
-        self.listen(inputs.magnetometer_input())
-        navigator = inputs.odometry_input()
-        self.listen_raw(
-            replace(navigator, adapter=self._velocity), lambda d: self._velocity_pace.is_due(peek_stamp_ns(d))
-        )
+        self.listen(inputs.imu(self.parameters), needed=True)
+        self.listen(inputs.magnetometer(self.parameters))
+        odometry = replace(inputs.ODOMETRY, adapter=self._velocity)
+        self.listen(odometry, choose=lambda data: self._velocity_pace.is_due(peek_stamp_ns(data)))
         qos.subscribe(self, Bool, "gnss/denied", self._on_denied, qos.latched())
         if self.parameters.aids.declination_from_model:
             qos.subscribe(self, NavSatFix, "sins_node/origin", self._on_origin, qos.latched())

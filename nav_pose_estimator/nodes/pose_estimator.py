@@ -5,8 +5,8 @@ from dataclasses import replace
 from functools import partial
 
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
-from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, OutageError, Status
-from nav_pose_estimator.ros import inputs, spin, wording
+from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, PredictedDrift, Status
+from nav_pose_estimator.ros import inputs, services, spin, wording
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.outputs import AttitudeOutput, LearnerOutput, NavigationOutput
@@ -16,17 +16,17 @@ from nav_pose_estimator.ros.training import Trainer
 class PoseEstimatorNode(EstimatorNode):
     """The composed estimator: the engine that replay runs, fed from topics."""
 
-    published = (NavSolution, AttitudeSolution, OutageError)
+    published = (NavSolution, AttitudeSolution, PredictedDrift)
 
     def __init__(self) -> None:
         trainer = Trainer()
         super().__init__("pose_estimator", partial(PoseEstimator, train=trainer.submit))
         self._attitude = AttitudeOutput(self, self.parameters)
         self._navigation = NavigationOutput(self, self.parameters)
-        self.listen_imu(inputs.imu_input(self.parameters.ros.input))
-        for source in inputs.navigator_inputs(self.parameters):
+        self.listen(inputs.imu(self.parameters), needed=True)
+        for source in inputs.of_navigator(self.parameters):
             self.listen(source, needed=source.topic == "gps/fix")
-        self.offer_gnss_switch()
+        services.offer_gnss(self)
         self._learned, pupil = LearnerOutput(self, self.parameters), self.engine.outage_aid
         model = self.parameters.ros.model
         self.keeper = None if pupil is None else ModelKeeper(self, pupil, trainer, model, self.say)
@@ -38,7 +38,7 @@ class PoseEstimatorNode(EstimatorNode):
         if self.keeper is None:
             return level, sentence, facts
         aid = self.engine.outage_aid
-        learner = replace(status, waiting_for=aid.learner.reason, values=aid.status())
+        learner = replace(status, waiting_for=aid.learner.state.reason, values=aid.status())
         return level, sentence, facts + wording.learner_facts(learner, self.keeper.training, self.keeper.history)[1:]
 
     def destroy_node(self) -> None:
@@ -47,9 +47,9 @@ class PoseEstimatorNode(EstimatorNode):
             self.keeper.stop()
         super().destroy_node()
 
-    def publish(self, solution: AttitudeSolution | NavSolution | OutageError) -> None:
+    def publish(self, solution: AttitudeSolution | NavSolution | PredictedDrift) -> None:
         """Attitude, navigation and predictions on their topics."""
-        if isinstance(solution, OutageError):
+        if isinstance(solution, PredictedDrift):
             self._learned.publish(solution)
             return
         if isinstance(solution, AttitudeSolution):

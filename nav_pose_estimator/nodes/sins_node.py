@@ -5,9 +5,9 @@ from functools import partial
 
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.navigator.modes import LEVELLING
-from nav_pose_estimator.engine.outage.learner import TrainingJob
+from nav_pose_estimator.engine.outage.methods.method import TrainingJob
 from nav_pose_estimator.engine.solutions import NavSolution
-from nav_pose_estimator.ros import inputs, spin
+from nav_pose_estimator.ros import inputs, services, spin
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.outputs import NavigationOutput
 
@@ -22,13 +22,13 @@ class SinsNode(EstimatorNode):
     def __init__(self) -> None:
         super().__init__("sins_node", partial(PoseEstimator, attitude=False, train=_leave_to_anfis_node))
         self._output = NavigationOutput(self, self.parameters)
-        self.listen_imu(inputs.imu_input(self.parameters.ros.input))
-        for source in inputs.navigator_inputs(self.parameters):
+        self.listen(inputs.imu(self.parameters), needed=True)
+        for source in inputs.of_navigator(self.parameters):
             self.listen(source, needed=source.topic == "gps/fix")
         # wanted only until the filter runs
-        self.listen_raw(inputs.attitude_input(), lambda data: self.engine.mode in LEVELLING)
-        self.listen(inputs.prediction_input())
-        self.offer_gnss_switch()
+        self.listen(inputs.ATTITUDE, choose=lambda data: self.engine.mode in LEVELLING)
+        self.listen(inputs.PREDICTION)
+        services.offer_gnss(self)
         self.get_logger().info("ready")
 
     def publish(self, solution: NavSolution) -> None:

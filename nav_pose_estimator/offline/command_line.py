@@ -18,6 +18,7 @@ from typing import NoReturn
 
 from nav_pose_estimator import __version__
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.terminal import printable
 
 PROGRAM = "nav_pose_estimator"
 DONE, FAILED, WRONG_USE, INTERRUPTED = 0, 1, 2, 130
@@ -42,8 +43,17 @@ _ROS_EXAMPLE = "--ros-args --params-file config/nav_pose_estimator.yaml -r imu/d
 COMMANDS = {
     "replay": Command(
         "offline.replay.command",
-        "replay a rosbag2, take GNSS away, see how far the pose drifts",
-        ("replay my_flight --outage 90:30", "replay my_flight.mcap --outage-every 60:30 --out out/my_flight"),
+        "replay a rosbag2 or a flight log, take GNSS away, see how far the pose drifts",
+        (
+            "replay my_flight --outage 90:30",
+            "replay flight.ulg --outage-every 60:30 --out out/my_flight",
+            "replay flight.bin --list",
+        ),
+    ),
+    "convert": Command(
+        "offline.logs.convert_command",
+        "write a flight log (PX4 ULog, ArduPilot DataFlash) as a rosbag2",
+        ("convert flight.ulg out/flight_bag", "convert flight.bin out/flight_bag --segment 2 --imu 1"),
     ),
     "simulate": Command(
         "offline.simulate_command",
@@ -199,7 +209,7 @@ def _describe(error: Exception) -> str:
 def _complain(name: str, text: str, code: int) -> int:
     if os.environ.get("NAV_POSE_DEBUG", "0") not in ("", "0"):
         traceback.print_exc()
-    print(f"{name}: {text}", file=sys.stderr)
+    print(f"{name}: {printable(text)}", file=sys.stderr)
     return code
 
 
@@ -211,4 +221,5 @@ pose_estimator = partial(run_command, "pose_estimator")
 synthetic_sensors = partial(run_command, "synthetic_sensors")
 simulate = partial(run_command, "simulate")
 replay = partial(run_command, "replay")
+convert = partial(run_command, "convert")
 benchmark = partial(run_command, "benchmark")

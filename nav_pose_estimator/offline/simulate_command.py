@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--truth-rate", type=float, default=50.0, metavar="HZ", help="rate of /ground_truth/odom (default: 50)")
     add("--storage", choices=("mcap", "sqlite3"), default="mcap", help="file format (default: mcap)")
     add("--small", action="store_true", help="compress harder (mcap): slower, 10 %% smaller")
-    add("--force", action="store_true", help="replace an existing bag")
+    add("--force", action="store_true", help="replace a bag that this command has written")
     add("--list", action="store_true", help="list scenarios and IMU grades, write nothing")
 
 

@@ -4,23 +4,23 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from std_srvs.srv import SetBool, Trigger
 
 from nav_pose_estimator.core.numerics.jit import is_first_run
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import stamp_of
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Mode, NavSolution, Status
-from nav_pose_estimator.ros import qos, wording
+from nav_pose_estimator.ros import qos, services, wording
 from nav_pose_estimator.ros.diagnostics import Diagnostics, InputWatch
-from nav_pose_estimator.ros.inputs import Input
+from nav_pose_estimator.ros.inputs import message_class
 from nav_pose_estimator.ros.logbook import Logbook
-from nav_pose_estimator.ros.messages.imu_cdr import decode_imu
+from nav_pose_estimator.ros.messages.message_table import Source
 from nav_pose_estimator.ros.messages.outgoing import is_finite, warm_up
 from nav_pose_estimator.ros.parameters import LiveParameters, declare
-from nav_pose_estimator.ros.time_guard import TimeGuard, stamp_of
+from nav_pose_estimator.ros.time_guard import TimeGuard
 
 
 class EstimatorNode(Node):
@@ -50,52 +50,38 @@ class EstimatorNode(Node):
         period = self.parameters.ros.output.diagnostics_period
         self._timer = self.create_timer(period, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         back = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
-        self._jump = self.get_clock().create_jump_callback(back, post_callback=self._on_clock_jump)
-        self._reset_service = self.create_service(Trigger, "~/reset", self._on_reset)
-
-    def offer_gnss_switch(self) -> None:
-        """Service ~/use_gnss: take GNSS away and give it back (outage drill)."""
-        self._gnss_service = self.create_service(SetBool, "~/use_gnss", self._on_use_gnss)
+        self._jump = self.get_clock().create_jump_callback(back, post_callback=lambda _: self._guard.expect_restart())
+        services.offer_reset(self)
 
     # --- inputs ----------------------------------------------------------------------------------------------------
 
-    def listen(self, source: Input, needed: bool = False) -> None:
-        """Subscribe to ``source``; a ``needed`` one that is silent is a warning on diagnostics."""
-        self._subscribe(source.topic, source.message_class(), source.adapter, needed)
+    def listen(self, source: Source, needed: bool = False, choose: Callable[[bytes], bool] | None = None) -> None:
+        """Subscribe to ``source``; a ``needed`` one that is silent is a warning on diagnostics.
 
-    def listen_imu(self, source: Input) -> None:
-        """Subscribe to the IMU: sensor_msgs/Imu is decoded from its bytes."""
-        kind = source.message_class()
-
-        def adapt(data: bytes) -> tuple[Any, ...]:
-            decoded = decode_imu(data)
-            return source.adapter(deserialize_message(data, kind)) if decoded is None else decoded
-
-        raw = source.package == "sensor_msgs"
-        self._subscribe(source.topic, kind, adapt if raw else source.adapter, True, raw)
-
-    def listen_raw(self, source: Input, choose: Callable[[bytes], bool], needed: bool = False) -> None:
-        """Subscribe to a ``source`` of which only the messages are read that ``choose`` wants by their bytes.
-
-        What other nodes publish comes at hundreds of hertz; to build every message would cost more than to use it.
+        With ``choose`` only those messages are read that it wants by their bytes: what other nodes publish comes at
+        hundreds of hertz, and to build every message would cost more than to use it.
         """
-        kind = source.message_class()
+        kind, from_bytes = message_class(source), source.from_bytes
+        if choose is not None:
+            wanted = choose
 
-        def adapt(data: bytes) -> tuple[Any, ...]:
-            return source.adapter(deserialize_message(data, kind)) if choose(data) else ()
+            def from_bytes(data: bytes) -> tuple[Any, ...]:
+                return source.adapter(deserialize_message(data, kind)) if wanted(data) else ()
 
-        self._subscribe(source.topic, kind, adapt, needed, True)
+        self._subscribe(source.topic, kind, from_bytes or source.adapter, needed, raw=from_bytes is not None)
 
     def _subscribe(
-        self, topic: str, kind: Any, adapter: Callable[[Any], tuple[Any, ...]], needed: bool, raw: bool = False
+        self, topic: str, kind: Any, adapter: Callable[[Any], tuple[Any, ...]], needed: bool, raw: bool
     ) -> None:
         watch = InputWatch(self, topic, needed)
         self._watches.append(watch)
         callback = partial(self.receive, watch, adapter)
         profile = qos.sensor(self.parameters.ros.input.queue)
-        watch.attach(
-            qos.subscribe(self, kind, topic, callback, profile, raw, on_lost=watch.lost, on_misfit=self._note_misfit)
-        )
+
+        def misfit(text: str) -> None:
+            self.say("qos.incompatible", Level.WARN, text)
+
+        watch.attach(qos.subscribe(self, kind, topic, callback, profile, raw, on_lost=watch.lost, on_misfit=misfit))
 
     def receive(self, watch: InputWatch, adapter: Callable[[Any], tuple[Any, ...]], message: Any) -> None:
         """The callback of every subscription."""
@@ -107,7 +93,7 @@ class EstimatorNode(Node):
                 else:
                     self.take(item)
         except Exception as error:
-            self._note_failure(watch.topic, error)
+            self.note_failure(watch.topic, error)
 
     def take(self, sample: Any) -> None:
         """Feed one sample and publish what follows."""
@@ -159,27 +145,17 @@ class EstimatorNode(Node):
             own = {k: v for k, v in self.logbook.counters.items() if k not in status.counters}
             self._diagnostics.publish(self.describe(status), self._watches, {**status.counters, **own})
         except Exception as error:
-            self._note_failure("diagnostics", error)
+            self.note_failure("diagnostics", error)
 
-    def _on_clock_jump(self, jump: TimeJump) -> None:
-        self._guard.expect_restart()
+    def reset(self, reason: str) -> None:
+        """Let the engine start again."""
+        self.deliver(self.engine.reset(self.newest_ns, reason))
+        self._guard.forget()
 
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            self.deliver(self.engine.reset(self._guard.newest_ns, "asked for by a service call"))
-            self._guard.forget()
-            response.success, response.message = True, "started again"
-        except Exception as error:
-            self._note_failure("~/reset", error)
-            response.success, response.message = False, str(error)
-        return response
-
-    def _on_use_gnss(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self.engine.set_use_gnss(request.data)
-        response.success = True
-        response.message = "GNSS is used" if request.data else "GNSS is not used until it is switched on again"
-        self.say("mode.use_gnss", Level.WARN, f"operator: {response.message}")
-        return response
+    @property
+    def newest_ns(self) -> int:
+        """The newest stamp that has come."""
+        return self._guard.newest_ns
 
     def _set_parameters(self, parameters: Parameters) -> None:
         self.parameters = parameters
@@ -188,12 +164,10 @@ class EstimatorNode(Node):
 
     def say(self, name: str, level: Level, text: str) -> None:
         """Count and log something that the node itself has to say."""
-        self.logbook.note(Event(self._guard.newest_ns, name, level, text))
+        self.logbook.note(Event(self.newest_ns, name, level, text))
 
-    def _note_misfit(self, text: str) -> None:
-        self.say("qos.incompatible", Level.WARN, text)
-
-    def _note_failure(self, where: str, error: Exception) -> None:
+    def note_failure(self, where: str, error: Exception) -> None:
+        """Count and log what went wrong with one message or call."""
         if not self.context.ok():
             return  # shutting down: publishers are gone
         text = f"{where}: {type(error).__name__}: {' '.join(str(error).split())}; the message is not used"

@@ -5,13 +5,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from nav_pose_estimator.core.motion.epochs import ATTITUDE, BODY_VELOCITY, COLUMNS, PERIOD, TIME
-from nav_pose_estimator.engine.outage.learner import TrainingJob
 from nav_pose_estimator.engine.outage.model_file import load_arrays, save_arrays
 from nav_pose_estimator.engine.parameters.ros import ModelParameters
 from nav_pose_estimator.engine.solutions import Level
@@ -19,7 +16,6 @@ from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.ros.training import Outcome, Trainer
 
 _PERIOD = 0.5  # s: how often the training process is looked after
-_EPOCHS = 120  # enough for a training
 _CURVE = 20  # so many trainings are remembered
 
 
@@ -41,7 +37,7 @@ class ModelKeeper:
         self.history: list[dict[str, float]] = []  # scores after each training
         self._pupil, self._trainer, self._parameters, self._say = pupil, trainer, parameters, say
         self._failure, self._trainings = "", 0
-        _warm_up()
+        pupil.learner.warm_up()
         self._timer = node.create_timer(_PERIOD, self.look_after, clock=Clock(clock_type=ClockType.STEADY_TIME))
         for name, action in (("train", self.train), ("save_model", self.save), ("load_model", self.load)):
             node.create_service(Trigger, f"~/{name}", partial(self._serve, action))
@@ -83,16 +79,15 @@ class ModelKeeper:
         if self._trainer.is_busy:
             raise UserError("a training is running")
         learner = self._pupil.learner
-        newest = learner.memory.last(1.0)
-        job = learner.job(float(newest[-1, TIME])) if len(newest) else None
+        job = learner.job()
         if job is None:
-            raise UserError(f"there is nothing to train on yet: {learner.reason}")
+            raise UserError(f"there is nothing to train on yet: {learner.state.reason}")
         self._trainer.submit(job)
         return "the training has begun; diagnostics tell how it ends"
 
     def save(self) -> str:
         """Write the model; ``UserError`` when that is impossible."""
-        save_arrays(self._path(), self._pupil.learner.state())
+        save_arrays(self._path(), self._pupil.learner.arrays())
         self._say("outage.model.saved", Level.INFO, f"the model is in {self._path()}")
         return f"the model is in {self._path()}"
 
@@ -118,7 +113,7 @@ class ModelKeeper:
 
     def _note_scores(self) -> None:
         """A point of the learning curve when the learner has taken a result over, which it does in its own time."""
-        before, self._trainings = self._trainings, self._pupil.learner.trainings
+        before, self._trainings = self._trainings, self._pupil.learner.state.trainings
         if self._trainings > before:
             scores = {name: float(value) for name, value in self._pupil.learner.scores().items()}
             self.history = [*self.history, scores][-_CURVE:]
@@ -127,15 +122,6 @@ class ModelKeeper:
         if not self._parameters.file:
             raise UserError("there is no file for the model: set ros.model.file")
         return self._parameters.file
-
-
-def _warm_up() -> None:
-    """Compile (or load) what a model needs when it comes into use, which may be in the middle of an outage."""
-    epochs = np.random.default_rng(0).normal(size=(_EPOCHS, COLUMNS))
-    epochs[:, TIME] = np.arange(_EPOCHS) * PERIOD
-    epochs[:, ATTITUDE:BODY_VELOCITY] = np.eye(3).ravel()
-    model = TrainingJob(epochs, (1,)).run().model.follow(epochs[-1])
-    model.predict(epochs[-1])
 
 
 def _describe(error: Exception) -> str:

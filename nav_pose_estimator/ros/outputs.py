@@ -13,7 +13,7 @@ from std_msgs.msg import Bool
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import ParameterError
-from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolution, OutageError
+from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolution, PredictedDrift
 from nav_pose_estimator.ros import qos
 from nav_pose_estimator.ros.messages import outgoing
 from nav_pose_estimator.ros.pace import Pace
@@ -111,11 +111,11 @@ class LearnerOutput:
         self._velocity_message, self._position_message = TwistWithCovarianceStamped(), Vector3Stamped()
         self._velocity_message.header.frame_id = self._position_message.header.frame_id = parameters.ros.frames.odom
 
-    def publish(self, error: OutageError) -> None:
+    def publish(self, drift: PredictedDrift) -> None:
         """One prediction, and the sum of those of this outage."""
-        outgoing.fill_velocity_error(self._velocity_message, error)
+        outgoing.fill_velocity_error(self._velocity_message, drift)
         self._velocity.publish(self._velocity_message)
-        outgoing.fill_vector_stamped(self._position_message, error.stamp_ns, np.array(error.dp_n))
+        outgoing.fill_vector_stamped(self._position_message, drift.stamp_ns, np.array(drift.dp_n))
         self._position.publish(self._position_message)
 
 

@@ -7,7 +7,7 @@ and its results equal those of a first run.
 
 from dataclasses import dataclass
 
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
+from nav_pose_estimator.engine.samples import ImuSample, Sample, stamp_of
 
 _PROOF = 3  # IMU samples in a row
 _PATIENCE = 64  # samples held at most
@@ -91,8 +91,3 @@ class TimeGuard:
         self.forget()
         self.newest_ns = max((s.stamp_ns for s in samples if isinstance(s, ImuSample)), default=0)
         return Admission(samples, back)
-
-
-def stamp_of(sample: Sample) -> int | None:
-    """The stamp of a sample, of a block its last one; None for a count that came without a header."""
-    return int(sample.stamps_ns[-1]) if isinstance(sample, ImuBlock) else sample.stamp_ns

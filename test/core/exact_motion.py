@@ -10,10 +10,9 @@ import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import (
     E2,
-    earth_rate_n_many,
+    OMEGA,
     gravity_many,
     radii_many,
-    transport_rate_n_many,
 )
 from nav_pose_estimator.core.filter.layout import (
     ALT,
@@ -37,10 +36,22 @@ from nav_pose_estimator.core.numerics.rotation import (
     quat_from_euler_many,
     quat_multiply_many,
     quat_rotate_many,
-    rotvec_from_quat_many,
 )
+from rotations import rotation_vectors
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(5)
+
+
+def earth_rate(lat: np.ndarray) -> np.ndarray:
+    """w_ie_n (..., 3) [rad/s]: rotation of the Earth resolved in n."""
+    return np.stack((np.zeros_like(lat), OMEGA * np.cos(lat), OMEGA * np.sin(lat)), axis=-1)
+
+
+def transport_rate(lat: np.ndarray, h: np.ndarray, v_n: np.ndarray) -> np.ndarray:
+    """w_en_n (..., 3) [rad/s]: turn of a level frame that moves over the Earth with velocity ``v_n`` (..., 3)."""
+    R_M, R_N = radii_many(lat)
+    east = v_n[..., 0] / (R_N + h)
+    return np.stack((-v_n[..., 1] / (R_M + h), east, east * np.tan(lat)), axis=-1)
 
 
 @dataclass
@@ -97,7 +108,7 @@ class Motion:
     def imu(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Instantaneous angular rate w_ib_b and specific force f_b (..., 3)."""
         lat, h, v = self.lat(t), self.alt(t), self.velocity(t)
-        w_ie, w_en = earth_rate_n_many(lat), transport_rate_n_many(lat, h, v)
+        w_ie, w_en = earth_rate(lat), transport_rate(lat, h, v)
         f_n = self.acceleration(t) + np.cross(2.0 * w_ie + w_en, v)
         f_n[..., 2] += gravity_many(lat, h)
         q_bn = quat_conjugate_many(self.q_nb(t))
@@ -135,7 +146,7 @@ class Motion:
         true_lat, true_alt = self.lat(t), self.alt(t)
         R_M, R_N = radii_many(true_lat)
         e = np.empty((*t.shape, 9))
-        e[..., PHI : PHI + 3] = rotvec_from_quat_many(quat_multiply_many(self.q_nb(t), quat_conjugate_many(q_nb)))
+        e[..., PHI : PHI + 3] = rotation_vectors(quat_multiply_many(self.q_nb(t), quat_conjugate_many(q_nb)))
         e[..., DVEL : DVEL + 3] = v_n - self.velocity(t)
         e[..., DPOS] = (lon - self.lon(t)) * (R_N + true_alt) * np.cos(true_lat)
         e[..., DPOS + 1] = (lat - true_lat) * (R_M + true_alt)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from filter_start import plain_constants
 from nav_pose_estimator.core.alignment.aligner import Aligner, AlignmentSettings
 from nav_pose_estimator.core.alignment.heading_hypotheses import HeadingHypotheses
 from nav_pose_estimator.core.filter import layout as at
@@ -314,7 +315,7 @@ def bank(count=8, prior=None):
     nav, P = np.zeros(at.NAV_SIZE), np.diag(np.linspace(0.01, 0.15, 15) ** 2)
     nav[at.QUAT : at.QUAT + 4] = quat_from_euler(0.1, -0.05, 0.0)
     nav[at.LAT : at.ALT + 1] = ORIGIN
-    return HeadingHypotheses(nav, P, count, np.zeros(at.CONSTANTS_SIZE), np.zeros(3), prior)
+    return HeadingHypotheses(nav, P, count, plain_constants(), np.zeros(3), prior)
 
 
 def test_hypotheses_cover_the_circle():

@@ -102,15 +102,6 @@ def test_early_stopping_keeps_the_model_that_predicts_validation_best():
     assert scaled == pytest.approx(min(curve.validation), rel=1e-9)
 
 
-def test_refit_continues_with_the_same_normalisation():
-    x, y = product_of_sines(300)
-    short = Anfis(4, iterations=3).fit(x, y)
-    scaling, before = short.network.scaling, short.curve.training[-1]
-    short.refit(x[:200] + 1e-3, y[:200])
-    assert short.network.scaling is scaling
-    assert short.curve.training[-1] < before
-
-
 def test_one_prediction_equals_the_batch(trained):
     x, _ = product_of_sines(50, seed=4)
     rows = np.array([trained.predict_one(row) for row in x])

@@ -5,9 +5,11 @@ import pytest
 from exact_motion import Motion, survey, times_of
 from scipy.stats import chi2
 
+from filter_start import initial_covariance
 from imu_run import run_imu
 from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.filter.constants import initial_covariance, make_constants, state_count
+from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX, Wander, state_count
+from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.kalman import correct
 from nav_pose_estimator.core.filter.measurements import gnss_position, gnss_velocity
 from nav_pose_estimator.core.filter.strapdown import flush_covariance
@@ -35,7 +37,7 @@ def constants(gyro_matrix_states: bool) -> np.ndarray:
         gap_dt=1.0,
         gap_rate_sd=0.0,
         gap_accel_sd=0.0,
-        gyro_matrix_states=gyro_matrix_states,
+        blocks={GYRO_MATRIX: Wander()} if gyro_matrix_states else None,
     )
 
 
@@ -47,7 +49,7 @@ def start_covariance(numbers: np.ndarray) -> np.ndarray:
         position_sd=(1.0, 1.0, 2.0),
         gyro_bias_sd=2e-3,
         accel_bias_sd=0.03,
-        gyro_matrix_sd=0.003,
+        block_sd={GYRO_MATRIX: 0.003},
     )
 
 
@@ -93,9 +95,9 @@ class Flight:
         n = len(self.P)
         lat, lon, alt = antenna(self.rng.normal(size=3) * POSITION_SD)
         z, H = gnss_position(self.nav, n, lat, lon, alt, LEVER)
-        nis = correct(self.nav, self.P, z, H, np.diag(POSITION_SD**2))
+        nis = correct(self.nav, self.P, self.numbers, z, H, np.diag(POSITION_SD**2))
         z, H = gnss_velocity(self.nav, n, velocity + self.rng.normal(size=3) * VELOCITY_SD, LEVER)
-        nis += correct(self.nav, self.P, z, H, np.eye(3) * VELOCITY_SD**2)
+        nis += correct(self.nav, self.P, self.numbers, z, H, np.eye(3) * VELOCITY_SD**2)
         return self._nees(end - 1), nis
 
     def _nees(self, i: int) -> float:

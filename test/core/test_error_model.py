@@ -5,17 +5,26 @@ import pytest
 from exact_motion import survey, zero_covariance
 from scipy.linalg import expm
 
+from filter_start import SUBSETS, names
 from imu_run import run_imu
 from nav_pose_estimator.core.earth.ellipsoid import cos_latitude, radii
 from nav_pose_estimator.core.filter import error_model
 from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.filter.constants import make_constants, state_count
-from nav_pose_estimator.core.filter.kalman import inject
+from nav_pose_estimator.core.filter.blocks import BLOCKS, DEPTH, DVL, GRAVITY, GYRO_MATRIX, WIND, Wander, state_count
+from nav_pose_estimator.core.filter.constants import make_constants
+from nav_pose_estimator.core.filter.error_state import inject
 from nav_pose_estimator.core.filter.strapdown import corrected_rate, propagate
 from nav_pose_estimator.core.numerics.rotation import quat_conjugate, quat_multiply, quat_rotate, rotvec_from_quat
 
 EARTH = 6.4e6
-ALL_STATES = 28
+ALL_STATES = at.BASE_STATES + at.OPTIONAL_STATES
+WANDERS = {
+    WIND: Wander(0.1, 500.0),
+    GYRO_MATRIX: Wander(1e-6),
+    DVL: Wander((3e-5, 3e-5, 3e-5, 3e-5, 1e-5), 2000.0),
+    DEPTH: Wander(1e-3, 900.0),
+    GRAVITY: Wander(1e-6, 700.0),
+}
 
 
 def constants(**changes):
@@ -30,12 +39,7 @@ def constants(**changes):
         "gap_dt": 1.0,
         "gap_rate_sd": 0.3,
         "gap_accel_sd": 2.0,
-        "wind_drag_states": True,
-        "wind_walk": 0.1,
-        "wind_tau": 500.0,
-        "drag_walk": 0.002,
-        "gyro_matrix_states": True,
-        "gyro_matrix_walk": 1e-6,
+        "blocks": WANDERS,
     }
     return make_constants(**(numbers | changes))
 
@@ -50,7 +54,7 @@ def cruising() -> np.ndarray:
 
 
 def difference(nav, other) -> np.ndarray:
-    """Errors (28,) of ``nav`` as an estimate of ``other``, by the definitions of ``core.filter.layout``."""
+    """Errors (ALL_STATES,) of ``nav`` as an estimate of ``other``, by the definitions of ``core.filter.layout``."""
     e = np.zeros(ALL_STATES)
     q, true_q = nav[at.QUAT : at.QUAT + 4], other[at.QUAT : at.QUAT + 4]
     e[at.PHI : at.PHI + 3] = rotvec_from_quat(quat_multiply(true_q, quat_conjugate(q)))
@@ -60,7 +64,7 @@ def difference(nav, other) -> np.ndarray:
     e[at.DPOS + 1] = (nav[at.LAT] - other[at.LAT]) * (R_M + other[at.ALT])
     e[at.DPOS + 2] = nav[at.ALT] - other[at.ALT]
     e[at.D_GYRO_BIAS : at.BASE_STATES] = (other - nav)[at.GYRO_BIAS : at.ACCEL_BIAS + 3]
-    e[at.BASE_STATES :] = (other - nav)[at.WIND : at.GYRO_MATRIX + 9]
+    e[at.BASE_STATES :] = (other - nav)[at.WIND : at.TIME]
     return e
 
 
@@ -90,7 +94,7 @@ def measured_transition(nav, row, numbers) -> np.ndarray:
             error = np.zeros(ALL_STATES)
             error[j] = sign * step[j]
             estimate = nav.copy()
-            inject(estimate, -error)
+            inject(estimate, numbers, -error)
             remember(estimate, row, numbers)
             start = difference(estimate, nav)
             propagate(estimate, np.zeros((ALL_STATES, ALL_STATES)), numbers, row)
@@ -101,7 +105,7 @@ def measured_transition(nav, row, numbers) -> np.ndarray:
 
 def test_system_matrix_is_the_derivative_of_the_navigator():
     # GIVEN one short interval, biases and gyro matrix held as the navigator holds them
-    dt, numbers = 1e-3, constants(gyro_bias_tau=np.inf, accel_bias_tau=np.inf, wind_tau=np.inf)
+    dt, numbers = 1e-3, constants(gyro_bias_tau=np.inf, accel_bias_tau=np.inf, blocks=dict.fromkeys(BLOCKS, Wander()))
     nav = cruising()
     row = np.array([nav[at.TIME] + dt, 0.4, -0.3, 0.6, 1.5, -2.0, 9.9])
     remember(nav, row, numbers)
@@ -134,7 +138,7 @@ def random_covariance(n: int) -> np.ndarray:
     sd[at.PHI : at.PHI + 3] = 1e-2
     sd[at.D_GYRO_BIAS : at.D_GYRO_BIAS + 3] = 1e-3
     sd[at.D_ACCEL_BIAS : at.D_ACCEL_BIAS + 3] = 0.05
-    sd[19:] = 1e-3
+    sd[17:] = 1e-3
     return (factor @ factor.T / n + np.eye(n)) * np.outer(sd, sd)
 
 
@@ -149,7 +153,8 @@ def van_loan(P, F, Q, T) -> np.ndarray:
 def noise(numbers) -> np.ndarray:
     Q = np.zeros((ALL_STATES, ALL_STATES))
     densities = [at.GYRO_NOISE_PSD] * 3 + [at.ACCEL_NOISE_PSD] * 3 + [None] * 3 + [at.GYRO_BIAS_PSD] * 3
-    densities += [at.ACCEL_BIAS_PSD] * 3 + [at.WIND_PSD] * 2 + [at.DRAG_PSD] * 2 + [at.GYRO_MATRIX_PSD] * 9
+    densities += [at.ACCEL_BIAS_PSD] * 3
+    densities += list(range(at.BLOCK_PSD, at.BLOCK_PSD + at.OPTIONAL_STATES))
     np.fill_diagonal(Q, [0.0 if name is None else numbers[name] for name in densities])
     return Q
 
@@ -172,10 +177,9 @@ def test_covariance_step_is_of_second_order(form, T):
     assert deviations[1] < 0.3 * deviations[0]
 
 
-@pytest.mark.parametrize("wind_drag", [False, True])
-@pytest.mark.parametrize("gyro_matrix", [False, True])
-def test_step_is_the_same_for_every_number_of_states(wind_drag, gyro_matrix):
-    numbers = constants(wind_drag_states=wind_drag, gyro_matrix_states=gyro_matrix)
+@pytest.mark.parametrize("blocks", SUBSETS, ids=names)
+def test_step_is_the_same_for_every_choice_of_states(blocks):
+    numbers = constants(blocks={block: WANDERS[block] for block in blocks})
     n, T = state_count(numbers), 0.04
     force, rate = np.array([1.0, 2.0, 9.7]), np.array([0.1, 0.2, 0.5])
     F = error_model.system_matrix(cruising(), numbers, n, force, rate)
@@ -205,11 +209,10 @@ def test_step_uses_the_sums_and_empties_them():
     assert np.array_equal(P, after)
 
 
-@pytest.mark.parametrize("blocks", [(False, False), (True, False), (False, True), (True, True)])
+@pytest.mark.parametrize("blocks", SUBSETS, ids=names)
 def test_optional_blocks_leave_the_base_states_alone(blocks):
     # GIVEN blocks that are known exactly and stay so
-    numbers = constants(wind_drag_states=blocks[0], gyro_matrix_states=blocks[1], gyro_matrix_walk=0.0)
-    alone = constants(wind_drag_states=False, gyro_matrix_states=False)
+    numbers, alone = constants(blocks=dict.fromkeys(blocks, Wander())), constants(blocks=None)
     n = state_count(numbers)
     P, P_alone = np.zeros((n, n)), random_covariance(at.BASE_STATES)
     P[: at.BASE_STATES, : at.BASE_STATES] = P_alone
@@ -225,7 +228,7 @@ def test_covariance_at_50_hz_is_as_good_as_at_200():
     ends = []
     for period in (0.02, 0.005):
         nav, P = survey().nav(0.0), random_covariance(at.BASE_STATES)
-        numbers = constants(covariance_period=period, wind_drag_states=False, gyro_matrix_states=False)
+        numbers = constants(covariance_period=period, blocks=None)
         rows = survey().imu_rows(np.arange(2001) * 0.005)
         run_imu(nav, P, numbers, rows, np.empty((len(rows), at.OUT_COLUMNS)))
         error_model.covariance_step(nav, P, numbers)
@@ -235,5 +238,5 @@ def test_covariance_at_50_hz_is_as_good_as_at_200():
 
 def test_nothing_moves_without_time():
     nav, P = survey().nav(0.0), zero_covariance()
-    error_model.covariance_step(nav, P, constants(wind_drag_states=False, gyro_matrix_states=False))
+    error_model.covariance_step(nav, P, constants(blocks=None))
     assert not P.any()

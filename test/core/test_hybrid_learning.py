@@ -9,7 +9,6 @@ from scipy.optimize import minimize
 
 from nav_pose_estimator.core.learning.conjugate_gradient import Iterate, Point, fletcher_reeves, strong_wolfe
 from nav_pose_estimator.core.learning.hybrid_learning import (
-    RecursiveLeastSquares,
     ReducedObjective,
     Validation,
     choose_ridge,
@@ -67,36 +66,6 @@ def test_singular_normal_equations_get_jitter():
 def test_a_matrix_that_is_not_finite_is_an_error_and_no_endless_search_for_jitter():
     with pytest.raises(ValueError, match="not finite"):
         whitening(np.array([[1.0, 0.0], [0.0, np.nan]]))
-
-
-def test_recursive_least_squares_equals_batch_ridge():
-    random = np.random.default_rng(3)
-    design, targets = random.normal(size=(5, 80)), random.normal(size=(2, 80))
-    recursive = RecursiveLeastSquares(5, 2, ridge=0.4, forgetting=1.0)
-    for phi, target in zip(design.T, targets.T, strict=True):
-        recursive.update(phi, target)
-    np.testing.assert_allclose(recursive.theta, ridge_least_squares(design, targets, 0.4 / 80), rtol=1e-9)
-    assert recursive.capped == 0
-
-
-def test_recursive_least_squares_with_forgetting_equals_weighted_batch():
-    random = np.random.default_rng(4)
-    design, targets = random.normal(size=(4, 60)), random.normal(size=(1, 60))
-    recursive = RecursiveLeastSquares(4, 1, ridge=0.5, forgetting=0.97)
-    for phi, target in zip(design.T, targets.T, strict=True):
-        recursive.update(phi, target)
-    weight = 0.97 ** np.arange(59, -1, -1)
-    gram = (design * weight) @ design.T + 0.5 * 0.97**60 * np.eye(4)
-    np.testing.assert_allclose(recursive.theta, np.linalg.solve(gram, (design * weight) @ targets.T), rtol=1e-8)
-
-
-def test_recursive_covariance_is_capped_without_excitation():
-    recursive = RecursiveLeastSquares(3, 1, ridge=1.0, forgetting=0.9, trace_cap=100.0)
-    for _ in range(500):
-        recursive.update(np.array([1.0, 0.0, 0.0]), np.array([1.0]))
-    assert np.trace(recursive.covariance) <= 100.0 * (1.0 + 1e-12)
-    assert recursive.capped > 0
-    assert np.linalg.eigvalsh(recursive.covariance).min() > 0.0
 
 
 def test_chosen_ridge_grows_with_noise():

@@ -30,10 +30,10 @@ print(outer(10.0), sum(outer.stats.cache_hits.values()))
 """
 
 
-def run(folder: Path) -> str:
+def run(folder: Path, before: str = "") -> str:
     environment = os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
     environment["PYTHONPATH"] = os.pathsep.join([str(folder), str(Path(__file__).resolve().parents[2])])
-    command = [sys.executable, str(folder / "user.py")]
+    command = [sys.executable, "-c", f"{before}\nimport user"]
     return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout.strip()
 
 
@@ -49,6 +49,15 @@ def test_a_cached_kernel_is_used_until_a_number_or_a_kernel_in_it_changes(tmp_pa
     others.write_text(NUMBERS.format(place=4, factor=5.0))
     assert run(tmp_path) == "54.0 0"
     assert run(tmp_path) == "54.0 1"
+
+
+@pytest.mark.compiled
+def test_a_kernel_cached_with_one_numpy_is_not_used_with_another(tmp_path):
+    (tmp_path / "user.py").write_text(USER)
+    (tmp_path / "numbers_of_others.py").write_text(NUMBERS.format(place=3, factor=2.0))
+    assert run(tmp_path) == "23.0 0"
+    assert run(tmp_path) == "23.0 1"
+    assert run(tmp_path, before="import numba, numpy; numpy.__version__ = '2.99.0'") == "23.0 0"
 
 
 def test_mode_follows_the_environment():

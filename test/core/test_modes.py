@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from exact_motion import survey, times_of
 
+from filter_start import initial_covariance
 from imu_run import run_imu
 from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.filter.constants import initial_covariance, make_constants
+from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX, Wander
+from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.kalman import gated_correct, predicted_horizontal_sd
 from nav_pose_estimator.core.filter.strapdown import flush_covariance
 
@@ -30,8 +32,7 @@ def fly() -> dict[str, list[float]]:
         gap_dt=0.5,
         gap_rate_sd=0.3,
         gap_accel_sd=2.0,
-        gyro_matrix_states=True,
-        gyro_matrix_walk=1e-6,
+        blocks={GYRO_MATRIX: Wander(1e-6)},
     )
     P = initial_covariance(
         numbers,
@@ -40,7 +41,7 @@ def fly() -> dict[str, list[float]]:
         position_sd=2.0,
         gyro_bias_sd=1e-3,
         accel_bias_sd=0.05,
-        gyro_matrix_sd=0.005,
+        block_sd={GYRO_MATRIX: 0.005},
     )
     nav, rows = survey().nav(0.0), survey().imu_rows(times_of(10.0, 100.0))
     H = np.zeros((3, len(P)))
@@ -49,7 +50,7 @@ def fly() -> dict[str, list[float]]:
     for i in range(10):
         run_imu(nav, P, numbers, rows[100 * i : 100 * (i + 1)], np.empty((100, at.OUT_COLUMNS)))
         flush_covariance(nav, P, numbers)
-        values.append(gated_correct(nav, P, np.array([0.5, -0.3 * i, 0.2]), H, np.eye(3), 0.5, 100.0)[1])
+        values.append(gated_correct(nav, P, numbers, np.array([0.5, -0.3 * i, 0.2]), H, np.eye(3), 0.5, 100.0)[1])
     values.append(predicted_horizontal_sd(nav, P, numbers, 30.0))
     return {"nav": nav.tolist(), "sd": np.sqrt(np.diag(P)).tolist(), "values": [float(v) for v in values]}
 

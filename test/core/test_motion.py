@@ -86,7 +86,6 @@ def test_both_regimes_of_a_flight_are_found() -> None:
     assert regimes.hover_var == pytest.approx(0.02, abs=0.01)
     assert regimes.travel_activity[0] == pytest.approx(np.log(2.0 * np.sqrt(2.0)), abs=0.3)
     assert regimes.hover_activity[0] < regimes.travel_activity[0] - 1.5
-    assert regimes.slow_speed == pytest.approx(0.2, abs=0.01)
 
 
 def test_the_last_five_seconds_say_which_regime_the_vehicle_is_in() -> None:
@@ -101,7 +100,6 @@ def test_a_fixed_wing_cannot_hover() -> None:
     """GIVEN a vehicle that is never slow WHEN learned THEN there is no hovering; its own speed is the spread."""
     regimes = learn_regimes(moving(np.full(600, 16.0), np.full(600, 3.0)))
     assert not regimes.can_hover
-    assert regimes.slow_speed == pytest.approx(16.0)
     assert regimes.travel_var == pytest.approx(128.0, rel=0.1)
     assert regimes.hover_probability == pytest.approx(0.02)
 

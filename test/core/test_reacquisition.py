@@ -250,7 +250,7 @@ def test_policy_hold_waits_for_the_operator_unless_the_return_is_expected(aided)
     held = aided.fly(60.0, offset=(300.0, 0.0, 0.0))
     assert {d.action for d in held} == {"wait"}
     assert held[-1].reason == "gnss.held"
-    aided.machine.confirm()
+    assert aided.machine.decide(accept=True)
     assert aided.fly(PERIOD, offset=(300.0, 0.0, 0.0))[0].action == "reset"
 
 

@@ -4,11 +4,13 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from filter_start import plain_constants
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.blocks import BLOCKS, state_count
 from nav_pose_estimator.core.filter.kalman import ACCEPTED, INFLATED, REJECTED
 from nav_pose_estimator.core.filter.vertical_channel import gated_height
 
-SIZES = st.sampled_from([at.BASE_STATES, at.BASE_STATES + at.GYRO_MATRIX_STATES])
+CHOICES = st.sampled_from([(), BLOCKS])
 UP, CLIMB = at.DPOS + 2, at.DVEL + 2
 
 
@@ -20,12 +22,14 @@ def filter_with_ties(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return nav, A @ A.T / n + 0.01 * np.eye(n)
 
 
-@given(SIZES, st.integers(0, 1000), st.floats(-2.0, 2.0), st.floats(0.01, 100.0))
-def test_only_the_vertical_channel_moves_and_p_is_that_of_the_gain(n, seed, z, variance):
+@given(CHOICES, st.integers(0, 1000), st.floats(-2.0, 2.0), st.floats(0.01, 100.0))
+def test_only_the_vertical_channel_moves_and_p_is_that_of_the_gain(blocks, seed, z, variance):
     """GIVEN ties between all states WHEN a height comes THEN only ALT and climb move, and P is Joseph's."""
+    constants = plain_constants(blocks)
+    n = state_count(constants)
     nav, P = filter_with_ties(n, seed)
     before, P0 = nav.copy(), P.copy()
-    status, nis = gated_height(nav, P, z, variance, 1e6, 1e7)
+    status, nis = gated_height(nav, P, constants, z, variance, 1e6, 1e7)
     S = P0[UP, UP] + variance
     gain = np.zeros((n, 1))
     gain[[UP, CLIMB], 0] = P0[[UP, CLIMB], UP] / S
@@ -48,7 +52,7 @@ def test_the_gate_accepts_inflates_and_rejects():
     for deviations in (1.0, 3.0, 10.0, np.nan):
         nav, P = filter_with_ties(at.BASE_STATES, 1)
         sd, P0 = np.sqrt(P[UP, UP] + 1.0), P.copy()
-        status, _ = gated_height(nav, P, deviations * sd, 1.0, 4.0, 25.0)
+        status, _ = gated_height(nav, P, plain_constants(), deviations * sd, 1.0, 4.0, 25.0)
         statuses.append(status)
         corrections.append((300.0 - nav[at.ALT]) / sd)
         if status == REJECTED:

@@ -16,6 +16,7 @@ from nav_pose_estimator.core.numerics.rotation import (
 )
 from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.imu.mounting import axes_matrix
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import (
@@ -27,7 +28,6 @@ from nav_pose_estimator.engine.samples import (
     NavigatorVelocity,
     SatelliteCount,
 )
-from nav_pose_estimator.engine.sensors.imu import axes_matrix
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.sim.scenarios import generate

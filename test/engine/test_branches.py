@@ -1,7 +1,9 @@
 """Branches of the filter in an outage, on a time line of their own: who wins, what it is worth, and when things act."""
 
+import copy
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,10 +11,13 @@ import pytest
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.core.filter import memory as filter_memory
+from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX
 from nav_pose_estimator.core.filter.kalman import correct
 from nav_pose_estimator.engine.navigator import filter_setup
 from nav_pose_estimator.engine.navigator.branches import Branches
-from nav_pose_estimator.engine.navigator.timeline import MOTION, Observation, Timeline
+from nav_pose_estimator.engine.navigator.split_filter import MOTION
+from nav_pose_estimator.engine.navigator.timeline import Timeline
+from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
@@ -20,24 +25,31 @@ from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 RATE, GRAVITY = 50, 9.80665
 LAT, LON, ALT = 0.8, 0.2, 300.0
 PERIOD = 0.5
+NORTH = Kind("north")
+POSITION, VELOCITY = Kind("position", 0, whole=True), Kind("velocity", 1, whole=True)
 
 
-def apply(o: Observation, nav: np.ndarray, P: np.ndarray) -> None:
+def apply(o: Observation, f: FilterView) -> None:
     """A position, a velocity over ground, or the velocity North alone."""
-    if o.kind == "position":
-        z, H = measurements.gnss_position(nav, len(P), *o.arguments, np.zeros(3))
-    elif o.kind == "velocity":
-        z, H = measurements.gnss_velocity(nav, len(P), np.array(o.arguments), np.zeros(3))
+    if o.kind is POSITION:
+        z, H = measurements.gnss_position(f.nav, len(f.P), *o.measured, np.zeros(3))
+    elif o.kind is VELOCITY:
+        z, H = measurements.gnss_velocity(f.nav, len(f.P), np.array(o.measured), np.zeros(3))
     else:
-        z, H = measurements.horizontal_velocity(nav, len(P), nav[at.VEL], *o.arguments)
+        z, H = measurements.horizontal_velocity(f.nav, len(f.P), f.nav[at.VEL], *o.measured)
         z, H = z[1:], np.ascontiguousarray(H[1:])
-    correct(nav, P, z, H, 0.1 * np.eye(len(z)))
+    correct(*f, z, H, 0.1 * np.eye(len(z)))
+
+
+def observation(t: float, kind: Kind, measured: Any) -> Observation:
+    """One that is stamped like its time."""
+    return Observation(t, round(t * 1e9), kind, measured)
 
 
 def started(speed: float = 0.0, accel_error: float = 0.02, size: int = at.BASE_STATES, sampling: str = "mean"):
     """A level filter, nose East, at ``speed`` East; its accelerometer bias is known to ``accel_error``."""
     parameters = update(Parameters(), {"imu.sampling": sampling, "navigator.gyro_matrix_states": size > at.BASE_STATES})
-    timeline = Timeline(filter_setup.constants(parameters), apply, 1.5, frozenset(("position", "velocity")))
+    timeline = Timeline(filter_setup.constants(parameters), apply, 1.5)
     nav = np.zeros(at.NAV_SIZE)
     nav[at.LAT : at.VEL], nav[at.VEL], nav[at.QUAT] = (LAT, LON, ALT), speed, 1.0
     sd = np.full(size, 1e-4)
@@ -64,14 +76,14 @@ def evidence(timeline: Timeline, air: float | None = None, activity: float = 0.0
     ``activity`` is what the network's inputs say for travelling (log likelihood ratio); ``likely`` a priori of travel.
     """
     C = np.eye(3)
-    velocity = tuple(timeline.nav[at.VEL : at.VEL + 3].tolist())
+    velocity = tuple(timeline.filter.nav[at.VEL : at.VEL + 3].tolist())
     noise = None if air is None else (0.2, 0.2, 0.2)
     wide = None if air is None else (1.0, 1.0, 1.0)
     travel = Hypothesis("travel", likely, 25.0 * 4.0, noise, activity)
     hover = Hypothesis("hover", 1.0 - likely, 0.09 * 8.0, wide, 0.0)
     moved = None if air is None else (air, 0.0, 0.0)
     return MotionEvidence(
-        round(timeline.time * 1e9), PERIOD, C, velocity, velocity, moved, (travel, hover), 20.0, wind_tau=40.0
+        round(timeline.filter.time * 1e9), PERIOD, C, velocity, velocity, moved, (travel, hover), 20.0, wind_tau=40.0
     )
 
 
@@ -80,20 +92,20 @@ def fly(timeline: Timeline, rows: np.ndarray, told=lambda t: {}, until: float = 
     weights = []
     for chunk in np.split(rows, range(RATE // 2, len(rows), RATE // 2)):
         timeline.advance(chunk)
-        if timeline.time > until:
+        if timeline.filter.time > until:
             break
-        timeline.observe(timeline.time, MOTION, (evidence(timeline, **told(timeline.time)),))
+        timeline.observe(observation(timeline.filter.time, MOTION, evidence(timeline, **told(timeline.filter.time))))
         timeline.settle()
-        assert timeline.branches is not None
-        assert timeline.branches.weights.sum() == pytest.approx(1.0, abs=1e-12)
-        assert (timeline.branches.weights >= 0.9e-4).all()
-        weights.append((timeline.time, timeline.branches.weights[0]))
+        assert timeline.filter.branches is not None
+        assert timeline.filter.branches.weights.sum() == pytest.approx(1.0, abs=1e-12)
+        assert (timeline.filter.branches.weights >= 0.9e-4).all()
+        weights.append((timeline.filter.time, timeline.filter.branches.weights[0]))
     return np.array(weights)
 
 
 def east(timeline: Timeline) -> float:
     """Metres East of the start."""
-    return float((timeline.nav[at.LON] - LON) * 6.388e6 * np.cos(LAT))
+    return float((timeline.filter.nav[at.LON] - LON) * 6.388e6 * np.cos(LAT))
 
 
 def test_a_hovering_vehicle_is_found_to_hover_and_stays_where_it_is() -> None:
@@ -103,7 +115,7 @@ def test_a_hovering_vehicle_is_found_to_hover_and_stays_where_it_is() -> None:
     timeline = started()
     weights = fly(timeline, imu_rows(40.0, error=0.03), lambda t: {"activity": -1.0})
     assert weights[-1, 1] < 0.1
-    drift, sd = abs(east(timeline)), float(np.sqrt(timeline.P[at.DPOS, at.DPOS]))
+    drift, sd = abs(east(timeline)), float(np.sqrt(timeline.filter.P[at.DPOS, at.DPOS]))
     assert drift < 8.0
     assert drift < 3.0 * sd < 100.0
 
@@ -113,7 +125,7 @@ def test_a_travelling_vehicle_is_not_stopped_by_the_hover_hypothesis() -> None:
     timeline = started(speed=8.0)
     weights = fly(timeline, imu_rows(40.0, error=0.03), lambda t: {"air": 8.0, "activity": 1.0})
     assert weights[-1, 1] > 0.95
-    error, sd = abs(east(timeline) - 320.0), float(np.sqrt(timeline.P[at.DPOS, at.DPOS]))
+    error, sd = abs(east(timeline) - 320.0), float(np.sqrt(timeline.filter.P[at.DPOS, at.DPOS]))
     assert error < 20.0
     assert error < 3.0 * sd
 
@@ -141,9 +153,9 @@ def test_the_mixture_is_as_uncertain_as_the_decision() -> None:
     """GIVEN evidence for neither WHEN both branches drift apart THEN each of them lies within the mixture's sigma."""
     timeline = started(speed=2.0)
     fly(timeline, imu_rows(6.0))
-    branches = timeline.branches
+    branches = timeline.filter.branches
     assert branches is not None
-    sd = np.sqrt(timeline.P[at.DVEL, at.DVEL])
+    sd = np.sqrt(timeline.filter.P[at.DVEL, at.DVEL])
     velocities = np.array([nav[at.VEL] for nav, _ in branches.pairs()])
     spread = np.sqrt(branches.weights @ np.square(velocities - branches.weights @ velocities))
     assert sd >= spread
@@ -156,12 +168,12 @@ def test_a_number_that_is_none_does_not_spoil_the_weights() -> None:
     """GIVEN branches WHEN a prediction is not finite THEN weights stay a distribution and the state finite."""
     timeline = started()
     fly(timeline, imu_rows(2.0))
-    before = timeline.branches.weights.copy()
-    timeline.observe(timeline.time, MOTION, (evidence(timeline, air=float("nan")),))
+    before = timeline.filter.branches.weights.copy()
+    timeline.observe(observation(timeline.filter.time, MOTION, evidence(timeline, air=float("nan"))))
     timeline.settle()
-    np.testing.assert_allclose(timeline.branches.weights, before, atol=0.05)
-    assert np.isfinite(timeline.nav).all()
-    assert np.isfinite(timeline.P).all()
+    np.testing.assert_allclose(timeline.filter.branches.weights, before, atol=0.05)
+    assert np.isfinite(timeline.filter.nav).all()
+    assert np.isfinite(timeline.filter.P).all()
 
 
 def test_hovering_does_not_begin_at_seven_metres_per_second() -> None:
@@ -179,14 +191,14 @@ def test_a_filter_that_is_better_than_it_states_splits_with_less_doubt() -> None
     sds = {}
     for part in (1.0, 0.1):
         timeline = started()
-        timeline.nav[at.GYRO_WANDER] = 1e-9
-        before = timeline.P.copy()
+        timeline.filter.nav[at.GYRO_WANDER] = 1e-9
+        before = timeline.filter.P.copy()
         one = replace(evidence(timeline), drift_variance=part)
-        branches = Branches(timeline._memory, 4, one)
+        branches = Branches(timeline.filter.vector, 4, one)
         sds[part] = branches.pairs()[0][1].diagonal()[:9].copy()
-        branches.mix_into(timeline._memory)
-        assert timeline.nav[at.GYRO_WANDER] == pytest.approx(1e-9)
-        np.testing.assert_allclose(timeline.P[at.DPOS, at.DPOS], before[at.DPOS, at.DPOS])
+        branches.mix_into(timeline.filter.vector)
+        assert timeline.filter.nav[at.GYRO_WANDER] == pytest.approx(1e-9)
+        np.testing.assert_allclose(timeline.filter.P[at.DPOS, at.DPOS], before[at.DPOS, at.DPOS])
     np.testing.assert_allclose(sds[0.1][:6], 0.1 * sds[1.0][:6])
     np.testing.assert_allclose(sds[0.1][6:9], sds[1.0][6:9])
 
@@ -199,26 +211,24 @@ def test_a_single_hypothesis_needs_no_decision() -> None:
     alone = MotionEvidence(
         said.stamp_ns, PERIOD, said.attitude, said.velocity, said.body_velocity, None, only, 20.0, wind_tau=40.0
     )
-    timeline.observe(timeline.time, MOTION, (alone,))
-    before = float(timeline.nav[at.VEL])
+    timeline.observe(observation(timeline.filter.time, MOTION, alone))
+    before = float(timeline.filter.nav[at.VEL])
     timeline.settle()
-    assert 0.0 < timeline.nav[at.VEL] < before
-    assert len(timeline.branches.memories) == 1
+    assert 0.0 < timeline.filter.nav[at.VEL] < before
+    assert len(timeline.filter.branches.memories) == 1
 
 
-@pytest.mark.parametrize("size", [at.BASE_STATES, at.BASE_STATES + at.GYRO_MATRIX_STATES])
+@pytest.mark.parametrize("size", [at.BASE_STATES, at.BASE_STATES + GYRO_MATRIX.size])
 def test_the_mixture_has_the_size_of_the_filter(size: int) -> None:
     """GIVEN a filter with or without gyro matrix WHEN it splits THEN only the branches carry the wind."""
     timeline = started(size=size)
     fly(timeline, imu_rows(1.0))
-    assert [P.shape for _, P in timeline.branches.pairs()] == [(size + 4, size + 4)] * 2
-    assert timeline.P.shape == (size, size)
-    assert np.linalg.eigvalsh(timeline.P).min() > 0.0
+    assert [P.shape for _, P in timeline.filter.branches.pairs()] == [(size + 2, size + 2)] * 2
+    assert timeline.filter.P.shape == (size, size)
+    assert np.linalg.eigvalsh(timeline.filter.P).min() > 0.0
 
 
 # --- order and time of arrival ---------------------------------------------------------------------------------------
-
-NORTH, POSITION, VELOCITY = "north", "position", "velocity"
 
 
 def told_late(delays: Iterable[float], observations: list[tuple], block: int = 5, sampling: str = "mean") -> Timeline:
@@ -226,45 +236,45 @@ def told_late(delays: Iterable[float], observations: list[tuple], block: int = 5
     timeline, rows = started(speed=2.0, sampling=sampling), imu_rows(7.0)
     waiting = sorted(zip(delays, observations, strict=True), key=lambda w: w[0] + w[1][0])
     for chunk in np.split(rows, range(block, len(rows), block)):
-        while waiting and waiting[0][0] + waiting[0][1][0] <= timeline.time + 1e-9:
-            assert timeline.observe(*waiting.pop(0)[1])
+        while waiting and waiting[0][0] + waiting[0][1][0] <= timeline.filter.time + 1e-9:
+            assert timeline.observe(observation(*waiting.pop(0)[1]))
         timeline.advance(chunk)
-        half = round(timeline.time / PERIOD, 6)
-        if half == int(half) and timeline.time < 4.7:
+        half = round(timeline.filter.time / PERIOD, 6)
+        if half == int(half) and timeline.filter.time < 4.7:
             # the same evidence whatever has arrived by then: what is compared is the time line
-            timeline.observe(timeline.time, MOTION, (evidence(started(speed=2.0), air=2.0),))
+            timeline.observe(observation(timeline.filter.time, MOTION, evidence(started(speed=2.0), air=2.0)))
     timeline.settle()
     return timeline
 
 
 def assert_equal(one: Timeline, other: Timeline, exact: bool = False) -> None:
     tolerance = {"rtol": 0.0, "atol": 0.0} if exact else {"rtol": 1e-9, "atol": 1e-12}
-    np.testing.assert_allclose(one.nav, other.nav, **tolerance)
-    np.testing.assert_allclose(one.P, other.P, **tolerance)
-    assert (one.branches is None) == (other.branches is None)
-    if one.branches is not None and other.branches is not None:
-        np.testing.assert_allclose(one.branches.weights, other.branches.weights, **tolerance)
+    np.testing.assert_allclose(one.filter.nav, other.filter.nav, **tolerance)
+    np.testing.assert_allclose(one.filter.P, other.filter.P, **tolerance)
+    assert (one.filter.branches is None) == (other.filter.branches is None)
+    if one.filter.branches is not None and other.filter.branches is not None:
+        np.testing.assert_allclose(one.filter.branches.weights, other.filter.branches.weights, **tolerance)
 
 
 @pytest.mark.parametrize("sampling", ["mean", "point"])
 @pytest.mark.parametrize("delay", [0.1, 0.32, 0.9])
 def test_a_late_aid_on_branches_equals_a_punctual_one(sampling: str, delay: float) -> None:
     """GIVEN branches WHEN velocities North come late, decisions in between THEN nothing differs, weights included."""
-    aids = [(t, NORTH, (0.3,), 5) for t in (1.03, 1.57, 2.5, 3.11)]
+    aids = [(t, NORTH, (0.3,)) for t in (1.03, 1.57, 2.5, 3.11)]
     punctual = told_late([0.0] * 4, aids, sampling=sampling)
     assert_equal(told_late([delay] * 4, aids, sampling=sampling), punctual)
     without = told_late([], [], sampling=sampling)
-    assert abs(punctual.nav[at.VEL + 1] - without.nav[at.VEL + 1]) > 1e-3
+    assert abs(punctual.filter.nav[at.VEL + 1] - without.filter.nav[at.VEL + 1]) > 1e-3
 
 
 @pytest.mark.parametrize("delay", [0.1, 0.32, 0.9])
 def test_late_gnss_unites_the_branches_as_punctual_gnss_does(delay: float) -> None:
     """GIVEN branches WHEN position and velocity return late THEN one filter goes on, the same as with punctual ones."""
-    back = [(t, kind, what, n) for t in (4.83, 5.03) for kind, what, n in
-            ((POSITION, (LAT, LON + 1e-6, ALT), 0), (VELOCITY, (2.0, 0.5, 0.0), 1))]  # fmt: skip
+    back = [(t, kind, what) for t in (4.83, 5.03) for kind, what in
+            ((POSITION, (LAT, LON + 1e-6, ALT)), (VELOCITY, (2.0, 0.5, 0.0)))]  # fmt: skip
     punctual = told_late([0.0] * 4, back)
-    assert punctual.branches is None
-    assert punctual.P.shape == (15, 15)
+    assert punctual.filter.branches is None
+    assert punctual.filter.P.shape == (15, 15)
     assert_equal(told_late([delay] * 4, back), punctual)
 
 
@@ -272,8 +282,8 @@ def test_late_gnss_unites_the_branches_as_punctual_gnss_does(delay: float) -> No
 def test_what_acted_at_the_time_of_the_union_is_not_lost_in_a_replay(late: float) -> None:
     """GIVEN position and velocity of one time that united the branches WHEN something late, from just after them, makes
     the filter go back THEN the velocity still counts."""
-    back = [(5.0, POSITION, (LAT, LON + 1e-6, ALT), 0), (5.0, VELOCITY, (2.0, 0.9, 0.0), 1)]
-    after = (5.0 + late, NORTH, (0.3,), 5)
+    back = [(5.0, POSITION, (LAT, LON + 1e-6, ALT)), (5.0, VELOCITY, (2.0, 0.9, 0.0))]
+    after = (5.0 + late, NORTH, (0.3,))
     assert_equal(told_late([0.1, 0.1, 0.5], [*back, after]), told_late([0.0, 0.0, 0.0], [*back, after]))
 
 
@@ -284,14 +294,14 @@ def test_the_first_decision_is_not_lost_in_a_replay(late: float) -> None:
 
     def run(delay: float) -> Timeline:
         timeline, rows = started(speed=2.0), imu_rows(2.0)
-        timeline.observe(0.5, MOTION, (evidence(timeline, air=1.0, likely=0.9),))
-        aid = (0.5 + late, NORTH, (0.3,), 5)
+        timeline.observe(observation(0.5, MOTION, evidence(timeline, air=1.0, likely=0.9)))
+        aid = (0.5 + late, NORTH, (0.3,))
         if delay == 0.0:
-            assert timeline.observe(*aid)
+            assert timeline.observe(observation(*aid))
         arrival = round((0.5 + late + delay) * RATE)
         timeline.advance(rows[:arrival])
         if delay:
-            assert timeline.observe(*aid)
+            assert timeline.observe(observation(*aid))
         timeline.advance(rows[arrival:])
         timeline.settle()
         return timeline
@@ -305,17 +315,19 @@ def test_evidence_from_before_the_return_was_known_does_not_split_again() -> Non
     rows = imu_rows(3.0)
     timeline, plain = started(speed=2.0), started(speed=2.0)
     fly(timeline, rows[:100], lambda t: {"air": 9.0})
-    assert timeline.observe(1.9, POSITION, (LAT, LON + 1e-6, ALT), 0)
+    assert timeline.observe(observation(1.9, POSITION, (LAT, LON + 1e-6, ALT)))
     timeline.advance(rows[100:])
-    assert timeline.branches is None
+    assert timeline.filter.branches is None
     fly(plain, rows[:75], lambda t: {"air": 9.0})  # the last decision before the fix
-    assert plain.observe(1.9, POSITION, (LAT, LON + 1e-6, ALT), 0)
+    assert plain.observe(observation(1.9, POSITION, (LAT, LON + 1e-6, ALT)))
     plain.advance(rows[75:])
     # the evidence that is skipped still ends a step of the covariance: sums and P differ by a split step
-    np.testing.assert_allclose(timeline.nav[: at.SUM_TIME], plain.nav[: at.SUM_TIME], rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(np.diag(timeline.P), np.diag(plain.P), rtol=1e-2)
-    assert timeline.branches is None
-    assert plain.branches is None
+    np.testing.assert_allclose(
+        timeline.filter.nav[: at.SUM_TIME], plain.filter.nav[: at.SUM_TIME], rtol=1e-9, atol=1e-12
+    )
+    np.testing.assert_allclose(np.diag(timeline.filter.P), np.diag(plain.filter.P), rtol=1e-2)
+    assert timeline.filter.branches is None
+    assert plain.filter.branches is None
 
 
 def test_what_lies_before_the_split_is_refused() -> None:
@@ -323,15 +335,15 @@ def test_what_lies_before_the_split_is_refused() -> None:
     timeline, rows = started(speed=2.0), imu_rows(2.0)
     fly(timeline, rows[:30])
     timeline.advance(rows[30:])
-    nav = timeline.nav.copy()
-    assert not timeline.observe(0.3, NORTH, (5.0,))
+    nav = timeline.filter.nav.copy()
+    assert not timeline.observe(observation(0.3, NORTH, (5.0,)))
     timeline.settle()
-    np.testing.assert_array_equal(timeline.nav, nav)
+    np.testing.assert_array_equal(timeline.filter.nav, nav)
 
 
 @pytest.mark.parametrize("block", [1, 25])
 def test_blocks_and_single_rows_are_equal_on_branches(block: int) -> None:
-    aids = [(t, NORTH, (0.3,), 5) for t in (1.03, 1.57, 2.5)]
+    aids = [(t, NORTH, (0.3,)) for t in (1.03, 1.57, 2.5)]
     # in steps of the filter, so that late and early arrive alike
     assert_equal(told_late([0.0] * 3, aids, block), told_late([0.0] * 3, aids, 5))
 
@@ -339,12 +351,12 @@ def test_blocks_and_single_rows_are_equal_on_branches(block: int) -> None:
 def test_a_refused_position_keeps_the_branches() -> None:
     """GIVEN branches WHEN a position acts that the filter does not take THEN the hypotheses go on."""
     timeline = started(speed=2.0)
-    timeline._apply = lambda o, nav, P: None  # what the gate does to a fix of 500 m
+    timeline._apply = lambda o, f: None  # what the gate does to a fix of 500 m
     rows = imu_rows(3.0)
     fly(timeline, rows[:50])
-    timeline.observe(1.2, POSITION, (LAT, LON, ALT), 0)
+    timeline.observe(observation(1.2, POSITION, (LAT, LON, ALT)))
     timeline.advance(rows[50:])
-    assert timeline.branches is not None
+    assert timeline.filter.branches is not None
 
 
 def test_a_copy_of_a_branched_time_line_lives_its_own_life() -> None:
@@ -353,23 +365,23 @@ def test_a_copy_of_a_branched_time_line_lives_its_own_life() -> None:
     rows = imu_rows(5.0)
     for one in (timeline, alone):
         fly(one, rows[:100])
-    twin = timeline.copy(apply)
+    twin = copy.deepcopy(timeline)
     fly(twin, rows[100:], lambda t: {"air": 8.0, "activity": 3.0})
-    twin.observe(twin.time, POSITION, (LAT, LON, ALT), 0)
+    twin.observe(observation(twin.filter.time, POSITION, (LAT, LON, ALT)))
     twin.settle()
-    assert twin.branches is None
+    assert twin.filter.branches is None
     for one in (timeline, alone):
         fly(one, rows[100:])
     assert_equal(timeline, alone, exact=True)
-    assert abs(twin.nav[at.VEL] - alone.nav[at.VEL]) > 0.1
+    assert abs(twin.filter.nav[at.VEL] - alone.filter.nav[at.VEL]) > 0.1
 
 
 def test_the_memory_of_branches_stays_bounded() -> None:
     timeline = started()
     fly(timeline, imu_rows(60.0))
-    branches = timeline.branches
+    branches = timeline.filter.branches
     assert branches is not None
     assert len(branches._decisions) < 25
     kept = [m[filter_memory.NEWEST] - m[filter_memory.OLDEST] for m in branches.memories]
     assert max(kept) < 12
-    assert len(timeline._observations) < 8
+    assert len(timeline._queue) < 8

@@ -35,7 +35,7 @@ def fly(recording: Recording, until: float, engine: SinsEngine, after: float = -
 
 
 def horizontal_error(recording: Recording, engine: SinsEngine, t: float) -> float:
-    truth, nav = recording.truth, engine.nominal_state()
+    truth, nav = recording.truth, engine.run.settled.nav.copy()
     t = min(t, float(nav[at.TIME]) + float(truth.t[0]))
     where = [np.interp(t, truth.t, column) for column in (truth.lat, truth.lon, truth.alt)]
     return float(np.hypot(*lla_to_enu(*nav[at.LAT : at.VEL], *where)[:2]))
@@ -64,7 +64,7 @@ def deviation_after_a_loss(nis: float) -> tuple[float, float]:
     fly(recording, 70.0, engine)
     assert engine.mode is Mode.AIDED
     before = engine.status().horizontal_sd
-    engine._run.gnss.nis["gnss_velocity"] = nis
+    engine.run.gnss.velocity.record.mean = nis
     fly(recording, 72.5, engine, after=70.0, gnss=False)
     assert engine.mode is not Mode.AIDED
     return before, engine.status().horizontal_sd
@@ -85,7 +85,7 @@ def test_a_barometer_holds_the_height_and_leaves_the_horizontal_alone():
         engine = SinsEngine(update(Parameters(), {"aids.barometer": barometer}))
         fly(recording, 90.0, engine)
         fly(recording, 120.0, engine, after=90.0, gnss=False)
-        found.append((engine.nominal_state(), math.sqrt(engine._run.timeline.P[at.DPOS + 2, at.DPOS + 2])))
+        found.append((engine.run.settled.nav.copy(), math.sqrt(engine.run.timeline.filter.P[at.DPOS + 2, at.DPOS + 2])))
     (held, held_sd), (free, free_sd) = found
     assert held_sd < 0.7 * free_sd
     # only through the gravity of another height, which is small

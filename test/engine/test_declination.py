@@ -134,7 +134,7 @@ def test_without_the_package_the_parameter_stands_and_one_sentence_says_so(fligh
     monkeypatch.setattr(declination, "GeoMag", None)
     engine, outputs = fly(flight, **{"aids.declination": 0.2})
     assert engine.mode is Mode.AIDED
-    assert engine.sins.declination == 0.2
+    assert engine.sins.run.parameters.aids.declination == 0.2
     (event,) = told(outputs, "mag.declination")
     assert (event.name, event.level) == ("mag.declination.fallback", Level.WARN)
     assert event.text == (
@@ -164,13 +164,13 @@ def test_a_flight_gives_the_same_numbers_every_time_and_after_a_snapshot(flight)
 
 def test_what_was_found_outlives_a_change_of_parameters_and_a_reset(flight):
     engine, _ = fly(flight)
-    found = engine.sins.declination
+    found = engine.sins.run.parameters.aids.declination
     assert math.degrees(found) == pytest.approx(15.2, abs=0.1)
     engine.set_parameters(update(engine.parameters, {"aids.magnetometer_sd": 0.2}))
-    assert engine.sins.declination == found
-    assert engine.sins._run.aids._parameters.magnetometer_sd == 0.2
+    assert engine.sins.run.parameters.aids.declination == found
+    assert engine.sins.run.parameters.aids.magnetometer_sd == 0.2
     engine.reset(int(flight.imu.stamps_ns[-1]), "a test")
-    assert engine.sins.declination == found
+    assert engine.sins.run.parameters.aids.declination == found
     again = [o for s in flight.samples() for o in engine.feed(s)]
     assert told(again, "mag.declination") == []
     assert [error == pytest.approx(0.0, abs=1.5) for error in first_headings(flight, again)] == [True, True]
@@ -185,7 +185,7 @@ def test_a_model_that_said_nothing_is_asked_again_after_a_restart(flight, monkey
     engine.reset(int(flight.imu.stamps_ns[-1]), "a test")
     again = [o for s in flight.samples() for o in engine.feed(s)]
     assert [event.name for event in told(again, "mag.declination")] == ["mag.declination.model"]
-    assert math.degrees(engine.sins.declination) == pytest.approx(15.2, abs=0.1)
+    assert math.degrees(engine.sins.run.parameters.aids.declination) == pytest.approx(15.2, abs=0.1)
 
 
 @pytest.mark.parametrize("method", ["complementary", "two_stage"])

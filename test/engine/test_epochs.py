@@ -1,5 +1,6 @@
 """From solutions to epochs: when one ends, which are worth learning from, and how much of them is remembered."""
 
+from collections import deque
 from itertools import pairwise
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.outage.epochs import EpochCollector, FlightMemory
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
 
@@ -94,7 +96,7 @@ def test_without_a_heading_nothing_is_learned_of_directions() -> None:
 def test_a_copy_of_a_collector_lives_its_own_life() -> None:
     collector = EpochCollector()
     collect(collector, quarter_seconds(0, 60))
-    twin = collector.copy()
+    twin = snapshot(collector)
     collect(twin, [block(60, 10, Mode.COASTING)])
     (one, good), *_ = collect(collector, [block(60, 16)])
     assert good
@@ -103,7 +105,7 @@ def test_a_copy_of_a_collector_lives_its_own_life() -> None:
 
 def test_the_memory_ends_after_ten_minutes_and_its_window_is_one_of_time() -> None:
     """GIVEN a flight with a break WHEN the last seconds are asked for THEN nothing older comes, however few it is."""
-    memory = FlightMemory(seconds=60.0)
+    memory = FlightMemory(deque(maxlen=120))
     assert memory.last(10.0).shape == (0, me.COLUMNS)
     for n in range(200):
         one = np.zeros(me.COLUMNS)
@@ -114,6 +116,6 @@ def test_the_memory_ends_after_ten_minutes_and_its_window_is_one_of_time() -> No
     assert len(memory.last(3.0)) == 6
     assert len(memory.last(30.0)) == 10
     assert len(memory.last(1000.0)) == 120
-    twin = memory.copy()
+    twin = snapshot(memory)
     twin.add(np.zeros(me.COLUMNS))
     assert memory.last(1.0)[-1][me.TIME] > 100.0

@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nav_pose_estimator.engine.imu.input import ImuInput
+from nav_pose_estimator.engine.imu.mounting import axes_matrix
+from nav_pose_estimator.engine.imu.rules import CLOCK_JUMP, GAP, STUCK, STUCK_END
 from nav_pose_estimator.engine.parameters.imu import ImuParameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample
-from nav_pose_estimator.engine.sensors.imu import CLOCK_JUMP, GAP, STUCK, STUCK_END, ImuInput, axes_matrix
 from nav_pose_estimator.engine.solutions import Event
 from pieces import one_by_one
 

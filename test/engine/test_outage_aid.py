@@ -23,7 +23,7 @@ from nav_pose_estimator.engine.samples import (
     SatelliteCount,
     VelocityError,
 )
-from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution, OutageError
+from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution, PredictedDrift
 from nav_pose_estimator.offline.replay.replay import as_block
 from told import flight
 
@@ -68,8 +68,8 @@ def at_loss() -> Any:
     for sample in between(0.0, LOST):
         estimator.feed(sample)
     assert estimator.mode is Mode.AIDED
-    assert estimator.outage_aid.model is not None
-    assert estimator.outage_aid.rehearsals.rehearsals == 1
+    assert estimator.outage_aid.learner.state.model is not None
+    assert estimator.outage_aid.rehearsals.count == 1
     return estimator.snapshot()
 
 
@@ -88,12 +88,12 @@ class Flown:
             for output in estimator.feed(sample):
                 if isinstance(output, NavBlock | NavSolution):
                     blocks.append(output if isinstance(output, NavBlock) else as_block(output))
-                elif isinstance(output, OutageError):
+                elif isinstance(output, PredictedDrift):
                     self.errors.append(output)
         self.stamps = np.concatenate([b.stamps_ns for b in blocks])
         self.rows = np.concatenate([b.rows for b in blocks])
         self.modes = [b.mode for b in blocks for _ in b.stamps_ns]
-        self.counters, self.state = estimator.status().counters, estimator.sins.nominal_state()
+        self.counters, self.state = estimator.status().counters, estimator.sins.run.settled.nav.copy()
 
     @property
     def off(self) -> np.ndarray:
@@ -140,11 +140,11 @@ def test_sigma_covers_the_error_and_the_return_unites_the_branches(at_loss) -> N
     and are gone, and the position is good again."""
     estimator = going_on(at_loss)
     lost = Flown(estimator, without_gnss(between(LOST, BACK)))
-    assert estimator.sins._run.timeline.branches is not None
+    assert estimator.sins.run.timeline.filter.branches is not None
     assert np.mean(lost.off < 3.0 * lost.sigma) > 0.99
     assert 0.3 < lost.sigma[-1] < 50.0
     back = Flown(estimator, between(BACK, END))
-    assert estimator.sins._run.timeline.branches is None
+    assert estimator.sins.run.timeline.filter.branches is None
     assert back.modes[-1] is Mode.AIDED
     assert back.off[-1] < 2.5
     assert np.isfinite(back.rows).all()
@@ -183,38 +183,39 @@ def test_gnss_that_is_refused_changes_nothing(at_loss, how: str) -> None:
     (told, one), (untold, other) = lost(True), lost(False)
     assert told.counters.keys() != untold.counters.keys()  # the fixes did come, and were counted
     assert_same(told, untold)
-    assert one.outage_aid.learner.memory.seconds == other.outage_aid.learner.memory.seconds
-    np.testing.assert_array_equal(one.outage_aid.model.wind, other.outage_aid.model.wind)
-    assert one.outage_aid.model.network is other.outage_aid.model.network
+    assert one.outage_aid.learner.state.memory.seconds == other.outage_aid.learner.state.memory.seconds
+    np.testing.assert_array_equal(one.outage_aid.learner.state.model.wind, other.outage_aid.learner.state.model.wind)
+    assert one.outage_aid.learner.state.model.network is other.outage_aid.learner.state.model.network
 
 
 def test_nothing_is_learned_in_an_outage(at_loss) -> None:
-    """GIVEN the loss of GNSS WHEN 25 s go by THEN memory and model are as at the loss, the knowledge that was made then
+    """GIVEN the loss of GNSS WHEN 25 s go by THEN memory and model are as at the loss, the guide that was made then
     is the one that is used, and a training that ends in the outage has to wait."""
     estimator = going_on(at_loss)
     aid = estimator.outage_aid
     Flown(estimator, without_gnss(between(LOST, LOST + 5.0)))
-    seconds, model, knowledge, rehearsals = aid.learner.memory.seconds, aid.model, aid._knowledge, aid.rehearsals
-    assert knowledge is not None
-    aid.accept(aid.learner.job(LOST).run())
+    learned, guide, rehearsals = aid.learner.state, aid.guide, aid.rehearsals
+    seconds, model = learned.memory.seconds, learned.model
+    assert guide is not None
+    aid.accept(aid.learner.job().run())
     Flown(estimator, without_gnss(between(LOST + 5.0, BACK)))
-    assert aid.learner.memory.seconds == seconds
-    assert aid.model is model
-    assert aid._knowledge is knowledge
-    assert rehearsals.rehearsals == 1
-    assert not rehearsals._contestants
+    assert learned.memory.seconds == seconds
+    assert learned.model is model
+    assert aid.guide is guide
+    assert rehearsals.count == 1
+    assert not rehearsals.contestants
     Flown(estimator, between(BACK, END))
-    assert aid.learner.memory.seconds > seconds
-    assert aid._knowledge is None
+    assert learned.memory.seconds > seconds
+    assert aid.guide is None
 
 
 def test_the_learning_stops_within_a_second_of_the_last_fix(at_loss) -> None:
     """GIVEN the last fix WHEN half-second epochs go on THEN what is remembered ends before GNSS counts as lost."""
     estimator = going_on(at_loss)
-    before = estimator.outage_aid.learner.memory.seconds
+    before = estimator.outage_aid.learner.state.memory.seconds
     Flown(estimator, without_gnss(between(LOST, BACK)))
     lost_after = PARAMETERS.navigator.lost_after
-    assert estimator.outage_aid.learner.memory.seconds - before <= lost_after + 0.5
+    assert estimator.outage_aid.learner.state.memory.seconds - before <= lost_after + 0.5
 
 
 def test_the_model_of_the_outage_is_that_of_the_past_only(at_loss) -> None:
@@ -253,7 +254,7 @@ def test_a_restored_estimator_still_has_its_trainings_done_elsewhere(at_loss) ->
     for aid in (elsewhere, elsewhere.copy()):
         estimator = going_on(at_loss)
         learner = estimator.outage_aid.learner
-        aid.learner = learner.copy()
+        aid._pilot.learner = learner.copy()
         estimator.outage_aid = aid
         estimator.restore(estimator.snapshot())
         jobs.clear()

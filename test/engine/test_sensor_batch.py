@@ -16,7 +16,7 @@ from nav_pose_estimator.engine.solutions import (
     Event,
     NavBlock,
     NavSolution,
-    OutageError,
+    PredictedDrift,
 )
 from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
 from pieces import one_by_one
@@ -53,7 +53,7 @@ def told(outputs: list) -> dict[str, list]:
             said["attitude"].append(output.q_nb.tolist())
         elif isinstance(output, Event):
             said["events"].append((output.stamp_ns, output.name, output.text))
-        elif isinstance(output, OutageError):
+        elif isinstance(output, PredictedDrift):
             said["errors"].append((output.stamp_ns, output.dv_n, output.dp_n))
     return said
 
@@ -72,7 +72,7 @@ def test_a_flight_in_long_blocks_is_the_flight_sample_by_sample(delay: float) ->
     for name, values in expected.items():
         assert given[name] == values, name
     assert whole.status().counters == single.status().counters
-    learned, expected_learned = (one.outage_aid.learner.memory.last(1e3) for one in (whole, single))
+    learned, expected_learned = (one.outage_aid.learner.state.memory.last(1e3) for one in (whole, single))
     assert len(learned) > 50
     np.testing.assert_array_equal(learned, expected_learned)
     assert sum(isinstance(o, NavBlock) for o in at_once) < 0.6 * sum(isinstance(s, ImuBlock) for s in flight(delay))

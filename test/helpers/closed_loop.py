@@ -7,8 +7,10 @@ import numpy as np
 from imu_run import run_imu
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as L
-from nav_pose_estimator.core.numerics.rotation import quat_conjugate_many, quat_multiply_many, rotvec_from_quat_many
+from nav_pose_estimator.core.filter.blocks import set_blocks
+from nav_pose_estimator.core.numerics.rotation import quat_conjugate_many, quat_multiply_many
 from nav_pose_estimator.sim.trajectories import Truth
+from rotations import rotation_vectors
 
 
 class Errors(NamedTuple):
@@ -29,7 +31,7 @@ def navigate(truth: Truth, gyro: np.ndarray | None = None, accel: np.ndarray | N
     nav[L.PREV_RATE : L.PREV_RATE + 3], nav[L.PREV_FORCE : L.PREV_FORCE + 3] = gyro[0], accel[0]
     constants = np.zeros(L.CONSTANTS_SIZE)
     constants[L.COV_PERIOD], constants[L.GAP_DT] = 1e9, 1.0
-    constants[L.I_WIND_DRAG] = constants[L.I_GYRO_MATRIX] = -1.0
+    set_blocks(constants, ())
     out = np.empty((len(truth) - 1, L.OUT_COLUMNS))
     run_imu(nav, np.zeros((15, 15)), constants, np.column_stack([truth.t, gyro, accel])[1:], out)
 
@@ -40,5 +42,5 @@ def navigate(truth: Truth, gyro: np.ndarray | None = None, accel: np.ndarray | N
     return Errors(
         np.linalg.norm(there - true, axis=1),
         np.linalg.norm(out[:, L.OUT_VEL : L.OUT_VEL + 3] - truth.v_n[1:], axis=1),
-        np.linalg.norm(rotvec_from_quat_many(turn), axis=1),
+        np.linalg.norm(rotation_vectors(turn), axis=1),
     )

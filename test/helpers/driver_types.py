@@ -10,6 +10,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 SENSOR_COMBINED, SENSOR_GPS = "px4_msgs/msg/SensorCombined", "px4_msgs/msg/SensorGps"
+AIRSPEED, DIFFERENTIAL_PRESSURE = "px4_msgs/msg/Airspeed", "px4_msgs/msg/DifferentialPressure"
 GPS_FIX, NAV_PVT, GPSRAW = "gps_msgs/msg/GPSFix", "ublox_msgs/msg/NavPVT", "mavros_msgs/msg/GPSRAW"
 
 _GPS_TAIL = """
@@ -57,6 +58,9 @@ uint8 gyro_calibration_count
     SENSOR_GPS: _STAMPS
     + "float64 latitude_deg\nfloat64 longitude_deg\nfloat64 altitude_msl_m\nfloat64 altitude_ellipsoid_m"
     + _GPS_TAIL,
+    AIRSPEED: "uint64 timestamp\nuint64 timestamp_sample\nfloat32 indicated_airspeed_m_s\nfloat32 true_airspeed_m_s\n"
+    "float32 air_temperature_celsius\nfloat32 confidence",
+    DIFFERENTIAL_PRESSURE: _STAMPS + "float32 differential_pressure_pa\nfloat32 temperature\nuint32 error_count",
     "px4_msgs/msg/SensorGps114": _STAMPS + "int32 lat\nint32 lon\nint32 alt\nint32 alt_ellipsoid" + _GPS_TAIL,
     "gps_msgs/msg/GPSStatus": """
 std_msgs/Header header

@@ -27,13 +27,11 @@ class Job:
 
 
 @dataclass
-class Memory:
-    """So many epochs; the last column block is left out."""
+class State:
+    """Of a learner."""
 
-    epochs: np.ndarray = field(default_factory=lambda: np.empty((0, 25)))
-
-    def last(self, seconds: float) -> np.ndarray:
-        return self.epochs
+    reason: str = "nothing has been learned yet"
+    trainings: int = 0
 
 
 @dataclass
@@ -41,15 +39,16 @@ class Learner:
     """The face of ``OutageLearner`` that a node needs."""
 
     weight: float = 0.0
-    memory: Memory = field(default_factory=Memory)
-    reason: str = "nothing has been learned yet"
-    trainings: int = 0
-    next_job: Job = field(default_factory=lambda: Job(1))
+    state: State = field(default_factory=State)
+    next_job: Job | None = None
 
-    def job(self, now: float) -> Job:
+    def warm_up(self) -> None:
+        """There is nothing to compile."""
+
+    def job(self) -> Job | None:
         return self.next_job
 
-    def state(self) -> dict[str, np.ndarray]:
+    def arrays(self) -> dict[str, np.ndarray]:
         return {"weight": np.array(self.weight)}
 
     def load(self, state: dict[str, np.ndarray]) -> None:
@@ -70,8 +69,8 @@ class Pupil:
 
     def accept(self, result: tuple[int, int]) -> None:
         self.results.append(result)
-        self.learner.weight, self.learner.reason = float(result[0]), ""
-        self.learner.trainings += 1
+        self.learner.weight, self.learner.state.reason = float(result[0]), ""
+        self.learner.state.trainings += 1
 
 
 @dataclass

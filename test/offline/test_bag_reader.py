@@ -8,11 +8,11 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, ImuSample, MagSample, PressureSample, SatelliteCount
-from nav_pose_estimator.offline.bags.cdr import LAYOUTS, decode
 from nav_pose_estimator.offline.bags.raw_messages import BagError
 from nav_pose_estimator.offline.bags.reader import BagReader, read_samples
 from nav_pose_estimator.offline.bags.topic_map import parse_remaps
 from nav_pose_estimator.ros.messages import convert
+from nav_pose_estimator.ros.messages.cdr import LAYOUTS, decode
 from pieces import one_by_one
 from small_bags import COUNT, EPOCH_NS, FIX, IMU, MAG, count, fix, flight, imu, write_bag
 
@@ -100,7 +100,7 @@ def _random_message(store, kind: str, rng):
         elif what[0] == "string":
             values[name] = "frame_" + "x" * int(rng.integers(0, 9))
         elif what[0].startswith("float"):
-            values[name] = float(rng.normal())
+            values[name] = float(np.float32(rng.normal()))
         else:
             values[name] = int(rng.integers(0, 100))
     return store.types[kind](**values)
@@ -290,7 +290,7 @@ def test_a_satellite_count_has_no_stamp_and_255_is_unknown(tmp_path):
 
 def test_a_type_that_nobody_describes_is_counted(tmp_path, mcap_bag, monkeypatch):
     monkeypatch.delitem(LAYOUTS, MAG)
-    monkeypatch.setattr("nav_pose_estimator.offline.bags.cdr._typestore", _no_description)
+    monkeypatch.setattr("nav_pose_estimator.offline.bags.decoder._typestore", _no_description)
     with BagReader(mcap_bag) as reader:
         list(reader.samples())
         assert reader.counters["bag.unknown_type"] == 40

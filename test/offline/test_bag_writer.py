@@ -1,14 +1,16 @@
 """Bags come back as they were written, in both storages; nothing that is not a bag is ever removed."""
 
+import sqlite3
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rosbags.interfaces import QosDurability
-from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import Reader, StoragePlugin
 
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline.bags.cdr_packing import pack, serialize, typestore
+from nav_pose_estimator.offline.bags import writer
+from nav_pose_estimator.offline.bags.cdr_packing import pack, typestore
 from nav_pose_estimator.offline.bags.writer import MCAP, SMALL, SQLITE3, Messages, write_bag
 
 COUNT = 20_000
@@ -24,7 +26,8 @@ def topics(count: int = COUNT) -> list[Messages]:
     header = typestore().types["std_msgs/msg/Header"](
         stamp=typestore().types["builtin_interfaces/msg/Time"](sec=1, nanosec=2), frame_id=""
     )
-    diagnostics = [serialize("diagnostic_msgs/msg/DiagnosticArray", array(header=header, status=[]))] * 2
+    message = array(header=header, status=[])
+    diagnostics = [bytes(typestore().serialize_cdr(message, "diagnostic_msgs/msg/DiagnosticArray"))] * 2
     return [
         Messages("/imu", "sensor_msgs/msg/Imu", times, imu),
         Messages("/count", "std_msgs/msg/UInt32", times + 1_000_000, counts),
@@ -83,8 +86,8 @@ def test_what_is_not_a_bag_is_never_removed(tmp_path: Path) -> None:
     (tmp_path / "thesis" / "thesis.tex").write_text("years of work")
     (tmp_path / "file").write_text("a file")
     for path, text in (
-        (tmp_path / "thesis", "is not a bag"),
-        (tmp_path / "file", "is not a bag"),
+        (tmp_path / "thesis", "holds 'thesis.tex', which is not of an earlier bag"),
+        (tmp_path / "file", "is a file"),
         (tmp_path / "file" / "bag", "is a file"),
     ):
         with pytest.raises(UserError, match=text):
@@ -99,6 +102,25 @@ def test_a_failure_leaves_no_half_bag(tmp_path: Path) -> None:
     assert not (tmp_path / "bag").exists()
     with pytest.raises(UserError, match="no storage 'hdf5'"):
         write_bag(tmp_path / "bag", topics(10), storage="hdf5")
+
+
+FULL = {MCAP: OSError(28, "No space left on device"), SQLITE3: sqlite3.OperationalError("database or disk is full")}
+
+
+@pytest.mark.parametrize("storage", [MCAP, SQLITE3])
+@pytest.mark.parametrize("step", ["write_sorted", "close"])
+def test_a_full_disk_leaves_the_earlier_bag(tmp_path: Path, monkeypatch, storage: str, step: str) -> None:
+    write_bag(tmp_path / "bag", topics(10), storage)
+    before = {file.name: file.read_bytes() for file in (tmp_path / "bag").iterdir()}
+
+    def full(*_: object) -> None:
+        raise FULL[storage]
+
+    monkeypatch.setattr(writer._Writer.STORAGE_PLUGINS[StoragePlugin[storage.upper()]], step, full)
+    with pytest.raises(UserError, match=r"cannot be written: .*; nothing was changed"):
+        write_bag(tmp_path / "bag", topics(20), storage, force=True)
+    assert {file.name: file.read_bytes() for file in (tmp_path / "bag").iterdir()} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["bag"]
 
 
 def test_an_empty_bag(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from nav_pose_estimator.engine.outage.methods.registry import estimators
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import flatten
 from nav_pose_estimator.errors import UserError
@@ -75,15 +76,14 @@ REAL_START = 160.0  # s of the flight
 
 
 def test_every_method_that_is_there_is_one_that_the_estimator_knows() -> None:
-    """Methods that predict without a filter, and parameter overrides that the schema accepts."""
+    """Extrapolations, and values of ``learner.method`` that the schema accepts."""
     assert set(methods.available()) >= {"coast", "hold", "const_velocity", "velocity_prior", "drag", "anfis", "best"}
-    for name in set(methods.available()) - set(methods.PREDICTORS):
+    for name in estimators():
         changed = flatten(methods.apply(Parameters(), name))
-        assert changed["learner.enabled"] == (name != "coast")
-        assert name == "coast" or changed[methods.METHOD_PARAMETER] == name
+        assert changed["learner.enabled"]
+        assert changed[methods.METHOD_PARAMETER] == name
         same = flatten(Parameters())
-        different = {key for key in changed if changed[key] != same[key]}
-        assert different <= {"learner.enabled", methods.METHOD_PARAMETER}
+        assert {key for key in changed if changed[key] != same[key]} <= {methods.METHOD_PARAMETER}
 
 
 def test_a_replay_uses_what_the_package_recommends() -> None:
@@ -100,5 +100,11 @@ def test_names_are_checked_and_come_back_once() -> None:
     assert methods.check(["best", "hold", "best", "coast"]) == ["best", "hold", "coast"]
     with pytest.raises(UserError, match="there is"):
         methods.check(["coast", "magic"])
-    with pytest.raises(UserError, match="not available"):
-        methods.check(["hold"], allow_predictors=False)
+    with pytest.raises(UserError, match="only there in benchmark outage"):
+        methods.check(["hold"], allow_extrapolations=False)
+
+
+def test_extrapolations_go_on_from_coasting_which_is_flown_for_them() -> None:
+    assert methods.passes(["best", "hold", "const_velocity"]) == [("best", ()), ("coast", ("hold", "const_velocity"))]
+    assert methods.passes(["hold", "coast", "best"]) == [("coast", ("hold",)), ("best", ())]
+    assert methods.passes(["best"]) == [("best", ())]

@@ -18,7 +18,7 @@ from nav_pose_estimator.offline.flights import methods
 from nav_pose_estimator.offline.flights.outages import Outage
 from nav_pose_estimator.offline.flights.recording import load
 from nav_pose_estimator.offline.replay.replay import replay
-from nav_pose_estimator.ros.messages.imu_cdr import decode_imu
+from nav_pose_estimator.ros.messages import from_bytes
 
 COLUMNS = (
     "bag,method,length_s,start_s,end_error_m,rms_error_m,max_error_m,end_vertical_m,end_sigma_m,travelled_m,status,why"
@@ -190,4 +190,4 @@ def test_figures_and_messages_of_the_speed_benchmark():
     from nav_pose_estimator.engine.samples import ImuSample
 
     sample = ImuSample(10**18 + 123, (0.1, -0.2, 0.3), (1.0, 2.0, 9.8))
-    assert decode_imu(imu_bytes(sample)) == (sample,)
+    assert from_bytes.imu(imu_bytes(sample)) == (sample,)

@@ -14,10 +14,10 @@ from nav_pose_estimator.engine.solutions import Mode, NavBlock
 from nav_pose_estimator.offline.flights.flight_window import flight_window, outage_starts
 from nav_pose_estimator.offline.flights.outage_errors import NO_ESTIMATE, NO_REFERENCE, judge
 from nav_pose_estimator.offline.flights.outages import (
+    BadOutage,
     GnssLeak,
     GnssRemoval,
     Outage,
-    OutageError,
     OutageProof,
     check_separate,
     parse_outage,
@@ -48,7 +48,7 @@ def test_options_are_read():
     "text", ["", "90", "90:", ":30", "a:b", "90:30:10", "90:0", "90:-5", "-1:30", "nan:3", "9:inf"]
 )
 def test_senseless_outages_are_one_sentence(text):
-    with pytest.raises(OutageError) as caught:
+    with pytest.raises(BadOutage) as caught:
         parse_outage(text)
     assert "--outage" in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -56,13 +56,13 @@ def test_senseless_outages_are_one_sentence(text):
 
 @pytest.mark.parametrize("text", ["30:30", "20:30", "x", "0:1"])
 def test_a_period_must_leave_time_to_recover(text):
-    with pytest.raises(OutageError):
+    with pytest.raises(BadOutage):
         parse_outage_every(text)
 
 
 def test_overlapping_outages_are_refused_and_others_sorted():
     assert check_separate([Outage(50, 10), Outage(10, 10)]) == [Outage(10, 10), Outage(50, 10)]
-    with pytest.raises(OutageError, match="overlap"):
+    with pytest.raises(BadOutage, match="overlap"):
         check_separate([Outage(10, 10), Outage(19, 5)])
 
 

@@ -23,13 +23,14 @@ from nav_pose_estimator.offline.flights import latency, methods
 from nav_pose_estimator.offline.flights.outages import Outage
 from nav_pose_estimator.offline.flights.recording import Recording, load
 from nav_pose_estimator.offline.flights.tracks import TrackRecorder
+from nav_pose_estimator.offline.output_folder import MARK
 from nav_pose_estimator.offline.page import svg
 from nav_pose_estimator.offline.replay.replay import replay
 from nav_pose_estimator.offline.replay.report import mode_spans
 from small_bags import COUNT, EPOCH_NS, FIX, count, fix, write_bag
 
 SECONDS = 100.0
-FILES = {"summary.json", "trajectory.tum", "estimate.csv", "report.html", "solution"}
+FILES = {"summary.json", "trajectory.tum", "estimate.csv", "report.html", "solution", MARK}
 
 
 @pytest.fixture(scope="module")

@@ -16,9 +16,9 @@ from fake_learner import StillAir
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel
 from nav_pose_estimator.core.motion.epochs import ATTITUDE, BODY_VELOCITY, COLUMNS, PERIOD, TIME
 from nav_pose_estimator.core.numerics.rotation import quat_from_rotvec
-from nav_pose_estimator.engine.outage.learner import TrainingJob
+from nav_pose_estimator.engine.outage.methods.anfis import NetworkTraining
 from nav_pose_estimator.engine.samples import ImuSample
-from nav_pose_estimator.engine.solutions import Mode, NavSolution, OutageError
+from nav_pose_estimator.engine.solutions import Mode, NavSolution, PredictedDrift
 from nav_pose_estimator.nodes.anfis_node import AnfisNode
 from nav_pose_estimator.nodes.sins_node import SinsNode
 from nav_pose_estimator.ros.messages import convert
@@ -39,8 +39,12 @@ class Around:
         self.velocity, self.position = [], []
         node._output._velocity = SimpleNamespace(publish=lambda m: self.velocity.append(convert.velocity_error(m)[0]))
         node._output._position = SimpleNamespace(publish=lambda m: self.position.append(convert.vector(m.vector)))
-        feed = node.engine._collector.feed
-        node.engine._collector.feed = lambda s: self.seen.append(s) or feed(s)
+        watched = node.engine.watch.odometry
+        node.engine.watch.odometry = lambda s: self.note(watched(s))
+
+    def note(self, solution: NavSolution | None) -> NavSolution | None:
+        self.seen += [] if solution is None else [solution]
+        return solution
 
     def odometry(self, solution: NavSolution) -> None:
         message = Odometry()
@@ -118,7 +122,7 @@ def test_until_all_is_known_the_node_says_what_is_missing(around):
     level, sentence, facts = around.node.describe(status())
     assert level == 0
     assert sentence.startswith("ALIGNING: only ")
-    assert dict(facts)["not used because"] == around.engine.learner.reason
+    assert dict(facts)["not used because"] == around.engine.learner.state.reason
     assert dict(facts)["training"] == "-"
 
 
@@ -126,7 +130,7 @@ def test_in_an_outage_the_predicted_error_is_published_and_summed_up(around):
     """GIVEN a model of a vehicle at rest in still air WHEN GNSS is lost THEN all of the velocity is an error."""
     around.facts(denied=False)
     around.fly(5.0)
-    around.engine.learner.model = StillAir()
+    around.engine.learner.state.model = StillAir()
     assert around.velocity == []
     for begin in (5, 20):
         around.facts(denied=True)
@@ -157,10 +161,10 @@ def test_enough_flight_starts_a_training_in_another_process(around):
 def test_a_second_lap_resets_the_learner_once_and_keeps_the_model(around):
     around.facts(denied=False)
     around.fly(3.0)
-    around.engine.learner.model = model = StillAir()
+    around.engine.learner.state.model = model = StillAir()
     around.fly(1.0)
     assert around.node.logbook.counters["outage.reset"] == 1
-    assert around.engine.learner.model is model
+    assert around.engine.learner.state.model is model
     assert around.engine.watch.waiting_for == ""
 
 
@@ -171,7 +175,7 @@ def test_a_full_disk_keeps_the_last_good_model_and_the_node_in_the_air(started, 
     around.facts(denied=False)
     around.fly(5.0)
     keeper = around.node.keeper
-    around.engine.learner.model = trained_model()
+    around.engine.learner.state.model = trained_model()
     assert keeper.attempt(keeper.save) == (True, f"the model is in {file}")
     before = file.read_bytes()
 
@@ -199,7 +203,7 @@ def trained_model() -> AirVelocityModel:
     epochs = np.random.default_rng(0).normal(size=(120, COLUMNS))
     epochs[:, TIME] = np.arange(120) * PERIOD
     epochs[:, ATTITUDE:BODY_VELOCITY] = np.eye(3).ravel()
-    return TrainingJob(epochs, (1,)).run().model
+    return NetworkTraining(epochs, (1,)).run().model
 
 
 def test_odometry_without_covariance_is_refused_by_name(around):
@@ -213,8 +217,10 @@ def test_odometry_without_covariance_is_refused_by_name(around):
 
 
 # --- the navigator's side ------------------------------------------------------------------------------------------
-def error(stamp: int = STAMP, dv_n=(1.5, -0.25, 0.1)) -> OutageError:
-    return OutageError(stamp, dv_n, np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.16]]), (1.0, 2.0, 3.0))
+def error(stamp: int = STAMP, dv_n=(1.5, -0.25, 0.1)) -> PredictedDrift:
+    return PredictedDrift(
+        stamp, dv_n, np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.16]]), (1.0, 2.0, 3.0)
+    )
 
 
 def test_a_prediction_goes_through_its_message_unchanged():
@@ -245,7 +251,7 @@ def test_the_navigator_alone_listens_to_predictions_in_an_outage(started):
     counters = node.engine.status().counters
     assert counters["outage.evidence"] == counters["outage.evidence.network"] > 10
     aid = node.engine.outage_aid
-    assert aid.learner.model is None, "training is the work of anfis_node"
-    evidence, _ = aid._knowledge.evidence(sample.stamp_ns, np.array(aid._collector.recent), aid._external)
+    assert aid.learner.state.model is None, "training is the work of anfis_node"
+    (evidence,) = aid.guide.advise(sample.stamp_ns, aid._pilot.state.collector.recent, aid._external).samples
     C_nb, velocity = evidence.attitude, np.array(evidence.velocity)
     np.testing.assert_allclose(C_nb @ np.array(evidence.air_velocity), velocity - [0.1, 0.2, 0.0], atol=0.05)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from nav_pose_estimator.engine.samples import (
+    Airspeed,
     AttitudeSample,
     GnssFix,
     GnssVelocity,
@@ -114,7 +115,7 @@ def test_zero_is_unknown_and_minus_one_absent():
 
 
 # --- IMU -----------------------------------------------------------------------------------------------------------
-@given(stamps, st.tuples(numbers, numbers, numbers), st.tuples(numbers, numbers, numbers))
+@given(stamps, st.tuples(numbers, numbers, numbers), st.tuples(numbers, numbers, numbers).filter(any))
 def test_imu_keeps_stamp_and_values_exactly(stamp, gyro, accel):
     assert convert.imu(imu_message(stamp, gyro, accel)) == (ImuSample(stamp, gyro, accel),)
 
@@ -282,6 +283,62 @@ def test_pressure_and_its_variance(value, variance, flaw):
     sample, *events = convert.fluid_pressure(Message(header=header(), fluid_pressure=95_000.0, variance=value))
     assert (sample.pressure, sample.variance) == (95_000.0, variance)
     assert [event.name for event in events] == ([f"baro.covariance.{flaw}"] if flaw else [])
+
+
+# --- airspeed and range ----------------------------------------------------------------------------------------------
+
+
+def test_an_airspeed_has_its_unit_its_stamp_and_no_invented_deviation():
+    (told,) = convert.airspeed(Message(header=header(), twist=Message(linear=xyz(17.5, 1.0, 2.0))))
+    assert (told.stamp_ns, told.speed) == (convert.stamp_ns(Message(header=header())), 17.5)
+    assert math.isnan(told.sd)
+    (told,) = convert.airspeed_number(Message(data=17.5))
+    assert (told.stamp_ns, told.speed) == (None, 17.5)
+
+
+def test_a_differential_pressure_passes_with_its_sign():
+    message = Message(header=header(), fluid_pressure=-3.0, variance=0.0)
+    assert convert.differential_pressure(message)[0].pressure == -3.0
+
+
+@pytest.mark.parametrize(("speed", "is_there"), [(12.0, True), (0.0, False), (-1.0, False), (math.nan, False)])
+def test_px4_says_without_an_airspeed_that_it_has_none(speed, is_there):
+    (item,) = px4.airspeed(Message(timestamp=5, true_airspeed_m_s=speed))
+    assert isinstance(item, Airspeed) is is_there
+    assert item.stamp_ns == 5000
+    assert is_there or item.name == "airspeed.rejected.absent"
+
+
+def range_message(distance: float, lowest: float = 0.3, farthest: float = 40.0, variance: float = 0.0) -> Message:
+    return Message(
+        header=header(), field_of_view=0.2, min_range=lowest, max_range=farthest, range=distance, variance=variance
+    )
+
+
+@pytest.mark.parametrize(
+    ("distance", "lowest", "farthest"),
+    [
+        (0.2, 0.3, 40.0),
+        (41.0, 0.3, 40.0),
+        (math.inf, 0.3, 0.0),
+        (-math.inf, 0.0, 40.0),
+        (math.nan, 0.3, 40.0),
+        (-1.0, 0, 0),
+    ],
+)
+def test_a_range_outside_its_own_limits_is_none(distance, lowest, farthest):
+    """REP-117: -Inf too close, +Inf out of reach, NaN an error."""
+    (event,) = convert.range_to_ground(range_message(distance, lowest, farthest))
+    assert event.name == "range.rejected.outside"
+
+
+def test_a_range_within_its_limits_keeps_what_the_sensor_says():
+    (told,) = convert.range_to_ground(range_message(12.0, variance=0.04))
+    assert (told.distance, told.field_of_view, told.sd) == (12.0, 0.2, 0.2)
+    (told,) = convert.range_to_ground(range_message(12.0, 0.0, 0.0))  # limits that are not filled
+    assert math.isnan(told.sd)
+    told, event = convert.range_to_ground(range_message(12.0, variance=-2.0))
+    assert (event.name, told.distance) == ("range.covariance.negative", 12.0)
 
 
 def pose_message(frame="map", orientation=None, position=(1.0, 2.0, 3.0)) -> Message:

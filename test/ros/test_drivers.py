@@ -14,7 +14,7 @@ from driver_types import GPS_FIX, GPSRAW, NAV_PVT, SENSOR_COMBINED, SENSOR_GPS, 
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.parameters.schema import ParameterError
+from nav_pose_estimator.engine.parameters.schema import ParameterError, update
 from nav_pose_estimator.engine.samples import (
     GnssFix,
     GnssVelocity,
@@ -27,6 +27,7 @@ from nav_pose_estimator.engine.samples import (
 from nav_pose_estimator.engine.solutions import Event, Mode, NavSolution
 from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.ros import inputs
+from nav_pose_estimator.ros.messages import message_table
 from nav_pose_estimator.ros.messages.sample_messages import TOPICS, to_message
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import SCENARIOS, generate
@@ -171,7 +172,7 @@ def fly(
     parameters: Parameters, flight: Recording, drive: Drive
 ) -> tuple[PoseEstimator, list[NavSolution], list[Event]]:
     """The flight through the driver's messages and the adapters that the parameters choose."""
-    chosen = [inputs.imu_input(parameters.ros.input), *inputs.navigator_inputs(parameters)]
+    chosen = message_table.sources(parameters)
     adapters = {source.topic: source.adapter for source in chosen}
     engine, solutions, events = PoseEstimator(parameters), [], []
     for sample in flight.samples(blocks=False):
@@ -233,7 +234,7 @@ def test_fixes_stamped_in_the_past_are_refused_with_a_sentence_about_clocks(repo
 
 
 def test_a_gpsraw_gives_the_count_of_mavros_with_its_stamp():
-    source = next(s for s in inputs.gnss_inputs(Parameters().ros.input, "gpsraw") if s.topic == "gps/satellites")
+    source = message_table.SATELLITES.source(update(Parameters(), {"gnss.gate.satellite_source": "gpsraw"}))
     assert source.adapter(sent(make(GPSRAW, satellites_visible=11)))[0].count == 11
     assert source.adapter(sent(make(GPSRAW, satellites_visible=255)))[0].count is None
 
@@ -254,7 +255,7 @@ def angle_between(a: np.ndarray, b: np.ndarray) -> float:
 
 def test_mavros_gives_no_vertical_velocity_and_unknown_counts(repository):
     parameters = load_parameters(repository / "config" / "driver_mavros.yaml")
-    adapters = {source.topic: source.adapter for source in inputs.navigator_inputs(parameters)}
+    adapters = {source.topic: source.adapter for source in message_table.sources(parameters)}
     ((topic, message),) = mavros(GnssVelocity(1, (3.0, 4.0, 5.0)))
     (velocity,) = adapters[topic](message)
     assert velocity.vel_enu[:2] == (3.0, 4.0)
@@ -279,10 +280,10 @@ def test_a_missing_message_package_is_named_with_its_cure(repository, name, pack
     except ImportError:
         pass
     parameters = load_parameters(repository / "config" / f"driver_{name}.yaml")
-    chosen = [inputs.imu_input(parameters.ros.input), *inputs.navigator_inputs(parameters)]
+    chosen = message_table.sources(parameters)
     source = next(item for item in chosen if item.topic == topic)
     with pytest.raises(ParameterError, match=f"{package} is not installed here; install ros-jazzy-"):
-        source.message_class()
+        inputs.message_class(source)
 
 
 def test_magnetometer_and_barometer_pass_as_they_are(repository):

@@ -27,9 +27,9 @@ from nav_pose_estimator.engine.samples import (
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Mode, NavSolution, Status
 from nav_pose_estimator.ros import wording
 from nav_pose_estimator.ros.logbook import Logbook
-from nav_pose_estimator.ros.messages import convert, satellites
+from nav_pose_estimator.ros.messages import convert, from_bytes, satellites
 from nav_pose_estimator.ros.messages import outgoing as messages
-from nav_pose_estimator.ros.messages.imu_cdr import decode_imu, peek_stamp_ns
+from nav_pose_estimator.ros.messages.cdr import CdrError, peek_stamp_ns
 from nav_pose_estimator.ros.messages.sample_messages import to_message
 
 STAMP = 1_700_000_000_123_456_789
@@ -45,22 +45,31 @@ def test_raw_imu_equals_the_whole_message(frame, values):
     message = to_message(ImuSample(STAMP, tuple(values[:3]), tuple(values[3:])))
     message.header.frame_id = frame
     data = serialize_message(message)
-    assert decode_imu(data) == convert.imu(message)
+    assert from_bytes.imu(data) == convert.imu(message)
     assert peek_stamp_ns(data) == STAMP
 
 
 def test_raw_imu_says_when_a_half_is_absent():
-    message = to_message(ImuSample(STAMP, (0.0,) * 3, (0.0,) * 3))
+    message = to_message(ImuSample(STAMP, (0.0,) * 3, (0.0, 0.0, 9.8)))
     message.linear_acceleration_covariance[0] = -1.0
-    assert decode_imu(serialize_message(message))[0].name == "imu.rejected.absent"
+    assert from_bytes.imu(serialize_message(message))[0].name == "imu.rejected.absent"
+
+
+def test_a_specific_force_of_exactly_zero_is_half_an_imu():
+    message = to_message(ImuSample(STAMP, (0.1, 0.2, 0.3), (0.0,) * 3))
+    (event,) = from_bytes.imu(serialize_message(message))
+    assert event.name == "imu.rejected.absent"
+    assert "half an IMU is no IMU" in event.text
+    assert convert.imu(message) == (event,)
 
 
 @pytest.mark.parametrize(
-    "spoil", [lambda d: d[:-40], lambda d: b"\x00\x00" + d[2:], lambda d: d + bytes(16), lambda d: b""]
+    "spoil", [lambda d: d[:-40], lambda d: b"\x00\x00" + d[2:], lambda d: b"\x00\x07" + d[2:], lambda d: b""]
 )
-def test_an_odd_layout_is_left_to_the_middleware(spoil):
-    data = serialize_message(to_message(ImuSample(STAMP, (0.0,) * 3, (0.0,) * 3)))
-    assert decode_imu(spoil(data)) is None
+def test_damaged_bytes_are_one_kind_of_error(spoil):
+    data = serialize_message(to_message(ImuSample(STAMP, (0.0,) * 3, (0.0, 0.0, 9.8))))
+    with pytest.raises(CdrError):
+        from_bytes.imu(spoil(data))
 
 
 # --- samples out and in --------------------------------------------------------------------------------------------

@@ -69,7 +69,6 @@ def test_a_failed_training_is_told_and_changes_nothing(make):
 def test_a_training_can_be_asked_for_once_at_a_time(make):
     desk = make()
     assert desk.call("train") == (False, "there is nothing to train on yet: nothing has been learned yet")
-    desk.pupil.learner.memory.epochs = np.zeros((200, 25))
     desk.pupil.learner.next_job = Job(1, "hangs")
     assert desk.call("train")[0]
     assert desk.call("train") == (False, "a training is running")

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from nav_pose_estimator.core.attitude import layout as attitude_layout
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
-from nav_pose_estimator.engine.samples import GnssFix, ImuSample, MagSample, Sample
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuSample, MagSample, Sample
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Mode, NavSolution
 from nav_pose_estimator.nodes.attitude_node import AttitudeNode
 from nav_pose_estimator.nodes.pose_estimator import PoseEstimatorNode
@@ -38,6 +38,7 @@ class Played:
         self.node = node
         self.solutions: list = []
         self.callbacks = {s.topic_name: s.callback for s in node.subscriptions}
+        self.services = {s.srv_name.rpartition("/")[2]: s.callback for s in node.services}
         publish = node.publish
         node.publish = lambda solution: (self.solutions.append(solution), publish(solution))
 
@@ -99,7 +100,7 @@ def test_online_equals_offline_with_a_declination_from_the_model(started, flight
     engine = PoseEstimator(update(Parameters(), {"aids.declination_from_model": True}))
     offline = [o for s in as_messages_see_them(samples) for o in engine.feed(s) if not isinstance(o, Event)]
     online = node.play(samples)
-    assert math.degrees(node.node.engine.sins.declination) == pytest.approx(3.3, abs=0.2)
+    assert math.degrees(node.node.engine.sins.run.parameters.aids.declination) == pytest.approx(3.3, abs=0.2)
     assert navigation(online)
     assert numbers(online) == numbers(offline)
 
@@ -130,7 +131,7 @@ def test_an_outage_drill_through_the_service(estimator, flight):
     half = len(samples) // 2
     estimator.play(samples[:half])
     assert estimator.node.engine.mode is Mode.AIDED
-    answer = estimator.node._on_use_gnss(SetBool.Request(data=False), SetBool.Response())
+    answer = estimator.services["use_gnss"](SetBool.Request(data=False), SetBool.Response())
     assert answer.success
     estimator.play(samples[half:])
     assert estimator.node.engine.mode is Mode.DEAD_RECKONING
@@ -140,9 +141,61 @@ def test_an_outage_drill_through_the_service(estimator, flight):
 def test_reset_through_the_service_aligns_again(estimator, flight):
     samples = list(flight.samples(blocks=False))
     estimator.play(samples[:2500])
-    answer = estimator.node._on_reset(Trigger.Request(), Trigger.Response())
+    answer = estimator.services["reset"](Trigger.Request(), Trigger.Response())
     assert answer.success
     assert estimator.node.engine.mode is Mode.WAITING_IMU
+
+
+def lost_and_found(flight: Recording, start: float, end: float, east: float) -> Iterable[Sample]:
+    """The flight without GNSS from ``start`` to ``end`` [s]; afterwards its fixes lie ``east`` [m] off."""
+    zero = int(flight.imu.stamps_ns[0])
+    for sample in flight.samples(blocks=False):
+        is_gnss = isinstance(sample, (GnssFix, GnssVelocity))
+        t = (sample.stamp_ns - zero) * 1e-9 if is_gnss else 0.0
+        if start <= t < end:
+            continue
+        if isinstance(sample, GnssFix) and t >= end:
+            sample = replace(sample, lon=sample.lon + east / (6.38e6 * math.cos(sample.lat)))
+        yield sample
+
+
+@pytest.fixture
+def held(started, flight) -> Played:
+    """A node with policy hold whose GNSS has come back 400 m off; what is left of the flight is in ``rest``."""
+    option = "gnss.reacquisition.policy:=hold", "gnss.reacquisition.implausible_time:=4.0"
+    node = Played(started(PoseEstimatorNode, *(a for o in option for a in ("-p", o))))
+    samples = list(lost_and_found(flight, 10.0, 14.0, 400.0))
+    while samples and not node.count("gnss.held"):
+        node.play([samples.pop(0)])
+    node.rest = samples
+    return node
+
+
+def test_a_return_that_is_held_is_taken_when_the_operator_accepts(held):
+    """GIVEN policy hold and GNSS back 400 m off WHEN the operator accepts THEN the next fix moves the position."""
+    assert held.node.engine.mode is Mode.REACQUIRING
+    before = navigation(held.solutions)[-1]
+    answer = held.services["accept_return"](Trigger.Request(), Trigger.Response())
+    assert answer.success
+    assert "accepted" in answer.message
+    held.play(held.rest)
+    after = navigation(held.solutions)[-1]
+    assert after.mode is Mode.AIDED
+    assert abs(after.lon - before.lon) * 6.38e6 * math.cos(after.lat) > 300.0
+    again = held.services["accept_return"](Trigger.Request(), Trigger.Response())
+    assert not again.success
+    assert "no return" in again.message
+
+
+def test_a_return_that_is_held_stays_out_when_the_operator_refuses(held):
+    """GIVEN policy hold and GNSS back 400 m off WHEN the operator refuses THEN it is held anew, and never taken."""
+    answer = held.services["refuse_return"](Trigger.Request(), Trigger.Response())
+    assert answer.success
+    before = held.count("gnss.held")
+    held.play(held.rest)
+    assert held.count("gnss.held") > before
+    assert held.count("gnss.return.refused") == 1
+    assert navigation(held.solutions)[-1].mode is not Mode.AIDED
 
 
 # --- bad input -----------------------------------------------------------------------------------------------------

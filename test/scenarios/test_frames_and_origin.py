@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import small_bags
-from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu_point
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, MagSample
-from nav_pose_estimator.engine.sensors.imu import rotation_from_rpy
 from nav_pose_estimator.engine.solutions import AttitudeBlock, Event
 from nav_pose_estimator.engine.world_frame import attitude_in
 from nav_pose_estimator.ros.messages import convert
@@ -154,7 +154,7 @@ def test_pain_15_the_origin_waits_for_good_fixes(changes: dict) -> None:
     recording = flight(duration=60.0)
     told = tell(recording, samples=spoiled_start(8.0, **changes))
     assert told.estimator.origin is not None
-    start = lla_to_enu_point(*told.estimator.origin, *recording.origin)
+    start = lla_to_enu(*told.estimator.origin, *recording.origin)
     assert np.hypot(*start[:2]) < 5.0
     assert told.t[0] > 7.5  # waited
     assert told.off.max() < 8.0

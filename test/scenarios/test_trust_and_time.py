@@ -42,7 +42,7 @@ def test_pain_11_a_late_fix_acts_at_its_own_time(delay: float) -> None:
     THEN the state at the end is that of the same fixes on time."""
     late = (Delay(GnssFix, 20.0, 90.0, delay), Delay(GnssVelocity, 20.0, 90.0, delay))
     punctual, delayed = tell(flight()), tell(flight(), *late)
-    a, b = punctual.estimator.sins.nominal_state(), delayed.estimator.sins.nominal_state()
+    a, b = punctual.estimator.sins.run.settled.nav.copy(), delayed.estimator.sins.run.settled.nav.copy()
     np.testing.assert_allclose(b, a, rtol=0.0, atol=1e-9)
     assert delayed.modes[-1] is Mode.AIDED
     assert delayed.count("gnss_position.rejected.late") == 0

@@ -11,13 +11,12 @@ from nav_pose_estimator.core.numerics.rotation import (
     quat_conjugate_many,
     quat_multiply_many,
     quat_rotate_many,
-    quat_to_matrix_many,
-    rotvec_from_quat_many,
 )
 from nav_pose_estimator.sim import trajectories
 from nav_pose_estimator.sim.trajectories import Origin, Truth, sample_times, truth_of_motion
 from nav_pose_estimator.sim.vehicles import motions
 from nav_pose_estimator.sim.vehicles.motions import HarmonicMotion, Harmonics
+from rotations import rotation_matrices, rotation_vectors
 
 HOME = Origin(np.radians(47.0), np.radians(8.0), 500.0)
 MOTIONS = {
@@ -39,7 +38,7 @@ def inertial(truth: Truth) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     gravity_e = -gravity_many(truth.lat, truth.alt)[:, None] * C_en[:, :, 2]
     gravitation_e = gravity_e - OMEGA**2 * r_e * [1.0, 1.0, 0.0]  # without the centrifugal part
     rotate = lambda v: np.einsum("nij,nj->ni", C_ie, v)  # noqa: E731
-    return rotate(r_e), rotate(gravitation_e), C_ie @ C_en @ quat_to_matrix_many(truth.q_nb)
+    return rotate(r_e), rotate(gravitation_e), C_ie @ C_en @ rotation_matrices(truth.q_nb)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +63,7 @@ def test_gyroscope_agrees_with_the_turn_in_inertial_space(name: str) -> None:
     spin = np.zeros((len(truth), 4))
     spin[:, 0], spin[:, 3] = np.cos(0.5 * OMEGA * truth.t), np.sin(0.5 * OMEGA * truth.t)
     q_ib = quat_multiply_many(spin, quat_multiply_many(trajectories._q_en(truth.lat, truth.lon), truth.q_nb))
-    turn = rotvec_from_quat_many(quat_multiply_many(quat_conjugate_many(q_ib[:-1]), q_ib[1:]))
+    turn = rotation_vectors(quat_multiply_many(quat_conjugate_many(q_ib[:-1]), q_ib[1:]))
     # The rotation vector is the integral of the rate plus coning, which two successive means give to third order.
     coning = truth.dt**2 / 12.0 * np.cross(truth.gyro[:-1], truth.gyro[1:])
     np.testing.assert_allclose(truth.gyro[1:] * truth.dt + coning, turn, atol=1e-8)
@@ -154,7 +153,7 @@ def test_truth_between_its_rows() -> None:
     between = truth.at(truth.t[:-1] + 0.005)
     finer = truth_of_motion(motions.figure_eight(), sample_times(45.0, 200.0), HOME)
     # The yaw runs through +-pi: there the quaternion changes its sign, and the interpolation must not notice.
-    turn = rotvec_from_quat_many(quat_multiply_many(quat_conjugate_many(between.q_nb), finer.q_nb[1:-1:2]))
+    turn = rotation_vectors(quat_multiply_many(quat_conjugate_many(between.q_nb), finer.q_nb[1:-1:2]))
     assert np.linalg.norm(turn, axis=1).max() < 1e-4
 
 

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import troubleshooting_docs
+from nav_pose_estimator.engine.outage.methods.registry import all_methods, estimators
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.parameters.schema import Spec
+from nav_pose_estimator.engine.parameters.schema import Spec, spec_of
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 YAML_FILE = Path("config/nav_pose_estimator.yaml")
@@ -35,6 +36,14 @@ Written by `make docs` from `nav_pose_estimator/engine/parameters`. The same nam
 `-p NAME:=VALUE` on the command line, and in `replay --config FILE`. *Live* parameters can be set while a node runs; the
 others are read-only then. A name that does not exist, a wrong type and a value out of range end in one clear sentence.
 """
+_METHODS_HEAD = """
+## Methods
+
+Ways through an outage: values of `learner.method` and of `replay --method`, names for `benchmark outage --methods`.
+
+| method | goes by | where | classical |
+|---|---|---|---|
+"""
 
 
 def yaml_text() -> str:
@@ -43,8 +52,8 @@ def yaml_text() -> str:
 
 
 def page_text() -> str:
-    """The documentation page: one table per group."""
-    return _PAGE_HEAD + "".join(_page_groups(Parameters(), ""))
+    """The documentation page: one table per group, and the methods through an outage."""
+    return _PAGE_HEAD + "".join(_page_groups(Parameters(), "")) + _METHODS_HEAD + "".join(_page_methods())
 
 
 def _yaml_group(group: Any, indent: int) -> Iterator[str]:
@@ -55,7 +64,7 @@ def _yaml_group(group: Any, indent: int) -> Iterator[str]:
             yield f"\n{_comment(_summary(value), margin)}{margin}{item.name}:\n"
             yield from _yaml_group(value, indent + 2)
         else:
-            spec = Spec(key=item.name, default=value, **item.metadata)
+            spec = spec_of(item, item.name, value)
             yield f"{_comment('. '.join(_facts(spec)), margin)}{margin}{item.name}: {_yaml_value(value)}\n"
 
 
@@ -84,13 +93,19 @@ def _page_groups(group: Any, prefix: str) -> Iterator[str]:
         yield f"\n## {prefix.rstrip('.')}\n\n{_summary(group)}\n\n"
         yield "| parameter | default | unit | range | live | meaning |\n|---|---|---|---|---|---|\n"
     for item in specs:
-        spec = Spec(key=item.name, default=getattr(group, item.name), **item.metadata)
+        spec = spec_of(item, item.name, getattr(group, item.name))
         cells = [f"`{prefix}{spec.key}`", f"`{_yaml_value(spec.default)}`", spec.unit, _bounds(spec)]
         cells += ["yes" if spec.mutable else "", spec.description]
         yield "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n"
     for item in fields(group):
         if is_dataclass(getattr(group, item.name)):
             yield from _page_groups(getattr(group, item.name), f"{prefix}{item.name}.")
+
+
+def _page_methods() -> Iterator[str]:
+    for method in all_methods():
+        where = "everywhere" if method.name in estimators() else "`benchmark outage`"
+        yield f"| `{method.name}` | {method.summary} | {where} | {'yes' if method.is_classical else ''} |\n"
 
 
 def _summary(group: Any) -> str:

@@ -31,7 +31,7 @@ from nav_pose_estimator.core.alignment.levelling import (
     turned,
 )
 from nav_pose_estimator.core.alignment.rest import RestDetector, RestSettings
-from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, KnownBiases
+from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, Fix, KnownBiases, RestLevel
 from nav_pose_estimator.core.earth.ellipsoid import earth_rate_n
 from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.layout import (
@@ -74,27 +74,28 @@ _LOST_NIS = 12.0  # mean NIS per degree of freedom above which the bank has gone
 _LOST_UPDATES = 25
 
 
-@dataclass(frozen=True, slots=True)
-class _Fix:
-    t: float
-    position: tuple[float, float, float]
-    velocity: Array | None
-    position_sd: Array
-    velocity_sd: Array
-
-
-@dataclass(frozen=True, slots=True)
-class _Level:
-    """What a rest has taught: attitude at heading zero and mean rate, with their covariance (15, 15)."""
-
-    t: float
-    q: Array
-    rate: Array
-    P: Array
-
-
+@dataclass(init=False, eq=False, slots=True)
 class Aligner:
     """Feed it samples in order of arrival until ``result`` is there. Times are seconds since the engine's epoch."""
+
+    settings: AlignmentSettings
+    restarts: int
+    """How often a bank of hypotheses that had gone astray was started anew."""
+    _constants: Array
+    _lever: Array
+    _biases: KnownBiases
+    _rest: RestDetector
+    _rows: list[tuple[float, ...]]
+    _fixes: deque[Fix]
+    _compass: Compass
+    _outside: OutsideLevels
+    _now: float
+    _last_fix: Fix | None
+    _level: RestLevel | None
+    _bank: HeadingHypotheses | None
+    _bank_start: float
+    _from_rest: bool
+    _done: Alignment | None
 
     def __init__(self, settings: AlignmentSettings) -> None:
         s = self.settings = settings
@@ -121,19 +122,16 @@ class Aligner:
     def reset(self) -> None:
         """Forget everything."""
         self._rest.reset()
-        self._rows: list[tuple[float, ...]] = []
-        self._fixes: deque[_Fix] = deque()
+        self._rows = []
+        self._fixes = deque()
         self._compass = Compass(self.settings.declination)
         self._outside = OutsideLevels()
         self._now = -math.inf
-        self._last_fix: _Fix | None = None
-        self._level: _Level | None = None
-        self._bank: HeadingHypotheses | None = None
+        self._last_fix = self._level = self._bank = None
         self._bank_start = 0.0
         self._from_rest = False
-        self._done: Alignment | None = None
+        self._done = None
         self.restarts = 0
-        """How often a bank of hypotheses that had gone astray was started anew."""
 
     # --- samples -----------------------------------------------------------------------------------------------------
 
@@ -171,7 +169,7 @@ class Aligner:
             return
         period = 1.0 if self._last_fix is None else min(t_valid - self._last_fix.t, 1.0)
         velocity, velocity_sd = _velocity(vel_enu, vel_sd, period)
-        fix = _Fix(t_valid, (lat, lon, alt), velocity, pos_sd * np.array([1.0, 1.0, 1.7]), velocity_sd)
+        fix = Fix(t_valid, (lat, lon, alt), velocity, pos_sd * np.array([1.0, 1.0, 1.7]), velocity_sd)
         self._last_fix = fix
         if t_valid <= self._now:
             self._take(fix)
@@ -243,7 +241,7 @@ class Aligner:
         q = level_attitude(self._rest.mean_force)
         rate_sd = float(max(self._rest.rate_sd)) * 0.2
         P = level_covariance(q, rate_sd, _RESIDUAL_RATE_SD, s.accel_bias_sd, s.static_window)
-        self._level = _Level(self._now, q, self._rest.mean_rate, P)
+        self._level = RestLevel(self._now, q, self._rest.mean_rate, P)
         yaw = self._magnetic_yaw(q)
         if yaw is None:
             self._done = None
@@ -254,7 +252,7 @@ class Aligner:
         P[PHI + 2, PHI + 2] = s.mag_heading_sd**2
         self._finish(self._now, nav, P, "at rest, magnetic heading", has_position=known)
 
-    def _start_from_level(self, level: _Level, yaw: float, fix: _Fix | None) -> tuple[Array, Array]:
+    def _start_from_level(self, level: RestLevel, yaw: float, fix: Fix | None) -> tuple[Array, Array]:
         """State and covariance at the time of ``level`` for a given yaw."""
         nav, P = np.zeros(NAV_SIZE), level.P.copy()
         nav[QUAT : QUAT + 4] = turned(level.q, yaw)
@@ -271,7 +269,7 @@ class Aligner:
 
     # --- motion ------------------------------------------------------------------------------------------------------
 
-    def _take(self, fix: _Fix) -> None:
+    def _take(self, fix: Fix) -> None:
         """Let a fix act at its time, which the IMU has reached."""
         if self._is_resting() or self.is_complete:
             return
@@ -293,7 +291,7 @@ class Aligner:
             self.restarts += 1
             self._bank = self._level = None
 
-    def _start_bank(self, fix: _Fix) -> HeadingHypotheses | None:
+    def _start_bank(self, fix: Fix) -> HeadingHypotheses | None:
         """Hypotheses from the last rest, else from a level in motion; None if not yet possible."""
         s, level = self.settings, self._level
         if level is not None and self._now - level.t < _LEVEL_AGE:
@@ -313,7 +311,7 @@ class Aligner:
         self._bank_start = fix.t
         return HeadingHypotheses(nav, P, s.hypotheses, self._constants, self._lever, self._prior(q))
 
-    def _start_in_motion(self, rows: Array, fix: _Fix) -> tuple[Array, Array, Array]:
+    def _start_in_motion(self, rows: Array, fix: Fix) -> tuple[Array, Array, Array]:
         s, biases = self.settings, self._biases
         nav, P = np.zeros(NAV_SIZE), np.zeros((BASE_STATES, BASE_STATES))
         q, tilt_sd = self._outside.near(fix.t, s.tilt_sd) or (level_in_motion(rows), s.tilt_sd)
@@ -347,7 +345,7 @@ class Aligner:
     def _finish(self, t: float, nav: Array, P: Array, method: str, has_position: bool = True) -> None:
         self._done = Alignment(float(t), nav, 0.5 * (P + P.T), method, bool(has_position))
 
-    def _place(self, nav: Array, P: Array, fix: _Fix | None) -> None:
+    def _place(self, nav: Array, P: Array, fix: Fix | None) -> None:
         """Position and velocity from a fix; without one position is unknown and velocity about zero."""
         position_sd, velocity_sd = np.full(3, 1e3), np.full(3, 0.5)
         if fix is not None:

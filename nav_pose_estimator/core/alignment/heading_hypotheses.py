@@ -9,37 +9,26 @@ navigator itself, so tilt, biases and their correlations come with the heading, 
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nav_pose_estimator.core.earth.ellipsoid import radii
-from nav_pose_estimator.core.filter.kalman import correct, inject
+from nav_pose_estimator.core.filter.error_state import error_between, inject
+from nav_pose_estimator.core.filter.kalman import correct
 from nav_pose_estimator.core.filter.layout import (
-    ACCEL_BIAS,
-    ALT,
     BASE_STATES,
-    D_ACCEL_BIAS,
-    D_GYRO_BIAS,
-    DPOS,
-    DVEL,
-    GYRO_BIAS,
-    LAT,
-    LON,
     PHI,
     QUAT,
     TIME,
-    VEL,
 )
 from nav_pose_estimator.core.filter.measurements import gnss_position, gnss_velocity
 from nav_pose_estimator.core.filter.strapdown import flush_covariance, propagate
 from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.core.numerics.rotation import (
     euler_from_quat,
-    quat_conjugate,
     quat_from_rotvec,
     quat_multiply,
-    rotvec_from_quat,
     wrap_angle,
 )
 
@@ -72,10 +61,10 @@ def fuse_bank(navs, Ps, constants, position, R_position, velocity, R_velocity, l
         if R_velocity[0, 0] < math.inf:
             z, H = gnss_velocity(nav, states, velocity, lever)
             scores[k, 1] += _log_det(P, H, R_velocity)
-            scores[k, 0] += correct(nav, P, z, H, R_velocity)
+            scores[k, 0] += correct(nav, P, constants, z, H, R_velocity)
         z, H = gnss_position(nav, states, position[0], position[1], position[2], lever)
         scores[k, 1] += _log_det(P, H, R_position)
-        scores[k, 0] += correct(nav, P, z, H, R_position)
+        scores[k, 0] += correct(nav, P, constants, z, H, R_position)
 
 
 @kernel
@@ -98,8 +87,19 @@ def _log_det(P, H, R):
     return math.log(max(det, 1e-300))
 
 
+@dataclass(init=False, eq=False, slots=True)
 class HeadingHypotheses:
     """The bank. All hypotheses share one time; ``merged`` is their mixture as one state."""
+
+    headings0: list[float]
+    navs: Array
+    Ps: Array
+    updates: int
+    _constants: Array
+    _lever: Array
+    _cost: Array
+    _nis: Array  # running mean per degree of freedom
+    _scores: Array
 
     def __init__(
         self, nav: Array, P: Array, count: int, constants: Array, lever: Array, log_prior: Array | None = None
@@ -120,7 +120,7 @@ class HeadingHypotheses:
         self._constants = constants
         self._lever = lever
         self._cost = np.zeros(count) if log_prior is None else -2.0 * log_prior
-        self._nis = np.ones(count)  # running mean per degree of freedom
+        self._nis = np.ones(count)
         self._scores = np.zeros((count, 2))
 
     @property
@@ -184,10 +184,10 @@ class HeadingHypotheses:
         """The mixture's mean around the best hypothesis and its covariance, spread included: (nav, P)."""
         weights = self.weights
         best = int(np.argmax(weights))
-        errors = np.array([_difference(self.navs[best], nav) for nav in self.navs])
+        errors = np.array([error_between(nav, self.navs[best], self._constants) for nav in self.navs])
         mean = weights @ errors
         nav = self.navs[best].copy()
-        inject(nav, mean)
+        inject(nav, self._constants, mean)
         deviations = errors - mean
         P = np.einsum("k,kij->ij", weights, self.Ps) + np.einsum("k,ki,kj->ij", weights, deviations, deviations)
         return nav, 0.5 * (P + P.T) * max(self.nis, 1.0)
@@ -201,18 +201,3 @@ def _turn(nav: Array, P: Array, angle: float) -> None:
     C = np.eye(BASE_STATES)
     C[PHI : PHI + 2, PHI : PHI + 2] = [[c, -s], [s, c]]
     P[:] = C @ P @ C.T
-
-
-def _difference(base: Array, nav: Array) -> Array:
-    """Error state (15,) that takes ``base`` to ``nav`` when injected with the opposite sign: base minus nav."""
-    error = np.zeros(BASE_STATES)
-    r_m, r_n = radii(base[LAT])
-    # C_base = (I - [phi x]) C_nav
-    error[PHI : PHI + 3] = -rotvec_from_quat(quat_multiply(base[QUAT : QUAT + 4], quat_conjugate(nav[QUAT : QUAT + 4])))
-    error[DVEL : DVEL + 3] = base[VEL : VEL + 3] - nav[VEL : VEL + 3]
-    error[DPOS] = wrap_angle(base[LON] - nav[LON]) * (r_n + base[ALT]) * math.cos(base[LAT])
-    error[DPOS + 1] = (base[LAT] - nav[LAT]) * (r_m + base[ALT])
-    error[DPOS + 2] = base[ALT] - nav[ALT]
-    error[D_GYRO_BIAS : D_GYRO_BIAS + 3] = nav[GYRO_BIAS : GYRO_BIAS + 3] - base[GYRO_BIAS : GYRO_BIAS + 3]
-    error[D_ACCEL_BIAS : D_ACCEL_BIAS + 3] = nav[ACCEL_BIAS : ACCEL_BIAS + 3] - base[ACCEL_BIAS : ACCEL_BIAS + 3]
-    return error

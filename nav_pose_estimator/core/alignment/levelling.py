@@ -7,6 +7,7 @@ Sources: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Naviga
 import math
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,11 +83,14 @@ def level_in_motion(rows: Array) -> Array:
     return level_attitude(total)
 
 
+@dataclass(init=False, eq=False, slots=True)
 class OutsideLevels:
     """Tilts that another estimator gives, kept for as long as a fix may be late."""
 
+    _levels: deque[tuple[float, Array, float]]
+
     def __init__(self) -> None:
-        self._levels: deque[tuple[float, Array, float]] = deque()
+        self._levels = deque()
 
     def add(self, t: float, q_nb: Vector, tilt_sd: float) -> None:
         """An attitude (4,) at ``t`` [s] whose tilt is good to ``tilt_sd`` [rad]; not unit or not finite: left out."""
@@ -143,14 +147,19 @@ def dipole_dip(lat: float, lon: float) -> float:
     return math.atan2(2.0 * sine, math.sqrt(max(1.0 - sine * sine, 0.0)))
 
 
+@dataclass(init=False, eq=False, slots=True)
 class Compass:
     """The mean field of the last second, and whether it can be believed."""
 
+    declination: float
+    doubt: str
+    """Why the last ``yaw`` was None, one clause."""
+    _fields: deque[tuple[float, Vector]]
+
     def __init__(self, declination: float) -> None:
         self.declination = declination
-        self._fields: deque[tuple[float, Vector]] = deque()
+        self._fields = deque()
         self.doubt = "no magnetometer"
-        """Why the last ``yaw`` was None, one clause."""
 
     def add(self, t: float, field: Vector) -> None:
         """One field (3,) [T] in b at ``t`` [s]; a field with a missing axis is left out."""

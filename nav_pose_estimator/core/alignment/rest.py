@@ -8,7 +8,8 @@ All memory is one float64 vector: a snapshot is one copy.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,15 +46,19 @@ class RestSettings:
     gravity: float = 9.80665  # m/s^2
 
 
+@dataclass(init=False, eq=False, slots=True)
 class RestDetector:
     """Says whether the last ``window`` seconds were at rest, and their mean rate and force."""
 
+    settings: RestSettings
+    state: NDArray[np.float64]
+    at_rest: bool
+    full: bool  # whether a whole window has been seen
+    _statistics: NDArray[np.float64]
+
     def __init__(self, settings: RestSettings) -> None:
         self.settings = settings
-        self.state: NDArray[np.float64] = np.empty(_STATE)
-        self._statistics: NDArray[np.float64] = np.empty(_RESULT)
-        self.at_rest = False
-        self.full = False  # whether a whole window has been seen
+        self.state, self._statistics = np.empty(_STATE), np.empty(_RESULT)
         self.reset()
 
     def reset(self) -> None:
@@ -164,6 +169,7 @@ def summarise(state, out):
     return True
 
 
+@dataclass(eq=False)
 class Stillness:
     """Proof that nothing moves: three seconds in a row without a trace of vibration or swaying.
 
@@ -173,17 +179,13 @@ class Stillness:
     whoever asks must know the speed, and the gyroscope's bias.
     """
 
-    PERIOD = _SECOND  # s of IMU that ``add`` is given
+    PERIOD: ClassVar[float] = _SECOND
+    """s of IMU that ``add`` is given."""
 
-    def __init__(self) -> None:
-        self._tenths = np.zeros((_PROOF * _PARTS, _AXES))  # means over tenths of a second, the newest last
-        self._calm = 0  # seconds in a row that were calm
-
-    def copy(self) -> "Stillness":
-        """An independent copy."""
-        twin = Stillness()
-        twin._tenths, twin._calm = self._tenths.copy(), self._calm
-        return twin
+    _tenths: NDArray[np.float64] = field(default_factory=lambda: np.zeros((_PROOF * _PARTS, _AXES)), init=False)
+    """Means over tenths of a second, the newest last."""
+    _calm: int = field(default=0, init=False)
+    """Seconds in a row that were calm."""
 
     def add(self, rows: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """Take the IMU rows (N, 7) [t, rate, force] of one second.

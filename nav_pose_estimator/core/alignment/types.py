@@ -60,3 +60,24 @@ class Alignment:
     P: Array
     method: str
     has_position: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """A fix as the aligner takes it: position [rad, rad, m], velocity ENU [m/s] or None, deviations (3,)."""
+
+    t: float
+    position: tuple[float, float, float]
+    velocity: Array | None
+    position_sd: Array
+    velocity_sd: Array
+
+
+@dataclass(frozen=True, slots=True)
+class RestLevel:
+    """What a rest has taught: attitude at heading zero and mean rate, with their covariance (15, 15)."""
+
+    t: float
+    q: Array
+    rate: Array
+    P: Array

@@ -1,11 +1,11 @@
 """The Earth: WGS-84 ellipsoid, its rotation, normal gravity, and turns between geodetic, ECEF and local ENU positions.
 
-Latitude and longitude in radians, height above the ellipsoid in metres. The plain names ``radii``, ``gravity``,
-``earth_rate_n`` and ``transport_rate_n`` are kernels for one point; with ``_many`` they are numpy forms for arrays.
-The coordinate turns at the end take scalars and arrays alike.
+Latitude and longitude in radians, height above the ellipsoid in metres. ``radii``, ``gravity`` and ``earth_rate_n``
+are kernels for one point, ``radii_many`` and ``gravity_many`` their numpy forms for arrays. The coordinate turns at the
+end take scalars and arrays alike.
 
 Near a pole the level East-North frame has no direction. The cosine of the latitude is held at ``MIN_COS_LAT`` there:
-within 0.64 km of a pole results stay finite but East rates are wrong. Callers may test ``abs(lat) > MAX_LAT``.
+within 0.64 km of a pole results stay finite but East rates are wrong.
 
 Sources: NIMA TR8350.2 (WGS-84), third edition, chapters 3 and 4; P. Groves, "Principles of GNSS, Inertial and
 Multisensor Integrated Navigation Systems", second edition, equations 2.105, 2.106, 2.112, 2.123, 2.134, 2.139, 5.44.
@@ -40,8 +40,6 @@ GRAVITY_M = OMEGA * OMEGA * A * A * B / GM
 """Centrifugal acceleration over gravity at the equator."""
 MIN_COS_LAT = 1e-4
 """The cosine of the latitude is not taken smaller."""
-MAX_LAT = math.acos(MIN_COS_LAT)
-"""rad: the level frame is defined up to here."""
 
 
 # --- kernels for one point -----------------------------------------------------------------------------------------
@@ -81,17 +79,9 @@ def earth_rate_n(lat):
     return np.array((0.0, OMEGA * math.cos(lat), OMEGA * math.sin(lat)))
 
 
-@kernel
-def transport_rate_n(lat, h, v_n):
-    """w_en_n (3,) [rad/s]: turn of a level frame that moves over the curved Earth with velocity ``v_n`` (3,) [m/s]."""
-    R_M, R_N = radii(lat)
-    east = v_n[0] / (R_N + h)
-    return np.array((-v_n[1] / (R_M + h), east, east * math.sin(lat) / cos_latitude(lat)))
-
-
 @inlined
 def ecef_of(lat, lon, h):
-    """``lla_to_ecef_point`` as a tuple, for the inside of kernels."""
+    """``lla_to_ecef`` of one position as a tuple, for the inside of kernels."""
     _, R_N = radii(lat)
     p = (R_N + h) * math.cos(lat)
     return p * math.cos(lon), p * math.sin(lon), (R_N * (1.0 - E2) + h) * math.sin(lat)
@@ -99,25 +89,13 @@ def ecef_of(lat, lon, h):
 
 @inlined
 def enu_of(lat, lon, h, origin_lat, origin_lon, origin_h):
-    """``lla_to_enu_point`` as a tuple, for the inside of kernels."""
+    """``lla_to_enu`` of one position as a tuple, for the inside of kernels."""
     x, y, z = ecef_of(lat, lon, h)
     x0, y0, z0 = ecef_of(origin_lat, origin_lon, origin_h)
     dx, dy, dz = x - x0, y - y0, z - z0
     sl, cl, so, co = math.sin(origin_lat), math.cos(origin_lat), math.sin(origin_lon), math.cos(origin_lon)
     outward = co * dx + so * dy
     return co * dy - so * dx, cl * dz - sl * outward, cl * outward + sl * dz
-
-
-@kernel
-def lla_to_ecef_point(lat, lon, h):
-    """``lla_to_ecef`` (3,) of one position."""
-    return np.array(ecef_of(lat, lon, h))
-
-
-@kernel
-def lla_to_enu_point(lat, lon, h, origin_lat, origin_lon, origin_h):
-    """``lla_to_enu`` (3,) of one position."""
-    return np.array(enu_of(lat, lon, h, origin_lat, origin_lon, origin_h))
 
 
 # --- numpy forms for arrays ----------------------------------------------------------------------------------------
@@ -134,21 +112,6 @@ def gravity_many(lat: ArrayLike, h: ArrayLike) -> Array:
     surface = GAMMA_E * (1.0 + SOMIGLIANA_K * s2) / np.sqrt(1.0 - E2 * s2)
     x = np.asarray(h, dtype=float) / A
     return surface * (1.0 - 2.0 * (1.0 + F + GRAVITY_M - 2.0 * F * s2) * x + 3.0 * x * x)
-
-
-def earth_rate_n_many(lat: ArrayLike) -> Array:
-    """``earth_rate_n`` (..., 3) of latitudes (...)."""
-    lat = np.asarray(lat, dtype=float)
-    return np.stack((np.zeros_like(lat), OMEGA * np.cos(lat), OMEGA * np.sin(lat)), axis=-1)
-
-
-def transport_rate_n_many(lat: ArrayLike, h: ArrayLike, v_n: ArrayLike) -> Array:
-    """``transport_rate_n`` (..., 3) at latitudes and heights (...) for velocities (..., 3)."""
-    h, v_n = np.asarray(h, dtype=float), np.asarray(v_n, dtype=float)
-    R_M, R_N = radii_many(lat)
-    east = v_n[..., 0] / (R_N + h)
-    up = east * np.sin(lat) / np.maximum(np.cos(lat), MIN_COS_LAT)
-    return np.stack((-v_n[..., 1] / (R_M + h), east, up), axis=-1)
 
 
 # --- coordinate turns ----------------------------------------------------------------------------------------------

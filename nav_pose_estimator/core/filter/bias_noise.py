@@ -39,7 +39,7 @@ from nav_pose_estimator.core.filter.layout import (
 from nav_pose_estimator.core.numerics.jit import kernel
 
 SMALLEST, LARGEST = 1.0 / 16.0, 4.0
-"""Bounds of the driving noise's density in parts of the one that is set: a quarter to twice its deviation."""
+"""Bounds of the driving noise's density as fractions of the one that is set: a quarter to twice its deviation."""
 
 _SHORT, _LONG = 3.0, 30.0  # s, windows
 _MARKS = 4  # one short window and three long ones, which begin 10 s apart

@@ -1,37 +1,24 @@
-"""The constants vector and the first covariance of the filter, from plain numbers by name."""
+"""The constants vector of the filter, from plain numbers by name."""
 
-import math
+from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from nav_pose_estimator.core.filter.blocks import Block, Wander, set_blocks, set_wander
 from nav_pose_estimator.core.filter.layout import (
     ACCEL_BIAS_PSD,
     ACCEL_BIAS_RATE,
     ACCEL_NOISE_PSD,
-    BASE_STATES,
     CONSTANTS_SIZE,
     COV_PERIOD,
-    D_ACCEL_BIAS,
-    D_GYRO_BIAS,
-    DPOS,
-    DRAG_PSD,
-    DVEL,
     GAP_ACCEL_SD,
     GAP_DT,
     GAP_RATE_SD,
     GYRO_BIAS_PSD,
     GYRO_BIAS_RATE,
-    GYRO_MATRIX_PSD,
-    GYRO_MATRIX_STATES,
     GYRO_NOISE_PSD,
-    I_GYRO_MATRIX,
-    I_WIND_DRAG,
-    PHI,
     POINT_SAMPLED,
-    WIND_DRAG_STATES,
-    WIND_PSD,
-    WIND_RATE,
 )
 
 Array = NDArray[np.float64]
@@ -50,18 +37,14 @@ def make_constants(
     gap_rate_sd: float,
     gap_accel_sd: float,
     point_sampled: bool = False,
-    wind_drag_states: bool = False,
-    wind_walk: float = 0.0,
-    wind_tau: float = math.inf,
-    drag_walk: float = 0.0,
-    gyro_matrix_states: bool = False,
-    gyro_matrix_walk: float = 0.0,
+    blocks: Mapping[Block, Wander] | None = None,
 ) -> Array:
     """The constants vector of ``core.filter.layout`` (CONSTANTS_SIZE,).
 
     ``gyro_noise`` [rad/s/sqrt(Hz)] and ``accel_noise`` [m/s^2/sqrt(Hz)] are densities; ``_sd`` and ``_tau`` [s] of the
-    biases their steady-state deviation and correlation time; ``_walk`` random walks per root second. A gap is an IMU
-    interval longer than ``gap_dt`` [s]; during it rate [rad/s] and force [m/s^2] are unknown with ``gap_..._sd``.
+    biases their steady-state deviation and correlation time. A gap is an IMU interval longer than ``gap_dt`` [s];
+    during it rate [rad/s] and force [m/s^2] are unknown with ``gap_..._sd``. ``blocks``: the optional blocks that the
+    filter has, and how they change.
     """
     constants = np.zeros(CONSTANTS_SIZE)
     constants[GYRO_NOISE_PSD] = gyro_noise**2
@@ -75,51 +58,8 @@ def make_constants(
     constants[GAP_RATE_SD] = gap_rate_sd
     constants[GAP_ACCEL_SD] = gap_accel_sd
     constants[POINT_SAMPLED] = float(point_sampled)
-    constants[WIND_PSD] = wind_walk**2
-    constants[WIND_RATE] = 1.0 / wind_tau
-    constants[DRAG_PSD] = drag_walk**2
-    constants[GYRO_MATRIX_PSD] = gyro_matrix_walk**2
-    constants[I_WIND_DRAG] = BASE_STATES if wind_drag_states else -1
-    after_wind = BASE_STATES + WIND_DRAG_STATES * bool(wind_drag_states)
-    constants[I_GYRO_MATRIX] = after_wind if gyro_matrix_states else -1
+    blocks = blocks or {}
+    set_blocks(constants, blocks)
+    for block, wander in blocks.items():
+        set_wander(constants, block, wander)
     return constants
-
-
-def state_count(constants: Array) -> int:
-    """Size n of the error state that ``constants`` describe."""
-    wind_drag, gyro_matrix = constants[I_WIND_DRAG] >= 0.0, constants[I_GYRO_MATRIX] >= 0.0
-    return BASE_STATES + WIND_DRAG_STATES * int(wind_drag) + GYRO_MATRIX_STATES * int(gyro_matrix)
-
-
-def initial_covariance(
-    constants: Array,
-    *,
-    misalignment_sd: ArrayLike,
-    velocity_sd: ArrayLike,
-    position_sd: ArrayLike,
-    gyro_bias_sd: ArrayLike,
-    accel_bias_sd: ArrayLike,
-    wind_sd: float = 0.0,
-    drag_sd: float = 0.0,
-    gyro_matrix_sd: float = 0.0,
-) -> Array:
-    """Diagonal covariance P (n, n) of a start. A deviation is one number or three, one per axis.
-
-    Misalignment [rad] is about East, North (tilt) and Up (heading); velocity [m/s] and position [m] East, North, Up.
-    """
-    n = state_count(constants)
-    sd = np.zeros(n)
-    for start, value in (
-        (PHI, misalignment_sd),
-        (DVEL, velocity_sd),
-        (DPOS, position_sd),
-        (D_GYRO_BIAS, gyro_bias_sd),
-        (D_ACCEL_BIAS, accel_bias_sd),
-    ):
-        sd[start : start + 3] = value
-    wind, matrix = int(constants[I_WIND_DRAG]), int(constants[I_GYRO_MATRIX])
-    if wind >= 0:
-        sd[wind : wind + WIND_DRAG_STATES] = (wind_sd, wind_sd, drag_sd, drag_sd)
-    if matrix >= 0:
-        sd[matrix : matrix + GYRO_MATRIX_STATES] = gyro_matrix_sd
-    return np.diag(sd**2)

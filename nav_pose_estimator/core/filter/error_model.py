@@ -1,19 +1,22 @@
 """How the navigator's errors grow: the system matrix F of the error state, and the covariance step made of it.
 
 State order, signs and units are those of ``filter.layout``: misalignment ``phi``, velocity and position error in n,
-position in metres East, North, Up, then gyroscope and accelerometer bias in b, then the optional blocks.
+position in metres East, North, Up, then gyroscope and accelerometer bias in b, then the optional ``blocks``.
 
     phi_dot = -w_in x phi + dw_in - C (dbg + M w)      C = C_nb, w = w_ib_b, dw_in linear in dv and dp
-    dv_dot  =  f_n x phi - (2 w_ie + w_en) x dv + v x (2 dw_ie + dw_en) + dg + C dba
+    dv_dot  =  f_n x phi - (2 w_ie + w_en) x dv + v x (2 dw_ie + dw_en) + dg + C dba - g'
     dp_dot  =  dv + (errors of the metres per radian)
-    bias    :  first-order Gauss-Markov with driving noise, or a random walk where its rate 1/tau is zero
+    others  :  first-order Gauss-Markov with driving noise, or a random walk where its rate 1/tau is zero
+
+dg is the change of normal gravity with height, g' the states of the gravity block.
 
 Position errors are kept in metres, so that the covariance is well scaled. With D the metres per radian,
 ``dp_m = D dp`` obeys ``dp_m_dot = (D F_pp D^-1 + D_dot D^-1) dp_m + dv``; the variation of the radii cancels in it
 exactly, because d((R_N + h) cos L)/dL = -(R_M + h) sin L. Known small terms are dropped elsewhere: the change of the
 radii with latitude in w_en (1/300 of that term) and the change of gravity with latitude (8e-9 m/s^2 per metre).
 
-Nominal biases, wind and drag are held between corrections: the Gauss-Markov model describes what is missing from them.
+Estimates of biases, wind and other blocks are held between corrections: the Gauss-Markov model describes what is
+missing from them.
 
 Sources: CN113777645A, step 3 (states and structure; it drives no noise into the biases, which would stop the filter
 from learning them); Titterton and Weston, "Strapdown Inertial Navigation Technology", second edition, section 12.3;
@@ -26,27 +29,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.earth.ellipsoid import E2, MIN_COS_LAT, OMEGA, A, gravity_from_sine
+from nav_pose_estimator.core.filter.blocks import add_block_noise, add_rates
 from nav_pose_estimator.core.filter.layout import (
     ACCEL_BIAS_PSD,
     ACCEL_BIAS_RATE,
     ACCEL_NOISE_PSD,
     ALT,
-    BASE_STATES,
     D_ACCEL_BIAS,
     D_GYRO_BIAS,
     DPOS,
-    DRAG_PSD,
     DVEL,
     GAP_ACCEL_SD,
     GAP_RATE_SD,
     GYRO_BIAS_PSD,
     GYRO_BIAS_RATE,
-    GYRO_MATRIX_PSD,
-    GYRO_MATRIX_STATES,
     GYRO_NOISE_PSD,
     GYRO_WANDER,
+    I_GRAVITY,
     I_GYRO_MATRIX,
-    I_WIND_DRAG,
     LAT,
     PHI,
     QUAT,
@@ -55,8 +55,6 @@ from nav_pose_estimator.core.filter.layout import (
     SUM_RATE,
     SUM_TIME,
     VEL,
-    WIND_PSD,
-    WIND_RATE,
 )
 from nav_pose_estimator.core.numerics.jit import COMPILED, inlined, kernel
 from nav_pose_estimator.core.numerics.vectors import (
@@ -94,15 +92,16 @@ def fill_system_matrix(F, nav, constants, f_n, w_b, C):
         _add_column(F, DVEL, D_ACCEL_BIAS + j, C[j])
         F[D_GYRO_BIAS + j, D_GYRO_BIAS + j] = -constants[GYRO_BIAS_RATE]
         F[D_ACCEL_BIAS + j, D_ACCEL_BIAS + j] = -constants[ACCEL_BIAS_RATE]
-    wind = int(constants[I_WIND_DRAG])
-    if wind >= 0:
-        for j in range(2):
-            F[wind + j, wind + j] = -constants[WIND_RATE]
+    add_rates(F, constants)
     matrix = int(constants[I_GYRO_MATRIX])
     if matrix >= 0:
         for i in range(3):
             for j in range(3):
                 _add_column(F, PHI, matrix + 3 * i + j, scale(-w_b[j], C[i]))
+    gravity = int(constants[I_GRAVITY])
+    if gravity >= 0:
+        for i in range(3):
+            F[DVEL + i, gravity + i] = -1.0
 
 
 @inlined
@@ -253,17 +252,7 @@ def _add_noise(P, constants, T):
         P[DVEL + i, DVEL + i] += constants[ACCEL_NOISE_PSD] * T
         P[D_GYRO_BIAS + i, D_GYRO_BIAS + i] += constants[GYRO_BIAS_PSD] * T
         P[D_ACCEL_BIAS + i, D_ACCEL_BIAS + i] += constants[ACCEL_BIAS_PSD] * T
-    if P.shape[0] == BASE_STATES:
-        return
-    wind = int(constants[I_WIND_DRAG])
-    if wind >= 0:
-        for i in range(wind, wind + 2):
-            P[i, i] += constants[WIND_PSD] * T
-            P[i + 2, i + 2] += constants[DRAG_PSD] * T
-    matrix = int(constants[I_GYRO_MATRIX])
-    if matrix >= 0:
-        for i in range(matrix, matrix + GYRO_MATRIX_STATES):
-            P[i, i] += constants[GYRO_MATRIX_PSD] * T
+    add_block_noise(P, constants, T)
 
 
 @inlined

@@ -1,13 +1,11 @@
 """Kalman filter of the error state, closed loop: an observation corrects the nominal state and the error is zero again.
 
 An observation is ``z`` (m,), estimate minus measurement, with ``H`` (m, n) such that z = H error + noise, and the
-noise covariance ``R`` (m, m). All arrays are float64 and contiguous; ``nav`` and ``P`` change in place. Bring ``P``
-to the time of ``nav`` first (``core.filter.strapdown.flush_covariance``).
+noise covariance ``R`` (m, m). All arrays are float64 and contiguous; ``nav`` and ``P`` change in place. ``constants``
+tell which states there are. Bring ``P`` to the time of ``nav`` first (``core.filter.strapdown.flush_covariance``).
 
-The optional blocks follow the base states in a fixed order, wind and drag first, so the size n says which are there.
-
-The covariance update is Joseph's form, a sum of two congruences, so that ``P`` stays exactly symmetric and positive
-definite also for measurements much better than the state.
+The covariance update is Joseph's form, so that ``P`` stays exactly symmetric and positive definite, also for
+measurements much better than the state.
 
 Sources: Groves, second edition, equations 3.21, 3.24, 3.58, 17.16 (Joseph's form, gate on the normalised innovation);
 J. Sola (2017), section 6.3 (reset; here the attitude error is defined in n, which changes the sign of its Jacobian).
@@ -18,42 +16,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from nav_pose_estimator.core.earth.ellipsoid import cos_latitude, gravity, radii
+from nav_pose_estimator.core.earth.ellipsoid import gravity
 from nav_pose_estimator.core.filter.error_model import propagate_covariance, system_matrix
-from nav_pose_estimator.core.filter.layout import (
-    ACCEL_BIAS,
-    ALT,
-    BASE_STATES,
-    D_ACCEL_BIAS,
-    D_GYRO_BIAS,
-    DPOS,
-    DVEL,
-    GYRO_BIAS,
-    GYRO_BIAS_PSD,
-    GYRO_MATRIX,
-    GYRO_MATRIX_STATES,
-    GYRO_WANDER,
-    LAT,
-    LON,
-    PHI,
-    QUAT,
-    VEL,
-    WIND,
-    WIND_DRAG_STATES,
-)
+from nav_pose_estimator.core.filter.error_state import inject
+from nav_pose_estimator.core.filter.layout import ALT, DPOS, GYRO_BIAS_PSD, GYRO_WANDER, LAT, PHI
 from nav_pose_estimator.core.numerics.jit import COMPILED, kernel
-from nav_pose_estimator.core.numerics.rotation import wrap_angle
-from nav_pose_estimator.core.numerics.vectors import (
-    add,
-    cross,
-    load3,
-    load4,
-    q_exp,
-    q_multiply,
-    q_polish,
-    scale,
-    store4,
-)
+from nav_pose_estimator.core.numerics.vectors import add, cross, load3, scale
 
 Array = NDArray[np.float64]
 
@@ -65,35 +33,39 @@ PREDICTION_STEP = 1.0  # s
 
 # --- correct -------------------------------------------------------------------------------------------------------
 @kernel
-def correct(nav, P, z, H, R):
+def correct(nav, P, constants, z, H, R):
     """Take one observation in. Returns its normalised innovation squared (NIS).
 
     The NIS is infinite, and nothing is changed, when a number is not finite or H P H' + R is not positive definite.
     """
     m, n = H.shape
-    gain = np.empty((n, m))
-    nis = _gain(P, z, H, R, gain)
+    HP, L = np.empty((m, n)), np.empty((m, m))
+    nis = _whitened_square(P, z, H, R, HP, L)
     if nis < math.inf:
-        _update(nav, P, z, H, R, gain)
+        _update(nav, P, constants, z, H, R, HP, _gain(HP, L))
     return nis
 
 
 @kernel
-def gated_correct(nav, P, z, H, R, soft, hard):
+def gated_correct(nav, P, constants, z, H, R, soft, hard):
     """``correct`` behind a gate on the NIS; returns (status, nis) with the NIS before any inflation.
 
     Up to ``soft`` the observation is ACCEPTED as it is. Up to ``hard`` it is INFLATED: R grows by (nis / soft - 1) S
-    with S = H P H' + R, which makes its NIS exactly ``soft``. Beyond, or when not finite, it is REJECTED and nothing
-    changes.
+    with S = H P H' + R, which makes its NIS exactly ``soft`` and the gain smaller by that ratio. Beyond, or when not
+    finite, it is REJECTED and nothing changes.
     """
-    nis = innovation(P, z, H, R)
+    m, n = H.shape
+    HP, L = np.empty((m, n)), np.empty((m, m))
+    nis = _whitened_square(P, z, H, R, HP, L)
     if not (nis <= hard and nis < math.inf):
         return REJECTED, nis
-    status, noise = ACCEPTED, R
+    status, noise, gain = ACCEPTED, R, _gain(HP, L)
     if nis > soft:
-        status, noise = INFLATED, _widened(P, H, R, nis / soft - 1.0)
-    if correct(nav, P, z, H, noise) == math.inf:
-        return REJECTED, nis
+        status, noise = INFLATED, _widened(R, L, nis / soft - 1.0)
+        for i in range(m):
+            for j in range(n):
+                gain[i, j] *= soft / nis
+    _update(nav, P, constants, z, H, noise, HP, gain)
     return status, nis
 
 
@@ -101,20 +73,17 @@ def gated_correct(nav, P, z, H, R, soft, hard):
 def innovation(P, z, H, R):
     """Normalised innovation squared of an observation that is not taken in; infinite as in ``correct``."""
     m, n = H.shape
-    return _gain(P, z, H, R, np.empty((n, m)))
+    return _whitened_square(P, z, H, R, np.empty((m, n)), np.empty((m, m)))
 
 
 @kernel
 def log_density(P, z, H, R):
     """Logarithm of the density of an observation, but for a constant that depends on its size alone."""
     m, n = H.shape
-    gain = np.empty((n, m))
-    nis = _gain(P, z, H, R, gain)
+    L = np.empty((m, m))
+    nis = _whitened_square(P, z, H, R, np.empty((m, n)), L)
     if not nis < math.inf:
         return -math.inf
-    _project(P, H, gain)
-    L = _innovation_covariance(H, R, gain)
-    _factorise(L)
     total = -0.5 * nis
     for i in range(m):
         total -= math.log(L[i, i])
@@ -122,72 +91,43 @@ def log_density(P, z, H, R):
 
 
 @kernel
-def inject(nav, error):
-    """Take an estimated ``error`` (n,) out of ``nav``: C <- Exp(phi) C, v and p less their errors, the rest added."""
-    store4(nav, QUAT, q_polish(q_multiply(q_exp(load3(error, PHI)), load4(nav, QUAT))))
-    R_M, R_N = radii(nav[LAT])
-    nav[LON] = wrap_angle(nav[LON] - error[DPOS] / ((R_N + nav[ALT]) * cos_latitude(nav[LAT])))
-    nav[LAT] -= error[DPOS + 1] / (R_M + nav[ALT])
-    nav[ALT] -= error[DPOS + 2]
-    for i in range(3):
-        nav[VEL + i] -= error[DVEL + i]
-        nav[GYRO_BIAS + i] += error[D_GYRO_BIAS + i]
-        nav[ACCEL_BIAS + i] += error[D_ACCEL_BIAS + i]
-    n = error.shape[0]
-    block = BASE_STATES
-    if has_wind_drag(n):
-        for i in range(WIND_DRAG_STATES):
-            nav[WIND + i] += error[block + i]
-        block += WIND_DRAG_STATES
-    if has_gyro_matrix(n):
-        for i in range(GYRO_MATRIX_STATES):
-            nav[GYRO_MATRIX + i] += error[block + i]
+def _whitened_square(P, z, H, R, HP, L):
+    """The NIS, or infinity when there is none; ``HP`` (m, n) becomes H P and ``L`` (m, m) the factor of H P H' + R.
 
-
-@kernel
-def has_wind_drag(n):
-    """Whether an error state of size ``n`` has the wind and drag block (which then starts at ``BASE_STATES``)."""
-    return n == BASE_STATES + WIND_DRAG_STATES or n == BASE_STATES + WIND_DRAG_STATES + GYRO_MATRIX_STATES
-
-
-@kernel
-def has_gyro_matrix(n):
-    """Whether an error state of size ``n`` has the gyro-matrix block (the last one)."""
-    return n >= BASE_STATES + GYRO_MATRIX_STATES
-
-
-@kernel
-def _project(P, H, out):
-    """``out`` (n, m) = P H'; zeros of H cost nothing."""
+    H P skips the zeros of H. The product with H' does not: 0 times NaN shows that P is broken.
+    """
     m, n = H.shape
     for i in range(m):
         for j in range(n):
-            out[j, i] = 0.0
+            HP[i, j] = 0.0
         for k in range(n):
             h = H[i, k]
             if h != 0.0:
                 for j in range(n):
-                    out[j, i] += h * P[k, j]
-
-
-@kernel
-def _innovation_covariance(H, R, PH):
-    """S (m, m) = H P H' + R from ``PH`` = P H'."""
-    m, n = H.shape
-    S = np.empty((m, m))
+                    HP[i, j] += h * P[k, j]
     for i in range(m):
         for j in range(i + 1):
             total = R[i, j]
             for k in range(n):
-                total += H[i, k] * PH[k, j]
-            S[i, j] = total
-            S[j, i] = total
-    return S
+                total += H[i, k] * HP[j, k]
+            L[i, j] = total
+            L[j, i] = 0.0 if i != j else total
+    if not _factorise(L):
+        return math.inf
+    nis = 0.0
+    whitened = np.empty(m)
+    for i in range(m):
+        total = z[i]
+        for k in range(i):
+            total -= L[i, k] * whitened[k]
+        whitened[i] = total / L[i, i]
+        nis += whitened[i] * whitened[i]
+    return nis if nis < math.inf else math.inf
 
 
 @kernel
 def _factorise(S):
-    """Lower Cholesky factor of ``S`` in its place; False when ``S`` is not positive definite or not finite."""
+    """Lower Cholesky factor of ``S``, whose lower triangle is read, in its place; False unless positive definite."""
     for i in range(S.shape[0]):
         for j in range(i + 1):
             total = S[i, j]
@@ -203,79 +143,76 @@ def _factorise(S):
 
 
 @kernel
-def _gain(P, z, H, R, gain):
-    """Fill ``gain`` (n, m) with K = P H' (H P H' + R)^-1; returns the NIS, or infinity when there is no such gain."""
-    m, n = H.shape
-    _project(P, H, gain)
-    L = _innovation_covariance(H, R, gain)
-    if not _factorise(L):
-        return math.inf
-    nis = 0.0
-    whitened = np.empty(m)
+def _gain(HP, L):
+    """The gain transposed, K' (m, n) = (L L')^-1 H P."""
+    m, n = HP.shape
+    gain = HP.copy()
     for i in range(m):
-        total = z[i]
         for k in range(i):
-            total -= L[i, k] * whitened[k]
-        whitened[i] = total / L[i, i]
-        nis += whitened[i] * whitened[i]
-    for row in range(n):
-        for i in range(m):
-            for k in range(i):
-                gain[row, i] -= L[i, k] * gain[row, k]
-            gain[row, i] /= L[i, i]
-        for i in range(m - 1, -1, -1):
-            for k in range(i + 1, m):
-                gain[row, i] -= L[k, i] * gain[row, k]
-            gain[row, i] /= L[i, i]
-    return nis if nis < math.inf else math.inf
+            for j in range(n):
+                gain[i, j] -= L[i, k] * gain[k, j]
+        for j in range(n):
+            gain[i, j] /= L[i, i]
+    for i in range(m - 1, -1, -1):
+        for k in range(i + 1, m):
+            for j in range(n):
+                gain[i, j] -= L[k, i] * gain[k, j]
+        for j in range(n):
+            gain[i, j] /= L[i, i]
+    return gain
 
 
 @kernel
-def _widened(P, H, R, factor):
-    """R + factor (H P H' + R)."""
-    m, n = H.shape
-    PH = np.empty((n, m))
-    _project(P, H, PH)
-    S = _innovation_covariance(H, R, PH)
+def _widened(R, L, factor):
+    """R + factor L L'."""
+    m = len(R)
+    wider = np.empty((m, m))
     for i in range(m):
         for j in range(m):
-            S[i, j] = R[i, j] + factor * S[i, j]
-    return S
+            total = 0.0
+            for k in range(min(i, j) + 1):
+                total += L[i, k] * L[j, k]
+            wider[i, j] = R[i, j] + factor * total
+    return wider
 
 
 @kernel
-def _joseph_by_loops(P, H, R, gain):
-    """``P <- (I - K H) P (I - K H)' + K R K'``, each half computed once; zeros of I - K H cost nothing."""
+def _joseph_by_loops(P, H, R, HP, gain):
+    """``P <- (I - K H) P (I - K H)' + K R K'`` for any ``gain`` K' (m, n), as two updates of rank m.
+
+    A = P - K H P, then P = A - (A H' - K R) K': the second one is rounding alone when K is the optimal gain, and what
+    makes the form safe.
+    """
     m, n = H.shape
-    M = np.zeros((n, n))
-    MP = np.zeros((n, n))
-    KR = np.zeros((n, m))
-    for i in range(n):
-        M[i, i] = 1.0
-        for r in range(m):
-            for j in range(n):
-                M[i, j] -= gain[i, r] * H[r, j]
-            for k in range(m):
-                KR[i, k] += gain[i, r] * R[r, k]
-        for j in range(n):
-            if M[i, j] != 0.0:
-                for k in range(n):
-                    MP[i, k] += M[i, j] * P[j, k]
+    rest = np.zeros((m, n))  # (A H' - K R)'
+    for r in range(m):
+        for i in range(n):
+            g = gain[r, i]
+            if g != 0.0:
+                for j in range(n):
+                    P[i, j] -= g * HP[r, j]
+    for r in range(m):
+        for k in range(n):
+            h = H[r, k]
+            if h != 0.0:
+                for i in range(n):
+                    rest[r, i] += h * P[i, k]
+        for k in range(m):
+            for i in range(n):
+                rest[r, i] -= gain[k, i] * R[k, r]
     for i in range(n):
         for j in range(i + 1):
-            total = 0.0
-            for k in range(n):
-                total += MP[i, k] * M[j, k]
-            for k in range(m):
-                total += KR[i, k] * gain[j, k]
+            total = P[i, j]
+            for r in range(m):
+                total -= rest[r, i] * gain[r, j]
             P[i, j] = total
             P[j, i] = total
 
 
-def _joseph_by_products(P, H, R, gain):
+def _joseph_by_products(P, H, R, HP, gain):
     """The same by products of whole matrices: without a compiler numpy is faster than loops."""
-    M = np.eye(len(P)) - gain @ H
-    later = M @ P @ M.T + gain @ R @ gain.T
+    A = P - gain.T @ HP
+    later = A - (A @ H.T - gain.T @ R) @ gain
     P[:] = 0.5 * (later + later.T)
 
 
@@ -309,16 +246,16 @@ def _turn_misalignment(P, phi):
 
 
 @kernel
-def _update(nav, P, z, H, R, gain):
-    """Correct ``nav`` and ``P`` with a given gain."""
+def _update(nav, P, constants, z, H, R, HP, gain):
+    """Correct ``nav`` and ``P`` with a given gain, K' (m, n)."""
     m, n = H.shape
     error = np.zeros(n)
     for i in range(n):
         for r in range(m):
-            error[i] += gain[i, r] * z[r]
-    _joseph(P, H, R, gain)
+            error[i] += gain[r, i] * z[r]
+    _joseph(P, H, R, HP, gain)
     _turn_misalignment(P, load3(error, PHI))
-    inject(nav, error)
+    inject(nav, constants, error)
 
 
 # --- outlook -------------------------------------------------------------------------------------------------------

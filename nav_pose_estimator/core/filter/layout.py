@@ -10,29 +10,32 @@ VEL = 3  # 3: East, North, Up, m/s
 QUAT = 6  # 4: q_nb, scalar first
 GYRO_BIAS = 10  # 3: rad/s
 ACCEL_BIAS = 13  # 3: m/s^2
+# nominal values of the optional blocks (``filter.blocks``), zero where the filter is without
 WIND = 16  # 2: air velocity over ground, East, North, m/s
-DRAG = 18  # 2: linear drag coefficient along body x and y, 1/s
-GYRO_MATRIX = 20  # 9: row-major M in w_measured = (I + M) w + bias
+GYRO_MATRIX = 18  # 9: row-major M in w_measured = (I + M) w + bias
+DVL = 27  # 5: biases of four beams, m/s, and their common scale error: v_measured = (1 + scale) v + bias
+DEPTH = 32  # 1: bias of a height from water pressure, m
+GRAVITY = 33  # 3: gravity beyond the normal one, n, m/s^2
 # --- memory of the integrator --------------------------------------------------------------------------------------
-TIME = 29  # s since the engine's epoch
-PREV_RATE = 30  # 3: corrected angular rate of the last interval, rad/s (coning, sculling)
-PREV_FORCE = 33  # 3: corrected specific force of the last interval, m/s^2
-PREV_ACCEL = 36  # 3: dv/dt of the last interval in n, m/s^2 (mid-interval extrapolation)
+TIME = 36  # s since the engine's epoch
+PREV_RATE = 37  # 3: corrected angular rate of the last interval, rad/s (coning, sculling)
+PREV_FORCE = 40  # 3: corrected specific force of the last interval, m/s^2
+PREV_ACCEL = 43  # 3: dv/dt of the last interval in n, m/s^2 (mid-interval extrapolation)
 # --- sums since the last covariance step ---------------------------------------------------------------------------
-SUM_TIME = 39  # s
-SUM_FORCE = 40  # 3: integral of C_nb f_b, m/s
-SUM_RATE = 43  # 3: integral of the corrected angular rate in b, rad
-SUM_GAP = 46  # s of data gap bridged since the last covariance step
+SUM_TIME = 46  # s
+SUM_FORCE = 47  # 3: integral of C_nb f_b, m/s
+SUM_RATE = 50  # 3: integral of the corrected angular rate in b, rad
+SUM_GAP = 53  # s of data gap bridged since the last covariance step
 # --- what the flight has shown of the gyroscope's bias (bias_noise) -------------------------------------------
-GYRO_WANDER = 47  # (rad/s)^2/s: driving noise of the gyroscope bias beyond that of the constants
-WANDER_LEVEL = 48  # mean ratio of short windows
-WANDER_SHORT_COUNT = 49
-WANDER_TIME = 50  # s, last look
-WANDER_MARKS = 51  # 4 x 8: begun windows
-WANDER_FLOOR = 83  # (rad/s)^2/s: the constants' driving noise; 0 while nothing is learned
-WANDER_MEAN = 84  # mean ratio of long windows
-WANDER_COUNT = 85
-NAV_SIZE = 86
+GYRO_WANDER = 54  # (rad/s)^2/s: driving noise of the gyroscope bias beyond that of the constants
+WANDER_LEVEL = 55  # mean ratio of short windows
+WANDER_SHORT_COUNT = 56
+WANDER_TIME = 57  # s, last look
+WANDER_MARKS = 58  # 4 x 8: begun windows
+WANDER_FLOOR = 90  # (rad/s)^2/s: the constants' driving noise; 0 while nothing is learned
+WANDER_MEAN = 91  # mean ratio of long windows
+WANDER_COUNT = 92
+NAV_SIZE = 93
 
 # --- error state ---------------------------------------------------------------------------------------------------
 PHI = 0  # 3: misalignment in n, rad
@@ -41,8 +44,9 @@ DPOS = 6  # 3: East, North, Up, m
 D_GYRO_BIAS = 9  # 3: rad/s
 D_ACCEL_BIAS = 12  # 3: m/s^2
 BASE_STATES = 15
-WIND_DRAG_STATES = 4  # optional block: wind (2), drag (2)
-GYRO_MATRIX_STATES = 9  # optional block
+"""States of every filter. Optional blocks follow, see ``filter.blocks``."""
+OPTIONAL_STATES = 20
+"""Sum of the sizes of all blocks; their nominal values lie side by side from ``WIND`` on."""
 
 # --- filter constants: one float64 vector handed to the kernels ----------------------------------------------------
 GYRO_NOISE_PSD = 0  # (rad/s)^2/Hz
@@ -55,16 +59,16 @@ COV_PERIOD = 6  # s between covariance steps
 GAP_DT = 7  # s: a longer IMU interval counts as a gap
 GAP_RATE_SD = 8  # rad/s: unknown angular rate during a gap
 GAP_ACCEL_SD = 9  # m/s^2: unknown specific force during a gap
-WIND_PSD = 10  # (m/s)^2/s
-WIND_RATE = 11  # 1/tau, 1/s
-DRAG_PSD = 12  # (1/s)^2/s
-GYRO_MATRIX_PSD = 13  # 1/s
-I_WIND_DRAG = 14  # index of the wind and drag block in the error state, -1 without
-I_GYRO_MATRIX = 15  # index of the gyro-matrix block in the error state, -1 without
-POINT_SAMPLED = (
-    16  # 1: IMU values are instantaneous (trapezoidal rule), 0: means over the interval that ends at the stamp
-)
-CONSTANTS_SIZE = 17
+POINT_SAMPLED = 10
+"""1: IMU values are instantaneous (trapezoidal rule), 0: means over the interval that ends at the stamp."""
+I_WIND, I_GYRO_MATRIX, I_DVL, I_DEPTH, I_GRAVITY = 11, 12, 13, 14, 15
+"""Where each optional block begins in the error state, -1 without."""
+BLOCK_PSD = 16
+"""OPTIONAL_STATES: density of the driving noise of every optional state, its unit squared per s, in the order of
+``nav``."""
+BLOCK_RATE = BLOCK_PSD + OPTIONAL_STATES
+"""OPTIONAL_STATES: 1/tau, 1/s; 0 for a random walk."""
+CONSTANTS_SIZE = BLOCK_RATE + OPTIONAL_STATES
 
 # --- IMU block and output rows -------------------------------------------------------------------------------------
 IMU_T, IMU_GYRO, IMU_ACCEL, IMU_COLUMNS = 0, 1, 4, 7  # t [s since epoch], gyro [rad/s] (3), accel [m/s^2] (3)

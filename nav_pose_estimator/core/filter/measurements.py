@@ -14,7 +14,6 @@ import numpy as np
 from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.core.filter.layout import (
     ALT,
-    BASE_STATES,
     D_GYRO_BIAS,
     DPOS,
     DVEL,
@@ -73,19 +72,6 @@ def gnss_velocity(nav, states, velocity, lever):
 
 
 @kernel
-def horizontal_position(nav, states, lat, lon):
-    """Horizontal position of the IMU without lever arm (a prior, not a sensor); z in m, East and North."""
-    z = np.zeros(2)
-    H = np.zeros((2, states))
-    r_m, r_n = radii(nav[LAT])
-    z[0] = wrap_angle(nav[LON] - lon) * (r_n + nav[ALT]) * math.cos(nav[LAT])
-    z[1] = (nav[LAT] - lat) * (r_m + nav[ALT])
-    H[0, DPOS] = 1.0
-    H[1, DPOS + 1] = 1.0
-    return z, H
-
-
-@kernel
 def horizontal_velocity(nav, states, v_east, v_north):
     """Horizontal velocity over ground [m/s]: a prior or a zero-velocity update of the plane."""
     z = np.zeros(2)
@@ -104,25 +90,6 @@ def zero_velocity(nav, states):
     H = np.zeros((3, states))
     for i in range(3):
         H[i, DVEL + i] = 1.0
-    return z, H
-
-
-@kernel
-def velocity_error(nav, states, dv_east, dv_north):
-    """Predicted error of the horizontal velocity, estimate minus truth [m/s] (what the network learns)."""
-    z = np.array([dv_east, dv_north])
-    H = np.zeros((2, states))
-    H[0, DVEL] = 1.0
-    H[1, DVEL + 1] = 1.0
-    return z, H
-
-
-@kernel
-def vertical_velocity(nav, states, v_up):
-    """Vertical velocity [m/s]."""
-    z = np.array([nav[VEL + 2] - v_up])
-    H = np.zeros((1, states))
-    H[0, DVEL + 2] = 1.0
     return z, H
 
 
@@ -176,11 +143,11 @@ def body_velocity(nav, states, velocity, lever):
 
 
 @kernel
-def mean_air_velocity(nav, states, attitude, velocity, body_velocity, air):
+def mean_air_velocity(nav, states, wind, attitude, velocity, body_velocity, air):
     """Predicted velocity through the air [m/s], body axes, against means over an interval that ends at ``nav``.
 
     ``attitude`` (3, 3) mean C_nb, ``velocity`` (3,) and ``body_velocity`` (3,) mean v and mean C^T v of the estimate,
-    ``air`` (3,) the prediction. The wind states start at ``BASE_STATES``. z = C^T (v - wind) - air.
+    ``air`` (3,) the prediction. The states of the wind begin at ``wind``. z = C^T (v - wind) - air.
     """
     z = np.zeros(3)
     H = np.zeros((3, states))
@@ -190,7 +157,7 @@ def mean_air_velocity(nav, states, attitude, velocity, body_velocity, air):
         _velocity_in_body_row(H, i, attitude, through_air)
         for k in range(2):
             # what is missing from the wind is still in the expected air velocity
-            H[i, BASE_STATES + k] = attitude[k, i]
+            H[i, wind + k] = attitude[k, i]
     return z, H
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.earth.ellipsoid import enu_of
+from nav_pose_estimator.core.filter.blocks import state_count, states_within
 from nav_pose_estimator.core.filter.error_model import covariance_step_in, scratch
 from nav_pose_estimator.core.filter.layout import (
     ALT,
@@ -29,7 +30,6 @@ from nav_pose_estimator.core.filter.layout import (
     SOLUTION_ENU,
     SUM_TIME,
     TIME,
-    WIND_DRAG_STATES,
 )
 from nav_pose_estimator.core.filter.mixture import merge
 from nav_pose_estimator.core.filter.strapdown import integrate, write_output
@@ -47,8 +47,9 @@ NEWEST = OLDEST + 1  # ... and of the newest
 HEAD = NEWEST + 1
 
 
-def make(constants: NDArray[np.float64], states: int, slots: int, period: float) -> NDArray[np.float64]:
-    """The vector for a filter of ``states`` states that keeps ``slots`` checkpoints; ``nav`` and P are zero."""
+def make(constants: NDArray[np.float64], slots: int, period: float) -> NDArray[np.float64]:
+    """The vector for the filter of ``constants`` that keeps ``slots`` checkpoints; ``nav`` and P are zero."""
+    states = state_count(constants)
     memory = np.zeros(HEAD + states * states + slots * (NAV_SIZE + states * states))
     memory[CONSTANTS:ORIGIN] = constants
     memory[STATES], memory[PERIOD], memory[SLOTS], memory[NEWEST] = states, period, slots, -1.0
@@ -173,15 +174,16 @@ def complete_solution(memory, solution):
 
 @kernel
 def mix(branches, weights, trunk):
-    """The mixture of the filters in ``branches`` (K, ...) into the filter ``trunk``, which has no wind block."""
+    """The mixture of the filters in ``branches`` (K, ...) into the filter ``trunk``, which may have fewer blocks."""
     n, m = int(branches[0, STATES]), int(trunk[STATES])
+    constants = branches[0, CONSTANTS:ORIGIN]
+    places = states_within(trunk[CONSTANTS:ORIGIN], constants)
     navs, Ps = np.empty((len(branches), NAV_SIZE)), np.empty((len(branches), n, n))
     for k in range(len(branches)):
         navs[k] = branches[k, NAV:CONSTANTS]
         Ps[k] = branches[k, HEAD : HEAD + n * n].reshape(n, n)
-    nav, P = merge(navs, Ps, weights)
+    nav, P = merge(navs, Ps, constants, weights)
     trunk[NAV:CONSTANTS] = nav
     for i in range(m):
-        row = i if i < BASE_STATES else i + WIND_DRAG_STATES
         for j in range(m):
-            trunk[HEAD + m * i + j] = P[row, j if j < BASE_STATES else j + WIND_DRAG_STATES]
+            trunk[HEAD + m * i + j] = P[places[i], places[j]]

@@ -10,84 +10,28 @@ coefficients", IEEE Transactions on Automatic Control 33(8), 1988.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nav_pose_estimator.core.earth.ellipsoid import cos_latitude, radii
-from nav_pose_estimator.core.filter.kalman import has_gyro_matrix, has_wind_drag, inject
+from nav_pose_estimator.core.filter.error_state import error_between, inject, turn_between
 from nav_pose_estimator.core.filter.layout import (
-    ACCEL_BIAS,
-    ALT,
-    BASE_STATES,
-    D_ACCEL_BIAS,
-    D_GYRO_BIAS,
     DPOS,
     DVEL,
-    GYRO_BIAS,
-    GYRO_MATRIX,
-    GYRO_MATRIX_STATES,
-    LAT,
-    LON,
     OUT_COLUMNS,
     OUT_POS,
     OUT_QUAT,
     OUT_VAR,
     OUT_VEL,
     PHI,
-    QUAT,
-    VEL,
-    WIND,
-    WIND_DRAG_STATES,
 )
 from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.core.numerics.rotation import wrap_angle
 
-Array = NDArray[np.float64]
-
 
 @kernel
-def error_between(nav, other, n):
-    """The error (n,) of ``other`` were ``nav`` the truth: ``inject(other, error)`` gives ``nav``."""
-    error = np.zeros(n)
-    turn = _turn_between(nav[QUAT : QUAT + 4], other[QUAT : QUAT + 4])
-    R_M, R_N = radii(other[LAT])
-    error[DPOS] = wrap_angle(other[LON] - nav[LON]) * (R_N + other[ALT]) * cos_latitude(other[LAT])
-    error[DPOS + 1] = (other[LAT] - nav[LAT]) * (R_M + other[ALT])
-    error[DPOS + 2] = other[ALT] - nav[ALT]
-    for i in range(3):
-        error[PHI + i] = turn[i]
-        error[DVEL + i] = other[VEL + i] - nav[VEL + i]
-        error[D_GYRO_BIAS + i] = nav[GYRO_BIAS + i] - other[GYRO_BIAS + i]
-        error[D_ACCEL_BIAS + i] = nav[ACCEL_BIAS + i] - other[ACCEL_BIAS + i]
-    block = BASE_STATES
-    if has_wind_drag(n):
-        for i in range(WIND_DRAG_STATES):
-            error[block + i] = nav[WIND + i] - other[WIND + i]
-        block += WIND_DRAG_STATES
-    if has_gyro_matrix(n):
-        for i in range(GYRO_MATRIX_STATES):
-            error[block + i] = nav[GYRO_MATRIX + i] - other[GYRO_MATRIX + i]
-    return error
-
-
-@kernel
-def _turn_between(q, other):
-    """Rotation vector [rad] in n that turns the attitude ``other`` (4,) into ``q`` (4,): Exp(phi) = q conj(other)."""
-    w, x, y, z = q[0], q[1], q[2], q[3]
-    a, b, c, d = other[0], -other[1], -other[2], -other[3]
-    scalar = w * a - x * b - y * c - z * d
-    turn = (w * b + x * a + y * d - z * c, w * c - x * d + y * a + z * b, w * d + x * c - y * b + z * a)
-    sine = math.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
-    factor = 2.0 if scalar >= 0.0 else -2.0
-    if sine > 1e-9:
-        factor = 2.0 * math.atan2(sine, abs(scalar)) / sine * (1.0 if scalar >= 0.0 else -1.0)
-    return factor * turn[0], factor * turn[1], factor * turn[2]
-
-
-@kernel
-def merge(navs, Ps, weights):
+def merge(navs, Ps, constants, weights):
     """The Gaussian with mean and covariance of the mixture: ``navs`` (K, NAV_SIZE), ``Ps`` (K, n, n), ``weights`` (K,).
 
-    ``weights`` sum to one. The integrator's memory is that of the strongest branch.
+    ``constants`` are those of every branch; ``weights`` sum to one. The integrator's memory is the strongest branch's.
     """
     K, n = Ps.shape[0], Ps.shape[1]
     strongest = 0
@@ -99,7 +43,7 @@ def merge(navs, Ps, weights):
     mean = np.zeros(n)
     for k in range(K):
         if k != strongest:
-            errors[k] = error_between(navs[k], nav, n)
+            errors[k] = error_between(navs[k], nav, constants)
             for i in range(n):
                 mean[i] += weights[k] * errors[k, i]
     P = np.zeros((n, n))
@@ -108,7 +52,7 @@ def merge(navs, Ps, weights):
             for j in range(n):
                 spread = (errors[k, i] - mean[i]) * (errors[k, j] - mean[j])
                 P[i, j] += weights[k] * (Ps[k, i, j] + spread)
-    inject(nav, mean)
+    inject(nav, constants, mean)
     return nav, P
 
 
@@ -134,7 +78,7 @@ def blend_rows(rows, weights, begin, end, out):
         R_M, R_N = radii(out[i, OUT_POS])
         metres = (R_N * cos_latitude(out[i, OUT_POS]), R_M, 1.0)
         for k in range(K):
-            turn = _turn_between(rows[k, i, OUT_QUAT : OUT_QUAT + 4], out[i, OUT_QUAT : OUT_QUAT + 4])
+            turn = turn_between(rows[k, i, OUT_QUAT : OUT_QUAT + 4], out[i, OUT_QUAT : OUT_QUAT + 4])
             position, mean = rows[k, i, OUT_POS : OUT_POS + 3], out[i, OUT_POS : OUT_POS + 3]
             apart = (wrap_angle(position[1] - mean[1]), position[0] - mean[0], position[2] - mean[2])
             for axis in range(3):
@@ -152,14 +96,3 @@ def _mean_longitude(longitudes, weights):
     for k in range(1, len(longitudes)):
         shift += weights[k] * wrap_angle(longitudes[k] - longitudes[0])
     return wrap_angle(longitudes[0] + shift)
-
-
-def with_wind(P: Array, cov: Array) -> Array:
-    """``P`` without the wind and drag block -> with it: wind covariance ``cov`` (2, 2) [m^2/s^2], drag known."""
-    kept = [*range(BASE_STATES), *range(BASE_STATES + WIND_DRAG_STATES, len(P) + WIND_DRAG_STATES)]
-    wider = np.zeros((len(P) + WIND_DRAG_STATES,) * 2)
-    wider[np.ix_(kept, kept)] = P
-    wider[BASE_STATES : BASE_STATES + 2, BASE_STATES : BASE_STATES + 2] = cov
-    for i in range(BASE_STATES + 2, BASE_STATES + WIND_DRAG_STATES):
-        wider[i, i] = 1e-8
-    return wider

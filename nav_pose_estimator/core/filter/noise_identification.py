@@ -21,7 +21,6 @@ covariance matching, here with predictions over many steps).
 
 from __future__ import annotations
 
-import copy
 import math
 
 import numpy as np
@@ -32,8 +31,6 @@ from nav_pose_estimator.core.filter import memory
 
 Array = NDArray[np.float64]
 
-IMU_NOISE = [at.GYRO_NOISE_PSD, at.ACCEL_NOISE_PSD, at.ACCEL_BIAS_PSD]
-"""Constants of the filter that ``imu_variance`` multiplies; the gyroscope's bias has ``bias_noise``."""
 PERIOD = 1.0  # s between two calls of ``note``
 RECEIVER_TRIAL, IMU_TRIAL = 2, 10  # calls after which a trial tells of the receiver, of the IMU and ends
 IMU_SD_BOUNDS, GNSS_SD_BOUNDS = (0.5, 4.0), (1.0, 4.0)  # parts of the deviations that are set
@@ -54,12 +51,6 @@ class NoiseIdentification:
         self._flying: Array | None = None  # the copy, a ``core.filter.memory``
         self._calls = 0  # since the trial began
 
-    def copy(self) -> NoiseIdentification:
-        """An independent copy, trial included."""
-        twin = copy.copy(self)
-        twin._flying = None if self._flying is None else self._flying.copy()
-        return twin
-
     def interrupt(self) -> None:
         """What happens now is no evidence: GNSS is lost, the pose was reset, or the vehicle does not fly."""
         self._flying = None
@@ -67,7 +58,7 @@ class NoiseIdentification:
     def note(self, nav: Array, P: Array, constants: Array, rows: Array) -> bool:
         """Called every ``PERIOD`` with the aided filter and the IMU ``rows`` (N, 7) since the last call, or more.
 
-        True when ``imu_variance`` may have changed.
+        True when a factor may have changed.
         """
         if self._flying is None:
             self._begin(nav, P, constants)
@@ -79,7 +70,7 @@ class NoiseIdentification:
         if self._calls == RECEIVER_TRIAL:
             self.gnss_variance = self._moved(self.gnss_variance, self._ratio(nav, P), GNSS_SD_BOUNDS)
         if self._calls < IMU_TRIAL:
-            return False
+            return self._calls == RECEIVER_TRIAL
         self.imu_variance = self._moved(self.imu_variance, self._ratio(nav, P), IMU_SD_BOUNDS)
         self.trials += 1
         self._begin(nav, P, constants)
@@ -89,7 +80,7 @@ class NoiseIdentification:
         n = len(P)
         coarse = constants.copy()
         coarse[at.COV_PERIOD] = max(_COVARIANCE_PERIOD, constants[at.COV_PERIOD])
-        flying = memory.make(coarse, n, 1, math.inf)
+        flying = memory.make(coarse, 1, math.inf)
         flying[memory.NAV : memory.CONSTANTS] = nav
         flying[memory.HEAD : memory.HEAD + n * n] = P.ravel()
         memory.add_checkpoint(flying)

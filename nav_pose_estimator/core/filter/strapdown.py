@@ -24,6 +24,7 @@ from nav_pose_estimator.core.filter.layout import (
     ALT,
     COV_PERIOD,
     GAP_DT,
+    GRAVITY,
     GYRO_BIAS,
     GYRO_MATRIX,
     I_GYRO_MATRIX,
@@ -180,6 +181,7 @@ def _navigate(nav, turn, push, dt):
     coriolis = cross(add_scaled(w_en, 2.0, w_ie), v_mid)
     accel = add_scaled(scale(1.0 / dt, dv_f), -1.0, coriolis)
     accel = (accel[0], accel[1], accel[2] - gravity_from_sine(s * s, h_mid))
+    accel = add(accel, load3(nav, GRAVITY))
     v_end = add_scaled(v, dt, accel)
 
     nav[LAT] = lat + half * (v[1] + v_end[1]) * i_m

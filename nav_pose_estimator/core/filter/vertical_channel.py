@@ -13,7 +13,8 @@ import math
 
 import numpy as np
 
-from nav_pose_estimator.core.filter.kalman import ACCEPTED, INFLATED, REJECTED, inject
+from nav_pose_estimator.core.filter.error_state import inject
+from nav_pose_estimator.core.filter.kalman import ACCEPTED, INFLATED, REJECTED
 from nav_pose_estimator.core.filter.layout import DPOS, DVEL
 from nav_pose_estimator.core.numerics.jit import kernel
 
@@ -21,7 +22,7 @@ _UP = DPOS + 2
 
 
 @kernel
-def gated_height(nav, P, z, variance, soft, hard):
+def gated_height(nav, P, constants, z, variance, soft, hard):
     """Take in a height: ``z`` [m], estimate minus measurement, its ``variance`` [m^2]; returns (status, nis).
 
     Gate and statuses are those of ``kalman.gated_correct``. Only vertical position and velocity are corrected.
@@ -46,5 +47,5 @@ def gated_height(nav, P, z, variance, soft, hard):
             P[j, i] = P[i, j]
     for i in range(n):
         gain[i] *= z
-    inject(nav, gain)
+    inject(nav, constants, gain)
     return status, nis

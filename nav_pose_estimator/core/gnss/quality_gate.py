@@ -1,11 +1,11 @@
 """Is this fix good enough? The gate by satellite count, fix status, age and stated accuracy.
 
 Pure Python and without a clock: time comes with each call, float seconds since the engine's epoch. All that changes
-is one ``state`` of immutable parts, so that ``dataclasses.replace(gate.state)`` is a snapshot.
+is one ``state``; ``core.numerics.snapshot`` copies the gate with it.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +58,7 @@ class Verdict:
     notices: tuple[Notice, ...] = ()
 
 
+@dataclass(eq=False)
 class GnssGate:
     """Gate by satellite count with hysteresis, fix status, age and stated accuracy.
 
@@ -70,9 +71,10 @@ class GnssGate:
     counting, loudly: ``state.inactive``; status and accuracy then decide alone until a count is known again.
     """
 
-    def __init__(self, settings: GateSettings):
-        self.settings = settings
-        self.state = GateState()
+    settings: GateSettings
+    state: GateState = field(init=False)
+
+    def __post_init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:

@@ -1,12 +1,12 @@
 """Is GNSS back, and is it GNSS? The state machine for the return from an outage.
 
 Pure Python and without a clock: time comes with each call, float seconds since the engine's epoch. All that changes
-is one ``state`` of immutable parts, so that ``dataclasses.replace(machine.state)`` is a snapshot.
+is one ``state``; ``core.numerics.snapshot`` copies the guard with it.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from nav_pose_estimator.core.gnss.quality_gate import Notice
 
@@ -82,6 +82,7 @@ class ReacquisitionState:
     tracks: tuple[Track, ...] = ()
     loose: Track | None = None  # fixes that follow each other in space, whatever their velocities say
     returned: Return | None = None
+    held: bool = False  # a return that is as good as it can prove waits for the operator
     confirmed: bool = False  # the operator agrees to the next jump
 
 
@@ -105,6 +106,7 @@ class Decision:
 EXPECTED, CONTRADICTION, UNEXPLAINED, IMPLAUSIBLE, INCONSISTENT = range(5)
 _ZONES = ("expected", "contradiction", "unexplained", "implausible", "inconsistent")
 _SEVERITIES = ("info", "warn", "error", "error", "error")
+HELD = "gnss.held"
 _MAX_TRACKS = 4
 _SCATTER = 0.33  # fixes within seconds share most of their error: what scatters between them is a third of their sigma
 _EASY = 0.5  # share of the bound on what is unexplained up to which a return is as good as any
@@ -113,6 +115,7 @@ _DECISIVE = 6.0  # difference of squared deviations that makes one of two places
 _TINY = 1e-6  # m: a sigma of zero must not divide; s: rounding of times
 
 
+@dataclass(eq=False)
 class Reacquisition:
     """Guard in front of the filter: offer it every usable fix, while GNSS is fused and after an outage alike.
 
@@ -136,20 +139,29 @@ class Reacquisition:
     as what it contradicts. A false cluster at the end of an outage is left as soon as the truth speaks.
 
     Policies: ``blend``: an expected return is an ordinary correction, any other a reset; ``reset``: every return is a
-    reset; ``hold``: only expected returns are taken, all others wait for ``confirm()``.
+    reset; ``hold``: only expected returns are taken, all others wait for ``decide()``.
     """
 
-    def __init__(self, settings: ReacquisitionSettings):
-        self.settings = settings
-        self.state = ReacquisitionState()
+    settings: ReacquisitionSettings
+    state: ReacquisitionState = field(default_factory=ReacquisitionState, init=False)
 
     def reset(self) -> None:
         """Forget everything."""
         self.state = ReacquisitionState()
 
-    def confirm(self) -> None:
-        """The operator agrees to the next jump (policy ``hold``)."""
-        self.state.confirmed = True
+    def decide(self, accept: bool) -> bool:
+        """What the operator says of a return that is held (policy ``hold``); False where none is.
+
+        An accepted one is taken with its next fix. A refused one is forgotten: what goes on there has to prove itself
+        anew, and is held again.
+        """
+        if not self.state.held:
+            return False
+        self.state.confirmed = accept
+        if not accept:
+            self.state.tracks, self.state.loose = (), None
+        self.state.held = False
+        return True
 
     def offer(
         self,
@@ -189,6 +201,7 @@ class Reacquisition:
         loose = self.state.loose
         if waiting_for and loose is not None and not self._waiting_for(loose, INCONSISTENT, offset, lost):
             track, zone, waiting_for = loose, INCONSISTENT, ""
+        self.state.held = waiting_for == HELD
         if waiting_for:
             return Decision("wait" if lost else "reject", waiting_for, offset, sigmas)
         return self._approve(fix, track, zone, offset, sigmas, predicted_sd, gap_s)
@@ -267,7 +280,7 @@ class Reacquisition:
         if track.count < 2 * max(rivals, default=0) and track.duration < settings.implausible_time:
             return "gnss.waiting.ambiguous"
         if settings.policy == "hold" and zone != EXPECTED and not self.state.confirmed:
-            return "gnss.held"
+            return HELD
         return ""
 
     def _required(self, zone: int, track: Track, offset: Vector3) -> float:

@@ -7,7 +7,7 @@ position and summed velocity has changed since some seconds ago. Pure Python, wi
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 _PAUSE = 2.0  # s: over a longer one nothing can be summed up
 _MARK_PERIOD = 5.0  # s between the differences that are kept
@@ -25,11 +25,11 @@ class _State:
     marks: tuple[Mark, ...] = ()
 
 
+@dataclass(eq=False)
 class WalkOff:
     """Offer it every fix that is fused, with the receiver's velocity at that time."""
 
-    def __init__(self) -> None:
-        self.state = _State()
+    state: _State = field(default_factory=_State, init=False)
 
     def reset(self) -> None:
         """Forget everything."""

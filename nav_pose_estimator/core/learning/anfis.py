@@ -179,14 +179,6 @@ class Anfis:
         premises = self._partition(scaling.inputs(x, self.clip).T)
         return self._learn(premises, scaling, x, y, X_val, Y_val)
 
-    def refit(
-        self, X: np.ndarray, Y: np.ndarray, X_val: np.ndarray | None = None, Y_val: np.ndarray | None = None
-    ) -> "Anfis":
-        """Train on from the present premises with the present normalisation; arguments as for ``fit``."""
-        scaling = self.network.scaling
-        x, y = _samples(X, Y, "", (len(scaling.in_mean), len(scaling.out_mean)))
-        return self._learn(self.network.premises, scaling, x, y, X_val, Y_val)
-
     def predict(self, X: np.ndarray) -> np.ndarray:
         """``X`` (N, n) -> (N, m), physical units. Where kernels are compiled one row costs microseconds."""
         if COMPILED and isinstance(X, np.ndarray) and X.dtype == np.float64 and X.shape[1:] == self._sizes[:1]:

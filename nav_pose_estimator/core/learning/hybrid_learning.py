@@ -93,39 +93,6 @@ def choose_ridge(design: np.ndarray, targets: np.ndarray) -> float:
     return float(min(_RIDGES, key=error))
 
 
-class RecursiveLeastSquares:
-    """Least squares one sample at a time, with exponential forgetting (Ljung 1999, eq. 11.12; Jang 1993, eq. 17).
-
-    ``theta`` (P, m) minimises sum_k forgetting^(K-k) ||t_k - theta' phi_k||^2 + forgetting^K ridge ||theta||^2. With
-    forgetting 1 it equals ``ridge_least_squares`` with ridge / N. Without excitation forgetting lets the covariance
-    grow without limit: its trace is held at ``trace_cap``, and ``capped`` counts how often.
-    """
-
-    def __init__(
-        self, features: int, outputs: int, *, ridge: float = 1e-3, forgetting: float = 0.999, trace_cap: float = 1e6
-    ) -> None:
-        self.theta = np.zeros((features, outputs))
-        self.covariance = np.eye(features) / ridge
-        self.forgetting = forgetting
-        self.trace_cap = max(trace_cap, features / ridge)
-        self.capped = 0
-
-    def update(self, phi: np.ndarray, target: np.ndarray) -> np.ndarray:
-        """Learn one sample, ``phi`` (P,) and ``target`` (m,); return the error (m,) of the prediction made before."""
-        error = target - phi @ self.theta
-        spread = self.covariance @ phi
-        gain = spread / (self.forgetting + phi @ spread)
-        self.theta += np.outer(gain, error)
-        self.covariance -= np.outer(gain, spread)
-        self.covariance /= self.forgetting
-        self.covariance = 0.5 * (self.covariance + self.covariance.T)
-        trace = np.trace(self.covariance)
-        if trace > self.trace_cap:
-            self.covariance *= self.trace_cap / trace
-            self.capped += 1
-        return error
-
-
 @dataclass(frozen=True)
 class _Pass:
     """What one evaluation leaves behind: the linear problem at ``vector``, and on demand the premises' way into it."""

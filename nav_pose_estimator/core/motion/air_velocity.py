@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from nav_pose_estimator.core.learning.anfis import Anfis
 from nav_pose_estimator.core.motion.epochs import BODY_VELOCITY, FORCE, PERIOD, POSITION, VELOCITY, attitude
 from nav_pose_estimator.core.motion.regimes import SLOW
-from nav_pose_estimator.core.motion.wind import mean_wind, track, wind_spread
+from nav_pose_estimator.core.motion.wind import Weigh, axis_weights, mean_wind, track, wind_spread
 from nav_pose_estimator.errors import UserError
 
 Array = NDArray[np.float64]
@@ -165,23 +165,24 @@ def inputs(epochs: Array) -> Array:
     return np.concatenate([epochs[:, FORCE:POSITION], attitude(epochs)[:, 2]], axis=1)
 
 
-def learn_air_velocity(epochs: Array, rules: tuple[int, ...] = (1,)) -> AirVelocityModel:
+def learn_air_velocity(epochs: Array, rules: tuple[int, ...] = (1,), weigh: Weigh = axis_weights) -> AirVelocityModel:
     """Train on aided epochs (N, COLUMNS) in order of time, N at least a hundred.
 
     ``rules``: numbers of rules to try; more than the first have to be clearly better on blocks not trained on.
+    ``weigh``: how much each body axis counts for the wind.
     """
     blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
     windless = _is_guided(epochs)
-    residuals = {count: _unseen_residuals(epochs, blocks, count, windless) for count in rules}
+    residuals = {count: _unseen_residuals(epochs, blocks, count, windless, weigh) for count in rules}
     errors = {count: float(np.square(residual).mean()) for count, residual in residuals.items()}
     chosen = min(errors, key=lambda count: errors[count] * (1.0 if count == rules[0] else 1.0 / _CLEARLY))
-    network, wind = _fit(epochs, chosen, windless)
+    network, wind = _fit(epochs, chosen, windless, weigh)
     model = AirVelocityModel(
         network=network,
         wind_mean=wind,
         wind=np.zeros(2),
         wind_cov=np.zeros((2, 2)),
-        wind_spread=0.0 if windless else wind_spread(attitude(epochs), residuals[chosen]),
+        wind_spread=0.0 if windless else wind_spread(attitude(epochs), residuals[chosen], weigh),
         noise=np.ones(3),
         hover_noise=np.ones(3),
         parameter_cov=_parameter_cov(epochs),
@@ -263,21 +264,21 @@ def _parameter_cov(epochs: Array) -> Array:
     return standardised.T @ cov @ standardised
 
 
-def _fit(epochs: Array, rules: int, windless: bool) -> tuple[Anfis, Array]:
+def _fit(epochs: Array, rules: int, windless: bool, weigh: Weigh) -> tuple[Anfis, Array]:
     """Network and mean wind (2,). The wind comes from the linear model, whose least squares see both together."""
-    wind = np.zeros(2) if windless else _joint_wind(epochs)
+    wind = np.zeros(2) if windless else _joint_wind(epochs, weigh)
     target = epochs[:, BODY_VELOCITY:VELOCITY] - _in_body(epochs, wind)
     network = Anfis(rules=rules, ridge=_RIDGE, partition="fcm", iterations=_ITERATIONS)
     return network.fit(inputs(epochs), target), wind
 
 
-def _joint_wind(epochs: Array) -> Array:
+def _joint_wind(epochs: Array, weigh: Weigh) -> Array:
     """The wind (2,) of eq. (1) with a linear g: ridge least squares over the consequents of three axes and the wind."""
     x = inputs(epochs)
     spread = x.std(axis=0)
     z = np.column_stack([(x - x.mean(axis=0)) / np.where(spread > 1e-9, spread, 1.0), np.ones(len(x))])
     ridge = _RIDGE * len(x) * np.diag([*np.ones(x.shape[1]), 1e-2])
-    return mean_wind(attitude(epochs), epochs[:, BODY_VELOCITY:VELOCITY], z, ridge, _WIND_RIDGE)
+    return mean_wind(attitude(epochs), epochs[:, BODY_VELOCITY:VELOCITY], z, ridge, _WIND_RIDGE, weigh)
 
 
 def _in_body(epochs: Array, wind: Array) -> Array:
@@ -290,11 +291,11 @@ def _residuals(epochs: Array, network: Law, wind: Array) -> Array:
     return epochs[:, BODY_VELOCITY:VELOCITY] - network.predict(inputs(epochs)) - _in_body(epochs, wind)
 
 
-def _unseen_residuals(epochs: Array, blocks: list[Array], rules: int, windless: bool) -> Array:
+def _unseen_residuals(epochs: Array, blocks: list[Array], rules: int, windless: bool, weigh: Weigh) -> Array:
     residual = np.empty((len(epochs), 3))
     for block in blocks:
         others = np.setdiff1d(np.arange(len(epochs)), block)
-        residual[block] = _residuals(epochs[block], *_fit(epochs[others], rules, windless))
+        residual[block] = _residuals(epochs[block], *_fit(epochs[others], rules, windless, weigh))
     return residual
 
 

@@ -34,24 +34,21 @@ class MotionRegimes:
     travel_activity: tuple[float, float]
     hover_activity: tuple[float, float]
     hover_probability: float
-    slow_speed: float  # m/s: nine tenths of the flight were faster
 
 
 def learn_regimes(epochs: np.ndarray) -> MotionRegimes:
     """Statistics of aided epochs (N, COLUMNS) in order of time; N may be zero."""
     square = np.square(epochs[:, VELOCITY : VELOCITY + 2]).sum(axis=1)
     hovers = square < SLOW**2
-    slow = _slow_speed(np.sqrt(square))
     active = activity(epochs) if len(epochs) else np.zeros(0)
     recent = float(hovers[-_RECENT:].mean()) if len(hovers) else 0.5
     return MotionRegimes(
-        can_hover=slow < _ABLE,
+        can_hover=_slow_speed(np.sqrt(square)) < _ABLE,
         travel_var=_shrunk_variance(square[~hovers], _USUAL_TRAVEL),
         hover_var=_shrunk_variance(square[hovers], _USUAL_HOVER),
         travel_activity=_shrunk_moments(active[~hovers], *_USUAL_ACTIVITY[0]),
         hover_activity=_shrunk_moments(active[hovers], *_USUAL_ACTIVITY[1]),
         hover_probability=_DOUBT + (1.0 - 2.0 * _DOUBT) * recent,
-        slow_speed=slow,
     )
 
 

@@ -8,6 +8,7 @@ about its mean is a first-order Gauss-Markov process on each level axis.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from nav_pose_estimator.core.motion.epochs import PERIOD
 from nav_pose_estimator.core.numerics.jit import kernel
 
 Array = NDArray[np.float64]
+Weigh = Callable[[Array], Array]
 
 WIND_TIME = 40.0  # s: correlation time of the wind's change
 _LAG = round(10.0 / PERIOD)  # epochs: what is still alike after that is wind
@@ -24,12 +26,17 @@ _STEADY = 0.05  # part of the spread that a second's noise is taken to be at the
 _PASSES = 2  # of the least squares: equal weights first, then those of what is left
 
 
-def wind_spread(C: Array, residual: Array) -> float:
+def axis_weights(variances: Array) -> Array:
+    """Weights (3,) of the body axes from their residual variances (3,), one for the best of them."""
+    return np.asarray((variances.min() + 1e-6) / (variances + 1e-6))
+
+
+def wind_spread(C: Array, residual: Array, weigh: Weigh = axis_weights) -> float:
     """Variance [m^2/s^2] of the wind's change on each axis, from residuals (N, 3) in b and attitudes (N, 3, 3).
 
     The part of the residuals that is alike ten seconds later and points the same way in n, whatever the attitude.
     """
-    weights = _weights(np.square(residual).mean(axis=0))
+    weights = weigh(np.square(residual).mean(axis=0))
     along = np.einsum("nij,nj->ni", C, weights * residual)[:, :2]
     by_wind = np.einsum("nij,j,nkj->nik", C, weights, C)[:, :2, :2]  # what a wind of one does to ``along``
     scale = float(np.square(by_wind).sum(axis=(1, 2)).mean())
@@ -41,7 +48,9 @@ def wind_spread(C: Array, residual: Array) -> float:
     return min(max(alike / expected, _SMALLEST * square), _LARGEST * square)
 
 
-def mean_wind(C: Array, body_velocity: Array, z: Array, ridge: Array, wind_ridge: float) -> Array:
+def mean_wind(
+    C: Array, body_velocity: Array, z: Array, ridge: Array, wind_ridge: float, weigh: Weigh = axis_weights
+) -> Array:
     """The wind (2,) [m/s] of ``body_velocity`` (N, 3) = z b + C' w by weighted least squares over b and w together.
 
     ``z`` (N, K) are the inputs of a linear law with a penalty ``ridge`` (K, K); what it can explain of the wind's
@@ -58,13 +67,8 @@ def mean_wind(C: Array, body_velocity: Array, z: Array, ridge: Array, wind_ridge
             normal += weights[axis] * columns[:, axis, :2].T @ left[axis][:, :2]
             right += weights[axis] * columns[:, axis, :2].T @ left[axis][:, 2]
         wind = np.linalg.solve(normal, right)
-        weights = _weights(np.array([np.square(one[:, 2] - one[:, :2] @ wind).mean() for one in left]))
+        weights = weigh(np.array([np.square(one[:, 2] - one[:, :2] @ wind).mean() for one in left]))
     return wind
-
-
-def _weights(variances: Array) -> Array:
-    """Weights (3,) of the axes, one for the best of them."""
-    return np.asarray((variances.min() + 1e-6) / (variances + 1e-6))
 
 
 def track(

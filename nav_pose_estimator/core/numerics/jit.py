@@ -11,6 +11,8 @@ from functools import cache
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 try:
     import numba
 except ImportError:
@@ -48,12 +50,14 @@ def _compile(function, **options):
 def _tie_cache_to_sources(compiled) -> bool:
     """Make the cached machine code of a kernel stale when anything that was compiled into it has changed.
 
-    By itself numba looks at size and time of the kernel's file only. Numbers and kernels of other files are compiled
-    in as well: with an old cache, a new layout would be read at the old places. False when this numba keeps its cache
-    some other way: the kernel then has to do without.
+    By itself numba looks at size and time of the kernel's file only. Numbers and kernels of other files are compiled in
+    as well: with an old cache, a new layout would be read at the old places. So are numba's forms of NumPy's functions,
+    whose types follow the rules of the NumPy that is installed. False when this numba keeps its cache some other way:
+    the kernel then has to do without.
     """
     function = compiled.py_func
-    parts = (function.__module__, _text_of(function.__code__.co_filename), _compiled_in(function.__globals__))
+    text, others = _text_of(function.__code__.co_filename), _compiled_in(function.__globals__)
+    parts = (np.__version__, function.__module__, text, others)
     try:
         compiled.source_stamp = hashlib.sha256(repr(parts).encode()).hexdigest()
         compiled._cache._cache_file._source_stamp = compiled.source_stamp
@@ -83,7 +87,7 @@ def _compiled_in(names: dict[str, Any]) -> list[Any]:
 
 
 def is_first_run() -> bool:
-    """True when machine code has yet to be made, which takes about a minute: worth a word to who waits."""
+    """True when machine code has yet to be made, which takes about a minute: worth telling the user."""
     if not COMPILED or os.environ.get("NUMBA_CACHE_DIR"):
         return False
     return not any(name.endswith(".nbi") for _, _, names in os.walk(_FOLDER) for name in names)

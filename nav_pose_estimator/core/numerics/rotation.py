@@ -180,34 +180,6 @@ def quat_from_rotvec_many(v: ArrayLike) -> Array:
     return np.concatenate((np.cos(half_angle), 0.5 * np.sinc(half_angle / np.pi) * v), axis=-1)
 
 
-def rotvec_from_quat_many(q: ArrayLike) -> Array:
-    """Rotation vectors (..., 3) [rad] of the unit quaternions ``q`` (..., 4), of length at most pi."""
-    q = np.asarray(q, dtype=float)
-    q = np.where(q[..., :1] < 0.0, -q, q)
-    length = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    small = length < 1e-150
-    factor = np.where(small, 2.0, 2.0 * np.arctan2(length, q[..., :1]) / np.where(small, 1.0, length))
-    return factor * q[..., 1:]
-
-
-def quat_to_matrix_many(q: ArrayLike) -> Array:
-    """Rotation matrices (..., 3, 3) of the unit quaternions ``q`` (..., 4)."""
-    w, x, y, z = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
-    rows = (
-        (w * w + x * x - y * y - z * z, 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
-        (2.0 * (x * y + w * z), w * w - x * x + y * y - z * z, 2.0 * (y * z - w * x)),
-        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z),
-    )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def quat_from_matrix_many(C: ArrayLike) -> Array:
-    """Unit quaternions (..., 4) with w >= 0 of the rotation matrices ``C`` (..., 3, 3)."""
-    C = np.asarray(C, dtype=float)
-    flat = C.reshape(-1, 3, 3)
-    return np.array([quat_from_matrix(item) for item in flat]).reshape((*C.shape[:-2], 4))
-
-
 def quat_rotate_many(q: ArrayLike, v: ArrayLike) -> Array:
     """Vectors ``v`` (..., 3) taken by the rotations ``q`` (..., 4); leading dimensions are broadcast."""
     q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
@@ -248,3 +220,13 @@ def wrap_angle_many(a: ArrayLike) -> Array:
     """Angles ``a`` (...) [rad] brought into [-pi, pi)."""
     a = np.asarray(a, dtype=float)
     return a - 2.0 * np.pi * np.floor((a + np.pi) / (2.0 * np.pi))
+
+
+def rotvec_from_quat_many(q: ArrayLike) -> Array:
+    """Rotation vectors (..., 3) [rad] of the unit quaternions ``q`` (..., 4), of length at most pi."""
+    q = np.asarray(q, dtype=float)
+    q = np.where(q[..., :1] < 0.0, -q, q)
+    length = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    small = length < 1e-150
+    factor = np.where(small, 2.0, 2.0 * np.arctan2(length, q[..., :1]) / np.where(small, 1.0, length))
+    return factor * q[..., 1:]

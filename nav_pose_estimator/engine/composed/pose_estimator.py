@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.numerics.imu_checks import stays_in_period
 from nav_pose_estimator.engine import warm_up_flight
 from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
 from nav_pose_estimator.engine.composed import sensor_batch
+from nav_pose_estimator.engine.composed.exchange import ExchangeClock, navigator_velocity
 from nav_pose_estimator.engine.composed.sensor_batch import SensorBatch
 from nav_pose_estimator.engine.navigator.modes import LEVELLING
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
-from nav_pose_estimator.engine.outage.aid import OutageAid, Train
+from nav_pose_estimator.engine.outage.aid import OutageAid
+from nav_pose_estimator.engine.outage.methods.registry import estimators
+from nav_pose_estimator.engine.outage.pilot import Train
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import (
     AttitudeSample,
@@ -24,7 +26,7 @@ from nav_pose_estimator.engine.samples import (
     ImuBlock,
     ImuSample,
     MagSample,
-    NavigatorVelocity,
+    MotionEvidence,
     Sample,
     VelocityError,
 )
@@ -39,9 +41,18 @@ from nav_pose_estimator.engine.solutions import (
     Status,
 )
 
-_GOOD_TILT = 0.05  # rad: about what manoeuvres cost the attitude filter on its own
-_EXCHANGE_NS = 250_000_000
-"""The estimators talk to each other at the first IMU sample of every such period, whatever the size of the blocks."""
+Early = Sequence[tuple[int, Sample]]
+"""Samples that came behind so many IMU samples of a block; the navigator hears of them before the block."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Everything of a ``PoseEstimator`` that changes."""
+
+    sins: Any
+    attitude: Any
+    outage_aid: OutageAid | None
+    clock: ExchangeClock
 
 
 class PoseEstimator:
@@ -56,8 +67,9 @@ class PoseEstimator:
         self.sins = SinsEngine(self.parameters)
         self.attitude = AttitudeEngine(self.parameters) if attitude else None
         learner = self.parameters.learner
-        self.outage_aid = OutageAid(learner, train) if learner.enabled and learner.method != "coast" else None
-        self._period = 0
+        helps = learner.enabled and estimators()[learner.method].helps
+        self.outage_aid = OutageAid(learner, train) if helps else None
+        self._clock = ExchangeClock()
 
     def feed(self, sample: Sample) -> list[Output]:
         """Take one sample; returns solutions and events in order: attitude first, then navigation."""
@@ -75,102 +87,55 @@ class PoseEstimator:
         done = 0
         while done < len(samples):
             count = sensor_batch.length(samples, done)
-            batch, done = samples[done : done + count], done + count
+            together, done = samples[done : done + count], done + count
             if count > 1 and self.sins.mode not in LEVELLING:
-                outputs += self._feed_batch(SensorBatch.of(batch))
-            else:
-                outputs += [output for sample in batch for output in self.feed(sample)]
+                batch = SensorBatch.of(together)
+                for a, b in self._pieces(batch.imu):
+                    outputs += self._feed(_part(batch.imu, a, b), batch.early(a, b))
+                together = batch.after
+            outputs += [output for sample in together for output in self.feed(sample)]
         return outputs
 
-    def _feed_batch(self, batch: SensorBatch) -> list[Output]:
-        outputs: list[Output] = []
-        for begin, end in self._pieces(batch.imu):
-            outputs += self._feed(_part(batch.imu, begin, end), batch.early(begin, end))
-        return outputs + [output for sample in batch.after for output in self._feed(sample)]
-
     def _pieces(self, block: ImuBlock) -> Iterator[tuple[int, int]]:
-        """Where to cut: behind each sample at which the estimators talk. Blocks so give what single samples give."""
-        count = len(block)
+        """Where to cut a block; a navigator that levels wants every attitude."""
         if self.attitude is not None and self.sins.mode in LEVELLING:
-            return itertools.pairwise(range(count + 1))
-        if stays_in_period(block.stamps_ns, self._period, _EXCHANGE_NS):
-            return iter([(0, count)])
-        periods = block.stamps_ns // _EXCHANGE_NS
-        ends = np.flatnonzero(periods[1:] != periods[:-1]) + 2
-        cuts = [0, *([1] if periods[0] != self._period else []), *ends.tolist(), count]
-        if cuts[-2] >= count:
-            del cuts[-2]
-        return itertools.pairwise(cuts)
+            return itertools.pairwise(range(len(block) + 1))
+        return self._clock.pieces(block)
 
-    def _feed(self, sample: Sample, early: Sequence[tuple[int, Sample]] = ()) -> list[Output]:
-        """Take one sample; ``early`` came behind so many IMU samples of it, but the navigator hears of them first."""
+    def _feed(self, sample: Sample, early: Early = ()) -> list[Output]:
+        """Take one sample, and ``early`` ones with it."""
         if isinstance(sample, VelocityError):
             if self.outage_aid is not None:
                 self.outage_aid.predicted(sample)
             return []
-        outputs: list[Output] = []
-        if self.attitude is not None and isinstance(sample, (ImuSample, ImuBlock, MagSample)):
-            # what the attitude filter says of the IMU the navigator says as well: told once
-            for part in _in_order(sample, early) if isinstance(sample, ImuBlock) else (sample,):
-                outputs += [o for o in self.attitude.feed(part) if not _is_imu_event(o)]
-        solutions = [event for _, other in early for event in self.sins.feed(other)]
-        solutions += self.sins.feed(sample)
-        if self.sins.mode in LEVELLING:
-            solutions += [event for tilt in _tilts(outputs) for event in self.sins.feed(tilt)]
+        outputs = [] if self.attitude is None else _attitudes(self.attitude, sample, early)
+        solutions = self._navigate(sample, early, outputs)
         outputs += solutions
         if self.outage_aid is not None:
             for _, other in early:
                 self.outage_aid.hear(other)
             self.outage_aid.hear(sample)
-            outputs += self._help(self.outage_aid, solutions)
-        if isinstance(sample, (ImuSample, ImuBlock)) and self._is_time_to_talk(sample):
-            self._exchange(solutions)
-        if self.attitude is not None and isinstance(sample, GnssFix):
-            self.attitude.set_declination(self.sins.declination)
+            outputs += _helped(self.outage_aid, self.sins, solutions)
+        is_due = isinstance(sample, (ImuSample, ImuBlock)) and self._clock.is_due(sample)
+        if self.attitude is not None:
+            moved = [one for one in solutions if isinstance(one, (NavBlock, NavSolution))]
+            if is_due and moved:
+                self.attitude.feed(navigator_velocity(moved[-1]))
+            if isinstance(sample, GnssFix):
+                self.attitude.set_declination(self.sins.run.parameters.aids.declination)
         return outputs
 
-    def _help(self, outage_aid: OutageAid, solutions: list[Output]) -> list[Output]:
-        """Show the solution to what learns from it; in an outage let the navigator hear what it says."""
-        outputs: list[Output] = []
-        for solution in solutions:
-            if isinstance(solution, (NavBlock, NavSolution)):
-                evidence, error = outage_aid.step(solution, self.sins)
-                if evidence is not None:
-                    outputs += self.sins.feed(evidence)
-                    if evidence.air_velocity is not None:
-                        self.sins.journal.count("outage.evidence.network")
-                if error is not None:
-                    outputs.append(error)
-        return outputs
-
-    def _is_time_to_talk(self, sample: ImuSample | ImuBlock) -> bool:
-        stamp = sample.stamp_ns if isinstance(sample, ImuSample) else int(sample.stamps_ns[-1])
-        period, self._period = self._period, stamp // _EXCHANGE_NS
-        return self._period != period
-
-    def _exchange(self, solutions: list[Output]) -> None:
-        """The navigator's newest velocity for the attitude filter."""
-        moved = [o for o in solutions if isinstance(o, (NavBlock, NavSolution))]
-        if moved:
-            self._share_velocity(moved[-1])
-
-    def _share_velocity(self, output: NavBlock | NavSolution) -> None:
-        if self.attitude is None:
-            return
-        if isinstance(output, NavSolution):
-            stamp, velocity, q_nb, tilt_var = output.stamp_ns, output.vel_n, output.q_nb, np.diag(output.cov)[:2]
-        else:
-            stamp, last = int(output.stamps_ns[-1]), output.rows[-1]
-            velocity, q_nb = last[at.OUT_VEL : at.OUT_QUAT], last[at.OUT_QUAT : at.OUT_RATE]
-            tilt_var = last[at.OUT_VAR : at.OUT_VAR + 2]
-        aided = output.mode is Mode.AIDED
-        valid = aided or float(tilt_var.max()) < _GOOD_TILT**2
-        sample = NavigatorVelocity(stamp, tuple(velocity.tolist()), valid, tuple(q_nb.tolist()), drifting=not aided)
-        self.attitude.feed(sample)
+    def _navigate(self, sample: Sample, early: Early, attitudes: list[Output]) -> list[Output]:
+        """Feed the navigator, which levels by the ``attitudes`` of the filter."""
+        solutions = [event for _, other in early for event in self.sins.feed(other)]
+        solutions += self.sins.feed(sample)
+        if self.sins.mode in LEVELLING:
+            solutions += [event for tilt in _tilts(attitudes) for event in self.sins.feed(tilt)]
+        return solutions
 
     @property
     def mode(self) -> Mode:
-        """How things stand with the navigator."""
+        """The navigator's mode."""
         return self.sins.mode
 
     @property
@@ -195,7 +160,7 @@ class PoseEstimator:
 
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
         """Start again."""
-        self._period = 0
+        self._clock = ExchangeClock()
         if self.outage_aid is not None:
             self.outage_aid.reset()
         attitude = [] if self.attitude is None else self.attitude.reset(stamp_ns, reason)
@@ -206,22 +171,52 @@ class PoseEstimator:
         self.sins.warm_up()
         if self.attitude is not None:
             self.attitude.warm_up()
-        warm_up_flight.rehearse(lambda: PoseEstimator(self.parameters))
+        warm_up_flight.warm_up(lambda: PoseEstimator(self.parameters))
 
-    def snapshot(self) -> Any:
+    def snapshot(self) -> Snapshot:
         """Everything that changes, to be given to ``restore``."""
-        attitude = None if self.attitude is None else self.attitude.snapshot()
-        outage_aid = None if self.outage_aid is None else self.outage_aid.copy()
-        return self.sins.snapshot(), attitude, outage_aid, self._period
+        return Snapshot(
+            sins=self.sins.snapshot(),
+            attitude=None if self.attitude is None else self.attitude.snapshot(),
+            outage_aid=None if self.outage_aid is None else self.outage_aid.copy(),
+            clock=replace(self._clock),
+        )
 
-    def restore(self, snapshot: Any) -> None:
+    def restore(self, snapshot: Snapshot) -> None:
         """Go back to an earlier ``snapshot``."""
-        sins, attitude, outage_aid, self._period = snapshot
-        if self.outage_aid is not None and outage_aid is not None:
-            self.outage_aid = outage_aid.copy()
-        self.sins.restore(sins)
-        if self.attitude is not None and attitude is not None:
-            self.attitude.restore(attitude)
+        self.sins.restore(snapshot.sins)
+        if self.attitude is not None and snapshot.attitude is not None:
+            self.attitude.restore(snapshot.attitude)
+        if self.outage_aid is not None and snapshot.outage_aid is not None:
+            self.outage_aid = snapshot.outage_aid.copy()
+        self._clock = replace(snapshot.clock)
+
+
+def _attitudes(attitude: AttitudeEngine, sample: Sample, early: Early) -> list[Output]:
+    """What the attitude filter says of a sample. Events of the IMU the navigator tells as well: once is enough."""
+    if isinstance(sample, ImuBlock):
+        parts: Iterator[Sample] = _in_order(sample, early)
+    elif isinstance(sample, (ImuSample, MagSample)):
+        parts = iter((sample,))
+    else:
+        return []
+    return [output for part in parts for output in attitude.feed(part) if not _is_imu_event(output)]
+
+
+def _helped(aid: OutageAid, sins: SinsEngine, solutions: list[Output]) -> list[Output]:
+    """Show the solutions to what learns from them; in an outage let the navigator hear what it says."""
+    outputs: list[Output] = []
+    for solution in solutions:
+        if not isinstance(solution, (NavBlock, NavSolution)):
+            continue
+        samples, drift = aid.step(solution, sins)
+        for sample in samples:
+            outputs += sins.feed(sample)
+            if isinstance(sample, MotionEvidence) and sample.air_velocity is not None:
+                sins.journal.count("outage.evidence.network")
+        if drift is not None:
+            outputs.append(drift)
+    return outputs
 
 
 def _part(block: ImuBlock, begin: int, end: int) -> ImuBlock:

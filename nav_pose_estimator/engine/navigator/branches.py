@@ -15,16 +15,16 @@ import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import measurements, memory
+from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX, WIND, with_block
+from nav_pose_estimator.core.filter.error_state import error_between
 from nav_pose_estimator.core.filter.kalman import correct, innovation, log_density
-from nav_pose_estimator.core.filter.mixture import blend_rows, error_between, merge, with_wind
+from nav_pose_estimator.core.filter.mixture import blend_rows, merge
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 
 _LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
-_UNMODELLED = 8.0  # m^2/s^2: of a velocity that has drifted; the covariance knows nothing of lasting wrong predictions
 _REMEMBERED = 10.0  # s: the longest that checkpoints reach back
-_DRIVING_NOISE = [at.GYRO_NOISE_PSD, at.ACCEL_NOISE_PSD, at.GYRO_BIAS_PSD, at.ACCEL_BIAS_PSD, at.GYRO_MATRIX_PSD]
+_DRIVING_NOISE = np.r_[at.GYRO_NOISE_PSD, at.ACCEL_NOISE_PSD, at.GYRO_BIAS_PSD, at.ACCEL_BIAS_PSD, GYRO_MATRIX.psd]
 _PLACE = slice(at.DPOS, at.DPOS + 3)
-_CORRELATION = 10.0  # s: what is nearer in time is no independent evidence of a regime
 
 
 class Branches:
@@ -38,12 +38,14 @@ class Branches:
         known = self._drift_variance * stated
         # nobody has seen how wrong the position was that GNSS left
         known[_PLACE, _PLACE] += (1.0 - self._drift_variance) * stated[_PLACE, _PLACE]
-        P = with_wind(known, evidence.wind_cov)
-        constants = _with_wind_block(trunk[memory.CONSTANTS : memory.ORIGIN], evidence)
-        branch = memory.make(constants, len(P), slots, trunk[memory.PERIOD])
+        constants, P = with_block(trunk[memory.CONSTANTS : memory.ORIGIN], known, WIND, evidence.wind_cov)
+        constants[_DRIVING_NOISE] *= evidence.drift_variance
+        constants[WIND.psd] = 2.0 * evidence.wind_spread / evidence.wind_tau
+        constants[WIND.rate] = 1.0 / evidence.wind_tau
+        branch = memory.make(constants, slots, trunk[memory.PERIOD])
         branch[memory.ORIGIN : memory.STATES] = trunk[memory.ORIGIN : memory.STATES]
         branch[memory.NAV : memory.CONSTANTS] = trunk[memory.NAV : memory.CONSTANTS]
-        branch[memory.NAV + at.WIND : memory.NAV + at.WIND + 2] = evidence.wind
+        _nav(branch)[WIND.estimates] = evidence.wind
         branch[memory.NAV + at.GYRO_WANDER] *= self._drift_variance
         branch[memory.HEAD : memory.HEAD + P.size] = P.ravel()
         memory.add_checkpoint(branch)
@@ -62,6 +64,11 @@ class Branches:
     def pairs(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Nominal state and covariance of every branch; writing to them changes the branch."""
         return [(_nav(one), _covariance(one)) for one in self.memories]
+
+    @property
+    def constants(self) -> np.ndarray:
+        """Filter constants of every branch."""
+        return self.memories[0, memory.CONSTANTS : memory.ORIGIN]
 
     def run(self, rows: np.ndarray, begin: int, end: int, due: float, out: np.ndarray) -> int:
         """``memory.run_block`` along every branch; ``out`` receives the solution of the mixture."""
@@ -107,7 +114,7 @@ class Branches:
         weights = joint.sum(axis=1)
         for j, (nav, P) in enumerate(self.pairs()):
             if weights[j] > 0.0:
-                nav[:], P[:] = merge(after_navs[j], after_Ps[j], joint[j] / weights[j])
+                nav[:], P[:] = merge(after_navs[j], after_Ps[j], self.constants, joint[j] / weights[j])
         weights = np.maximum(weights / weights.sum(), _LEAST_WEIGHT)
         self.weights = weights / weights.sum()
         now = float(navs[0, at.TIME])
@@ -116,15 +123,15 @@ class Branches:
     def _joint_weights(self, navs: np.ndarray, Ps: np.ndarray, evidence: MotionEvidence) -> np.ndarray:
         """Correct ``navs``, ``Ps`` [j, i] for hypothesis j behind branch i; returns the weights of the pairs, or 0."""
         count = len(navs)
-        middle, _ = merge(navs[0], Ps[0], self.weights)
+        middle, _ = merge(navs[0], Ps[0], self.constants, self.weights)
         stay = math.exp(-evidence.interval / evidence.dwell) if count > 1 else 1.0
         transition = np.full((count, count), (1.0 - stay) / max(count - 1, 1))
         np.fill_diagonal(transition, stay)
-        tempered = min(evidence.interval / _CORRELATION, 1.0)
+        tempered = min(evidence.interval / evidence.correlation, 1.0)
         exponent = np.empty((count, count))
         for j, hypothesis in enumerate(evidence.hypotheses):
             for i in range(count):
-                likelihood, entry = _act(navs[j, i], Ps[j, i], middle, evidence, hypothesis)
+                likelihood, entry = _act(navs[j, i], Ps[j, i], self.constants, middle, evidence, hypothesis)
                 # what is seen while a regime lasts is correlated; that it could begin at all counts once and in full
                 exponent[j, i] = tempered * likelihood + (i != j) * (1.0 - tempered) * entry
         known = np.isfinite(exponent)
@@ -135,35 +142,40 @@ class Branches:
 
 
 def _act(
-    nav: np.ndarray, P: np.ndarray, middle: np.ndarray, evidence: MotionEvidence, hypothesis: Hypothesis
+    nav: np.ndarray,
+    P: np.ndarray,
+    constants: np.ndarray,
+    middle: np.ndarray,
+    evidence: MotionEvidence,
+    hypothesis: Hypothesis,
 ) -> tuple[float, float]:
     """Correct one branch; returns logarithms: how likely is what was observed, and that the regime begins here."""
     n = len(P)
     mean = np.array(evidence.wind_mean)
-    nav[at.WIND : at.WIND + 2] = mean + math.exp(-evidence.interval / evidence.wind_tau) * (
-        nav[at.WIND : at.WIND + 2] - mean
-    )
-    apart = error_between(middle, nav, n)  # the branch's error were the mixture the truth
+    wind = nav[WIND.estimates]
+    wind[:] = mean + math.exp(-evidence.interval / evidence.wind_tau) * (wind - mean)
+    apart = error_between(middle, nav, constants)  # the branch's error were the mixture the truth
     seen, used = [], []  # (z, H, variances): what tells the hypotheses apart, what corrects the branch
     likelihood, entry = hypothesis.log_likelihood, 0.0
     if hypothesis.velocity_var is not None:
         _, H = measurements.horizontal_velocity(nav, n, 0.0, 0.0)
         z, variances = np.array(evidence.velocity[:2]) + H @ apart, np.full(2, hypothesis.velocity_var)
         seen.append((z, H, variances))
-        entry = -0.5 * innovation(P, z, H, np.diag(variances + _UNMODELLED))
+        entry = -0.5 * innovation(P, z, H, np.diag(variances + evidence.unmodelled_var))
         if hypothesis.velocity_time is not None:
             # a velocity persists: it tells the regimes apart at once, but corrects the filter little by little
             used.append((z, H, variances * hypothesis.velocity_time / evidence.interval))
     if evidence.air_velocity is not None and hypothesis.air_noise is not None:
         means = evidence.attitude, np.array(evidence.velocity), np.array(evidence.body_velocity)
-        z, H = measurements.mean_air_velocity(nav, n, *means, np.array(evidence.air_velocity))
+        air_velocity = np.array(evidence.air_velocity)
+        z, H = measurements.mean_air_velocity(nav, n, WIND.states(constants).start, *means, air_velocity)
         base = slice(at.BASE_STATES)  # the wind is the branch's own already
         air = z + H[:, base] @ apart[base], H, np.array(hypothesis.air_noise)
         seen.append(air)
         used.append(air)
     if seen:
         likelihood += log_density(P, *_as_one(seen))
-    if used and not math.isfinite(correct(nav, P, *_as_one(used))):
+    if used and not math.isfinite(correct(nav, P, constants, *_as_one(used))):
         return -math.inf, -math.inf
     return likelihood, entry
 
@@ -181,14 +193,3 @@ def _nav(branch: np.ndarray) -> np.ndarray:
 def _covariance(branch: np.ndarray) -> np.ndarray:
     n = int(branch[memory.STATES])
     return branch[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
-
-
-def _with_wind_block(constants: np.ndarray, evidence: MotionEvidence) -> np.ndarray:
-    wider = constants.copy()
-    wider[_DRIVING_NOISE] *= evidence.drift_variance
-    wider[at.I_WIND_DRAG] = at.BASE_STATES
-    if wider[at.I_GYRO_MATRIX] >= 0.0:
-        wider[at.I_GYRO_MATRIX] += at.WIND_DRAG_STATES
-    wider[at.WIND_RATE] = 1.0 / evidence.wind_tau
-    wider[at.WIND_PSD] = 2.0 * evidence.wind_spread / evidence.wind_tau
-    return wider

@@ -19,12 +19,6 @@ class EngineClock:
         self.zero_ns = 0
         self.running = False
 
-    def copy(self) -> EngineClock:
-        """An independent copy."""
-        twin = EngineClock()
-        twin.zero_ns, twin.running = self.zero_ns, self.running
-        return twin
-
     def seconds(self, stamp_ns: int) -> float:
         """Engine time of a stamp."""
         return (stamp_ns - self.zero_ns) * NS

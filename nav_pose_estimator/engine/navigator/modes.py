@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Callable
 
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.parameters.navigator import NavigatorParameters
-from nav_pose_estimator.engine.sensors.aids import AidInput
-from nav_pose_estimator.engine.sensors.gnss import GnssInput
+from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.solutions import Level, Mode
 
 _AID_HOLDS = 3.0  # s: how long an aid counts as bounding the drift
@@ -30,10 +28,6 @@ class ModeKeeper:
         """New times that separate the modes."""
         self._parameters = parameters
 
-    def copy(self) -> ModeKeeper:
-        """An independent copy."""
-        return copy.copy(self)
-
     def note_alignment(self, has_attitude: bool) -> None:
         """While the filter does not run: aligning, or level but without a position."""
         self.mode = Mode.NO_ORIGIN if has_attitude else Mode.ALIGNING
@@ -43,36 +37,34 @@ class ModeKeeper:
         gap = t - last_used
         return gap if self._parameters.lost_after < gap < math.inf else 0.0
 
-    def deadline(self, t: float, gnss: GnssInput, aids: AidInput) -> float:
+    def deadline(self, t: float, aiding: Aiding) -> float:
         """The next time after ``t`` at which the mode may change by time alone."""
         times = (
-            gnss.last_used + self._parameters.lost_after,
-            gnss.last_used + self._parameters.expire_after,
-            gnss.last_offered + _OFFER_HOLDS,
-            aids.last_bounding + _AID_HOLDS,
+            aiding.fix_used + self._parameters.lost_after,
+            aiding.fix_used + self._parameters.expire_after,
+            aiding.fix_offered + _OFFER_HOLDS,
+            aiding.drift_bounded + _AID_HOLDS,
         )
         return min((at for at in times if at > t), default=math.inf)
 
-    def update(
-        self, t: float, gnss: GnssInput, aids: AidInput, journal: Journal, stamp: Callable[[float], int]
-    ) -> Mode:
-        """The mode at ``t`` of a running filter; a change is an event."""
-        mode = self.at(t, gnss, aids)
+    def update(self, t: float, aiding: Aiding, refusal: str, journal: Journal, stamp: Callable[[float], int]) -> Mode:
+        """The mode at ``t`` of a running filter; a change is an event. ``refusal``: why the last fix was not used."""
+        mode = self.at(t, aiding)
         if mode is not self.mode:
             was_denied, is_denied = self.mode in DENIED, mode in DENIED
             level = Level.WARN if is_denied and not was_denied else Level.INFO
-            why = f" ({gnss.refusal})" if is_denied and gnss.refusal else ""
+            why = f" ({refusal})" if is_denied and refusal else ""
             journal.say(stamp(t), f"mode.{mode.value.lower()}", level, f"{self.mode.value} -> {mode.value}{why}")
             self.mode = mode
         return mode
 
-    def at(self, t: float, gnss: GnssInput, aids: AidInput) -> Mode:
+    def at(self, t: float, aiding: Aiding) -> Mode:
         """The mode that ``t`` asks for, of a running filter."""
-        gap = t - gnss.last_used
+        gap = t - aiding.fix_used
         if gap < self._parameters.lost_after:
             return Mode.AIDED
-        if t - gnss.last_offered < _OFFER_HOLDS and gnss.last_offered > gnss.last_used + self._parameters.lost_after:
+        if t - aiding.fix_offered < _OFFER_HOLDS and aiding.fix_offered > aiding.fix_used + self._parameters.lost_after:
             return Mode.REACQUIRING
         if gap >= self._parameters.expire_after:
             return Mode.EXPIRED
-        return Mode.COASTING if t - aids.last_bounding < _AID_HOLDS else Mode.DEAD_RECKONING
+        return Mode.COASTING if t - aiding.drift_bounded < _AID_HOLDS else Mode.DEAD_RECKONING

@@ -13,6 +13,7 @@ from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
 from nav_pose_estimator.core.filter import bias_noise, measurements
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.blocks import state_count
 from nav_pose_estimator.core.filter.kalman import correct, gated_correct
 from nav_pose_estimator.core.filter.vertical_channel import gated_height
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
@@ -51,12 +52,12 @@ class StartUp:
         self._done: Alignment | None = None
         self.time = 0.0
 
-    def copy(self) -> StartUp:
-        """An independent copy. A finished aligner takes nothing in any more: copies share it, and what it holds."""
-        if not self._aligner.is_complete:
-            return copy.deepcopy(self)
+    def __deepcopy__(self, memo: dict) -> StartUp:
+        """A finished aligner takes nothing in any more: copies share it, and what it holds."""
+        if self._aligner.is_complete:
+            memo[id(self._aligner)] = self._aligner
         twin = copy.copy(self)
-        twin._velocities = self._velocities.copy()
+        twin.__dict__ = copy.deepcopy(self.__dict__, memo)
         return twin
 
     def imu(self, row: np.ndarray) -> None:
@@ -145,10 +146,11 @@ def set_pose(nav: np.ndarray, P: np.ndarray, sample: SetPose, origin: tuple[floa
         P[start : start + 3, start : start + 3] = block
 
 
-def warm_up(constants: np.ndarray, states: int) -> None:
-    """Call every kernel of the observations once on harmless numbers; a rehearsed flight calls those of the IMU."""
+def warm_up(constants: np.ndarray) -> None:
+    """Call every kernel of the observations once on harmless numbers; the warm-up flight calls those of the IMU."""
     nav = np.zeros(at.NAV_SIZE)
     nav[at.QUAT] = 1.0
+    states = state_count(constants)
     P = np.eye(states)
     zero = np.zeros(3)
     for z, H in (
@@ -161,9 +163,9 @@ def warm_up(constants: np.ndarray, states: int) -> None:
         measurements.zero_velocity(nav, states),
     ):
         R = np.eye(len(z))
-        gated_correct(nav, P, z, H, R, 10.0, 100.0)
-        correct(nav, P, z, H, R)
-    gated_height(nav, P, 0.0, 1.0, 10.0, 100.0)
+        gated_correct(nav, P, constants, z, H, R, 10.0, 100.0)
+        correct(nav, P, constants, z, H, R)
+    gated_height(nav, P, constants, 0.0, 1.0, 10.0, 100.0)
     bias_noise.begin(nav, constants)
     bias_noise.observe(nav, P)
     bias_noise.overstatement(nav)

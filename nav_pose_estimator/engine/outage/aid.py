@@ -1,31 +1,21 @@
-"""Everything that helps the navigator through an outage, behind one call per solution."""
+"""Everything that helps the navigator of this process through an outage, behind one call per solution."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-import numpy as np
-
-from nav_pose_estimator.core.motion import epochs as me
-from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
-from nav_pose_estimator.engine.outage.epochs import EpochCollector, last_stamp
-from nav_pose_estimator.engine.outage.habits import BEST, MotionKnowledge, vector3
-from nav_pose_estimator.engine.outage.learner import OutageLearner, TrainingJob, TrainingResult
-from nav_pose_estimator.engine.outage.rehearsals import COAST, VirtualOutages
+from nav_pose_estimator.engine.outage.epochs import last_stamp
+from nav_pose_estimator.engine.outage.learner import OutageLearner
+from nav_pose_estimator.engine.outage.methods.method import Flight, Guide, TrainingResult
+from nav_pose_estimator.engine.outage.pilot import OutageHelp, OutagePilot, Train
+from nav_pose_estimator.engine.outage.rehearsals import Rehearsals
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
-from nav_pose_estimator.engine.samples import MotionEvidence, Sample, VelocityError
-from nav_pose_estimator.engine.solutions import NavBlock, NavSolution, OutageError
+from nav_pose_estimator.engine.samples import Sample, VelocityError
+from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 
 _LARGEST_SPEED = 1e3  # m/s
 _ENOUGH = 20.0  # s of flight below which nothing is known of the motion
-_NETWORK, _REGIMES = "network", "regimes"
-_DRAW = 1.1  # errors this much larger than the simpler way's are still a draw
-_CLEARLY = 3.0  # coasting grows with the cube of time: a draw with it at 30 s is a win at 60 s
-
-Train = Callable[[TrainingJob], None]
 
 
 class OutageAid:
@@ -33,40 +23,37 @@ class OutageAid:
 
     def __init__(self, parameters: LearnerParameters, train: Train | None = None) -> None:
         """``train`` carries out a job and hands its result to ``accept``; by default here and now."""
-        self._parameters = parameters
-        self._elsewhere = train
-        self.learner = OutageLearner(parameters)
-        self.reset()
+        self._parameters, self._train = parameters, train
+        self._pilot = OutagePilot(parameters, train)
+        self.rehearsals = Rehearsals(self.learner.method.rehearsal)
+        self._external: VelocityError | None = None
 
     def reset(self) -> None:
         """Forget the flight; the model stays, the next training replaces it."""
-        model = self.learner.model
-        self.learner = OutageLearner(self._parameters)
-        self.learner.model = model
-        self.rehearsals = VirtualOutages()
-        self._collector = EpochCollector()
-        self._knowledge: MotionKnowledge | None = None
-        self._external: VelocityError | None = None
-        self._position_error = np.zeros(3)
+        self._pilot.reset()
+        self.rehearsals = Rehearsals(self.learner.method.rehearsal)
+        self._external = None
 
     def copy(self) -> OutageAid:
         """An independent copy."""
-        twin = OutageAid(self._parameters, self._elsewhere)
-        twin.learner, twin.rehearsals = self.learner.copy(), self.rehearsals.copy()
-        twin._collector = self._collector.copy()
-        twin._knowledge, twin._external = self._knowledge, self._external
-        twin._position_error = self._position_error.copy()
+        twin = OutageAid(self._parameters, self._train)
+        twin._pilot, twin.rehearsals = self._pilot.copy(), self.rehearsals.copy()
+        twin._external = self._external
         return twin
 
-    def _train(self, job: TrainingJob) -> None:
-        if self._elsewhere is None:
-            self.accept(job.run())
-        else:
-            self._elsewhere(job)
+    @property
+    def learner(self) -> OutageLearner:
+        """What has been learned."""
+        return self._pilot.learner
+
+    @property
+    def guide(self) -> Guide | None:
+        """What the present outage is flown by; None while there is none, and to coast."""
+        return self._pilot.state.guide
 
     def accept(self, result: TrainingResult) -> None:
         """Take the result of a training."""
-        self.learner.accept(result)
+        self._pilot.accept(result)
 
     def predicted(self, error: VelocityError) -> None:
         """A prediction of a network in another process; one that is no number is not used."""
@@ -77,70 +64,27 @@ class OutageAid:
         """Every sample that the navigator gets: the rehearsals live on it."""
         self.rehearsals.feed(sample)
 
-    def step(
-        self, output: NavBlock | NavSolution, sins: SinsEngine
-    ) -> tuple[MotionEvidence | None, OutageError | None]:
-        """Called with every piece of the solution; returns what it says of the motion in an outage."""
-        finished = self._collector.feed(output)
+    def step(self, output: NavBlock | NavSolution, sins: SinsEngine) -> OutageHelp:
+        """Called with every piece of the solution."""
+        finished = self._pilot.collect(output)
         if finished is None:
-            return None, None
+            return OutageHelp()
         stamp = last_stamp(output)
-        if self.rehearsals.is_due(stamp, sins) and (ways := self._ways()):
-            self.rehearsals.start(stamp, sins, self._collector, ways)
-        one, good = finished
-        if good:
-            self._knowledge = None
-            job = self.learner.learn(one)
-            if job is not None:
-                self._train(job)
-        return self._in_outage(stamp) if output.mode in DENIED else (None, None)
+        if self.rehearsals.is_due(stamp, sins) and (flight := self._flight()) is not None:
+            self.rehearsals.start(stamp, sins, self._pilot.state.collector, self.learner.method.ways(flight))
+        self._pilot.learn(finished)
+        if output.mode not in DENIED:
+            return OutageHelp()
+        return self._pilot.advise(stamp, self.choose, self._external)
 
-    def _in_outage(self, stamp_ns: int) -> tuple[MotionEvidence | None, OutageError | None]:
-        if self._knowledge is None:
-            self._knowledge = self._choose()
-            self._position_error = np.zeros(3)
-        if self._knowledge is None:
-            return None, None
-        evidence, error = self._knowledge.evidence(stamp_ns, np.array(self._collector.recent), self._external)
-        if error is None:
-            return evidence, None
-        self._position_error = self._position_error + me.PERIOD * np.array(error.dv_n)
-        return evidence, OutageError(stamp_ns, error.dv_n, error.cov, vector3(self._position_error))
+    def choose(self) -> Guide | None:
+        """What to go by in an outage that begins now."""
+        flight = self._flight()
+        return None if flight is None else self.learner.method.choose(flight, self.rehearsals)
 
-    def _choose(self) -> MotionKnowledge | None:
-        """What to go by in this outage: for ``best`` what did best in the rehearsals, else what was asked for."""
-        ways = self._ways()
-        if self._parameters.method != BEST:
-            return ways.get(_NETWORK) or ways.get(_REGIMES)
-        rehearsals = self.rehearsals
-        best = _REGIMES
-        if _NETWORK in ways and not rehearsals.is_worse(_NETWORK, _REGIMES, _DRAW):
-            best = _NETWORK
-        return None if rehearsals.is_worse(best, COAST, _CLEARLY) else ways.get(best)
-
-    def _ways(self) -> dict[str, MotionKnowledge]:
-        """The ways to be helped that there are by now."""
-        method, model = self._parameters.method, self.learner.model
-        epochs = self.learner.memory.last(self._parameters.window)
-        if method == COAST or len(epochs) * me.PERIOD < _ENOUGH:
-            return {}
-        drift = self.rehearsals.drift_variance
-        ways = {_REGIMES: MotionKnowledge.of(method, epochs, None, drift)}
-        if model is not None:
-            ways[_NETWORK] = MotionKnowledge.of(method, epochs, model, drift)
-        return ways
-
-    @property
-    def model(self) -> AirVelocityModel | None:
-        """The trained network in use."""
-        return self.learner.model
+    def _flight(self) -> Flight | None:
+        return self._pilot.flight(_ENOUGH, self.rehearsals.drift_variance)
 
     def status(self) -> dict[str, float]:
         """Numbers for diagnostics."""
-        values = self.learner.scores()
-        for name in (COAST, _REGIMES, _NETWORK):
-            rms = self.rehearsals.rms(name)
-            if rms is not None:
-                values[f"rehearsal.rms_30_s.{name}"] = rms
-        count, drift = float(self.rehearsals.rehearsals), self.rehearsals.drift_variance
-        return values | {"rehearsal.count": count, "rehearsal.drift_variance": drift}
+        return self.learner.scores() | self.rehearsals.scores()

@@ -3,6 +3,9 @@
 line 1    nav_pose_estimator model VERSION
 line 2    SHA-256 of the rest, hexadecimal
 rest      the arrays, in numpy's npz format (no pickled objects)
+
+A checksum tells that the file is as it was written, not that a training wrote it. So a model is also held against what
+a vehicle can do: speeds, winds and variances outside those bounds are refused before anything flies with them.
 """
 
 import hashlib
@@ -10,7 +13,9 @@ import io
 import os
 import zipfile
 from collections.abc import Mapping
+from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +24,24 @@ from nav_pose_estimator.errors import UserError
 
 VERSION = 1
 _MAGIC = b"nav_pose_estimator model "
-_LARGEST = 256 * 2**20  # bytes: no model is larger, and a wrong file shall not fill the memory
+_LARGEST = 16 * 2**20  # bytes, also unpacked: no model is larger, and a wrong file shall not fill the memory
+_NETWORK = "network."  # beginning of the names of its arrays
+_FASTEST = 150.0  # m/s
+_STRONGEST = 60.0  # m/s of wind
+_BOUNDS: dict[str, tuple[float, float]] = {
+    "wind": (-2.0 * _STRONGEST, 2.0 * _STRONGEST),  # a change since the mean
+    "wind_mean": (-_STRONGEST, _STRONGEST),
+    "wind_cov": (-(_STRONGEST**2), _STRONGEST**2),
+    "wind_spread": (0.0, _STRONGEST**2),
+    "noise": (1e-4, 1e4),  # m^2/s^2, of a mean over one second
+    "hover_noise": (1e-4, 1e4),
+    "target_square": (0.0, _FASTEST**2),
+    "errors": (0.0, 1e6),
+    "parameter_cov": (-1e21, 1e21),
+    "*option.rules": (1, 64),
+    "*option.iterations": (0, 100_000),
+}
+"""What the arrays of a model of the outage learning may hold, by name; ``*`` stands for any beginning."""
 
 
 def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
@@ -30,7 +52,8 @@ def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
     """
     path = Path(path)
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **{name: np.asarray(value) for name, value in arrays.items()})
+    named: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items()}
+    np.savez(buffer, **named)  # without allow_pickle=False, which NumPy 1 would save as one more array
     body = buffer.getvalue()
     header = _MAGIC + f"{VERSION}\n{hashlib.sha256(body).hexdigest()}\n".encode()
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
@@ -47,7 +70,10 @@ def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def load_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """The arrays that ``save_arrays`` wrote, bit for bit. ``UserError`` for a damaged, foreign or newer file."""
+    """The arrays that ``save_arrays`` wrote, bit for bit.
+
+    ``UserError`` for a damaged, foreign or newer file, and for a model that says what no vehicle can do.
+    """
     path = Path(path)
     try:
         if path.stat().st_size > _LARGEST:
@@ -64,11 +90,53 @@ def load_arrays(path: str | Path) -> dict[str, np.ndarray]:
     checksum, _, body = rest.partition(b"\n")
     if checksum.decode("ascii", "replace") != hashlib.sha256(body).hexdigest():
         raise UserError(f"{path} is damaged: its checksum does not match")
+    arrays = _unpack(path, body)
+    _check_bounds(path, arrays)
+    return arrays
+
+
+def _unpack(path: Path, body: bytes) -> dict[str, np.ndarray]:
     try:
-        with np.load(io.BytesIO(body), allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, zipfile.BadZipFile) as error:
-        raise UserError(f"{path} is damaged: {error}") from None
+        with zipfile.ZipFile(io.BytesIO(body)) as archive:
+            unpacked = sum(item.file_size for item in archive.infolist())
+        if unpacked > _LARGEST:
+            raise UserError(f"{path} is not a model of nav_pose_estimator: it is too large")
+        with np.load(io.BytesIO(body), allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except UserError:
+        raise
+    except Exception as error:  # numpy and zipfile raise whatever the bytes lead to
+        raise UserError(f"{path} is damaged: {' '.join(str(error).split())}") from None
+
+
+def _check_bounds(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    for name, values in arrays.items():
+        if values.dtype.kind not in "fiub":
+            continue
+        bounds = [limits for pattern, limits in _BOUNDS.items() if fnmatchcase(name, pattern)]
+        if any(not ((values >= low) & (values <= high)).all() for low, high in bounds):  # false for NaN
+            raise UserError(f"{path}: {name} is beyond what a vehicle can do; the model is not used")
+    for name in ("wind_cov", "parameter_cov"):
+        cov = arrays.get(name)
+        if cov is not None and cov.ndim == 2 and cov.shape[0] == cov.shape[1] > 0:
+            eigenvalues = np.linalg.eigvalsh(cov)
+            if eigenvalues[0] < -1e-6 * max(abs(eigenvalues[-1]), 1e-9):
+                raise UserError(f"{path}: {name} is no covariance; the model is not used")
+    network = {name.removeprefix(_NETWORK): value for name, value in arrays.items() if name.startswith(_NETWORK)}
+    if network:
+        speed = _fastest(Anfis.from_state(network))
+        if not speed <= _FASTEST:
+            raise UserError(f"{path}: its network speaks of {speed:.3g} m/s; the model is not used")
+
+
+def _fastest(model: Anfis) -> float:
+    """The largest velocity [m/s] that a network predicts where its rules lie, and a deviation beside that."""
+    scaling, centres = model.network.scaling, model.network.premises.centre.T
+    steps = np.concatenate([np.zeros((1, centres.shape[1])), np.eye(centres.shape[1]), -np.eye(centres.shape[1])])
+    z = (centres[:, None, :] + steps).reshape(-1, centres.shape[1])
+    x = scaling.in_mean + np.divide(z, scaling.in_gain, out=np.zeros_like(z), where=scaling.in_gain > 0.0)
+    with np.errstate(all="ignore"):
+        return float(np.max(np.linalg.norm(model.predict(x), axis=1)))
 
 
 def save_model(path: str | Path, model: Anfis) -> None:

@@ -2,7 +2,12 @@
 
 from dataclasses import dataclass
 
+from nav_pose_estimator.engine.outage.methods.registry import estimators
 from nav_pose_estimator.engine.parameters.schema import param
+
+
+def _describe_methods() -> str:
+    return "; ".join(f"{name}: {method.summary}" for name, method in estimators().items())
 
 
 @dataclass(frozen=True)
@@ -10,13 +15,7 @@ class LearnerParameters:
     """What helps the navigator through an outage."""
 
     enabled: bool = param(True, "", "Learn from the flight while GNSS is good and help the navigator without it")
-    method: str = param(
-        "best",
-        "",
-        "coast: nothing; velocity_prior: the vehicle moves as it has moved; drag: rotor drag and wind; anfis: the"
-        " network alone; anfis_linear: the network with one rule; best: network, hovering or travelling, as it helped",
-        choices=("coast", "velocity_prior", "drag", "anfis", "anfis_linear", "best"),
-    )
+    method: str = param("best", "", _describe_methods, choices=lambda: tuple(estimators()))
     window: float = param(600.0, "s", "The network is trained on so much of the last flight", 60.0, 600.0)
     period: float = param(30.0, "s", "Time between two trainings", 5.0, 600.0)
     rules: int = param(2, "", "Up to so many rules are tried; more than one only where that is clearly better", 1, 8)

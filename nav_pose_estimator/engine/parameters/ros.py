@@ -27,6 +27,13 @@ class InputParameters:
     )
     velocity_frame: str = param("enu", "", "World axes of a twist on gps/vel", choices=("enu", "ned"))
     vertical_velocity: bool = param(True, "", "The driver fills the vertical velocity of gps/vel (MAVROS does not)")
+    airspeed: str = param(
+        "twist",
+        "",
+        "airspeed: true airspeed [m/s] as geometry_msgs/TwistStamped (x), std_msgs/Float32 or px4_msgs/Airspeed; or"
+        " differential pressure [Pa] as sensor_msgs/FluidPressure or px4_msgs/DifferentialPressure",
+        choices=("twist", "float32", "px4", "differential_pressure", "px4_differential_pressure"),
+    )
     queue: int = param(200, "", "Messages kept per input while the node is busy", 1, 1000)
     max_stamp_regression: float = param(
         1.0, "s", "Stamps that go back by more, three times in a row, are a new run (bag loop): reset", 0.1, 3600.0

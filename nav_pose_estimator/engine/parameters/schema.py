@@ -4,13 +4,17 @@ From there come the ROS parameter descriptors, the YAML files, the documentation
 """
 
 import difflib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+import reprlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 from nav_pose_estimator.errors import UserError
 
 _Settings = TypeVar("_Settings")
+_brief = reprlib.Repr()
+_brief.maxstring = _brief.maxother = 80
+_shown = _brief.repr  # a value for the eye, whatever its length
 
 
 class ParameterError(UserError):
@@ -34,13 +38,16 @@ class Spec:
 def param(
     default: Any,
     unit: str,
-    description: str,
+    description: str | Callable[[], str],
     minimum: float | None = None,
     maximum: float | None = None,
-    choices: tuple[str, ...] = (),
+    choices: tuple[str, ...] | Callable[[], tuple[str, ...]] = (),
     mutable: bool = False,
 ) -> Any:
-    """Declare a field. ``default`` bool, int, float, str or a tuple of floats; unit "" for a pure number."""
+    """Declare a field. ``default`` bool, int, float, str or a tuple of floats; unit "" for a pure number.
+
+    ``description`` and ``choices`` that come from a registry are functions, asked whenever they are needed.
+    """
     meta = {
         "unit": unit,
         "description": description,
@@ -61,7 +68,12 @@ def specs(group: Any, prefix: str = "") -> Iterator[Spec]:
         if is_dataclass(value):
             yield from specs(value, f"{key}.")
         else:
-            yield Spec(key=key, default=value, **item.metadata)
+            yield spec_of(item, key, value)
+
+
+def spec_of(item: Field, key: str, value: Any) -> Spec:
+    """What ``param`` declared of a field, under the name ``key`` and with the default ``value``."""
+    return Spec(key, value, **{name: fact() if callable(fact) else fact for name, fact in item.metadata.items()})
 
 
 def flatten(group: Any) -> dict[str, Any]:
@@ -76,14 +88,14 @@ def check(spec: Spec, value: Any) -> Any:
         return _check_tuple(spec, value)
     if isinstance(default, bool) or isinstance(value, bool):
         if not (isinstance(value, bool) and isinstance(default, bool)):
-            raise ParameterError(f"{spec.key}: {value!r} is not {_kind(default)}")
+            raise ParameterError(f"{spec.key}: {_shown(value)} is not {_kind(default)}")
         return value
     if isinstance(default, float) and isinstance(value, int):
         value = float(value)
     if type(value) is not type(default):
-        raise ParameterError(f"{spec.key}: {value!r} is not {_kind(default)}")
+        raise ParameterError(f"{spec.key}: {_shown(value)} is not {_kind(default)}")
     if spec.choices and value not in spec.choices:
-        raise ParameterError(f"{spec.key}: {value!r} is not one of {', '.join(spec.choices)}")
+        raise ParameterError(f"{spec.key}: {_shown(value)} is not one of {', '.join(spec.choices)}")
     if isinstance(value, (int, float)):
         _check_range(spec, value)
     return value
@@ -96,7 +108,7 @@ def update(group: Any, values: Mapping[str, Any]) -> Any:
         if key not in known:
             close = difflib.get_close_matches(key, known, n=1)
             hint = f"; did you mean {close[0]!r}?" if close else ""
-            raise ParameterError(f"there is no parameter {key!r}{hint}")
+            raise ParameterError(f"there is no parameter {_shown(key)}{hint}")
         group = _set(group, key.split("."), check(known[key], value))
     return group
 
@@ -117,10 +129,10 @@ def _check_range(spec: Spec, value: float) -> None:
 
 
 def _check_tuple(spec: Spec, value: Any) -> tuple[float, ...]:
-    try:
-        items = tuple(float(item) for item in value)
-    except (TypeError, ValueError):
-        raise ParameterError(f"{spec.key}: {value!r} is not a list of numbers") from None
+    is_list = isinstance(value, (tuple, list))
+    if not is_list or any(isinstance(item, bool) or not isinstance(item, (int, float)) for item in value):
+        raise ParameterError(f"{spec.key}: {_shown(value)} is not a list of numbers")
+    items = tuple(map(float, value))
     if len(items) != len(spec.default):
         raise ParameterError(f"{spec.key}: needs {len(spec.default)} numbers, not {len(items)}")
     for item in items:

@@ -58,11 +58,6 @@ def pack(kind: str, count: int, fields: Mapping[str, Any]) -> np.ndarray:
     return rows
 
 
-def serialize(kind: str, message: Any) -> bytes:
-    """One message object of ``typestore().types[kind]``: for types with sequences."""
-    return bytes(typestore().serialize_cdr(message, kind))
-
-
 @dataclass(frozen=True, slots=True)
 class _Leaf:
     """A number, a fixed array of numbers, or a text: where it lies in the serialized message."""

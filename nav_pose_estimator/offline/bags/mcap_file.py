@@ -1,18 +1,19 @@
 """Reading MCAP files without their index, so that a truncated recording reads like an intact one.
 
-The file is scanned from record to record (https://mcap.dev/spec); chunks give their time range in their header, hence a
-scan touches only a few bytes of each. A chunk that the recording broke off in is decompressed as far as it goes.
+The file is scanned from record to record; chunks give their time range in their header, hence a scan touches only a few
+bytes of each. A chunk that the recording broke off in is decompressed as far as it goes; one whose checksum does not
+match is left out, and said.
 """
 
+import heapq
 import mmap
 import struct
-import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from nav_pose_estimator.offline.bags import mcap_records as mcap
 from nav_pose_estimator.offline.bags.raw_messages import (
     BagError,
     RawBatch,
@@ -20,26 +21,12 @@ from nav_pose_estimator.offline.bags.raw_messages import (
     from_payloads,
     in_time_order,
     merge_overlapping,
+    usable_times,
 )
+from nav_pose_estimator.offline.bags.unpacking import LARGEST_CHUNK, DamagedError, unpacked_limit
 
-MAGIC = b"\x89MCAP0\r\n"
-SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, STATISTICS = 0x03, 0x04, 0x05, 0x06, 0x07, 0x0B
-RECORD_HEAD = struct.Struct("<BQ")
-MESSAGE_HEAD = struct.Struct("<BQHIQ")  # opcode, length, channel, sequence, log time; publish time and data follow
-MESSAGE_DATA = 31  # bytes before the data of a message record
-MESSAGE_FIXED = 22  # bytes of the record's content that are not data
-CHUNK_HEAD = struct.Struct("<QQQI")  # start time, end time, uncompressed size, crc
 LOOSE_BATCH = 4096  # messages outside chunks are handed out in batches of this size
-
-
-@dataclass(frozen=True, slots=True)
-class _Chunk:
-    start_ns: int
-    end_ns: int
-    compression: str
-    offset: int
-    size: int
-    whole: bool
+_LONGEST = 1e5  # s: a chunk that says it is longer says nothing
 
 
 class McapFile:
@@ -48,31 +35,48 @@ class McapFile:
     def __init__(self, path: Path) -> None:
         """Scan the file. Raises ``BagError`` for a file that is no MCAP."""
         self.path = path
-        self.warnings: list[str] = []
-        self._schemas: dict[int, tuple[str, str]] = {}
-        self._channels: dict[int, tuple[str, int, str]] = {}
-        self._counts: dict[int, int] = {}
-        self._statistics: dict[int, int] | None = None
-        self._chunks: list[_Chunk] = []
-        self._loose: list[tuple[int, int, int, int]] = []  # messages outside chunks: time, channel, offset, length
+        self._told: list[str] = []
+        self._left_out: dict[int, tuple[str, float]] = {}  # offset of a damaged chunk -> why, seconds in it
+        self._bad_records = 0
+        self._directory = mcap.Directory()
+        self._chunks: list[mcap.Chunk] = []
+        loose: list[tuple[int, int, int, int]] = []  # messages outside chunks: time, channel, offset, length
         with path.open("rb") as file:
-            if file.read(len(MAGIC)) != MAGIC:
+            if file.read(len(mcap.MAGIC)) != mcap.MAGIC:
                 raise BagError(f"{path} is not an MCAP file: its first bytes are not those of the format")
             self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-        self._scan()
-        if not self._channels and self._chunks:
-            self._look_into_chunks()
+        self._scan(loose)
+        table = np.array(loose, np.uint64).reshape(-1, 4)
+        self._loose = np.column_stack([usable_times(table[:, 0]), table[:, 1:].astype(np.int64)])
+        self._refuse_bombs()
+        self._look_into_chunks()
+        self._settle_times()
 
     @property
     def topics(self) -> list[Topic]:
-        """The topics of the file; several channels of one topic are one."""
-        counts = self._counts if self._statistics is None else self._statistics
-        found: dict[str, Topic] = {}
-        for channel, (name, schema, encoding) in self._channels.items():
-            kind, definition = self._schemas.get(schema, ("", ""))
-            before = found[name].count if name in found else 0
-            found[name] = Topic(name, kind, before + counts.get(channel, 0), encoding, definition)
-        return list(found.values())
+        """The topics of the file."""
+        return self._directory.topics()
+
+    @property
+    def warnings(self) -> list[str]:
+        """What was damaged so far; reading can add to it."""
+        told = list(self._told)
+        for why in dict.fromkeys(why for why, _ in self._left_out.values()):
+            mine = [(offset, seconds) for offset, (reason, seconds) in self._left_out.items() if reason == why]
+            many = "a damaged chunk was" if len(mine) == 1 else f"{len(mine)} damaged chunks were"
+            lost = sum(seconds for _, seconds in mine)
+            told.append(f"{self.path.name}: {many} left out, about {lost:.1f} s of data ({why}; byte {min(mine)[0]})")
+        if self._bad_records:
+            told.append(f"{self.path.name}: {self._bad_records} damaged records were left out")
+        return told
+
+    @property
+    def span(self) -> tuple[int, int] | None:
+        """Receive times [ns] of the first and last message, as the file states them; None without any."""
+        loose = self._loose[:, 0].tolist()
+        starts = [chunk.start_ns for chunk in self._chunks] + loose
+        ends = [chunk.end_ns for chunk in self._chunks] + loose
+        return (min(starts), max(ends)) if starts else None
 
     def close(self) -> None:
         """Release the file."""
@@ -80,168 +84,104 @@ class McapFile:
 
     def batches(self, names: list[str]) -> Iterator[RawBatch]:
         """Messages of the topics ``names`` in receive-time order, about a chunk at a time."""
-        wanted = {c: names.index(name) for c, (name, _, _) in self._channels.items() if name in names}
-        parts = sorted(self._chunks, key=lambda chunk: chunk.start_ns)
-        yield from merge_overlapping(self._tables(parts, wanted))
+        channels = self._directory.channels
+        wanted = {channel: names.index(name) for channel, (name, _, _) in channels.items() if name in names}
+        parts = heapq.merge(self._loose_batches(wanted), self._chunk_batches(wanted), key=lambda part: part[0])
+        yield from merge_overlapping(parts)
 
-    def _tables(self, chunks: list[_Chunk], wanted: dict[int, int]) -> Iterator[tuple[int, RawBatch]]:
-        loose = [row for row in self._loose if row[1] in wanted]
-        loose.sort(key=lambda row: row[0])
-        for i in range(0, len(loose), LOOSE_BATCH):
-            rows = loose[i : i + LOOSE_BATCH]
-            payloads = [self._map[offset : offset + length] for _, _, offset, length in rows]
-            yield rows[0][0], from_payloads([row[0] for row in rows], [wanted[row[1]] for row in rows], payloads)
-        for chunk in chunks:
+    def _loose_batches(self, wanted: dict[int, int]) -> Iterator[tuple[int, RawBatch]]:
+        rows = self._loose[np.isin(self._loose[:, 1], list(wanted))]
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        for i in range(0, len(rows), LOOSE_BATCH):
+            times, channels, offsets, lengths = rows[i : i + LOOSE_BATCH].T.tolist()
+            places = zip(offsets, lengths, strict=True)
+            payloads = [self._map[offset : offset + length] for offset, length in places]
+            yield times[0], from_payloads(times, [wanted[channel] for channel in channels], payloads)
+
+    def _chunk_batches(self, wanted: dict[int, int]) -> Iterator[tuple[int, RawBatch]]:
+        for chunk in sorted(self._chunks, key=lambda chunk: chunk.start_ns):
             data = self._chunk_data(chunk)
-            yield chunk.start_ns, _batch(list(_messages(data, wanted)), wanted, data)
+            yield chunk.start_ns, _batch(list(mcap.messages(data, wanted)), wanted, data)
 
-    def _scan(self) -> None:
+    def _scan(self, loose: list[tuple[int, int, int, int]]) -> None:
         """Walk over the records of the file and note where everything is."""
-        data, position, size = self._map, len(MAGIC), len(self._map)
-        while position + RECORD_HEAD.size <= size:
-            opcode, length = RECORD_HEAD.unpack_from(data, position)
-            start = position + RECORD_HEAD.size
-            if data[position : position + len(MAGIC)] == MAGIC:
+        data, position, size = self._map, len(mcap.MAGIC), len(self._map)
+        while position + mcap.RECORD_HEAD.size <= size:
+            opcode, length = mcap.RECORD_HEAD.unpack_from(data, position)
+            start = position + mcap.RECORD_HEAD.size
+            if data[position : position + len(mcap.MAGIC)] == mcap.MAGIC:
                 return
             whole = start + length <= size
             if not whole:
-                self.warnings.append(f"{self.path.name} breaks off: {size - position} bytes of an unfinished record")
-            if whole or opcode == CHUNK:
-                self._note(opcode, start, min(length, size - start), position)
+                self._told.append(f"{self.path.name} breaks off: {size - position} bytes of an unfinished record")
+            try:
+                if opcode == mcap.CHUNK:
+                    self._chunks.append(mcap.Chunk.parse(data, start, min(length, size - start), whole))
+                elif whole and opcode == mcap.MESSAGE:
+                    loose.append(self._loose_message(position))
+                elif whole:
+                    self._note(opcode, start, length)
+            except struct.error:
+                self._bad_records += 1
             position = start + length
-        if position == size and not self._statistics:
-            self.warnings.append(f"{self.path.name} has no end mark: the recording was not closed")
+        if position == size and not self._directory.statistics:
+            self._told.append(f"{self.path.name} has no end mark: the recording was not closed")
 
-    def _note(self, opcode: int, start: int, length: int, record: int) -> None:
-        if opcode == CHUNK:
-            self._note_chunk(start, length)
-        elif opcode == MESSAGE:
-            _, size, channel, _, time = MESSAGE_HEAD.unpack_from(self._map, record)
-            self._loose.append((time, channel, record + MESSAGE_DATA, size - MESSAGE_FIXED))
-            self._counts[channel] = self._counts.get(channel, 0) + 1
-        elif opcode == MESSAGE_INDEX:
-            channel, size = struct.unpack_from("<HI", self._map, start)
-            self._counts[channel] = self._counts.get(channel, 0) + size // 16
-        elif opcode == STATISTICS:
-            (size,) = struct.unpack_from("<I", self._map, start + 42)
-            pairs = struct.iter_unpack("<HQ", self._map[start + 46 : start + 46 + size])
-            self._statistics = dict(pairs)
-        elif opcode in (SCHEMA, CHANNEL):
-            self._learn(opcode, self._map[start : start + length])
+    def _note(self, opcode: int, start: int, length: int) -> None:
+        if opcode in (mcap.SCHEMA, mcap.CHANNEL, mcap.MESSAGE_INDEX, mcap.STATISTICS):
+            self._directory.learn(opcode, self._map[start : start + length])
+        if opcode == mcap.MESSAGE_INDEX and self._chunks:
+            self._chunks[-1].indexed = True
 
-    def _note_chunk(self, start: int, available: int) -> None:
-        if available < CHUNK_HEAD.size + 12:
-            return
-        first, last, _, _ = CHUNK_HEAD.unpack_from(self._map, start)
-        compression, position = _text(self._map, start + CHUNK_HEAD.size)
-        (size,) = struct.unpack_from("<Q", self._map, position)
-        position += 8
-        room = start + available - position
-        self._chunks.append(_Chunk(first, last, compression, position, min(size, room), size <= room))
+    def _loose_message(self, record: int) -> tuple[int, int, int, int]:
+        _, size, channel, _, time = mcap.MESSAGE_HEAD.unpack_from(self._map, record)
+        if size < mcap.MESSAGE_FIXED:
+            raise struct.error
+        self._directory.counts[channel] += 1
+        return time, channel, record + mcap.MESSAGE_DATA, size - mcap.MESSAGE_FIXED
 
-    def _learn(self, opcode: int, content: bytes) -> None:
-        if opcode == SCHEMA:
-            name, position = _text(content, 2)
-            _, position = _text(content, position)
-            definition, _ = _text(content, position)
-            self._schemas[struct.unpack_from("<H", content)[0]] = (name, definition)
-        else:
-            channel, schema = struct.unpack_from("<HH", content)
-            name, position = _text(content, 4)
-            encoding, _ = _text(content, position)
-            self._channels[channel] = (name, schema, encoding)
+    def _refuse_bombs(self) -> None:
+        packed = [chunk for chunk in self._chunks if chunk.compression and chunk.unpacked <= LARGEST_CHUNK]
+        limit = unpacked_limit(sum(chunk.size for chunk in packed))
+        if sum(chunk.unpacked for chunk in packed) > limit:
+            raise BagError(f"{self.path} unpacks to more than {limit >> 20} MB: that is no recording")
 
     def _look_into_chunks(self) -> None:
-        """Without a summary section the channels stand only inside the chunks."""
-        self._counts = {}
+        """Without a summary the channels stand only inside the chunks, and without an index their numbers, too."""
+        directory = self._directory
+        blind, counted = directory.is_blind, directory.statistics is not None
         for chunk in self._chunks:
-            data = self._chunk_data(chunk)
-            for opcode, start, length in _records(data):
-                if opcode == MESSAGE:
-                    (channel,) = struct.unpack_from("<H", data, start)
-                    self._counts[channel] = self._counts.get(channel, 0) + 1
-                elif opcode in (SCHEMA, CHANNEL):
-                    self._learn(opcode, data[start : start + length])
+            count = not (counted or chunk.indexed)
+            if blind or count:
+                self._bad_records += directory.look_into(self._chunk_data(chunk), count)
 
-    def _chunk_data(self, chunk: _Chunk) -> bytes:
-        data = self._map[chunk.offset : chunk.offset + chunk.size]
+    def _settle_times(self) -> None:
+        """A chunk without times has those of its messages."""
+        before = 0
+        for chunk in self._chunks:
+            if not chunk.has_times:
+                rows = list(mcap.messages(self._chunk_data(chunk), None))
+                times = usable_times(np.array([row[0] for row in rows], np.uint64))
+                known = times[times > 0].tolist()
+                chunk.start_ns, chunk.end_ns = (min(known), max(known)) if known else (before, before)
+            before = chunk.start_ns
+
+    def _chunk_data(self, chunk: mcap.Chunk) -> bytes:
+        """The records of a chunk; nothing of a damaged one."""
         try:
-            return _decompress(data, chunk.compression, chunk.whole)
-        except (ValueError, EOFError, OSError, RuntimeError) as error:
-            raise BagError(f"{self.path}: a chunk at byte {chunk.offset} is damaged ({error})") from None
-        except Exception as error:  # the zstd modules have an exception type of their own, one each
-            if type(error).__name__ != "ZstdError":
-                raise
-            self._warn_once(f"{self.path.name}: a chunk at byte {chunk.offset} is damaged and was left out")
+            return chunk.records(self._map)
+        except DamagedError as error:
+            seconds = (chunk.end_ns - chunk.start_ns) * 1e-9
+            self._left_out[chunk.offset] = str(error), seconds if 0.0 <= seconds < _LONGEST else 0.0
             return b""
-
-    def _warn_once(self, text: str) -> None:
-        if text not in self.warnings:
-            self.warnings.append(text)
-
-
-def _text(data: bytes | mmap.mmap, position: int) -> tuple[str, int]:
-    (size,) = struct.unpack_from("<I", data, position)
-    end = position + 4 + size
-    return data[position + 4 : end].decode("utf-8", "replace"), end
-
-
-def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Opcode, start and length of the content of each whole record."""
-    position, size = 0, len(data)
-    while position + RECORD_HEAD.size <= size:
-        opcode, length = RECORD_HEAD.unpack_from(data, position)
-        position += RECORD_HEAD.size
-        if position + length > size:
-            return
-        yield opcode, position, length
-        position += length
-
-
-def _messages(data: bytes, wanted: dict[int, int]) -> Iterator[tuple[int, int, int, int]]:
-    """(time, channel, offset, length) of each wanted message. The hot loop of reading: one unpack a record."""
-    unpack, position, end = MESSAGE_HEAD.unpack_from, 0, len(data)
-    head = RECORD_HEAD.size
-    while position + MESSAGE_DATA <= end:
-        opcode, length, channel, _, time = unpack(data, position)
-        if position + head + length > end:
-            return
-        if opcode == MESSAGE and channel in wanted:
-            yield time, channel, position + MESSAGE_DATA, length - MESSAGE_FIXED
-        position += head + length
 
 
 def _batch(rows: list[tuple[int, int, int, int]], wanted: dict[int, int], data: bytes) -> RawBatch:
-    table = np.array(rows, np.int64).reshape(-1, 4)
+    table = np.array(rows, np.uint64).reshape(-1, 4)
+    table = table[table[:, 3] >= mcap.MESSAGE_FIXED]
+    times = usable_times(table[:, 0])
+    channels, offsets, lengths = table[:, 1:].astype(np.int64).T
     lookup = np.zeros(max(wanted, default=0) + 1, np.int64)
     for channel, index in wanted.items():
         lookup[channel] = index
-    return in_time_order(RawBatch(table[:, 0], lookup[table[:, 1]], table[:, 2], table[:, 3], data))
-
-
-def _decompress(data: bytes, compression: str, whole: bool) -> bytes:
-    """The records of a chunk; of a broken chunk as many bytes as can be had."""
-    if compression == "":
-        return data
-    if compression == "zstd":
-        zstd = zstandard()
-        return zstd.decompress(data) if whole else zstd.ZstdDecompressor().decompress(data)
-    if compression == "lz4":
-        try:
-            import lz4.frame as lz4
-        except ImportError:
-            raise BagError("the bag is compressed with lz4: install the Python package lz4") from None
-        return lz4.decompress(data) if whole else lz4.LZ4FrameDecompressor().decompress(data)
-    raise BagError(f"the bag is compressed with {compression!r}; zstd, lz4 and no compression can be read")
-
-
-def zstandard():
-    """The zstd module: in the standard library from Python 3.14 on, a backport before."""
-    if sys.version_info >= (3, 14):
-        from compression import zstd
-    else:
-        try:
-            from backports import zstd
-        except ImportError:
-            raise BagError("the bag is compressed with zstd: install the Python package backports.zstd") from None
-    return zstd
+    return in_time_order(RawBatch(times, lookup[channels], offsets, lengths - mcap.MESSAGE_FIXED, data))

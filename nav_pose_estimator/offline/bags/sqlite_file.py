@@ -7,6 +7,8 @@ from pathlib import Path
 from nav_pose_estimator.offline.bags.raw_messages import BagError, RawBatch, Topic, from_payloads
 
 ROWS_AT_ONCE = 8192
+LARGEST_VALUE = 64 << 20  # bytes of a text or a message
+_IS_MESSAGE = "typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
 
 
 class SqliteFile:
@@ -21,6 +23,10 @@ class SqliteFile:
         option = "mode=ro" if path.with_name(path.name + "-wal").exists() else "mode=ro&immutable=1"
         try:
             self._database = sqlite3.connect(f"{path.resolve().as_uri()}?{option}", uri=True)
+            self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_VALUE)
+            self._database.text_factory = lambda raw: raw.decode("utf-8", "replace")
+            self._database.execute("PRAGMA trusted_schema = OFF")
+            self._refuse_computed()
             self._topics = self._read_topics()
         except sqlite3.Error as error:
             raise BagError(f"{path} is not a rosbag2 database ({error})") from None
@@ -30,6 +36,16 @@ class SqliteFile:
         """The topics of the file."""
         return list(self._topics.values())
 
+    @property
+    def span(self) -> tuple[int, int] | None:
+        """Receive times [ns] of the first and last message; None without any."""
+        query = f"SELECT min(timestamp), max(timestamp) FROM messages WHERE {_IS_MESSAGE}"
+        try:
+            first, last = self._database.execute(query).fetchone()
+        except sqlite3.Error:  # said when the messages are read
+            return None
+        return None if first is None else (first, last)
+
     def close(self) -> None:
         """Release the file."""
         self._database.close()
@@ -38,30 +54,53 @@ class SqliteFile:
         """Messages of the topics ``names`` in receive-time order."""
         wanted = {i: names.index(topic.name) for i, topic in self._topics.items() if topic.name in names}
         marks = ",".join("?" * len(wanted))
-        query = f"SELECT timestamp, topic_id, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp, id"
+        query = (
+            f"SELECT timestamp, topic_id, data FROM messages WHERE topic_id IN ({marks}) AND {_IS_MESSAGE} "
+            "ORDER BY timestamp, id"
+        )
         try:
             cursor = self._database.execute(query, list(wanted))
             while rows := cursor.fetchmany(ROWS_AT_ONCE):
                 times, topics, payloads = zip(*rows, strict=True)
                 yield from_payloads(list(times), [wanted[topic] for topic in topics], list(payloads))
         except sqlite3.Error as error:
-            self.warnings.append(f"{self.path.name} is damaged ({error}): the messages after that place are lost")
+            text = f"{self.path.name} is damaged ({error}): the messages after that place are lost"
+            if text not in self.warnings:
+                self.warnings.append(text)
+
+    def _refuse_computed(self) -> None:
+        """A view, or a column that is computed, may go on for ever: a recording has neither."""
+        for name in ("topics", "messages"):
+            (kind,) = self._database.execute("SELECT type FROM sqlite_master WHERE name = ?", (name,)).fetchone() or (
+                "",
+            )
+            hidden = [row[6] for row in self._database.execute(f"PRAGMA table_xinfo({name})")]
+            if kind != "table" or any(hidden):
+                raise BagError(f"{self.path} is not a rosbag2 database: it has no plain table {name!r}")
 
     def _read_topics(self) -> dict[int, Topic]:
         definitions: dict[str, str] = {}
         if self._has_table("message_definitions"):
             query = "SELECT topic_type, encoded_message_definition FROM message_definitions"
-            definitions = dict(self._database.execute(query))
+            definitions = {k: v for k, v in self._database.execute(query) if isinstance(k, str) and isinstance(v, str)}
         rows = self._database.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
+        good = [row for row in rows if isinstance(row[0], int) and all(isinstance(text, str) for text in row[1:])]
+        if len(good) < len(rows):
+            self.warnings.append(f"{self.path.name} is damaged: {len(rows) - len(good)} topics have no usable name")
         counts = self._counts()
-        return {i: Topic(n, kind, counts.get(i, 0), enc, definitions.get(kind, "")) for i, n, kind, enc in rows}
+        return {i: Topic(n, kind, counts.get(i, 0), enc, definitions.get(kind, "")) for i, n, kind, enc in good}
 
     def _counts(self) -> dict[int, int]:
+        """Number of messages of each topic; messages that cannot be read are told."""
+        query = f"SELECT topic_id, count(*), sum({_IS_MESSAGE}) FROM messages GROUP BY topic_id"
         try:
-            return dict(self._database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
+            rows = self._database.execute(query).fetchall()
         except sqlite3.Error as error:
             self.warnings.append(f"{self.path.name} is damaged ({error}): its messages cannot be counted")
             return {}
+        if lost := sum(count - good for _, count, good in rows):
+            self.warnings.append(f"{self.path.name} is damaged: {lost} messages have no time or no content")
+        return {topic: good for topic, _, good in rows}
 
     def _has_table(self, name: str) -> bool:
         query = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = ?"

@@ -1,19 +1,38 @@
 """Opening a recording in any form: a rosbag2 folder, a bare .mcap or .db3 file, compressed or not, whole or not."""
 
+import heapq
+import re
+import stat
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path, PurePath
-from shutil import copyfileobj
 from tempfile import TemporaryDirectory
 
+import numpy as np
 import yaml
 
-from nav_pose_estimator.offline.bags.mcap_file import McapFile, zstandard
-from nav_pose_estimator.offline.bags.raw_messages import BagError, RawBatch, Topic, from_payloads
+from nav_pose_estimator.offline.bags.mcap_file import McapFile
+from nav_pose_estimator.offline.bags.raw_messages import BagError, RawBatch, Topic, from_payloads, merge_overlapping
 from nav_pose_estimator.offline.bags.sqlite_file import SqliteFile
+from nav_pose_estimator.offline.bags.unpacking import (
+    LARGEST_CHUNK,
+    LARGEST_MESSAGE,
+    ZSTD_MAGIC,
+    DamagedError,
+    unpack,
+    unpack_file,
+)
+from nav_pose_estimator.offline.safe_yaml import read_yaml
 
 STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {".mcap": McapFile, ".db3": SqliteFile}
 COMPRESSED = ".zstd"
+ROS1_MAGIC = b"#ROSBAG V"
+_LONGEST_NAME = 512  # characters; ROS allows 255
+_LARGEST_DEFINITION = 1 << 18  # characters
+_FIXED_ARRAY = re.compile(r"\[\s*(\d+)\s*\]")
+_LARGEST_ARRAY = 100_000  # elements of an array of fixed length: decoding makes room for all of them
+
+AnyFile = McapFile | SqliteFile
 
 
 class Bag:
@@ -24,13 +43,15 @@ class Bag:
         self.path = Path(path)
         self._warnings: list[str] = []
         self._stack = ExitStack()
-        self._compressed_messages = False
+        self._damaged_messages = 0
         try:
             self._files = [self._open(file) for file in self._find_files()]
+            self.topics = self._join_topics()
+            self._refuse_ros1()
+            self._groups = _overlapping(self._files)
         except BaseException:
             self.close()
             raise
-        self.topics = self._join_topics()
 
     def __enter__(self) -> "Bag":
         return self
@@ -41,7 +62,10 @@ class Bag:
     @property
     def warnings(self) -> list[str]:
         """What was damaged or assumed so far; reading can add to it."""
-        return self._warnings + [text for file in self._files for text in file.warnings]
+        told = self._warnings + [text for file in self._files for text in file.warnings]
+        if self._damaged_messages:
+            told.append(f"{self._damaged_messages} compressed messages cannot be unpacked and were left out")
+        return told
 
     def close(self) -> None:
         """Release files and temporary copies."""
@@ -49,19 +73,27 @@ class Bag:
 
     def batches(self, names: list[str]) -> Iterator[RawBatch]:
         """Serialized messages of the topics ``names`` in receive-time order."""
-        for file in self._files:
-            for batch in file.batches(names):
-                yield self._decompress(batch) if self._compressed_messages else batch
+        for group in self._groups:
+            if len(group) == 1:
+                merged = group[0].batches(names)
+            else:
+                merged = merge_overlapping(heapq.merge(*(_timed(file, names) for file in group), key=lambda p: p[0]))
+            for batch in merged:
+                if len(ready := self._unpacked(batch)):
+                    yield ready
 
     def _find_files(self) -> list[Path]:
         if not self.path.exists():
             raise BagError(f"{self.path} does not exist")
         if self.path.is_file():
             return [self.path]
+        if not self.path.is_dir():
+            raise BagError(f"{self.path} is neither a file nor a folder")
         files = self._listed_files()
         if files is None:
             endings = (*STORAGES, *(ending + COMPRESSED for ending in STORAGES))
-            files = sorted(file for file in self.path.iterdir() if file.name.endswith(endings))
+            files = sorted((file for file in self.path.iterdir() if file.name.endswith(endings)), key=_natural)
+            files = [file for file in files if file.suffix != COMPRESSED or file.with_suffix("") not in files]
             if not files:
                 raise BagError(f"{self.path} is no rosbag2: it holds neither metadata.yaml nor a .mcap or .db3 file")
             self._warnings.append(f"{self.path.name} has no usable metadata.yaml: reading the files found in it")
@@ -73,18 +105,23 @@ class Bag:
         if not metadata.is_file():
             return None
         try:
-            loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-            content = yaml.load(metadata.read_text(encoding="utf-8"), loader)["rosbag2_bagfile_information"]
+            content = read_yaml(metadata)["rosbag2_bagfile_information"]
             files = [self.path / PurePath(name).name for name in content["relative_file_paths"]]
-        except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError):
+        except (yaml.YAMLError, KeyError, TypeError):
             return None
+        files = list(dict.fromkeys(files))
         if missing := [file.name for file in files if not file.exists()]:
-            raise BagError(f"{self.path} is incomplete: {', '.join(missing)} is missing")
-        if str(content.get("compression_mode", "")).lower() == "message":
-            self._compressed_messages = True
+            names = missing[0] if len(missing) == 1 else f"{missing[0]} and {len(missing) - 1} more files"
+            raise BagError(f"{self.path} is incomplete: {names} {'is' if len(missing) == 1 else 'are'} missing")
         return files or None
 
-    def _open(self, path: Path) -> McapFile | SqliteFile:
+    def _open(self, path: Path) -> AnyFile:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):  # a pipe would wait for ever
+            raise BagError(f"{path} is not a file with data")
+        with path.open("rb") as content:
+            if content.read(len(ROS1_MAGIC)) == ROS1_MAGIC:
+                raise BagError(f"{path} is a ROS 1 bag: {_ros1_cure(path.name)}")
         if path.suffix == COMPRESSED:
             path = self._unpack(path)
         if path.suffix not in STORAGES:
@@ -96,24 +133,88 @@ class Bag:
         return file
 
     def _unpack(self, path: Path) -> Path:
-        zstd = zstandard()
         folder = self._stack.enter_context(TemporaryDirectory(prefix="nav_pose_estimator_"))
         target = Path(folder, path.stem)
-        try:
-            with path.open("rb") as packed, zstd.open(packed, "rb") as source, target.open("wb") as out:
-                copyfileobj(source, out, 1 << 20)
-        except (zstd.ZstdError, EOFError) as error:
-            self._warnings.append(f"{path.name} is damaged ({error}): reading what could be unpacked")
+        if damage := unpack_file(path, target):
+            self._warnings.append(damage)
         return target
 
-    def _decompress(self, batch: RawBatch) -> RawBatch:
-        decompress = zstandard().decompress
-        payloads = [decompress(batch.payload(i)) for i in range(len(batch))]
-        return from_payloads(batch.times.tolist(), batch.topics.tolist(), payloads)
+    def _unpacked(self, batch: RawBatch) -> RawBatch:
+        """The batch with messages that were compressed one by one unpacked: metadata.yaml says so, if it is there."""
+        long_enough = np.flatnonzero(batch.lengths >= len(ZSTD_MAGIC))
+        first = np.frombuffer(batch.data, np.uint8)[batch.offsets[long_enough]]
+        packed = set(long_enough[first == ZSTD_MAGIC[0]].tolist())  # serialized messages begin with zero
+        if not packed:
+            return batch
+        room = LARGEST_CHUNK
+        kept, payloads = [], []
+        for i in range(len(batch)):
+            payload = batch.payload(i)
+            if i in packed and payload.startswith(ZSTD_MAGIC):
+                try:
+                    payload = unpack(payload, "zstd", min(room, LARGEST_MESSAGE))
+                except DamagedError:
+                    self._damaged_messages += 1
+                    continue
+                room -= len(payload)
+            kept.append(i)
+            payloads.append(payload)
+        return from_payloads(batch.times[kept].tolist(), batch.topics[kept].tolist(), payloads)
 
     def _join_topics(self) -> dict[str, Topic]:
         joined: dict[str, Topic] = {}
         for topic in (topic for file in self._files for topic in file.topics):
+            if len(topic.name) > _LONGEST_NAME or len(topic.type) > _LONGEST_NAME:
+                self._warnings.append(f"a topic was left out: its name or type has over {_LONGEST_NAME} characters")
+                continue
             count = topic.count + (joined[topic.name].count if topic.name in joined else 0)
-            joined[topic.name] = Topic(topic.name, topic.type, count, topic.encoding, topic.definition)
+            definition = topic.definition if _is_sound(topic.definition) else ""
+            if topic.definition and not definition:
+                self._warnings.append(f"the definition of {topic.type} is too large and was left out")
+            joined[topic.name] = Topic(topic.name, topic.type, count, topic.encoding, definition)
         return joined
+
+    def _refuse_ros1(self) -> None:
+        if self.topics and all(topic.encoding == "ros1" for topic in self.topics.values()):
+            raise BagError(f"{self.path} holds ROS 1 messages: {_ros1_cure('FLIGHT.bag')}")
+
+
+def _ros1_cure(name: str) -> str:
+    stem = name.removesuffix(".bag")
+    return (
+        "convert the original .bag to ROS 2, for example with "
+        f"'rosbags-convert --src {stem}.bag --dst {stem} --dst-typestore ros2_jazzy'"
+    )
+
+
+def _is_sound(definition: str) -> bool:
+    if len(definition) > _LARGEST_DEFINITION:
+        return False
+    return all(len(size) < 10 and int(size) <= _LARGEST_ARRAY for size in _FIXED_ARRAY.findall(definition))
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sorts bag_2 before bag_10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d{1,18})", path.name)]
+
+
+def _timed(file: AnyFile, names: list[str]) -> Iterator[tuple[int, RawBatch]]:
+    return ((int(batch.times[0]), batch) for batch in file.batches(names) if len(batch))
+
+
+def _overlapping(files: list[AnyFile]) -> list[list[AnyFile]]:
+    """The files in order of time, those that overlap together; files without times stay where they are."""
+    before, spans = 0, []
+    for file in files:
+        start, end = file.span or (before, before)
+        spans.append((start, end, file))
+        before = start
+    groups: list[list[AnyFile]] = []
+    reach = 0
+    for start, end, file in sorted(spans, key=lambda span: span[0]):
+        if groups and start < reach:
+            groups[-1].append(file)
+        else:
+            groups.append([file])
+        reach = max(reach, end)
+    return groups

@@ -1,138 +1,237 @@
-"""Which topic of a bag plays which part: the default names, the user's remaps, and detection by type."""
+"""Which topic of a bag is which input: the default names, the user's remaps, and detection by type.
+
+The inputs and their types are those of the message table. A parameter that chooses a type (``ros.input.*``) holds here
+as it does in a node. One that still has its default takes any type that the table knows, since a bag, unlike a driver
+to come, shows what it holds; the user then reads which value a node needs.
+"""
 
 from dataclasses import dataclass, field
 
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.offline.bags import vehicles
 from nav_pose_estimator.offline.bags.raw_messages import BagError, Topic
+from nav_pose_estimator.ros.messages.message_table import FIX, GNSS, IMU, INPUTS, NONE, VELOCITY, Input, Source
 
-IMU, MAGNETOMETER, FIX, SATELLITES = "imu", "magnetometer", "fix", "satellites"
-GNSS_VELOCITY, BAROMETER, BODY_VELOCITY, SET_POSE, TRUTH = (
-    "gnss_velocity",
-    "barometer",
-    "body_velocity",
-    "set_pose",
-    "truth",
-)
-
-
-PX4_IMU = "px4_msgs/msg/SensorCombined"
-COMBINED = ("gps_msgs/msg/GPSFix", "px4_msgs/msg/SensorGps")  # position, velocity and satellites in one message
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """A part that a topic can play. ``words``: a topic of another name is taken only if it contains one of them."""
-
-    name: str
-    topic: str
-    types: tuple[str, ...]
-    words: tuple[str, ...] | None = None  # None: never detected; (): the type alone decides
-
-
-PARTS = (
-    Part(IMU, "/imu/data_raw", ("sensor_msgs/msg/Imu", PX4_IMU), ()),
-    Part(MAGNETOMETER, "/imu/mag", ("sensor_msgs/msg/MagneticField",), ()),
-    Part(FIX, "/gps/fix", ("sensor_msgs/msg/NavSatFix", *COMBINED), ()),
-    Part(
-        SATELLITES,
-        "/gps/satellites",
-        ("std_msgs/msg/UInt32", "mavros_msgs/msg/GPSRAW", "ublox_msgs/msg/NavPVT", *COMBINED),
-        ("satellites", "gpsfix", "gps1/raw", "navpvt"),
-    ),
-    Part(
-        GNSS_VELOCITY,
-        "/gps/vel",
-        ("geometry_msgs/msg/TwistWithCovarianceStamped", "geometry_msgs/msg/TwistStamped", *COMBINED),
-        ("gps_vel", "gps/vel", "fix_velocity", "gnss/vel"),
-    ),
-    Part(BAROMETER, "/baro", ("sensor_msgs/msg/FluidPressure",), ()),
-    Part(BODY_VELOCITY, "/body_velocity", ("geometry_msgs/msg/TwistWithCovarianceStamped",)),
-    Part(SET_POSE, "/set_pose", ("geometry_msgs/msg/PoseWithCovarianceStamped",)),
-    Part(TRUTH, "/ground_truth/odom", ("nav_msgs/msg/Odometry",)),
-)
+TRUTH = "ground_truth/odom"
 IGNORED = "ground_truth"  # topics below this name are never an input, whatever their type
+NAMESPACE = "__ns"
+_TRUTH_TYPE = "nav_msgs/msg/Odometry"
+_COMBINED = {kind.name for kind in FIX.types} & {kind.name for kind in VELOCITY.types}
+_ROS1 = "ros1"
+_MAVROS_VELOCITY = "raw/gps_vel"
 
 
 @dataclass
 class TopicMap:
-    """Part name -> topic. ``notices`` tells the user what was assumed."""
+    """The topic of each input, and how to read it. ``notices`` tells the user what was assumed."""
 
-    topics: dict[str, Topic] = field(default_factory=dict)
+    topics: dict[str, Topic] = field(default_factory=dict)  # by the input's own topic
+    sources: dict[str, Source] = field(default_factory=dict)
+    truth: Topic | None = None
     notices: list[str] = field(default_factory=list)
+
+    @property
+    def imu(self) -> Topic:
+        """The IMU's topic, which is always there."""
+        return self.topics[IMU.topic]
 
 
 def parse_remaps(texts: list[str]) -> dict[str, str]:
-    """``/imu/data_raw:=/mavros/imu/data_raw`` -> name in this package to name in the bag."""
+    """``/imu/data_raw:=/mavros/imu/data_raw`` -> name in this package to name in the bag; ``__ns:=/drone1`` as well."""
     remaps: dict[str, str] = {}
-    known = {part.topic for part in PARTS}
+    known = {_absolute(name) for name in (*(one.topic for one in INPUTS), TRUTH)}
     for text in texts:
-        ours, mark, theirs = text.partition(":=")
-        if not (mark and ours.strip() and theirs.strip()):
+        ours, mark, theirs = (part.strip() for part in text.partition(":="))
+        if not (mark and ours and theirs):
             raise BagError(f"--remap {text!r}: write OUR_TOPIC:=TOPIC_IN_THE_BAG")
-        ours = _absolute(ours)
-        if ours not in known:
-            raise BagError(f"--remap {text!r}: there is no input {ours}; inputs are {', '.join(sorted(known))}")
-        remaps[ours] = _absolute(theirs)
+        ours = ours if ours == NAMESPACE else _absolute(ours)
+        if ours not in known and ours != NAMESPACE:
+            inputs = ", ".join(sorted(known))
+            raise BagError(
+                f"--remap {text!r}: there is no input {ours}; inputs are {inputs} ({NAMESPACE}: all of them)"
+            )
+        remaps[ours] = _absolute(theirs).rstrip("/")
     return remaps
 
 
-def map_topics(available: dict[str, Topic], remaps: dict[str, str]) -> TopicMap:
-    """Find the topic of every part. Raises ``BagError`` without an IMU, or for a remap to what is not there."""
-    found = TopicMap()
-    for part in PARTS:
-        wanted = remaps.get(part.topic, part.topic)
-        if wanted in available:
-            _take(found, part, available[wanted])
-        elif part.topic in remaps:
-            raise BagError(f"there is no topic {wanted} in the bag; {_listing(available)}")
-    for part in PARTS:
-        if part.name not in found.topics and part.words is not None:
-            _detect(found, part, available)
-    if IMU not in found.topics:
-        candidates = [topic.name for topic in available.values() if topic.type in PARTS[0].types]
-        if candidates:
-            names = ", ".join(sorted(candidates))
-            raise BagError(f"several topics could be the IMU ({names}): choose one with --remap /imu/data_raw:=TOPIC")
-        raise BagError(f"the bag has no sensor_msgs/Imu topic, without which there is no pose; {_listing(available)}")
-    if found.topics[IMU].type == PX4_IMU:
-        found.notices.append(f"{found.topics[IMU].name} has the axes Forward-Right-Down: see config/driver_px4.yaml")
+def map_topics(available: dict[str, Topic], remaps: dict[str, str], parameters: Parameters | None = None) -> TopicMap:
+    """Find the topic of every input. Raises ``BagError`` without an IMU, or for a remap to what is not there."""
+    search = _Search(available, remaps, parameters or Parameters())
+    search.take_named()
+    search.detect()
+    search.take_truth()
+    found = search.found
+    if IMU.topic not in found.topics:
+        raise BagError(_why_there_is_no_imu(available, search.candidates_of_imu))
+    if found.imu.type != IMU.types[0].name:
+        found.notices.append(f"{found.imu.name} has the axes Forward-Right-Down: see config/driver_px4.yaml")
     return found
 
 
-def _take(found: TopicMap, part: Part, topic: Topic) -> None:
-    if topic.type not in part.types:
-        expected = " or ".join(part.types)
-        raise BagError(f"{topic.name} is of type {topic.type}; as {part.topic} it must be {expected}")
-    if topic.encoding != "cdr":
-        raise BagError(f"{topic.name} is serialized as {topic.encoding}; only cdr can be read")
-    if topic.count == 0:
-        found.notices.append(f"{topic.name} holds no message")
-    found.topics[part.name] = topic
+class _Search:
+    """One bag, one vehicle in it, and what has been found so far."""
+
+    def __init__(self, available: dict[str, Topic], remaps: dict[str, str], parameters: Parameters) -> None:
+        self._available, self._remaps, self._parameters = available, remaps, parameters
+        self._namespace = remaps.get(NAMESPACE, "")
+        if self._namespace and not any(name.startswith(f"{self._namespace}/") for name in available):
+            raise BagError(f"there is no topic below {self._namespace} in the bag; {_listing(available)}")
+        self.found = TopicMap()
+        self.candidates_of_imu: list[str] = []
+        self._of_others: tuple[str, ...] = ()  # namespaces of other vehicles
+
+    def take_named(self) -> None:
+        """Inputs under the name that they should have."""
+        for one in INPUTS:
+            asked = _absolute(one.topic) in self._remaps
+            name = self._name(one.topic)
+            if name in self._available:
+                self._take(one, self._available[name], asked)
+            elif asked:
+                raise BagError(f"there is no topic {name} in the bag; {_listing(self._available)}")
+
+    def detect(self) -> None:
+        """Inputs that are still missing, by type and words; the IMU first, for it tells whose bag this is."""
+        imus = [topic.name for topic in self._fitting(IMU)]
+        if IMU.topic not in self.found.topics:
+            self._detect(IMU)
+        if IMU.topic in self.found.topics and not _are_halves(imus):
+            self._of_others = vehicles.others(self.found.imu.name, imus)
+        rest = sorted((one for one in INPUTS if one is not IMU), key=lambda one: one is not FIX)
+        for one in rest:
+            if one.topic not in self.found.topics and one.words is not None:
+                self._detect(one)
+        if self._of_others:
+            names = ", ".join(self._of_others)
+            self.found.notices.append(
+                f"topics below {names} are taken for another vehicle's: --remap names one of them"
+            )
+
+    def take_truth(self) -> None:
+        """The true motion of the chosen vehicle, where the bag has it."""
+        name, plain = self._name(TRUTH), _absolute(TRUTH)
+        truth = self._available.get(name)
+        if truth is None and plain in self._remaps:
+            raise BagError(f"there is no topic {name} in the bag; {_listing(self._available)}")
+        if self._of_others and plain not in self._remaps:
+            truth = None
+        if truth is not None and truth.type == _TRUTH_TYPE and truth.encoding == "cdr":
+            self.found.truth = truth
+        elif plain in self._available:
+            text = f"{plain} is not used, for it may be another vehicle's: --remap {plain}:={plain} takes it"
+            self.found.notices.append(text)
+
+    def _name(self, topic: str) -> str:
+        return self._remaps.get(_absolute(topic), f"{self._namespace}/{topic}")
+
+    def _source(self, one: Input, topic: Topic) -> Source | None:
+        """How to read ``topic`` as ``one``; None if the parameters or the table have no use for its type."""
+        is_default = one.choice(self._parameters) == one.types[0].choice
+        wanted = one.source(self._parameters)
+        if wanted is None or not (is_default or wanted.type == topic.type):
+            return None
+        parameters = self._parameters
+        if one is VELOCITY and topic.name.endswith(_MAVROS_VELOCITY):
+            parameters = update(parameters, {"ros.input.vertical_velocity": False})
+        return one.source(parameters, topic.type)
+
+    def _take(self, one: Input, topic: Topic, asked: bool) -> None:
+        """``topic`` has the name of ``one``. What cannot be read is an error where it is asked for or is the IMU."""
+        source = self._source(one, topic)
+        trouble = ""
+        if topic.encoding != "cdr":
+            trouble = f"{topic.name} is serialized as {topic.encoding}; only cdr can be read"
+        elif source is None and one.choice(self._parameters) == NONE:
+            trouble = f"{topic.name} is not used: {one.parameter} is {NONE}"
+        elif source is None:
+            trouble = f"{topic.name} is of type {topic.type}; as {_absolute(one.topic)} it must be {self._types(one)}"
+        if trouble and (asked or one is IMU) and _ROS1 not in topic.encoding:
+            raise BagError(trouble)
+        if trouble or source is None:
+            self.found.notices.append(f"{trouble}: left out")
+            return
+        if topic.count == 0:
+            self.found.notices.append(f"{topic.name} holds no message")
+        self._use(one, topic, source)
+
+    def _types(self, one: Input) -> str:
+        """The types that ``one`` may have, and the parameter that says so."""
+        choice = one.choice(self._parameters)
+        if choice == one.types[0].choice:
+            return " or ".join(kind.name for kind in one.types)
+        return f"{next(kind.name for kind in one.types if kind.choice == choice)}, for {one.parameter} is {choice}"
+
+    def _use(self, one: Input, topic: Topic, source: Source) -> None:
+        self.found.topics[one.topic], self.found.sources[one.topic] = topic, source
+        choice = next(kind.choice for kind in one.types if kind.name == topic.type)
+        if choice != one.choice(self._parameters):
+            self.found.notices.append(f"{topic.name} is of type {topic.type}: a node needs {one.parameter}: {choice}")
+        if one is VELOCITY and topic.name.endswith(_MAVROS_VELOCITY):
+            text = f"MAVROS does not fill the vertical velocity of {topic.name}: it is not used"
+            self.found.notices.append(f"{text} (in a node: ros.input.vertical_velocity: false)")
+
+    def _fitting(self, one: Input) -> list[Topic]:
+        return [
+            topic
+            for topic in self._available.values()
+            if topic.name.startswith(f"{self._namespace}/")
+            and topic.encoding == "cdr"
+            and IGNORED not in topic.name
+            and not any(topic.name.startswith(f"{other}/") for other in self._of_others)
+            and self._source(one, topic) is not None
+            and (not one.words or any(word in topic.name for word in one.words))
+        ]
+
+    def _detect(self, one: Input) -> None:
+        fix = self.found.topics.get(FIX.topic)
+        if one in GNSS and fix is not None and fix.type in _COMBINED:
+            source = self._source(one, fix)
+            if source is not None:
+                self._use(one, fix, source)
+                return
+        taken = {topic.name for topic in self.found.topics.values()}
+        fitting = [topic for topic in self._fitting(one) if topic.name not in taken]
+        if one is IMU:
+            self.candidates_of_imu = sorted(topic.name for topic in fitting)
+        # A driver in a namespace keeps the last parts of the name; that beats any other topic of the type.
+        namespaced = [topic for topic in fitting if topic.name.endswith(_absolute(one.topic))]
+        choice = namespaced if len(namespaced) == 1 else fitting
+        ours = _absolute(one.topic)
+        source = self._source(one, choice[0]) if len(choice) == 1 else None
+        if source is not None:
+            self.found.notices.append(f"{ours} is not in the bag: using {choice[0].name}")
+            self._use(one, choice[0], source)
+        elif choice:
+            names = ", ".join(sorted(topic.name for topic in choice))
+            self.found.notices.append(
+                f"{ours} is not in the bag and several could be it ({names}): choose with --remap"
+            )
 
 
-def _detect(found: TopicMap, part: Part, available: dict[str, Topic]) -> None:
-    taken = {topic.name for topic in found.topics.values()}
-    fix = found.topics.get(FIX)
-    if fix is not None and fix.type in COMBINED and fix.type in part.types:
-        found.topics[part.name] = fix
-        return
-    fitting = [
-        topic
-        for topic in available.values()
-        if topic.type in part.types
-        and topic.name not in taken
-        and topic.encoding == "cdr"
-        and IGNORED not in topic.name
-        and (not part.words or any(word in topic.name for word in part.words))
-    ]
-    # A driver in a namespace keeps the last parts of the name; that beats any other topic of the type.
-    namespaced = [topic for topic in fitting if topic.name.endswith(part.topic)]
-    choice = namespaced if len(namespaced) == 1 else fitting
-    if len(choice) == 1:
-        found.topics[part.name] = choice[0]
-        found.notices.append(f"{part.topic} is not in the bag: using {choice[0].name}")
-    elif choice:
-        names = ", ".join(sorted(topic.name for topic in choice))
-        found.notices.append(f"{part.topic} is not in the bag and several could be it ({names}): choose with --remap")
+def _why_there_is_no_imu(available: dict[str, Topic], candidates: list[str]) -> str:
+    ours, names = _absolute(IMU.topic), ", ".join(candidates)
+    if _are_halves(candidates):
+        return (
+            f"gyroscope and accelerometer are on two topics ({names}), and half an IMU is no IMU: let the driver join"
+            " them (realsense2_camera: unite_imu_method 2) and record that topic"
+        )
+    if several := vehicles.namespaces(candidates):
+        option = f"--remap {NAMESPACE}:={several[0]}"
+        return f"the bag holds several vehicles or IMUs ({', '.join(several)}): choose one with {option}"
+    if candidates:
+        return f"several topics could be the IMU ({names}): choose one with --remap {ours}:=TOPIC"
+    if any(topic.encoding == _ROS1 or topic.type.count("/") == 1 for topic in available.values()):
+        return (
+            "the bag holds messages of ROS 1, which differ from those of ROS 2: convert the original .bag file with"
+            " rosbags-convert --src FILE.bag --dst FOLDER (pip install rosbags), and replay FOLDER"
+        )
+    return f"the bag has no sensor_msgs/Imu topic, without which there is no pose; {_listing(available)}"
+
+
+def _are_halves(imus: list[str]) -> bool:
+    """Whether the IMUs of a bag are one gyroscope and one accelerometer, by their names."""
+    return len(imus) == 2 and sum("gyro" in name for name in imus) == 1 == sum("acc" in name for name in imus)
 
 
 def _listing(available: dict[str, Topic]) -> str:

@@ -3,7 +3,7 @@
 rosbags writes the files; its call per message is replaced by one per chunk, which is ten times faster.
 """
 
-import shutil
+import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -25,13 +25,13 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.bags.cdr_packing import typestore
-from nav_pose_estimator.offline.bags.mcap_file import zstandard
+from nav_pose_estimator.offline.bags.unpacking import zstandard
+from nav_pose_estimator.offline.output_folder import OutputFolder
 
 MCAP, SQLITE3 = "mcap", "sqlite3"
 FAST, SMALL = 3, 19
 """Levels of zstd: the second takes 15 times as long and saves 10 %."""
 CHUNK_BYTES = 1 << 20
-_BAG_FILES = (".yaml", ".mcap", ".db3", ".zstd", ".db3-shm", ".db3-wal")
 METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
 
 _NEVER = QosTime(2147483647, 4294967295)
@@ -70,34 +70,26 @@ def write_bag(
     """Write ``topics`` as the rosbag2 ``path`` (a folder), in order of receipt; equal times in the order of ``topics``.
 
     ``level`` of zstd: ``FAST`` or ``SMALL``. ``notes`` go into metadata.yaml. An existing bag is replaced only with
-    ``force``, and nothing but a bag ever is. Raises ``UserError``.
+    ``force``, and only if this function has written it: a recorded flight is not to be had again. Raises ``UserError``.
     """
-    path = Path(path)
     if storage not in (MCAP, SQLITE3):
         raise UserError(f"there is no storage {storage!r}; choose {MCAP} or {SQLITE3}")
-    check_room(path, force)
-    if path.exists():
-        shutil.rmtree(path)
     try:
-        with _Writer(path, storage, level) as writer:
+        with _folder(path, force) as work, _Writer(work, storage, level) as writer:
             for key, value in (notes or {}).items():
                 writer.set_custom_data(key, value)
             _write(writer, topics)
-    except BaseException:
-        shutil.rmtree(path, ignore_errors=True)  # half a bag is worse than none
-        raise
+    except sqlite3.OperationalError as error:  # the disk is full, above all
+        raise UserError(f"{path} cannot be written: {error}; nothing was changed") from None
 
 
 def check_room(path: Path, force: bool) -> None:
     """Raise ``UserError`` unless a bag can be written at ``path``, with ``force`` in place of the one that is there."""
-    if path.parent != path and path.parent.exists() and not path.parent.is_dir():
-        raise UserError(f"{path.parent} is a file, so {path} cannot be made")
-    if not path.exists():
-        return
-    if not force:
-        raise UserError(f"{path} exists already; choose another name or give --force")
-    if not path.is_dir() or any(item.suffix not in _BAG_FILES for item in path.iterdir()):
-        raise UserError(f"{path} is not a bag, so it is not replaced; choose another name")
+    _folder(path, force).check()
+
+
+def _folder(path: Path, force: bool) -> OutputFolder:
+    return OutputFolder(Path(path), "bag", replace=force, option="name")
 
 
 def _write(writer: "_Writer", topics: Sequence[Messages]) -> None:

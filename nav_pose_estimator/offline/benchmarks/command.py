@@ -37,8 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_outage(part: argparse.ArgumentParser) -> None:
+    from nav_pose_estimator.offline.logs.options import add_options
+
     add = part.add_argument
-    add("bags", nargs="+", type=Path, metavar="BAG", help="recordings; NAME.json beside NAME_bag is read")
+    add("bags", nargs="+", type=Path, metavar="BAG|LOG", help="bags or flight logs; NAME.json beside NAME_bag is read")
     add("--lengths", default="10,30,60", metavar="S,...", help="lengths of the outages (default: 10,30,60)")
     add("--every", type=float, default=5.0, metavar="S", help="an outage starts every S seconds (default: 5)")
     add("--first", type=float, metavar="S", help="first start after the flight begins (default: 160, short flights 60)")
@@ -55,6 +57,7 @@ def _add_outage(part: argparse.ArgumentParser) -> None:
         metavar="YAML",
         help="parameter files among which --cross-validate chooses for each group on the other groups",
     )
+    add_options(part)
     add("--jobs", type=int, default=1, metavar="N", help="processes (default: 1)")
     add("--out", type=Path, default=Path("outage_benchmark"), metavar="DIR", help="folder for tables and report")
 
@@ -63,44 +66,38 @@ def run(arguments: argparse.Namespace) -> int:
     """Carry one of the benchmarks out."""
     if arguments.part != "outage":
         return import_module(f"nav_pose_estimator.offline.benchmarks.{arguments.part}.benchmark").run(arguments)
-    from nav_pose_estimator.offline.bags.storage import Bag
     from nav_pose_estimator.offline.benchmarks.outage import cross_validation
     from nav_pose_estimator.offline.benchmarks.outage.report import write_report
     from nav_pose_estimator.offline.benchmarks.outage.statistics import summarise
+    from nav_pose_estimator.offline.logs.open_recording import check_readable
+    from nav_pose_estimator.offline.output_folder import OutputFolder
 
     candidates = _candidates(arguments)
     tasks = [task for config in candidates for task in _tasks(arguments, config)]
     for bag in arguments.bags:
-        Bag(bag).close()  # a mistyped name ends the command now, not after an hour
-    folder = make_folder(arguments.out)
-    flights = _run_all(tasks, arguments.jobs)
-    groups = None
-    if arguments.cross_validate:
-        patterns = [text.strip() for text in arguments.groups.split(",") if text.strip()]
-        groups = cross_validation.groups_of(arguments.bags, patterns)
-        flights = _held_out(flights, groups, candidates)
-    rows = _rows(flights)
-    if not rows:
-        raise UserError("no outage fits into these flights: try shorter --lengths or an earlier --first")
-    summaries = summarise(rows, groups=groups)
-    _write_csv(folder / OUTAGES, [asdict(row) for row in rows])
-    _write_csv(folder / SUMMARY_CSV, [asdict(s) for s in summaries])
-    _write_json(folder / SUMMARY_JSON, flights, summaries, arguments)
-    write_report(folder / REPORT, flights, summaries, rows)
-    _print(summaries, rows)
-    if groups is not None:
-        _print_verdicts(summaries)
-    print(f"report: {folder / REPORT}")
+        check_readable(bag)  # a mistyped name ends the command now, not after an hour
+    inputs = [*arguments.bags, *(config for config in candidates if config is not None)]
+    with OutputFolder(arguments.out, "outage benchmark", inputs) as folder:
+        flights = _run_all(tasks, arguments.jobs)
+        groups = None
+        if arguments.cross_validate:
+            patterns = [text.strip() for text in arguments.groups.split(",") if text.strip()]
+            groups = cross_validation.groups_of(arguments.bags, patterns)
+            flights = _held_out(flights, groups, candidates)
+        rows = _rows(flights)
+        if not rows:
+            raise UserError("no outage fits into these flights: try shorter --lengths or an earlier --first")
+        summaries = summarise(rows, groups=groups)
+        folder.mkdir()
+        _write_csv(folder / OUTAGES, [asdict(row) for row in rows])
+        _write_csv(folder / SUMMARY_CSV, [asdict(s) for s in summaries])
+        _write_json(folder / SUMMARY_JSON, flights, summaries, arguments)
+        write_report(folder / REPORT, flights, summaries, rows)
+        _print(summaries, rows)
+        if groups is not None:
+            _print_verdicts(summaries)
+    print(f"report: {arguments.out / REPORT}")
     return 0
-
-
-def make_folder(path: Path) -> Path:
-    """The output folder; files of an earlier run in it are overwritten, others stay."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"{path} cannot be made ({error.strerror})") from None
-    return path
 
 
 def _candidates(arguments: argparse.Namespace) -> list[Path | None]:
@@ -130,6 +127,8 @@ def _held_out(flights: list, groups: dict[str, str], candidates: list[Path | Non
 def _tasks(arguments: argparse.Namespace, config: Path | None) -> list:
     from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task
     from nav_pose_estimator.offline.flights import methods
+    from nav_pose_estimator.offline.flights.config_file import load_parameters
+    from nav_pose_estimator.offline.logs.options import options_of
 
     names = methods.check([name.strip() for name in arguments.methods.split(",") if name.strip()])
     try:
@@ -140,21 +139,18 @@ def _tasks(arguments: argparse.Namespace, config: Path | None) -> list:
         raise UserError("--methods and --lengths must name at least one method and one positive length")
     if not 0.0 < arguments.every < math.inf or arguments.jobs < 1:
         raise UserError("--every and --jobs must be positive")
-    predictors = tuple(name for name in names if name in methods.PREDICTORS)
-    passes = [name for name in names if name not in methods.PREDICTORS]
-    if predictors and methods.COAST not in passes:
-        passes.append(methods.COAST)  # predictors go on from its states
     shared = {"lengths": lengths, "every": arguments.every, "first": arguments.first, "config": config}
+    shared["log"] = options_of(arguments, load_parameters(config))
     return [
         Task(
             bag=bag,
             method=name,
-            predictors=predictors * (name == methods.COAST),
+            predictors=extrapolated,
             gnss_delay=arguments.gnss_delay,
             **shared,
         )
         for bag in arguments.bags
-        for name in passes
+        for name, extrapolated in methods.passes(names)
     ]
 
 

@@ -9,11 +9,10 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.ros import READ_BY_ROS
 from nav_pose_estimator.engine.parameters.schema import ParameterError, update
+from nav_pose_estimator.offline.flights import ros_yaml
 
 SECTION = "ros__parameters"
 SINGLE_NODES = ("attitude_node", "sins_node", "anfis_node")
@@ -36,12 +35,7 @@ def load_parameters(path: Path | str | None) -> Parameters:
 
 
 def _read(path: Path) -> Mapping[str, Any]:
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ParameterError(f"cannot be read ({error.strerror})") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ParameterError(f"is not valid YAML: {' '.join(str(error).split())}") from None
+    content = ros_yaml.read(path)
     if content is None:
         return {}
     if not isinstance(content, Mapping):

@@ -8,17 +8,23 @@ from nav_pose_estimator.offline.flights.recording import Recording
 
 SHORT_FLIGHT = 300.0  # s
 FIRST, FIRST_OF_SHORT = 160.0, 60.0  # s after the flight begins: time to align, to calibrate and to learn
+ARMED = "armed_s"
+"""In NAME.json of a flight log: from when to when it was armed [s since the first stamp]."""
 MOVING = 1.5  # m/s
 SHAKING = 0.5  # m/s^2: deviation of the specific force within a second while the motors run
 
 
 def flight_window(recording: Recording) -> tuple[float, float]:
-    """Start and end of the flight [s since the first stamp]: from NAME.json, else from motion and vibration."""
+    """Start and end of the flight [s since the first stamp]: from NAME.json, else from motion and vibration.
+
+    Where a flight log tells of arming, nothing before it and after it is flight.
+    """
     known = recording.sidecar.get("flight_window_s")
-    if isinstance(known, list) and len(known) == 2:
-        start, end = (recording.seconds_of_log(float(value)) for value in known)
+    if known is not None:
+        start, end = (recording.seconds_of_log(value) for value in known)
         return max(start, 0.0), min(end, recording.duration)
     seconds = np.unique(np.concatenate([_moving_seconds(recording), _shaking_seconds(recording)]))
+    seconds = _armed(recording, seconds)
     if len(seconds) == 0:
         return 0.0, recording.duration
     return float(seconds[0]), float(min(seconds[-1] + 1.0, recording.duration))
@@ -31,6 +37,17 @@ def outage_starts(
     if first is None:
         first = FIRST_OF_SHORT if window[1] - window[0] < SHORT_FLIGHT else FIRST
     return {length: periodic(every, length, window[0] + first, window[1]) for length in lengths}
+
+
+def _armed(recording: Recording, seconds: np.ndarray) -> np.ndarray:
+    """Those of ``seconds`` (N,) in which the vehicle was armed; all of them where nothing tells."""
+    spans = recording.sidecar.get(ARMED)
+    if not isinstance(spans, list) or not all(isinstance(span, list) and len(span) == 2 for span in spans):
+        return seconds
+    inside = np.zeros(len(seconds), bool)
+    for begin, end in spans:
+        inside |= (seconds >= begin) & (seconds <= end)
+    return seconds[inside] if inside.any() else seconds
 
 
 def _moving_seconds(recording: Recording) -> np.ndarray:

@@ -39,6 +39,9 @@ RUN_UP_NS = 40 * 10**9  # data before the motion, for the filter to start on
 WEAK = 0.02  # s: a larger deviation of the estimate is called a weak minimum
 COMPASS_NS = 200_000_000  # the heading needs no more than this many nanoseconds between magnetometer samples
 AUTO = "auto"
+PRIOR, PRIOR_SOURCE = "gnss_latency_prior_s", "gnss_latency_prior_from"
+"""What stands beside a recording of a flight log: the autopilot's own parameter for the latency [s], and its name."""
+PRIOR_SD = 0.06  # s: estimates lie up to a tenth of a second beside the parameter
 
 
 @dataclass(frozen=True)
@@ -79,12 +82,22 @@ def estimate(recording: Recording, parameters: Parameters, until: float = math.i
         return cost[delay]
 
     if not math.isfinite(trial(coarse)):
-        raise UserError("the latency cannot be estimated: the filter did not start on the data before the first outage")
+        raise UserError(
+            "the latency cannot be estimated: the filter had too few fixes to judge it by before the first outage"
+        )
     found = minimize_scalar(trial, bounds=(coarse - 0.1, coarse + 0.1), method="bounded", options={"xatol": RESOLUTION})
     best = round(float(found.x), 4)
     rise = 0.5 * (trial(best - 0.1) + trial(best + 0.1)) / max(trial(best), 1e-9) - 1.0
     trials = np.array(sorted(cost))
     return Latency(best, rise, trials, np.array([cost[t] for t in trials.tolist()]), stream.seconds)
+
+
+def velocity_innovations(recording: Recording, parameters: Parameters, delay: float, until: float) -> float:
+    """RMS of the horizontal innovations [m/s] before ``until`` [s] with fixes ``delay`` [s] old; infinite if it fails.
+
+    Raises ``UserError`` where there is too little data.
+    """
+    return _Stream(recording, parameters, until, COARSE_WINDOW).innovation_rms(delay)
 
 
 def describe(latency: Latency) -> str:
@@ -99,29 +112,67 @@ def describe(latency: Latency) -> str:
 
 
 def choose(
-    recording: Recording, parameters: Parameters, option: str | None, config: Path | None, until: float
+    recording: Recording,
+    parameters: Parameters,
+    option: str | None,
+    config: Path | None,
+    until: float,
+    search: bool = False,
 ) -> tuple[Parameters, str]:
     """Parameters with the latency to use, and one sentence that says where it is from.
 
-    ``option`` is what the user gave: seconds, ``auto`` (from the data) or None: then a configuration file decides, else
-    NAME.json beside the bag.
+    ``option`` is what the user gave: seconds, ``auto`` (from the data before ``until`` [s]) or None. Then a latency in
+    the configuration file decides, else NAME.json beside the bag, else with ``search`` the data; where they tell too
+    little, and without ``search``, it is that of ``parameters``.
     """
-    if option is None and config is not None:
-        return parameters, f"GNSS latency {parameters.gnss.delay:g} s (from {config.name} or default)"
-    if option == AUTO:
-        found = estimate(recording, parameters, until)
-        return update(parameters, {"gnss.delay": found.delay}), describe(found)
-    if option is None:
-        known = recording.sidecar.get("gnss_latency_est_s")
-        if isinstance(known, (int, float)):
-            how = f"GNSS latency {known:g} s (from {recording.name}.json)"
-            return update(parameters, {"gnss.delay": float(known)}), how
-        return parameters, f"GNSS latency {parameters.gnss.delay:g} s (default; --gnss-delay auto estimates it)"
+    own = f"{parameters.gnss.delay:g} s"
+    if option is None and config is not None and parameters.gnss.delay != Parameters().gnss.delay:
+        return parameters, f"GNSS latency {own} (from {config.name})"
+    prior, known = recording.sidecar.get(PRIOR), recording.sidecar.get("gnss_latency_est_s")
+    if option is None and isinstance(prior, (int, float)):
+        how = f"GNSS latency {prior:g} s ({_source(recording)}; --gnss-delay auto estimates it)"
+        return _with(parameters, prior), how
+    if option is None and isinstance(known, (int, float)):
+        return _with(parameters, known), f"GNSS latency {known:g} s (from {recording.name}.json)"
+    if option is None and not search:
+        return parameters, f"GNSS latency {own} (default; --gnss-delay auto estimates it)"
+    if option is None or option == AUTO:
+        try:
+            return _estimated(recording, parameters, until)
+        except UserError as error:
+            if option == AUTO:
+                raise
+            return parameters, f"GNSS latency {own} (default: {error})"
     try:
         delay = float(option)
     except ValueError:
         raise UserError(f"--gnss-delay {option!r}: write seconds, or auto") from None
-    return update(parameters, {"gnss.delay": delay}), f"GNSS latency {delay:g} s (as given)"
+    return _with(parameters, delay), f"GNSS latency {delay:g} s (as given)"
+
+
+def _with(parameters: Parameters, delay: float) -> Parameters:
+    return update(parameters, {"gnss.delay": float(delay)})
+
+
+def _estimated(recording: Recording, parameters: Parameters, until: float) -> tuple[Parameters, str]:
+    """The estimate, weighed with what the autopilot's parameters say where a log tells."""
+    prior = recording.sidecar.get(PRIOR)
+    if not isinstance(prior, (int, float)):
+        found = estimate(recording, parameters, until)
+        return update(parameters, {"gnss.delay": found.delay}), describe(found)
+    says = f"{prior:g} s by {_source(recording)}"
+    try:
+        found = estimate(recording, parameters, until)
+    except UserError as error:
+        return update(parameters, {"gnss.delay": float(prior)}), f"GNSS latency {says} ({error})"
+    weight = PRIOR_SD**2 / (PRIOR_SD**2 + found.sd**2)  # zero for an estimate of infinite deviation
+    delay = round(prior + weight * (found.delay - prior), 4)
+    data = f"{found.delay:.3f} s from {found.seconds:.0f} s of data (deviation {found.sd:.3f} s)"
+    return update(parameters, {"gnss.delay": delay}), f"GNSS latency {delay:.3f} s: {data}, {says}"
+
+
+def _source(recording: Recording) -> str:
+    return f"{recording.sidecar.get(PRIOR_SOURCE, 'a parameter')} of the autopilot"
 
 
 class _Stream:
@@ -151,11 +202,13 @@ class _Stream:
     def _start(recording: Recording, limit: int) -> int:
         """A little before the vehicle begins to move: standing still tells nothing of the latency."""
         early = [v for v in recording.velocities if v.stamp_ns < limit]
+        if not early:
+            return recording.epoch_ns
         moving = np.array([math.hypot(*v.vel_enu[:2]) > MOVING for v in early])
         # a receiver on the ground may jump now and then; flying is to move for most of the next fixes
         lasting = np.convolve(moving, np.ones(LASTING), "full")[LASTING - 1 :] > 0.6 * LASTING
         first = int(np.argmax(lasting)) if lasting.any() else 0
-        return max(recording.epoch_ns, early[first].stamp_ns - RUN_UP_NS) if early else recording.epoch_ns
+        return max(recording.epoch_ns, early[first].stamp_ns - RUN_UP_NS)
 
     def innovation_rms(self, delay: float) -> float:
         """RMS of the horizontal innovations with the fixes moved by ``delay`` [s]; infinite if the filter fails."""

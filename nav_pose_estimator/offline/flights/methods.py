@@ -1,55 +1,48 @@
-"""Ways through an outage by name: parameter overrides of the estimator, or a predictor that needs no filter."""
+"""Ways through an outage by name, for replay and benchmark: estimator passes, and what goes on without an estimator."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Sequence
 
+from nav_pose_estimator.engine.outage.methods.best import Best
+from nav_pose_estimator.engine.outage.methods.coast import Coast
+from nav_pose_estimator.engine.outage.methods.registry import all_methods, estimators, extrapolations
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.parameters.schema import flatten, update
+from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.errors import UserError
 
-BEST = "best"
-COAST = "coast"
-HOLD, CONST_VELOCITY = "hold", "const_velocity"
-PREDICTORS = (HOLD, CONST_VELOCITY)
-"""Methods that go on from the state of ``coast`` at the start of the outage."""
-CLASSICAL = (COAST, HOLD, CONST_VELOCITY, "velocity_prior", "drag")
-"""The rivals that a learned method has to beat."""
+BEST, COAST = Best.name, Coast.name
 METHOD_PARAMETER = "learner.method"
-LEARNED = ("velocity_prior", "drag", "anfis", "anfis_linear", "cnn_lstm")
-
-OVERRIDES: dict[str, Mapping[str, Any]] = {
-    COAST: {"learner.enabled": False},
-    **{name: {"learner.enabled": True, METHOD_PARAMETER: name} for name in (*LEARNED, BEST)},
-}
 
 
 def available() -> list[str]:
-    """Names of the methods that this version can run."""
-    known = flatten(Parameters())
-    return [*PREDICTORS, *(name for name, values in OVERRIDES.items() if _fits(known, values))]
+    """Names of the methods that the benchmark compares."""
+    return [method.name for method in all_methods()]
 
 
-def check(names: list[str], allow_predictors: bool = True) -> list[str]:
+def classical() -> list[str]:
+    """Names of the rivals that a learned method has to beat."""
+    return [method.name for method in all_methods() if method.is_classical]
+
+
+def check(names: Sequence[str], allow_extrapolations: bool = True) -> list[str]:
     """``names`` without repetition. Raises ``UserError`` for one that does not exist, listing what there is."""
-    usable = [name for name in available() if allow_predictors or name not in PREDICTORS]
+    usable = available() if allow_extrapolations else list(estimators())
     for name in names:
         if name not in usable:
-            what = "is not available in this version" if name in (*OVERRIDES, *PREDICTORS) else "does not exist"
+            what = "is only there in benchmark outage" if name in extrapolations() else "does not exist"
             raise UserError(f"the method {name!r} {what}; there is {', '.join(sorted(usable))}")
     return list(dict.fromkeys(names))
 
 
+def passes(names: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
+    """Estimators to fly, each with the extrapolations that go on from its states: those of coasting at the loss."""
+    without = tuple(name for name in names if name in extrapolations())
+    flown = [name for name in names if name not in without]
+    if without and COAST not in flown:
+        flown.append(COAST)
+    return [(name, without if name == COAST else ()) for name in flown]
+
+
 def apply(parameters: Parameters, name: str) -> Parameters:
-    """``parameters`` with the overrides of method ``name``."""
-    check([name], allow_predictors=False)
-    return update(parameters, OVERRIDES[name])
-
-
-def _fits(known: Mapping[str, Any], values: Mapping[str, Any]) -> bool:
-    if not all(key in known for key in values):
-        return False
-    try:
-        update(Parameters(), values)
-    except UserError:
-        return False
-    return True
+    """``parameters`` with the method ``name``."""
+    check([name], allow_extrapolations=False)
+    return update(parameters, {"learner.enabled": True, METHOD_PARAMETER: name})

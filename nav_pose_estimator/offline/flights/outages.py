@@ -16,7 +16,7 @@ from nav_pose_estimator.errors import UserError
 GNSS_SAMPLES = (GnssFix, GnssVelocity, SatelliteCount)
 
 
-class OutageError(UserError):
+class BadOutage(UserError):
     """An outage that cannot be. The text is for the user."""
 
 
@@ -40,7 +40,7 @@ def parse_outage(text: str) -> Outage:
     """``START:LENGTH`` in seconds."""
     start, length = _two_numbers(text, "--outage", "START:LENGTH")
     if start < 0.0:
-        raise OutageError(f"--outage {text}: the start must not be negative")
+        raise BadOutage(f"--outage {text}: the start must not be negative")
     return Outage(start, length)
 
 
@@ -48,7 +48,7 @@ def parse_outage_every(text: str) -> tuple[float, float]:
     """``PERIOD:LENGTH`` in seconds; the period must leave time to recover."""
     period, length = _two_numbers(text, "--outage-every", "PERIOD:LENGTH")
     if period <= length:
-        raise OutageError(f"--outage-every {text}: the period must be longer than the outage")
+        raise BadOutage(f"--outage-every {text}: the period must be longer than the outage")
     return period, length
 
 
@@ -60,9 +60,9 @@ def _two_numbers(text: str, option: str, form: str) -> tuple[float, float]:
         mark = ""
         values = 0.0, 0.0
     if not mark or not all(abs(value) < 1e9 for value in values):  # false for NaN and infinity
-        raise OutageError(f"{option} {text!r}: write {form} in seconds, for example 120:30")
+        raise BadOutage(f"{option} {text!r}: write {form} in seconds, for example 120:30")
     if values[1] <= 0.0:
-        raise OutageError(f"{option} {text}: the length must be positive")
+        raise BadOutage(f"{option} {text}: the length must be positive")
     return values
 
 
@@ -73,11 +73,11 @@ def periodic(period: float, length: float, first: float, end: float) -> list[Out
 
 
 def check_separate(outages: Iterable[Outage]) -> list[Outage]:
-    """The outages in order of time. Raises ``OutageError`` where two of them overlap."""
+    """The outages in order of time. Raises ``BadOutage`` where two of them overlap."""
     ordered = sorted(outages)
     for before, after in pairwise(ordered):
         if after.start < before.end:
-            raise OutageError(
+            raise BadOutage(
                 f"the outages {before.start:g}:{before.length:g} and {after.start:g}:{after.length:g} overlap"
             )
     return ordered

@@ -11,20 +11,28 @@ import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
 from nav_pose_estimator.core.numerics.rotation import quat_rotate_many
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
-from nav_pose_estimator.offline.bags import topic_map
-from nav_pose_estimator.offline.bags.cdr import Decoder, columns
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample, joined
+from nav_pose_estimator.engine.solutions import Event
+from nav_pose_estimator.offline.bags.decoder import Decoder
 from nav_pose_estimator.offline.bags.raw_messages import BagError
 from nav_pose_estimator.offline.bags.reader import BagReader
+from nav_pose_estimator.offline.damaged_input import reading
 from nav_pose_estimator.offline.flights.tracks import Reference, displacement_enu, gnss_reference
+from nav_pose_estimator.ros.messages.cdr import columns
 
 TRUTH_ORIGIN = "/ground_truth/origin"
+_STANDS = 0.9  # share of IMU samples without a stamp of their own from which on the clock counts as standing
 _ODOMETRY_FIELDS = ("pose.pose.position", "pose.pose.orientation", "twist.twist.linear")
 
 
 @dataclass
 class Recording:
-    """One bag. ``epoch_ns`` is its first stamp, from which all seconds count up to ``duration``."""
+    """One flight. ``epoch_ns`` is its first stamp, from which all seconds count up to ``duration``.
+
+    ``notices`` are sentences for the user, ``events`` what the conversion of single messages had to say. ``opinion``:
+    what the autopilot itself estimated, where a flight log tells; for the report, never for an estimator.
+    """
 
     path: Path
     samples: list[Sample]
@@ -34,6 +42,8 @@ class Recording:
     notices: list[str] = field(default_factory=list)
     counters: Counter[str] = field(default_factory=Counter)
     sidecar: dict = field(default_factory=dict)
+    events: list[Event] = field(default_factory=list)
+    opinion: Reference | None = None
 
     @property
     def name(self) -> str:
@@ -51,6 +61,11 @@ class Recording:
         return [s for s in self.samples if isinstance(s, GnssVelocity)]
 
     @cached_property
+    def imu(self) -> ImuBlock:
+        """All IMU samples, in the order of arrival."""
+        return joined([s for s in self.samples if isinstance(s, ImuBlock)])
+
+    @cached_property
     def imu_count(self) -> int:
         """Number of IMU samples."""
         return sum(len(s) for s in self.samples if isinstance(s, ImuBlock))
@@ -66,44 +81,72 @@ class Recording:
 
     def seconds_of_log(self, log_seconds: float) -> float:
         """Seconds since the first stamp of a time on the clock of the original log (``NAME.json``)."""
-        offset = float(self.sidecar.get("bag", {}).get("stamp_offset_s", 0.0))
-        return log_seconds + offset - self.epoch_ns * 1e-9
+        return log_seconds + self.sidecar.get("bag", {}).get("stamp_offset_s", 0.0) - self.epoch_ns * 1e-9
 
 
 def load(
-    path: Path | str, remaps: dict[str, str] | None = None, progress: Callable[[int], None] | None = None
+    path: Path | str,
+    remaps: dict[str, str] | None = None,
+    progress: Callable[[int], None] | None = None,
+    parameters: Parameters | None = None,
 ) -> Recording:
-    """Read a bag. ``progress`` is called with the number of IMU samples read. Raises ``BagError``."""
+    """Read a bag as ``parameters`` say (``ros.input``). ``progress`` is called with the number of IMU samples read.
+
+    Raises ``UserError``.
+    """
     path = Path(path)
-    with BagReader(path, remaps) as reader:
+    with reading(path):
+        return _load_bag(path, remaps, progress, parameters)
+
+
+def _load_bag(
+    path: Path,
+    remaps: dict[str, str] | None,
+    progress: Callable[[int], None] | None,
+    parameters: Parameters | None,
+) -> Recording:
+    with BagReader(path, remaps, parameters) as reader:
         samples: list[Sample] = []
         for sample in reader.samples():
             samples.append(sample)
             if progress is not None and isinstance(sample, ImuBlock):
                 progress(len(sample))
         stamps = [(int(s.stamps_ns[0]), int(s.stamps_ns[-1])) for s in samples if isinstance(s, ImuBlock) and len(s)]
+        if not stamps:
+            why = next((f": {event.text}" for event in reader.events if event.text), "")
+            raise BagError(f"{path} holds no readable IMU message{why}")
         epoch_ns, last_ns = _span(path, samples, stamps)
         truth, assumed = _truth(reader, samples, epoch_ns)
         counters = reader.counters + Counter(event.name for event in reader.events)
-        notices = reader.notices + assumed
-    return Recording(path, samples, epoch_ns, (last_ns - epoch_ns) * 1e-9, truth, notices, counters, sidecar(path))
+        notices, events = reader.notices + assumed + _standing_clock(samples), reader.events
+    duration = (last_ns - epoch_ns) * 1e-9
+    return Recording(path, samples, epoch_ns, duration, truth, notices, counters, sidecar(path), events)
 
 
 def sidecar(path: Path) -> dict:
-    """NAME.json beside NAME_bag (or NAME.mcap), empty where there is none. Raises ``BagError`` if it is not JSON."""
+    """NAME.json beside NAME_bag (or NAME.mcap), empty where there is none. ``BagError`` if it is not what it should."""
     beside = path.resolve().with_name(path.resolve().stem.removesuffix("_bag") + ".json")
     if not beside.is_file():
         return {}
     try:
         content = json.loads(beside.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise BagError(f"{beside} is not valid JSON ({error})") from None
-    return content if isinstance(content, dict) else {}
+    if not isinstance(content, dict):
+        return {}
+    content = {name: value for name, value in content.items() if value is not None}
+    bag = content.get("bag", {})
+    values = [content.get("gnss_latency_est_s", 0.0), bag.get("stamp_offset_s", 0.0) if isinstance(bag, dict) else None]
+    window = content.get("flight_window_s", [0.0, 0.0])
+    values += window if isinstance(window, list) and len(window) == 2 else [None]
+    if not all(isinstance(value, (int, float)) and abs(value) < 1e12 for value in values):  # false for NaN
+        raise BagError(
+            f"{beside}: gnss_latency_est_s and bag.stamp_offset_s must be numbers, flight_window_s two of them"
+        )
+    return content
 
 
 def _span(path: Path, samples: list[Sample], imu: list[tuple[int, int]]) -> tuple[int, int]:
-    if not imu:
-        raise BagError(f"{path} holds no readable IMU message")
     others = [s.stamp_ns for s in samples[:1000] if not isinstance(s, ImuBlock) and s.stamp_ns]
     stamped = [first for first, _ in imu if first > 0]
     if not stamped:
@@ -113,16 +156,26 @@ def _span(path: Path, samples: list[Sample], imu: list[tuple[int, int]]) -> tupl
     return min([stamped[0], *near]), max(last for _, last in imu)
 
 
+def _standing_clock(samples: list[Sample]) -> list[str]:
+    """One sentence where most IMU samples repeat a stamp; a few of them are the estimator's business."""
+    blocks = [s.stamps_ns for s in samples if isinstance(s, ImuBlock) and len(s)]
+    share = 1.0 - len(np.unique(np.concatenate(blocks))) / sum(map(len, blocks))
+    if share < _STANDS:
+        return []
+    return [f"{100.0 * share:.0f} % of the IMU samples repeat a stamp: the clock of the driver stands still"]
+
+
 def _truth(reader: BagReader, samples: list[Sample], epoch_ns: int) -> tuple[Reference | None, list[str]]:
     """The ground truth of the bag, and what had to be assumed for it."""
-    topic = reader.topics.topics.get(topic_map.TRUTH)
+    topic = reader.topics.truth
     if topic is None or topic.count == 0:
         return None, []
-    batches = list(reader.bag.batches([topic.name]))
-    found = [columns(topic.type, batch, _ODOMETRY_FIELDS) for batch in batches]
-    if any(part is None for part in found):
-        return None, [f"the messages on {topic.name} differ in length: judged against GNSS instead"]
-    joined = {name: np.concatenate([part[name] for part in found]) for name in found[0]}
+    # one batch at a time: of a batch only these fields stay in memory
+    found = [columns(topic.type, batch, _ODOMETRY_FIELDS) for batch in reader.bag.batches([topic.name]) if len(batch)]
+    parts = [part for part in found if part is not None]
+    if not parts or len(parts) < len(found):
+        return None, [f"the messages on {topic.name} cannot be read or differ in length: judged against GNSS instead"]
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     t = (joined["stamp_ns"] - epoch_ns) * 1e-9
     enu = joined["pose.pose.position"]
     q_nb = joined["pose.pose.orientation"][:, [3, 0, 1, 2]]

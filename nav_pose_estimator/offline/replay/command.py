@@ -4,21 +4,27 @@ import argparse
 import math
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.process_clock import seconds_since_start
+from nav_pose_estimator.offline.terminal import printable
 
 DESCRIPTION = (
-    "Replay a rosbag2 through the pose estimator, take GNSS away for a while, and see how far the pose drifts."
+    "Replay a rosbag2 or a flight log (PX4 ULog, ArduPilot DataFlash) through the pose estimator, take GNSS away for a "
+    "while, and see how far the pose drifts."
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of ``replay``."""
+    from nav_pose_estimator.offline.logs.options import add_options
+
     parser.description = DESCRIPTION
-    parser.add_argument("bag", type=Path, metavar="BAG", help="rosbag2: a folder, a .mcap or a .db3 file")
+    what = "rosbag2 (a folder, a .mcap or a .db3 file), PX4 .ulg, or ArduPilot .bin or .log"
+    parser.add_argument("bag", type=Path, metavar="BAG|LOG", help=what)
     parser.add_argument("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
     add = parser.add_argument
     add("--outage", action="append", default=[], metavar="START:LENGTH", help="take GNSS away, s from the first stamp")
@@ -28,18 +34,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto to estimate it from the bag")
     add("--estimate-latency", action="store_true", help="estimate the latency of the fixes, print it and stop")
     add("--remap", action="append", default=[], metavar="OURS:=THEIRS", help="/imu/data_raw:=/topic/in/the/bag")
+    add_options(parser)
+    add("--list", action="store_true", help="say what the recording holds, replay nothing")
     add("--rate", type=float, default=20.0, metavar="HZ", help="rows a second in the output files (default: 20)")
     add("--out", type=Path, metavar="DIR", help="folder for report and data (default: NAME_replay)")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Carry the command out. Raises ``UserError`` for what the user can mend."""
-    from nav_pose_estimator.core.numerics.jit import is_first_run
     from nav_pose_estimator.offline.bags.topic_map import parse_remaps
     from nav_pose_estimator.offline.flights import latency, methods, outages
     from nav_pose_estimator.offline.flights.config_file import load_parameters
-    from nav_pose_estimator.offline.flights.recording import load
+    from nav_pose_estimator.offline.output_folder import OutputFolder
     from nav_pose_estimator.offline.replay.aid_option import with_aids
+    from nav_pose_estimator.offline.replay.files import REPORT
 
     if not 0.0 < arguments.rate <= 1000.0:
         raise UserError("--rate must lie between 0 and 1000 Hz")
@@ -48,39 +56,78 @@ def run(arguments: argparse.Namespace) -> int:
     parameters = methods.apply(load_parameters(arguments.config), arguments.method)
     if arguments.aid is not None:
         parameters = with_aids(parameters, arguments.aid)
-    remaps = parse_remaps(arguments.remap)
-    folder = None if arguments.estimate_latency else _folder(arguments)  # before the work, should it be impossible
-    with _bar("reading", None) as bar:
-        recording = load(arguments.bag, remaps, bar.update)
-    if every is not None:
-        wanted += outages.periodic(*every, first=every[0], end=recording.duration)
-    wanted = outages.check_separate(wanted)
-    late = [o for o in wanted if o.end > recording.duration]
-    if late:
-        raise UserError(
-            f"the outage {late[0].start:g}:{late[0].length:g} ends after the bag ({recording.duration:.1f} s)"
-        )
-    if is_first_run():
-        print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)
-    if folder is None:
-        print(latency.describe(latency.estimate(recording, parameters, _first(wanted))))
+    plan = _Plan(arguments, parameters, parse_remaps(arguments.remap), wanted, every)
+    if arguments.list:
+        from nav_pose_estimator.offline.logs.listing import describe
+
+        print("\n".join(map(printable, describe(arguments.bag, plan.options, plan.remaps, parameters))))
         return 0
-    parameters, how = latency.choose(recording, parameters, arguments.gnss_delay, arguments.config, _first(wanted))
-    print(how)
-    _replay(recording, parameters, wanted, folder, arguments.rate)
+    if arguments.estimate_latency:
+        recording = plan.load()
+        print(latency.describe(latency.estimate(recording, parameters, _first(plan.outages(recording)))))
+        return 0
+    folder = arguments.out or Path(f"{arguments.bag.resolve().stem.removesuffix('_bag')}_replay")
+    inputs = [path for path in (arguments.bag, arguments.config) if path is not None]
+    with OutputFolder(folder, "replay", inputs) as work:  # before the work, should it be impossible
+        recording = plan.load()
+        wanted = plan.outages(recording)
+        parameters, how = latency.choose(recording, parameters, arguments.gnss_delay, arguments.config, _first(wanted))
+        print(printable(how))
+        work.mkdir()
+        _replay(recording, parameters, wanted, work, arguments.rate)
+    print(f"report: {printable(str(folder / REPORT))}")
     return 0
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What the command line asks for, checked as far as that is possible without the recording."""
+
+    arguments: argparse.Namespace
+    parameters: Any
+    remaps: dict[str, str]
+    wanted: list
+    every: tuple[float, float] | None
+
+    @property
+    def options(self) -> Any:
+        """How a flight log is to be read."""
+        from nav_pose_estimator.offline.logs.options import options_of
+
+        return options_of(self.arguments, self.parameters)
+
+    def load(self) -> Any:
+        """The recording."""
+        from nav_pose_estimator.core.numerics.jit import is_first_run
+        from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
+
+        with _bar("reading", None) as bar:
+            recording = open_recording(self.arguments.bag, self.options, self.remaps, bar.update, self.parameters)
+        recording = prepared(recording, self.parameters, _first(self.outages(recording)))
+        for text in recording.notices:
+            print(f"note: {printable(text)}", file=sys.stderr)
+        if is_first_run():
+            print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)
+        return recording
+
+    def outages(self, recording: Any) -> list:
+        """The outages in order. Raises ``UserError`` for what does not fit into the recording."""
+        from nav_pose_estimator.offline.flights import outages
+
+        wanted = list(self.wanted)
+        if self.every is not None:
+            wanted += outages.periodic(*self.every, first=self.every[0], end=recording.duration)
+        wanted = outages.check_separate(wanted)
+        late = [o for o in wanted if o.end > recording.duration]
+        if late:
+            raise UserError(
+                f"the outage {late[0].start:g}:{late[0].length:g} ends after the bag ({recording.duration:.1f} s)"
+            )
+        return wanted
 
 
 def _first(wanted: list) -> float:
     return min((outage.start for outage in wanted), default=math.inf)
-
-
-def _folder(arguments: argparse.Namespace) -> Path:
-    from nav_pose_estimator.offline.replay.files import prepare_folder
-
-    folder = arguments.out or Path(f"{arguments.bag.resolve().stem.removesuffix('_bag')}_replay")
-    prepare_folder(folder)
-    return folder
 
 
 def _replay(recording, parameters, wanted, folder: Path, rate: float) -> None:
@@ -100,17 +147,20 @@ def _replay(recording, parameters, wanted, folder: Path, rate: float) -> None:
         from nav_pose_estimator.offline.replay.solution_bag import write_solution
 
         write_solution(folder / files.SOLUTION, result, min(rate, 10.0))
-    print(f"report: {folder / files.REPORT}")
 
 
 def _tell(result, wall: float) -> None:
     """The outcome in a few lines."""
+    from nav_pose_estimator.offline.replay import second_opinion
     from nav_pose_estimator.offline.replay.report import OUTAGE_HEADER, mode_spans, outage_rows
+    from nav_pose_estimator.offline.replay.warnings import warnings
 
-    for text in result.recording.notices:
-        print(f"note: {text}", file=sys.stderr)
+    for warned in warnings(result):
+        print(printable(warned.sentence), file=sys.stderr)
     spans = mode_spans(result)
     print("modes: " + (", ".join(f"{mode.value} from {start:.1f} s" for start, _, mode in spans[:12]) or "none"))
+    if text := second_opinion.sentence(result):
+        print(text)
     if result.status.waiting_for:
         print(f"waiting for: {result.status.waiting_for}")
     if result.errors:

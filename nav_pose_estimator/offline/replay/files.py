@@ -3,8 +3,8 @@
 import json
 import math
 import platform
-import shutil
 from collections.abc import Iterable
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -16,33 +16,17 @@ from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.numerics.jit import COMPILED
 from nav_pose_estimator.core.numerics.rotation import euler_from_quat_many
 from nav_pose_estimator.engine.parameters.schema import flatten
-from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.flights.tracks import Track
+from nav_pose_estimator.offline.replay import second_opinion
 from nav_pose_estimator.offline.replay.replay import ReplayResult
 from nav_pose_estimator.offline.replay.report import mode_spans
+from nav_pose_estimator.offline.replay.warnings import warnings
 
 SUMMARY, TUM, CSV, REPORT, SOLUTION = "summary.json", "trajectory.tum", "estimate.csv", "report.html", "solution"
-OUTPUTS = frozenset((SUMMARY, TUM, CSV, REPORT, SOLUTION))
 CSV_COLUMNS = (
     "t_s,lat_deg,lon_deg,alt_m,east_m,north_m,up_m,v_east_mps,v_north_mps,v_up_mps,roll_deg,pitch_deg,yaw_deg,"
     "sd_east_m,sd_north_m,sd_up_m,mode"
 )
-
-
-def prepare_folder(path: Path) -> None:
-    """Make the folder; an earlier replay's files are replaced, anything else is refused with ``UserError``."""
-    if path.exists() and not path.is_dir():
-        raise UserError(f"{path} is a file; --out must name a folder")
-    if path.is_dir():
-        foreign = sorted(item.name for item in path.iterdir() if item.name not in OUTPUTS)
-        if foreign:
-            raise UserError(f"{path} holds {foreign[0]!r}, which no replay wrote: choose another --out")
-        for item in path.iterdir():
-            shutil.rmtree(item) if item.is_dir() else item.unlink()
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"{path} cannot be made ({error.strerror})") from None
 
 
 def decimate(track: Track, rate_hz: float) -> Track:
@@ -69,10 +53,12 @@ def write_summary(path: Path, result: ReplayResult, wall_seconds: float) -> dict
             {key: value for key, value in vars(e).items() if not isinstance(value, np.ndarray)} for e in result.errors
         ],
         "outage_proof": result.proof,
+        "second_opinion": second_opinion.figures(result),
         "not_finite_rows": int((~np.isfinite(result.track.rows).all(axis=1)).sum()),
         "counters": {**status.counters, **result.recording.counters},
         "values": status.values,
         "notices": recording.notices,
+        "warnings": [asdict(warned) for warned in warnings(result)],
         "estimator_seconds": result.seconds,
         "times_real_time": recording.duration / max(result.seconds, 1e-9),
         "wall_seconds": wall_seconds,

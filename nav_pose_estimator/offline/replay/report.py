@@ -15,6 +15,7 @@ from nav_pose_estimator.engine.solutions import Level, Mode
 from nav_pose_estimator.offline.flights.tracks import displacement_enu, gnss_reference
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
+from nav_pose_estimator.offline.replay import second_opinion
 from nav_pose_estimator.offline.replay.replay import ReplayResult, reference_lever
 
 _STYLES = ("a", "b", "c")
@@ -74,7 +75,8 @@ def _body(result: ReplayResult) -> Iterator[str]:
     judged = "nothing to judge against" if len(result.reference) == 0 else f"judged against {result.reference.kind}"
     yield f'<p class="soft">{recording.duration:.0f} s, {recording.imu_count} IMU samples, {judged}</p>'
     yield page.tiles(_tiles(result))
-    yield "".join(f'<p class="soft">{escape(text)}</p>' for text in recording.notices)
+    notes = [*recording.notices, second_opinion.sentence(result)]
+    yield "".join(f'<p class="soft">{escape(text)}</p>' for text in notes if text)
     if result.errors:
         yield "<h2>Outages</h2>" + page.table(OUTAGE_HEADER, outage_rows(result), text_columns=())
         yield '<p class="soft"><small>End: horizontal error, mean over the fixes in the last 1.05 s. '
@@ -117,6 +119,7 @@ def _map(result: ReplayResult) -> str:
     truth = displacement_enu(result.reference.position, origin) if len(result.reference) else np.empty((0, 3))
     estimate = displacement_enu(result.track.position, origin)
     _thin_line(plot, truth, "f", f"{result.reference.kind}")
+    second_opinion.draw_track(plot, result, origin)
     _thin_line(plot, estimate, "a", "estimate")
     for outage in result.outages:
         for track, t, style in ((truth, result.reference.t, "f"), (estimate, result.track.t, "b")):
@@ -192,6 +195,7 @@ def _attitude(result: ReplayResult) -> str:
     yaw = angles[:, 2].copy()
     yaw[1:][np.abs(np.diff(angles[:, 2])) > 180.0] = np.nan  # lift the pen where the angle wraps
     plot = _plot(result, "roll, pitch, yaw (counter-clockwise from East), deg", height=280)
+    second_opinion.draw_attitude(plot, result)
     _three(plot, t, np.column_stack([angles[:, :2], yaw]), ("roll", "pitch", "yaw"))
     return plot.render()
 

@@ -1,7 +1,6 @@
 """The solution of a replay as a rosbag2 (mcap), so that every ROS tool can show it."""
 
 import math
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +23,6 @@ def write_solution(path: Path, result: ReplayResult, rate_hz: float) -> None:
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
-    if path.exists():
-        shutil.rmtree(path)
     messages = [*_odometry(result, store, rate_hz), *_fixes(result, store, rate_hz), *_status(result, store)]
     messages.sort(key=lambda item: item[0])
     kinds = {ODOMETRY: "nav_msgs/msg/Odometry", FIX: "sensor_msgs/msg/NavSatFix"}

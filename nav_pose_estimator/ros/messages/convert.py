@@ -13,14 +13,17 @@ import numpy as np
 
 from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
 from nav_pose_estimator.engine.samples import (
+    Airspeed,
     AttitudeSample,
     BodyVelocity,
+    DifferentialPressure,
     GnssFix,
     GnssVelocity,
     ImuSample,
     MagSample,
     NavigatorVelocity,
     PressureSample,
+    RangeToGround,
     Sample,
     SetPose,
     Vector3,
@@ -28,12 +31,12 @@ from nav_pose_estimator.engine.samples import (
 )
 from nav_pose_estimator.engine.solutions import Event, Level
 from nav_pose_estimator.ros.messages import covariance
+from nav_pose_estimator.ros.messages.cdr import NS_PER_S
 from nav_pose_estimator.ros.messages.covariance import Knowledge
 
 Converted = tuple[Sample | Event, ...]
 Adapter = Callable[[Any], Converted]
 
-NS_PER_S = 1_000_000_000
 _COVARIANCE_TYPE_UNKNOWN = 0  # sensor_msgs/NavSatFix
 
 
@@ -51,11 +54,17 @@ def imu(message: Any) -> Converted:
 
 
 def imu_sample(sample: ImuSample, gyro_absent: bool, accel_absent: bool) -> Converted:
-    """``sample`` unless its message says (covariance[0] == -1) that one of its two halves was not measured."""
-    if not (gyro_absent or accel_absent):
+    """``sample`` unless its message says (covariance[0] == -1) that one of its two halves was not measured.
+
+    A specific force of exactly zero says so, too: no accelerometer reads that, but drivers that publish gyroscope and
+    accelerometer on two topics leave the other half at it.
+    """
+    force_is_zero = sample.accel == (0.0, 0.0, 0.0)
+    if not (gyro_absent or accel_absent or force_is_zero):
         return (sample,)
     which = "angular velocity" if gyro_absent else "linear acceleration"
-    text = f"the IMU message says that it has no {which} (covariance[0] is -1); not used"
+    how = "covariance[0] is -1" if gyro_absent or accel_absent else "it is exactly zero"
+    text = f"the IMU message has no {which} ({how}); half an IMU is no IMU: not used"
     return (Event(sample.stamp_ns, "imu.rejected.absent", Level.WARN, text),)
 
 
@@ -131,6 +140,34 @@ def fluid_pressure(message: Any) -> Converted:
     stamp = stamp_ns(message)
     variance, flaw = covariance.read_variance(message.variance)
     return (PressureSample(stamp, float(message.fluid_pressure), variance), *_flaw(stamp, "baro", flaw))
+
+
+def airspeed(message: Any) -> Converted:
+    """geometry_msgs/TwistStamped: the true airspeed along x [m/s] to :class:`Airspeed`."""
+    return (Airspeed(stamp_ns(message), float(message.twist.linear.x)),)
+
+
+def airspeed_number(message: Any) -> Converted:
+    """std_msgs/Float32, the true airspeed [m/s] without a header, to :class:`Airspeed`."""
+    return (Airspeed(None, float(message.data)),)
+
+
+def differential_pressure(message: Any) -> Converted:
+    """sensor_msgs/FluidPressure with the pressure difference of a pitot tube [Pa] to :class:`DifferentialPressure`."""
+    return (DifferentialPressure(stamp_ns(message), float(message.fluid_pressure)),)
+
+
+def range_to_ground(message: Any) -> Converted:
+    """sensor_msgs/Range to :class:`RangeToGround`; an event for what lies outside the limits that the message states.
+
+    REP-117: -Inf is too close, +Inf nothing in reach, NaN an error. Limits that are not filled (zero) limit nothing.
+    """
+    stamp, distance, farthest = stamp_ns(message), float(message.range), float(message.max_range) or math.inf
+    if not (max(float(message.min_range), 0.0) <= distance <= farthest and math.isfinite(distance)):
+        return (Event(stamp, "range.rejected.outside"),)
+    variance, flaw = covariance.read_variance(getattr(message, "variance", 0.0))  # new in 2023
+    sd = math.nan if variance is None else math.sqrt(variance)
+    return (RangeToGround(stamp, distance, float(message.field_of_view), sd), *_flaw(stamp, "range", flaw))
 
 
 def set_pose(message: Any, frame: str = "map") -> Converted:

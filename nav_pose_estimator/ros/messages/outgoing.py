@@ -12,9 +12,9 @@ import numpy as np
 
 from nav_pose_estimator.core.filter.layout import BASE_STATES, D_GYRO_BIAS, DPOS, DVEL, PHI
 from nav_pose_estimator.core.numerics.rotation import quat_to_matrix, skew
-from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, OutageError
+from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, PredictedDrift
 from nav_pose_estimator.engine.world_frame import attitude_in, vector_in
-from nav_pose_estimator.ros.messages.convert import NS_PER_S
+from nav_pose_estimator.ros.messages.cdr import NS_PER_S
 
 _STATUS_FIX, _STATUS_NO_FIX, _SERVICE_GPS = 0, -1, 1  # sensor_msgs/NavSatStatus
 _COVARIANCE_KNOWN = 3  # sensor_msgs/NavSatFix
@@ -118,7 +118,7 @@ def warm_up() -> None:
     twist_covariance(np.eye(BASE_STATES), quat_to_matrix(_NO_ROTATION), np.zeros(3))
 
 
-def fill_velocity_error(message: Any, error: OutageError) -> None:
+def fill_velocity_error(message: Any, error: PredictedDrift) -> None:
     """geometry_msgs/TwistWithCovarianceStamped, ENU; the angular part is marked as not known."""
     fill_stamp(message.header.stamp, error.stamp_ns)
     _fill_vector(message.twist.twist.linear, np.array(error.dv_n))
@@ -128,9 +128,9 @@ def fill_velocity_error(message: Any, error: OutageError) -> None:
     message.twist.covariance[:] = cov.ravel()
 
 
-def is_finite(solution: NavSolution | AttitudeSolution | OutageError) -> bool:
+def is_finite(solution: NavSolution | AttitudeSolution | PredictedDrift) -> bool:
     """Whether every number that goes into messages is one: nothing else may leave a node."""
-    if isinstance(solution, OutageError):
+    if isinstance(solution, PredictedDrift):
         return math.isfinite(sum(solution.dv_n + solution.dp_n) + float(solution.cov.sum()))
     few: tuple[np.ndarray, ...]
     if isinstance(solution, AttitudeSolution):

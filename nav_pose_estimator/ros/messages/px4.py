@@ -9,9 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuSample, SatelliteCount
+from nav_pose_estimator.engine.samples import (
+    Airspeed,
+    DifferentialPressure,
+    GnssFix,
+    GnssVelocity,
+    ImuSample,
+    SatelliteCount,
+)
 from nav_pose_estimator.engine.solutions import Event, Level
-from nav_pose_estimator.ros.messages.convert import Converted
+from nav_pose_estimator.ros.messages.convert import Converted, imu_sample
 
 _NS_PER_US = 1000
 _RELATIVE_TIMESTAMP_INVALID = 0x7FFFFFFF
@@ -25,7 +32,7 @@ def imu(message: Any) -> Converted:
     if message.accelerometer_timestamp_relative == _RELATIVE_TIMESTAMP_INVALID:
         text = "sensor_combined says that its accelerometer is invalid; not used"
         return (Event(stamp, "imu.rejected.absent", Level.WARN, text),)
-    return (ImuSample(stamp, _triple(message.gyro_rad), _triple(message.accelerometer_m_s2)),)
+    return imu_sample(ImuSample(stamp, _triple(message.gyro_rad), _triple(message.accelerometer_m_s2)), False, False)
 
 
 def fix(message: Any) -> Converted:
@@ -55,6 +62,19 @@ def satellites(message: Any) -> Converted:
     """SensorGps ``satellites_used``; 255 for unknown."""
     count = int(message.satellites_used)
     return (SatelliteCount(_stamp_ns(message), None if count == 255 else count),)
+
+
+def airspeed(message: Any) -> Converted:
+    """Airspeed ``true_airspeed_m_s`` to :class:`Airspeed`; PX4 gives none as NaN or as a value that is not positive."""
+    speed = float(message.true_airspeed_m_s)
+    if not speed > 0.0:  # true for NaN as well
+        return (Event(_stamp_ns(message), "airspeed.rejected.absent"),)
+    return (Airspeed(_stamp_ns(message), speed),)
+
+
+def differential_pressure(message: Any) -> Converted:
+    """DifferentialPressure ``differential_pressure_pa`` to :class:`DifferentialPressure`."""
+    return (DifferentialPressure(_stamp_ns(message), float(message.differential_pressure_pa)),)
 
 
 def _position(message: Any) -> tuple[float, float, float]:

@@ -20,29 +20,20 @@ from nav_pose_estimator.engine.samples import (
     PressureSample,
     Sample,
     SatelliteCount,
+    stamp_of,
 )
+from nav_pose_estimator.ros.messages.message_table import INPUTS
 from nav_pose_estimator.ros.messages.outgoing import fill_stamp
 from nav_pose_estimator.ros.messages.satellites import MAVLINK_UNKNOWN
-from nav_pose_estimator.ros.time_guard import stamp_of
-
-TOPICS: dict[type, tuple[str, Any]] = {
-    ImuSample: ("imu/data_raw", Imu),
-    MagSample: ("imu/mag", MagneticField),
-    GnssFix: ("gps/fix", NavSatFix),
-    GnssVelocity: ("gps/vel", TwistWithCovarianceStamped),
-    SatelliteCount: ("gps/satellites", UInt32),
-    PressureSample: ("baro", FluidPressure),
-    BodyVelocity: ("body_velocity", TwistWithCovarianceStamped),
-}
-"""Kind of sample -> topic and message class."""
 
 _COVARIANCE_UNKNOWN, _COVARIANCE_KNOWN = 0, 3  # sensor_msgs/NavSatFix
 
 
 def to_message(sample: Sample) -> Any:
     """A new message for ``sample``; its stamp is that of the sample."""
-    message = TOPICS[type(sample)][1]()
-    _FILL[type(sample)](message, sample)
+    kind, fill = _MESSAGES[type(sample)]
+    message = kind()
+    fill(message, sample)
     stamp = stamp_of(sample)
     if stamp is not None:
         fill_stamp(message.header.stamp, stamp)
@@ -109,12 +100,16 @@ def _vector(target: Any, values: Any) -> None:
     target.x, target.y, target.z = map(float, values)
 
 
-_FILL: dict[type, Callable[[Any, Any], None]] = {
-    ImuSample: _imu,
-    MagSample: _mag,
-    GnssFix: _fix,
-    GnssVelocity: _velocity,
-    SatelliteCount: _count,
-    PressureSample: _pressure,
-    BodyVelocity: _body_velocity,
+_MESSAGES: dict[type, tuple[Any, Callable[[Any, Any], None]]] = {
+    ImuSample: (Imu, _imu),
+    MagSample: (MagneticField, _mag),
+    GnssFix: (NavSatFix, _fix),
+    GnssVelocity: (TwistWithCovarianceStamped, _velocity),
+    SatelliteCount: (UInt32, _count),
+    PressureSample: (FluidPressure, _pressure),
+    BodyVelocity: (TwistWithCovarianceStamped, _body_velocity),
 }
+TOPICS: dict[type, tuple[str, Any]] = {
+    entry.sample: (entry.topic, _MESSAGES[entry.sample][0]) for entry in INPUTS if entry.sample in _MESSAGES
+}
+"""Kind of sample -> topic and message class."""

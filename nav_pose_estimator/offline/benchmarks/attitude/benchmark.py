@@ -12,6 +12,7 @@ import numpy as np
 
 from nav_pose_estimator.core.numerics.rotation import quat_from_rotvec_many, quat_multiply_many
 from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
+from nav_pose_estimator.engine.attitude.recorded import feed_recorded
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import ImuBlock
@@ -20,7 +21,9 @@ from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.benchmarks.attitude import peers as attitude_peers
 from nav_pose_estimator.offline.benchmarks.attitude import report as attitude_report
 from nav_pose_estimator.offline.benchmarks.attitude.trials import CONDITIONS, Trial, errors, load_trial, rmse
+from nav_pose_estimator.offline.damaged_input import reading
 from nav_pose_estimator.offline.flights.config_file import load_parameters
+from nav_pose_estimator.offline.output_folder import OutputFolder
 
 METHODS = ("complementary", "two_stage")
 TRIALS, SUMMARY_CSV, SUMMARY_JSON, REPORT = "trials.csv", "summary.csv", "summary.json", "report.html"
@@ -68,28 +71,35 @@ def run(arguments: argparse.Namespace) -> int:
     methods = _chosen(arguments.methods, METHODS, "--methods")
     conditions = _chosen(arguments.conditions, tuple(CONDITIONS), "--conditions")
     peers = _peers(arguments.peers)
-    trials = [load_trial(path) for path in arguments.trials]
+    trials = []
+    for path in arguments.trials:
+        with reading(path):
+            trials.append(load_trial(path))
     parameters = load_parameters(arguments.config)
     for method in methods:
         AttitudeEngine(update(parameters, {"attitude.filter": method})).warm_up()
-    _make_folder(arguments.out)
-    rows = [
-        row
-        for condition in conditions
-        for trial in trials
-        for row in judge(CONDITIONS[condition](trial), condition, methods, peers, parameters, arguments.advance)
-    ]
-    means = summarise(rows)
-    _write_csv(arguments.out / TRIALS, rows)
-    _write_csv(arguments.out / SUMMARY_CSV, means)
-    (arguments.out / SUMMARY_JSON).write_text(
-        json.dumps({"means": [asdict(m) for m in means], "advance_s": arguments.advance}, indent=1) + "\n",
-        encoding="utf-8",
-    )
-    attitude_report.write_report(arguments.out / REPORT, rows, means, arguments.advance)
+    inputs = [*arguments.trials, *([arguments.config] if arguments.config else [])]
+    with OutputFolder(arguments.out, "attitude benchmark", inputs) as folder:
+        rows = [
+            row
+            for condition in conditions
+            for trial in trials
+            for row in judge(CONDITIONS[condition](trial), condition, methods, peers, parameters, arguments.advance)
+        ]
+        means = summarise(rows)
+        folder.mkdir()
+        _write_tables(folder, rows, means, arguments.advance)
     print(attitude_report.text_table(means))
     print(f"report: {arguments.out / REPORT}")
     return 0
+
+
+def _write_tables(folder: Path, rows: list[Row], means: list[Row], advance: float) -> None:
+    _write_csv(folder / TRIALS, rows)
+    _write_csv(folder / SUMMARY_CSV, means)
+    content = {"means": [asdict(m) for m in means], "advance_s": advance}
+    (folder / SUMMARY_JSON).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    attitude_report.write_report(folder / REPORT, rows, means, advance)
 
 
 def judge(
@@ -125,7 +135,7 @@ def estimate(trial: Trial, parameters: Parameters, with_mag: bool) -> AttitudeBl
     """The engine's own rows for ``trial``."""
     stamps = np.rint(trial.t * 1e9).astype(np.int64) + _FIRST_NS
     block = ImuBlock(stamps, np.ascontiguousarray(trial.gyro), np.ascontiguousarray(trial.accel))
-    return AttitudeEngine(parameters).feed_recorded(block, trial.mag if with_mag else None)
+    return feed_recorded(AttitudeEngine(parameters), block, trial.mag if with_mag else None)
 
 
 def summarise(rows: list[Row]) -> list[Row]:
@@ -178,13 +188,6 @@ def _peers(text: str | None) -> list[str]:
         if name not in here:
             print(f"note: {name} left out, the package {attitude_peers.PEERS[name][0]} is not installed")
     return [name for name in names if name in here]
-
-
-def _make_folder(path: Path) -> None:
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"{path} cannot be made ({error.strerror})") from None
 
 
 def _write_csv(path: Path, rows: list[Row]) -> None:

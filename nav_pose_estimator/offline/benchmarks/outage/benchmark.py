@@ -12,6 +12,7 @@ import numpy as np
 
 from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, OUT_POS, OUT_QUAT, OUT_VEL
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.outage.methods.registry import extrapolations
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
@@ -20,12 +21,14 @@ from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.offline.flights.flight_window import flight_window, outage_starts
 from nav_pose_estimator.offline.flights.outage_errors import NOT_AIDED, OutageErrors, judge
 from nav_pose_estimator.offline.flights.outages import GnssLeak, GnssRemoval, Outage, OutageProof
-from nav_pose_estimator.offline.flights.recording import Recording, load
+from nav_pose_estimator.offline.flights.recording import Recording
 from nav_pose_estimator.offline.flights.tracks import Reference, Track, TrackRecorder, displacement_enu, shift
+from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
+from nav_pose_estimator.offline.logs.options import LogOptions
 from nav_pose_estimator.offline.replay.replay import as_block, reference_lever
 
 GRID = 1.0  # s between the points of an error-growth curve
-_DAMAGED_NS = 10**10
+_AHEAD_NS = 10**9  # a stamp so far ahead of the IMU is damaged: the navigator refuses it
 MARGIN = 0.2  # s: a run goes on so long after the outage's end, still without GNSS, to reach its last fix
 
 
@@ -41,6 +44,7 @@ class Task:
     first: float | None = None
     gnss_delay: str | None = None
     config: Path | None = None
+    log: LogOptions = field(default_factory=LogOptions)  # which part, if it is a flight log
 
 
 @dataclass
@@ -72,12 +76,14 @@ class _Start:
 
 def run_task(task: Task, advanced: Callable[[float], None] | None = None) -> FlightResult:
     """Carry out one pass. ``advanced`` is called with the share done since the last call."""
-    recording = load(task.bag)
     parameters = methods.apply(load_parameters(task.config), task.method)
+    recording = open_recording(task.bag, task.log, parameters=parameters)
     window = flight_window(recording)
     planned = outage_starts(window, list(task.lengths), task.every, task.first)
     starts = sorted({outage.start for outages in planned.values() for outage in outages})
-    parameters, how = _with_delay(task, recording, parameters, min(starts, default=np.inf))
+    until = min(starts, default=np.inf)
+    recording = prepared(recording, parameters, until)
+    parameters, how = latency.choose(recording, parameters, task.gnss_delay, task.config, until, search=True)
     result = FlightResult(task.bag.name, parameters.gnss.delay, window, notices=[how, *recording.notices])
     run_outages(recording, parameters, planned, (task.method, *task.predictors), result, advanced)
     _draw(result, recording.reference(parameters.gnss.delay), starts)
@@ -111,13 +117,6 @@ def run_outages(
             advanced(1.0 / len(runs))
 
 
-def _with_delay(task: Task, recording: Recording, parameters: Parameters, until: float) -> tuple[Parameters, str]:
-    option = task.gnss_delay
-    if option is None and "gnss_latency_est_s" not in recording.sidecar:
-        option = latency.AUTO
-    return latency.choose(recording, parameters, option, None, until)
-
-
 def _aided_pass(recording: Recording, parameters: Parameters, runs: list[Outage]) -> Iterator[_Start]:
     """Run the whole flight with GNSS and stop at the start of each outage."""
     engine = PoseEstimator(parameters, attitude=False)
@@ -126,6 +125,7 @@ def _aided_pass(recording: Recording, parameters: Parameters, runs: list[Outage]
     waiting = list(runs)
     delay_ns = round(parameters.gnss.delay * 1e9)
     newest_gnss = 0
+    next_imu = _next_imu_stamps(recording.samples)
     for index, sample in enumerate(recording.samples):
         if not waiting:
             return
@@ -133,7 +133,7 @@ def _aided_pass(recording: Recording, parameters: Parameters, runs: list[Outage]
         done = 0
         while waiting:
             start_ns = recording.epoch_ns + round(waiting[0].start * 1e9)
-            row = _first_at(sample, stamps, start_ns, delay_ns)
+            row = _first_at(sample, stamps, start_ns, delay_ns, next_imu[index])
             if row is None:
                 break
             if newest_gnss >= start_ns:
@@ -143,7 +143,7 @@ def _aided_pass(recording: Recording, parameters: Parameters, runs: list[Outage]
             done = row
             yield _Start(waiting.pop(0), engine.snapshot(), index, done, _doubt(engine), state)
         state = _last_row(engine.feed(_rows(sample, done, None)), state)
-        if isinstance(sample, (GnssFix, GnssVelocity)):
+        if isinstance(sample, (GnssFix, GnssVelocity)) and sample.stamp_ns <= next_imu[index] + _AHEAD_NS:
             newest_gnss = max(newest_gnss, sample.stamp_ns - delay_ns)
 
 
@@ -155,16 +155,28 @@ def _doubt(engine: PoseEstimator) -> str:
     return status.waiting_for or status.gnss_refusal or status.mode.value.lower()
 
 
-def _first_at(sample: Sample, stamps: np.ndarray | None, start_ns: int, delay_ns: int) -> int | None:
+def _next_imu_stamps(samples: list[Sample]) -> list[int]:
+    """The stamp of the IMU sample that follows each sample (at the end: the last one's): the time that it is then."""
+    stamps, now = [0] * len(samples), 0
+    for i in range(len(samples) - 1, -1, -1):
+        sample = samples[i]
+        stamps[i] = now or int(getattr(sample, "stamps_ns", [0])[-1])
+        if isinstance(sample, ImuBlock) and len(sample):
+            now = int(sample.stamps_ns[0])
+    return stamps
+
+
+def _first_at(sample: Sample, stamps: np.ndarray | None, start_ns: int, delay_ns: int, next_imu_ns: int) -> int | None:
     """Row of ``sample`` with which the outage has begun; None if it begins later."""
     if stamps is not None:
         row = int(np.searchsorted(stamps, start_ns))
         return row if row < len(stamps) else None
     if sample.stamp_ns is None:
         return None
-    # GNSS with a negative latency is valid after its stamp; a stamp far ahead is damaged and begins nothing.
+    # GNSS with a negative latency is valid after its stamp; a stamp far ahead of the IMU that follows is damaged and
+    # begins nothing, one after a gap of the IMU is not.
     time_ns = sample.stamp_ns - min(delay_ns, 0) * isinstance(sample, (GnssFix, GnssVelocity))
-    return 0 if start_ns <= time_ns < start_ns + _DAMAGED_NS else None
+    return 0 if start_ns <= time_ns <= next_imu_ns + _AHEAD_NS else None
 
 
 def _rows(sample: Sample, first: int, last: int | None) -> Sample:
@@ -211,13 +223,13 @@ def _outage_run(
 
 
 def _predict(name: str, start: _Start) -> Track:
-    """``hold`` the last position, or go on with the last velocity; no deviation is claimed."""
+    """Go on from the state at the loss of GNSS as the extrapolation ``name`` says; no deviation is claimed."""
     if start.state is None:
         return Track(np.empty(0), np.empty((0, OUT_COLUMNS)))
     t = np.array([0.0, start.outage.length + MARGIN])
     rows = np.full((2, OUT_COLUMNS), np.nan)
     rows[:, OUT_QUAT : OUT_QUAT + 4] = start.state[OUT_QUAT : OUT_QUAT + 4]
-    velocity = start.state[OUT_VEL : OUT_VEL + 3] * (name == methods.CONST_VELOCITY)
+    velocity = extrapolations()[name].velocity(start.state[OUT_VEL : OUT_VEL + 3])
     rows[:, OUT_POS : OUT_POS + 3] = shift(start.state[OUT_POS : OUT_POS + 3], t[:, None] * velocity)
     return Track(start.outage.start + t, rows)
 

@@ -10,6 +10,7 @@ import numpy as np
 from nav_pose_estimator.offline.benchmarks.outage.benchmark import GRID, FlightResult
 from nav_pose_estimator.offline.benchmarks.outage.scores import probability
 from nav_pose_estimator.offline.benchmarks.outage.statistics import ALL, Row, Summary, comparable
+from nav_pose_estimator.offline.flights.methods import classical
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
 
@@ -68,7 +69,7 @@ def _body(flights: list[FlightResult], summaries: list[Summary], rows: list[Row]
     yield '<p class="soft">Horizontal error at the end of forced outages, mean over the fixes of the last 1.05 s, '
     yield "against ground truth or the withheld GNSS. Interval: bootstrap of the median, clustered by flight, within "
     yield "one flight by stretches of an outage's length. Ratio and wins: RMS and single outages against the best "
-    yield "classical method of that flight (coast, hold, const_velocity, velocity_prior, drag). Scores (log, energy) "
+    yield f"classical method of that flight ({', '.join(classical())}). Scores (log, energy) "
     yield "are of the stated distribution; less is better. An honest sigma has 63, 98 and 100 % within 1, 2 and 3 "
     yield "sigma and a median of error / sigma of 0.83.</p>"
     reliability = _reliability(comparable(rows))

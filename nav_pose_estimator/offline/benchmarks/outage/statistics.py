@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nav_pose_estimator.offline.benchmarks.outage.scores import energy_score, log_score
-from nav_pose_estimator.offline.flights.methods import CLASSICAL
+from nav_pose_estimator.offline.flights.methods import classical
 from nav_pose_estimator.offline.flights.outage_errors import OK
 
 RESAMPLES = 2000
@@ -85,7 +85,7 @@ def summarise(rows: Iterable[Row], seed: int = 1, groups: Mapping[str, str] | No
 def _compare(bag: str, length: float, rows: list[Row], seed: int, groups: Mapping[str, str]) -> list[Summary]:
     methods = list(dict.fromkeys(row.method for row in rows))
     by_method = {method: [row for row in rows if row.method == method] for method in methods}
-    rivals = {m: rms([row.end_error_m for row in r]) for m, r in by_method.items() if m in CLASSICAL}
+    rivals = {m: rms([row.end_error_m for row in r]) for m, r in by_method.items() if m in classical()}
     best = min(rivals, key=lambda method: rivals[method]) if rivals else ""
     interval = {m: bootstrap(_errors(r), clusters(r, groups), np.median, seed) for m, r in by_method.items()}
     return [

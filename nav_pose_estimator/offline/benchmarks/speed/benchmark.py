@@ -23,12 +23,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, print every figure beside its goal as it is known, and write speed.json."""
-    from nav_pose_estimator.offline.benchmarks.command import make_folder
-    from nav_pose_estimator.offline.benchmarks.speed import figures as speed_figures
-    from nav_pose_estimator.offline.benchmarks.speed import processes
+    from nav_pose_estimator.offline.output_folder import OutputFolder
     from nav_pose_estimator.offline.replay.files import plain, versions
 
-    folder = make_folder(arguments.out)
+    with OutputFolder(arguments.out, "speed benchmark") as folder:
+        figures = _measure()
+        machine = {"processor": platform.processor() or platform.machine(), "system": platform.platform()}
+        content = {"figures": [asdict(f) for f in figures], "machine": machine, "versions": versions()}
+        folder.mkdir()
+        (folder / "speed.json").write_text(json.dumps(plain(content), indent=1) + "\n", encoding="utf-8")
+    print(f"figures: {arguments.out / 'speed.json'}")
+    return 0
+
+
+def _measure() -> list[Figure]:
+    """Every figure, printed as it is known."""
+    from nav_pose_estimator.offline.benchmarks.speed import figures as speed_figures
+    from nav_pose_estimator.offline.benchmarks.speed import processes
+
     flight = speed_figures.flight()
     figures: list[Figure] = []
 
@@ -46,11 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
         note(processes.bags(Path(scratch), flight))
         note(processes.replays(Path(scratch)))
     note(processes.start_up())
-    machine = {"processor": platform.processor() or platform.machine(), "system": platform.platform()}
-    content = {"figures": [asdict(f) for f in figures], "machine": machine, "versions": versions()}
-    (folder / "speed.json").write_text(json.dumps(plain(content), indent=1) + "\n", encoding="utf-8")
-    print(f"figures: {folder / 'speed.json'}")
-    return 0
+    return figures
 
 
 def line(figure: Figure) -> str:

@@ -101,7 +101,7 @@ def aligned(flight: list[Sample], seconds: float):
 
 def navigator(flight: list[Sample]) -> list[Figure]:
     """The strapdown navigator with its filter."""
-    from nav_pose_estimator.ros.messages.imu_cdr import decode_imu
+    from nav_pose_estimator.ros.messages import from_bytes
 
     engine, rest = aligned(flight, 60.0)
     start = engine.snapshot()
@@ -116,7 +116,7 @@ def navigator(flight: list[Sample]) -> list[Figure]:
     def call_back() -> None:
         """What a node does with serialized Imu messages, but for rclpy itself."""
         for message in messages:
-            for sample in decode_imu(message) or ():
+            for sample in from_bytes.imu(message):
                 engine.feed(sample)
 
     callback = 1e6 * best_time(call_back, prepare=lambda: engine.restore(start)) / SINGLES

@@ -1,0 +1,166 @@
+"""The optional blocks of the error state: which there are, where their numbers lie, and how they wander.
+
+A filter has the base states of ``filter.layout`` and any subset of ``BLOCKS``, behind each other in the order of this
+table. The constants vector says where each of them begins (``I_WIND`` ..., -1 without), and nothing else does: the size
+of an array never tells which states it holds. Every block is an estimate in ``nav``, and its error state is what is
+missing from it (truth = estimate + error), a Gauss-Markov process or a random walk.
+
+| block | states | enters |
+|---|---|---|
+| wind | velocity of the air, East, North [m/s] | observations of the velocity through the air |
+| gyro_matrix | M (3, 3) row-major in w_measured = (I + M) w + bias | attitude: phi_dot = ... - C M w |
+| dvl | biases of four beams [m/s], common scale error k: measured = (1 + k) beam + bias | observations of beams |
+| depth | bias of a height from water pressure [m] | observations of that height |
+| gravity | gravity beyond the normal one, n [m/s^2] | velocity: dv_dot = ... - dg |
+
+Sources: CN114459477B (dvl, depth: states 16 to 21); J. Sola (2017), section 5.3 (gravity, there with the other sign).
+"""
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.jit import inlined, kernel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """``size`` states with estimates at ``nav`` in the nominal state; constant ``index`` says where they begin."""
+
+    name: str
+    size: int
+    nav: int
+    index: int
+
+    def states(self, constants: Array) -> slice:
+        """Its states in the error state of a filter that has it."""
+        start = int(constants[self.index])
+        return slice(start, start + self.size)
+
+    @property
+    def estimates(self) -> slice:
+        """Its estimates in ``nav``."""
+        return slice(self.nav, self.nav + self.size)
+
+    @property
+    def psd(self) -> slice:
+        """Densities of its driving noise in the constants."""
+        start = at.BLOCK_PSD + self.nav - at.WIND
+        return slice(start, start + self.size)
+
+    @property
+    def rate(self) -> slice:
+        """Its rates 1/tau in the constants."""
+        start = at.BLOCK_RATE + self.nav - at.WIND
+        return slice(start, start + self.size)
+
+
+WIND = Block("wind", 2, at.WIND, at.I_WIND)
+GYRO_MATRIX = Block("gyro_matrix", 9, at.GYRO_MATRIX, at.I_GYRO_MATRIX)
+DVL = Block("dvl", 5, at.DVL, at.I_DVL)
+DEPTH = Block("depth", 1, at.DEPTH, at.I_DEPTH)
+GRAVITY = Block("gravity", 3, at.GRAVITY, at.I_GRAVITY)
+BLOCKS = (WIND, GYRO_MATRIX, DVL, DEPTH, GRAVITY)
+"""All blocks, in their order in the error state and in ``nav``."""
+TABLE = tuple((block.index, block.size, block.nav) for block in BLOCKS)
+"""(constant with the first state, size, place in ``nav``) of every block, for kernels."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wander:
+    """How a block changes: random walk per root second, one number or one for each state, and correlation time [s]."""
+
+    walk: float | tuple[float, ...] = 0.0
+    tau: float = math.inf
+
+
+# --- which blocks a filter has --------------------------------------------------------------------------------------
+def set_blocks(constants: Array, blocks: Collection[Block]) -> None:
+    """Give the filter of ``constants`` these blocks and no others."""
+    start = at.BASE_STATES
+    for block in BLOCKS:
+        constants[block.index] = start if block in blocks else -1.0
+        start += block.size * (block in blocks)
+
+
+def blocks_of(constants: Array) -> tuple[Block, ...]:
+    """The blocks that the filter of ``constants`` has, in order."""
+    return tuple(block for block in BLOCKS if constants[block.index] >= 0.0)
+
+
+def set_wander(constants: Array, block: Block, wander: Wander) -> None:
+    """How ``block`` changes in the filter of ``constants``."""
+    constants[block.psd] = np.square(wander.walk)
+    constants[block.rate] = 1.0 / wander.tau
+
+
+@kernel
+def state_count(constants):
+    """Size n of the error state."""
+    n = at.BASE_STATES
+    for index, size, _ in TABLE:
+        if constants[index] >= 0.0:
+            n += size
+    return n
+
+
+@kernel
+def states_within(constants, wider):
+    """Where each state of the filter of ``constants`` is in that of ``wider``, which has all its blocks and others."""
+    places = np.arange(state_count(constants))
+    for index, size, _ in TABLE:
+        if constants[index] >= 0.0:
+            for i in range(size):
+                places[int(constants[index]) + i] = int(wider[index]) + i
+    return places
+
+
+# --- covariances ----------------------------------------------------------------------------------------------------
+def with_block(constants: Array, P: Array, block: Block, cov: ArrayLike) -> tuple[Array, Array]:
+    """The filter (constants, P) with one block more, of covariance ``cov`` and tied to no other state."""
+    wider = constants.copy()
+    set_blocks(wider, (*blocks_of(constants), block))
+    return wider, enlarged(P, constants, wider, {block: cov})
+
+
+def enlarged(P: Array, constants: Array, wider: Array, cov: Mapping[Block, ArrayLike]) -> Array:
+    """``P`` of the filter of ``constants`` as that of ``wider``: each new block has its covariance in ``cov``.
+
+    ``cov`` is (size, size); one number is the variance of all states of a block. New blocks are tied to no other state.
+    """
+    n = state_count(wider)
+    larger = np.zeros((n, n))
+    kept = states_within(constants, wider)
+    larger[np.ix_(kept, kept)] = P
+    for block in blocks_of(wider):
+        if constants[block.index] < 0.0:
+            own = block.states(wider)
+            larger[own, own] = np.multiply(cov[block], np.eye(block.size)) if np.ndim(cov[block]) == 0 else cov[block]
+    return larger
+
+
+# --- for kernels ----------------------------------------------------------------------------------------------------
+@inlined
+def add_rates(F, constants):
+    """Decay of all optional states into the system matrix ``F``."""
+    for index, size, nav in TABLE:
+        start = int(constants[index])
+        if start >= 0:
+            for i in range(size):
+                F[start + i, start + i] = -constants[at.BLOCK_RATE + nav - at.WIND + i]
+
+
+@inlined
+def add_block_noise(P, constants, T):
+    """Driving noise of all optional states over ``T`` [s] into the covariance ``P``."""
+    for index, size, nav in TABLE:
+        start = int(constants[index])
+        if start >= 0:
+            for i in range(size):
+                P[start + i, start + i] += constants[at.BLOCK_PSD + nav - at.WIND + i] * T

@@ -1,0 +1,68 @@
+"""The magnetometer on its way into the attitude filter: calibration, mounting, and what is told of disturbances."""
+
+import math
+from types import ModuleType
+
+import numpy as np
+
+from nav_pose_estimator.core.attitude import layout as at
+from nav_pose_estimator.engine.attitude.memory import Memory
+from nav_pose_estimator.engine.imu.mounting import Mounting
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import MagSample
+from nav_pose_estimator.engine.solutions import Event, Level
+
+NO_FIELD = np.empty((0, 3))
+_DISTURBED, _UNDISTURBED = 0.1, 0.5  # trusts of the field at which a disturbance begins and ends
+_STALE_NS = 500_000_000
+
+
+class FieldInput:
+    """Takes magnetometer samples for one attitude filter."""
+
+    def __init__(self, parameters: Parameters, mounting: Mounting, kernels: ModuleType) -> None:
+        self._enabled, self._mounting, self._kernels = parameters.aids.magnetometer, mounting, kernels
+        self._hard_iron = np.array(parameters.attitude.hard_iron)
+        self._soft_iron = np.array(parameters.attitude.soft_iron).reshape(3, 3)
+        self._iron_free = not self._hard_iron.any() and np.array_equal(self._soft_iron, np.eye(3))
+
+    def take(self, sample: MagSample, memory: Memory) -> list[Event]:
+        """Let one sample act on the filter of ``memory``; returns why it does not, or what it tells of the field."""
+        stamp = sample.stamp_ns
+        if not self._enabled:
+            return [Event(stamp, "mag.ignored")]
+        if not all(map(math.isfinite, sample.field)):
+            return [Event(stamp, "mag.rejected.nan")]
+        if memory.last_ns is None:
+            return [Event(stamp, "mag.rejected.no_attitude_yet")]
+        if memory.mag_ns is not None and stamp <= memory.mag_ns:
+            return [Event(stamp, "mag.rejected.stamp")]
+        if abs(stamp - memory.last_ns) > _STALE_NS:
+            return [Event(stamp, "mag.rejected.stale")]
+        memory.mag_ns = stamp
+        field = sample.field
+        if not self._iron_free:
+            field = tuple((self._soft_iron @ (np.array(field) - self._hard_iron)).tolist())
+        self._kernels.add_magnetic_field(memory.state, *self._mounting.vector(field))
+        return _disturbance(stamp, memory)
+
+    def many_in_body(self, mag: np.ndarray) -> np.ndarray:
+        """Fields ``mag`` (N, 3) calibrated and in body axes; (0, 3) where the magnetometer is not used."""
+        if not self._enabled:
+            return NO_FIELD
+        field = (np.asarray(mag, dtype=float) - self._hard_iron) @ self._soft_iron.T
+        return np.column_stack(self._mounting.vector(tuple(field.T)))
+
+
+def _disturbance(stamp: int, memory: Memory) -> list[Event]:
+    """Begin and end of a disturbed magnetic field; each refused sample is counted."""
+    trust = memory.state[at.FIELD_TRUST]
+    events = [Event(stamp, "mag.rejected.disturbed")] if trust < _DISTURBED else []
+    if trust < _DISTURBED and not memory.disturbed:
+        memory.disturbed = True
+        text = "the magnetic field is disturbed: heading by gyroscope alone"
+        return [*events, Event(stamp, "mag.disturbed", Level.WARN, text)]
+    if trust > _UNDISTURBED and memory.disturbed:
+        memory.disturbed = False
+        return [Event(stamp, "mag.undisturbed", Level.INFO, "the magnetic field is undisturbed again")]
+    return events

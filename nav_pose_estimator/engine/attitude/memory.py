@@ -1,0 +1,70 @@
+"""What an attitude engine remembers, and what the navigator's velocity does to it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from nav_pose_estimator.core.attitude import layout as at
+from nav_pose_estimator.core.attitude.motion import subtract_velocity_change
+from nav_pose_estimator.engine.samples import NavigatorVelocity
+from nav_pose_estimator.engine.solutions import Event
+
+_NS = 1e-9
+_VELOCITY_GAP_NS = 1_000_000_000
+_KNOWN_HEADING = 0.35  # rad: a wider heading cannot turn the navigator's velocity into the filter's axes
+
+
+@dataclass
+class Memory:
+    """All that changes while the engine runs; ``state`` is the filter's (``core.attitude.layout``)."""
+
+    state: np.ndarray
+    last_ns: int | None = None
+    started_ns: int = 0
+    mag_ns: int | None = None
+    disturbed: bool = False
+    velocity: NavigatorVelocity | None = None
+
+    @property
+    def age(self) -> float:
+        """Seconds of data since the start."""
+        return ((self.last_ns or 0) - self.started_ns) * _NS
+
+    @property
+    def waiting_for(self) -> str:
+        """One sentence for the pilot, empty once the attitude is level."""
+        if self.last_ns is None:
+            return "no IMU sample has come yet"
+        return "levelling: the first second of data" if self.age < 1.0 else ""
+
+
+def take_velocity(sample: NavigatorVelocity, memory: Memory) -> list[Event]:
+    """Tell the filter how the vehicle's velocity has changed since the last sample: that is no gravity."""
+    stamp, before = sample.stamp_ns, memory.velocity
+    if not all(map(math.isfinite, sample.vel_enu)):
+        return [Event(stamp, "navigator_velocity.rejected.nan")]
+    if memory.last_ns is None:
+        return [Event(stamp, "navigator_velocity.rejected.no_attitude_yet")]
+    if before is not None and stamp <= before.stamp_ns:
+        return [Event(stamp, "navigator_velocity.rejected.stamp")]
+    memory.velocity = sample
+    if before is None or not (sample.valid and before.valid) or stamp - before.stamp_ns > _VELOCITY_GAP_NS:
+        return []
+    turn = _heading_from(sample, memory.state)
+    if turn is None:
+        return [Event(stamp, "navigator_velocity.ignored.heading_unknown")]
+    dt, c, d = (stamp - before.stamp_ns) * _NS, math.cos(turn), math.sin(turn)
+    east, north, up = (now - then for now, then in zip(sample.vel_enu, before.vel_enu, strict=True))
+    change = (c * east - d * north, d * east + c * north, up)
+    speed = -1.0 if sample.drifting else math.hypot(*sample.vel_enu)
+    subtract_velocity_change(memory.state, change, dt, 2.0 * dt, speed)
+    return []
+
+
+def _heading_from(sample: NavigatorVelocity, s: np.ndarray) -> float | None:
+    """Angle from the navigator's axes to the filter's about Up; None when neither can be trusted to be the same."""
+    if sample.q_nb is None:
+        return 0.0 if s[at.COV + 8] < _KNOWN_HEADING**2 else None
+    (a, b, c, d), (w, x, y, z) = s[at.QUAT : at.QUAT + 4].tolist(), sample.q_nb
+    return 2.0 * math.atan2(d * w - a * z + c * x - b * y, a * w + b * x + c * y + d * z)

@@ -1,0 +1,55 @@
+"""When the estimators of one process talk to each other, and what the navigator tells the attitude filter."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.imu_checks import stays_in_period
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, NavigatorVelocity
+from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
+
+_PERIOD_NS = 250_000_000
+_GOOD_TILT = 0.05  # rad: about what manoeuvres cost the attitude filter on its own
+
+
+@dataclass
+class ExchangeClock:
+    """The estimators talk at the first IMU sample of every quarter of a second, whatever the size of the blocks."""
+
+    period: int = 0  # number of the quarter of a second in which the last IMU sample fell
+
+    def pieces(self, block: ImuBlock) -> Iterator[tuple[int, int]]:
+        """Where to cut: behind each sample at which the estimators talk. Blocks so give what single samples give."""
+        count = len(block)
+        if stays_in_period(block.stamps_ns, self.period, _PERIOD_NS):
+            return iter([(0, count)])
+        periods = block.stamps_ns // _PERIOD_NS
+        ends = np.flatnonzero(periods[1:] != periods[:-1]) + 2
+        cuts = [0, *([1] if periods[0] != self.period else []), *ends.tolist(), count]
+        if cuts[-2] >= count:
+            del cuts[-2]
+        return itertools.pairwise(cuts)
+
+    def is_due(self, sample: ImuSample | ImuBlock) -> bool:
+        """Whether the estimators talk behind ``sample``."""
+        stamp = sample.stamp_ns if isinstance(sample, ImuSample) else int(sample.stamps_ns[-1])
+        before, self.period = self.period, stamp // _PERIOD_NS
+        return self.period != before
+
+
+def navigator_velocity(output: NavBlock | NavSolution) -> NavigatorVelocity:
+    """The navigator's newest velocity and attitude, for the attitude filter."""
+    if isinstance(output, NavSolution):
+        stamp, velocity, q_nb, tilt_var = output.stamp_ns, output.vel_n, output.q_nb, np.diag(output.cov)[:2]
+    else:
+        stamp, last = int(output.stamps_ns[-1]), output.rows[-1]
+        velocity, q_nb = last[at.OUT_VEL : at.OUT_QUAT], last[at.OUT_QUAT : at.OUT_RATE]
+        tilt_var = last[at.OUT_VAR : at.OUT_VAR + 2]
+    is_aided = output.mode is Mode.AIDED
+    is_valid = is_aided or float(tilt_var.max()) < _GOOD_TILT**2
+    return NavigatorVelocity(stamp, tuple(velocity.tolist()), is_valid, tuple(q_nb.tolist()), drifting=not is_aided)

@@ -1,0 +1,1 @@
+"""The IMU: its samples checked, named and turned into the body."""

@@ -1,0 +1,180 @@
+"""The door for IMU samples: checks them, names what is wrong, and turns the sensor's axes into the body's.
+
+Every engine that takes IMU samples owns one :class:`ImuInput`, so that a damaged sample is refused for the same reason
+everywhere. ``rules`` is the only definition of a good sample; :meth:`ImuInput.accept_block` proves with whole-array
+comparisons that no rule applies to a block and otherwise walks through it sample by sample.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from nav_pose_estimator.core.numerics.imu_checks import is_unremarkable
+from nav_pose_estimator.core.numerics.jit import COMPILED
+from nav_pose_estimator.engine.imu.mounting import Mounting
+from nav_pose_estimator.engine.imu.rules import CLIPPED_FORCE, CLIPPED_RATE, ImuMemory, ImuRules, count_one
+from nav_pose_estimator.engine.parameters.imu import ImuParameters
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Vector3
+from nav_pose_estimator.engine.solutions import Event
+
+_FEW = 4  # up to so many samples are checked faster one by one than by whole-array comparisons
+_MANY = 64  # a longer block with something in it is halved: most of it may be clean
+
+
+class ImuInput:
+    """Validation and mounting of one IMU. Not thread-safe; one per engine."""
+
+    def __init__(self, parameters: ImuParameters) -> None:
+        self._limits = parameters
+        self._usual_rate = min(parameters.max_rate, CLIPPED_RATE)
+        self._usual_force = min(parameters.max_force, CLIPPED_FORCE)
+        self._rules = ImuRules(parameters)
+        self.mounting = Mounting(parameters)
+
+    def snapshot(self) -> ImuMemory:
+        """The memory of the checks, to be given to :meth:`restore`."""
+        return replace(self._rules.memory)
+
+    def restore(self, memory: ImuMemory) -> None:
+        """Go back to an earlier :meth:`snapshot`."""
+        self._rules.memory = replace(memory)
+
+    def reset(self) -> None:
+        """Forget all earlier samples."""
+        self._rules.memory = ImuMemory()
+
+    def passes(self, sample: ImuSample) -> bool:
+        """True where :meth:`accept` would give the sample and nothing else: it then counts as accepted.
+
+        False leaves everything as it was. The usual case at a tenth of the cost; the sample still has to be turned
+        into the body.
+        """
+        memory, stamp, gyro, accel = self._rules.memory, sample.stamp_ns, sample.gyro, sample.accel
+        rate, force, last = self._usual_rate, self._usual_force, memory.last_ns
+        wx, wy, wz = gyro
+        fx, fy, fz = accel
+        if not (
+            -rate <= wx <= rate
+            and -rate <= wy <= rate
+            and -rate <= wz <= rate
+            and -force <= fx <= force
+            and -force <= fy <= force
+            and -force <= fz <= force
+            and last is not None
+            and 0 < stamp - last <= self._rules.max_gap_ns
+            and gyro != memory.gyro
+            and accel != memory.accel
+        ):
+            return False
+        if memory.stuck or memory.saturated:
+            return False
+        memory.last_ns = memory.gyro_since_ns = memory.accel_since_ns = stamp
+        memory.elsewhere_run = 0
+        memory.gyro, memory.accel = gyro, accel
+        return True
+
+    def accept(self, sample: ImuSample) -> list[ImuSample | Event]:
+        """What follows from ``sample``, in order: events, and the sample in body axes unless it is refused."""
+        if self.passes(sample):
+            return [self.mounting.sample(sample)]
+        good, events = self._rules.judge(sample)
+        return [*events, self.mounting.sample(sample)] if good else [*events]
+
+    def accept_block(self, block: ImuBlock) -> list[ImuBlock | Event]:
+        """What follows from ``block``, in order: events and the accepted runs of samples in body axes."""
+        if COMPILED and self._block_passes(block):
+            stamp = int(block.stamps_ns[-1])
+            self._remember_end(block, (stamp, stamp))
+            return [self.mounting.block(block)]
+        if len(block) > _FEW:
+            since = self._quiet_since(block)
+            if since is not None:
+                self._remember_end(block, since)
+                return [self.mounting.block(block)]
+        if len(block) > _MANY:
+            half = len(block) // 2
+            return self.accept_block(block.part(0, half)) + self.accept_block(block.part(half, len(block)))
+        stamps, gyro, accel = block.stamps_ns.tolist(), block.gyro.tolist(), block.accel.tolist()
+        rows = zip(stamps, gyro, accel, strict=True)
+        items = (item for t, w, f in rows for item in self.accept(ImuSample(t, tuple(w), tuple(f))))
+        return _joined(items)
+
+    def _block_passes(self, block: ImuBlock) -> bool:
+        """``_quiet_since`` in one compiled pass, for blocks in which no sensor repeats itself: nearly all."""
+        memory, limits = self._rules.memory, self._limits
+        stamps, gyro, accel = block.stamps_ns, block.gyro, block.accel
+        if memory.stuck or memory.saturated or not len(stamps) or stamps[0] <= 0:
+            return False
+        last_ns = int(stamps[0]) - 1 if memory.last_ns is None else memory.last_ns
+        bounds = (limits.max_rate, limits.max_force, CLIPPED_RATE, CLIPPED_FORCE)
+        return is_unremarkable(stamps, gyro, accel, last_ns, memory.gyro + memory.accel, self._rules.max_gap_ns, bounds)
+
+    def _quiet_since(self, block: ImuBlock) -> tuple[int, int] | None:
+        """None when a rule of :meth:`accept` may speak up; else since when each sensor repeats its last value [ns]."""
+        memory, stamps, gyro, accel = self._rules.memory, block.stamps_ns, block.gyro, block.accel
+        if memory.stuck or memory.saturated or stamps[0] <= 0:
+            return None
+        if memory.last_ns is not None and not 0 < stamps[0] - memory.last_ns <= self._rules.max_gap_ns:
+            return None
+        steps = stamps[1:] - stamps[:-1]
+        if len(steps) and not (steps.min() > 0 and steps.max() <= self._rules.max_gap_ns):
+            return None
+        limits = self._limits
+        if not (np.abs(gyro).max() <= limits.max_rate and np.abs(accel).max() <= limits.max_force):  # false for NaN
+            return None
+        since = self._repeats_since(gyro, memory.gyro, memory.gyro_since_ns, CLIPPED_RATE, stamps)
+        if since is None:
+            return None
+        other = self._repeats_since(accel, memory.accel, memory.accel_since_ns, CLIPPED_FORCE, stamps)
+        return None if other is None else (since, other)
+
+    def _repeats_since(
+        self, values: np.ndarray, before: Vector3, since_ns: int, bound: float, stamps: np.ndarray
+    ) -> int | None:
+        """Since when the last row repeats itself; None if any run is long enough for stuck, or an axis clips."""
+        equal = np.empty(values.shape, dtype=bool)
+        equal[0], equal[1:] = values[0] == before, values[1:] == values[:-1]
+        if not equal.any():
+            return int(stamps[-1])
+        rows = equal.all(axis=1)
+        if (equal & (np.abs(values) > bound) & ~rows[:, None]).any():
+            return None
+        if not rows.any():
+            return int(stamps[-1])
+        begin = np.maximum.accumulate(np.where(rows, -1, np.arange(len(rows))))  # -1: the run began ahead of the block
+        since = np.where(begin < 0, since_ns, stamps[begin])
+        if (rows & (stamps - since >= self._rules.stuck_ns)).any():
+            return None
+        return int(since[-1])
+
+    def _remember_end(self, block: ImuBlock, since: tuple[int, int]) -> None:
+        memory = self._rules.memory
+        gyro, accel = tuple(block.gyro[-1].tolist()), tuple(block.accel[-1].tolist())
+        if since[0] != memory.gyro_since_ns:
+            memory.clipped = count_one(gyro, CLIPPED_RATE) + memory.clipped[3:]
+        if since[1] != memory.accel_since_ns:
+            memory.clipped = memory.clipped[:3] + count_one(accel, CLIPPED_FORCE)
+        memory.last_ns, memory.elsewhere_run = int(block.stamps_ns[-1]), 0
+        memory.gyro, memory.accel = gyro, accel
+        memory.gyro_since_ns, memory.accel_since_ns = since
+
+
+def _joined(items: Iterable[ImuSample | Event]) -> list[ImuBlock | Event]:
+    """Runs of samples joined into blocks, events left in their places."""
+    out: list[ImuBlock | Event] = []
+    run: list[ImuSample] = []
+    for item in items:
+        if isinstance(item, ImuSample):
+            run.append(item)
+            continue
+        if run:
+            out.append(_block(run))
+            run = []
+        out.append(item)
+    return [*out, _block(run)] if run else out
+
+
+def _block(run: list[ImuSample]) -> ImuBlock:
+    stamps = np.array([s.stamp_ns for s in run], dtype=np.int64)
+    return ImuBlock(stamps, np.array([s.gyro for s in run]), np.array([s.accel for s in run]))

@@ -1,0 +1,61 @@
+"""From the axes of a sensor to those of the body (forward, left, up)."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from nav_pose_estimator.engine.parameters.imu import ImuParameters
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Vector3
+
+
+def axes_matrix(parameters: ImuParameters) -> np.ndarray:
+    """C_bs (3, 3): sensor axes as published (``convention``, then ``mounting_rpy``) into body axes FLU."""
+    matrix = rotation_from_rpy(parameters.mounting_rpy)
+    if parameters.convention == "frd":
+        matrix = matrix @ np.diag([1.0, -1.0, -1.0])
+    exact = np.round(matrix)  # a quarter turn is exact, not 6e-17 beside it
+    return np.where(np.abs(matrix - exact) < 1e-12, exact, matrix)
+
+
+def rotation_from_rpy(rpy: Sequence[float]) -> np.ndarray:
+    """Rotation matrix (3, 3) of roll, pitch, yaw [rad] about the fixed axes x, y, z."""
+    roll, pitch, yaw = rpy
+    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+class Mounting:
+    """Turns IMU samples as published into body axes; costs nothing where both are the same."""
+
+    def __init__(self, parameters: ImuParameters) -> None:
+        matrix = axes_matrix(parameters)
+        self._rows = None if np.array_equal(matrix, np.eye(3)) else [tuple(row) for row in matrix.tolist()]
+
+    def vector(self, vector: Vector3) -> Vector3:
+        """A vector in the sensor's axes, or three columns of vectors."""
+        if self._rows is None:
+            return vector
+        x, y, z = vector
+        a, b, c = self._rows
+        return a[0] * x + a[1] * y + a[2] * z, b[0] * x + b[1] * y + b[2] * z, c[0] * x + c[1] * y + c[2] * z
+
+    def sample(self, sample: ImuSample) -> ImuSample:
+        """A sample."""
+        if self._rows is None:
+            return sample
+        return ImuSample(sample.stamp_ns, self.vector(sample.gyro), self.vector(sample.accel))
+
+    def block(self, block: ImuBlock) -> ImuBlock:
+        """A block, to the bit as its samples."""
+        if self._rows is None:
+            return block
+        # Sums of columns round exactly as the scalar form does; a matrix product may not.
+        gyro = np.column_stack(self.vector(tuple(block.gyro.T)))
+        return ImuBlock(block.stamps_ns, gyro, np.column_stack(self.vector(tuple(block.accel.T))))

@@ -1,0 +1,195 @@
+"""The rules for single IMU samples: what is refused, what is a gap or a new clock, what is stuck or clipped."""
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+
+from nav_pose_estimator.engine.parameters.imu import ImuParameters
+from nav_pose_estimator.engine.samples import ImuSample, Vector3
+from nav_pose_estimator.engine.solutions import Event, Level
+
+GAP = "imu.gap"
+CLOCK_JUMP = "imu.clock_jump"
+RESTARTS = frozenset((GAP, CLOCK_JUMP))
+"""Names of the events after which an engine must not integrate across: it starts again from the next sample."""
+
+STUCK = "imu.stuck"
+STUCK_END = "imu.stuck.ended"
+SATURATED_GYRO = "imu.saturated.gyroscope"
+SATURATED_ACCEL = "imu.saturated.accelerometer"
+SATURATED_END = "imu.saturated.ended"
+
+_GAP_RUN = 2  # so many samples in a row that agree on a later time end a gap; one alone is a damaged stamp
+_BACKWARD_RUN = 3  # so many that agree on an earlier time are a clock set back
+_CLIPPED_RUN = 3  # so many equal values in a row on one axis ...
+CLIPPED_RATE = 4.3  # ... beyond the smallest usual range (250 deg/s) are a saturated gyroscope [rad/s]
+CLIPPED_FORCE = 19.0  # ... beyond the smallest usual range (2 g) are a saturated accelerometer [m/s^2]
+NOT_CLIPPED = (0, 0, 0)
+_NS = 1e-9
+
+
+@dataclass
+class ImuMemory:
+    """All that the checks remember of earlier samples; a snapshot is a copy of it."""
+
+    last_ns: int | None = None
+    elsewhere_ns: int = 0  # last stamp of a run that does not continue ``last_ns``
+    elsewhere_run: int = 0
+    gyro: Vector3 = (math.nan,) * 3  # last accepted values, as published
+    accel: Vector3 = (math.nan,) * 3
+    gyro_since_ns: int = 0  # since when the gyroscope repeats ``gyro``
+    accel_since_ns: int = 0
+    stuck: bool = False
+    clipped: tuple[int, ...] = 2 * NOT_CLIPPED  # per axis: values in a row, 0 within usual ranges
+    saturated: bool = False
+
+
+class ImuRules:
+    """The only definition of a good sample; ``memory`` is all that is remembered of earlier ones."""
+
+    def __init__(self, parameters: ImuParameters) -> None:
+        self._limits = parameters
+        self.max_gap_ns = round(parameters.max_gap * 1e9)
+        self.stuck_ns = round(parameters.stuck_time * 1e9)
+        self._seen: Counter[str] = Counter()
+        self.memory = ImuMemory()
+
+    def judge(self, sample: ImuSample) -> tuple[bool, list[Event]]:
+        """Whether ``sample`` is good, and what is to be said. A restart forgets what came before the sample."""
+        refusal = self._refusal(sample)
+        if refusal is not None:
+            if refusal.name not in RESTARTS:
+                return False, [refusal]
+            self.memory = ImuMemory()
+            good, events = self.judge(sample)
+            return good, [refusal, *events]
+        memory = self.memory
+        memory.last_ns, memory.elsewhere_run = sample.stamp_ns, 0
+        events = []
+        if sample.gyro == memory.gyro or sample.accel == memory.accel or memory.stuck:
+            events += self._check_stuck(sample)
+        if _is_extreme(sample) or memory.saturated:
+            events += self._check_saturation(sample)
+        if sample.gyro != memory.gyro:
+            memory.gyro, memory.gyro_since_ns = sample.gyro, sample.stamp_ns
+        if sample.accel != memory.accel:
+            memory.accel, memory.accel_since_ns = sample.accel, sample.stamp_ns
+        return True, events
+
+    # --- refusals --------------------------------------------------------------------------------------------------
+
+    def _refusal(self, sample: ImuSample) -> Event | None:
+        """None for a good sample; else the reason, or the event of a gap or a new clock."""
+        rate, force = self._limits.max_rate, self._limits.max_force
+        (wx, wy, wz), (fx, fy, fz), stamp = sample.gyro, sample.accel, sample.stamp_ns
+        in_range = (
+            -rate <= wx <= rate
+            and -rate <= wy <= rate
+            and -rate <= wz <= rate
+            and -force <= fx <= force
+            and -force <= fy <= force
+            and -force <= fz <= force
+        )
+        if not in_range:
+            return self._bad_value(sample)
+        last = self.memory.last_ns
+        if stamp <= 0:
+            return self._event(stamp, "imu.rejected.zero_stamp", "an IMU sample came without a time stamp; not used")
+        if last is None or 0 < stamp - last <= self.max_gap_ns:
+            return None
+        if stamp == last:
+            text = f"two IMU samples have the stamp {stamp * _NS:.6f} s; the second is not used"
+            return self._event(stamp, "imu.rejected.duplicate", text)
+        return self._elsewhere(sample, last)
+
+    def _bad_value(self, sample: ImuSample) -> Event:
+        values, at = (*sample.gyro, *sample.accel), f"{sample.stamp_ns * _NS:.3f} s"
+        if not all(map(math.isfinite, values)):
+            text = f"the IMU sample at {at} holds NaN or infinity; not used"
+            return self._event(sample.stamp_ns, "imu.rejected.nan", text)
+        if max(map(abs, sample.gyro)) > self._limits.max_rate:
+            text = f"the IMU sample at {at} holds an angular rate above {self._limits.max_rate:g} rad/s; not used"
+            return self._event(sample.stamp_ns, "imu.rejected.rate", text)
+        text = f"the IMU sample at {at} holds a specific force above {self._limits.max_force:g} m/s^2; not used"
+        return self._event(sample.stamp_ns, "imu.rejected.force", text)
+
+    def _elsewhere(self, sample: ImuSample, last: int) -> Event:
+        """A stamp that does not continue ``last``: one alone is damaged, a run that agrees is a gap or a new clock."""
+        memory, stamp = self.memory, sample.stamp_ns
+        follows = memory.elsewhere_run and 0 < stamp - memory.elsewhere_ns <= self.max_gap_ns
+        memory.elsewhere_run = memory.elsewhere_run + 1 if follows else 1
+        memory.elsewhere_ns = stamp
+        seconds = abs(stamp - last) * _NS
+        if stamp > last and memory.elsewhere_run >= _GAP_RUN:
+            return self._event(stamp, GAP, f"no IMU data for {seconds:.3f} s", gap_s=seconds)
+        if stamp > last:
+            text = f"an IMU sample is {seconds:.3f} s later than the one before it; not used until a second one agrees"
+            return self._event(stamp, "imu.rejected.forward", text)
+        if memory.elsewhere_run >= _BACKWARD_RUN and seconds > self._limits.max_gap:
+            text = f"the IMU's clock went back by {seconds:.3f} s; starting again"
+            return self._event(stamp, CLOCK_JUMP, text, back_s=seconds)
+        text = f"an IMU sample is {seconds:.4f} s older than the one before it; not used"
+        return self._event(stamp, "imu.rejected.backward", text)
+
+    # --- warnings --------------------------------------------------------------------------------------------------
+
+    def _check_stuck(self, sample: ImuSample) -> list[Event]:
+        """Begin and end of a sensor that repeats exactly one value for longer than a live one can."""
+        memory, stamp = self.memory, sample.stamp_ns
+        gyro = sample.gyro == memory.gyro and stamp - memory.gyro_since_ns >= self.stuck_ns
+        accel = sample.accel == memory.accel and stamp - memory.accel_since_ns >= self.stuck_ns
+        if (gyro or accel) == memory.stuck:
+            return []
+        memory.stuck = gyro or accel
+        if not memory.stuck:
+            return [self._event(stamp, STUCK_END, "the IMU's values change again", level=Level.INFO)]
+        which = "gyroscope and accelerometer" if gyro and accel else "gyroscope" if gyro else "accelerometer"
+        text = f"the {which} repeated one value exactly for {self._limits.stuck_time:g} s: stuck, or made without noise"
+        return [self._event(stamp, STUCK, text, gyro=float(gyro), accel=float(accel))]
+
+    def _check_saturation(self, sample: ImuSample) -> list[Event]:
+        """A value that stays exactly the same beyond the smallest usual range has been clipped."""
+        memory, clipped = self.memory, self.memory.clipped
+        if sample.gyro != memory.gyro:  # three equal values are no saturation but a slow sensor, sent again
+            clipped = _count_equal(sample.gyro, memory.gyro, CLIPPED_RATE, clipped[:3]) + clipped[3:]
+        if sample.accel != memory.accel:
+            clipped = clipped[:3] + _count_equal(sample.accel, memory.accel, CLIPPED_FORCE, clipped[3:])
+        memory.clipped, values = clipped, (*sample.gyro, *sample.accel)
+        saturated = max(memory.clipped) >= _CLIPPED_RUN
+        if saturated == memory.saturated:
+            return []
+        memory.saturated = saturated
+        if not saturated:
+            return [self._event(sample.stamp_ns, SATURATED_END, "the IMU is within its range again", level=Level.INFO)]
+        value = max((abs(v) for v, n in zip(values, memory.clipped, strict=True) if n >= _CLIPPED_RUN))
+        if max(memory.clipped[:3]) >= _CLIPPED_RUN:
+            text = f"the gyroscope is saturated at {value:.4g} rad/s"
+            return [self._event(sample.stamp_ns, SATURATED_GYRO, text, value=value)]
+        text = f"the accelerometer is saturated at {value:.4g} m/s^2"
+        return [self._event(sample.stamp_ns, SATURATED_ACCEL, text, value=value)]
+
+    def _event(self, stamp: int, name: str, text: str, level: Level = Level.WARN, **data: float) -> Event:
+        """Counted every time, told in words the 1st, 10th, 100th ... time."""
+        self._seen[name] += 1
+        told = math.log10(self._seen[name]).is_integer()
+        return Event(stamp, name, level if told else Level.DEBUG, text if told else "", data)
+
+
+def _is_extreme(sample: ImuSample) -> bool:
+    rate, force = CLIPPED_RATE, CLIPPED_FORCE
+    (wx, wy, wz), (fx, fy, fz) = sample.gyro, sample.accel
+    gyro = wx > rate or wx < -rate or wy > rate or wy < -rate or wz > rate or wz < -rate
+    return gyro or fx > force or fx < -force or fy > force or fy < -force or fz > force or fz < -force
+
+
+def _count_equal(values: Vector3, before: Vector3, bound: float, counts: tuple[int, ...]) -> tuple[int, ...]:
+    """Per axis: how often a value beyond ``bound`` came in a row; 0 within the bound."""
+    rows = zip(values, before, counts, strict=True)
+    return tuple(0 if abs(v) <= bound else n + 1 if v == b else 1 for v, b, n in rows)
+
+
+def count_one(values: Vector3, bound: float) -> tuple[int, ...]:
+    """The counts of :func:`_count_equal` for values of which none repeats."""
+    if -bound <= min(values) and max(values) <= bound:
+        return NOT_CLIPPED
+    return tuple(int(abs(v) > bound) for v in values)

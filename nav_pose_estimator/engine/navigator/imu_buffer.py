@@ -1,0 +1,50 @@
+"""The last second or so of IMU rows in one array with room at its end."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nav_pose_estimator.core.filter.layout import IMU_COLUMNS, IMU_T
+
+
+class ImuBuffer:
+    """Rows (N, 7) of ``core.filter.layout`` in order of time; ``rows`` [``first``:``last``] are the live ones."""
+
+    def __init__(self) -> None:
+        self.rows = np.empty((0, IMU_COLUMNS))
+        self.first = self.last = 0
+
+    def live(self) -> np.ndarray:
+        """The rows that are kept; not to be written to."""
+        return self.rows[self.first : self.last]
+
+    def append(self, rows: np.ndarray) -> None:
+        """Add ``rows`` (N, 7), later than those there are."""
+        need = len(rows)
+        self.make_room(need)
+        self.rows[self.last : self.last + need] = rows
+        self.last += need
+
+    def make_room(self, need: int) -> None:
+        """Let ``need`` rows fit behind the last one."""
+        if self.last + need <= len(self.rows):
+            return
+        live = self.live()
+        room = np.empty((2 * (len(live) + need) + 256, IMU_COLUMNS))
+        room[: len(live)] = live
+        self.rows, self.first, self.last = room, 0, len(live)
+
+    def recent(self, since: float) -> np.ndarray:
+        """The rows later than ``since`` [s], as far as they are kept; not to be written to."""
+        rows = self.live()
+        return rows[np.searchsorted(rows[:, IMU_T], since, side="right") :]
+
+    def between(self, start: float, end: float) -> tuple[int, int]:
+        """The numbers in ``rows`` of those later than ``start``, up to and with ``end`` [s]."""
+        times = self.live()[:, IMU_T]
+        begin, stop = (self.first + int(np.searchsorted(times, t, side="right")) for t in (start, end))
+        return begin, stop
+
+    def drop_before(self, t: float) -> None:
+        """Forget what lies before ``t``, but for one row: point-sampled data interpolate from it."""
+        self.first += max(int(np.searchsorted(self.live()[:, IMU_T], t)) - 1, 0)

@@ -1,0 +1,141 @@
+"""The filter that a time line carries: one, or in an outage its branches and the mixture of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from nav_pose_estimator.core.filter import memory
+from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, SOLUTION_SIZE, TIME
+from nav_pose_estimator.engine.navigator.branches import Branches
+from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
+from nav_pose_estimator.engine.samples import MotionEvidence, Vector3
+
+MOTION = Kind("motion")
+"""Observations that split the filter into branches and weigh them; what they measured is a MotionEvidence."""
+
+Apply = Callable[[Observation, FilterView], None]
+"""Lets an observation act on a filter that stands at its time."""
+
+
+class SplitFilter:
+    """Nominal state ``nav`` and covariance ``P`` with checkpoints; the mixture of ``branches`` where there are any.
+
+    ``vector`` is what kernels take (``core.filter.memory``); ``nav``, ``P`` and ``constants`` are parts of it.
+    """
+
+    def __init__(self, constants: np.ndarray, slots: int, checkpoint_period: float) -> None:
+        self._slots, self._period = slots, checkpoint_period
+        self.branches: Branches | None = None
+        self._united_by = 0  # arrival of the observation that ended branches last
+        self._hold(memory.make(constants, slots, checkpoint_period))
+
+    def _hold(self, vector: np.ndarray) -> None:
+        n = int(vector[memory.STATES])
+        self.vector = vector
+        self.nav = vector[memory.NAV : memory.CONSTANTS]
+        self.constants = vector[memory.CONSTANTS : memory.ORIGIN]
+        self.P = vector[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
+        self.view = FilterView(self.nav, self.P, self.constants)
+
+    def __deepcopy__(self, _memo: dict) -> SplitFilter:
+        """A copy whose parts are parts of its own vector."""
+        twin = SplitFilter(self.constants, self._slots, self._period)
+        twin._hold(self.vector.copy())
+        twin.branches, twin._united_by = self.branches and self.branches.copy(), self._united_by
+        return twin
+
+    def start(self, nav: np.ndarray, P: np.ndarray, origin: tuple[float, float, float] | None) -> None:
+        """Begin whole at ``nav``, ``P``; ``origin`` as in ``Timeline.start``."""
+        place = self.vector[memory.ORIGIN : memory.STATES] if origin is None else origin
+        fresh = memory.make(self.constants, self._slots, self._period)
+        fresh[memory.ORIGIN : memory.STATES] = place
+        fresh[memory.NAV : memory.CONSTANTS] = nav
+        fresh[memory.HEAD : memory.HEAD + P.size] = P.ravel()
+        self._hold(fresh)
+        self.branches = None
+        memory.add_checkpoint(fresh)
+
+    @property
+    def time(self) -> float:
+        """Where the filter stands [s]."""
+        return float(self.nav[TIME])
+
+    def carry(self, rows: np.ndarray, begin: int, end: int, due: float, out: np.ndarray) -> int:
+        """``memory.run_block`` over IMU rows, along every branch where there are any."""
+        if self.branches is None:
+            return memory.run_block(self.vector, rows, begin, end, due, out)
+        stop = self.branches.run(rows, begin, end, due, out)
+        self.branches.mix_into(self.vector)
+        return stop
+
+    def carry_one(self, rows: np.ndarray, index: int, t: float, gyro: Vector3, accel: Vector3) -> np.ndarray:
+        """One IMU sample, written to ``rows`` [index], of a filter without branches; returns (SOLUTION_SIZE,)."""
+        solution = np.empty(SOLUTION_SIZE)
+        memory.run_sample(self.vector, rows, index, solution, t, *gyro, *accel)
+        return solution
+
+    def complete(self, row: np.ndarray) -> np.ndarray:
+        """The solution (SOLUTION_SIZE,) at the present, of which ``row`` is the output row."""
+        solution = np.empty(SOLUTION_SIZE)
+        solution[:OUT_COLUMNS] = row
+        memory.complete_solution(self.vector, solution)
+        return solution
+
+    # --- observations ------------------------------------------------------------------------------------------------
+
+    def act(self, observation: Observation, apply: Apply) -> bool:
+        """Let an observation act at its time; True when it split the filter or made it whole."""
+        before = self.branches
+        if observation.kind is MOTION:
+            if observation.arrival > self._united_by:  # else it is of means that GNSS has proved wrong since
+                self._weigh(observation.measured)
+        elif self.branches is None:
+            apply(observation, self.view)
+        elif observation.kind.whole:
+            was = self.nav.copy()
+            apply(observation, self.view)
+            if not np.array_equal(was, self.nav):
+                self._unite(observation.arrival)
+        else:
+            for nav, P in self.branches.pairs():
+                apply(observation, FilterView(nav, P, self.branches.constants))
+            self.branches.mix_into(self.vector)
+        return self.branches is not before
+
+    def _weigh(self, evidence: MotionEvidence) -> None:
+        """Let the hypotheses of an outage act, on branches that are made when there are none yet."""
+        if self.branches is None:
+            self.branches = Branches(self.vector, self._slots, evidence)
+        self.branches.decide(evidence)
+        self.branches.mix_into(self.vector)
+
+    def _unite(self, arrival: int) -> None:
+        """An absolute position decides what no hypothesis could: go on with ``nav`` and ``P``, and only with them."""
+        self.branches, self._united_by = None, arrival
+        self.vector[memory.OLDEST] = 0.0
+        self.vector[memory.NEWEST] = -1.0
+        memory.add_checkpoint(self.vector)
+
+    # --- checkpoints -------------------------------------------------------------------------------------------------
+
+    @property
+    def _vectors(self) -> list[np.ndarray]:
+        return [self.vector] if self.branches is None else list(self.branches.memories)
+
+    def restore_before(self, t: float) -> float:
+        """Go back to the last checkpoint before ``t``; returns where the filter stands then [s]."""
+        if self.branches is not None:
+            return self.branches.restore_before(t)
+        memory.restore_before(self.vector, t)
+        return self.time
+
+    def renew_checkpoints(self) -> None:
+        """Where the filter has just been kept, keep it as it is by now."""
+        for vector in self._vectors:
+            memory.renew_checkpoint(vector)
+
+    def forget_before(self, t: float) -> float:
+        """Drop checkpoints before ``t`` but the last of them; returns the time that the others reach back to."""
+        return min(memory.drop_before(vector, t) for vector in self._vectors)

@@ -1,0 +1,39 @@
+"""What a pilot wants to know of the navigator."""
+
+from __future__ import annotations
+
+import math
+
+from nav_pose_estimator.core.filter.kalman import horizontal_sd, predicted_horizontal_sd
+from nav_pose_estimator.engine.navigator.filter_run import FilterRun
+from nav_pose_estimator.engine.solutions import Status
+
+_OUTLOOK = 30.0  # s
+
+
+def horizontal_deviation(run: FilterRun) -> float:
+    """Root of the summed position variances East and North [m]; infinite while the filter does not run."""
+    return float(horizontal_sd(run.settled.P)) if run.timeline.running else math.inf
+
+
+def status_of(run: FilterRun) -> Status:
+    """How things stand with one run of the filter."""
+    t, sd, later, reception = 0.0, horizontal_deviation(run), math.inf, run.gnss.reception
+    if run.timeline.running:
+        whole = run.settled
+        t, later = whole.time, predicted_horizontal_sd(whole.nav, whole.P, whole.constants, _OUTLOOK)
+    values = {"alignment.restarts": float(run.aligner.restarts), **run.gnss.figures(), **run.noise.figures()}
+    for aid in run.aids.values():
+        values.update(aid.figures())
+    return Status(
+        stamp_ns=run.clock.stamp(t),
+        mode=run.modes.mode,
+        waiting_for="" if run.timeline.running else run.aligner.waiting_for(reception.refusal),
+        seconds_coasting=run.modes.seconds_unaided(t, run.aiding.fix_used),
+        horizontal_sd=sd,
+        horizontal_sd_in_30_s=later,
+        gnss_refusal=reception.refusal,
+        satellites=reception.satellites,
+        counters=dict(run.journal.counters),
+        values=values,
+    )

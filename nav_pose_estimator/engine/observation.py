@@ -1,0 +1,91 @@
+"""An observation on its way into the filter, and what was decided of it when it first acted.
+
+A sample becomes an observation when it arrives. It acts when the filter stands at its time, on every branch of it, and
+again whenever the past is replayed. What has to be decided (use it or not, with which reference) is decided once.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+Array = np.ndarray
+
+
+class FilterView(NamedTuple):
+    """The filter, or one branch of it: nominal state, covariance (n, n), constants (``core.filter.layout``)."""
+
+    nav: Array
+    P: Array
+    constants: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """What the time line has to know of the observations of one sensor.
+
+    ``name`` is the family of its counters (``height.used``). Observations of equal time act in the order of
+    ``precedence``, then of arrival. ``whole``: it acts on the filter as a whole and not on each branch, because it
+    knows what no hypothesis does; the branches end with it. ``quiet``: it never changes the mode.
+    """
+
+    name: str
+    precedence: int = 5
+    whole: bool = False
+    quiet: bool = False
+
+
+class Use(Enum):
+    """What becomes of an observation."""
+
+    LEFT_OUT = 0
+    GATED = 1  # behind the gate on its normalised innovation
+    UNGATED = 2
+    RESET = 3  # the position is put on the observation, whatever the filter thought
+    WIDENING = 4  # the covariance grows by ``Decision.reference``; nothing is corrected
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What was decided when an observation first acted; a replay of the past repeats it.
+
+    ``reference`` is what the sensor's zero stood at (offset of a barometer [m], of a compass [rad]). ``velocity`` (3,)
+    [m/s], ENU, is what a reset also puts right, NaN where unknown.
+    """
+
+    use: Use
+    reference: float = math.nan
+    velocity: tuple[float, ...] = ()
+
+
+LEFT_OUT, GATED, UNGATED = Decision(Use.LEFT_OUT), Decision(Use.GATED), Decision(Use.UNGATED)
+
+
+@dataclass(slots=True)
+class Observation:
+    """One observation at its time of validity ``t`` [s since the engine's epoch].
+
+    ``measured`` and ``stated_R`` (m, m), the noise that the sensor states, are the sensor's own business and never
+    written to. ``arrival`` counts observations in the order in which they came.
+    """
+
+    t: float
+    stamp_ns: int
+    kind: Kind
+    measured: Any
+    stated_R: Array | None = None
+    arrival: int = 0
+    decision: Decision | None = None
+
+    @property
+    def key(self) -> tuple[float, int, int]:
+        """The order in which observations act."""
+        return (self.t, self.kind.precedence, self.arrival)
+
+    def __deepcopy__(self, _memo: dict) -> Observation:
+        """All but the decision never changes, and that is replaced as a whole."""
+        return replace(self)

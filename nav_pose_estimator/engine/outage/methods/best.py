@@ -1,0 +1,96 @@
+"""Hovering or travelling, with the network where it has helped: what the package recommends."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.motion.regimes import MotionRegimes, learn_regimes
+from nav_pose_estimator.engine.outage.methods.air_velocity_guide import (
+    TRAVEL,
+    AirPrediction,
+    AirVelocityGuide,
+    per_epoch,
+    travelling,
+)
+from nav_pose_estimator.engine.outage.methods.anfis import NETWORK, Anfis
+from nav_pose_estimator.engine.outage.methods.coast import Coast
+from nav_pose_estimator.engine.outage.methods.method import Array, Flight, Guide, RehearsalScores
+from nav_pose_estimator.engine.samples import Hypothesis
+
+REGIMES, HOVER = "regimes", "hover"
+_TRAVEL_TIME, _HOVER_TIME = 2.0, 2.0  # s over which the velocity of a regime counts as one draw
+_DRAW = 1.1  # errors this much larger than the simpler way's are still a draw
+_CLEARLY = 3.0  # coasting grows with the cube of time: a draw with it at 30 s is a win at 60 s
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegimesGuide(AirVelocityGuide):
+    """Two hypotheses for a vehicle that can hover; the network, where there is one, speaks for both."""
+
+    regimes: MotionRegimes
+
+    def hypotheses(self, recent: Array, prediction: AirPrediction | None) -> tuple[Hypothesis, ...]:
+        """Travelling and hovering, or what is left of that for a vehicle that never hovers."""
+        # a car at constant speed is as calm as one that has stopped: of a guided vehicle only its nose tells
+        if self.model is not None and self.model.is_guided:
+            return () if prediction is None else (travelling(prediction),)
+        active = float(me.activity(recent)[-1])
+        travel = self._travel(active, prediction)
+        if self.regimes.can_hover:
+            return travel, self._hover(active, prediction)
+        return () if prediction is None else (travel,)
+
+    def _travel(self, active: float, prediction: AirPrediction | None) -> Hypothesis:
+        regimes = self.regimes
+        return Hypothesis(
+            name=TRAVEL,
+            probability=1.0 - regimes.hover_probability if regimes.can_hover else 1.0,
+            velocity_var=regimes.travel_var,
+            air_noise=None if prediction is None else per_epoch(prediction.noise),
+            log_likelihood=_log_density(active, regimes.travel_activity),
+            # the network knows more of a travelling vehicle than its mean speed
+            velocity_time=_TRAVEL_TIME if prediction is None else None,
+        )
+
+    def _hover(self, active: float, prediction: AirPrediction | None) -> Hypothesis:
+        regimes, air_noise = self.regimes, None
+        if prediction is not None:
+            noise = prediction.hover_noise
+            air_noise = per_epoch(prediction.noise + regimes.travel_var + 1.0 if noise is None else noise)
+        return Hypothesis(
+            name=HOVER,
+            probability=regimes.hover_probability,
+            velocity_var=regimes.hover_var,
+            air_noise=air_noise,
+            log_likelihood=_log_density(active, regimes.hover_activity),
+            velocity_time=_HOVER_TIME,
+        )
+
+
+class Best(Anfis):
+    """No regret: of regimes alone and regimes with the network, what did best in rehearsals."""
+
+    name = "best"
+    summary = "hovering or travelling as in the flight so far, with the network where it has helped"
+
+    def ways(self, flight: Flight) -> dict[str, Guide]:
+        """The regimes alone, and with the network as soon as there is one."""
+        regimes = learn_regimes(flight.epochs)
+        ways: dict[str, Guide] = {REGIMES: RegimesGuide(None, flight.drift_variance, regimes=regimes)}
+        if flight.model is not None:
+            ways[NETWORK] = RegimesGuide(flight.model, flight.drift_variance, regimes=regimes)
+        return ways
+
+    def choose(self, flight: Flight, scores: RehearsalScores) -> Guide | None:
+        """The network unless it was worse than the regimes alone; nothing that erred far more than coasting."""
+        ways = self.ways(flight)
+        use_network = NETWORK in ways and not scores.is_worse(NETWORK, REGIMES, _DRAW)
+        best = NETWORK if use_network else REGIMES
+        return None if scores.is_worse(best, Coast.name, _CLEARLY) else ways[best]
+
+
+def _log_density(value: float, moments: tuple[float, float]) -> float:
+    mean, variance = moments
+    return -0.5 * ((value - mean) ** 2 / variance + math.log(variance))

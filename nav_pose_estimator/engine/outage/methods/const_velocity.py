@@ -1,0 +1,15 @@
+"""The last velocity, kept."""
+
+from nav_pose_estimator.engine.outage.methods.method import Array, Extrapolation
+
+
+class ConstVelocity(Extrapolation):
+    """The vehicle goes on as it went."""
+
+    name = "const_velocity"
+    summary = "the last velocity"
+    is_classical = True
+
+    def velocity(self, last: Array) -> Array:
+        """The last one."""
+        return last

@@ -1,0 +1,15 @@
+"""The last position: what a vehicle that hovers would do."""
+
+from nav_pose_estimator.engine.outage.methods.method import Array, Extrapolation
+
+
+class Hold(Extrapolation):
+    """The vehicle stays where it was."""
+
+    name = "hold"
+    summary = "the last position"
+    is_classical = True
+
+    def velocity(self, last: Array) -> Array:
+        """Zero."""
+        return 0.0 * last

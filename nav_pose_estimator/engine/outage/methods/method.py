@@ -1,0 +1,169 @@
+"""What a way through an outage has to offer: the seam between ``learner.method`` and everything that asks it.
+
+A method is one file in this folder and one line in ``registry``. It has no state of its own: what it learns is kept by
+the learner, so that a snapshot of the estimator is complete and a replay learns what the node learned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.engine.samples import Sample, VelocityError
+from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
+
+Array = NDArray[np.float64]
+Model = Any
+"""What a method's training gives: a frozen dataclass that only the method looks into. The learner calls its
+``follow(epoch)`` for the model brought up to date by one more epoch of aided flight, and ``state()`` for its arrays."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What a flight has shown so far. ``epochs`` (N, COLUMNS + K) of its aided part in order of time, N > 0.
+
+    ``drift_variance``: squared errors of coasting as a fraction of the variance that the filter states, by rehearsals.
+    """
+
+    epochs: Array
+    model: Model | None = None
+    drift_variance: float = 1.0
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What half a second of an outage gives: ``samples`` for the navigator, and the error seen in its velocity."""
+
+    samples: tuple[Sample, ...] = ()
+    velocity_error: VelocityError | None = None
+
+
+class Guide(Protocol):
+    """What is known when GNSS is lost: a frozen dataclass, made from data before the loss."""
+
+    def advise(self, stamp_ns: int, recent: Array, external: VelocityError | None = None) -> Advice:
+        """Called at the end of every epoch; ``recent`` (up to the method's ``history``, COLUMNS + K) ends with it.
+
+        ``external`` is the newest prediction of another process, for a guide that has no model of its own.
+        """
+        ...
+
+
+class TrainingJob(Protocol):
+    """A training. It travels to another process: picklable, and of a module that can be imported there."""
+
+    @property
+    def until(self) -> float:
+        """Time [s] of the newest data."""
+        ...
+
+    def run(self) -> TrainingResult:
+        """Train; takes what time it needs."""
+        ...
+
+
+@dataclass(frozen=True)
+class TrainingResult:
+    """A trained model and the time [s] of its newest data."""
+
+    model: Model
+    until: float
+
+
+@dataclass(frozen=True)
+class TrainingPlan:
+    """How to train: the largest number of rules to try, how many trainings went before, the model in use."""
+
+    rules: int = 1
+    trainings: int = 0
+    model: Model | None = None
+
+
+class RehearsalScores(Protocol):
+    """What ``rehearsals`` say of the ways through an outage."""
+
+    def is_worse(self, name: str, rival: str, ratio: float) -> bool: ...
+
+
+@dataclass(frozen=True)
+class RehearsalRules:
+    """How rehearsals count. ``stated``: so many rehearsals the covariance that the filter states is worth."""
+
+    kept: int = 6  # rehearsals that count, the newest ones
+    least: int = 3  # with fewer, chance decides
+    stated: float = 2.0
+    smallest_variance: float = 0.05  # fraction of what the filter states; more than stated is for innovations to say
+
+
+class Method:
+    """What every method has: the ``name`` that a user writes, and ``summary``, half a sentence on what it goes by."""
+
+    name: str
+    summary: str
+    is_classical = False
+    """Whether it is one of the rivals that a learned method has to beat."""
+
+
+class Extrapolation(Method):
+    """Goes on from the last aided state without a filter: a yardstick of the benchmark."""
+
+    def velocity(self, last: Array) -> Array:
+        """Velocity (3,) throughout the outage, from that at the loss of GNSS [m/s]."""
+        raise NotImplementedError
+
+
+class OutageMethod(Method):
+    """A value of ``learner.method``. As it stands here it learns nothing and leaves the filter alone."""
+
+    helps = True
+    """False where there is nothing to ask in an outage."""
+    trains = False
+    """Whether ``job`` has work to do."""
+    history = me.ACTIVITY_EPOCHS
+    """Number of epochs that a guide gets to see."""
+    rehearsal = RehearsalRules()
+
+    def warm_up(self) -> None:
+        """Call once what training and model compile."""
+
+    def columns(self, output: NavBlock | NavSolution) -> Array:
+        """What to add to the COLUMNS of an epoch, from the ``output`` that ended it: (K,), K fixed."""
+        return np.empty(0)
+
+    def job(self, epochs: Array, plan: TrainingPlan) -> TrainingJob:
+        """A training on aided epochs (N, COLUMNS + K)."""
+        raise NotImplementedError
+
+    def refusal(self, model: Model) -> str:
+        """Why a trained model is not to be flown with, in one clause; empty where it is."""
+        return ""
+
+    def scores(self, model: Model) -> dict[str, float]:
+        """What diagnostics show of a model."""
+        return {}
+
+    def load(self, arrays: Mapping[str, Array]) -> Model:
+        """The model of ``model.state()``. ``UserError`` for damaged arrays, ``KeyError`` where one is missing."""
+        raise NotImplementedError
+
+    def ways(self, flight: Flight) -> dict[str, Guide]:
+        """The ways through an outage that rehearsals shall compare with coasting and with each other, by name."""
+        return {}
+
+    def choose(self, flight: Flight, scores: RehearsalScores) -> Guide | None:
+        """What to go by in an outage that begins now; None to coast."""
+        return None
+
+    def model_alone(self, flight: Flight) -> Guide | None:
+        """What ``anfis_node`` tells a navigator that weighs it against what else it knows; None without a model."""
+        return None
+
+
+def newest_time(epochs: Array) -> float:
+    """Time [s] at which epochs (N, COLUMNS) end."""
+    return float(epochs[-1, me.TIME])

@@ -1,0 +1,59 @@
+"""Every method by name. A new one is a file in this folder and a line here; parameters, benchmark and docs follow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from nav_pose_estimator.engine.outage.methods.anfis import Anfis
+from nav_pose_estimator.engine.outage.methods.anfis_linear import AnfisLinear
+from nav_pose_estimator.engine.outage.methods.best import Best
+from nav_pose_estimator.engine.outage.methods.coast import Coast
+from nav_pose_estimator.engine.outage.methods.const_velocity import ConstVelocity
+from nav_pose_estimator.engine.outage.methods.drag import Drag
+from nav_pose_estimator.engine.outage.methods.hold import Hold
+from nav_pose_estimator.engine.outage.methods.method import Extrapolation, Method, OutageMethod
+from nav_pose_estimator.engine.outage.methods.velocity_prior import VelocityPrior
+
+_METHODS: dict[str, Method] = {
+    method.name: method
+    for method in (
+        Coast(),
+        Hold(),
+        ConstVelocity(),
+        VelocityPrior(),
+        Drag(),
+        Anfis(),
+        AnfisLinear(),
+        Best(),
+    )
+}
+
+
+def all_methods() -> tuple[Method, ...]:
+    """Every method, simple ones first."""
+    return tuple(_METHODS.values())
+
+
+def estimators() -> dict[str, OutageMethod]:
+    """What ``learner.method`` may be."""
+    return {name: method for name, method in _METHODS.items() if isinstance(method, OutageMethod)}
+
+
+def extrapolations() -> dict[str, Extrapolation]:
+    """What needs no filter and is there in the benchmark only."""
+    return {name: method for name, method in _METHODS.items() if isinstance(method, Extrapolation)}
+
+
+@contextmanager
+def registered(*methods: Method) -> Iterator[None]:
+    """Have more methods for a while, for ablations and tests. Processes that are spawned meanwhile lack them."""
+    clash = [method.name for method in methods if method.name in _METHODS]
+    if clash:
+        raise ValueError(f"there is a method {clash[0]!r} already")
+    _METHODS.update({method.name: method for method in methods})
+    try:
+        yield
+    finally:
+        for method in methods:
+            del _METHODS[method.name]

@@ -1,0 +1,63 @@
+"""Velocity over ground in a sensor's own axes: Doppler log, optical flow, wheels."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from nav_pose_estimator.core.filter import measurements
+from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
+from nav_pose_estimator.engine.number_checks import is_covariance, is_within
+from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import BodyVelocity
+from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised
+
+_LARGEST_SPEED = 1e3  # m/s
+_UNMEASURED = 1e6  # (m/s)^2: an axis that is not measured says nothing
+
+
+class _Measured(NamedTuple):
+    velocity: np.ndarray  # (3,) in b, m/s
+    lever: np.ndarray  # (3,) sensor from the IMU in b, m
+
+
+class BodyVelocitySensor(Aid):
+    """Three rows in body axes, at the sensor's place and time."""
+
+    kind = Kind("body_velocity")
+    sample, family = BodyVelocity, "body_velocity"
+    bounds_drift = True
+
+    def set_parameters(self, parameters: Parameters) -> None:
+        """New noise, delay and mounting."""
+        aids = parameters.aids
+        self._enabled, self._delay, self._floor = aids.body_velocity, aids.body_velocity_delay, aids.body_velocity_sd**2
+        self._lever = np.array(aids.body_velocity_lever)
+        self._axes = rotation_from_rpy(aids.body_velocity_rpy)
+
+    def observe(self, sample: BodyVelocity, t: float) -> Observation | None:
+        """A velocity of which at least one axis is a number."""
+        if not self._enabled:
+            return None
+        measured = [value for value in sample.velocity if not math.isnan(value)]
+        if not measured or not is_within(measured, _LARGEST_SPEED):
+            return self._refuse()
+        known = sample.cov is not None and is_covariance(sample.cov, 3)
+        if sample.cov is not None and not known:
+            self._journal.count("body_velocity.covariance.flawed")
+        R = np.array(sample.cov, float) if known else np.diag([self._floor] * 3)
+        R[np.diag_indices(3)] = np.maximum(np.diag(R), self._floor)
+        for axis in range(3):
+            if not math.isfinite(sample.velocity[axis]):
+                R[axis, axis] = _UNMEASURED
+        velocity = self._axes @ np.nan_to_num(np.array(sample.velocity))
+        R = self._axes @ R @ self._axes.T
+        return Observation(t - self._delay, sample.stamp_ns, self.kind, _Measured(velocity, self._lever), R)
+
+    def linearise(self, o: Observation, f: FilterView) -> Linearised:
+        """Three rows, C^T v + w x l."""
+        assert o.stated_R is not None
+        return *measurements.body_velocity(f.nav, len(f.P), *o.measured), o.stated_R

@@ -1,0 +1,86 @@
+"""The only place that corrects the navigator's filter: any sensor, any number of rows, any noise model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from nav_pose_estimator.core.earth.ellipsoid import radii
+from nav_pose_estimator.core.filter import bias_noise
+from nav_pose_estimator.core.filter.kalman import ACCEPTED, correct, gated_correct
+from nav_pose_estimator.core.filter.layout import ALT, DPOS, DVEL, LAT, LON, VEL
+from nav_pose_estimator.core.filter.vertical_channel import gated_height
+from nav_pose_estimator.engine.observation import Decision, FilterView, Observation, Use
+from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
+
+_RESET_VELOCITY_SD = (0.3, 0.3, 0.5)  # m/s
+Gates = list[tuple[float, float]]
+"""(soft, hard) bounds of the normalised innovation squared for 1, 2, 3 ... rows."""
+
+
+class Fusion:
+    """Lets observations act: asks their sensor what to do, does it, and tells the sensor and its noise model."""
+
+    def __init__(self, sensors: Iterable[Sensor], gates: Gates) -> None:
+        self._sensors = {sensor.kind.name: sensor for sensor in sensors}
+        self.gates = gates
+
+    def apply(self, o: Observation, f: FilterView) -> None:
+        """Let ``o`` act on one filter that stands at its time with its covariance up to date."""
+        sensor = self._sensors[o.kind.name]
+        first = o.decision is None
+        if o.decision is None:
+            o.decision = sensor.decide(o, f)
+        if o.decision.use is Use.WIDENING:
+            f.P[:] *= o.decision.reference * bias_noise.overstatement(f.nav)
+            return
+        if o.decision.use is not Use.LEFT_OUT:
+            self._correct(sensor, o, o.decision, f, first)
+        sensor.settle(o, f)
+
+    def _correct(self, sensor: Sensor, o: Observation, decision: Decision, f: FilterView, first: bool) -> None:
+        z, H, stated = sensor.linearise(o, f)
+        R = sensor.noise.covariance(z, H, f.P, stated)
+        learns = first and sensor.noise.learns
+        HPH = H @ f.P @ H.T if learns else R
+        status, nis = ACCEPTED, math.nan
+        if decision.use is Use.RESET:
+            _reset(f, z, R, decision.velocity)
+        elif decision.use is Use.UNGATED:
+            correct(*f, z, H, R)
+        else:
+            status, nis = self._behind_the_gate(sensor, f, (z, H, R))
+        if first:
+            sensor.note(o, f, z, status, nis)
+        if learns:
+            sensor.noise.note(z, HPH, R, bool(status))
+
+    def _behind_the_gate(self, sensor: Sensor, f: FilterView, observation: Linearised) -> tuple[int, float]:
+        z, H, R = observation
+        soft, hard = self.gates[len(z) - 1]
+        if sensor.vertical_only:
+            return gated_height(*f, float(z[0]), float(R[0, 0]), soft, hard)
+        return gated_correct(*f, z, H, R, soft, soft if sensor.all_or_nothing else hard)
+
+
+def _reset(f: FilterView, z: np.ndarray, R: np.ndarray, velocity: tuple[float, ...]) -> None:
+    """Put position (and velocity where known) on the fix and forget their correlations."""
+    nav, P, _ = f
+    r_m, r_n = radii(nav[LAT])
+    nav[LON] -= z[0] / ((r_n + nav[ALT]) * math.cos(nav[LAT]))
+    nav[LAT] -= z[1] / (r_m + nav[ALT])
+    nav[ALT] -= z[2]
+    _decorrelate(P, DPOS, np.asarray(R))
+    for axis, value in enumerate(velocity):
+        if math.isfinite(value):
+            nav[VEL + axis] = value
+            _decorrelate(P, DVEL + axis, np.array([[_RESET_VELOCITY_SD[axis] ** 2]]))
+
+
+def _decorrelate(P: np.ndarray, start: int, R: np.ndarray) -> None:
+    end = start + len(R)
+    P[start:end, :] = 0.0
+    P[:, start:end] = 0.0
+    P[start:end, start:end] = R

@@ -1,0 +1,1 @@
+"""GNSS: reception, position, velocity, and what its loss does."""

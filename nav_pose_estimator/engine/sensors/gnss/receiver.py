@@ -1,0 +1,81 @@
+"""GNSS as the navigator sees it: reception, position, velocity, and what its loss does to the covariance."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.observation import Decision, FilterView, Kind, Observation, Use
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.sensors.aiding import Aiding
+from nav_pose_estimator.engine.sensors.gnss.position import GnssPositionSensor
+from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
+from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
+from nav_pose_estimator.engine.sensors.sensor import Sensor
+
+_LARGEST_FACTOR = 9.0  # of the covariance: three times the deviation
+
+
+class GnssLoss(Sensor):
+    """No measurement: from its time on the covariance is what the last innovations told of it."""
+
+    kind = Kind("gnss_loss", precedence=2, whole=True)
+
+    def set_parameters(self, parameters: Parameters) -> None:
+        """It has none."""
+
+    def decide(self, o: Observation, f: FilterView) -> Decision:
+        """By the factor that was known when the loss was declared."""
+        return Decision(Use.WIDENING, o.measured)
+
+
+class Gnss:
+    """The parts of GNSS and what is asked of all of them together."""
+
+    def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
+        self.reception = GnssReception(parameters.gnss, aiding, journal)
+        self.velocity = GnssVelocitySensor(parameters, aiding, journal, self.reception)
+        self.position = GnssPositionSensor(parameters, aiding, journal, self.reception, self.velocity)
+        self.loss = GnssLoss(parameters, aiding, journal)
+        self._aiding = aiding
+
+    @property
+    def sensors(self) -> list[Sensor]:
+        """What makes observations."""
+        return [self.velocity, self.position, self.loss]
+
+    def set_parameters(self, parameters: Parameters) -> None:
+        """New thresholds and noises; gate and guard stay as they stand."""
+        self.reception.set_parameters(parameters.gnss)
+        for sensor in self.sensors:
+            sensor.set_parameters(parameters)
+
+    def begin(self, t: float, origin: tuple[float, float, float]) -> None:
+        """The filter starts at ``t`` on the strength of GNSS."""
+        self.position.origin = origin
+        self._aiding.use_fix(t)
+        self.reception.refusal = ""
+
+    def loss_at(self, t: float, stamp_ns: int) -> Observation:
+        """At ``t`` GNSS counts as lost: the covariance takes along what the last innovations told of it."""
+        return Observation(t, stamp_ns, self.loss.kind, self.variance_factor)
+
+    @property
+    def variance_factor(self) -> float:
+        """By how much the covariance is too small as far as the last innovations tell, at least 1.
+
+        The variance of unit weight of adjustment theory: states and noises are scaled together, the gains stay. While
+        GNSS corrects the filter nothing depends on it; the covariance at a loss takes it along.
+        """
+        return min(max(1.0, self.position.record.mean, self.velocity.record.mean), _LARGEST_FACTOR)
+
+    def figures(self) -> dict[str, Any]:
+        """How GNSS agrees with the filter: NIS per degree of freedom (1 is honest), the gate's width, the resets."""
+        figures = {}
+        for sensor in (self.position, self.velocity):
+            figures[f"nis.{sensor.kind.name}"] = sensor.record.mean
+            figures[f"nis.{sensor.kind.name}.p99"] = sensor.record.p99
+        figures["gnss.gate_radius_m"] = self.position.gate_radius
+        figures["gnss.resets"] = float(self.position.resets)
+        figures["gnss.last_reset_m"] = self.position.last_reset_m
+        return figures

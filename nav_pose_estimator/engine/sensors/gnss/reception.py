@@ -1,0 +1,136 @@
+"""GNSS on arrival: is the fix good enough to be considered, how noisy is it, and what to say where it is not used."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from nav_pose_estimator.core.gnss.quality_gate import GateSettings, GnssGate, Notice
+from nav_pose_estimator.engine.catalogue import in_words
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.number_checks import is_covariance, is_position, is_within
+from nav_pose_estimator.engine.parameters.gnss import GnssParameters
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, SatelliteCount
+from nav_pose_estimator.engine.sensors.aiding import Aiding
+from nav_pose_estimator.engine.solutions import Level
+
+_PERIOD_MEMORY = 6  # fixes that the period is taken from
+_LARGEST_SPEED = 1e3  # m/s: receivers stop at 500
+_LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
+
+
+class GnssReception:
+    """The quality gate, the receiver's noise, and the reason why the last fix was not used."""
+
+    def __init__(self, parameters: GnssParameters, aiding: Aiding, journal: Journal) -> None:
+        self._journal, self._aiding = journal, aiding
+        self._gate = GnssGate(_gate_settings(parameters))
+        self.set_parameters(parameters)
+        self.enabled = True
+        self.refusal = "no fix has arrived yet"
+        self.satellites: int | None = None
+        self.noise_variance = 1.0  # parts of what is stated or set, as the flight has shown
+        self._usable = False  # the last fix
+        self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
+
+    def set_parameters(self, parameters: GnssParameters) -> None:
+        """New thresholds and noises; the gate stays as it stands."""
+        self._gate.settings = _gate_settings(parameters)
+        self._correlation = parameters.position_correlation
+        self._position_floor = np.array([parameters.position_sd] * 2 + [parameters.vertical_sd]) ** 2
+        self._velocity_floor = np.array([parameters.velocity_sd] * 2 + [parameters.velocity_vertical_sd]) ** 2
+
+    def count(self, sample: SatelliteCount, t: float) -> None:
+        """Take a satellite count valid at ``t``."""
+        self.satellites = sample.count
+        self._gate.update_count(t, sample.count)
+
+    def fix(self, sample: GnssFix, t: float, now: float) -> bool:
+        """Judge a fix valid at ``t`` that arrives ``now``; True when it may be offered to the filter."""
+        self._usable = False
+        if sample.status < 0:
+            return self.refuse(sample.stamp_ns, "gnss.rejected.status", "the receiver has no fix")
+        if not is_position(sample.lat, sample.lon, sample.alt):
+            return self.refuse(sample.stamp_ns, "gnss.rejected.value", "the fix holds NaN or is no place on Earth")
+        if not self.enabled:
+            return self.refuse(sample.stamp_ns, "gnss.rejected.disabled", "GNSS is switched off by the operator")
+        cov = self._known(sample.cov_enu, "position")
+        sd = None if cov is None else np.sqrt(np.diag(cov))
+        horizontal = None if sd is None else float(max(sd[0], sd[1]))
+        vertical = None if sd is None else float(sd[2])
+        verdict = self._gate.assess_fix(t, sample.status, horizontal, vertical, age=max(now - t, 0.0))
+        for notice in verdict.notices:
+            self.tell(sample.stamp_ns, notice)
+        if not verdict.usable:
+            return self.refuse(sample.stamp_ns, verdict.reason, in_words(verdict.reason))
+        self._fix_times = tuple(sorted((*self._fix_times, t))[-_PERIOD_MEMORY:])
+        self._usable = True
+        self._aiding.fix_offered = t
+        return True
+
+    def velocity(self, sample: GnssVelocity) -> bool:
+        """Judge a velocity: it is as good as the last fix."""
+        up = sample.vel_enu[2]
+        if not is_within(sample.vel_enu[:2], _LARGEST_SPEED) or abs(up) > _LARGEST_SPEED:
+            self._journal.count("gnss.rejected.velocity_value")
+            return False
+        if not (self._usable and self.enabled):
+            self._journal.count("gnss.rejected.velocity_without_fix")
+            return False
+        return True
+
+    def position_noise(self, sample: GnssFix) -> np.ndarray:
+        """R (3, 3) [m^2]: what the receiver states, at least the floor, inflated for errors shared between fixes."""
+        R = _floored(self._known(sample.cov_enu), self._position_floor)
+        return R * self.noise_variance * (1.0 + self._correlation / self.fix_period)
+
+    def velocity_noise(self, sample: GnssVelocity) -> np.ndarray:
+        """R (3, 3) [(m/s)^2]: the floor, or what the receiver states where that is larger."""
+        return self.noise_variance * _floored(self._known(sample.cov_enu, "velocity"), self._velocity_floor)
+
+    @property
+    def fix_period(self) -> float:
+        """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
+        steps = [b - a for a, b in pairwise(self._fix_times)]
+        return min(max(min(steps, default=1.0), 0.02), 5.0)
+
+    def refuse(self, stamp_ns: int, name: str, why: str) -> bool:
+        """A fix is not used: said when the reason is a new one, else counted."""
+        if why != self.refusal:
+            self._journal.say(stamp_ns, name, Level.INFO, f"GNSS not used: {why}")
+        else:
+            self._journal.count(name)
+        self.refusal = why
+        return False
+
+    def use(self, t: float) -> None:
+        """A fix valid at ``t`` has corrected the filter."""
+        self._aiding.use_fix(t)
+        self.refusal = ""
+        self._journal.count("gnss.used.position")
+
+    def tell(self, stamp_ns: int, notice: Notice, **data: float) -> None:
+        """Hand on what gate or guard have to say."""
+        self._journal.say(stamp_ns, notice.name, _LEVELS[notice.severity], notice.text, **data)
+
+    def _known(self, cov: np.ndarray | None, what: str = "") -> np.ndarray | None:
+        """``cov`` unless it is no covariance: then it is as good as unknown, and counted as ``what``."""
+        if cov is None or is_covariance(cov, 3):
+            return cov
+        if what:
+            self._journal.count(f"gnss.{what}.covariance.flawed")
+        return None
+
+
+def _floored(cov: np.ndarray | None, floor: np.ndarray) -> np.ndarray:
+    """``cov`` with at least ``floor`` on its diagonal; the floor alone where the receiver states nothing."""
+    if cov is None:
+        return np.diag(floor)
+    R = np.array(cov, dtype=float)
+    R[np.diag_indices(3)] = np.maximum(np.diag(R), floor)
+    return R
+
+
+def _gate_settings(parameters: GnssParameters) -> GateSettings:
+    return GateSettings(**{name: getattr(parameters.gate, name) for name in GateSettings.__slots__})

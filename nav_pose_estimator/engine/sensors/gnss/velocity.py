@@ -1,0 +1,97 @@
+"""GNSS velocity on its way into the filter."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from nav_pose_estimator.core.filter import bias_noise, measurements
+from nav_pose_estimator.core.filter.layout import BASE_STATES
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, FilterView, Kind, Observation
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import GnssVelocity
+from nav_pose_estimator.engine.sensors.aiding import Aiding
+from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
+from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
+from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
+from nav_pose_estimator.engine.solutions import Level
+
+
+class Misfit(NamedTuple):
+    """The receiver's last velocity against the navigator's, after it had its say."""
+
+    t: float  # s
+    difference: np.ndarray  # (2,) or (3,) m/s: navigator minus receiver
+    R: np.ndarray
+    velocity: list[float]  # (3,) m/s, ENU
+
+
+class GnssVelocitySensor(Sensor):
+    """Two or three rows, East, North and Up where it is measured; used while fixes are."""
+
+    kind = Kind("gnss_velocity", precedence=0, whole=True)  # a fix is judged together with the velocity of its epoch
+
+    def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal, reception: GnssReception) -> None:
+        super().__init__(parameters, aiding, journal)
+        self._reception = reception
+        self.record = InnovationRecord()
+        self.misfit: Misfit | None = None
+        self._is_refused = False
+
+    def set_parameters(self, parameters: Parameters) -> None:
+        """New lever arm."""
+        self._lever = np.array(parameters.gnss.lever_arm)
+
+    def observe(self, sample: GnssVelocity, t: float) -> Observation:
+        """The observation of a velocity valid at ``t`` that passed the reception."""
+        R = self._reception.velocity_noise(sample)
+        return Observation(t, sample.stamp_ns, self.kind, np.array(sample.vel_enu), R)
+
+    def decide(self, o: Observation, f: FilterView) -> Decision:
+        """Only while fixes are used: a velocity alone does not tell that GNSS is back."""
+        if self._aiding.gnss_is_good(o.t):
+            return GATED
+        self._journal.count("gnss.rejected.velocity_without_position")
+        self._remember(o, f.nav)
+        return LEFT_OUT
+
+    def linearise(self, o: Observation, f: FilterView) -> Linearised:
+        """Velocity of the antenna."""
+        assert o.stated_R is not None
+        z, H = measurements.gnss_velocity(f.nav, len(f.P), o.measured, self._lever)
+        rows = _rows(o)
+        return z[:rows], H[:rows], o.stated_R[:rows, :rows]
+
+    def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
+        """Count it; a refusal is told once, for it has no place in ``refusal`` beside the positions."""
+        self.record.add(nis, len(z), self._reception.fix_period)
+        if status:
+            if status == 2:
+                self._journal.count("gnss.inflated.velocity")
+            self._is_refused = False
+            self._journal.count("gnss.used.velocity")
+        elif self._is_refused:
+            self._journal.count("gnss.rejected.velocity_innovation")
+        else:
+            text = "GNSS velocity not used: it disagrees with the filter"
+            self._journal.say(o.stamp_ns, "gnss.rejected.velocity_innovation", Level.INFO, text)
+            self._is_refused = True
+        self._remember(o, f.nav)
+
+    def _remember(self, o: Observation, nav: np.ndarray) -> None:
+        assert o.stated_R is not None
+        rows = _rows(o)
+        z, _ = measurements.gnss_velocity(nav, BASE_STATES, o.measured, self._lever)
+        self.misfit = Misfit(o.t, z[:rows], o.stated_R[:rows, :rows], o.measured.tolist())
+
+    def settle(self, o: Observation, f: FilterView) -> None:
+        """GNSS shows how far the gyroscope's bias moves."""
+        if self._aiding.gnss_is_good(o.t):
+            bias_noise.observe(f.nav, f.P)
+
+
+def _rows(o: Observation) -> int:
+    return 3 if math.isfinite(o.measured[2]) else 2

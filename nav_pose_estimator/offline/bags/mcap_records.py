@@ -1,0 +1,164 @@
+"""The records of an MCAP file (https://mcap.dev/spec): how they are laid out, and what they say of topics and chunks.
+
+No length that a file states is believed without a check; a record shorter than what it has to hold is ``struct.error``.
+"""
+
+import mmap
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from nav_pose_estimator.offline.bags.raw_messages import Topic
+from nav_pose_estimator.offline.bags.unpacking import LARGEST_CHUNK, DamagedError, unpack
+
+MAGIC = b"\x89MCAP0\r\n"
+SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, STATISTICS = 0x03, 0x04, 0x05, 0x06, 0x07, 0x0B
+RECORD_HEAD = struct.Struct("<BQ")
+MESSAGE_HEAD = struct.Struct("<BQHIQ")  # opcode, length, channel, sequence, log time; publish time and data follow
+MESSAGE_DATA = 31  # bytes before the data of a message record
+MESSAGE_FIXED = 22  # bytes of the record's content that are not data
+CHUNK_HEAD = struct.Struct("<QQQI")  # start time, end time, uncompressed size, crc
+
+
+@dataclass(slots=True)
+class Chunk:
+    """Where the messages of a stretch of time are, compressed or not."""
+
+    start_ns: int
+    end_ns: int
+    unpacked: int  # bytes that its records have, as it says
+    crc: int  # of those bytes; 0: unknown
+    compression: str
+    offset: int
+    size: int
+    whole: bool  # False: the recording broke off in it
+    indexed: bool = False  # a record after it tells how many messages of which channel it holds
+
+    @classmethod
+    def parse(cls, data: mmap.mmap, start: int, available: int, whole: bool) -> "Chunk":
+        """The chunk whose record's content begins at ``start``; ``available`` bytes of it are there."""
+        if available < CHUNK_HEAD.size + 12:
+            raise struct.error
+        first, last, unpacked, crc = CHUNK_HEAD.unpack_from(data, start)
+        compression, position = read_text(data, start + CHUNK_HEAD.size)
+        (size,) = struct.unpack_from("<Q", data, position)
+        room = start + available - position - 8
+        if room < 0 or (whole and size > room):
+            raise struct.error
+        return cls(first, last, unpacked, crc, compression, position + 8, min(size, room), whole)
+
+    @property
+    def has_times(self) -> bool:
+        """Some writers leave the times of a chunk at zero."""
+        return 0 < self.start_ns <= self.end_ns < 1 << 63
+
+    def records(self, data: mmap.mmap) -> bytes:
+        """Its records; of one that broke off as many bytes as can be had. Raises ``DamagedError``."""
+        if self.unpacked > LARGEST_CHUNK:
+            raise DamagedError(f"it says that it unpacks to more than {LARGEST_CHUNK >> 20} MB")
+        content = data[self.offset : self.offset + self.size]
+        if self.compression:
+            content = unpack(content, self.compression, self.unpacked, self.whole)
+        if self.whole and len(content) != self.unpacked:
+            raise DamagedError("it has another size than it says")
+        if self.whole and self.crc and zlib.crc32(content) != self.crc:
+            raise DamagedError("its checksum does not match")
+        return content
+
+
+class Directory:
+    """What a file says of its channels and of the number of their messages."""
+
+    def __init__(self) -> None:
+        self.channels: dict[int, tuple[str, int, str]] = {}  # id -> topic, schema, encoding
+        self.statistics: dict[int, int] | None = None  # messages of each channel, from the end of a closed file
+        self.counts: Counter[int] = Counter()  # the same, counted
+        self._schemas: dict[int, tuple[str, str]] = {}
+
+    @property
+    def is_blind(self) -> bool:
+        """Whether there are messages of channels that no record outside the chunks describes."""
+        counted = self.counts if self.statistics is None else self.statistics
+        return not self.channels or not set(counted) <= set(self.channels)
+
+    def topics(self) -> list[Topic]:
+        """The topics; several channels of one topic are one."""
+        counts = self.counts if self.statistics is None else self.statistics
+        found: dict[str, Topic] = {}
+        for channel, (name, schema, encoding) in self.channels.items():
+            kind, definition = self._schemas.get(schema, ("", ""))
+            before = found[name].count if name in found else 0
+            found[name] = Topic(name, kind, before + counts.get(channel, 0), encoding, definition)
+        return list(found.values())
+
+    def learn(self, opcode: int, content: bytes) -> None:
+        """Take a record of any kind."""
+        if opcode == SCHEMA:
+            name, position = read_text(content, 2)
+            _, position = read_text(content, position)
+            definition, _ = read_text(content, position)
+            self._schemas[struct.unpack_from("<H", content)[0]] = (name, definition)
+        elif opcode == CHANNEL:
+            channel, schema = struct.unpack_from("<HH", content)
+            name, position = read_text(content, 4)
+            encoding, _ = read_text(content, position)
+            self.channels[channel] = (name, schema, encoding)
+        elif opcode == MESSAGE_INDEX:
+            channel, size = struct.unpack_from("<HI", content)
+            self.counts[channel] += size // 16
+        elif opcode == STATISTICS:
+            (size,) = struct.unpack_from("<I", content, 42)
+            found = dict(struct.iter_unpack("<HQ", content[46 : 46 + size]))
+            self.statistics = found if any(found.values()) else None
+
+    def look_into(self, content: bytes, count: bool) -> int:
+        """Learn from the records of a chunk, and ``count`` its messages; returns how many records are damaged."""
+        damaged = 0
+        for opcode, start, length in records(content):
+            try:
+                if opcode == MESSAGE and count:
+                    self.counts[struct.unpack_from("<H", content, start)[0]] += 1
+                elif opcode in (SCHEMA, CHANNEL):
+                    self.learn(opcode, content[start : start + length])
+            except struct.error:
+                damaged += 1
+        return damaged
+
+
+def read_text(data: bytes | mmap.mmap, position: int) -> tuple[str, int]:
+    """A text with its length before it, and where it ends."""
+    (size,) = struct.unpack_from("<I", data, position)
+    end = position + 4 + size
+    if end > len(data):
+        raise struct.error
+    return data[position + 4 : end].decode("utf-8", "replace"), end
+
+
+def records(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Opcode, start and length of the content of each whole record."""
+    position, size = 0, len(data)
+    while position + RECORD_HEAD.size <= size:
+        opcode, length = RECORD_HEAD.unpack_from(data, position)
+        position += RECORD_HEAD.size
+        if position + length > size:
+            return
+        yield opcode, position, length
+        position += length
+
+
+def messages(data: bytes, wanted: dict[int, int] | None) -> Iterator[tuple[int, int, int, int]]:
+    """(time, channel, offset, length of the record) of each message of the channels ``wanted``; None: of all.
+
+    The hot loop of reading: one unpack a record.
+    """
+    unpack_head, position, end = MESSAGE_HEAD.unpack_from, 0, len(data)
+    head = RECORD_HEAD.size
+    while position + MESSAGE_DATA <= end:
+        opcode, length, channel, _, time = unpack_head(data, position)
+        if position + head + length > end:
+            return
+        if opcode == MESSAGE and (wanted is None or channel in wanted):
+            yield time, channel, position + MESSAGE_DATA, length
+        position += head + length

@@ -1,0 +1,241 @@
+"""From the sensors of a log to a recording: the same samples in the same order as from a bag."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample, SatelliteCount
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.bags.raw_messages import BagError
+from nav_pose_estimator.offline.flights.flight_window import ARMED
+from nav_pose_estimator.offline.flights.latency import PRIOR, PRIOR_SOURCE
+from nav_pose_estimator.offline.flights.recording import Recording
+from nav_pose_estimator.offline.flights.tracks import Reference
+from nav_pose_estimator.offline.logs import sensors
+from nav_pose_estimator.offline.logs.clock_fit import ClockFit, fit_clock
+from nav_pose_estimator.offline.logs.options import CLOCKS, LogOptions
+from nav_pose_estimator.offline.logs.segments import Segment, find_segments
+from nav_pose_estimator.offline.logs.sensors import FIX, NO_FIX, Array, Gnss, Imu, LogSensors
+
+SLOW_HZ = 40.0
+"""An IMU that was logged more slowly aliases vibration and misses turns: no minute without GNSS on it."""
+UNDATED_NS = 10**18  # what the clock of the log counts from where GNSS does not tell the date
+CLOCK_WINDOW_US = 60_000_000
+"""The clock is judged by the first minute of fixes: later ones may lie in an outage, which must not use them."""
+BESIDE_US = 500_000
+"""What other sensors measured so long before the first or after the last IMU sample belongs to the recording."""
+
+
+@dataclass
+class LogRecording(Recording):
+    """A recording made from a log, which knows the log it is of."""
+
+    log: LogSensors | None = None
+    options: LogOptions = field(default_factory=LogOptions)
+
+    @property
+    def imu_number(self) -> int:
+        """Which IMU of the log, from 1."""
+        return self.options.imu or 1
+
+    def with_imu(self, number: int) -> "LogRecording":
+        """The same flight by another of its IMUs, counted from 1."""
+        assert self.log is not None
+        return log_recording(self.log, replace(self.options, imu=number))
+
+
+def log_recording(log: LogSensors, options: LogOptions) -> LogRecording:
+    """The samples of a log. Raises ``BagError`` where it lacks what an estimator needs, or such an IMU or segment."""
+    imu = _chosen_imu(log, options.imu)
+    receiver = _receiver(log)
+    segment, told = _chosen_segment(log, imu, options)
+    imu = _cut_imu(imu, segment)
+    gnss, repeated = sensors.fresh(_cut(receiver, segment))
+    if not gnss.has_fix.any():
+        raise BagError(f"{log.path}: segment {options.segment} holds no three-dimensional GNSS fix")
+    fit = _first_minute(gnss)
+    clock = _Clock(imu.time_us, fit, options.clock)
+    block = _imu_block(imu, clock)
+    timed = _timed_samples(gnss, log, segment, clock)
+    epoch_ns, last_ns = min([int(block.stamps_ns[0]), *(stamp for stamp, _ in timed[:1])]), int(block.stamps_ns[-1])
+    counters = log.counters.copy()
+    counters.update({"log.gnss_repeated": repeated, "log.imu_clipped": imu.clipped})
+    return LogRecording(
+        path=log.path,
+        samples=_merged(block, timed),
+        epoch_ns=epoch_ns,
+        duration=(last_ns - epoch_ns) * 1e-9,
+        notices=[*log.notices, *told, *clock.notices, *_notices(log, imu, gnss, repeated, options)],
+        counters=+counters,
+        sidecar=_sidecar(log, clock, epoch_ns),
+        opinion=_opinion(log.opinion, clock, epoch_ns),
+        log=log,
+        options=options,
+    )
+
+
+def _chosen_imu(log: LogSensors, number: int | None) -> Imu:
+    if not log.imus:
+        raise BagError(f"{log.path} holds no IMU data ({log.needs[0]}), without which there is no pose; {_held(log)}")
+    if not 1 <= (number or 1) <= len(log.imus):
+        names = ", ".join(f"{i} {imu.name}" for i, imu in enumerate(log.imus, 1))
+        raise BagError(f"{log.path} has no IMU {number}; choose from {names}")
+    return log.imus[(number or 1) - 1]
+
+
+def _receiver(log: LogSensors) -> Gnss:
+    receiver = log.receiver
+    if receiver is None or len(receiver.time_us) == 0:
+        raise BagError(f"{log.path} holds no GNSS ({log.needs[1]}), without which there is no position; {_held(log)}")
+    if not receiver.has_fix.any():
+        raise BagError(f"{log.path}: the receiver ({receiver.name}) never has a three-dimensional fix")
+    return receiver
+
+
+def _held(log: LogSensors) -> str:
+    names = ", ".join(log.names[:40]) or "nothing"
+    return f"it holds {names}" + (f" and {len(log.names) - 40} more" if len(log.names) > 40 else "")
+
+
+def _chosen_segment(log: LogSensors, imu: Imu, options: LogOptions) -> tuple[Segment, list[str]]:
+    """The piece that was asked for, else the whole log, and what there is to choose from."""
+    found = find_segments(imu.time_us, log.armed, options.max_gap)
+    if options.segment is None:
+        told = [f"the log holds {len(found)} segments: --segment N takes one, --list shows them"] * (len(found) > 1)
+        return Segment(int(imu.time_us[0]), int(imu.time_us[-1]), 0.0), told
+    if not 1 <= options.segment <= len(found):
+        raise BagError(f"{log.path} has no segment {options.segment}; there are {len(found)}, --list shows them")
+    return found[options.segment - 1], []
+
+
+def _cut_imu(imu: Imu, segment: Segment) -> Imu:
+    chosen = (imu.time_us >= segment.begin_us) & (imu.time_us <= segment.end_us)
+    return Imu(imu.name, imu.time_us[chosen], imu.gyro[chosen], imu.accel[chosen], imu.clipped)
+
+
+def _cut(gnss: Gnss, segment: Segment) -> Gnss:
+    chosen = _inside(gnss.time_us, segment)
+    return replace(gnss, **{name: getattr(gnss, name)[chosen] for name in sensors.PER_MESSAGE})
+
+
+def _inside(time_us: Array, segment: Segment) -> Array:
+    """(N,) bool: times in the segment, or a little beside it: a recording may begin or end with another sensor."""
+    return (time_us > segment.begin_us - BESIDE_US) & (time_us < segment.end_us + BESIDE_US)
+
+
+def _first_minute(gnss: Gnss) -> ClockFit | None:
+    timed = gnss.time_us[(gnss.utc_us > 0) & gnss.has_fix]
+    return fit_clock(gnss, int(timed[0]), int(timed[0]) + CLOCK_WINDOW_US) if len(timed) else None
+
+
+class _Clock:
+    """From microseconds of the log to stamps: nanoseconds of UTC where the log knows the date."""
+
+    def __init__(self, imu_us: Array, fit: ClockFit | None, choice: str) -> None:
+        if choice not in CLOCKS:
+            raise UserError(f"--clock {choice}: choose from {', '.join(CLOCKS)}")
+        if choice == "gnss" and fit is None:
+            raise UserError("--clock gnss: the log has too few fixes with a time for that")
+        scaled = fit is not None and (choice == "gnss" or (choice == "auto" and fit.wrong))
+        self._begin_us = int(imu_us[0])
+        self.rate = fit.rate if scaled and fit is not None else 1.0
+        self._begin_ns = UNDATED_NS + self._begin_us * 1000
+        if fit is not None:
+            self._begin_ns = (fit.utc_us - round((fit.at_us - self._begin_us) * self.rate)) * 1000
+        self.notices = []
+        if fit is not None and fit.wrong:
+            done = "its times were scaled" if scaled else "--clock auto scales its times"
+            self.notices.append(f"{fit.describe()}: {done}")
+
+    def stamps(self, time_us: Array) -> Array:
+        """(N,) int64 [ns]."""
+        since = time_us.astype(np.int64) - self._begin_us
+        if self.rate == 1.0:
+            return self._begin_ns + since * 1000
+        return self._begin_ns + np.round(since * (1000.0 * self.rate)).astype(np.int64)
+
+
+def _imu_block(imu: Imu, clock: _Clock) -> ImuBlock:
+    return ImuBlock(clock.stamps(imu.time_us), np.ascontiguousarray(imu.gyro), np.ascontiguousarray(imu.accel))
+
+
+def _timed_samples(gnss: Gnss, log: LogSensors, segment: Segment, clock: _Clock) -> list[tuple[int, Sample]]:
+    """(time of receipt [ns], sample) of all sensors but the IMU, in order; of one message in the order of a bag."""
+    timed: list[tuple[int, Sample]] = []
+    for i, stamp in enumerate(clock.stamps(gnss.time_us).tolist()):
+        timed += [(stamp, sample) for sample in _gnss_samples(gnss, i, stamp)]
+    for series in log.others:
+        inside = _inside(series.time_us, segment)
+        stamps, rows = clock.stamps(series.time_us[inside]).tolist(), series.values[inside].tolist()
+        timed += [(t, sensors.sample(series, t, row)) for t, row in zip(stamps, rows, strict=True)]
+    timed.sort(key=lambda item: item[0])
+    return timed
+
+
+def _gnss_samples(gnss: Gnss, i: int, stamp: int) -> list[Sample]:
+    lat, lon, alt = gnss.position[i].tolist()
+    horizontal, vertical, speed = gnss.accuracy[i].tolist()
+    known = np.isfinite(horizontal) and np.isfinite(vertical)
+    cov = np.diag([horizontal**2, horizontal**2, vertical**2]) if known else None
+    out: list[Sample] = [GnssFix(stamp, lat, lon, alt, FIX if gnss.has_fix[i] else NO_FIX, cov)]
+    east, north, up = gnss.velocity[i].tolist()
+    if gnss.has_fix[i] and np.isfinite(east) and np.isfinite(north):
+        out.append(GnssVelocity(stamp, (east, north, up), np.eye(3) * speed**2 if np.isfinite(speed) else None))
+    if gnss.satellites[i] >= 0:
+        out.append(SatelliteCount(None, int(gnss.satellites[i])))
+    return out
+
+
+def _merged(block: ImuBlock, timed: list[tuple[int, Sample]]) -> list[Sample]:
+    """All samples in order of receipt, the IMU first at equal times."""
+    cuts = np.searchsorted(block.stamps_ns, [stamp for stamp, _ in timed], side="right")
+    out: list[Sample] = []
+    done = 0
+    for cut, (_, sample) in zip(cuts.tolist(), timed, strict=True):
+        if cut > done:
+            out.append(block.part(done, cut))
+            done = cut
+        out.append(sample)
+    if done < len(block):
+        out.append(block.part(done, None))
+    return out
+
+
+def _opinion(opinion: Reference | None, clock: _Clock, epoch_ns: int) -> Reference | None:
+    """The autopilot's estimate with times in seconds of the recording."""
+    if opinion is None:
+        return None
+    time_us = np.round(opinion.t * 1e6).astype(np.int64)
+    return replace(opinion, t=(clock.stamps(time_us) - epoch_ns) * 1e-9)
+
+
+def _sidecar(log: LogSensors, clock: _Clock, epoch_ns: int) -> dict:
+    """What the log tells beside its samples, in the form of NAME.json."""
+    told: dict = {} if log.delay is None else {PRIOR: log.delay[0], PRIOR_SOURCE: log.delay[1]}
+    if log.armed:
+        spans = (clock.stamps(np.array(log.armed, np.int64).ravel()) - epoch_ns) * 1e-9
+        told[ARMED] = np.round(spans, 3).reshape(-1, 2).tolist()
+    return told
+
+
+def _notices(log: LogSensors, imu: Imu, gnss: Gnss, repeated: int, options: LogOptions) -> list[str]:
+    """What a pilot has to know of the data."""
+    told = []
+    rate = imu.rate()
+    if rate < SLOW_HZ:
+        told.append(f"the IMU was logged at {rate:.0f} Hz: too slow to coast for a minute; log it at 50 Hz or more")
+    pauses = np.diff(imu.time_us) * 1e-6
+    long = pauses[pauses > options.max_gap]
+    if len(long):
+        told.append(
+            f"the IMU pauses {len(long)} times, {long.max():.1f} s at most: the estimator starts again after it"
+        )
+    if repeated:
+        told.append(f"{repeated} GNSS messages only repeat the one before: left out")
+    if imu.clipped:
+        told.append(
+            f"{imu.clipped} IMU samples were out of the sensor's range ({100 * imu.clipped / len(imu.time_us):.2g} %)"
+        )
+    if gnss.sea_level:
+        told.append("heights are above mean sea level: the log has no ellipsoid heights")
+    return told

@@ -1,0 +1,93 @@
+"""One way to open whatever a flight was recorded in: rosbag2, PX4 ULog, ArduPilot DataFlash."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.bags.raw_messages import BagError
+from nav_pose_estimator.offline.bags.storage import Bag
+from nav_pose_estimator.offline.damaged_input import reading
+from nav_pose_estimator.offline.flights.recording import Recording, load
+from nav_pose_estimator.offline.logs import dataflash, dataflash_text, ulog
+from nav_pose_estimator.offline.logs.imu_choice import with_best_imu
+from nav_pose_estimator.offline.logs.log_flight import LogRecording, log_recording
+from nav_pose_estimator.offline.logs.options import LogOptions
+from nav_pose_estimator.offline.logs.sensors import LogSensors
+
+ULOG, BINARY, TEXT = "ULog", "DataFlash", "DataFlash text"
+_ENDINGS = {".ulg": ULOG, ".ulog": ULOG, ".bin": BINARY, ".log": TEXT}
+_HEAD = 4096
+
+
+def open_recording(
+    path: Path,
+    options: LogOptions,
+    remaps: dict[str, str] | None = None,
+    progress: Callable[[int], None] | None = None,
+    parameters: Parameters | None = None,
+) -> Recording:
+    """Read a bag, as ``parameters`` say (``ros.input``), or a log. Raises ``UserError`` for what cannot be read."""
+    if log_form(path) is None:
+        if options.imu is not None or options.segment is not None:
+            raise UserError(f"{path.name} is no flight log: --imu and --segment are for those")
+        return load(path, remaps, progress, parameters)
+    if remaps:
+        raise BagError(f"{path.name} is a flight log: --remap is for the topics of bags")
+    with reading(path):
+        recording = log_recording(read_sensors(path), options)
+    if progress is not None:
+        progress(recording.imu_count)
+    return recording
+
+
+def prepared(recording: Recording, parameters: Parameters, until: float) -> Recording:
+    """The recording with the IMU that does best before ``until`` [s]. Raises ``UserError`` for axes that cannot be."""
+    if isinstance(recording, LogRecording) and parameters.imu.convention != "flu":
+        raise UserError(f"{recording.path.name} is a flight log, whose axes are known: leave imu.convention at flu")
+    return with_best_imu(recording, parameters, until)
+
+
+def check_readable(path: Path) -> None:
+    """Raise ``BagError`` where ``path`` is neither a bag nor a log; reads no more than the beginning."""
+    if log_form(path) is None:
+        Bag(path).close()
+
+
+def log_form(path: Path) -> str | None:
+    """The format of a flight log by what stands in it, None for anything else (a bag). Raises ``BagError``."""
+    if not path.is_file():
+        if not path.exists() or path.suffix.lower() not in _ENDINGS:
+            return None
+        raise BagError(f"{path} is a folder, not a flight log")
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    expected = _ENDINGS.get(path.suffix.lower())
+    if not head and expected is not None:
+        raise BagError(f"{path} is empty")
+    if head.startswith(ulog.MAGIC[:4]):
+        return ULOG
+    if head.startswith(dataflash.MAGIC) or (expected == BINARY and dataflash.FMT_MAGIC in head):
+        return BINARY
+    if dataflash_text.is_dataflash_text(head):
+        return TEXT
+    if path.suffix.lower() == ".tlog":
+        raise BagError(f"{path} is a telemetry log: download the flight log (.bin) from the autopilot instead")
+    if expected is not None:
+        raise BagError(f"{path} is no flight log: neither PX4 ULog nor ArduPilot DataFlash stands in it")
+    return None
+
+
+def read_sensors(path: Path) -> LogSensors:
+    """What a flight log says of the sensors. Raises ``BagError``."""
+    form = log_form(path)
+    if form == ULOG:
+        from nav_pose_estimator.offline.logs.px4_fields import px4_sensors
+
+        return px4_sensors(ulog.read_ulog(path))
+    from nav_pose_estimator.offline.logs.ardupilot_fields import ardupilot_sensors
+
+    if form is None:
+        raise BagError(f"{path} is no flight log: give a PX4 ULog (.ulg) or an ArduPilot DataFlash log (.bin, .log)")
+    read = dataflash.read_dataflash if form == BINARY else dataflash_text.read_dataflash_text
+    return ardupilot_sensors(read(path))

@@ -1,0 +1,71 @@
+"""YAML from strangers: no aliases, no deep nesting, no huge documents, and numbers as ROS reads them.
+
+An alias can stand for a tree that doubles with each line, and deep nesting overflows the stack of libyaml. Both show in
+the stream of events, before anything is built.
+"""
+
+import re
+import stat
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+LARGEST_FILE = 4 << 20  # bytes
+DEEPEST = 64  # collections inside each other
+MOST_NODES = 200_000
+
+
+class YamlError(yaml.YAMLError):
+    """A document that is no YAML, or more of it than a file of this kind can be. One line of text."""
+
+
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # libyaml may be absent
+    """PyYAML's loader of plain data, which also takes ``5e-4`` for a number, as YAML 1.2 and ROS do."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+)
+
+
+def read_yaml(path: Path) -> Any:
+    """The document in the file ``path``. Raises ``YamlError``, and ``OSError`` for a file that cannot be read."""
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):  # a pipe would wait for ever
+        raise YamlError("it is not a file")
+    if status.st_size > LARGEST_FILE:
+        raise YamlError(f"it is larger than {LARGEST_FILE >> 20} MB")
+    try:
+        return parse_yaml(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise YamlError(f"it is not UTF-8 ({error.reason} at byte {error.start})") from None
+
+
+def parse_yaml(text: str) -> Any:
+    """The document ``text``. Raises ``YamlError``."""
+    try:
+        _check(text)
+        return yaml.load(text, _Loader)
+    except YamlError:
+        raise
+    except yaml.YAMLError as error:
+        raise YamlError(" ".join(str(error).split())) from None
+    except (ValueError, OverflowError, RecursionError) as error:  # the 40th of May, a number of 5000 digits
+        raise YamlError(f"a value cannot be read ({error})") from None
+
+
+def _check(text: str) -> None:
+    depth = nodes = 0
+    for event in yaml.parse(text, _Loader):
+        nodes += isinstance(event, yaml.NodeEvent)
+        if isinstance(event, yaml.AliasEvent):
+            raise YamlError(f"it refers to &{event.anchor} with an alias, which is not allowed here")
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        if depth > DEEPEST:
+            raise YamlError(f"it is nested more than {DEEPEST} levels deep")
+        if nodes > MOST_NODES:
+            raise YamlError(f"it has more than {MOST_NODES} values")

@@ -1,0 +1,10 @@
+"""Text for a terminal: names come from files of strangers and may hold what a terminal takes for commands."""
+
+LONGEST = 4000  # characters of one message
+
+
+def printable(text: str) -> str:
+    """``text`` on one line, control characters as escapes, the middle of very long texts left out."""
+    if len(text) > LONGEST:
+        text = f"{text[: LONGEST * 3 // 4]} ... {text[-LONGEST // 4 :]}"
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

@@ -1,0 +1,54 @@
+"""The messages that come fastest, from bytes to samples without a message in between; what :mod:`convert` would give.
+
+Functions that take columns (:func:`cdr.columns`) return None where the messages have to be converted one by one.
+"""
+
+import numpy as np
+
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, PressureSample
+from nav_pose_estimator.ros.messages import covariance
+from nav_pose_estimator.ros.messages.cdr import picker
+from nav_pose_estimator.ros.messages.convert import Converted, imu_sample
+
+IMU_FIELDS = (
+    "angular_velocity",
+    "angular_velocity_covariance[0]",
+    "linear_acceleration",
+    "linear_acceleration_covariance[0]",
+)
+_pick_imu = picker("sensor_msgs/msg/Imu", IMU_FIELDS)
+
+
+def imu(data: bytes) -> Converted:
+    """A serialized sensor_msgs/Imu. Raises ``CdrError``."""
+    stamp, (wx, wy, wz, gyro_cov, fx, fy, fz, accel_cov) = _pick_imu(data)
+    sample = ImuSample(stamp, (wx, wy, wz), (fx, fy, fz))
+    if gyro_cov == -1.0 or accel_cov == -1.0 or fx == fy == fz == 0.0:
+        return imu_sample(sample, gyro_cov == -1.0, accel_cov == -1.0)
+    return (sample,)
+
+
+def imu_block(found: dict[str, np.ndarray]) -> ImuBlock | None:
+    """Columns of sensor_msgs/Imu; None if a message lacks one of its halves."""
+    halves = found["angular_velocity_covariance"], found["linear_acceleration_covariance"]
+    force = found["linear_acceleration"]
+    if (halves[0][:, 0] == -1.0).any() or (halves[1][:, 0] == -1.0).any() or not force.any(axis=1).all():
+        return None
+    return ImuBlock(found["stamp_ns"], found["angular_velocity"], force)
+
+
+def magnetic_fields(found: dict[str, np.ndarray]) -> list[Converted]:
+    """Columns of sensor_msgs/MagneticField."""
+    stamps, fields = found["stamp_ns"].tolist(), found["magnetic_field"].tolist()
+    return [(MagSample(stamp, tuple(field)),) for stamp, field in zip(stamps, fields, strict=True)]
+
+
+def pressures(found: dict[str, np.ndarray]) -> list[Converted] | None:
+    """Columns of sensor_msgs/FluidPressure; None if their variances differ or cannot be used."""
+    if len(np.unique(found["variance"])) > 1:
+        return None
+    variance, flaw = covariance.read_variance(found["variance"][0])
+    if flaw:
+        return None
+    stamps, values = found["stamp_ns"].tolist(), found["fluid_pressure"].tolist()
+    return [(PressureSample(stamp, value, variance),) for stamp, value in zip(stamps, values, strict=True)]

@@ -1,0 +1,224 @@
+"""Every input of the estimators: topic, message types, what chooses among them, who turns them into samples.
+
+Nodes subscribe by this table and bags are read by it; another driver is one more ``MessageType``, another sensor one
+more ``Input``. All inputs are subscribed best effort, which meets every publisher (:mod:`nav_pose_estimator.ros.qos`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import (
+    Airspeed,
+    BodyVelocity,
+    GnssFix,
+    GnssVelocity,
+    ImuBlock,
+    ImuSample,
+    MagSample,
+    PressureSample,
+    RangeToGround,
+    Sample,
+    SatelliteCount,
+    SetPose,
+)
+from nav_pose_estimator.ros.messages import convert, from_bytes, gps_umd, px4, satellites
+from nav_pose_estimator.ros.messages.convert import Adapter, Converted
+
+NONE = "none"
+"""The value of a choosing parameter that leaves the input out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Many messages at once: ``convert`` gets ``cdr.columns`` of ``fields``; None: they have to go one by one."""
+
+    fields: tuple[str, ...]
+    convert: Callable[[dict[str, np.ndarray]], ImuBlock | list[Converted] | None]
+
+
+@dataclass(frozen=True, slots=True)
+class MessageType:
+    """One type that an input takes: ``choice`` is its word in the input's parameter, ``name`` package/msg/Name."""
+
+    choice: str
+    name: str
+    convert: Adapter
+    from_bytes: Callable[[bytes], Converted] | None = None
+    columns: Columns | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One input as the parameters have it: what to listen to, and how to read it.
+
+    ``from_bytes``, where there is one, does on serialized messages what ``adapter`` does on messages.
+    """
+
+    topic: str
+    type: str
+    adapter: Callable[[Any], tuple[Any, ...]]  # samples and events
+    from_bytes: Callable[[bytes], Converted] | None = None
+    columns: Columns | None = None
+
+
+@dataclass(frozen=True)
+class Input:
+    """One input topic, relative; the first type is the default.
+
+    ``parameter`` (dotted) chooses among several types. ``adjust`` fits a converter to further parameters. In a bag
+    without ``topic`` another one of these types is taken if it is the only one and its name contains one of ``words``;
+    () is any name, None is never.
+    """
+
+    topic: str
+    sample: type[Sample]
+    types: tuple[MessageType, ...]
+    parameter: str = ""
+    adjust: Callable[[Adapter, Parameters], Adapter] | None = None
+    words: tuple[str, ...] | None = None
+
+    def choice(self, parameters: Parameters) -> str:
+        """The word in the input's parameter; that of its only type where nothing is to be chosen."""
+        return str(attrgetter(self.parameter)(parameters)) if self.parameter else self.types[0].choice
+
+    def source(self, parameters: Parameters, type_name: str = "") -> Source | None:
+        """How to read ``type_name`` (by default the type that is chosen); None for an input that is left out."""
+        choice = self.choice(parameters)
+        kind = next((t for t in self.types if (t.name == type_name if type_name else t.choice == choice)), None)
+        if kind is None or choice == NONE:
+            return None
+        if self.adjust is None:
+            return Source(self.topic, kind.name, kind.convert, kind.from_bytes, kind.columns)
+        return Source(self.topic, kind.name, self.adjust(kind.convert, parameters))
+
+
+def _as_the_driver_fills_it(adapter: Adapter, parameters: Parameters) -> Adapter:
+    if parameters.ros.input.velocity_frame == "ned" and adapter in (convert.twist, convert.twist_with_covariance):
+        adapter = convert.from_ned(adapter)
+    return adapter if parameters.ros.input.vertical_velocity else convert.without_vertical(adapter)
+
+
+def _in_map(adapter: Adapter, parameters: Parameters) -> Adapter:
+    return lambda message: convert.set_pose(message, parameters.ros.frames.map)
+
+
+IMU = Input(
+    "imu/data_raw",
+    ImuSample,
+    (
+        MessageType(
+            "imu",
+            "sensor_msgs/msg/Imu",
+            convert.imu,
+            from_bytes.imu,
+            Columns(tuple(name.removesuffix("[0]") for name in from_bytes.IMU_FIELDS), from_bytes.imu_block),
+        ),
+        MessageType("px4", "px4_msgs/msg/SensorCombined", px4.imu),
+    ),
+    parameter="ros.input.imu",
+    words=(),
+)
+SATELLITES = Input(
+    "gps/satellites",
+    SatelliteCount,
+    (
+        MessageType("uint32", "std_msgs/msg/UInt32", satellites.from_uint32),
+        MessageType("gpsfix", "gps_msgs/msg/GPSFix", satellites.from_gpsfix),
+        MessageType("gpsraw", "mavros_msgs/msg/GPSRAW", satellites.from_gpsraw),
+        MessageType("navpvt", "ublox_msgs/msg/NavPVT", satellites.from_navpvt),
+        MessageType("px4", "px4_msgs/msg/SensorGps", px4.satellites),
+    ),
+    parameter="gnss.gate.satellite_source",
+    words=("satellites", "gpsfix", "gps1/raw", "navpvt"),
+)
+VELOCITY = Input(
+    "gps/vel",
+    GnssVelocity,
+    (
+        MessageType(
+            "twist_with_covariance", "geometry_msgs/msg/TwistWithCovarianceStamped", convert.twist_with_covariance
+        ),
+        MessageType("twist", "geometry_msgs/msg/TwistStamped", convert.twist),
+        MessageType("gpsfix", "gps_msgs/msg/GPSFix", gps_umd.velocity),
+        MessageType("px4", "px4_msgs/msg/SensorGps", px4.velocity),
+    ),
+    parameter="ros.input.velocity",
+    adjust=_as_the_driver_fills_it,
+    words=("gps_vel", "gps/vel", "fix_velocity", "gnss/vel"),
+)
+FIX = Input(
+    "gps/fix",
+    GnssFix,
+    (
+        MessageType("navsatfix", "sensor_msgs/msg/NavSatFix", convert.nav_sat_fix),
+        MessageType("gpsfix", "gps_msgs/msg/GPSFix", gps_umd.fix),
+        MessageType("px4", "px4_msgs/msg/SensorGps", px4.fix),
+    ),
+    parameter="ros.input.fix",
+    words=(),
+)
+MAGNETOMETER = Input(
+    "imu/mag",
+    MagSample,
+    (
+        MessageType(
+            "magnetic_field",
+            "sensor_msgs/msg/MagneticField",
+            convert.magnetic_field,
+            columns=Columns(("magnetic_field",), from_bytes.magnetic_fields),
+        ),
+    ),
+    words=(),
+)
+AIRSPEED = Input(
+    "airspeed",
+    Airspeed,
+    (
+        MessageType("twist", "geometry_msgs/msg/TwistStamped", convert.airspeed),
+        MessageType("float32", "std_msgs/msg/Float32", convert.airspeed_number),
+        MessageType("px4", "px4_msgs/msg/Airspeed", px4.airspeed),
+        MessageType("differential_pressure", "sensor_msgs/msg/FluidPressure", convert.differential_pressure),
+        MessageType("px4_differential_pressure", "px4_msgs/msg/DifferentialPressure", px4.differential_pressure),
+    ),
+    parameter="ros.input.airspeed",
+    words=("airspeed", "diff_press", "differential_press"),
+)
+BAROMETER = Input(
+    "baro",
+    PressureSample,
+    (
+        MessageType(
+            "fluid_pressure",
+            "sensor_msgs/msg/FluidPressure",
+            convert.fluid_pressure,
+            columns=Columns(("fluid_pressure", "variance"), from_bytes.pressures),
+        ),
+    ),
+    words=(),
+)
+BODY_VELOCITY = Input(
+    "body_velocity",
+    BodyVelocity,
+    (MessageType("twist_with_covariance", "geometry_msgs/msg/TwistWithCovarianceStamped", convert.body_velocity),),
+)
+RANGE = Input("range", RangeToGround, (MessageType("range", "sensor_msgs/msg/Range", convert.range_to_ground),))
+SET_POSE = Input(
+    "set_pose",
+    SetPose,
+    (MessageType("pose", "geometry_msgs/msg/PoseWithCovarianceStamped", convert.set_pose),),
+    adjust=_in_map,
+)
+
+GNSS = (SATELLITES, VELOCITY, FIX)
+"""In this order where one message plays several parts: the count judges the fix."""
+INPUTS = (IMU, *GNSS, MAGNETOMETER, AIRSPEED, BAROMETER, BODY_VELOCITY, RANGE, SET_POSE)
+
+
+def sources(parameters: Parameters, inputs: tuple[Input, ...] = INPUTS) -> list[Source]:
+    """What a node with these parameters listens to."""
+    return [source for one in inputs if (source := one.source(parameters)) is not None]
