@@ -15,6 +15,10 @@ normal prior on that logarithm: ``ln s += gain (q - 1 - ln s / PRIOR_VARIANCE)``
 of trials to a floor, so that the factors follow a flight that changes. All noises of the IMU share one factor: what a
 drift of ten seconds is made of cannot be told from its size.
 
+No factor falls below one. A flight that is calmer than the parameters say would lower both, which leaves the gains as
+they are; lowering one alone made them worse, and the first manoeuvre after a calm stretch would find too little noise.
+That sigma is too large then is for ``bias_noise`` and the rehearsals to say, when GNSS is lost.
+
 Source: R. Mehra, "Approaches to adaptive filtering", IEEE Trans. Automatic Control 17(5), 1972 (maximum likelihood and
 covariance matching, here with predictions over many steps).
 """
@@ -33,7 +37,7 @@ Array = NDArray[np.float64]
 
 PERIOD = 1.0  # s between two calls of ``note``
 RECEIVER_TRIAL, IMU_TRIAL = 2, 10  # calls after which a trial tells of the receiver, of the IMU and ends
-IMU_SD_BOUNDS, GNSS_SD_BOUNDS = (0.5, 4.0), (1.0, 4.0)  # parts of the deviations that are set
+LARGEST = 16.0  # factor: four times the deviation that is set
 PRIOR_VARIANCE = 6.0  # of the logarithm of a variance factor
 SMALLEST_GAIN = 0.15
 _FIRST_TRIALS = 3.0  # trials that the defaults are worth
@@ -68,10 +72,10 @@ class NoiseIdentification:
         memory.run_block(flying, rows, 0, len(rows), math.inf, np.empty((len(rows), at.OUT_COLUMNS)))
         self._calls += 1
         if self._calls == RECEIVER_TRIAL:
-            self.gnss_variance = self._moved(self.gnss_variance, self._ratio(nav, P), GNSS_SD_BOUNDS)
+            self.gnss_variance = self._moved(self.gnss_variance, self._ratio(nav, P))
         if self._calls < IMU_TRIAL:
             return self._calls == RECEIVER_TRIAL
-        self.imu_variance = self._moved(self.imu_variance, self._ratio(nav, P), IMU_SD_BOUNDS)
+        self.imu_variance = self._moved(self.imu_variance, self._ratio(nav, P))
         self.trials += 1
         self._begin(nav, P, constants)
         return True
@@ -100,10 +104,9 @@ class NoiseIdentification:
     def _gain(self) -> float:
         return max(SMALLEST_GAIN, 1.0 / (_FIRST_TRIALS + self.trials))
 
-    def _moved(self, variance: float, ratio: float, sd_bounds: tuple[float, float]) -> float:
+    def _moved(self, variance: float, ratio: float) -> float:
         step = self._gain * (min(ratio, _LARGEST_RATIO) - 1.0 - math.log(variance) / PRIOR_VARIANCE)
-        smallest, largest = (sd**2 for sd in sd_bounds)
-        return min(max(variance * math.exp(step), smallest), largest)
+        return min(max(variance * math.exp(step), 1.0), LARGEST)
 
     def figures(self) -> dict[str, float]:
         """Deviations in parts of those that are set, and the number of trials that say so."""
