@@ -138,7 +138,12 @@ def read(path: Path) -> list[Row]:
         return []
     with path.open(newline="", encoding="utf-8") as file:
         return [
-            Row(**{name: text if name in ("bag", "method", "status") else float(text) for name, text in line.items()})
+            Row(
+                **{
+                    name: text if name in ("bag", "method", "status", "why") else float(text)
+                    for name, text in line.items()
+                }
+            )
             for line in csv.DictReader(file)
         ]
 

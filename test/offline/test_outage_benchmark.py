@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from nav_pose_estimator.offline.replay.replay import replay
 from nav_pose_estimator.ros.messages import from_bytes
 
 COLUMNS = (
-    "bag,method,length_s,start_s,end_error_m,rms_error_m,max_error_m,end_vertical_m,end_sigma_m,travelled_m,status"
+    "bag,method,length_s,start_s,end_error_m,rms_error_m,max_error_m,end_vertical_m,end_sigma_m,travelled_m,status,why"
 )
 
 
@@ -81,7 +82,7 @@ def test_the_other_files_are_there_and_self_contained(finished):
     assert (finished / "summary.csv").read_text().startswith("bag,method,length_s,outages,median_m")
     report = (finished / "report.html").read_text()
     assert "http" not in report
-    assert report.count("<svg") == 2
+    assert report.count("<svg") == 3  # reliability, growth, map
 
 
 def test_a_copy_in_an_outage_equals_a_replay_with_that_outage(bag):
@@ -114,9 +115,46 @@ def test_what_comes_after_the_outage_changes_nothing(bag):
     assert full.after[-1] <= 10.0
 
 
+def test_parameters_are_chosen_across_groups(bag, tmp_path, capsys):
+    """GIVEN a sane and an absurd parameter file WHEN both flights are cross-validated THEN the sane one is flown."""
+    sane, absurd = tmp_path / "sane.yaml", tmp_path / "absurd.yaml"
+    for path, noise in ((sane, 5e-4), (absurd, 0.1)):
+        path.write_text(f"/**:\n  ros__parameters:\n    imu.gyro_noise: {noise}\n")
+    twin = tmp_path / "again_bag"
+    shutil.copytree(bag, twin)
+    shutil.copy(bag.with_name("circles.json"), tmp_path / "again.json")
+    options = [
+        "--lengths",
+        "20",
+        "--every",
+        "20",
+        "--methods",
+        "coast",
+        "--cross-validate",
+        "--out",
+        str(tmp_path / "o"),
+    ]
+    assert main(["benchmark", "outage", str(bag), str(twin), *options, "--candidates", str(absurd), str(sane)]) == 0
+    said = capsys.readouterr().out
+    assert said.count(f"{sane} (chosen on the other groups)") == 2
+    assert str(absurd) not in said
+    assert {row["bag"] for row in rows_of(tmp_path / "o")} == {"circles_bag", "again_bag"}
+
+
+def test_an_outage_that_begins_in_doubt_is_counted_with_its_reason(bag, tmp_path, capsys):
+    """GIVEN an outage that starts before the navigator has aligned THEN it is not judged, and the reason is told."""
+    options = ["--lengths", "5", "--every", "30", "--first", "-12", "--methods", "coast", "--out", str(tmp_path)]
+    assert main(["benchmark", "outage", str(bag), *options]) == 0
+    first = rows_of(tmp_path)[0]
+    assert first["status"] == "not_aided"
+    assert first["why"]
+    assert f"1 outages left out for all methods (not_aided: {first['why']})" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [
+        (["--candidates", "a.yaml"], "--cross-validate"),
         (["--methods", "coast,magic"], "magic"),
         (["--lengths", "ten"], "ten"),
         (["--every", "0"], "--every"),

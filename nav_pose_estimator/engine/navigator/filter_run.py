@@ -15,6 +15,7 @@ from nav_pose_estimator.core.alignment.rest import Stillness
 from nav_pose_estimator.core.alignment.types import KnownBiases
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import keep_blocks
+from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, start_up
 from nav_pose_estimator.engine.navigator.engine_clock import EngineClock
@@ -48,8 +49,9 @@ class FilterRun:
         origin: Origin | None,
         use_gnss: bool,
         known: KnownBiases | None = None,
+        noise: NoiseIdentification | None = None,
     ) -> None:
-        """``origin``, ``use_gnss`` and, after a short gap, the ``known`` biases are what stays from the run before."""
+        """``origin``, ``use_gnss`` and, after a short gap, ``known`` biases and ``noise`` stay from the run before."""
         self.parameters, self.journal, self.origin = parameters, journal, origin
         self.clock = EngineClock()
         # Up to here IMU samples meet nothing: no observation waits, the mode stays. Other input may end it.
@@ -58,13 +60,16 @@ class FilterRun:
         self.gnss = Gnss(parameters, self.aiding, journal)
         self.gnss.reception.enabled = use_gnss
         self.aids = {aid.sample: aid(parameters, self.aiding, journal) for aid in AIDS}
-        self._rest = Rest(parameters, self.aiding, journal)
-        self._fusion = Fusion([*self.gnss.sensors, *self.aids.values(), self._rest], filter_setup.gates(parameters))
-        self.timeline = Timeline(filter_setup.constants(parameters), self._fusion.apply, parameters.navigator.memory)
+        self.rest = Rest(parameters, self.aiding, journal)
+        self._fusion = Fusion([*self.gnss.sensors, *self.aids.values(), self.rest], filter_setup.gates(parameters))
+        self.noise = noise or NoiseIdentification()
+        self.gnss.reception.noise_variance = self.noise.gnss_variance
+        constants = filter_setup.constants(parameters, self.noise.imu_variance)
+        self.timeline = Timeline(constants, self._fusion.apply, parameters.navigator.memory)
         self.aligner = start_up.StartUp(parameters, known)
         self.modes = ModeKeeper(parameters.navigator)
-        self._stillness = Stillness()
-        self.rest_due = -math.inf if parameters.aids.zero_velocity else math.inf  # when to look for rest next
+        self.stillness = Stillness()
+        self.second_due = -math.inf  # when to look back on the last second next
 
     def copy(self, journal: Journal) -> FilterRun:
         """An independent copy that reports to ``journal``: of all there is, but parameters never change."""
@@ -76,15 +81,19 @@ class FilterRun:
         """Change what is marked mutable while the filter runs; the rest must be as it was."""
         self.parameters = parameters = declination.as_before(parameters, self.parameters)
         self.quiet_until = -math.inf
-        constants = filter_setup.constants(parameters)
-        keep_blocks(constants, self.timeline.filter.constants)
-        self.timeline.filter.constants[:] = constants
+        self.renew_constants()
         self.aiding.lost_after = parameters.navigator.lost_after
         self.gnss.set_parameters(parameters)
-        for sensor in (*self.aids.values(), self._rest):
+        for sensor in (*self.aids.values(), self.rest):
             sensor.set_parameters(parameters)
         self._fusion.gates = filter_setup.gates(parameters)
         self.modes.set_parameters(parameters.navigator)
+
+    def renew_constants(self) -> None:
+        """Give the filter its constants anew, with the noise that the flight has shown and the states that it has."""
+        constants = filter_setup.constants(self.parameters, self.noise.imu_variance)
+        keep_blocks(constants, self.timeline.filter.constants)
+        self.timeline.filter.constants[:] = constants
 
     @property
     def now(self) -> float:
@@ -156,16 +165,6 @@ class FilterRun:
     def declare_loss(self, t: float) -> None:
         """At ``t`` GNSS counts as lost."""
         self.timeline.observe(self.gnss.loss_at(t, self.clock.stamp(t)))
-
-    def look_for_rest(self, t: float) -> None:
-        """Ahead of the IMU row at ``t``, the first one of a second: did the vehicle rest up to the row before?
-
-        The decision falls with what has arrived by then, and stays when the past is replayed.
-        """
-        self.rest_due = (math.floor(t / Stillness.PERIOD) + 1.0) * Stillness.PERIOD
-        whole, mean_rate = self.timeline.filter, self._stillness.add(self.timeline.recent_rows(Stillness.PERIOD))
-        if mean_rate is not None:
-            self.observe(self._rest.observe(mean_rate, whole.view, self.clock.stamp(whole.time)))
 
     # --- mode --------------------------------------------------------------------------------------------------------
 

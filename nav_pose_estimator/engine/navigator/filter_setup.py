@@ -15,16 +15,20 @@ MOST_ROWS = 8
 """Of one observation."""
 
 
-def constants(parameters: Parameters) -> np.ndarray:
-    """The vector of filter constants (``core.filter.layout``)."""
+def constants(parameters: Parameters, imu_variance: float = 1.0) -> np.ndarray:
+    """The vector of filter constants (``core.filter.layout``); ``imu_variance``: noise in parts of what is set.
+
+    How much the gyroscope's bias wanders is followed by ``bias_noise`` and not part of that.
+    """
+    noise = math.sqrt(imu_variance)
     imu, navigator = parameters.imu, parameters.navigator
     smallest = math.sqrt(bias_noise.SMALLEST) if imu.learn_gyro_bias_sd else 1.0
     return make_constants(
-        gyro_noise=imu.gyro_noise,
-        accel_noise=imu.accel_noise,
+        gyro_noise=noise * imu.gyro_noise,
+        accel_noise=noise * imu.accel_noise,
         gyro_bias_sd=smallest * imu.gyro_bias_sd,
         gyro_bias_tau=imu.gyro_bias_tau,
-        accel_bias_sd=imu.accel_bias_sd,
+        accel_bias_sd=noise * imu.accel_bias_sd,
         accel_bias_tau=imu.accel_bias_tau,
         covariance_period=navigator.covariance_period,
         gap_dt=imu.gap,

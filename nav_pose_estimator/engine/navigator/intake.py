@@ -166,6 +166,7 @@ def _set_pose(run: FilterRun, sample: SetPose) -> None:
     start_up.set_pose(nav, P, sample, run.origin)
     run.timeline.start(nav, P)
     run.gnss.position.resets += 1
+    run.noise.interrupt()
     run.journal.say(sample.stamp_ns, "set_pose", Level.INFO, "the pose was set from outside")
 
 

@@ -77,7 +77,8 @@ class SinsEngine:
         before, parameters = self.run, self.run.parameters
         if parameters.aids.declination == self.parameters.aids.declination:
             parameters = self.parameters  # a field model that said nothing (the clock was not set yet?) is asked again
-        self.run = FilterRun(parameters, self.journal, before.origin, self._gnss_enabled, known)
+        noise = None if known is None else before.noise  # the same flight goes on
+        self.run = FilterRun(parameters, self.journal, before.origin, self._gnss_enabled, known, noise)
 
     def status(self) -> Status:
         """What a pilot wants to know."""

@@ -22,7 +22,7 @@ def status_of(run: FilterRun) -> Status:
     if run.timeline.running:
         whole = run.settled
         t, later = whole.time, predicted_horizontal_sd(whole.nav, whole.P, whole.constants, _OUTLOOK)
-    values = {"alignment.restarts": float(run.aligner.restarts), **run.gnss.figures()}
+    values = {"alignment.restarts": float(run.aligner.restarts), **run.gnss.figures(), **run.noise.figures()}
     for aid in run.aids.values():
         values.update(aid.figures())
     return Status(

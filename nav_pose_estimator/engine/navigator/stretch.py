@@ -6,6 +6,7 @@ import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
+from nav_pose_estimator.engine.navigator.look_back import look_back
 from nav_pose_estimator.engine.solutions import Mode, NavBlock
 
 
@@ -39,16 +40,16 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
     now = float(times[0])
     if run.modes.mode is Mode.AIDED and not now - run.aiding.fix_used < run.aiding.lost_after:
         run.declare_loss(now)
-    if now >= run.rest_due:
-        run.look_for_rest(now)
-    limit = min(run.mode_deadline(now), run.timeline.next_observation(quiet=False), run.rest_due)
+    if now >= run.second_due:
+        look_back(run, now)
+    limit = min(run.mode_deadline(now), run.timeline.next_observation(quiet=False), run.second_due)
     count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
     if run.mode_at(now) is not run.modes.mode:
         count = 1  # the change has the time of its row, whatever the size of the blocks
     out = run.timeline.advance(rows[:count])
     now = float(times[count - 1])
     run.update_mode(now)
-    run.quiet_until = min(run.mode_deadline(now), run.timeline.next_observation(), run.rest_due)
+    run.quiet_until = min(run.mode_deadline(now), run.timeline.next_observation(), run.second_due)
     return _blocks(run, stamps_ns[:count], out)
 
 

@@ -27,6 +27,7 @@ class ImuParameters:
     learn_gyro_bias_sd: bool = param(
         True, "", "Learn in flight how much the gyroscope bias wanders: a quarter to twice gyro_bias_sd"
     )
+    learn_noise: bool = param(True, "", "Identify in flight how noisy IMU and GNSS are: one to four times what is set")
     gyro_bias_tau: float = param(3000.0, "s", "Correlation time of the gyroscope bias", 1.0, 1e6)
     accel_bias_sd: float = param(
         0.03, "m/s^2", "Steady-state deviation of the accelerometer bias", 0.0, 1.0, mutable=True

@@ -7,6 +7,7 @@ import math
 import multiprocessing
 import os
 import sys
+from collections import Counter
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, fields
 from importlib import import_module
@@ -46,6 +47,16 @@ def _add_outage(part: argparse.ArgumentParser) -> None:
     add("--methods", default="best,coast,hold,const_velocity", metavar="M,...", help="methods to compare")
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto (default: NAME.json, else auto)")
     add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
+    add("--cross-validate", action="store_true", help="group flights by airframe and day: intervals and selection")
+    add("--groups", default="", metavar="GLOB,...", help='flights that are one group, as in "p4rtk_*,px4_3dr*"')
+    add(
+        "--candidates",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="YAML",
+        help="parameter files among which --cross-validate chooses for each group on the other groups",
+    )
     add_options(part)
     add("--jobs", type=int, default=1, metavar="N", help="processes (default: 1)")
     add("--out", type=Path, default=Path("outage_benchmark"), metavar="DIR", help="folder for tables and report")
@@ -55,32 +66,65 @@ def run(arguments: argparse.Namespace) -> int:
     """Carry one of the benchmarks out."""
     if arguments.part != "outage":
         return import_module(f"nav_pose_estimator.offline.benchmarks.{arguments.part}.benchmark").run(arguments)
+    from nav_pose_estimator.offline.benchmarks.outage import cross_validation
     from nav_pose_estimator.offline.benchmarks.outage.report import write_report
     from nav_pose_estimator.offline.benchmarks.outage.statistics import summarise
     from nav_pose_estimator.offline.logs.open_recording import check_readable
     from nav_pose_estimator.offline.output_folder import OutputFolder
 
-    tasks = _tasks(arguments)
+    candidates = _candidates(arguments)
+    tasks = [task for config in candidates for task in _tasks(arguments, config)]
     for bag in arguments.bags:
         check_readable(bag)  # a mistyped name ends the command now, not after an hour
-    inputs = [*arguments.bags, *([arguments.config] if arguments.config else [])]
+    inputs = [*arguments.bags, *(config for config in candidates if config is not None)]
     with OutputFolder(arguments.out, "outage benchmark", inputs) as folder:
         flights = _run_all(tasks, arguments.jobs)
+        groups = None
+        if arguments.cross_validate:
+            patterns = [text.strip() for text in arguments.groups.split(",") if text.strip()]
+            groups = cross_validation.groups_of(arguments.bags, patterns)
+            flights = _held_out(flights, groups, candidates)
         rows = _rows(flights)
         if not rows:
             raise UserError("no outage fits into these flights: try shorter --lengths or an earlier --first")
-        summaries = summarise(rows)
+        summaries = summarise(rows, groups=groups)
         folder.mkdir()
         _write_csv(folder / OUTAGES, [asdict(row) for row in rows])
         _write_csv(folder / SUMMARY_CSV, [asdict(s) for s in summaries])
         _write_json(folder / SUMMARY_JSON, flights, summaries, arguments)
-        write_report(folder / REPORT, flights, summaries)
+        write_report(folder / REPORT, flights, summaries, rows)
         _print(summaries, rows)
+        if groups is not None:
+            _print_verdicts(summaries)
     print(f"report: {arguments.out / REPORT}")
     return 0
 
 
-def _tasks(arguments: argparse.Namespace) -> list:
+def _candidates(arguments: argparse.Namespace) -> list[Path | None]:
+    """The parameter files to choose from; without ``--candidates`` there is only ``--config``."""
+    if not arguments.candidates:
+        return [arguments.config]
+    if not arguments.cross_validate or arguments.config is not None:
+        raise UserError("--candidates takes the place of --config and needs --cross-validate")
+    return list(arguments.candidates)
+
+
+def _held_out(flights: list, groups: dict[str, str], candidates: list[Path | None]) -> list:
+    """Of all passes those with the parameters that were chosen on the other groups; says what was chosen."""
+    from nav_pose_estimator.offline.benchmarks.outage import cross_validation
+
+    size = len(flights) // len(candidates)
+    parts = [flights[i * size : (i + 1) * size] for i in range(len(candidates))]
+    if len(candidates) == 1:
+        return flights
+    method = next(iter(flights[0].errors))[0] if flights[0].errors else ""
+    chosen = cross_validation.choose([_rows(part) for part in parts], groups, method)
+    for group, i in chosen.items():
+        print(f"{group}: {candidates[i]} (chosen on the other groups)")
+    return [flight for i, part in enumerate(parts) for flight in part if chosen[groups[flight.bag]] == i]
+
+
+def _tasks(arguments: argparse.Namespace, config: Path | None) -> list:
     from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task
     from nav_pose_estimator.offline.flights import methods
     from nav_pose_estimator.offline.flights.config_file import load_parameters
@@ -96,9 +140,9 @@ def _tasks(arguments: argparse.Namespace) -> list:
         raise UserError("--methods and --lengths must name at least one method and one positive length")
     if not 0.0 < arguments.every < math.inf or arguments.jobs < 1:
         raise UserError("--every and --jobs must be positive")
-    shared = {"lengths": lengths, "every": arguments.every, "first": arguments.first, "config": arguments.config}
+    shared = {"lengths": lengths, "every": arguments.every, "first": arguments.first, "config": config}
     first = FIRST_OF_SHORT if arguments.first is None else arguments.first  # no outage of any flight begins sooner
-    shared["log"] = options_of(arguments, load_parameters(arguments.config).imu.max_gap, first)
+    shared["log"] = options_of(arguments, load_parameters(config).imu.max_gap, first)
     return [
         Task(
             bag=bag,
@@ -180,13 +224,26 @@ def _write_json(path: Path, flights: list, summaries: list, arguments: argparse.
 def _print(summaries: list, rows: list) -> None:
     from nav_pose_estimator.offline.benchmarks.outage.report import HEADER, table_rows
 
-    left_out = {(row.bag, row.length_s, row.start_s, row.status) for row in rows if row.status != "ok"}
-    for status in sorted({item[3] for item in left_out}):
-        count = len({item[:3] for item in left_out if item[3] == status})
-        print(f"note: {count} outages left out for all methods ({status})", file=sys.stderr)
+    left_out = {
+        (row.bag, row.length_s, row.start_s, f"{row.status}: {row.why}" if row.why else row.status)
+        for row in rows
+        if row.status != "ok"
+    }
+    for reason, count in sorted(Counter(item[3] for item in left_out).items()):
+        print(f"note: {count} outages left out for all methods ({reason})", file=sys.stderr)
     for bag, length in dict.fromkeys((s.bag, s.length_s) for s in summaries):
         table = [HEADER, *table_rows([s for s in summaries if (s.bag, s.length_s) == (bag, length)])]
         widths = [max(len(row[i]) for row in table) for i in range(len(HEADER))]
         print(f"\n{bag}, {length:g} s")
         for row in table:
             print("  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True)))
+
+
+def _print_verdicts(summaries: list) -> None:
+    from nav_pose_estimator.offline.benchmarks.outage.cross_validation import LEAST_OUTAGES, against_classical
+
+    print(f"\nRMS over that of each flight's best classical method, flights with {LEAST_OUTAGES} outages or more:")
+    for method, length in dict.fromkeys((s.method, s.length_s) for s in summaries):
+        mean, worst, count = against_classical(summaries, method, length)
+        if count:
+            print(f"{method}, {length:g} s: geometric mean {mean:.2f}, worst {worst:.2f} ({count} flights)")

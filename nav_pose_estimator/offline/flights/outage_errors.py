@@ -18,7 +18,10 @@ OK, NO_REFERENCE, NO_ESTIMATE, NOT_AIDED = "ok", "no_reference", "no_estimate", 
 
 @dataclass(frozen=True)
 class OutageErrors:
-    """Errors of one outage [m]; ``after`` (K,) [s], ``growth`` (K,) and ``sigma`` (K,) are the course of it."""
+    """Errors of one outage [m]; ``after`` (K,) [s], ``growth`` (K,) and ``sigma`` (K,) are the course of it.
+
+    ``why`` says what the navigator was in doubt of where it was not aided.
+    """
 
     start_s: float
     length_s: float
@@ -29,6 +32,7 @@ class OutageErrors:
     end_sigma_m: float = math.nan
     travelled_m: float = math.nan
     status: str = OK
+    why: str = ""
     after: np.ndarray = field(default_factory=lambda: np.empty(0))
     growth: np.ndarray = field(default_factory=lambda: np.empty(0))
     sigma: np.ndarray = field(default_factory=lambda: np.empty(0))

@@ -30,6 +30,7 @@ class GnssReception:
         self.enabled = True
         self.refusal = "no fix has arrived yet"
         self.satellites: int | None = None
+        self.noise_variance = 1.0  # parts of what is stated or set, as the flight has shown
         self._usable = False  # the last fix
         self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
 
@@ -82,11 +83,11 @@ class GnssReception:
     def position_noise(self, sample: GnssFix) -> np.ndarray:
         """R (3, 3) [m^2]: what the receiver states, at least the floor, inflated for errors shared between fixes."""
         R = _floored(self._known(sample.cov_enu), self._position_floor)
-        return R * (1.0 + self._correlation / self.fix_period)
+        return R * self.noise_variance * (1.0 + self._correlation / self.fix_period)
 
     def velocity_noise(self, sample: GnssVelocity) -> np.ndarray:
         """R (3, 3) [(m/s)^2]: the floor, or what the receiver states where that is larger."""
-        return _floored(self._known(sample.cov_enu, "velocity"), self._velocity_floor)
+        return self.noise_variance * _floored(self._known(sample.cov_enu, "velocity"), self._velocity_floor)
 
     @property
     def fix_period(self) -> float:

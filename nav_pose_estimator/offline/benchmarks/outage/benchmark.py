@@ -70,7 +70,7 @@ class _Start:
     snapshot: object
     index: int
     row: int
-    aided: bool
+    doubt: str  # why the navigator itself would not vouch for its pose; empty where it does
     state: np.ndarray | None  # last row of the solution, OUT_COLUMNS
 
 
@@ -141,10 +141,18 @@ def _aided_pass(recording: Recording, parameters: Parameters, runs: list[Outage]
             if row > done:
                 state = _last_row(engine.feed(_rows(sample, done, row)), state)
             done = row
-            yield _Start(waiting.pop(0), engine.snapshot(), index, done, engine.mode is Mode.AIDED, state)
+            yield _Start(waiting.pop(0), engine.snapshot(), index, done, _doubt(engine), state)
         state = _last_row(engine.feed(_rows(sample, done, None)), state)
         if isinstance(sample, (GnssFix, GnssVelocity)) and sample.stamp_ns <= next_imu[index] + _AHEAD_NS:
             newest_gnss = max(newest_gnss, sample.stamp_ns - delay_ns)
+
+
+def _doubt(engine: PoseEstimator) -> str:
+    """Why no outage can be judged that starts now: what the navigator says of itself, empty where it is aided."""
+    status = engine.status()
+    if status.mode is Mode.AIDED:
+        return status.gnss_refusal
+    return status.waiting_for or status.gnss_refusal or status.mode.value.lower()
 
 
 def _next_imu_stamps(samples: list[Sample]) -> list[int]:
@@ -242,10 +250,10 @@ def _judge(
 
     def file(method: str, start: _Start, track: Track) -> None:
         for outage in lengths_at[start.outage.start]:
-            if start.aided:
-                errors = judge(outage, fix_times, reference, track, lever)
+            if start.doubt:
+                errors = OutageErrors(outage.start, outage.length, status=NOT_AIDED, why=start.doubt)
             else:
-                errors = OutageErrors(outage.start, outage.length, status=NOT_AIDED)
+                errors = judge(outage, fix_times, reference, track, lever)
             out.errors.setdefault((method, outage.length), []).append(errors)
             if outage.length == start.outage.length:
                 curve = _curve(errors, grid)

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from nav_pose_estimator.offline.benchmarks.outage.benchmark import GRID, FlightResult
-from nav_pose_estimator.offline.benchmarks.outage.statistics import ALL, Summary
+from nav_pose_estimator.offline.benchmarks.outage.scores import probability
+from nav_pose_estimator.offline.benchmarks.outage.statistics import ALL, Row, Summary, comparable
 from nav_pose_estimator.offline.flights.methods import classical
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
@@ -26,12 +27,15 @@ HEADER = [
     "err/sigma",
     "ratio",
     "wins",
+    "1, 2 sigma",
+    "log score",
+    "energy m",
 ]
 
 
-def write_report(path: Path, flights: list[FlightResult], summaries: list[Summary]) -> None:
+def write_report(path: Path, flights: list[FlightResult], summaries: list[Summary], rows: list[Row]) -> None:
     """Write the page."""
-    page.write(path, "GNSS outages", _body(flights, summaries))
+    page.write(path, "GNSS outages", _body(flights, summaries, rows))
 
 
 def table_rows(summaries: list[Summary]) -> list[list[str]]:
@@ -48,21 +52,31 @@ def table_rows(summaries: list[Summary]) -> list[list[str]]:
             ("*" if s.rms_m == best["rms_m"] else "") + _number(s.rms_m),
             _number(s.p90_m),
             _number(s.max_m),
-            "–" if math.isnan(s.within_3_sigma) else f"{100.0 * s.within_3_sigma:.0f} %",
+            _share(s.within_3_sigma),
             _number(s.error_over_sigma, 2),
             _number(s.rms_ratio, 2),
-            "–" if math.isnan(s.win_rate) else f"{100.0 * s.win_rate:.0f} %",
+            _share(s.win_rate),
+            f"{_share(s.within_1_sigma)}, {_share(s.within_2_sigma)}",
+            _number(s.log_score, 2),
+            _number(s.energy_score_m),
         ]
         for s in summaries
     ]
 
 
-def _body(flights: list[FlightResult], summaries: list[Summary]) -> Iterator[str]:
+def _body(flights: list[FlightResult], summaries: list[Summary], rows: list[Row]) -> Iterator[str]:
     yield "<h1>GNSS outages</h1>"
     yield '<p class="soft">Horizontal error at the end of forced outages, mean over the fixes of the last 1.05 s, '
     yield "against ground truth or the withheld GNSS. Interval: bootstrap of the median, clustered by flight, within "
     yield "one flight by stretches of an outage's length. Ratio and wins: RMS and single outages against the best "
-    yield f"classical method of that flight ({', '.join(classical())}).</p>"
+    yield f"classical method of that flight ({', '.join(classical())}). Scores (log, energy) "
+    yield "are of the stated distribution; less is better. An honest sigma has 63, 98 and 100 % within 1, 2 and 3 "
+    yield "sigma and a median of error / sigma of 0.83.</p>"
+    reliability = _reliability(comparable(rows))
+    if reliability:
+        yield page.figure(
+            reliability, "Share of errors within the stated probability; on the diagonal sigma is honest."
+        )
     names = [flight.bag for flight in flights]
     bags = list(dict.fromkeys(names))
     for bag in ([ALL] if len(bags) > 1 else []) + bags:
@@ -72,6 +86,21 @@ def _body(flights: list[FlightResult], summaries: list[Summary]) -> Iterator[str
         for length in sorted({s.length_s for s in summaries if s.bag == bag}):
             chosen = [s for s in summaries if s.bag == bag and s.length_s == length]
             yield f"<p><b>{length:g} s</b></p>" + page.table(HEADER, table_rows(chosen))
+
+
+def _reliability(rows: list[Row]) -> str:
+    """All outages of each method that states a deviation: stated probability against the share that came true."""
+    plot = Plot("stated probability", "share of outages", height=320, y_range=(0.0, 1.0))
+    plot.line(np.array([0.0, 1.0]), np.array([0.0, 1.0]), "f dash")
+    styles, drawn = iter(_STYLES), False
+    for method in dict.fromkeys(row.method for row in rows):
+        pairs = np.array([(row.end_error_m, row.end_sigma_m) for row in rows if row.method == method])
+        pairs = pairs[pairs[:, 1] > 0.0]
+        if len(pairs):
+            stated = np.sort(probability(pairs[:, 0], pairs[:, 1]))
+            plot.line(stated, np.arange(1, len(stated) + 1) / len(stated), next(styles, "f"), method)
+            drawn = True
+    return plot.render() if drawn else ""
 
 
 def _flight(passes: list[FlightResult]) -> Iterator[str]:
@@ -108,6 +137,10 @@ def _map(flight: FlightResult) -> str:
         if math.isfinite(east):
             plot.mark(east, north, "dot")
     return plot.render()
+
+
+def _share(value: float) -> str:
+    return "–" if math.isnan(value) else f"{100.0 * value:.0f} %"
 
 
 def _number(value: float, digits: int = 1) -> str:

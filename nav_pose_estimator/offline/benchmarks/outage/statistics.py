@@ -1,11 +1,12 @@
 """From single outages to a table: medians with intervals, calibration, and who wins."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from nav_pose_estimator.offline.benchmarks.outage.scores import energy_score, log_score
 from nav_pose_estimator.offline.flights.methods import classical
 from nav_pose_estimator.offline.flights.outage_errors import OK
 
@@ -29,6 +30,7 @@ class Row:
     end_sigma_m: float
     travelled_m: float
     status: str
+    why: str = ""
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,10 @@ class Summary:
     best_classical: str
     rms_ratio: float
     win_rate: float
+    within_1_sigma: float
+    within_2_sigma: float
+    log_score: float
+    energy_score_m: float
 
 
 def comparable(rows: Iterable[Row]) -> list[Row]:
@@ -59,33 +65,52 @@ def comparable(rows: Iterable[Row]) -> list[Row]:
     return [row for row in rows if (row.bag, row.length_s, row.start_s) not in spoiled]
 
 
-def summarise(rows: Iterable[Row], seed: int = 1) -> list[Summary]:
-    """Every method, length and flight, then all flights together where there are several."""
+def summarise(rows: Iterable[Row], seed: int = 1, groups: Mapping[str, str] | None = None) -> list[Summary]:
+    """Every method, length and flight, then all flights together where there are several.
+
+    ``groups`` maps flights to what intervals are clustered by (airframes); by default each flight is a cluster.
+    """
     rows = comparable(rows)
     bags = list(dict.fromkeys(row.bag for row in rows))
-    groups = [(bag, [row for row in rows if row.bag == bag]) for bag in bags]
+    tables = [(bag, [row for row in rows if row.bag == bag]) for bag in bags]
     if len(bags) > 1:
-        groups.append((ALL, rows))
+        tables.append((ALL, rows))
     out = []
-    for bag, members in groups:
+    for bag, members in tables:
         for length in sorted({row.length_s for row in members}):
-            out += _compare(bag, length, [row for row in members if row.length_s == length], seed)
+            out += _compare(bag, length, [row for row in members if row.length_s == length], seed, groups or {})
     return out
 
 
-def _compare(bag: str, length: float, rows: list[Row], seed: int) -> list[Summary]:
+def _compare(bag: str, length: float, rows: list[Row], seed: int, groups: Mapping[str, str]) -> list[Summary]:
     methods = list(dict.fromkeys(row.method for row in rows))
     by_method = {method: [row for row in rows if row.method == method] for method in methods}
     rivals = {m: rms([row.end_error_m for row in r]) for m, r in by_method.items() if m in classical()}
     best = min(rivals, key=lambda method: rivals[method]) if rivals else ""
-    return [_summary(bag, method, length, by_method[method], best, by_method.get(best, []), seed) for method in methods]
+    interval = {m: bootstrap(_errors(r), clusters(r, groups), np.median, seed) for m, r in by_method.items()}
+    return [
+        _summary(bag, method, length, by_method[method], interval[method], best, by_method.get(best, []))
+        for method in methods
+    ]
 
 
-def _summary(bag: str, method: str, length: float, rows: list[Row], best: str, rival: list[Row], seed: int) -> Summary:
-    errors = np.array([row.end_error_m for row in rows])
+def _errors(rows: list[Row]) -> np.ndarray:
+    return np.array([row.end_error_m for row in rows])
+
+
+def _summary(
+    bag: str,
+    method: str,
+    length: float,
+    rows: list[Row],
+    interval: tuple[float, float],
+    best: str,
+    rival: list[Row],
+) -> Summary:
+    errors = _errors(rows)
     sigma = np.array([row.end_sigma_m for row in rows])
     known = np.isfinite(sigma) & (sigma > 0.0)
-    low, high = bootstrap(errors, clusters(rows), np.median, seed)
+    error, sigma = errors[known], sigma[known]
     other = {(row.bag, row.start_s): row.end_error_m for row in rival}
     pairs = [(row.end_error_m, other[row.bag, row.start_s]) for row in rows if (row.bag, row.start_s) in other]
     return Summary(
@@ -94,27 +119,33 @@ def _summary(bag: str, method: str, length: float, rows: list[Row], best: str, r
         length_s=length,
         outages=len(rows),
         median_m=float(np.median(errors)),
-        median_low_m=low,
-        median_high_m=high,
+        median_low_m=interval[0],
+        median_high_m=interval[1],
         rms_m=rms(errors),
         p90_m=float(np.percentile(errors, 90)),
         max_m=float(errors.max()),
-        within_3_sigma=_mean(errors[known] <= 3.0 * sigma[known]),
-        error_over_sigma=float(np.median(errors[known] / sigma[known])) if known.any() else math.nan,
+        within_3_sigma=_mean(error <= 3.0 * sigma),
+        error_over_sigma=float(np.median(error / sigma)) if known.any() else math.nan,
         best_classical=best,
         rms_ratio=rms(errors) / rms([b for _, b in pairs]) if pairs else math.nan,
         win_rate=_mean([(a < b) + 0.5 * (a == b) for a, b in pairs]),
+        within_1_sigma=_mean(error <= sigma),
+        within_2_sigma=_mean(error <= 2.0 * sigma),
+        log_score=_mean(log_score(error, sigma)),
+        energy_score_m=_mean(energy_score(error, sigma)),
     )
 
 
-def clusters(rows: list[Row]) -> np.ndarray:
-    """(N,) cluster of each outage. Flights where there are several; else stretches of one outage length of the flight.
+def clusters(rows: list[Row], groups: Mapping[str, str] | None = None) -> np.ndarray:
+    """(N,) cluster of each outage. Flights, or their ``groups``, where there are several; else stretches of one outage
+    length of the flight.
 
     Outages that overlap share their errors: counting them as independent would make the interval too narrow.
     """
     bags = list(dict.fromkeys(row.bag for row in rows))
     if len(bags) > 1:
-        return np.array([bags.index(row.bag) for row in rows])
+        names = [(groups or {}).get(row.bag, row.bag) for row in rows]
+        return np.unique(names, return_inverse=True)[1]
     first = min(row.start_s for row in rows)
     return np.array([int((row.start_s - first) / row.length_s + 1e-9) for row in rows])
 

@@ -1,0 +1,80 @@
+"""Selection without self-deception: what is chosen for an airframe is chosen on the others.
+
+Recordings of one airframe on one day, and all IMUs of one flight, share everything that a parameter could be fitted to:
+they are one group. For every group the candidate with the best score on all other groups is taken, and only the
+outages of the group that was held out are reported.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import numpy as np
+
+from nav_pose_estimator.offline.benchmarks.outage.scores import energy_score
+from nav_pose_estimator.offline.benchmarks.outage.statistics import ALL, Row, Summary, comparable
+from nav_pose_estimator.offline.flights.recording import sidecar
+
+LEAST_OUTAGES = 8
+GROUP_KEY = "group"
+"""Where NAME.json names the group of a recording."""
+
+
+def groups_of(bags: Sequence[Path], patterns: Sequence[str] = ()) -> dict[str, str]:
+    """File name of each bag -> its group: what NAME.json says, else the first of ``patterns`` that fits, else its own.
+
+    A pattern is a shell pattern of flight names, as in ``p4rtk_*``.
+    """
+    found = {}
+    for bag in bags:
+        name = bag.stem.removesuffix("_bag")
+        stated = sidecar(bag).get(GROUP_KEY)
+        fitting = [pattern for pattern in patterns if fnmatchcase(name, pattern)]
+        found[bag.name] = str(stated) if stated else (fitting[0] if fitting else name)
+    return found
+
+
+def choose(results: Sequence[Sequence[Row]], groups: Mapping[str, str], method: str) -> dict[str, int]:
+    """Group -> index of the candidate that does best with ``method`` on the other groups.
+
+    ``results`` holds the outages of every candidate. With a single group nothing can be held out: the first candidate.
+    """
+    table = [_scores(rows, groups, method) for rows in results]
+    chosen = {}
+    for held_out in dict.fromkeys(groups.values()):
+        others = [_mean(scores, held_out) for scores in table]
+        chosen[held_out] = int(np.argmin(others)) if np.isfinite(others).any() else 0
+    return chosen
+
+
+def against_classical(summaries: Sequence[Summary], method: str, length: float) -> tuple[float, float, int]:
+    """RMS of ``method`` over that of each flight's best classical method: geometric mean, largest, number of flights.
+
+    Flights with fewer than ``LEAST_OUTAGES`` outages of this length do not count.
+    """
+    chosen = [s for s in summaries if s.bag != ALL and s.method == method and s.length_s == length]
+    ratios = [s.rms_ratio for s in chosen if s.outages >= LEAST_OUTAGES and s.rms_ratio > 0.0]
+    if not ratios:
+        return math.nan, math.nan, 0
+    return float(np.exp(np.mean(np.log(ratios)))), max(ratios), len(ratios)
+
+
+def _scores(rows: Sequence[Row], groups: Mapping[str, str], method: str) -> dict[tuple[str, float], float]:
+    """(group, length) -> logarithm of the mean energy score of ``method``."""
+    values: dict[tuple[str, float], list[Row]] = {}
+    for row in comparable(rows):
+        if row.method == method:
+            values.setdefault((groups[row.bag], row.length_s), []).append(row)
+    return {key: math.log(max(_energy(members), 1e-9)) for key, members in values.items()}
+
+
+def _energy(rows: Sequence[Row]) -> float:
+    error, sigma = (np.array([getattr(row, name) for row in rows]) for name in ("end_error_m", "end_sigma_m"))
+    return float(energy_score(error, sigma).mean())
+
+
+def _mean(scores: Mapping[tuple[str, float], float], held_out: str) -> float:
+    """Every group and length counts alike, however far it flew: the logarithm of a geometric mean."""
+    others = [value for (group, _), value in scores.items() if group != held_out]
+    return float(np.mean(others)) if others else math.inf
