@@ -14,10 +14,11 @@ import numpy as np
 from nav_pose_estimator.core.alignment.rest import Stillness
 from nav_pose_estimator.core.alignment.types import KnownBiases
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.imu import physics
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, start_up
 from nav_pose_estimator.engine.navigator.engine_clock import EngineClock
-from nav_pose_estimator.engine.navigator.modes import ModeKeeper
+from nav_pose_estimator.engine.navigator.modes import DENIED, ModeKeeper
 from nav_pose_estimator.engine.navigator.split_filter import SplitFilter
 from nav_pose_estimator.engine.navigator.timeline import Timeline
 from nav_pose_estimator.engine.observation import Observation
@@ -28,6 +29,7 @@ from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.aids import AIDS
 from nav_pose_estimator.engine.sensors.fusion import Fusion
 from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss
+from nav_pose_estimator.engine.sensors.imu_doubt import ImuDoubt
 from nav_pose_estimator.engine.sensors.rest import Rest
 from nav_pose_estimator.engine.solutions import Level, Mode
 
@@ -58,11 +60,15 @@ class FilterRun:
         self.gnss.reception.enabled = use_gnss
         self.aids = {aid.sample: aid(parameters, self.aiding, journal) for aid in AIDS}
         self._rest = Rest(parameters, self.aiding, journal)
-        self._fusion = Fusion([*self.gnss.sensors, *self.aids.values(), self._rest], filter_setup.gates(parameters))
+        self._doubt = ImuDoubt(parameters, self.aiding, journal)
+        sensors = [*self.gnss.sensors, *self.aids.values(), self._rest, self._doubt]
+        self._fusion = Fusion(sensors, filter_setup.gates(parameters))
         self.timeline = Timeline(filter_setup.constants(parameters), self._fusion.apply, parameters.navigator.memory)
         self.aligner = start_up.StartUp(parameters, known)
         self.modes = ModeKeeper(parameters.navigator)
         self._stillness = Stillness()
+        self.imu_physics = physics.ImuPhysics()
+        self.look_due = -math.inf  # when to look at the IMU's physics next
         self.rest_due = -math.inf if parameters.aids.zero_velocity else math.inf  # when to look for rest next
 
     def copy(self, journal: Journal) -> FilterRun:
@@ -89,6 +95,17 @@ class FilterRun:
         return self.timeline.filter.time if self.timeline.running else self.aligner.time
 
     @property
+    def despair(self) -> str:
+        """Why the filter should start again; empty where it need not.
+
+        An IMU that proves to be none spoils attitude and biases for good. Without GNSS a start would be the end of the
+        solution: there it goes on as EXPIRED, with growing variances, until the IMU is well or GNSS is back.
+        """
+        if not self.timeline.running or self.modes.mode in DENIED:
+            return self.gnss.position.despair
+        return self.gnss.position.despair or self.imu_physics.refusal
+
+    @property
     def settled(self) -> SplitFilter:
         """The filter at the last IMU sample, with everything that has arrived."""
         self.timeline.settle()
@@ -112,6 +129,9 @@ class FilterRun:
 
     def align(self, row: np.ndarray) -> None:
         """One IMU row (1, 7) while the filter does not run yet."""
+        t = float(row[0, at.IMU_T])
+        if t >= self.look_due:
+            self.look_at_imu(t)
         self.timeline.remember(row)
         self.aligner.imu(row[0])
         self.try_start()
@@ -119,8 +139,8 @@ class FilterRun:
     def try_start(self) -> None:
         """Start the filter as soon as attitude and position are known."""
         start, now = self.aligner.result(), self.now
-        self.modes.note_alignment(self.aligner.has_attitude)
-        if start is None:
+        self.modes.note_alignment(self.aligner.has_attitude and not self.imu_physics.refusal)
+        if start is None or self.imu_physics.refusal:
             return
         nav, P = filter_setup.complete_start(start, self.timeline.filter.constants, self.parameters)
         if self.origin is None:
@@ -164,6 +184,24 @@ class FilterRun:
         if mean_rate is not None:
             self.observe(self._rest.observe(mean_rate, whole.view, self.clock.stamp(whole.time)))
 
+    def look_at_imu(self, t: float) -> None:
+        """Ahead of the IMU row at ``t``, the first one of a second: could the rows before have been an IMU's?"""
+        end = math.floor(t / physics.SECOND) * physics.SECOND
+        self.look_due = end + physics.SECOND
+        rows, running = self.timeline.rows_since(end - physics.REACH), self.timeline.running
+        doubt = self.imu_physics.look(end, rows, running, self.journal, self.clock.stamp(t))
+        if not running:
+            if self.imu_physics.refusal:
+                self.aligner = self.aligner.afresh(self.parameters)
+        elif self.modes.mode in DENIED:
+            whole = self.timeline.filter
+            if doubt is not None:
+                self.observe(self._doubt.observe(doubt, whole.time, self.clock.stamp(whole.time)))
+            fastest = self.parameters.gnss.reacquisition.max_speed
+            self.modes.distrust(
+                self.imu_physics.refusal or too_fast(whole.nav, fastest), self.journal, self.clock.stamp(t)
+            )
+
     # --- mode --------------------------------------------------------------------------------------------------------
 
     def mode_at(self, t: float) -> Mode:
@@ -177,3 +215,11 @@ class FilterRun:
     def mode_deadline(self, t: float) -> float:
         """The next time after ``t`` at which the mode may change by time alone."""
         return self.modes.deadline(t, self.aiding)
+
+
+def too_fast(nav: np.ndarray, fastest: float) -> str:
+    """One sentence where the navigator's own speed is above ``fastest`` [m/s], else empty."""
+    speed = math.hypot(nav[at.VEL], nav[at.VEL + 1])
+    if speed <= fastest:
+        return ""
+    return f"The navigator's own speed is {speed:.0f} m/s, which the vehicle cannot fly: it has lost its way."

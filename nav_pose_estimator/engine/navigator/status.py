@@ -22,13 +22,13 @@ def status_of(run: FilterRun) -> Status:
     if run.timeline.running:
         whole = run.settled
         t, later = whole.time, predicted_horizontal_sd(whole.nav, whole.P, whole.constants, _OUTLOOK)
-    values = {"alignment.restarts": float(run.aligner.restarts), **run.gnss.figures()}
+    values = {"alignment.restarts": float(run.aligner.restarts), **run.gnss.figures(), **run.imu_physics.figures()}
     for aid in run.aids.values():
         values.update(aid.figures())
     return Status(
         stamp_ns=run.clock.stamp(t),
         mode=run.modes.mode,
-        waiting_for="" if run.timeline.running else run.aligner.waiting_for(reception.refusal),
+        waiting_for=_waiting_for(run),
         seconds_coasting=run.modes.seconds_unaided(t, run.aiding.fix_used),
         horizontal_sd=sd,
         horizontal_sd_in_30_s=later,
@@ -37,3 +37,11 @@ def status_of(run: FilterRun) -> Status:
         counters=dict(run.journal.counters),
         values=values,
     )
+
+
+def _waiting_for(run: FilterRun) -> str:
+    """What keeps the navigator from being right, one sentence; empty where nothing does."""
+    refusal = run.imu_physics.refusal
+    if run.timeline.running:
+        return run.modes.distrust_reason or refusal
+    return refusal or run.aligner.waiting_for(run.gnss.reception.refusal)

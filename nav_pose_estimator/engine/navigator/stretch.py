@@ -26,7 +26,7 @@ def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBl
             done = sum(len(block.stamps_ns) for block in ahead)
             blocks += ahead
         stamps_ns, rows = stamps_ns[done:], rows[done:]
-        if run.gnss.position.despair:
+        if run.despair:
             break
     return blocks
 
@@ -41,14 +41,16 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
         run.declare_loss(now)
     if now >= run.rest_due:
         run.look_for_rest(now)
-    limit = min(run.mode_deadline(now), run.timeline.next_observation(quiet=False), run.rest_due)
+    if now >= run.look_due:
+        run.look_at_imu(now)
+    limit = min(run.mode_deadline(now), run.timeline.next_observation(quiet=False), run.rest_due, run.look_due)
     count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
-    if run.mode_at(now) is not run.modes.mode:
+    if run.mode_at(now) is not run.modes.mode or run.despair:
         count = 1  # the change has the time of its row, whatever the size of the blocks
     out = run.timeline.advance(rows[:count])
     now = float(times[count - 1])
     run.update_mode(now)
-    run.quiet_until = min(run.mode_deadline(now), run.timeline.next_observation(), run.rest_due)
+    run.quiet_until = min(run.mode_deadline(now), run.timeline.next_observation(), run.rest_due, run.look_due)
     return _blocks(run, stamps_ns[:count], out)
 
 
