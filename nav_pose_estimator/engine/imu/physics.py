@@ -44,6 +44,11 @@ class ImuPhysics:
         self._motion.forget_time()
 
     @property
+    def knows_anything(self) -> bool:
+        """Whether there has been a whole second of usable samples."""
+        return bool(self._seconds)
+
+    @property
     def refusal(self) -> str:
         """Why the IMU cannot be used, one sentence; empty where it can."""
         return "" if self._finding is None else f"The IMU is not plausible: {self._finding.sentence}."

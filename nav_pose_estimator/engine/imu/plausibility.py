@@ -21,6 +21,7 @@ _CONSTANT = 5  # s of an axis that never moves
 _CALM_TURN = 0.5  # rad/s: the mean over a second still tells where gravity is
 _STILL_FORCE, _STILL_TURN = 0.3, 0.05  # m/s^2 from sample to sample, rad/s: at rest, or a very smooth flight
 _RESTING = 5  # s
+_AIRBORNE = 3  # s on its back that a start in the air may not begin with
 _SCALE = 0.15  # of g: accelerometers at rest are better than that
 _LARGE = 6.0 * G  # no vehicle here bears this for seconds
 _INTERLEAVED_OF, _INTERLEAVED = 8, 5  # s, and how many of them
@@ -48,7 +49,7 @@ def absent(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
             "accelerometer come on two topics; let the driver join them"
         )
         return Finding("imu.implausible.no_accelerometer", text)
-    if all(not s.spread[:3].any() and not s.rate.any() and s.spread[3:].all() for s in seconds[-agreed - 1 :]):
+    if all(not s.spread[:3].any() and not s.rate.any() and s.spread[3:].all() for s in last):
         text = (
             "the gyroscope reads exactly zero while the accelerometer changes: half of the message is missing, "
             "probably they come on two topics; let the driver join them"
@@ -108,10 +109,10 @@ def scale(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
 
 
 def on_its_back(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
-    """Gravity pulls towards the body's top, at rest or for long in the air."""
+    """Gravity pulls towards the body's top, at rest or for seconds in the air."""
     still = all(s.vibration < 2.0 * _STILL_FORCE and s.turn < 2.0 * _STILL_TURN for s in seconds[-_AGREED:])
-    last = seconds[-_AGREED:] if still else seconds
-    if len(last) < (_AGREED if still else _INTERLEAVED_OF) or not all(s.force[2] < -0.7 * s.gravity for s in last):
+    last = seconds[-(_AGREED if still else _AIRBORNE) :]
+    if len(last) < (_AGREED if still else _AIRBORNE) or not all(s.force[2] < -0.7 * s.gravity for s in last):
         return None
     text = (
         f"the specific force along the body's z axis is {last[-1].force[2]:.1f} m/s^2 where upright it is 9.8: the "

@@ -15,6 +15,7 @@ from nav_pose_estimator.core.alignment.rest import Stillness
 from nav_pose_estimator.core.alignment.types import KnownBiases
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.imu import physics
+from nav_pose_estimator.engine.imu.doubt import Doubt
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, start_up
 from nav_pose_estimator.engine.navigator.engine_clock import EngineClock
@@ -69,6 +70,7 @@ class FilterRun:
         self._stillness = Stillness()
         self.imu_physics = physics.ImuPhysics()
         self.look_due = -math.inf  # when to look at the IMU's physics next
+        self._imu_despair = ""
         self.rest_due = -math.inf if parameters.aids.zero_velocity else math.inf  # when to look for rest next
 
     def copy(self, journal: Journal) -> FilterRun:
@@ -96,14 +98,8 @@ class FilterRun:
 
     @property
     def despair(self) -> str:
-        """Why the filter should start again; empty where it need not.
-
-        An IMU that proves to be none spoils attitude and biases for good. Without GNSS a start would be the end of the
-        solution: there it goes on as EXPIRED, with growing variances, until the IMU is well or GNSS is back.
-        """
-        if not self.timeline.running or self.modes.mode in DENIED:
-            return self.gnss.position.despair
-        return self.gnss.position.despair or self.imu_physics.refusal
+        """Why the filter should start again; empty where it need not."""
+        return self.gnss.position.despair or self._imu_despair
 
     @property
     def settled(self) -> SplitFilter:
@@ -185,22 +181,36 @@ class FilterRun:
             self.observe(self._rest.observe(mean_rate, whole.view, self.clock.stamp(whole.time)))
 
     def look_at_imu(self, t: float) -> None:
-        """Ahead of the IMU row at ``t``, the first one of a second: could the rows before have been an IMU's?"""
+        """Ahead of the IMU row at ``t``, the first one of a second: could the rows before have been an IMU's?
+
+        One that proves to be none spoils attitude and biases for good: the filter starts again and waits. Without GNSS
+        that would be the end of the solution; it goes on as EXPIRED, with growing variances, until GNSS is back.
+        """
         end = math.floor(t / physics.SECOND) * physics.SECOND
         self.look_due = end + physics.SECOND
-        rows, running = self.timeline.rows_since(end - physics.REACH), self.timeline.running
-        doubt = self.imu_physics.look(end, rows, running, self.journal, self.clock.stamp(t))
+        rows, running, stamp_ns = (
+            self.timeline.rows_since(end - physics.REACH),
+            self.timeline.running,
+            self.clock.stamp(t),
+        )
+        doubt = self.imu_physics.look(end, rows, running, self.journal, stamp_ns)
+        refusal = self.imu_physics.refusal
         if not running:
-            if self.imu_physics.refusal:
+            if refusal:
                 self.aligner = self.aligner.afresh(self.parameters)
-        elif self.modes.mode in DENIED:
-            whole = self.timeline.filter
-            if doubt is not None:
-                self.observe(self._doubt.observe(doubt, whole.time, self.clock.stamp(whole.time)))
-            fastest = self.parameters.gnss.reacquisition.max_speed
-            self.modes.distrust(
-                self.imu_physics.refusal or too_fast(whole.nav, fastest), self.journal, self.clock.stamp(t)
-            )
+        elif self.modes.mode not in DENIED or t - self.aiding.fix_offered < self.aiding.lost_after:
+            self._imu_despair = refusal
+        else:
+            self._doubt_unaided(doubt, refusal)
+
+    def _doubt_unaided(self, doubt: Doubt | None, refusal: str) -> None:
+        """Without GNSS, what is known of the IMU makes the solution less certain, or worthless."""
+        whole = self.timeline.filter
+        stamp_ns = self.clock.stamp(whole.time)
+        if doubt is not None:
+            self.observe(self._doubt.observe(doubt, whole.time, stamp_ns))
+        reason = refusal or too_fast(whole.nav, self.parameters.gnss.reacquisition.max_speed)
+        self.modes.distrust(reason, self.journal, stamp_ns)
 
     # --- mode --------------------------------------------------------------------------------------------------------
 

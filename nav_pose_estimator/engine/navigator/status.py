@@ -9,6 +9,7 @@ from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.solutions import Status
 
 _OUTLOOK = 30.0  # s
+_MANY = 50  # refused samples
 
 
 def horizontal_deviation(run: FilterRun) -> float:
@@ -44,4 +45,10 @@ def _waiting_for(run: FilterRun) -> str:
     refusal = run.imu_physics.refusal
     if run.timeline.running:
         return run.modes.distrust_reason or refusal
+    if not run.imu_physics.knows_anything and run.journal.counters["imu.rejected.force"] > _MANY:
+        limit = run.parameters.imu.max_force
+        return f"IMU samples are refused, their specific force is above {limit:g} m/s^2: probably in cm/s^2 or mg."
+    if not run.imu_physics.knows_anything and run.journal.counters["imu.rejected.rate"] > _MANY:
+        limit = run.parameters.imu.max_rate
+        return f"IMU samples are refused, their angular rate is above {limit:g} rad/s: probably in deg/s."
     return refusal or run.aligner.waiting_for(run.gnss.reception.refusal)
