@@ -47,6 +47,7 @@ class Use(Enum):
     UNGATED = 2
     RESET = 3  # the position is put on the observation, whatever the filter thought
     WIDENING = 4  # the covariance grows by ``Decision.reference``; nothing is corrected
+    DOUBTED = 5  # the sensor itself adds to the covariance; nothing is corrected
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from nav_pose_estimator.core.alignment.types import KnownBiases
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import keep_blocks
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
+from nav_pose_estimator.engine.imu.physics import ImuPhysics
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, start_up
 from nav_pose_estimator.engine.navigator.engine_clock import EngineClock
@@ -30,6 +31,7 @@ from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.aids import AIDS
 from nav_pose_estimator.engine.sensors.fusion import Fusion
 from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss
+from nav_pose_estimator.engine.sensors.imu_doubt import ImuDoubt
 from nav_pose_estimator.engine.sensors.rest import Rest
 from nav_pose_estimator.engine.solutions import Level, Mode
 
@@ -61,7 +63,9 @@ class FilterRun:
         self.gnss.reception.enabled = use_gnss
         self.aids = {aid.sample: aid(parameters, self.aiding, journal) for aid in AIDS}
         self.rest = Rest(parameters, self.aiding, journal)
-        self._fusion = Fusion([*self.gnss.sensors, *self.aids.values(), self.rest], filter_setup.gates(parameters))
+        self.imu_doubt = ImuDoubt(parameters, self.aiding, journal)
+        sensors = [*self.gnss.sensors, *self.aids.values(), self.rest, self.imu_doubt]
+        self._fusion = Fusion(sensors, filter_setup.gates(parameters))
         self.noise = noise or NoiseIdentification()
         self.gnss.reception.noise_variance = self.noise.gnss_variance
         constants = filter_setup.constants(parameters, self.noise.imu_variance)
@@ -69,6 +73,8 @@ class FilterRun:
         self.aligner = start_up.StartUp(parameters, known)
         self.modes = ModeKeeper(parameters.navigator)
         self.stillness = Stillness()
+        self.imu_physics = ImuPhysics()
+        self.imu_despair = ""  # why the IMU cannot be one, where that has spoiled the filter
         self.second_due = -math.inf  # when to look back on the last second next
 
     def copy(self, journal: Journal) -> FilterRun:
@@ -101,6 +107,11 @@ class FilterRun:
         return self.timeline.filter.time if self.timeline.running else self.aligner.time
 
     @property
+    def despair(self) -> str:
+        """Why the filter should start again; empty where it need not."""
+        return self.gnss.position.despair or self.imu_despair
+
+    @property
     def settled(self) -> SplitFilter:
         """The filter at the last IMU sample, with everything that has arrived."""
         self.timeline.settle()
@@ -131,8 +142,8 @@ class FilterRun:
     def try_start(self) -> None:
         """Start the filter as soon as attitude and position are known."""
         start, now = self.aligner.result(), self.now
-        self.modes.note_alignment(self.aligner.has_attitude)
-        if start is None:
+        self.modes.note_alignment(self.aligner.has_attitude and not self.imu_physics.refusal)
+        if start is None or self.imu_physics.refusal:
             return
         nav, P = filter_setup.complete_start(start, self.timeline.filter.constants, self.parameters)
         if self.origin is None:

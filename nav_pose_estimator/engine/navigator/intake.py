@@ -80,6 +80,7 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
         return
     observation = run.gnss.velocity.observe(sample, t - run.parameters.gnss.delay)
     assert observation.stated_R is not None
+    run.imu_physics.velocity(observation.t, sample.vel_enu)
     run.aligner.velocity(observation.t, sample.vel_enu, observation.stated_R)
     if run.timeline.running:
         run.observe(observation)

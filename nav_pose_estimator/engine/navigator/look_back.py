@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from nav_pose_estimator.core.alignment.rest import Stillness
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import noise_identification
+from nav_pose_estimator.engine.imu import physics
+from nav_pose_estimator.engine.imu.doubt import Doubt
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
+from nav_pose_estimator.engine.navigator.modes import DENIED
 
 _GROUNDED = 1.0  # m/s
 _ROWS = 1.5 * noise_identification.PERIOD  # s: the last second began with the row before it
@@ -18,7 +23,14 @@ def look_back(run: FilterRun, t: float) -> None:
 
     It is decided with what has arrived by then, and stays when the past is replayed.
     """
-    run.second_due = (math.floor(t / Stillness.PERIOD) + 1.0) * Stillness.PERIOD
+    end = math.floor(t / Stillness.PERIOD) * Stillness.PERIOD
+    run.second_due = end + Stillness.PERIOD
+    if run.timeline.running:
+        _look_at_motion(run)
+    _look_at_imu(run, t, end)
+
+
+def _look_at_motion(run: FilterRun) -> None:
     whole, mean_rate = run.timeline.filter, run.stillness.add(run.timeline.recent_rows(Stillness.PERIOD))
     if run.parameters.imu.learn_noise:
         _identify_noise(run, rests=mean_rate is not None)
@@ -35,3 +47,39 @@ def _identify_noise(run: FilterRun, rests: bool) -> None:
     elif run.noise.note(whole.nav, whole.P, whole.constants, run.timeline.recent_rows(_ROWS)):
         run.gnss.reception.noise_variance = run.noise.gnss_variance
         run.renew_constants()
+
+
+def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
+    """Could the rows of the second up to ``end`` have been an IMU's?
+
+    One that proves to be none spoils attitude and biases for good: the filter starts again and waits. Without GNSS that
+    would be the end of the solution; it goes on as EXPIRED, with growing variances, until GNSS is back.
+    """
+    rows, stamp_ns = run.timeline.rows_since(end - physics.REACH), run.clock.stamp(t)
+    doubt = run.imu_physics.look(end, rows, run.timeline.running, run.journal, stamp_ns)
+    refusal = run.imu_physics.refusal
+    if not run.timeline.running:
+        if refusal:
+            run.aligner = run.aligner.afresh(run.parameters)
+    elif run.modes.mode not in DENIED or t - run.aiding.fix_offered < run.aiding.lost_after:
+        run.imu_despair = refusal
+    else:
+        _doubt_unaided(run, doubt, refusal)
+
+
+def _doubt_unaided(run: FilterRun, doubt: Doubt | None, refusal: str) -> None:
+    """Without GNSS, what is known of the IMU makes the solution less certain, or worthless."""
+    whole = run.timeline.filter
+    stamp_ns = run.clock.stamp(whole.time)
+    if doubt is not None:
+        run.observe(run.imu_doubt.observe(doubt, whole.time, stamp_ns))
+    reason = refusal or _too_fast(whole.nav, run.parameters.gnss.reacquisition.max_speed)
+    run.modes.distrust(reason, run.journal, stamp_ns)
+
+
+def _too_fast(nav: np.ndarray, fastest: float) -> str:
+    """One sentence where the navigator's own speed is above ``fastest`` [m/s], else empty."""
+    speed = math.hypot(nav[at.VEL], nav[at.VEL + 1])
+    if speed <= fastest:
+        return ""
+    return f"The navigator's own speed is {speed:.0f} m/s, which the vehicle cannot fly: it has lost its way."

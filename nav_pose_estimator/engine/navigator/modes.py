@@ -23,6 +23,8 @@ class ModeKeeper:
     def __init__(self, parameters: NavigatorParameters) -> None:
         self._parameters = parameters
         self.mode = Mode.WAITING_IMU
+        self.distrust_reason = ""
+        """Why a solution without GNSS is not to be trusted at all, one sentence; empty where it is."""
 
     def set_parameters(self, parameters: NavigatorParameters) -> None:
         """New times that separate the modes."""
@@ -31,6 +33,14 @@ class ModeKeeper:
     def note_alignment(self, has_attitude: bool) -> None:
         """While the filter does not run: aligning, or level but without a position."""
         self.mode = Mode.NO_ORIGIN if has_attitude else Mode.ALIGNING
+
+    def distrust(self, reason: str, journal: Journal, stamp_ns: int) -> None:
+        """Without GNSS, ``reason`` not empty: from now on the solution counts as expired, until GNSS has mended it."""
+        if reason and not self.distrust_reason:
+            self.distrust_reason = reason
+            journal.say(
+                stamp_ns, "navigator.distrusted", Level.ERROR, f"not to be trusted until GNSS is back: {reason}"
+            )
 
     def seconds_unaided(self, t: float, last_used: float) -> float:
         """Seconds since the last used fix while GNSS counts as lost, else zero."""
@@ -50,6 +60,8 @@ class ModeKeeper:
     def update(self, t: float, aiding: Aiding, refusal: str, journal: Journal, stamp: Callable[[float], int]) -> Mode:
         """The mode at ``t`` of a running filter; a change is an event. ``refusal``: why the last fix was not used."""
         mode = self.at(t, aiding)
+        if mode is Mode.AIDED:
+            self.distrust_reason = ""
         if mode is not self.mode:
             was_denied, is_denied = self.mode in DENIED, mode in DENIED
             level = Level.WARN if is_denied and not was_denied else Level.INFO
@@ -65,6 +77,6 @@ class ModeKeeper:
             return Mode.AIDED
         if t - aiding.fix_offered < _OFFER_HOLDS and aiding.fix_offered > aiding.fix_used + self._parameters.lost_after:
             return Mode.REACQUIRING
-        if gap >= self._parameters.expire_after:
+        if gap >= self._parameters.expire_after or self.distrust_reason:
             return Mode.EXPIRED
         return Mode.COASTING if t - aiding.drift_bounded < _AID_HOLDS else Mode.DEAD_RECKONING

@@ -79,6 +79,8 @@ class SinsEngine:
             parameters = self.parameters  # a field model that said nothing (the clock was not set yet?) is asked again
         noise = None if known is None else before.noise  # the same flight goes on
         self.run = FilterRun(parameters, self.journal, before.origin, self._gnss_enabled, known, noise)
+        self.run.imu_physics = before.imu_physics
+        self.run.imu_physics.forget_time()
 
     def status(self) -> Status:
         """What a pilot wants to know."""
@@ -136,11 +138,11 @@ class SinsEngine:
             while len(rows):
                 ahead = stretch.carry(self.run, stamps_ns, rows)
                 blocks += ahead
-                if not self.run.gnss.position.despair:
+                if not self.run.despair:
                     break
                 done = int(stamps_ns.searchsorted(ahead[-1].stamps_ns[-1], side="right"))
                 stamps_ns, rows = stamps_ns[done:], rows[done:]
                 clock = self.run.clock  # the rows that follow count from it
-                self._restart(int(ahead[-1].stamps_ns[-1]), self.run.gnss.position.despair)
+                self._restart(int(ahead[-1].stamps_ns[-1]), self.run.despair)
                 self.run.clock = clock
         return blocks

@@ -60,6 +60,12 @@ class StartUp:
         twin.__dict__ = copy.deepcopy(self.__dict__, memo)
         return twin
 
+    def afresh(self, parameters: Parameters) -> StartUp:
+        """A start that has seen nothing, at the same time."""
+        twin = StartUp(parameters, self.known_biases)
+        twin.time = self.time
+        return twin
+
     def imu(self, row: np.ndarray) -> None:
         """One IMU row [t, gyro, accel] in body axes."""
         self.time = float(row[at.IMU_T])

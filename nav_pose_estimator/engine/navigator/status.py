@@ -9,6 +9,7 @@ from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.solutions import Status
 
 _OUTLOOK = 30.0  # s
+_MANY = 50  # refused samples
 
 
 def horizontal_deviation(run: FilterRun) -> float:
@@ -22,13 +23,14 @@ def status_of(run: FilterRun) -> Status:
     if run.timeline.running:
         whole = run.settled
         t, later = whole.time, predicted_horizontal_sd(whole.nav, whole.P, whole.constants, _OUTLOOK)
-    values = {"alignment.restarts": float(run.aligner.restarts), **run.gnss.figures(), **run.noise.figures()}
+    values = {"alignment.restarts": float(run.aligner.restarts), **run.gnss.figures()}
+    values.update(run.noise.figures() | run.imu_physics.figures())
     for aid in run.aids.values():
         values.update(aid.figures())
     return Status(
         stamp_ns=run.clock.stamp(t),
         mode=run.modes.mode,
-        waiting_for="" if run.timeline.running else run.aligner.waiting_for(reception.refusal),
+        waiting_for=_waiting_for(run),
         seconds_coasting=run.modes.seconds_unaided(t, run.aiding.fix_used),
         horizontal_sd=sd,
         horizontal_sd_in_30_s=later,
@@ -37,3 +39,17 @@ def status_of(run: FilterRun) -> Status:
         counters=dict(run.journal.counters),
         values=values,
     )
+
+
+def _waiting_for(run: FilterRun) -> str:
+    """What keeps the navigator from being right, one sentence; empty where nothing does."""
+    refusal = run.imu_physics.refusal
+    if run.timeline.running:
+        return run.modes.distrust_reason or refusal
+    if not run.imu_physics.knows_anything and run.journal.counters["imu.rejected.force"] > _MANY:
+        limit = run.parameters.imu.max_force
+        return f"IMU samples are refused, their specific force is above {limit:g} m/s^2: probably in cm/s^2 or mg."
+    if not run.imu_physics.knows_anything and run.journal.counters["imu.rejected.rate"] > _MANY:
+        limit = run.parameters.imu.max_rate
+        return f"IMU samples are refused, their angular rate is above {limit:g} rad/s: probably in deg/s."
+    return refusal or run.aligner.waiting_for(run.gnss.reception.refusal)

@@ -20,6 +20,8 @@ def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBl
     blocks: list[NavBlock] = []
     while len(rows):
         if not run.timeline.running:
+            if rows[0, at.IMU_T] >= run.second_due:
+                look_back(run, float(rows[0, at.IMU_T]))
             run.align(rows[:1])
             done = 1
         else:
@@ -27,7 +29,7 @@ def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBl
             done = sum(len(block.stamps_ns) for block in ahead)
             blocks += ahead
         stamps_ns, rows = stamps_ns[done:], rows[done:]
-        if run.gnss.position.despair:
+        if run.despair:
             break
     return blocks
 
@@ -44,7 +46,7 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
         look_back(run, now)
     limit = min(run.mode_deadline(now), run.timeline.next_observation(quiet=False), run.second_due)
     count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
-    if run.mode_at(now) is not run.modes.mode:
+    if run.mode_at(now) is not run.modes.mode or run.despair:
         count = 1  # the change has the time of its row, whatever the size of the blocks
     out = run.timeline.advance(rows[:count])
     now = float(times[count - 1])

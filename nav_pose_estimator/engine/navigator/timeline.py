@@ -77,6 +77,10 @@ class Timeline:
         """The IMU rows (N, 7) of the last ``seconds``, as far as the memory reaches; not to be written to."""
         return self._imu.recent(self.filter.time - seconds)
 
+    def rows_since(self, t: float) -> np.ndarray:
+        """The IMU rows (N, 7) later than ``t`` [s], as far as the memory reaches; not to be written to."""
+        return self._imu.recent(t)
+
     # --- input -------------------------------------------------------------------------------------------------------
 
     def observe(self, observation: Observation) -> bool:

@@ -36,7 +36,7 @@ class Fusion:
         if o.decision.use is Use.WIDENING:
             f.P[:] *= o.decision.reference * bias_noise.overstatement(f.nav)
             return
-        if o.decision.use is not Use.LEFT_OUT:
+        if o.decision.use not in (Use.LEFT_OUT, Use.DOUBTED):
             self._correct(sensor, o, o.decision, f, first)
         sensor.settle(o, f)
 

@@ -33,6 +33,7 @@ class Record:
     events: list[Event] = field(default_factory=list)
     modes: list[tuple[float, Mode]] = field(default_factory=list)
     imu_samples: int = 0
+    _reset_ns: int = -1
 
     def take(self, outputs: Iterable[Output]) -> None:
         """File the outputs of one call of ``feed``."""
@@ -50,10 +51,13 @@ class Record:
     def _note_event(self, event: Event) -> None:
         if event.name == RESET:  # until the next solution there is none: the mode before must not seem to last
             self._note_mode(event.stamp_ns, Mode.ALIGNING)
+            self._reset_ns = event.stamp_ns
         if event.text:
             self.events.append(event)
 
     def _note_mode(self, stamp_ns: int, mode: Mode) -> None:
+        if stamp_ns <= self._reset_ns:  # of the call that ended with the reset: events come ahead of solutions
+            return
         if not self.modes or self.modes[-1][1] is not mode:
             self.modes.append(((stamp_ns - self.epoch_ns) * 1e-9, mode))
 

@@ -1,0 +1,117 @@
+"""Do gyroscope and accelerometer tell the motion that GNSS velocity tells? And if not, which usual mistake would?
+
+Over a second the velocity changes by ``u = dv - g T`` as far as forces cause it. The IMU says the same as ``c R s``:
+the impulse ``s``, its specific force integrated with its own rates from some first attitude on, turned by one rotation
+``R`` that nobody knows, and ``c`` = 1. Over some seconds the rotation is found by least squares (Wahba's problem;
+Markley, J. Astronaut. Sci. 36(3), 1988, by singular values), and what it leaves is the misfit. A wrong unit, sign or
+axis of one sensor leaves a misfit that no rotation mends, but the inverse of the mistake does.
+
+Turning both sensors alike changes nothing here. So the gyroscope's axes against the accelerometer's are the 24
+rotations that map axes on axes, times the sign of the gyroscope, times the sign of the accelerometer; the last one
+costs nothing, because ``-s`` only turns the sign of the smallest singular value.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+BINS = 25
+"""Parts of a second in which rates and forces are summed before they are integrated."""
+_LONGEST_STEP = 0.25  # s: what one IMU sample may stand for
+DEGREE = math.pi / 180.0
+
+
+def axis_rotations() -> Array:
+    """(24, 3, 3): the rotations that map axes on axes, the identity first."""
+    found = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            matrix = np.zeros((3, 3))
+            matrix[range(3), order] = signs
+            if np.linalg.det(matrix) > 0.0:
+                found.append(matrix)
+    return np.array(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Second:
+    """One second of an IMU: sums over its ``BINS`` of rate (BINS, 3) [rad] and of specific force (BINS, 3) [m/s]."""
+
+    angle: Array
+    impulse: Array
+
+
+def second_of(rows: Array, start: float) -> Second | None:
+    """The second that begins at ``start`` [s], of IMU rows (N, 7) with one from before it first; None if it has holes.
+
+    Each row stands for the time since the one before it.
+    """
+    step = np.diff(rows[:, 0])
+    own = rows[1:]
+    if len(own) < 5 or step.max() > _LONGEST_STEP or abs(own[-1, 0] - start - 1.0) > _LONGEST_STEP:
+        return None
+    place = np.clip(((own[:, 0] - start) * BINS).astype(int), 0, BINS - 1)
+    sums = [np.bincount(place, weights=step * own[:, axis], minlength=BINS) for axis in range(1, 7)]
+    return Second(np.column_stack(sums[:3]), np.column_stack(sums[3:]))
+
+
+class Fit(NamedTuple):
+    """How well hypotheses (H,) fit: ``misfit`` of the forces' norm, and the ``scale`` by which to multiply force."""
+
+    misfit: Array
+    scale: Array
+    inverted_misfit: Array
+    """... were the accelerometer's sign inverted."""
+    inverted_scale: Array
+
+
+def fit(seconds: list[Second], u: Array, gyros: Array) -> Fit:
+    """Compare consecutive ``seconds`` with ``u`` (S, 3), for ``gyros`` (H, 3, 3): true from published rates."""
+    s = impulses(seconds, gyros)
+    B = np.einsum("ji,hjk->hik", u, s)
+    left, singular, right = np.linalg.svd(B)
+    sign = np.sign(np.linalg.det(left) * np.linalg.det(right))
+    own, wanted = np.einsum("hji,hji->h", s, s) + 1e-12, float(np.sum(u * u))
+    traces = [singular[:, 0] + singular[:, 1] + side * sign * singular[:, 2] for side in (1.0, -1.0)]
+    misfits = [np.sqrt(np.maximum(1.0 - trace**2 / (own * wanted), 0.0)) for trace in traces]
+    return Fit(misfits[0], traces[0] / own, misfits[1], traces[1] / own)
+
+
+def impulses(seconds: list[Second], gyros: Array) -> Array:
+    """(H, S, 3) [m/s]: the specific force of each second, integrated in the axes at the beginning of the first one."""
+    angle = np.array([one.angle for one in seconds])  # (S, BINS, 3)
+    impulse = np.array([one.impulse for one in seconds])
+    turned = np.einsum("hik,sbk->bhsi", gyros, angle)
+    steps = _rotations(turned)
+    H, S = len(gyros), len(seconds)
+    attitude = np.broadcast_to(np.eye(3), (H, S, 3, 3))
+    sums = np.zeros((H, S, 3))
+    for b in range(BINS):
+        # the force acts midway through the bin
+        middle = impulse[:, b] + 0.5 * np.cross(turned[b], impulse[:, b])
+        sums = sums + (attitude @ middle[..., None])[..., 0]
+        attitude = attitude @ steps[b]
+    out, start = np.empty((H, S, 3)), np.broadcast_to(np.eye(3), (H, 3, 3))
+    for j in range(S):
+        out[:, j] = (start @ sums[:, j, :, None])[..., 0]
+        start = start @ attitude[:, j]
+    return out
+
+
+def _rotations(v: Array) -> Array:
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad] (Rodrigues)."""
+    angle = np.sqrt(np.sum(v * v, axis=-1))[..., None, None]
+    K = np.zeros((*v.shape, 3))
+    K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    K -= np.swapaxes(K, -1, -2)
+    small = angle < 1e-8
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 1.0, np.sin(safe) / safe)
+    b = np.where(small, 0.5, (1.0 - np.cos(safe)) / safe**2)
+    return np.eye(3) + a * K + b * (K @ K)

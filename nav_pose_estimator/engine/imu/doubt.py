@@ -1,0 +1,71 @@
+"""How far a second of IMU data may have led the navigator astray: dead, clipped or struck sensors."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.imu.rules import CLIPPED_FORCE, CLIPPED_RATE
+
+_DEAD = 0.2  # s without any change: no live sensor sends one value for so long
+_STRUCK_FORCE, _STRUCK_RATE = 50.0, 10.0  # m/s^2, rad/s away from the last good second
+_USUAL_FORCE, _USUAL_RATE = 2.0, 0.2  # m/s^2, rad/s: what a vehicle does while a sensor is dead
+_BEYOND = 0.3  # of the range: how far a clipped value may have been beyond it
+_MOST_TILT, _MOST_SPEED = 1.0, 200.0  # rad, m/s
+_LEAST_TILT, _LEAST_SPEED = 0.005, 0.2  # less is within the filter's own noise
+
+
+class Doubt(NamedTuple):
+    """Deviations to be added to attitude [rad] and velocity [m/s]."""
+
+    tilt: float
+    speed: float
+
+
+class DoubtMeter:
+    """Compares each second with the last good one."""
+
+    def __init__(self) -> None:
+        self._usual: np.ndarray | None = None  # (6,) means of the last good second
+
+    def measure(self, rows: np.ndarray) -> Doubt | None:
+        """Of the IMU rows (N, 7) of a second, with one from before it; None where nothing is wrong with them."""
+        if len(rows) < 3:
+            return None
+        step, values = np.diff(rows[:, at.IMU_T]), rows[1:, at.IMU_GYRO :]
+        same = rows[1:, at.IMU_GYRO :] == rows[:-1, at.IMU_GYRO :]
+        usual = values.mean(axis=0) if self._usual is None else self._usual
+        tilt = _led_astray(step, values[:, :3], same[:, :3], usual[:3], _STRUCK_RATE, _USUAL_RATE, CLIPPED_RATE)
+        speed = _led_astray(step, values[:, 3:], same[:, 3:], usual[3:], _STRUCK_FORCE, _USUAL_FORCE, CLIPPED_FORCE)
+        if tilt < _LEAST_TILT and speed < _LEAST_SPEED:
+            self._usual = values.mean(axis=0)
+            return None
+        return Doubt(min(tilt, _MOST_TILT), min(speed, _MOST_SPEED))
+
+
+def _led_astray(
+    step: np.ndarray,
+    values: np.ndarray,
+    same: np.ndarray,
+    usual: np.ndarray,
+    struck: float,
+    moves: float,
+    range_: float,
+) -> float:
+    """Integral [unit s] of what one sensor's ``values`` (N, 3) may be wrong by: ``step`` (N,) s each."""
+    away = np.sqrt(((values - usual) ** 2).sum(axis=1))
+    total = float((step * away)[away > struck].sum())
+    all_same = same.all(axis=1)
+    change = np.flatnonzero(~all_same)
+    begin, end = np.append(0, change), np.append(change, len(step))
+    ends_at = np.append(0.0, np.cumsum(step))
+    lasts = ends_at[end] - ends_at[begin]
+    longest = int(np.argmax(lasts))
+    if lasts[longest] >= _DEAD:
+        total += float(lasts[longest]) * max(moves, float(away[begin[longest] : end[longest]].mean()))
+    clipped = same & (np.abs(values) > range_) & ~all_same[:, None]
+    total += _BEYOND * float((step[:, None] * np.abs(values))[clipped].sum())
+    return total if math.isfinite(total) else 0.0

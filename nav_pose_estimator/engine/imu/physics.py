@@ -1,0 +1,110 @@
+"""Whether the IMU is an IMU: what its samples cannot be, before a navigator is aligned with them and in flight."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.imu import plausibility
+from nav_pose_estimator.engine.imu.doubt import Doubt, DoubtMeter
+from nav_pose_estimator.engine.imu.motion_check import MotionCheck
+from nav_pose_estimator.engine.imu.plausibility import Finding
+from nav_pose_estimator.engine.imu.seconds import ImuSecond, second_of
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.samples import Vector3
+from nav_pose_estimator.engine.solutions import Level
+
+SECOND = 1.0
+"""s of IMU that ``look`` is given, and one sample before them."""
+REACH = 1.3
+"""s that hold them."""
+_WELL = 3  # s in a row without a finding, and with gravity in the mean force, that end one
+_LEAST, _MOST = 0.6 * plausibility.G, 1.6 * plausibility.G  # m/s^2: gravity is in it
+_TWO_IMUS_LAST = 30  # ... but a vehicle at rest hides a second IMU
+_HEAVY = 15.0  # m/s^2 from sample to sample: rectification is likely
+
+
+class ImuPhysics:
+    """Takes the IMU second by second. ``refusal`` is empty, or says in one sentence why it is not to be used."""
+
+    def __init__(self) -> None:
+        self._seconds: deque[ImuSecond] = deque(maxlen=plausibility.MEMORY)
+        self._motion = MotionCheck()
+        self._doubt = DoubtMeter()
+        self._finding: Finding | None = None
+        self._well = 0
+        self._shakes = False
+
+    def forget_time(self) -> None:
+        """The navigator starts again: forget samples, keep what they have proved."""
+        self._seconds.clear()
+        self._motion.forget_time()
+
+    @property
+    def knows_anything(self) -> bool:
+        """Whether there has been a whole second of usable samples."""
+        return bool(self._seconds)
+
+    @property
+    def refusal(self) -> str:
+        """Why the IMU cannot be used, one sentence; empty where it can."""
+        return "" if self._finding is None else f"The IMU is not plausible: {self._finding.sentence}."
+
+    def velocity(self, t: float, velocity: Vector3) -> None:
+        """GNSS velocity ENU [m/s] valid at ``t`` [s]."""
+        self._motion.velocity(t, velocity)
+
+    def look(self, end: float, rows: np.ndarray, in_flight: bool, journal: Journal, stamp_ns: int) -> Doubt | None:
+        """Judge the second up to ``end`` (a whole one), of which ``rows`` (N, 7) has all and one row more.
+
+        Returns how far it may have led a navigator astray; None where nothing is wrong with it.
+        """
+        own = rows[np.searchsorted(rows[:, at.IMU_T], end - SECOND) :]
+        with_one_more = rows[max(len(rows) - len(own) - 1, 0) :]
+        self._motion.second(round(end), with_one_more)
+        doubt = self._doubt.measure(with_one_more)
+        second = second_of(own, end)
+        if second is None:
+            return doubt
+        self._seconds.append(second)
+        found = plausibility.find(list(self._seconds), in_flight) or self._motion.finding
+        self._tell(found, _LEAST < second.gravity < _MOST, journal, stamp_ns)
+        self._watch_vibration(second, journal, stamp_ns)
+        return doubt
+
+    def _tell(self, found: Finding | None, has_gravity: bool, journal: Journal, stamp_ns: int) -> None:
+        before = self._finding
+        if found is not None:
+            self._well = 0
+            self._finding = found
+            if before is None or before.name != found.name:
+                journal.say(stamp_ns, found.name, Level.ERROR, f"the IMU is not plausible: {found.sentence}")
+            return
+        self._well = self._well + 1 if has_gravity else 0
+        if before is None:
+            return
+        if self._well >= (_TWO_IMUS_LAST if before.name == "imu.implausible.two_imus" else _WELL):
+            self._finding = None
+            journal.say(stamp_ns, "imu.implausible.ended", Level.INFO, "the IMU is plausible again")
+
+    def _watch_vibration(self, second: ImuSecond, journal: Journal, stamp_ns: int) -> None:
+        shakes = second.vibration > (0.7 * _HEAVY if self._shakes else _HEAVY)
+        if shakes and not self._shakes:
+            text = (
+                f"the IMU shakes by {second.vibration:.0f} m/s^2 from sample to sample, mean force "
+                f"{second.gravity:.1f} m/s^2: expect errors of vertical velocity; dampen the mount"
+            )
+            journal.say(stamp_ns, "imu.vibration", Level.WARN, text, vibration=second.vibration)
+        self._shakes = shakes
+
+    def figures(self) -> dict[str, float]:
+        """What the status shows, by names that begin with ``imu``."""
+        last = self._seconds[-1] if self._seconds else None
+        return {
+            "imu.vibration_m_s2": math.nan if last is None else last.vibration,
+            "imu.mean_force_m_s2": math.nan if last is None else last.gravity,
+            "imu.motion_misfit": self._motion.misfit,
+        }

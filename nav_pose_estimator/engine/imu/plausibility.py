@@ -1,0 +1,147 @@
+"""What an IMU cannot read, whatever the vehicle does: one function for each mistake, each gives a finding or None.
+
+They look at the last seconds (``seconds.ImuSecond``), the newest last. On sixteen recorded flights (rotors that shake
+by 17 m/s^2, loops with 3 g, a tumble, a crash) the mean force was below 2.5 m/s^2 in no two calm seconds in a row, and
+above 30 m/s^2 for five at most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nav_pose_estimator.engine.imu.seconds import ImuSecond
+
+G = 9.81  # m/s^2
+_AGREED = 2  # s in a row that decide before the filter runs
+_AGREED_IN_FLIGHT = 4  # ... and in flight, where they end a solution
+_CONSTANT = 5  # s of an axis that never moves
+_CALM_TURN = 0.5  # rad/s: the mean over a second still tells where gravity is
+_STILL_FORCE, _STILL_TURN = 0.3, 0.05  # m/s^2 from sample to sample, rad/s: at rest, or a very smooth flight
+_RESTING = 5  # s
+_AIRBORNE = 3  # s on its back that a start in the air may not begin with
+_SCALE = 0.15  # of g: accelerometers at rest are better than that
+_LARGE = 6.0 * G  # no vehicle here bears this for seconds
+_INTERLEAVED_OF, _INTERLEAVED = 8, 5  # s, and how many of them
+_AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that an IMU of this vehicle cannot say. ``name`` of its event, ``sentence`` for the pilot."""
+
+    name: str
+    sentence: str
+
+
+Check = Callable[[Sequence[ImuSecond], int], "Finding | None"]
+"""Takes the last seconds and how many of them have to agree."""
+
+
+def absent(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
+    """A sensor that reads exactly zero while time passes: a message with only one half."""
+    last = seconds[-agreed:]
+    if all(not s.spread[3:].any() and not s.force.any() for s in last):
+        text = (
+            "the accelerometer reads exactly zero: half of the message is missing, probably gyroscope and "
+            "accelerometer come on two topics; let the driver join them"
+        )
+        return Finding("imu.implausible.no_accelerometer", text)
+    if all(not s.spread[:3].any() and not s.rate.any() and s.spread[3:].all() for s in last):
+        text = (
+            "the gyroscope reads exactly zero while the accelerometer changes: half of the message is missing, "
+            "probably they come on two topics; let the driver join them"
+        )
+        return Finding("imu.implausible.no_gyroscope", text)
+    return None
+
+
+def dead_axis(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
+    """One axis that never changes while the two others do."""
+    last = seconds[-_CONSTANT:]
+    if len(last) < _CONSTANT:
+        return None
+    for name, first, moves in (("gyroscope", 0, 0.2), ("accelerometer", 3, 1.0)):
+        spread = np.array([s.spread[first : first + 3] for s in last])
+        for axis in range(3):
+            others = np.delete(spread, axis, axis=1)
+            if not spread[:, axis].any() and (others > moves).all():
+                text = f"the {name}'s {_AXES[axis]} axis does not change while the others do: it is dead or not filled"
+                return Finding("imu.implausible.dead_axis", text)
+    return None
+
+
+def gravity_missing(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
+    """The mean specific force is far from 9.8 m/s^2: in g, or without gravity."""
+    last = seconds[-agreed:]
+    norm = sum(s.norm for s in last) / len(last)
+    mean = sum(s.gravity for s in last) / len(last)
+    if all(0.6 < s.norm < 1.6 and s.gravity > 0.8 * s.norm for s in last):
+        text = f"the mean specific force is {norm:.2f} m/s^2 instead of 9.8: the accelerometer is probably in g"
+        return Finding("imu.implausible.in_g", text)
+    if all(s.gravity < 0.25 * G and s.turn < _CALM_TURN for s in last):
+        text = (
+            f"the mean specific force is {mean:.2f} m/s^2 instead of 9.8: the driver probably takes gravity away; "
+            "use its raw acceleration"
+        )
+        return Finding("imu.implausible.no_gravity", text)
+    return None
+
+
+def scale(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
+    """The specific force at rest is not that of gravity, or larger than a vehicle bears."""
+    mean = seconds[-1].gravity
+    if all(s.gravity > _LARGE for s in seconds[-_AGREED_IN_FLIGHT:]) and len(seconds) >= _AGREED_IN_FLIGHT:
+        text = f"the mean specific force has been {mean:.0f} m/s^2 for seconds: probably another unit than m/s^2"
+        return Finding("imu.implausible.force_scale", text)
+    last = seconds[-_RESTING:]
+    still = all(s.vibration < _STILL_FORCE and s.turn < _STILL_TURN for s in last)
+    steady = max(s.gravity for s in last) - min(s.gravity for s in last) < 0.02 * mean
+    if len(last) == _RESTING and still and steady and abs(mean - G) > _SCALE * G:
+        text = (
+            f"the specific force at rest is {mean:.2f} m/s^2 instead of 9.8, {mean / G:.2f} times as much: the "
+            "accelerometer's unit or range is probably wrong"
+        )
+        return Finding("imu.implausible.force_scale", text)
+    return None
+
+
+def on_its_back(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
+    """Gravity pulls towards the body's top, at rest or for seconds in the air."""
+    still = all(s.vibration < 2.0 * _STILL_FORCE and s.turn < 2.0 * _STILL_TURN for s in seconds[-_AGREED:])
+    last = seconds[-(_AGREED if still else _AIRBORNE) :]
+    if len(last) < (_AGREED if still else _AIRBORNE) or not all(s.force[2] < -0.7 * s.gravity for s in last):
+        return None
+    text = (
+        f"the specific force along the body's z axis is {last[-1].force[2]:.1f} m/s^2 where upright it is 9.8: the "
+        "vehicle lies on its back, or the accelerometer is inverted, or its axes are FRD (imu.convention) or "
+        "turned (imu.mounting_rpy)"
+    )
+    return Finding("imu.implausible.upside_down", text)
+
+
+def two_imus(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
+    """Every other sample lies elsewhere."""
+    if sum(s.interleaved for s in seconds) < _INTERLEAVED:
+        return None
+    text = "every other IMU sample tells another motion than the rest: two IMUs probably publish on one topic"
+    return Finding("imu.implausible.two_imus", text)
+
+
+ALWAYS: tuple[Check, ...] = (absent, gravity_missing, scale, dead_axis, two_imus)
+"""Checks that hold in every attitude and motion."""
+BEFORE_THE_START: tuple[Check, ...] = (*ALWAYS, on_its_back)
+"""A vehicle in flight may be on its back; one that starts so is more likely mounted otherwise than told."""
+MEMORY = _INTERLEAVED_OF
+"""s that the checks look back at."""
+
+
+def find(seconds: Sequence[ImuSecond], in_flight: bool) -> Finding | None:
+    """The first finding of the checks; None where the IMU is plausible or too little is known."""
+    agreed = _AGREED_IN_FLIGHT if in_flight else _AGREED
+    if len(seconds) < agreed:
+        return None
+    checks = ALWAYS if in_flight else BEFORE_THE_START
+    return next((found for check in checks if (found := check(seconds, agreed)) is not None), None)

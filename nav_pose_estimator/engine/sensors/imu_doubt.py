@@ -1,0 +1,35 @@
+"""Doubt about the IMU itself: where its samples cannot be trusted, attitude and velocity are less certain."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nav_pose_estimator.core.filter.layout import DVEL, PHI
+from nav_pose_estimator.engine.imu.doubt import Doubt
+from nav_pose_estimator.engine.observation import Decision, FilterView, Kind, Observation, Use
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.sensors.sensor import Sensor
+
+_STATES = np.r_[PHI : PHI + 3, DVEL : DVEL + 3]
+
+
+class ImuDoubt(Sensor):
+    """Corrects nothing: the covariance grows by independent variances of attitude and velocity."""
+
+    kind = Kind("imu_doubt", precedence=0)
+
+    def set_parameters(self, parameters: Parameters) -> None:
+        """It has none."""
+
+    def observe(self, doubt: Doubt, t: float, stamp_ns: int) -> Observation:
+        """The doubt about the second up to ``t``."""
+        self._journal.count("imu_doubt.used")
+        return Observation(t, stamp_ns, self.kind, doubt)
+
+    def decide(self, o: Observation, f: FilterView) -> Decision:
+        """It always acts."""
+        return Decision(Use.DOUBTED)
+
+    def settle(self, o: Observation, f: FilterView) -> None:
+        """Add the variances."""
+        f.P[_STATES, _STATES] += np.repeat([o.measured.tilt**2, o.measured.speed**2], 3)
