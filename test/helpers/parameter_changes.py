@@ -33,6 +33,7 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "imu.accel_noise": 0.04,
         "imu.gyro_bias_sd": 0.008,
         "imu.learn_gyro_bias_sd": False,
+        "imu.learn_noise": False,
         "imu.gyro_bias_tau": 6000.0,
         "imu.accel_bias_sd": 0.06,
         "imu.accel_bias_tau": 600.0,
