@@ -1,6 +1,9 @@
 """The way back to the autopilot, piece by piece: frames with known answers, times, permission, echoes, misuse."""
 
 import math
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +17,8 @@ from nav_pose_estimator.engine.parameters.schema import ParameterError, update
 from nav_pose_estimator.engine.samples import GnssFix
 from nav_pose_estimator.engine.solutions import Mode, NavSolution
 from nav_pose_estimator.nodes.sins_node import SinsNode
+from nav_pose_estimator.ros import qos
+from nav_pose_estimator.ros.autopilot import link
 from nav_pose_estimator.ros.autopilot.channels import MavrosGps, MavrosOdometry, Px4Odometry, quality
 from nav_pose_estimator.ros.autopilot.echo import EchoWatch, Finding
 from nav_pose_estimator.ros.autopilot.frames import attitude_frd_to_ned, px4_north_east
@@ -214,6 +219,22 @@ def test_an_expired_pose_is_not_given_again_before_gnss_has_aided(always, answer
     )
     permission = Permission(always)
     assert [permission.ask(mode) for mode in modes] == answers
+
+
+def test_a_navigator_that_has_started_again_begins_a_new_stretch(monkeypatch):
+    """GIVEN when: always WHEN three seconds are missing THEN PX4 counts a reset, and one only."""
+    heard = []
+    publisher = SimpleNamespace(publish=lambda m: heard.append(m.reset_counter), get_subscription_count=lambda: 1)
+    monkeypatch.setattr(qos, "advertise", lambda *_: publisher)
+    monkeypatch.setattr(qos, "subscribe", lambda *_: None)
+    monkeypatch.setattr(link, "message_kind", lambda name, word: partial(make, name.replace("/", "/msg/")))
+    node = SimpleNamespace(resolve_topic_name=str, say=lambda *_: None)
+    values = {"ros.output.autopilot": "px4", "ros.output.autopilot_when": "always"}
+    output = link.autopilot_link(node, update(Parameters(), values))
+    for i in [*range(100), *range(400, 500)]:
+        output.publish(replace(solution(), stamp_ns=STAMP + i * 10_000_000, mode=Mode.AIDED))
+    assert set(heard[:20]) == {1}
+    assert set(heard[-20:]) == {2}
 
 
 # --- echoes --------------------------------------------------------------------------------------------------------

@@ -213,6 +213,19 @@ def replace_expiry(parameters: Any, seconds: float) -> Any:
     return replace(parameters, navigator=replace(parameters.navigator, expire_after=seconds))
 
 
+def test_an_outage_over_dds(started, observer, flight):
+    """GIVEN a listener in another context WHEN GNSS is lost THEN it hears odometry with the frames of MAVROS."""
+    played = Played(started(PoseEstimatorNode, "-p", "ros.output.autopilot:=mavros"))
+    messages = observer.listen(Odometry, "autopilot/odometry")
+    (publisher,) = (p for p in played.node.publishers if p.topic_name == "/autopilot/odometry")
+    observer.until(publisher.get_subscription_count, "the listener")
+    until = flight.start_ns + int((LOST + 3.0) * 1e9)
+    played.play(s for s in lost_and_found(flight, LOST, LENGTH, 0.0) if (s.stamp_ns or 0) < until)
+    observer.until(lambda: len(messages) >= 5, "odometry")
+    assert Mavros().read(messages[-1]).t > flight.start_ns * 1e-9 + LOST
+    assert (messages[-1].header.frame_id, messages[-1].child_frame_id) == ("odom", "base_link")
+
+
 # --- feedback ------------------------------------------------------------------------------------------------------
 def test_our_own_pose_as_gnss_is_not_used_and_named(wired, flight):
     """GIVEN an autopilot that publishes what it got from us as its position WHEN that comes in as gps/fix in an outage

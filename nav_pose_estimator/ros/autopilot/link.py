@@ -29,6 +29,7 @@ _CHANNELS: dict[str, tuple[str, str, type[Any]]] = {
 _PX4_SAYS = "fmu/out/vehicle_local_position"
 _FUSED_TOPICS = ("global_position/global", "vehicle_global_position")
 _DRY_RUN_RATE = 1.0  # Hz
+_STRETCH_NS = 1_000_000_000
 
 
 def autopilot_link(node: Any, parameters: Parameters) -> "AutopilotLink | NoLink":
@@ -74,11 +75,13 @@ class AutopilotLink:
 
     def publish(self, solution: NavSolution) -> None:
         """One solution, if it may leave and is due."""
-        self._newest_ns = solution.stamp_ns
+        since_ns, self._newest_ns = solution.stamp_ns - self._newest_ns, solution.stamp_ns
         may = self._permission.ask(solution.mode)
         if may is not self._sends:
             self._sends = may
             self._turn(solution)
+        elif may and not 0 <= since_ns <= _STRETCH_NS:
+            self.channel.begin(solution)  # the navigator has started again in between
         if not may or not self._pace.is_due(solution.stamp_ns):
             return
         self.channel.fill(solution)
