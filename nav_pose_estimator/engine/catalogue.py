@@ -45,7 +45,8 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "autopilot.feedback",
             "gps/fix repeats the pose that the autopilot gets from here: a feedback loop, its fixes are not used",
-            "give gps/fix and gps/vel the topics of the receiver itself, not of what the autopilot has fused",
+            "give gps/fix and gps/vel the topics of the receiver itself, not of what the autopilot has fused; after"
+            " EXPIRED start the node again",
         ),
         Entry("autopilot.feedback.fixes", "a fix that lay on our own track and was not used", "see autopilot.feedback"),
         Entry("autopilot.feedback.ended", "gps/fix no longer repeats our own pose"),
