@@ -23,7 +23,7 @@ def shared_files(folder: str) -> list[tuple[str, list[str]]]:
     """Every file below ``folder``, as setuptools wants it: one entry per directory of share."""
     found: dict[str, list[str]] = {}
     for path in sorted(Path(folder).rglob("*")):
-        if path.is_file():
+        if path.is_file() and "__pycache__" not in path.parts:
             found.setdefault(f"{SHARE}/{path.parent.as_posix()}", []).append(path.as_posix())
     return list(found.items())
 
@@ -43,6 +43,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (SHARE, ["package.xml"]),
         *shared_files("config"),
+        *shared_files("launch"),
         *shared_files("bags"),
     ],
     zip_safe=False,

@@ -1,6 +1,7 @@
 """``colcon build`` of the repository; the built package used as ROS uses it: lib/, share/ and the ament index."""
 
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -58,13 +59,30 @@ def test_executables_lie_where_ros2_run_looks(install):
     assert all(os.access(path, os.X_OK) for path in folder.iterdir())
 
 
-def test_share_holds_manifest_parameters_and_bags(install, repository):
+def test_share_holds_manifest_parameters_launch_files_and_bags(install, repository):
     share = install / NAME / "share" / NAME
     assert (share / "package.xml").is_file()
-    for folder in ("config", "bags"):
+    for folder in ("config", "launch", "bags"):
         shipped = {path.relative_to(repository) for path in (repository / folder).rglob("*") if path.is_file()}
         installed = {path.relative_to(share) for path in (share / folder).rglob("*") if path.is_file()}
         assert installed == shipped
+
+
+def test_the_parameter_files_of_the_commands_in_the_docs_exist(install, repository):
+    """GIVEN the installed package WHEN a command of README, docs or a driver's file is typed THEN its files are there.
+
+    ``ros2 pkg prefix`` prints the folder that the ament index gives, here ``install/PACKAGE``.
+    """
+    prefix, named = str(install / NAME), []
+    for path in [repository / "README.md", *(repository / "docs").glob("*.md"), *(repository / "config").iterdir()]:
+        text = path.read_text(encoding="utf-8")
+        folder = re.search(r"C=(\$\(ros2 pkg prefix \w+\)\S+)", text)
+        files = re.findall(r"--params-file\s+(\$C/\S+)", text)
+        assert folder or not files, f"{path.name} uses $C and does not set it"
+        assert not re.search(r"ros2 run[^`]*--params-file config/", text), path.name
+        named += [file.replace("$C", folder[1]).replace(f"$(ros2 pkg prefix {NAME})", prefix) for file in files]
+    assert len(named) > 8
+    assert [file for file in named if not Path(file).is_file()] == []
 
 
 def test_the_ament_index_knows_the_package(built, install):

@@ -40,6 +40,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "engine.composed": {"core", "engine.*"},
     "ros.messages": {"core", "engine", "engine.parameters"},
     "ros": {"core", "engine.*", "ros.messages"},
+    "ros.autopilot": {"core", "engine", "engine.parameters", "engine.navigator", "ros", "ros.messages"},
     "sim": {"core", "engine", "sim.vehicles"},
     "sim.vehicles": {"core", "sim"},
     "offline": {"core", "engine", "sim.*", "offline.bags"},  # the command line and what simulates
@@ -53,7 +54,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "offline.benchmarks.outage": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.attitude": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.speed": {"core", "engine.*", "ros.messages", "offline.*"},
-    "nodes": {"core", "engine.*", "sim.*", "ros", "ros.messages"},
+    "nodes": {"core", "engine.*", "sim.*", "ros", "ros.autopilot", "ros.messages"},
 }  # fmt: skip
 MUTUAL = {("sim", "sim.vehicles"), ("offline", "offline.bags")}
 """Rooms that may need each other: the simulator is told as one story; the command line and helpers are everybody's."""

@@ -38,6 +38,24 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("callback.failed.*", "a message led to an error in this package and was not used", "report it, please"),
         Entry("output.withheld.nan", "a solution was not a number and was not published", "report it with a bag"),
     ),
+    "The way back to the autopilot": (
+        Entry("autopilot.sending", "the autopilot gets the pose from now on; the sentence says what is missing"),
+        Entry("autopilot.silent", "the autopilot no longer gets the pose; the sentence says why"),
+        Entry("autopilot.dry_run", "what would have been sent", "set ros.output.autopilot_dry_run to false to send it"),
+        Entry(
+            "autopilot.feedback",
+            "gps/fix repeats the pose that the autopilot gets from here: a feedback loop, its fixes are not used",
+            "give gps/fix and gps/vel the topics of the receiver itself, not of what the autopilot has fused; after"
+            " EXPIRED start the node again",
+        ),
+        Entry("autopilot.feedback.fixes", "a fix that lay on our own track and was not used", "see autopilot.feedback"),
+        Entry("autopilot.feedback.ended", "gps/fix no longer repeats our own pose"),
+        Entry(
+            "autopilot.feedback.topic",
+            "gps/fix is mapped to the position that the autopilot has fused",
+            "map it to the receiver: global_position/raw/fix of MAVROS, vehicle_gps_position of PX4",
+        ),
+    ),
     "IMU": (
         Entry("imu.gap", "no IMU data for longer than imu.max_gap: aligning anew", "find out why the IMU stopped"),
         Entry(

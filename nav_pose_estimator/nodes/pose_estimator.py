@@ -7,6 +7,7 @@ from functools import partial
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, PredictedDrift, Status
 from nav_pose_estimator.ros import inputs, services, spin, wording
+from nav_pose_estimator.ros.autopilot.link import autopilot_link
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.outputs import AttitudeOutput, LearnerOutput, NavigationOutput
@@ -23,9 +24,10 @@ class PoseEstimatorNode(EstimatorNode):
         super().__init__("pose_estimator", partial(PoseEstimator, train=trainer.submit))
         self._attitude = AttitudeOutput(self, self.parameters)
         self._navigation = NavigationOutput(self, self.parameters)
+        self._autopilot = autopilot_link(self, self.parameters)
         self.listen(inputs.imu(self.parameters), needed=True)
         for source in inputs.of_navigator(self.parameters):
-            self.listen(source, needed=source.topic == "gps/fix")
+            self.listen(self._autopilot.screened(source), needed=source.topic == "gps/fix")
         services.offer_gnss(self)
         self._learned, pupil = LearnerOutput(self, self.parameters), self.engine.outage_aid
         model = self.parameters.ros.model
@@ -57,6 +59,7 @@ class PoseEstimatorNode(EstimatorNode):
             return
         self._navigation.publish_origin(solution.stamp_ns, self.engine.origin)
         self._navigation.publish(solution)
+        self._autopilot.publish(solution)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -8,6 +8,7 @@ from nav_pose_estimator.engine.navigator.modes import LEVELLING
 from nav_pose_estimator.engine.outage.methods.method import TrainingJob
 from nav_pose_estimator.engine.solutions import NavSolution
 from nav_pose_estimator.ros import inputs, services, spin
+from nav_pose_estimator.ros.autopilot.link import autopilot_link
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.outputs import NavigationOutput
 
@@ -22,9 +23,10 @@ class SinsNode(EstimatorNode):
     def __init__(self) -> None:
         super().__init__("sins_node", partial(PoseEstimator, attitude=False, train=_leave_to_anfis_node))
         self._output = NavigationOutput(self, self.parameters)
+        self._autopilot = autopilot_link(self, self.parameters)
         self.listen(inputs.imu(self.parameters), needed=True)
         for source in inputs.of_navigator(self.parameters):
-            self.listen(source, needed=source.topic == "gps/fix")
+            self.listen(self._autopilot.screened(source), needed=source.topic == "gps/fix")
         # wanted only until the filter runs
         self.listen(inputs.ATTITUDE, choose=lambda data: self.engine.mode in LEVELLING)
         self.listen(inputs.PREDICTION)
@@ -35,6 +37,7 @@ class SinsNode(EstimatorNode):
         """Everything that the navigator knows."""
         self._output.publish_origin(solution.stamp_ns, self.engine.origin)
         self._output.publish(solution)
+        self._autopilot.publish(solution)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -9,7 +9,10 @@ from typing import Any
 
 from nav_pose_estimator.engine.solutions import Event, Level
 
-_ALWAYS = ("mode.", "reset", "aligned", "gnss.reset", "set_pose", "time.", "outage.trained", "outage.model.")
+_ALWAYS = (
+    *("mode.", "reset", "aligned", "gnss.reset", "set_pose", "time."),
+    *("outage.trained", "outage.model.", "autopilot."),
+)
 
 
 class Logbook:

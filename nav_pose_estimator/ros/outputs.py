@@ -13,7 +13,7 @@ from std_msgs.msg import Bool
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import ParameterError
-from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolution, PredictedDrift
+from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, PredictedDrift
 from nav_pose_estimator.ros import qos
 from nav_pose_estimator.ros.messages import outgoing
 from nav_pose_estimator.ros.pace import Pace
@@ -79,7 +79,7 @@ class NavigationOutput:
             if self._tf is not None:
                 self._tf.publish(solution)
         if self._fix_pace.is_due(stamp) and qos.is_heard(self._fix):
-            outgoing.fill_fix(self._fix_message, solution, solution.mode is not Mode.EXPIRED)
+            outgoing.fill_fix(self._fix_message, solution)
             self._fix.publish(self._fix_message)
         if self._bias_pace.is_due(stamp):
             for publisher, bias in ((self._gyro_bias, solution.gyro_bias), (self._accel_bias, solution.accel_bias)):

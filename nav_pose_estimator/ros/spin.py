@@ -4,7 +4,10 @@ Ends with exit code 0 on SIGINT and SIGTERM. ``spin_once`` with a time-out works
 ``spin`` misses signals; the events executor, where there is one, halves the cost of a callback.
 """
 
-from collections.abc import Callable, Sequence
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import rclpy
@@ -73,8 +76,35 @@ def _spin(node: Node, is_over: Callable[[Any], bool]) -> None:
     executor = make_executor()
     executor.add_node(node)
     try:
-        while rclpy.ok() and not is_over(node):
-            executor.spin_once(timeout_sec=_TIMEOUT)
+        with _signals() as asked:
+            while rclpy.ok() and not asked() and not is_over(node):
+                executor.spin_once(timeout_sec=_TIMEOUT)
     finally:
         executor.remove_node(node)
         executor.shutdown()
+
+
+@contextmanager
+def _signals() -> Iterator[Callable[[], bool]]:
+    """SIGINT and SIGTERM as a question that the loop asks: whether one has come. A second one interrupts.
+
+    rclpy's own handlers would end the context, or raise KeyboardInterrupt, in the middle of a callback, and the
+    executor prints a traceback for that.
+    """
+    count = 0
+
+    def note(*_: Any) -> None:
+        nonlocal count
+        count += 1
+        if count > 1:
+            raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():  # signals are none of its business
+        yield lambda: False
+        return
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: count > 0
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

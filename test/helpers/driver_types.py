@@ -11,6 +11,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 SENSOR_COMBINED, SENSOR_GPS = "px4_msgs/msg/SensorCombined", "px4_msgs/msg/SensorGps"
 AIRSPEED, DIFFERENTIAL_PRESSURE = "px4_msgs/msg/Airspeed", "px4_msgs/msg/DifferentialPressure"
+VEHICLE_ODOMETRY, VEHICLE_LOCAL_POSITION = "px4_msgs/msg/VehicleOdometry", "px4_msgs/msg/VehicleLocalPosition"
+GPSINPUT = "mavros_msgs/msg/GPSINPUT"
 GPS_FIX, NAV_PVT, GPSRAW = "gps_msgs/msg/GPSFix", "ublox_msgs/msg/NavPVT", "mavros_msgs/msg/GPSRAW"
 
 _GPS_TAIL = """
@@ -160,6 +162,97 @@ int32 hdg_acc
 uint16 yaw
 uint8 dgps_numch
 uint32 dgps_age
+""",
+    GPSINPUT: """
+std_msgs/Header header
+uint8 fix_type
+uint8 gps_id
+uint16 ignore_flags
+uint32 time_week_ms
+uint16 time_week
+int32 lat
+int32 lon
+float32 alt
+float32 hdop
+float32 vdop
+float32 vn
+float32 ve
+float32 vd
+float32 speed_accuracy
+float32 horiz_accuracy
+float32 vert_accuracy
+uint8 satellites_visible
+uint16 yaw
+""",
+    VEHICLE_ODOMETRY: """
+uint64 timestamp
+uint64 timestamp_sample
+uint8 pose_frame
+float32[3] position
+float32[4] q
+uint8 velocity_frame
+float32[3] velocity
+float32[3] angular_velocity
+float32[3] position_variance
+float32[3] orientation_variance
+float32[3] velocity_variance
+uint8 reset_counter
+int8 quality
+""",
+    VEHICLE_LOCAL_POSITION: """
+uint64 timestamp
+uint64 timestamp_sample
+bool xy_valid
+bool z_valid
+bool v_xy_valid
+bool v_z_valid
+float32 x
+float32 y
+float32 z
+float32[2] delta_xy
+uint8 xy_reset_counter
+float32 delta_z
+uint8 z_reset_counter
+float32 vx
+float32 vy
+float32 vz
+float32 z_deriv
+float32[2] delta_vxy
+uint8 vxy_reset_counter
+float32 delta_vz
+uint8 vz_reset_counter
+float32 ax
+float32 ay
+float32 az
+float32 heading
+float32 heading_var
+float32 unaided_heading
+float32 delta_heading
+uint8 heading_reset_counter
+bool heading_good_for_control
+float32 tilt_var
+bool xy_global
+bool z_global
+uint64 ref_timestamp
+float64 ref_lat
+float64 ref_lon
+float32 ref_alt
+bool dist_bottom_valid
+float32 dist_bottom
+float32 dist_bottom_var
+float32 delta_dist_bottom
+uint8 dist_bottom_reset_counter
+uint8 dist_bottom_sensor_bitfield
+float32 eph
+float32 epv
+float32 evh
+float32 evv
+bool dead_reckoning
+float32 vxy_max
+float32 vz_max
+float32 hagl_min
+float32 hagl_max_z
+float32 hagl_max_xy
 """,
 }
 STORE = get_typestore(Stores.ROS2_JAZZY)

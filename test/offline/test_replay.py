@@ -104,6 +104,15 @@ def test_the_solution_bag_can_be_read(finished):
     assert odometry.pose.covariance[0] > 0.0
 
 
+def test_the_solution_bag_says_no_fix_in_the_outage(finished):
+    with AnyReader([finished / "solution"]) as reader:
+        fixes = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == "/gps/filtered"]
+    statuses = [fix.status.status for fix in fixes]
+    assert set(statuses) == {0, -1}
+    assert 60 < statuses.count(-1) < 110  # fifteen seconds and the return, at 5 Hz
+    assert all(fix.status.service == (1 if fix.status.status == 0 else 0) for fix in fixes)
+
+
 def test_the_report_needs_nothing_from_outside(finished):
     text = (finished / "report.html").read_text()
     assert "http" not in text.replace("http-equiv", "")

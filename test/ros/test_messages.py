@@ -1,6 +1,7 @@
 """Solutions to messages and back; raw bytes against whole messages; words for pilots."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -165,13 +166,23 @@ def test_covariances_are_those_of_sampled_errors():
         np.testing.assert_allclose(np.cov(drawn.T) / np.outer(sd, sd), stated / np.outer(sd, sd), atol=0.03)
 
 
-def test_fix_loses_its_status_when_the_position_is_no_longer_to_be_trusted():
+@pytest.mark.parametrize(
+    ("mode", "status", "service", "kind"),
+    [
+        (Mode.AIDED, 0, 1, 3),
+        (Mode.COASTING, -1, 0, 3),
+        (Mode.DEAD_RECKONING, -1, 0, 3),
+        (Mode.REACQUIRING, -1, 0, 3),
+        (Mode.EXPIRED, -1, 0, 0),
+    ],
+)
+def test_a_position_without_gnss_is_no_fix(mode, status, service, kind):
+    """GIVEN an outage WHEN gps/filtered goes on THEN it says NO_FIX, and EXPIRED takes back the covariance, too."""
     message = NavSatFix()
-    messages.fill_fix(message, solution(), True)
-    assert (message.latitude, message.status.status) == (math.degrees(0.8), 0)
+    messages.fill_fix(message, replace(solution(), mode=mode))
+    assert message.latitude == math.degrees(0.8)
+    assert (message.status.status, message.status.service, message.position_covariance_type) == (status, service, kind)
     np.testing.assert_array_equal(message.position_covariance, solution().cov[6:9, 6:9].ravel())
-    messages.fill_fix(message, solution(), False)
-    assert message.status.status == -1
 
 
 def test_attitude_carries_its_covariance():

@@ -2,6 +2,7 @@
 
 import importlib
 from collections.abc import Callable
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from conftest import wait_until
 
+from driver_types import make
 from fake_learner import Job, Pupil
 from nav_pose_estimator.core.attitude.layout import HEAD_SIZE
 from nav_pose_estimator.engine.parameters import Parameters
@@ -18,6 +20,7 @@ from nav_pose_estimator.engine.samples import ImuSample
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolution, Status
 from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.ros import inputs, outputs, qos
+from nav_pose_estimator.ros.autopilot import link
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.outputs import AttitudeOutput, NavigationOutput
@@ -83,11 +86,11 @@ def published(monkeypatch) -> Observe:
     return observe
 
 
-def solution(stamp_ns: int) -> NavSolution:
+def solution(stamp_ns: int, mode: Mode = Mode.AIDED) -> NavSolution:
     zero = np.zeros(3)
     return NavSolution.of(
         stamp_ns=stamp_ns,
-        mode=Mode.AIDED,
+        mode=mode,
         lat=0.8,
         lon=0.1,
         alt=500.0,
@@ -183,6 +186,45 @@ def model_saved(tmp_path) -> Observe:
     return observe
 
 
+@pytest.fixture
+def sent_to_autopilot(monkeypatch) -> Observe:
+    """What two seconds of solutions, first aided, then denied, lead to: messages and words by topic."""
+
+    def observe(parameters: Parameters) -> Any:
+        heard: dict[str, list] = {}
+
+        def advertise(node, kind, topic, profile=None):
+            publish = lambda message: heard.setdefault(topic, []).append(str(message))  # noqa: E731
+            return SimpleNamespace(publish=publish, get_subscription_count=lambda: 1)
+
+        monkeypatch.setattr(qos, "advertise", advertise)
+        monkeypatch.setattr(link, "message_kind", lambda name, word: partial(make, name.replace("/", "/msg/")))
+        said: list[str] = []
+        node = SimpleNamespace(resolve_topic_name=str, say=lambda name, level, text: said.append(name))
+        output = link.autopilot_link(node, parameters)
+        for i in range(400):
+            output.publish(solution(START + i * STEP, Mode.AIDED if i < 200 else Mode.DEAD_RECKONING))
+        return heard, said
+
+    return observe
+
+
+@pytest.fixture
+def sent_to_mavros(sent_to_autopilot) -> Observe:
+    return lambda parameters: sent_to_autopilot(update(parameters, {"ros.output.autopilot": "mavros"}))
+
+
+@pytest.fixture
+def sent_as_receiver(sent_to_autopilot) -> Observe:
+    def observe(parameters: Parameters) -> Any:
+        given = {"ros.output.autopilot": "mavros_gps"}
+        if not parameters.ros.output.knows_geoid:
+            given["ros.output.autopilot_geoid"] = -20.0
+        return sent_to_autopilot(update(parameters, given))
+
+    return observe
+
+
 def _keeper(parameters: ModelParameters, said: list[str], trainer: Trainer) -> ModelKeeper:
     node = SimpleNamespace(create_timer=lambda *_, **__: None, create_service=lambda *_: None)
     return ModelKeeper(node, Pupil(), trainer, parameters, lambda name, *_: said.append(name))
@@ -192,6 +234,12 @@ OBSERVERS = {
     "ros.input.queue": "queue",
     "ros.input.max_stamp_regression": "regression",
     "ros.output.diagnostics_period": "diagnostics",
+    "ros.output.autopilot": "sent_to_autopilot",
+    "ros.output.autopilot_when": "sent_to_mavros",
+    "ros.output.autopilot_rate": "sent_to_mavros",
+    "ros.output.autopilot_dry_run": "sent_to_mavros",
+    "ros.output.autopilot_geoid": "sent_as_receiver",
+    "ros.output.autopilot_gps_id": "sent_as_receiver",
     "ros.model.file": "model_file",
     "ros.model.save_after_training": "model_saved",
 }

@@ -6,6 +6,9 @@ from nav_pose_estimator.engine.parameters.schema import param
 
 READ_BY_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """How the parameters begin that rclpy itself reads; they stand in the same files and are none of ours."""
+GEOID_UNKNOWN = -1000.0
+"""``autopilot_geoid`` as long as nobody has set it."""
+_LOWEST_GEOID = -110.0  # m
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ class FrameParameters:
 
 @dataclass(frozen=True)
 class OutputParameters:
-    """How often results are published."""
+    """How often results are published, and what goes to an autopilot."""
 
     odometry_rate: float = param(
         100.0, "Hz", "Highest rate of odometry/filtered and tf; 0: with every IMU sample", 0.0, 2000.0
@@ -61,6 +64,35 @@ class OutputParameters:
     fix_rate: float = param(5.0, "Hz", "Highest rate of gps/filtered; 0: with every IMU sample", 0.0, 2000.0)
     bias_rate: float = param(1.0, "Hz", "Highest rate of the bias topics; 0: with every IMU sample", 0.0, 2000.0)
     diagnostics_period: float = param(1.0, "s", "Time between two messages on /diagnostics and ~/status", 0.1, 60.0)
+    autopilot: str = param(
+        "none",
+        "",
+        "Who gets the pose: mavros (autopilot/odometry), mavros_gps (autopilot/gps_input: for ArduPilot a receiver of"
+        " type 14), px4 (fmu/in/vehicle_visual_odometry over uXRCE-DDS); see docs/autopilot.md",
+        choices=("none", "mavros", "mavros_gps", "px4"),
+    )
+    autopilot_when: str = param(
+        "denied",
+        "",
+        "Send only while GNSS is denied, or also while it aids the navigator; never when EXPIRED",
+        choices=("denied", "always"),
+    )
+    autopilot_rate: float = param(30.0, "Hz", "Rate of what the autopilot gets; fewer than 5 it may refuse", 5.0, 200.0)
+    autopilot_dry_run: bool = param(False, "", "Log once a second what the autopilot would get; send nothing")
+    autopilot_geoid: float = param(
+        GEOID_UNKNOWN,
+        "m",
+        "Height of the geoid (EGM96) above the WGS84 ellipsoid where you fly, since autopilots count heights from the"
+        " sea; -1000: not known",
+        GEOID_UNKNOWN,
+        100.0,
+    )
+    autopilot_gps_id: int = param(1, "", "mavros_gps: which of ArduPilot's receivers this is, from 0", 0, 3)
+
+    @property
+    def knows_geoid(self) -> bool:
+        """Whether ``autopilot_geoid`` is one: the Earth has none below -107 m."""
+        return self.autopilot_geoid > _LOWEST_GEOID
 
 
 @dataclass(frozen=True)

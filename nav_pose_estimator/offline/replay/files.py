@@ -16,6 +16,7 @@ from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.numerics.jit import COMPILED
 from nav_pose_estimator.core.numerics.rotation import euler_from_quat_many
 from nav_pose_estimator.engine.parameters.schema import flatten
+from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.offline.flights.tracks import Track
 from nav_pose_estimator.offline.replay import second_opinion
 from nav_pose_estimator.offline.replay.replay import ReplayResult
@@ -97,12 +98,15 @@ def write_csv(path: Path, result: ReplayResult, rate_hz: float) -> None:
     angles = np.degrees(euler_from_quat_many(track.q_nb))
     position = track.position * np.array([180.0 / math.pi, 180.0 / math.pi, 1.0])
     parts = [track.t, position, _local(track, result), track.velocity, angles, track.sd("position")]
-    starts = [start for start, _, _ in mode_spans(result)]
-    names = [mode.value for _, _, mode in mode_spans(result)]
-    modes = [names[i] for i in np.maximum(np.searchsorted(starts, track.t, side="right") - 1, 0)]
     form = "%.4f,%.9f,%.9f" + ",%.4f" * 13
-    rows = zip(np.column_stack(parts).tolist(), modes, strict=True)
-    path.write_text("\n".join([CSV_COLUMNS, *(f"{form % tuple(row)},{mode}" for row, mode in rows)]) + "\n")
+    rows = zip(np.column_stack(parts).tolist(), modes_at(result, track.t), strict=True)
+    path.write_text("\n".join([CSV_COLUMNS, *(f"{form % tuple(row)},{mode.value}" for row, mode in rows)]) + "\n")
+
+
+def modes_at(result: ReplayResult, t: np.ndarray) -> list[Mode]:
+    """The mode at each of the times ``t`` (N,) [s from the first stamp]."""
+    starts, _, modes = zip(*mode_spans(result), strict=True)
+    return [modes[i] for i in np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)]
 
 
 def _local(track: Track, result: ReplayResult) -> np.ndarray:

@@ -7,13 +7,14 @@ import numpy as np
 
 from nav_pose_estimator.core.filter.layout import OUT_RATE
 from nav_pose_estimator.core.numerics.rotation import quat_conjugate_many, quat_rotate_many
+from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.offline.flights.tracks import displacement_enu
-from nav_pose_estimator.offline.replay.files import decimate
+from nav_pose_estimator.offline.replay.files import decimate, modes_at
 from nav_pose_estimator.offline.replay.replay import ReplayResult
 
 ODOMETRY, FIX, STATUS = "/odometry/filtered", "/gps/filtered", "/diagnostics"
 FRAMES = ("map", "base_link")
-_APPROXIMATED = 2  # sensor_msgs/NavSatFix: the diagonal of the covariance is known
+_UNKNOWN, _APPROXIMATED = 0, 2  # sensor_msgs/NavSatFix: nothing or the diagonal of the covariance is known
 _STATUS_LEVEL = {"AIDED": 0, "COASTING": 1, "REACQUIRING": 1}
 
 
@@ -77,17 +78,19 @@ def _odometry(result: ReplayResult, store, rate_hz: float):
 def _fixes(result: ReplayResult, store, rate_hz: float):
     track = decimate(result.track, min(rate_hz, 5.0))
     variances = track.sd("position") ** 2
-    state = store.types["sensor_msgs/msg/NavSatStatus"](status=0, service=1)
-    for i, stamp in enumerate(_stamps(result, track.t)):
+    status = store.types["sensor_msgs/msg/NavSatStatus"]
+    aided, denied = status(status=0, service=1), status(status=-1, service=0)
+    moments = zip(_stamps(result, track.t), modes_at(result, track.t), strict=True)
+    for i, (stamp, mode) in enumerate(moments):
         lat, lon, alt = track.position[i].tolist()
         message = store.types["sensor_msgs/msg/NavSatFix"](
             header=_header(store, stamp, FRAMES[1]),
-            status=state,
+            status=aided if mode is Mode.AIDED else denied,
             latitude=math.degrees(lat),
             longitude=math.degrees(lon),
             altitude=alt,
             position_covariance=np.diag(variances[i]).ravel(),
-            position_covariance_type=_APPROXIMATED,
+            position_covariance_type=_UNKNOWN if mode is Mode.EXPIRED else _APPROXIMATED,
         )
         yield stamp, FIX, message
 

@@ -12,12 +12,12 @@ import numpy as np
 
 from nav_pose_estimator.core.filter.layout import BASE_STATES, D_GYRO_BIAS, DPOS, DVEL, PHI
 from nav_pose_estimator.core.numerics.rotation import quat_to_matrix, skew
-from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, PredictedDrift
+from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolution, PredictedDrift
 from nav_pose_estimator.engine.world_frame import attitude_in, vector_in
 from nav_pose_estimator.ros.messages.cdr import NS_PER_S
 
 _STATUS_FIX, _STATUS_NO_FIX, _SERVICE_GPS = 0, -1, 1  # sensor_msgs/NavSatStatus
-_COVARIANCE_KNOWN = 3  # sensor_msgs/NavSatFix
+_COVARIANCE_UNKNOWN, _COVARIANCE_KNOWN = 0, 3  # sensor_msgs/NavSatFix
 _NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -56,14 +56,20 @@ def fill_pose(message: Any, solution: NavSolution) -> None:
     message.pose.covariance[:] = pose_covariance(solution.cov).ravel()
 
 
-def fill_fix(message: Any, solution: NavSolution, has_fix: bool) -> None:
-    """sensor_msgs/NavSatFix of base_link; ``has_fix`` False once the position is no longer to be trusted."""
+def fill_fix(message: Any, solution: NavSolution) -> None:
+    """sensor_msgs/NavSatFix of base_link. The position goes on in an outage; that it is no fix, the status says.
+
+    FIX while GNSS aids the navigator; NO_FIX, of no satellite service, while it is denied, with a covariance that
+    still holds; once EXPIRED the covariance is marked as unknown.
+    """
     fill_stamp(message.header.stamp, solution.stamp_ns)
-    message.status.status, message.status.service = (_STATUS_FIX if has_fix else _STATUS_NO_FIX), _SERVICE_GPS
+    status = message.status
+    status.status, status.service = (_STATUS_FIX, _SERVICE_GPS) if solution.mode is Mode.AIDED else (_STATUS_NO_FIX, 0)
     message.latitude, message.longitude = math.degrees(solution.lat), math.degrees(solution.lon)
     message.altitude = float(solution.alt)
     message.position_covariance[:] = solution.cov[DPOS : DPOS + 3, DPOS : DPOS + 3].ravel()
-    message.position_covariance_type = _COVARIANCE_KNOWN
+    expired = solution.mode is Mode.EXPIRED
+    message.position_covariance_type = _COVARIANCE_UNKNOWN if expired else _COVARIANCE_KNOWN
 
 
 def fill_origin(message: Any, stamp_ns: int, origin: tuple[float, float, float]) -> None:

@@ -1,0 +1,190 @@
+"""The node's side: which autopilot, when, how often; and the fixes that are our own pose come back."""
+
+import importlib
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from nav_pose_estimator.core.filter.layout import DPOS
+from nav_pose_estimator.engine.navigator.modes import DENIED
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.ros import OutputParameters
+from nav_pose_estimator.engine.parameters.schema import ParameterError
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
+from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavSolution
+from nav_pose_estimator.ros import qos
+from nav_pose_estimator.ros.autopilot.channels import Channel, MavrosGps, MavrosOdometry, Px4Odometry
+from nav_pose_estimator.ros.autopilot.echo import EchoWatch, Finding
+from nav_pose_estimator.ros.autopilot.permission import Permission
+from nav_pose_estimator.ros.autopilot.px4_clock import reference
+from nav_pose_estimator.ros.messages.message_table import FIX, VELOCITY, Source
+from nav_pose_estimator.ros.pace import Pace
+
+_CHANNELS: dict[str, tuple[str, str, type[Any]]] = {
+    "mavros": ("nav_msgs/Odometry", "autopilot/odometry", MavrosOdometry),
+    "mavros_gps": ("mavros_msgs/GPSINPUT", "autopilot/gps_input", MavrosGps),
+    "px4": ("px4_msgs/VehicleOdometry", "fmu/in/vehicle_visual_odometry", Px4Odometry),
+}
+_PX4_SAYS = "fmu/out/vehicle_local_position"
+_FUSED_TOPICS = ("global_position/global", "vehicle_global_position")
+_DRY_RUN_RATE = 1.0  # Hz
+_STRETCH_NS = 1_000_000_000
+
+
+def autopilot_link(node: Any, parameters: Parameters) -> "AutopilotLink | NoLink":
+    """What the parameters ask for; ``ParameterError`` where it cannot be."""
+    word = parameters.ros.output.autopilot
+    return NoLink() if word == "none" else AutopilotLink(node, parameters)
+
+
+class NoLink:
+    """No autopilot: nothing leaves, every fix is a fix."""
+
+    def publish(self, solution: NavSolution) -> None:
+        """Nothing."""
+
+    def screened(self, source: Source) -> Source:
+        """As it is."""
+        return source
+
+
+class AutopilotLink:
+    """Sends solutions to one autopilot; ``screened`` inputs keep what comes back of them out of the filter."""
+
+    def __init__(self, node: Any, parameters: Parameters) -> None:
+        wanted = parameters.ros.output
+        type_name, topic, make = _CHANNELS[wanted.autopilot]
+        _check(wanted)
+        kind = message_kind(type_name, wanted.autopilot)
+        self._node, self._dry = node, wanted.autopilot_dry_run
+        self.channel: Channel = make(kind(), parameters.ros)
+        self._publisher = None if self._dry else qos.advertise(node, kind, topic)
+        self._topic = node.resolve_topic_name(topic)
+        self._permission = Permission(wanted.autopilot_when == "always")
+        self._pace = Pace(min(wanted.autopilot_rate, _DRY_RUN_RATE) if self._dry else wanted.autopilot_rate)
+        self._sends = False
+        self._echo = EchoWatch()
+        if isinstance(self.channel, Px4Odometry):
+            says = message_kind("px4_msgs/VehicleLocalPosition", wanted.autopilot)
+            qos.subscribe(node, says, _PX4_SAYS, self._hear_px4, qos.sensor(5))
+        self._newest_ns = 0
+        self._warn_of_fused_topic()
+
+    # --- out -------------------------------------------------------------------------------------------------------
+
+    def publish(self, solution: NavSolution) -> None:
+        """One solution, if it may leave and is due."""
+        since_ns, self._newest_ns = solution.stamp_ns - self._newest_ns, solution.stamp_ns
+        may = self._permission.ask(solution.mode)
+        if may is not self._sends:
+            self._sends = may
+            self._turn(solution)
+        elif may and not 0 <= since_ns <= _STRETCH_NS:
+            self.channel.begin(solution)  # the navigator has started again in between
+        if not may or not self._pace.is_due(solution.stamp_ns):
+            return
+        self.channel.fill(solution)
+        if self._publisher is None:
+            self._node.say("autopilot.dry_run", Level.INFO, f"dry run, not sent: {_in_words(solution)}")
+            return
+        self._publisher.publish(self.channel.message)
+        if solution.mode in DENIED:
+            self._echo.sent(solution.stamp_ns, solution.lat, solution.lon, _horizontal_sigma(solution))
+        else:
+            self._echo.stopped()
+
+    def _turn(self, solution: NavSolution) -> None:
+        """Sending begins or ends."""
+        if not self._sends:
+            self._echo.stopped()
+            level = Level.INFO if solution.mode is Mode.AIDED else Level.WARN
+            why = self._permission.why_not(solution.mode)
+            self._node.say("autopilot.silent", level, f"the autopilot no longer gets the pose: {why}")
+            return
+        self.channel.begin(solution)
+        lack = self._lack()
+        text = f"the autopilot gets the pose on {self._topic}{lack}"
+        self._node.say("autopilot.sending", Level.WARN if lack else Level.INFO, text)
+
+    def _lack(self) -> str:
+        """What is missing for it to be of use."""
+        if self._publisher is None:
+            return " (dry run: it is only logged)"
+        lack = "" if qos.is_heard(self._publisher) else ", but nobody listens there"
+        if isinstance(self.channel, Px4Odometry) and self.channel.reference is None:
+            said = self._node.resolve_topic_name(_PX4_SAYS)
+            lack += f"; velocity only, because PX4 has not said on {said} where its local frame lies"
+        return lack
+
+    # --- in --------------------------------------------------------------------------------------------------------
+
+    def screened(self, source: Source) -> Source:
+        """``source`` without fixes, and their velocities, that are our own pose come back."""
+        if source.topic not in (FIX.topic, VELOCITY.topic):
+            return source
+        adapter: Callable[[Any], tuple[Any, ...]] = source.adapter
+        return replace(source, adapter=lambda message: tuple(out for x in adapter(message) for out in self._admit(x)))
+
+    def _admit(self, item: Any) -> tuple[Any, ...]:
+        if isinstance(item, GnssVelocity):
+            return () if self._echo.suspects else (item,)
+        if not isinstance(item, GnssFix):
+            return (item,)
+        finding = self._echo.judge(item)
+        if finding is Finding.NONE:
+            return (item,)
+        if finding is Finding.ENDED:
+            return (Event(item.stamp_ns, "autopilot.feedback.ended", Level.INFO, "gps/fix is a receiver again"), item)
+        if finding is Finding.LOOP:
+            text = (
+                f"{self._node.resolve_topic_name(FIX.topic)} repeats the pose that the autopilot gets from here: it is"
+                " not GNSS and is not used; give gps/fix the receiver's own topic"
+            )
+            return (Event(item.stamp_ns, "autopilot.feedback", Level.ERROR, text),)
+        return (Event(item.stamp_ns, "autopilot.feedback.fixes"),)
+
+    def _hear_px4(self, message: Any) -> None:
+        assert isinstance(self.channel, Px4Odometry)
+        if self._newest_ns:
+            self.channel.clock.hear(int(message.timestamp), self._newest_ns)
+        self.channel.reference = reference(message) or self.channel.reference
+
+    def _warn_of_fused_topic(self) -> None:
+        name = self._node.resolve_topic_name(FIX.topic)
+        if name.endswith(_FUSED_TOPICS):
+            text = f"gps/fix is {name}, what the autopilot has fused: with our pose in it, it is not GNSS"
+            self._node.say("autopilot.feedback.topic", Level.WARN, text)
+
+
+def message_kind(type_name: str, word: str) -> Any:
+    """The message class package/Name; ``ParameterError`` where its package is not installed."""
+    package, name = type_name.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        raise ParameterError(
+            f"ros.output.autopilot is {word}, which needs {package}/{name}, but {package} is not installed here; "
+            f"install ros-jazzy-{package.replace('_', '-')} or choose another word"
+        ) from None
+
+
+def _check(wanted: OutputParameters) -> None:
+    if wanted.autopilot == "mavros_gps" and not wanted.knows_geoid:
+        raise ParameterError(
+            "ros.output.autopilot is mavros_gps, which speaks of heights above the sea: set ros.output.autopilot_geoid "
+            "to the height of the geoid above the ellipsoid where you fly (EGM96; 47 m in Zurich)"
+        )
+
+
+def _horizontal_sigma(solution: NavSolution) -> float:
+    return math.sqrt(float(solution.cov[DPOS, DPOS] + solution.cov[DPOS + 1, DPOS + 1]))
+
+
+def _in_words(solution: NavSolution) -> str:
+    lat, lon = math.degrees(solution.lat), math.degrees(solution.lon)
+    speed = math.hypot(*solution.vel_n.tolist())
+    return (
+        f"{lat:.7f} {lon:.7f} deg, {solution.alt:.1f} m above the ellipsoid, {speed:.1f} m/s, "
+        f"good to {_horizontal_sigma(solution):.1f} m, {solution.mode.value}"
+    )
