@@ -76,7 +76,7 @@ class FilterRun:
         self.parameters = parameters = declination.as_before(parameters, self.parameters)
         self.quiet_until = -math.inf
         self.timeline.filter.constants[:] = filter_setup.constants(parameters)
-        self.aiding.lost_after = parameters.navigator.lost_after
+        self.aiding.patience = parameters.navigator.lost_after
         self.gnss.set_parameters(parameters)
         for sensor in (*self.aids.values(), self._rest):
             sensor.set_parameters(parameters)

@@ -68,11 +68,15 @@ def _fix(run: FilterRun, sample: GnssFix) -> None:
 
 def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
     t = run.clock.time_of(sample.stamp_ns, "gnss.rejected", run.journal)
-    if t is None or not run.gnss.reception.velocity(sample):
+    if t is None:
         return
-    observation = run.gnss.velocity.observe(sample, t - run.parameters.gnss.delay)
+    t -= run.parameters.gnss.delay
+    usable = run.gnss.reception.velocity(sample, t)
+    if usable is None:
+        return
+    observation = run.gnss.velocity.observe(usable, t)
     assert observation.stated_R is not None
-    run.aligner.velocity(observation.t, sample.vel_enu, observation.stated_R)
+    run.aligner.velocity(observation.t, usable.vel_enu, observation.stated_R)
     if run.timeline.running:
         run.observe(observation)
     else:

@@ -29,7 +29,7 @@ def status_of(run: FilterRun) -> Status:
         stamp_ns=run.clock.stamp(t),
         mode=run.modes.mode,
         waiting_for="" if run.timeline.running else run.aligner.waiting_for(reception.refusal),
-        seconds_coasting=run.modes.seconds_unaided(t, run.aiding.fix_used),
+        seconds_coasting=run.modes.seconds_unaided(t, run.aiding),
         horizontal_sd=sd,
         horizontal_sd_in_30_s=later,
         gnss_refusal=reception.refusal,

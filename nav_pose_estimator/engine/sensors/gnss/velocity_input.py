@@ -1,0 +1,71 @@
+"""GNSS velocities on arrival: whether they may be offered to the filter, and in which axes they seem to be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from nav_pose_estimator.core.gnss.velocity_check import NED, SILENT, TURNED, VelocityCheck
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.number_checks import is_within
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
+from nav_pose_estimator.engine.solutions import Level
+
+_LARGEST_SPEED = 1e3  # m/s: receivers stop at 500
+_FAULTS = {
+    NED: "its axes look like North-East-Down (positions move as if East and North were exchanged): "
+    "set ros.input.velocity_frame to ned",
+    TURNED: "it is as fast as the positions move, but in another direction: its axes look like the vehicle's own, "
+    "not East-North-Up",
+    SILENT: "it stays zero while the positions move: the driver does not fill it",
+}
+
+
+class VelocityInput:
+    """Drops velocities whose axes contradict the way between fixes; positions go on without them."""
+
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+        self._check = VelocityCheck()
+        self._said = ""
+        self._said_vertical = False
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with the axes of the velocity, a word of ``core.gnss.velocity_check``, or empty."""
+        return self._check.fault
+
+    def fix(self, sample: GnssFix, t: float) -> None:
+        """A usable fix valid at ``t`` [s]: what velocities are compared with."""
+        self._check.fix(t, sample.lat, sample.lon)
+        fault = self._check.fault
+        if fault == self._said:
+            return
+        self._said = fault
+        if fault:
+            text = f"GNSS velocity not used: {_FAULTS[fault]} ({self._check.misfit:.1f} m/s apart)"
+            self._journal.say(sample.stamp_ns, f"gnss.velocity.axes.{fault}", Level.ERROR, text)
+        else:
+            text = "GNSS velocity agrees with the way between fixes again and is used"
+            self._journal.say(sample.stamp_ns, "gnss.velocity.axes.ended", Level.INFO, text)
+
+    def velocity(self, sample: GnssVelocity, t: float, fix_usable: bool) -> GnssVelocity | None:
+        """What of a velocity valid at ``t`` [s] may be offered to the filter; None (and counted) if nothing."""
+        up = sample.vel_enu[2]
+        if not is_within(sample.vel_enu[:2], _LARGEST_SPEED) or abs(up) > _LARGEST_SPEED:
+            self._journal.count("gnss.rejected.velocity_value")
+            return None
+        if not fix_usable:
+            self._journal.count("gnss.rejected.velocity_without_fix")
+            return None
+        self._check.velocity(t, *sample.vel_enu)
+        if self._check.fault:
+            self._journal.count("gnss.rejected.velocity_axes")
+            return None
+        if not self._check.vertical_unfilled:
+            return sample
+        if not self._said_vertical:
+            self._said_vertical = True
+            text = "GNSS vertical velocity not used: it is exactly zero all the time, the driver does not fill it"
+            self._journal.say(sample.stamp_ns, "gnss.velocity.vertical_unfilled", Level.WARN, text)
+        return replace(sample, vel_enu=(*sample.vel_enu[:2], math.nan))
