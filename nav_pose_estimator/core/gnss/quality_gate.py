@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 _STEPS = 6  # between fixes, from which the period is taken
 _LONGEST_PERIOD = 10.0  # s: a receiver that is slower is taken as one that keeps failing
-_PERIODS = 1.5  # of a slow receiver pass before its count is stale
+_PERIODS = 2.2  # of a slow receiver pass before its count is stale
 
 
 @dataclass(frozen=True, slots=True)

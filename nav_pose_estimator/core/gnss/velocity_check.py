@@ -17,15 +17,19 @@ _APART = 0.3  # s: a velocity farther from a fix in time is not its own
 _PAUSE = 6.0  # s: over a longer one nothing can be summed up
 _SHORTEST = 1.5  # s of a stretch
 _LONGEST = 12.0  # s: a slower vehicle shows nothing
-_WAY = 8.0  # m: of a shorter one the scatter of fixes hides too much
+_WAY = 6.0  # m: of a shorter one the scatter of fixes hides too much
 _SCATTER = 2.0  # m between two fixes seconds apart
 _SHARE = 0.3  # of the way that honest sums are wrong by: coarse sampling, scale, reflections
 _PROOF = 2  # stretches in a row that prove it
+_OTHER_WAY = math.radians(45.0)  # two stretches in such directions tell a reflection from any rotation
 _CURE = 3  # ... that clear it
-_UNFILLED = 10  # samples with a vertical velocity of exactly zero while the others move
+_UNFILLED = 10  # samples with a vertical velocity of exactly zero, and none before with another
+_STEEPEST = 60.0  # m/s
+_CLIMB = 6.0  # m of height after which vertical sums are compared
 
-NED, TURNED, SILENT = "ned", "turned", "silent"
-"""Wrong axes, by name: North-East-Down; turned by some angle, as body axes are; zero while the vehicle travels."""
+NED, TURNED, SILENT, DOWN = "ned", "turned", "silent", "down"
+"""Wrong axes, by name: North-East-Down; turned by some angle, as body axes are; zero while the vehicle travels.
+A vertical velocity alone may be ``SILENT`` or positive ``DOWN``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,40 +39,67 @@ class _Epoch:
     velocity: tuple[float, float]
 
 
+@dataclass
+class _Climb:
+    t: float
+    up: float
+    alt: float  # m
+    start: float  # m
+    summed: float = 0.0
+
+
 @dataclass(eq=False)
 class VelocityCheck:
-    """Offer it every usable fix and every velocity; ``fault`` is what is wrong with the velocity's axes, or empty."""
+    """Offer it every usable fix and every velocity.
+
+    ``fault`` is what is proved to be wrong with the velocity's axes, or empty; ``suspect`` while the last stretch
+    contradicted it, ``certain`` once North-East-Down is told from body axes, which a straight flight does not do.
+    """
 
     fault: str = field(default="", init=False)
-    vertical_unfilled: bool = field(default=False, init=False)
+    suspect: bool = field(default=False, init=False)
+    certain: bool = field(default=False, init=False)
+    vertical_fault: str = field(default="", init=False)
+    vertical_suspect: bool = field(default=False, init=False)
+    """Whether the vertical velocity has been exactly zero from the beginning while the others were not."""
     misfit: float = field(default=0.0, init=False)
     """Speed [m/s] by which sums and ways differed in the last stretch."""
-    _velocities: deque[tuple[float, float, float]] = field(default_factory=lambda: deque(maxlen=40), init=False)
-    _waiting: tuple[float, float, float] | None = field(default=None, init=False)
+    _velocities: deque[tuple[float, float, float, float]] = field(default_factory=lambda: deque(maxlen=40), init=False)
+    _waiting: tuple[float, float, float, float] | None = field(default=None, init=False)
+    _zero: tuple[float, float] = field(default=(0.0, 0.0), init=False)  # lat, lon of the stretch's first fix
     _epochs: list[_Epoch] = field(default_factory=list, init=False)
     _verdicts: tuple[str, ...] = field(default=(), init=False)
-    _zeros: int = field(default=0, init=False)
+    _ned_ways: list[float] = field(default_factory=list, init=False)
+    _zeros: float = field(default=0.0, init=False)
+    _agreed: bool = field(default=False, init=False)
+    _climb: _Climb | None = field(default=None, init=False)
+    _climbs: tuple[str, ...] = field(default=(), init=False)
 
     def velocity(self, t: float, east: float, north: float, up: float) -> None:
         """A velocity [m/s] valid at ``t``, as the driver names its axes."""
-        self._velocities.append((t, east, north))
+        self._velocities.append((t, east, north, up))
         if up != 0.0:
-            self._zeros, self.vertical_unfilled = 0, False
-        elif east != 0.0 and north != 0.0:
+            self._zeros, self.vertical_suspect = math.inf, False  # it is filled
+        elif east != 0.0 and north != 0.0 and self._zeros < math.inf:
             self._zeros += 1
-            self.vertical_unfilled = self._zeros >= _UNFILLED
+            self.vertical_suspect = self._zeros >= _UNFILLED
 
-    def fix(self, t: float, lat: float, lon: float) -> None:
-        """A position [rad] valid at ``t``. It counts once the next one is there, and with it its own velocity."""
-        before, self._waiting = self._waiting, (t, lat, lon)
+    def fix(self, t: float, lat: float, lon: float, alt: float) -> None:
+        """A position [rad, rad, m] valid at ``t``. It counts once the next one is there, and with it its own velocity."""
+        before, self._waiting = self._waiting, (t, lat, lon, alt)
         if before is None or not before[0] < t:
             return
         own = min(self._velocities, key=lambda v: abs(v[0] - before[0]), default=None)
         if own is None or abs(own[0] - before[0]) > _APART:
             self._epochs.clear()
+            self._climb = None
             return
-        place = before[2] * _EARTH * math.cos(before[1]), before[1] * _EARTH
-        self._add(_Epoch(before[0], place, (own[1], own[2])))
+        self._climb_on(before[0], before[3], own[3])
+        if not self._epochs:
+            self._zero = before[1:3]
+        lat, lon = self._zero
+        east = _EARTH * math.cos(lat) * math.remainder(before[2] - lon, 2.0 * math.pi)
+        self._add(_Epoch(before[0], (east, _EARTH * (before[1] - lat)), (own[1], own[2])))
 
     def _add(self, epoch: _Epoch) -> None:
         epochs = self._epochs
@@ -81,13 +112,48 @@ class VelocityCheck:
         way = epoch.place[0] - epochs[0].place[0], epoch.place[1] - epochs[0].place[1]
         said = _sum(epochs)
         if max(math.hypot(*way), math.hypot(*said)) >= _WAY:
-            self._conclude(_verdict(way, said))
+            self._conclude(_verdict(way, said), math.atan2(way[1], way[0]))
             self.misfit = math.dist(way, said) / seconds
         elif seconds < _LONGEST:
             return
-        self._epochs = [epoch]
+        lat, lon = self._zero
+        self._zero = lat + epoch.place[1] / _EARTH, lon + epoch.place[0] / (_EARTH * math.cos(lat))
+        self._epochs = [_Epoch(epoch.t, (0.0, 0.0), epoch.velocity)]
 
-    def _conclude(self, verdict: str) -> None:
+    def _climb_on(self, t: float, alt: float, up: float) -> None:
+        """Compare the height gained with the sum of the vertical velocities."""
+        climb = self._climb
+        if not (math.isfinite(alt) and math.isfinite(up)) or climb is None or t - climb.t > _PAUSE:
+            self._climb = _Climb(t, up, alt, alt) if math.isfinite(alt) and math.isfinite(up) else None
+            return
+        if abs(alt - climb.alt) > _STEEPEST * (t - climb.t) + _SCATTER:
+            self._climb = _Climb(t, up, alt, alt)  # heights that jump are no witness
+            return
+        climb.summed += 0.5 * (t - climb.t) * (climb.up + up)
+        climb.t, climb.up, climb.alt = t, up, alt
+        gained = alt - climb.start
+        if max(abs(gained), abs(climb.summed)) < _CLIMB:
+            return
+        self._climb = _Climb(t, up, alt, alt)
+        self._climbs = (*self._climbs, _vertical_verdict(gained, climb.summed))[-_CURE:]
+        last = self._climbs[-_PROOF:]
+        if len(last) == _PROOF and last[0] == last[1] and last[0] in (SILENT, DOWN):
+            self.vertical_fault = last[0]
+        elif len(self._climbs) == _CURE and not any(self._climbs):
+            self.vertical_fault = ""
+        if self._climbs[-1] == DOWN and not self._agreed:
+            self.suspect = True  # whose vertical is wrong has given no proof of its other axes yet
+
+    def _conclude(self, verdict: str, direction: float) -> None:
+        self.suspect = verdict not in ("", "?")
+        self._agreed = self._agreed or not verdict
+        if verdict == NED:
+            self._ned_ways = [*self._ned_ways, direction][-10:]
+            self.certain = any(
+                abs(math.remainder(direction - a, 2.0 * math.pi)) > _OTHER_WAY for a in self._ned_ways
+            ) or DOWN in self._climbs
+        elif verdict != "?":
+            self._ned_ways, self.certain = [], False
         self._verdicts = (*self._verdicts, verdict)[-_CURE:]
         last = self._verdicts[-_PROOF:]
         if len(last) == _PROOF and all(one not in ("", "?") for one in last):
@@ -117,3 +183,13 @@ def _verdict(way: tuple[float, float], said: tuple[float, float]) -> str:
     if summed < 0.1 * went:
         return SILENT
     return TURNED if abs(went - summed) <= tolerance else "?"
+
+
+def _vertical_verdict(gained: float, summed: float) -> str:
+    """As ``_verdict``, of a height [m]."""
+    tolerance = _SCATTER + _SHARE * max(abs(gained), abs(summed))
+    if abs(gained - summed) <= tolerance:
+        return ""
+    if abs(gained + summed) <= tolerance:
+        return DOWN
+    return SILENT if abs(summed) < 0.1 * abs(gained) else "?"

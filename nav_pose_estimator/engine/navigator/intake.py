@@ -19,6 +19,7 @@ from nav_pose_estimator.engine.samples import (
     MagSample,
     MotionEvidence,
     NavigatorVelocity,
+    PressureSample,
     RangeToGround,
     ReturnDecision,
     Sample,
@@ -26,6 +27,7 @@ from nav_pose_estimator.engine.samples import (
     SetPose,
     VelocityError,
 )
+from nav_pose_estimator.engine.sensors import barometer
 from nav_pose_estimator.engine.sensors.aids import AIDS
 from nav_pose_estimator.engine.solutions import Level
 
@@ -92,6 +94,8 @@ def _aid(run: FilterRun, sample: Any) -> None:
         run.observe(aid.observe(sample, t))
     elif isinstance(sample, MagSample):
         run.aligner.mag(t, sample.field)
+    elif isinstance(sample, PressureSample):
+        run.aligner.standard_height = barometer.standard_height(sample.pressure)
 
 
 def _motion(run: FilterRun, sample: MotionEvidence) -> None:

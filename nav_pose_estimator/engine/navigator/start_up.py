@@ -26,6 +26,8 @@ POSE_REFUSALS = {
     "value": "its position, orientation or covariance is none",
 }
 _UNSTATED_TILT_SD = 0.1  # rad: tilt of an attitude that comes without covariance
+_STANDARD_SD = 100.0  # m: height of the standard atmosphere against the ellipsoid, weather and geoid
+_UNKNOWN_HEIGHT_SD = 2000.0  # m
 _SAME_EPOCH = 0.05  # s: a fix and a velocity closer than this belong together
 
 
@@ -51,6 +53,7 @@ class StartUp:
         self._velocities: deque[tuple[float, tuple, np.ndarray]] = deque(maxlen=10)
         self._done: Alignment | None = None
         self.time = 0.0
+        self.standard_height = math.nan  # m: of the last pressure, for a receiver that gives no height
 
     def __deepcopy__(self, memo: dict) -> StartUp:
         """A finished aligner takes nothing in any more: copies share it, and what it holds."""
@@ -123,7 +126,12 @@ class StartUp:
         t, fix, R = self._pending_fix
         self._pending_fix = None
         velocity_sd = 0.0 if velocity_R is None else float(math.sqrt(velocity_R[0, 0]))
-        self._aligner.gnss(t, fix.lat, fix.lon, fix.alt, vel_enu, float(math.sqrt(R[0, 0])), velocity_sd)
+        height, height_sd = fix.alt, 0.0
+        if math.isnan(height):
+            known = math.isfinite(self.standard_height)
+            height, height_sd = (self.standard_height, _STANDARD_SD) if known else (0.0, _UNKNOWN_HEIGHT_SD)
+        position_sd = float(math.sqrt(R[0, 0]))
+        self._aligner.gnss(t, fix.lat, fix.lon, height, vel_enu, position_sd, velocity_sd, height_sd)
 
 
 def pose_refusal(sample: SetPose, running: bool) -> str:

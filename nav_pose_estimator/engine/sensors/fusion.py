@@ -71,7 +71,8 @@ def _reset(f: FilterView, z: np.ndarray, R: np.ndarray, velocity: tuple[float, .
     r_m, r_n = radii(nav[LAT])
     nav[LON] -= z[0] / ((r_n + nav[ALT]) * math.cos(nav[LAT]))
     nav[LAT] -= z[1] / (r_m + nav[ALT])
-    nav[ALT] -= z[2]
+    if len(z) == 3:
+        nav[ALT] -= z[2]
     _decorrelate(P, DPOS, np.asarray(R))
     for axis, value in enumerate(velocity):
         if math.isfinite(value):

@@ -36,6 +36,7 @@ class GnssReception:
         self.velocities = VelocityInput(journal)
         self._usable = False  # the last fix
         self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
+        self._no_height_told = False
         self._told_ahead = math.nan  # s: the clock offset that was told last
 
     def set_parameters(self, parameters: GnssParameters) -> None:
@@ -79,6 +80,8 @@ class GnssReception:
         self._fix_times = tuple(sorted((*self._fix_times, t))[-_PERIOD_MEMORY:])
         self._usable = True
         self._aiding.fix_offered = t
+        if math.isnan(sample.alt):
+            self._tell_no_height(sample.stamp_ns)
         self.velocities.fix(sample, t)
         return True
 
@@ -110,15 +113,23 @@ class GnssReception:
         self.refusal = why
         return False
 
-    def use(self, t: float) -> None:
+    def use(self, t: float, with_height: bool) -> None:
         """A fix valid at ``t`` has corrected the filter."""
-        self._aiding.use_fix(t)
+        self._aiding.use_fix(t, with_height)
         self.refusal = ""
         self._journal.count("gnss.used.position")
 
     def tell(self, stamp_ns: int, notice: Notice, **data: float) -> None:
         """Hand on what gate or guard have to say."""
         self._journal.say(stamp_ns, notice.name, _LEVELS[notice.severity], notice.text, **data)
+
+    def _tell_no_height(self, stamp_ns: int) -> None:
+        if self._no_height_told:
+            self._journal.count("gnss.height.missing")
+            return
+        self._no_height_told = True
+        text = "a fix without altitude: latitude and longitude are used, the height is the barometer's or held"
+        self._journal.say(stamp_ns, "gnss.height.missing", Level.WARN, text)
 
     def _clocks(self, sample: GnssFix, ahead: float) -> str:
         """By how much the clocks differ and why: the same words as long as that stays."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from nav_pose_estimator.core.gnss.velocity_check import NED, SILENT, TURNED, VelocityCheck
+import numpy as np
+
+from nav_pose_estimator.core.gnss.velocity_check import DOWN, NED, SILENT, TURNED, VelocityCheck
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_within
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
@@ -13,22 +15,29 @@ from nav_pose_estimator.engine.solutions import Level
 
 _LARGEST_SPEED = 1e3  # m/s: receivers stop at 500
 _FAULTS = {
-    NED: "its axes look like North-East-Down (positions move as if East and North were exchanged): "
-    "set ros.input.velocity_frame to ned",
+    NED: "its axes look like North-East-Down: set ros.input.velocity_frame to ned",
     TURNED: "it is as fast as the positions move, but in another direction: its axes look like the vehicle's own, "
     "not East-North-Up",
     SILENT: "it stays zero while the positions move: the driver does not fill it",
 }
+_VERTICAL_FAULTS = {
+    SILENT: "it stays zero while the height changes: the driver does not fill it (ros.input.vertical_velocity: false)",
+    DOWN: "it has the wrong sign, positive down",
+}
 
 
 class VelocityInput:
-    """Drops velocities whose axes contradict the way between fixes; positions go on without them."""
+    """Drops velocities whose axes contradict the way between fixes; positions go on without them.
+
+    Once they are North-East-Down beyond doubt they are turned.
+    """
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
         self._check = VelocityCheck()
         self._said = ""
-        self._said_vertical = False
+        self._said_vertical = ""
+        self._said_turned = False
 
     @property
     def fault(self) -> str:
@@ -37,7 +46,7 @@ class VelocityInput:
 
     def fix(self, sample: GnssFix, t: float) -> None:
         """A usable fix valid at ``t`` [s]: what velocities are compared with."""
-        self._check.fix(t, sample.lat, sample.lon)
+        self._check.fix(t, sample.lat, sample.lon, sample.alt)
         fault = self._check.fault
         if fault == self._said:
             return
@@ -59,13 +68,27 @@ class VelocityInput:
             self._journal.count("gnss.rejected.velocity_without_fix")
             return None
         self._check.velocity(t, *sample.vel_enu)
-        if self._check.fault:
+        if self._check.fault == NED and self._check.certain:
+            return self._turned(sample)
+        if self._check.fault or self._check.suspect:
             self._journal.count("gnss.rejected.velocity_axes")
             return None
-        if not self._check.vertical_unfilled:
+        vertical = self._check.vertical_fault
+        if not (vertical or self._check.vertical_suspect):
             return sample
-        if not self._said_vertical:
-            self._said_vertical = True
-            text = "GNSS vertical velocity not used: it is exactly zero all the time, the driver does not fill it"
-            self._journal.say(sample.stamp_ns, "gnss.velocity.vertical_unfilled", Level.WARN, text)
+        if vertical and vertical != self._said_vertical:
+            self._said_vertical = vertical
+            text = f"GNSS vertical velocity not used: {_VERTICAL_FAULTS[vertical]}"
+            self._journal.say(sample.stamp_ns, f"gnss.velocity.vertical.{vertical}", Level.WARN, text)
         return replace(sample, vel_enu=(*sample.vel_enu[:2], math.nan))
+
+    def _turned(self, sample: GnssVelocity) -> GnssVelocity:
+        """North-East-Down as East-North-Up."""
+        if not self._said_turned:
+            self._said_turned = True
+            text = "GNSS velocity is North-East-Down beyond doubt: turned and used; set ros.input.velocity_frame to ned"
+            self._journal.say(sample.stamp_ns, "gnss.velocity.turned", Level.WARN, text)
+        north, east, down = sample.vel_enu
+        turn = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+        cov = None if sample.cov_enu is None else turn @ sample.cov_enu @ turn.T
+        return replace(sample, vel_enu=(east, north, -down), cov_enu=cov)
