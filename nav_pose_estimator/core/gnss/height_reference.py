@@ -33,24 +33,29 @@ class HeightReference:
     """Offer it the height of every fix beside a good horizontal position; ``shift`` [m] is to be taken off them."""
 
     shift: float = field(default=0.0, init=False)
+    span: float = field(default=0.0, init=False)
+    """Metres between the heights of a receiver that changes back and forth, 0 for any other."""
     _before: tuple[float, float] = field(default=(-math.inf, 0.0), init=False)
     _steps: tuple[float, ...] = field(default=(), init=False)  # times [s] of the last ones
     _candidate: _Candidate | None = field(default=None, init=False)
 
-    def offer(self, t: float, off: float, bound: float, known: bool) -> str:
+    def offer(self, t: float, off: float, bound: float, scatter: float, known: bool) -> str:
         """What becomes of a height valid at ``t`` [s].
 
         Args:
             off: height less ``shift`` minus that of the filter [m].
             bound: how far a good one may be off [m].
+            scatter: how far two heights in a row may differ by chance [m].
             known: whether fixes have corrected the filter's height up to now.
         """
         before, self._before = self._before, (t, off)
-        stepped = t - before[0] < _PAUSE and abs(off - before[1]) > max(0.5 * bound, _STEP)
+        stepped = t - before[0] < _PAUSE and abs(off - before[1]) > max(scatter, _STEP)
         self._steps = tuple(at for at in (*self._steps, t) if t - at < _PAUSE) if stepped else self._steps
         if self._steps and len(self._steps) >= _SWITCHES and t - self._steps[-1] < _PAUSE:
             self._candidate = None
+            self.span = max(self.span, abs(off - before[1]))
             return LEFT_OUT
+        self.span = 0.0
         if abs(off) <= bound:
             self._candidate = None
             return USED

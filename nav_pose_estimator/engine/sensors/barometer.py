@@ -24,7 +24,7 @@ _NEAR = 1_200.0  # m: what they may do
 _UNITS = {"hPa": 100.0, "kPa": 1e3, "bar": 1e5, "mmHg": 133.322, "inHg": 3386.39, "psi": 6894.76}  # Pa
 _VAGUE = 20.0  # m: a height with a larger deviation was never GNSS's
 _UP = DPOS + 2
-_APART = 12.0  # m: further from its own reference it contradicts GNSS
+_APART = 25.0  # m: further from its own reference it contradicts GNSS
 _APART_TIME = 5.0  # s
 
 

@@ -10,12 +10,13 @@ import numpy as np
 from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.core.filter import bias_noise
 from nav_pose_estimator.core.filter.kalman import ACCEPTED, correct, gated_correct
-from nav_pose_estimator.core.filter.layout import ALT, DPOS, DVEL, LAT, LON, VEL
+from nav_pose_estimator.core.filter.layout import ALT, DPOS, DVEL, LAT, LON, PHI, VEL
 from nav_pose_estimator.core.filter.vertical_channel import gated_height
 from nav_pose_estimator.engine.observation import Decision, FilterView, Observation, Use
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 
 _RESET_VELOCITY_SD = (0.3, 0.3, 0.5)  # m/s
+_LARGEST_TILT_VAR = math.radians(10.0) ** 2  # rad^2: beyond, an error state is no longer small
 Gates = list[tuple[float, float]]
 """(soft, hard) bounds of the normalised innovation squared for 1, 2, 3 ... rows."""
 
@@ -36,8 +37,12 @@ class Fusion:
         if o.decision.use is Use.WIDENING:
             f.P[:] *= o.decision.reference * bias_noise.overstatement(f.nav)
             return
+        if o.decision.widening != 1.0:
+            _widen(f.P, o.decision.widening)
         if o.decision.use is not Use.LEFT_OUT:
             self._correct(sensor, o, o.decision, f, first)
+        if o.decision.height_sd > 0.0:
+            f.P[DPOS + 2, DPOS + 2] = max(f.P[DPOS + 2, DPOS + 2], o.decision.height_sd**2)
         sensor.settle(o, f)
 
     def _correct(self, sensor: Sensor, o: Observation, decision: Decision, f: FilterView, first: bool) -> None:
@@ -63,6 +68,15 @@ class Fusion:
         if sensor.vertical_only:
             return gated_height(*f, float(z[0]), float(R[0, 0]), soft, hard)
         return gated_correct(*f, z, H, R, soft, soft if sensor.all_or_nothing else hard)
+
+
+def _widen(P: np.ndarray, factor: float) -> None:
+    """Multiply the covariance of the motion by ``factor``, as far as the attitude allows; biases stay as known."""
+    for start, most in ((PHI, _LARGEST_TILT_VAR), (DVEL, math.inf), (DPOS, math.inf)):
+        states = slice(start, start + 3)
+        factors = np.sqrt(np.clip(most / P.diagonal()[states], 1.0, factor))
+        P[states, :] *= factors[:, None]
+        P[:, states] *= factors
 
 
 def _reset(f: FilterView, z: np.ndarray, R: np.ndarray, velocity: tuple[float, ...]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
 
 _SAME_MOTION = 1.0  # s: over this time the navigator knows the change of velocity better than a receiver
-_SAME_STEP = 10.0  # m: a step of the height that is told again is another one
+_SAME_STEP = 20.0  # s: a height that is left out later than that is told again
 _CHANCE = 2.5  # deviations by which two fixes minutes apart may differ
 
 
@@ -55,7 +56,7 @@ class GnssPositionSensor(Sensor):
         self._walk_off = WalkOff()
         self._drifts = False
         self._heights = HeightReference()
-        self._height_told = math.nan  # m: the step that was told last
+        self._height_told = -math.inf  # s: when a height was left out last
         self.origin: tuple[float, float, float] | None = None
         self.resets = 0
         self.last_reset_m = math.nan  # size of the last one
@@ -88,7 +89,26 @@ class GnssPositionSensor(Sensor):
         return z[:rows], H[:rows], o.stated_R[:rows, :rows]
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
-        """Ask the guard of the return, which is offered every fix."""
+        """What the guard of the return says, with the doubt that GNSS casts on the filter."""
+        widening = self._doubted(o, f) if self._aiding.gnss_is_good(o.t) else 1.0
+        decision = self._ask_the_guard(o, f)
+        return replace(decision, widening=widening, height_sd=0.5 * self._heights.span)
+
+    def _doubted(self, o: Observation, f: FilterView) -> float:
+        """The factor by which the covariance is too small, as far as refused velocities and positions tell."""
+        z, H, R = (part[:2] for part in self.linearise(o, f))
+        doubt = self._velocity.doubt
+        was = doubt.reason
+        factor = doubt.position(o.t, distance(z, H, f.P, R[:, :2]))
+        if doubt.reason and not was:
+            text = f"the navigator is in doubt: {doubt.reason}; its sigma grows until they agree"
+            self._journal.say(o.stamp_ns, "doubt", Level.WARN, text)
+        elif was and not doubt.reason:
+            self._journal.say(o.stamp_ns, "doubt.ended", Level.INFO, "navigator and GNSS agree again")
+        return factor
+
+    def _ask_the_guard(self, o: Observation, f: FilterView) -> Decision:
+        """The guard is offered every fix."""
         reference = self._height_reference(o, f, *self.linearise(o, f))
         z, H, R = self.linearise(o, f)
         if math.isnan(reference):
@@ -125,17 +145,19 @@ class GnssPositionSensor(Sensor):
         if np.any(np.abs(z[:2]) > sigmas * np.sqrt(variances[:2])):
             return self._heights.shift
         off, known = -float(z[2]), self._aiding.height_is_good(o.t)
-        outcome = self._heights.offer(o.t, off, sigmas * math.sqrt(variances[2]), known)
+        outcome = self._heights.offer(
+            o.t, off, sigmas * math.sqrt(variances[2]), 0.5 * sigmas * math.sqrt(R[2, 2]), known
+        )
         if outcome == height_reference.USED:
             return self._heights.shift
         if outcome == height_reference.MOVED:
             text = f"GNSS heights stay {off:+.1f} m off: taken as another reference (geoid, ellipsoid) and shifted back"
             self._journal.say(o.stamp_ns, "gnss.height.moved", Level.WARN, text, shift_m=self._heights.shift)
             return self._heights.shift
-        if abs(off - self._height_told) < _SAME_STEP:
+        told, self._height_told = self._height_told, o.t
+        if o.t - told < _SAME_STEP:
             self._journal.count("gnss.rejected.height")
         else:
-            self._height_told = off
             text = f"GNSS height not used: it jumped by {off:+.0f} m while the position stayed: geoid against ellipsoid?"
             self._journal.say(o.stamp_ns, "gnss.rejected.height", Level.WARN, text)
         return math.nan
