@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from nav_pose_estimator.engine.navigator import start_up
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.navigator import start_up, status
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.split_filter import MOTION
@@ -113,7 +115,10 @@ def _attitude(run: FilterRun, sample: AttitudeSample) -> None:
 
 
 def _set_pose(run: FilterRun, sample: SetPose) -> None:
-    refusal = start_up.pose_refusal(sample, run.timeline.running)
+    here = None
+    if run.timeline.running and run.origin is not None:
+        here = lla_to_enu(*run.settled.nav[at.LAT : at.VEL], *run.origin)
+    refusal = start_up.pose_refusal(sample, here, status.horizontal_deviation(run))
     if refusal:
         text = f"set_pose is not used: {start_up.POSE_REFUSALS[refusal]}"
         run.journal.say(sample.stamp_ns, f"set_pose.rejected.{refusal}", Level.WARN, text)

@@ -77,7 +77,8 @@ class SinsEngine:
         before, parameters = self.run, self.run.parameters
         if parameters.aids.declination == self.parameters.aids.declination:
             parameters = self.parameters  # a field model that said nothing (the clock was not set yet?) is asked again
-        self.run = FilterRun(parameters, self.journal, before.origin, self._gnss_enabled, known)
+        origin = None if before.gnss.position.forsakes_origin else before.origin
+        self.run = FilterRun(parameters, self.journal, origin, self._gnss_enabled, known)
 
     def status(self) -> Status:
         """What a pilot wants to know."""

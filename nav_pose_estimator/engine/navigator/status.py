@@ -36,4 +36,5 @@ def status_of(run: FilterRun) -> Status:
         satellites=reception.satellites,
         counters=dict(run.journal.counters),
         values=values,
+        doubt=run.gnss.position.doubt(t),
     )

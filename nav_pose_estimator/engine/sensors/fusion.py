@@ -41,8 +41,10 @@ class Fusion:
             _widen(f.P, o.decision.widening)
         if o.decision.use is not Use.LEFT_OUT:
             self._correct(sensor, o, o.decision, f, first)
-        if o.decision.height_sd > 0.0:
-            f.P[DPOS + 2, DPOS + 2] = max(f.P[DPOS + 2, DPOS + 2], o.decision.height_sd**2)
+        horizontal, vertical = o.decision.least_sd
+        for axis, sd in enumerate((horizontal, horizontal, vertical)):
+            if sd > 0.0:
+                f.P[DPOS + axis, DPOS + axis] = max(f.P[DPOS + axis, DPOS + axis], sd**2)
         sensor.settle(o, f)
 
     def _correct(self, sensor: Sensor, o: Observation, decision: Decision, f: FilterView, first: bool) -> None:

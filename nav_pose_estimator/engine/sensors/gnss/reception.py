@@ -19,6 +19,7 @@ from nav_pose_estimator.engine.sensors.gnss.velocity_input import VelocityInput
 from nav_pose_estimator.engine.solutions import Level
 
 _PERIOD_MEMORY = 6  # fixes that the period is taken from
+_STUCK = 4  # repetitions of position and velocity in a row
 _AHEAD = 1.0  # s: a fix with a later stamp is from the future
 _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
 
@@ -36,6 +37,7 @@ class GnssReception:
         self.velocities = VelocityInput(journal)
         self._usable = False  # the last fix
         self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
+        self._repeats, self._last = 0, (math.nan, math.nan, math.nan)
         self._no_height_told = False
         self._told_ahead = math.nan  # s: the clock offset that was told last
 
@@ -61,6 +63,11 @@ class GnssReception:
         if sample.lat == 0.0 and sample.lon == 0.0:
             why = "latitude and longitude are exactly zero, which is what drivers send before the first fix"
             return self.refuse(sample.stamp_ns, "gnss.rejected.null_island", why)
+        here = (sample.lat, sample.lon, sample.alt)
+        self._repeats, self._last = self._repeats + 1 if here == self._last else 0, here
+        if min(self._repeats, self.velocities.repeats) >= _STUCK:
+            why = "position and velocity repeat to the last digit while the vehicle moves: the receiver is stuck"
+            return self.refuse(sample.stamp_ns, "gnss.rejected.stuck", why)
         if t - now > _AHEAD:
             return self.refuse(sample.stamp_ns, "gnss.rejected.future", self._clocks(sample, t - now))
         if not self.enabled:

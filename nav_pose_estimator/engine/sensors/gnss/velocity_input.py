@@ -14,6 +14,7 @@ from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
 from nav_pose_estimator.engine.solutions import Level
 
 _LARGEST_SPEED = 1e3  # m/s: receivers stop at 500
+_MOVING = 0.3  # m/s: receivers round, and hold an antenna that stands
 _FAULTS = {
     NED: "its axes look like North-East-Down: set ros.input.velocity_frame to ned",
     TURNED: "it is as fast as the positions move, but in another direction: its axes look like the vehicle's own, "
@@ -36,6 +37,9 @@ class VelocityInput:
         self._journal = journal
         self._check = VelocityCheck()
         self._said = ""
+        self._last: tuple[float, ...] = ()
+        self.repeats = 0
+        """How often the last velocity has come again to the last digit, of a vehicle that moves by it."""
         self._said_vertical = ""
         self._said_turned = False
 
@@ -61,6 +65,8 @@ class VelocityInput:
     def velocity(self, sample: GnssVelocity, t: float, fix_usable: bool) -> GnssVelocity | None:
         """What of a velocity valid at ``t`` [s] may be offered to the filter; None (and counted) if nothing."""
         up = sample.vel_enu[2]
+        same = sample.vel_enu == self._last and math.hypot(*sample.vel_enu[:2]) > _MOVING
+        self.repeats, self._last = self.repeats + 1 if same else 0, sample.vel_enu
         if not is_within(sample.vel_enu[:2], _LARGEST_SPEED) or abs(up) > _LARGEST_SPEED:
             self._journal.count("gnss.rejected.velocity_value")
             return None
