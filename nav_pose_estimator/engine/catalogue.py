@@ -37,7 +37,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("set_pose.rejected.value", "a pose held no numbers or no rotation", "look at who publishes set_pose"),
         Entry("set_pose.rejected.far", "a pose lay far from where the navigator is", "look at who publishes set_pose"),
         Entry(
-            "doubt",
+            "doubt.begun",
             "GNSS keeps contradicting the navigator: its sigma grows until they agree",
             "set gnss.delay and gnss.lever_arm; look for vibration of the IMU",
         ),

@@ -173,7 +173,9 @@ class Aligner:
             return
         period = 1.0 if self._last_fix is None else min(t_valid - self._last_fix.t, 1.0)
         velocity, velocity_sd = _velocity(vel_enu, vel_sd, period)
-        fix = Fix(t_valid, (lat, lon, alt), velocity, np.array([pos_sd, pos_sd, max(1.7 * pos_sd, height_sd)]), velocity_sd)
+        fix = Fix(
+            t_valid, (lat, lon, alt), velocity, np.array([pos_sd, pos_sd, max(1.7 * pos_sd, height_sd)]), velocity_sd
+        )
         self._last_fix = fix
         if t_valid <= self._now:
             self._take(fix)

@@ -1,4 +1,4 @@
-"""Does a receiver's velocity say where its positions go? Tells axes that are not East-North-Up, and values never filled.
+"""Does a receiver's velocity say where its positions go? Tells axes other than East-North-Up, and values never filled.
 
 Over a stretch of a few seconds the sum of the velocities must be the way between the fixes. Where it is not, but would
 be with North and East exchanged, the velocity is North-East-Down; where only the length fits, its axes are turned, as
@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 _EARTH = 6.371e6  # m
 _APART = 0.3  # s: a velocity farther from a fix in time is not its own
@@ -85,7 +86,7 @@ class VelocityCheck:
             self.vertical_suspect = self._zeros >= _UNFILLED
 
     def fix(self, t: float, lat: float, lon: float, alt: float) -> None:
-        """A position [rad, rad, m] valid at ``t``. It counts once the next one is there, and with it its own velocity."""
+        """A position [rad, rad, m] valid at ``t``. It counts once the next one is there, and so its own velocity."""
         before, self._waiting = self._waiting, (t, lat, lon, alt)
         if before is None or not before[0] < t:
             return
@@ -149,9 +150,10 @@ class VelocityCheck:
         self._agreed = self._agreed or not verdict
         if verdict == NED:
             self._ned_ways = [*self._ned_ways, direction][-10:]
-            self.certain = any(
-                abs(math.remainder(direction - a, 2.0 * math.pi)) > _OTHER_WAY for a in self._ned_ways
-            ) or DOWN in self._climbs
+            self.certain = (
+                any(abs(math.remainder(direction - a, 2.0 * math.pi)) > _OTHER_WAY for a in self._ned_ways)
+                or DOWN in self._climbs
+            )
         elif verdict != "?":
             self._ned_ways, self.certain = [], False
         self._verdicts = (*self._verdicts, verdict)[-_CURE:]
@@ -165,7 +167,7 @@ class VelocityCheck:
 def _sum(epochs: list[_Epoch]) -> tuple[float, float]:
     """Where the velocities lead, trapezoidal rule [m]."""
     x = y = 0.0
-    for a, b in zip(epochs, epochs[1:], strict=False):
+    for a, b in pairwise(epochs):
         half = 0.5 * (b.t - a.t)
         x += half * (a.velocity[0] + b.velocity[0])
         y += half * (a.velocity[1] + b.velocity[1])

@@ -117,7 +117,8 @@ def _attitude(run: FilterRun, sample: AttitudeSample) -> None:
 def _set_pose(run: FilterRun, sample: SetPose) -> None:
     here = None
     if run.timeline.running and run.origin is not None:
-        here = lla_to_enu(*run.settled.nav[at.LAT : at.VEL], *run.origin)
+        lat, lon, alt = run.settled.nav[at.LAT : at.VEL].tolist()
+        here = lla_to_enu(lat, lon, alt, *run.origin)
     refusal = start_up.pose_refusal(sample, here, status.horizontal_deviation(run))
     if refusal:
         text = f"set_pose is not used: {start_up.POSE_REFUSALS[refusal]}"

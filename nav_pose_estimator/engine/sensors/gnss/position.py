@@ -125,7 +125,7 @@ class GnssPositionSensor(Sensor):
         factor = doubt.position(o.t, distance(z, H, f.P, R[:, :2]))
         if doubt.reason and not was:
             text = f"the navigator is in doubt: {doubt.reason}; its sigma grows until they agree"
-            self._journal.say(o.stamp_ns, "doubt", Level.WARN, text)
+            self._journal.say(o.stamp_ns, "doubt.begun", Level.WARN, text)
         elif was and not doubt.reason:
             self._journal.say(o.stamp_ns, "doubt.ended", Level.INFO, "navigator and GNSS agree again")
         return factor
@@ -137,7 +137,7 @@ class GnssPositionSensor(Sensor):
         if math.isnan(reference):
             z, H, R = z[:2], H[:2], R[:2, :2]
         # what the guard remembers must be the receiver's alone: a filter gone astray would bend it
-        fix = self._local(*o.measured[:2], o.measured[2] - reference, f)
+        fix = self._local(o.measured, reference, f)
         off, sd = [*z.tolist(), 0.0][:3], [*np.sqrt(R.diagonal()).tolist(), 0.0][:3]
         predicted = [place + difference for place, difference in zip(fix, off, strict=True)]
         predicted_sd = np.sqrt(f.P.diagonal()[DPOS : DPOS + 3]).tolist()
@@ -185,7 +185,9 @@ class GnssPositionSensor(Sensor):
         if o.t - told < _SAME_STEP:
             self._journal.count("gnss.rejected.height")
         else:
-            text = f"GNSS height not used: it jumped by {off:+.0f} m while the position stayed: geoid against ellipsoid?"
+            text = (
+                f"GNSS height not used: it jumped by {off:+.0f} m while the position stayed: geoid against ellipsoid?"
+            )
             self._journal.say(o.stamp_ns, "gnss.rejected.height", Level.WARN, text)
         return math.nan
 
@@ -204,9 +206,7 @@ class GnssPositionSensor(Sensor):
             text = "GNSS positions agree with the receiver's velocity again"
             self._journal.say(o.stamp_ns, "gnss.drift.ended", Level.INFO, text)
 
-    def _velocity_now(
-        self, o: Observation, f: FilterView, position: Linearised
-    ) -> tuple[list[float] | None, float]:
+    def _velocity_now(self, o: Observation, f: FilterView, position: Linearised) -> tuple[list[float] | None, float]:
         """The receiver's last velocity, and what of it and the fix together no drift explains; None without one."""
         last = self._velocity.misfit
         if last is None or not 0.0 <= o.t - last.t <= _SAME_MOTION:
@@ -247,7 +247,8 @@ class GnssPositionSensor(Sensor):
         """What the operator says of a return that waits for that; False where none does."""
         return self._guard.decide(accept)
 
-    def _local(self, lat: float, lon: float, alt: float, f: FilterView) -> list[float]:
+    def _local(self, place: tuple[float, float, float], reference: float, f: FilterView) -> list[float]:
+        lat, lon, alt = place[0], place[1], place[2] - reference
         if math.isnan(alt):
             alt = float(f.nav[ALT])
         lat0, lon0, alt0 = self.origin or (lat, lon, alt)
@@ -257,6 +258,8 @@ class GnssPositionSensor(Sensor):
 
 
 def _return_settings(parameters: GnssParameters, lost_after: float) -> ReacquisitionSettings:
-    named = {name: getattr(parameters.reacquisition, name) for name in ReacquisitionSettings.__slots__ if name != "loss_time"}
+    named = {
+        name: getattr(parameters.reacquisition, name) for name in ReacquisitionSettings.__slots__ if name != "loss_time"
+    }
     named["track_timeout"] = max(named["track_timeout"], lost_after)
     return ReacquisitionSettings(loss_time=lost_after, **named)
