@@ -33,6 +33,15 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("set_pose", "the pose was set from outside"),
         Entry("set_pose.rejected.frame", "a pose came in a frame that is not map", "publish it in ros.frames.map"),
         Entry("set_pose.rejected.nan", "a pose held no numbers or no rotation", "look at who publishes set_pose"),
+        Entry("set_pose.rejected.stamp", "a pose came without a stamp", "let whoever publishes set_pose stamp it"),
+        Entry("set_pose.rejected.value", "a pose held no numbers or no rotation", "look at who publishes set_pose"),
+        Entry("set_pose.rejected.far", "a pose lay far from where the navigator is", "look at who publishes set_pose"),
+        Entry(
+            "doubt.begun",
+            "GNSS keeps contradicting the navigator: its sigma grows until they agree",
+            "set gnss.delay and gnss.lever_arm; look for vibration of the IMU",
+        ),
+        Entry("doubt.ended", "GNSS and the navigator agree again"),
         Entry("set_pose.rejected.no_origin", "a pose came before there was an origin", "wait for AIDED once"),
         Entry("qos.incompatible", "a publisher offers less than asked for and is not heard", "see the log line"),
         Entry("callback.failed.*", "a message led to an error in this package and was not used", "report it, please"),
@@ -139,6 +148,36 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "wait, or widen the gate",
         ),
         Entry("gnss.rejected.satellites", "too few satellites", "wait, or lower gnss.gate.min_satellites_enter"),
+        Entry(
+            "gnss.rejected.null_island",
+            "latitude and longitude are exactly zero, which is no fix",
+            "wait for a fix; let the driver send no position before it",
+        ),
+        Entry(
+            "gnss.rejected.future",
+            "the fix has a stamp more than 1 s ahead of the IMU's time; the sentence says by how much and why",
+            _CLOCKS + "; leap seconds and time zones are the driver's to correct",
+        ),
+        Entry(
+            "gnss.rejected.stuck",
+            "position and velocity repeat to the last digit while the vehicle moves",
+            "power the receiver again; look at what repeats its messages",
+        ),
+        Entry(
+            "gnss.rejected.height",
+            "the height jumped while the position stayed; latitude and longitude are used",
+            "let the driver give heights above the ellipsoid in every fix",
+        ),
+        Entry(
+            "gnss.height.moved",
+            "heights stay on another reference; the step is taken off them",
+            "let the driver give heights above the ellipsoid in every fix",
+        ),
+        Entry(
+            "gnss.height.missing",
+            "a fix has no altitude: the height is the barometer's, or held",
+            "let the driver fill the altitude; connect a barometer",
+        ),
         Entry("gnss.rejected.value", "the fix holds NaN or an impossible latitude", _SENSOR),
         Entry("gnss.rejected.disabled", "GNSS is switched off by the operator", "call ~/use_gnss with true"),
         Entry(
@@ -193,6 +232,42 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("gnss.drift.ended", "fixes and their velocities agree again"),
         Entry("gnss.drift.fixes", "a fix that came while positions and velocities drifted apart"),
+        Entry(
+            "gnss.rejected.velocity_axes",
+            "a velocity whose axes contradict the way between fixes",
+            "see gnss.velocity.axes",
+        ),
+        Entry(
+            "gnss.velocity.axes.ned",
+            "velocities look like North-East-Down and are not used",
+            "set ros.input.velocity_frame to ned",
+        ),
+        Entry(
+            "gnss.velocity.axes.turned",
+            "velocities are as fast as the positions move, but in another direction; they are not used",
+            "let the driver send East-North-Up; a velocity in body axes belongs on another topic",
+        ),
+        Entry(
+            "gnss.velocity.axes.silent",
+            "velocities stay zero while the positions move and are not used",
+            "set ros.input.velocity to none",
+        ),
+        Entry("gnss.velocity.axes.ended", "velocities agree with the way between fixes again"),
+        Entry(
+            "gnss.velocity.turned",
+            "velocities are North-East-Down beyond doubt; they are turned and used",
+            "set ros.input.velocity_frame to ned",
+        ),
+        Entry(
+            "gnss.velocity.vertical.silent",
+            "the vertical velocity stays zero while the height changes and is not used",
+            "set ros.input.vertical_velocity to false",
+        ),
+        Entry(
+            "gnss.velocity.vertical.down",
+            "the vertical velocity is positive down and is not used",
+            "let the driver send it positive up",
+        ),
         Entry("gnss.rejected.velocity_value", "a velocity that is not a number", _SENSOR),
         Entry("gnss.rejected.velocity_without_fix", "a velocity came while fixes are refused", "see why they are"),
         Entry("gnss.rejected.velocity_without_position", "a velocity came while no position is used", "see why"),
@@ -260,6 +335,17 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("mag.rejected.no_attitude_yet", "a field came before the first IMU sample"),
         Entry("mag.rejected.stamp", "a field not newer than the last one", _SENSOR),
         Entry("mag.rejected.stale", "a field half a second away from the IMU's time", _CLOCKS),
+        Entry(
+            "baro.rejected.unit",
+            "a pressure that belongs to the height of GNSS in another unit than pascal",
+            "let the driver send pascal",
+        ),
+        Entry(
+            "baro.contradicts",
+            "the barometer has moved away from the heights of GNSS; it is not used in an outage",
+            "look for a blocked port, or one that the propellers blow on",
+        ),
+        Entry("baro.contradicts.ended", "barometer and GNSS heights agree again"),
         Entry("baro.rejected.value", "a pressure that is not one of the atmosphere", "check the unit: pascal, not hPa"),
         Entry("zero_velocity.rejected", "the IMU was still, but the filter is sure to move: no rest"),
         Entry(

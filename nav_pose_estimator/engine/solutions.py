@@ -232,6 +232,7 @@ class Status:
     satellites: int | None
     counters: dict[str, int]
     values: dict[str, float]  # nis means, rates, delays ...
+    doubt: str = ""  # why an aided navigator is not to be believed as usual
 
 
 Output = NavSolution | NavBlock | AttitudeSolution | AttitudeBlock | PredictedDrift | Event

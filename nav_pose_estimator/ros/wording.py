@@ -51,8 +51,9 @@ class InputReport:
 
 
 def level_of(status: Status) -> int:
-    """OK, WARN or ERROR for the mode."""
-    return _LEVELS.get(status.mode, WARN)
+    """OK, WARN or ERROR for the mode; no more than WARN while the navigator is in doubt."""
+    level = _LEVELS.get(status.mode, WARN)
+    return WARN if status.doubt and level == OK else level
 
 
 def sentence(status: Status, meanings: Mapping[Mode, str] = MEANINGS) -> str:
@@ -65,6 +66,8 @@ def sentence(status: Status, meanings: Mapping[Mode, str] = MEANINGS) -> str:
         parts.append(f"position good to {metres(status.horizontal_sd)} (1 sigma)")
     if status.mode is not Mode.AIDED and math.isfinite(status.horizontal_sd_in_30_s):
         parts.append(f"to {metres(status.horizontal_sd_in_30_s)} in 30 s")
+    if status.doubt:
+        parts.append(f"in doubt: {status.doubt}")
     if status.gnss_refusal and status.gnss_refusal not in waiting:
         parts.append(f"GNSS refused: {status.gnss_refusal}")
     return ", ".join(parts)
@@ -80,6 +83,7 @@ def facts(status: Status) -> list[tuple[str, str]]:
         ("horizontal sigma [m]", number(status.horizontal_sd)),
         ("horizontal sigma in 30 s [m]", number(status.horizontal_sd_in_30_s)),
         ("GNSS refused because", status.gnss_refusal or "-"),
+        ("in doubt because", status.doubt or "-"),
         ("satellites", satellites),
     ]
     return pairs + [(key, number(value)) for key, value in sorted(status.values.items())]

@@ -140,13 +140,19 @@ class Aligner:
         vel_enu: Sequence[float] | None,
         pos_sd: float,
         vel_sd: float,
+        height_sd: float = 0.0,
     ) -> None:
-        """A fix valid at ``t_valid``: rad, rad, m; velocity ENU [m/s] or None, vertical NaN if missing; deviations."""
+        """A fix valid at ``t_valid``: rad, rad, m; velocity ENU [m/s] or None, vertical NaN if missing; deviations.
+
+        ``height_sd`` where the height is worse than the usual 1.7 times ``pos_sd``.
+        """
         if self._last_fix is not None and t_valid <= self._last_fix.t:
             return
         period = 1.0 if self._last_fix is None else min(t_valid - self._last_fix.t, 1.0)
         velocity, velocity_sd = _velocity(vel_enu, vel_sd, period)
-        fix = Fix(t_valid, (lat, lon, alt), velocity, pos_sd * np.array([1.0, 1.0, 1.7]), velocity_sd)
+        fix = Fix(
+            t_valid, (lat, lon, alt), velocity, np.array([pos_sd, pos_sd, max(1.7 * pos_sd, height_sd)]), velocity_sd
+        )
         self._last_fix = fix
         if t_valid <= self._now:
             self._take(fix)

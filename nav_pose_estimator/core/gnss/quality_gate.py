@@ -7,6 +7,10 @@ is one ``state``; ``core.numerics.snapshot`` copies the gate with it.
 import math
 from dataclasses import dataclass, field
 
+_STEPS = 6  # between fixes, from which the period is taken
+_LONGEST_PERIOD = 10.0  # s: a receiver that is slower is taken as one that keeps failing
+_PERIODS = 2.2  # of a slow receiver pass before its count is stale
+
 
 @dataclass(frozen=True, slots=True)
 class Notice:
@@ -44,6 +48,7 @@ class GateState:
     last_update: float = -math.inf  # of the last count message, known or not
     counting_since: float = -math.inf  # first fix after a silence: a receiver that was away owes no count for it
     last_fix: float = -math.inf
+    steps: tuple[float, ...] = ()  # s between the last fixes
     good_since: float = math.inf  # count at or above the enter threshold without a break; inf: it is not
     usable_since: float | None = None  # fixes usable without a break
     notices: tuple[Notice, ...] = ()
@@ -83,6 +88,16 @@ class GnssGate:
         if self.settings.satellite_source == "none":
             self._deactivate("no source of a satellite count is configured")
 
+    @property
+    def period(self) -> float:
+        """Time between fixes [s], used or not: the shortest of the last few, so that a pause does not count."""
+        return min(min(self.state.steps, default=0.0), _LONGEST_PERIOD)
+
+    @property
+    def _count_max_age(self) -> float:
+        """A slow receiver counts as seldom as it fixes."""
+        return max(self.settings.count_max_age, _PERIODS * self.period)
+
     def update_count(self, t: float, count: int | None) -> None:
         """Take a satellite count; ``None`` means that the receiver does not know."""
         s = self.state
@@ -96,7 +111,7 @@ class GnssGate:
             self._set_count_state("unknown")
             s.good_since = math.inf
             return
-        if t - s.count_time > self.settings.count_max_age or count < self.settings.min_satellites_enter:
+        if t - s.count_time > self._count_max_age or count < self.settings.min_satellites_enter:
             s.good_since = math.inf
         s.count, s.count_time, s.inactive = count, t, False
         self._set_count_state("known")
@@ -115,7 +130,9 @@ class GnssGate:
     ) -> Verdict:
         """Judge one fix: NavSatStatus ``status``, accuracy [m] or ``None`` if unknown, ``age`` [s] on arrival."""
         s = self.state
-        if t - s.last_fix > self.settings.count_max_age:
+        if t > s.last_fix > -math.inf:
+            s.steps = (*s.steps, t - s.last_fix)[-_STEPS:]
+        if t - s.last_fix > self._count_max_age:
             s.counting_since = t
         s.last_fix = max(s.last_fix, t)
         reason = self._quality(status, horizontal_sd, vertical_sd, age) or self._count_reason(t)
@@ -143,12 +160,12 @@ class GnssGate:
         if s.inactive:
             return ""
         since_known = t - max(s.count_time, s.counting_since)
-        if since_known > settings.count_timeout:
+        if since_known > max(settings.count_timeout, _PERIODS * self.period):
             self._deactivate(f"no satellite count for {since_known:.0f} s from source {settings.satellite_source!r}")
             return ""
-        if s.count_state == "known" and t - s.count_time > settings.count_max_age:
+        if s.count_state == "known" and t - s.count_time > self._count_max_age:
             s.good_since = math.inf
-            if t - s.counting_since > self.settings.count_max_age:
+            if t - s.counting_since > self._count_max_age:
                 self._set_count_state("stale")
         if s.open:
             return ""

@@ -88,7 +88,7 @@ class FilterRun:
         self.parameters = parameters = declination.as_before(parameters, self.parameters)
         self.quiet_until = -math.inf
         self.renew_constants()
-        self.aiding.lost_after = parameters.navigator.lost_after
+        self.aiding.patience = parameters.navigator.lost_after
         self.gnss.set_parameters(parameters)
         for sensor in (*self.aids.values(), self.rest):
             sensor.set_parameters(parameters)

@@ -8,9 +8,10 @@ from dataclasses import replace
 from typing import Any
 
 from nav_pose_estimator.core.earth.atmosphere import air_density, height_pressure
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import blocks_of, enlarged, set_blocks, set_wander
-from nav_pose_estimator.core.filter.layout import ALT
-from nav_pose_estimator.engine.navigator import start_up
+from nav_pose_estimator.engine.navigator import start_up, status
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.split_filter import MOTION
@@ -31,6 +32,7 @@ from nav_pose_estimator.engine.samples import (
     SetPose,
     VelocityError,
 )
+from nav_pose_estimator.engine.sensors import barometer
 from nav_pose_estimator.engine.sensors.aids import AIDS
 from nav_pose_estimator.engine.sensors.airspeed import AirspeedSensor
 from nav_pose_estimator.engine.sensors.barometer import Barometer
@@ -76,12 +78,16 @@ def _fix(run: FilterRun, sample: GnssFix) -> None:
 
 def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
     t = run.clock.time_of(sample.stamp_ns, "gnss.rejected", run.journal)
-    if t is None or not run.gnss.reception.velocity(sample):
+    if t is None:
         return
-    observation = run.gnss.velocity.observe(sample, t - run.parameters.gnss.delay)
+    t -= run.parameters.gnss.delay
+    usable = run.gnss.reception.velocity(sample, t)
+    if usable is None:
+        return
+    observation = run.gnss.velocity.observe(usable, t)
     assert observation.stated_R is not None
-    run.imu_physics.velocity(observation.t, sample.vel_enu)
-    run.aligner.velocity(observation.t, sample.vel_enu, observation.stated_R)
+    run.imu_physics.velocity(observation.t, usable.vel_enu)
+    run.aligner.velocity(observation.t, usable.vel_enu, observation.stated_R)
     if run.timeline.running:
         run.observe(observation)
     else:
@@ -99,6 +105,8 @@ def _aid(run: FilterRun, sample: Any) -> None:
             run.observe(observation)
     elif isinstance(sample, MagSample):
         run.aligner.mag(t, sample.field)
+    elif isinstance(sample, PressureSample):
+        run.aligner.standard_height = barometer.standard_height(sample.pressure)
 
 
 def _give_blocks(run: FilterRun, aid: Aid) -> bool:
@@ -129,10 +137,10 @@ def _airspeed(run: FilterRun, sample: Airspeed) -> None:
 
 def _differential_pressure(run: FilterRun, sample: DifferentialPressure) -> None:
     """To true airspeed, by the density of the air that the barometer tells, else that of the height."""
-    barometer = run.aids[PressureSample]
-    pressure = barometer.pressure if isinstance(barometer, Barometer) else math.nan
+    sensor = run.aids[PressureSample]
+    pressure = sensor.pressure if isinstance(sensor, Barometer) else math.nan
     if math.isnan(pressure):
-        pressure = height_pressure(float(run.timeline.filter.nav[ALT]))
+        pressure = height_pressure(float(run.timeline.filter.nav[at.ALT]))
     speed = math.sqrt(2.0 * max(sample.pressure, 0.0) / air_density(pressure))
     _aid(run, Airspeed(sample.stamp_ns, speed))
 
@@ -156,7 +164,11 @@ def _attitude(run: FilterRun, sample: AttitudeSample) -> None:
 
 
 def _set_pose(run: FilterRun, sample: SetPose) -> None:
-    refusal = start_up.pose_refusal(sample, run.timeline.running)
+    here = None
+    if run.timeline.running and run.origin is not None:
+        lat, lon, alt = run.settled.nav[at.LAT : at.VEL].tolist()
+        here = lla_to_enu(lat, lon, alt, *run.origin)
+    refusal = start_up.pose_refusal(sample, here, status.horizontal_deviation(run))
     if refusal:
         text = f"set_pose is not used: {start_up.POSE_REFUSALS[refusal]}"
         run.journal.say(sample.stamp_ns, f"set_pose.rejected.{refusal}", Level.WARN, text)

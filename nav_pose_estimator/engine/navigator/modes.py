@@ -42,17 +42,18 @@ class ModeKeeper:
                 stamp_ns, "navigator.distrusted", Level.ERROR, f"not to be trusted until GNSS is back: {reason}"
             )
 
-    def seconds_unaided(self, t: float, last_used: float) -> float:
+    @staticmethod
+    def seconds_unaided(t: float, aiding: Aiding) -> float:
         """Seconds since the last used fix while GNSS counts as lost, else zero."""
-        gap = t - last_used
-        return gap if self._parameters.lost_after < gap < math.inf else 0.0
+        gap = t - aiding.fix_used
+        return gap if aiding.lost_after < gap < math.inf else 0.0
 
     def deadline(self, t: float, aiding: Aiding) -> float:
         """The next time after ``t`` at which the mode may change by time alone."""
         times = (
-            aiding.fix_used + self._parameters.lost_after,
+            aiding.fix_used + aiding.lost_after,
             aiding.fix_used + self._parameters.expire_after,
-            aiding.fix_offered + _OFFER_HOLDS,
+            aiding.fix_offered + max(_OFFER_HOLDS, aiding.lost_after),
             aiding.drift_bounded + _AID_HOLDS,
         )
         return min((at for at in times if at > t), default=math.inf)
@@ -72,10 +73,11 @@ class ModeKeeper:
 
     def at(self, t: float, aiding: Aiding) -> Mode:
         """The mode that ``t`` asks for, of a running filter."""
-        gap = t - aiding.fix_used
-        if gap < self._parameters.lost_after:
+        gap, lost_after = t - aiding.fix_used, aiding.lost_after
+        if gap < lost_after:
             return Mode.AIDED
-        if t - aiding.fix_offered < _OFFER_HOLDS and aiding.fix_offered > aiding.fix_used + self._parameters.lost_after:
+        offer_holds = max(_OFFER_HOLDS, lost_after)
+        if t - aiding.fix_offered < offer_holds and aiding.fix_offered > aiding.fix_used + lost_after:
             return Mode.REACQUIRING
         if gap >= self._parameters.expire_after or self.distrust_reason:
             return Mode.EXPIRED

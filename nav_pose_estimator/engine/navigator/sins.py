@@ -78,7 +78,8 @@ class SinsEngine:
         if parameters.aids.declination == self.parameters.aids.declination:
             parameters = self.parameters  # a field model that said nothing (the clock was not set yet?) is asked again
         noise = None if known is None else before.noise  # the same flight goes on
-        self.run = FilterRun(parameters, self.journal, before.origin, self._gnss_enabled, known, noise)
+        origin = None if before.gnss.position.forsakes_origin else before.origin
+        self.run = FilterRun(parameters, self.journal, origin, self._gnss_enabled, known, noise)
         self.run.imu_physics = before.imu_physics
         self.run.imu_physics.forget_time()
 

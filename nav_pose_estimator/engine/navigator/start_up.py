@@ -20,12 +20,18 @@ from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
 
+_POSE_FLOOR = np.r_[[0.3**2] * 3, [math.radians(0.5) ** 2] * 3]
+_FAR = 1e3  # m
 _FARTHEST = 1e6  # m: a pose beyond this is not in the local frame
 POSE_REFUSALS = {
     "no_origin": "a pose can be set only while the navigator runs",
     "value": "its position, orientation or covariance is none",
+    "stamp": "it has no stamp",
+    "far": "it lies a kilometre and ten deviations from where the navigator is",
 }
 _UNSTATED_TILT_SD = 0.1  # rad: tilt of an attitude that comes without covariance
+_STANDARD_SD = 100.0  # m: height of the standard atmosphere against the ellipsoid, weather and geoid
+_UNKNOWN_HEIGHT_SD = 2000.0  # m
 _SAME_EPOCH = 0.05  # s: a fix and a velocity closer than this belong together
 
 
@@ -51,6 +57,7 @@ class StartUp:
         self._velocities: deque[tuple[float, tuple, np.ndarray]] = deque(maxlen=10)
         self._done: Alignment | None = None
         self.time = 0.0
+        self.standard_height = math.nan  # m: of the last pressure, for a receiver that gives no height
 
     def __deepcopy__(self, memo: dict) -> StartUp:
         """A finished aligner takes nothing in any more: copies share it, and what it holds."""
@@ -129,23 +136,39 @@ class StartUp:
         t, fix, R = self._pending_fix
         self._pending_fix = None
         velocity_sd = 0.0 if velocity_R is None else float(math.sqrt(velocity_R[0, 0]))
-        self._aligner.gnss(t, fix.lat, fix.lon, fix.alt, vel_enu, float(math.sqrt(R[0, 0])), velocity_sd)
+        height, height_sd = fix.alt, 0.0
+        if math.isnan(height):
+            known = math.isfinite(self.standard_height)
+            height, height_sd = (self.standard_height, _STANDARD_SD) if known else (0.0, _UNKNOWN_HEIGHT_SD)
+        position_sd = float(math.sqrt(R[0, 0]))
+        self._aligner.gnss(t, fix.lat, fix.lon, height, vel_enu, position_sd, velocity_sd, height_sd)
 
 
-def pose_refusal(sample: SetPose, running: bool) -> str:
-    """Why a pose given from outside is not used, a key of ``POSE_REFUSALS``; empty if it is."""
-    if not running:
+def pose_refusal(sample: SetPose, here: np.ndarray | None, sd: float) -> str:
+    """Why a pose given from outside is not used, a key of ``POSE_REFUSALS``; empty if it is.
+
+    ``here`` (3,) where a running navigator is in the local frame [m], with its horizontal deviation ``sd`` [m].
+    """
+    if here is None:
         return "no_origin"
+    if sample.stamp_ns <= 0:
+        return "stamp"
     norm = math.hypot(*sample.q_nb)
     known = sample.cov is None or is_covariance(sample.cov, 6)
-    return "" if is_within(sample.position_enu, _FARTHEST) and 0.9 < norm < 1.1 and known else "value"
+    if not (is_within(sample.position_enu, _FARTHEST) and 0.9 < norm < 1.1 and known):
+        return "value"
+    return "far" if math.dist(sample.position_enu[:2], here[:2]) > max(_FAR, 10.0 * sd) else ""
 
 
 def set_pose(nav: np.ndarray, P: np.ndarray, sample: SetPose, origin: tuple[float, float, float]) -> None:
-    """Write a pose given from outside into ``nav`` and ``P``; a missing covariance means 1 m and 3 deg."""
+    """Write a pose given from outside into ``nav`` and ``P``; a missing covariance means 1 m and 3 deg.
+
+    Nobody knows a pose to better than 0.3 m and 0.5 deg, whatever is said.
+    """
     nav[at.LAT : at.VEL] = [float(x) for x in enu_to_lla(sample.position_enu, *origin)]
     nav[at.QUAT : at.GYRO_BIAS] = np.array(sample.q_nb) / np.linalg.norm(sample.q_nb)
     cov = np.diag([1.0] * 3 + [math.radians(3.0) ** 2] * 3) if sample.cov is None else np.array(sample.cov, float)
+    cov[np.diag_indices(6)] = np.maximum(cov.diagonal(), _POSE_FLOOR)
     for start, block in ((at.DPOS, cov[:3, :3]), (at.PHI, cov[3:, 3:])):
         P[start : start + 3, :] = 0.0
         P[:, start : start + 3] = 0.0

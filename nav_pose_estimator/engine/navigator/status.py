@@ -31,13 +31,14 @@ def status_of(run: FilterRun) -> Status:
         stamp_ns=run.clock.stamp(t),
         mode=run.modes.mode,
         waiting_for=_waiting_for(run),
-        seconds_coasting=run.modes.seconds_unaided(t, run.aiding.fix_used),
+        seconds_coasting=run.modes.seconds_unaided(t, run.aiding),
         horizontal_sd=sd,
         horizontal_sd_in_30_s=later,
         gnss_refusal=reception.refusal,
         satellites=reception.satellites,
         counters=dict(run.journal.counters),
         values=values,
+        doubt=run.gnss.position.doubt(t),
     )
 
 

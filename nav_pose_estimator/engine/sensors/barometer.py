@@ -6,17 +6,40 @@ import math
 
 import numpy as np
 
-from nav_pose_estimator.core.earth.atmosphere import pressure_height
+from nav_pose_estimator.core.earth.atmosphere import height_pressure, pressure_height
 from nav_pose_estimator.core.filter import measurements
-from nav_pose_estimator.core.filter.layout import ALT
+from nav_pose_estimator.core.filter.layout import ALT, DPOS
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import PressureSample
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised, Pacer, shared_error
+from nav_pose_estimator.engine.solutions import Level
 
 _LOWEST, _HIGHEST = 1_000.0, 120_000.0  # Pa: 31 km up, and below any place on Earth
+_THICK = 30_000.0  # Pa: a lower pressure belongs to 9 km and above
+_FAR = 2_500.0  # m between barometric height and GNSS: neither weather nor the geoid
+_NEAR = 1_200.0  # m: what they may do
+_UNITS = {"hPa": 100.0, "kPa": 1e3, "bar": 1e5, "mmHg": 133.322, "inHg": 3386.39, "psi": 6894.76}  # Pa
+_VAGUE = 20.0  # m: a height with a larger deviation was never GNSS's
+_UP = DPOS + 2
+_APART = 25.0  # m: further from its own reference it contradicts GNSS
+_APART_TIME = 5.0  # s
+
+
+def standard_height(pressure: float) -> float:
+    """Height [m] of a ``pressure`` [Pa] in the standard atmosphere, NaN unless it is one that vehicles fly in."""
+    return pressure_height(pressure) if _THICK < pressure < _HIGHEST else math.nan
+
+
+def likely_unit(pressure: float, height: float = math.nan) -> str:
+    """The unit other than pascal in which ``pressure`` belongs to ``height`` [m], or to any; empty if none."""
+    for unit, factor in _UNITS.items():
+        found = standard_height(pressure * factor)
+        if abs(found - height) < _NEAR or (math.isnan(height) and math.isfinite(found)):
+            return unit
+    return ""
 
 
 class Barometer(Aid):
@@ -32,6 +55,10 @@ class Barometer(Aid):
         self._offset = math.nan  # m: barometric minus filter height
         self._since = 0.0
         self.pressure = math.nan  # Pa, the last good one
+        self._offset_var = 0.0  # m^2, of a height that GNSS has not given
+        self._unit_told = False
+        self._apart_since = math.inf
+        self._contradicts = False
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New noise, period and time constant."""
@@ -46,22 +73,60 @@ class Barometer(Aid):
         if not self._enabled or not self._pacer.passes(t, self._period):
             return None
         if not _LOWEST < sample.pressure < _HIGHEST:
+            unit = likely_unit(sample.pressure)
+            if unit:
+                return self._refuse_unit(sample.stamp_ns, sample.pressure, unit)
             return self._refuse()
         return Observation(t, sample.stamp_ns, self.kind, pressure_height(sample.pressure))
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """Learn the reference while GNSS is good; without GNSS use it."""
-        if self._aiding.gnss_is_good(o.t):
-            self._learn(o, float(f.nav[ALT]))
+        height = float(f.nav[ALT])
+        if self._aiding.gnss_is_good(o.t) and self._aiding.height_is_good(o.t):
+            if abs(o.measured - height) < _FAR:
+                self._learn(o, height, float(f.P[_UP, _UP]))
+            else:
+                pressure = height_pressure(o.measured)
+                self._refuse_unit(o.stamp_ns, pressure, likely_unit(pressure, height))
             return LEFT_OUT
-        return LEFT_OUT if math.isnan(self._offset) else Decision(Use.GATED, self._offset)
+        known = math.isfinite(self._offset) and not self._contradicts
+        return Decision(Use.GATED, self._offset) if known else LEFT_OUT
 
-    def _learn(self, o: Observation, height: float) -> None:
+    def _refuse_unit(self, stamp_ns: int, pressure: float, unit: str) -> None:
+        """Count a pressure that is none in pascal; the first is told, with the ``unit`` that it looks like."""
+        if self._unit_told:
+            self._journal.count("baro.rejected.unit")
+            return
+        self._unit_told = True
+        guess = f"looks like {unit}" if unit else "no unit fits the height of GNSS"
+        text = f"barometer not used: {pressure:.5g}: pascal expected, {guess}"
+        self._journal.say(stamp_ns, "baro.rejected.unit", Level.ERROR, text)
+
+    def _watch(self, o: Observation, apart: float) -> None:
+        """Tell when the barometer has moved away from GNSS by ``apart`` [m] for seconds, and when it is back."""
+        self._apart_since = min(self._apart_since, o.t) if abs(apart) > _APART else math.inf
+        contradicts = o.t - self._apart_since > _APART_TIME
+        if contradicts and not self._contradicts:
+            text = f"barometer not used: it has moved {apart:+.0f} m against GNSS heights (a blocked or blown-on port?)"
+            self._journal.say(o.stamp_ns, "baro.contradicts", Level.WARN, text)
+        elif self._contradicts and not contradicts:
+            self._journal.say(o.stamp_ns, "baro.contradicts.ended", Level.INFO, "barometer and GNSS heights agree")
+        self._contradicts = contradicts
+
+    def _learn(self, o: Observation, height: float, variance: float) -> None:
+        self._offset_var = variance
         difference = o.measured - height
+        if math.isfinite(self._offset):
+            self._watch(o, difference - self._offset)
         if math.isnan(self._offset):
             self._offset, self._since = difference, o.t
         share = self._period / min(max(o.t - self._since, self._period), self._tau)
         self._offset += min(share, 1.0) * (difference - self._offset)
+
+    def settle(self, o: Observation, f: FilterView) -> None:
+        """However often it is repeated, a height knows no more than the reference that it started from."""
+        if self._offset_var > _VAGUE**2:
+            f.P[_UP, _UP] = max(f.P[_UP, _UP], self._offset_var)
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """One row, the height."""

@@ -10,12 +10,13 @@ import numpy as np
 from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.core.filter import bias_noise
 from nav_pose_estimator.core.filter.kalman import ACCEPTED, correct, gated_correct
-from nav_pose_estimator.core.filter.layout import ALT, DPOS, DVEL, LAT, LON, VEL
+from nav_pose_estimator.core.filter.layout import ALT, DPOS, DVEL, LAT, LON, PHI, VEL
 from nav_pose_estimator.core.filter.vertical_channel import gated_height
 from nav_pose_estimator.engine.observation import Decision, FilterView, Observation, Use
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 
 _RESET_VELOCITY_SD = (0.3, 0.3, 0.5)  # m/s
+_LARGEST_TILT_VAR = math.radians(10.0) ** 2  # rad^2: beyond, an error state is no longer small
 Gates = list[tuple[float, float]]
 """(soft, hard) bounds of the normalised innovation squared for 1, 2, 3 ... rows."""
 
@@ -36,8 +37,14 @@ class Fusion:
         if o.decision.use is Use.WIDENING:
             f.P[:] *= o.decision.reference * bias_noise.overstatement(f.nav)
             return
+        if o.decision.widening != 1.0:
+            _widen(f.P, o.decision.widening)
         if o.decision.use not in (Use.LEFT_OUT, Use.DOUBTED):
             self._correct(sensor, o, o.decision, f, first)
+        horizontal, vertical = o.decision.least_sd
+        for axis, sd in enumerate((horizontal, horizontal, vertical)):
+            if sd > 0.0:
+                f.P[DPOS + axis, DPOS + axis] = max(f.P[DPOS + axis, DPOS + axis], sd**2)
         sensor.settle(o, f)
 
     def _correct(self, sensor: Sensor, o: Observation, decision: Decision, f: FilterView, first: bool) -> None:
@@ -65,13 +72,23 @@ class Fusion:
         return gated_correct(*f, z, H, R, soft, soft if sensor.all_or_nothing else hard)
 
 
+def _widen(P: np.ndarray, factor: float) -> None:
+    """Multiply the covariance of the motion by ``factor``, as far as the attitude allows; biases stay as known."""
+    for start, most in ((PHI, _LARGEST_TILT_VAR), (DVEL, math.inf), (DPOS, math.inf)):
+        states = slice(start, start + 3)
+        factors = np.sqrt(np.clip(most / P.diagonal()[states], 1.0, factor))
+        P[states, :] *= factors[:, None]
+        P[:, states] *= factors
+
+
 def _reset(f: FilterView, z: np.ndarray, R: np.ndarray, velocity: tuple[float, ...]) -> None:
     """Put position (and velocity where known) on the fix and forget their correlations."""
     nav, P, _ = f
     r_m, r_n = radii(nav[LAT])
     nav[LON] -= z[0] / ((r_n + nav[ALT]) * math.cos(nav[LAT]))
     nav[LAT] -= z[1] / (r_m + nav[ALT])
-    nav[ALT] -= z[2]
+    if len(z) == 3:
+        nav[ALT] -= z[2]
     _decorrelate(P, DPOS, np.asarray(R))
     for axis, value in enumerate(velocity):
         if math.isfinite(value):

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.core.filter import bias_noise, measurements
-from nav_pose_estimator.core.filter.layout import DPOS
+from nav_pose_estimator.core.filter.layout import ALT, DPOS
+from nav_pose_estimator.core.gnss import height_reference, reacquisition
+from nav_pose_estimator.core.gnss.height_reference import HeightReference
 from nav_pose_estimator.core.gnss.reacquisition import Reacquisition, ReacquisitionSettings
 from nav_pose_estimator.core.gnss.return_evidence import distance, unexplained
 from nav_pose_estimator.core.gnss.spoof_drift import WalkOff
 from nav_pose_estimator.engine.catalogue import in_words
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, UNGATED, Decision, FilterView, Kind, Observation, Use
+from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix
@@ -26,11 +29,17 @@ from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
 
 _SAME_MOTION = 1.0  # s: over this time the navigator knows the change of velocity better than a receiver
+_ANOTHER_PLACE = 5e4  # m: nobody flies that far unseen
+_SAME_STEP = 20.0  # s: a height that is left out later than that is told again
+_CREDIBLE = 3.0  # deviations that cover both ends of a jump
 _CHANCE = 2.5  # deviations by which two fixes minutes apart may differ
 
 
 class GnssPositionSensor(Sensor):
-    """Three rows, East, North, Up, of the antenna's position."""
+    """East, North and Up of the antenna's position; two rows where the height is none, or is not to be believed.
+
+    The reference of its decisions is what is taken off the height [m], NaN where the height is left out.
+    """
 
     kind = Kind("gnss_position", precedence=1, whole=True)
 
@@ -48,10 +57,14 @@ class GnssPositionSensor(Sensor):
         self.record = InnovationRecord()
         self._walk_off = WalkOff()
         self._drifts = False
+        self._heights = HeightReference()
+        self._height_told = -math.inf  # s: when a height was left out last
         self.origin: tuple[float, float, float] | None = None
         self.resets = 0
         self.last_reset_m = math.nan  # size of the last one
         self.despair = ""  # why the filter should start again: what GNSS says cannot be mended by a reset
+        self._jump, self._jump_until = 0.0, -math.inf  # m, s: the last jump of GNSS, and how long it is doubted
+        self.forsakes_origin = False  # the start was somewhere else on Earth, and with it the origin
         self._velocity_apart = 0.0  # deviations between the two velocities at the last fix
         self.gate_radius = math.nan  # m: how far off a fix may lie and still be taken as it is
 
@@ -59,29 +72,78 @@ class GnssPositionSensor(Sensor):
         """New lever arm and thresholds; what the guard has seen stays."""
         self._lever = np.array(parameters.gnss.lever_arm)
         self._despair_gap = parameters.gnss.reacquisition.despair_gap
+        self._parameters = parameters.gnss
         self._guard.settings = _return_settings(parameters.gnss, self._aiding.lost_after)
 
     def observe(self, sample: GnssFix, t: float) -> Observation:
         """The observation of a fix valid at ``t`` that passed the reception."""
+        if self._guard.settings.loss_time != self._aiding.lost_after:  # the receiver's period has changed
+            self._guard.settings = _return_settings(self._parameters, self._aiding.lost_after)
         R = self._reception.position_noise(sample)
         return Observation(t, sample.stamp_ns, self.kind, (sample.lat, sample.lon, sample.alt), R)
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """Position of the antenna in metres."""
         assert o.stated_R is not None
-        return *measurements.gnss_position(f.nav, len(f.P), *o.measured, self._lever), o.stated_R
+        reference = self._heights.shift if o.decision is None else o.decision.reference
+        lat, lon, alt = o.measured
+        height = alt - reference
+        rows = 3 if math.isfinite(height) else 2
+        z, H = measurements.gnss_position(f.nav, len(f.P), lat, lon, height if rows == 3 else 0.0, self._lever)
+        return z[:rows], H[:rows], o.stated_R[:rows, :rows]
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
-        """Ask the guard of the return, which is offered every fix."""
+        """What the guard of the return says, with the doubt that GNSS casts on the filter."""
+        widening = self._doubted(o, f) if self._aiding.gnss_is_good(o.t) else 1.0
+        decision = self._ask_the_guard(o, f)
+        least = self._jump / _CREDIBLE if o.t < self._jump_until else 0.0
+        return replace(decision, widening=widening, least_sd=(least, 0.5 * self._heights.span))
+
+    def doubt(self, t: float) -> str:
+        """Why the position at ``t`` is not to be believed as usual, a clause; empty if it is."""
+        if t < self._jump_until:
+            return f"GNSS jumped by {self._jump:.0f} m while it was in use, and stayed there"
+        return self._velocity.doubt.reason if self._aiding.gnss_is_good(t) else ""
+
+    def _note_jump(self, t: float, gap: float, decision: reacquisition.Decision) -> None:
+        """A jump that began while GNSS was good is taken in the end, with a deviation that covers where it came from.
+
+        After an outage the filter may have drifted as far.
+        """
+        away, settings = math.hypot(*decision.offset[:2]), self._guard.settings
+        strange = decision.reason.endswith(("implausible", "unexplained", "inconsistent"))
+        if strange and gap < settings.implausible_time + 2.0 * settings.loss_time:
+            self._jump, self._jump_until = away, t + settings.probation
+        else:
+            self._jump_until = -math.inf
+
+    def _doubted(self, o: Observation, f: FilterView) -> float:
+        """The factor by which the covariance is too small, as far as refused velocities and positions tell."""
+        z, H, R = (part[:2] for part in self.linearise(o, f))
+        doubt = self._velocity.doubt
+        was = doubt.reason
+        factor = doubt.position(o.t, distance(z, H, f.P, R[:, :2]))
+        if doubt.reason and not was:
+            text = f"the navigator is in doubt: {doubt.reason}; its sigma grows until they agree"
+            self._journal.say(o.stamp_ns, "doubt.begun", Level.WARN, text)
+        elif was and not doubt.reason:
+            self._journal.say(o.stamp_ns, "doubt.ended", Level.INFO, "navigator and GNSS agree again")
+        return factor
+
+    def _ask_the_guard(self, o: Observation, f: FilterView) -> Decision:
+        """The guard is offered every fix."""
+        reference = self._height_reference(o, f, *self.linearise(o, f))
         z, H, R = self.linearise(o, f)
+        if math.isnan(reference):
+            z, H, R = z[:2], H[:2], R[:2, :2]
         # what the guard remembers must be the receiver's alone: a filter gone astray would bend it
-        fix = self._local(*o.measured)
-        predicted = [f + d for f, d in zip(fix, z.tolist(), strict=True)]
-        sd = np.sqrt(R.diagonal()).tolist()
+        fix = self._local(o.measured, reference, f)
+        off, sd = [*z.tolist(), 0.0][:3], [*np.sqrt(R.diagonal()).tolist(), 0.0][:3]
+        predicted = [place + difference for place, difference in zip(fix, off, strict=True)]
         predicted_sd = np.sqrt(f.P.diagonal()[DPOS : DPOS + 3]).tolist()
         gap = max(o.t - self._aiding.fix_used, 0.0)
         self.gate_radius = self._guard.settings.sigmas * math.hypot(max(sd[:2]), max(predicted_sd[:2]))
-        velocity, strange = self._velocity_now(o, f, z, H)
+        velocity, strange = self._velocity_now(o, f, (z, H, R))
         broken = self._velocity_apart > self._guard.settings.sigmas and gap < self._despair_gap
         if broken:  # not GNSS but the filter is what contradicts itself
             strange = 0.0
@@ -93,10 +155,41 @@ class GnssPositionSensor(Sensor):
             return LEFT_OUT
         self._watch_drift(o, fix, velocity, _CHANCE * max(sd[:2]))
         if decision.action == "fuse":
-            return GATED if decision.gated else UNGATED
-        if broken:
+            return Decision(Use.GATED if decision.gated else Use.UNGATED, reference)
+        self._note_jump(o.t, gap, decision)
+        if math.hypot(*decision.offset) > _ANOTHER_PLACE:
+            self.forsakes_origin = True
+            self.despair = f"GNSS is {1e-3 * math.hypot(*decision.offset):.0f} km from where the navigator started"
+        elif broken:
             self.despair = f"GNSS was there all the time, yet velocities differ by {self._velocity_apart:.0f} sigma"
-        return Decision(Use.RESET, velocity=tuple(velocity or ()))
+        return Decision(Use.RESET, reference, tuple(velocity or ()))
+
+    def _height_reference(self, o: Observation, f: FilterView, z: np.ndarray, _: np.ndarray, R: np.ndarray) -> float:
+        """What to take off the height of a fix [m], NaN where it has none or jumped while the position stayed."""
+        if len(z) < 3:
+            return math.nan
+        sigmas, variances = self._guard.settings.sigmas, R.diagonal() + f.P.diagonal()[DPOS : DPOS + 3]
+        if np.any(np.abs(z[:2]) > sigmas * np.sqrt(variances[:2])):
+            return self._heights.shift
+        off, known = -float(z[2]), self._aiding.height_is_good(o.t)
+        outcome = self._heights.offer(
+            o.t, off, sigmas * math.sqrt(variances[2]), 0.5 * sigmas * math.sqrt(R[2, 2]), known
+        )
+        if outcome == height_reference.USED:
+            return self._heights.shift
+        if outcome == height_reference.MOVED:
+            text = f"GNSS heights stay {off:+.1f} m off: taken as another reference (geoid, ellipsoid) and shifted back"
+            self._journal.say(o.stamp_ns, "gnss.height.moved", Level.WARN, text, shift_m=self._heights.shift)
+            return self._heights.shift
+        told, self._height_told = self._height_told, o.t
+        if o.t - told < _SAME_STEP:
+            self._journal.count("gnss.rejected.height")
+        else:
+            text = (
+                f"GNSS height not used: it jumped by {off:+.0f} m while the position stayed: geoid against ellipsoid?"
+            )
+            self._journal.say(o.stamp_ns, "gnss.rejected.height", Level.WARN, text)
+        return math.nan
 
     def _watch_drift(self, o: Observation, fix: list[float], velocity: list[float] | None, scatter: float) -> None:
         """Tell when positions leave the receiver's own velocities, and when they agree again."""
@@ -113,20 +206,20 @@ class GnssPositionSensor(Sensor):
             text = "GNSS positions agree with the receiver's velocity again"
             self._journal.say(o.stamp_ns, "gnss.drift.ended", Level.INFO, text)
 
-    def _velocity_now(
-        self, o: Observation, f: FilterView, z: np.ndarray, H: np.ndarray
-    ) -> tuple[list[float] | None, float]:
+    def _velocity_now(self, o: Observation, f: FilterView, position: Linearised) -> tuple[list[float] | None, float]:
         """The receiver's last velocity, and what of it and the fix together no drift explains; None without one."""
         last = self._velocity.misfit
         if last is None or not 0.0 <= o.t - last.t <= _SAME_MOTION:
             self._velocity_apart = 0.0
             return None, 0.0
-        rows = len(last.difference)
+        z, H, position_R = position
+        placed, rows = len(z), len(last.difference)
         _, velocity_H = measurements.gnss_velocity(f.nav, len(f.P), np.zeros(3), self._lever)
-        R = np.zeros((3 + rows, 3 + rows))
-        R[:3, :3], R[3:, 3:] = o.stated_R, last.R
+        R = np.zeros((placed + rows, placed + rows))
+        R[:placed, :placed], R[placed:, placed:] = position_R, last.R
         self._velocity_apart = distance(last.difference, velocity_H[:rows], f.P, last.R)
-        strange = unexplained(np.concatenate([z, last.difference]), np.concatenate([H, velocity_H[:rows]]), f.P, R)
+        both = np.concatenate([z, last.difference]), np.concatenate([H, velocity_H[:rows]])
+        strange = unexplained(*both, f.P, R, placed)
         return last.velocity, strange
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
@@ -136,14 +229,14 @@ class GnssPositionSensor(Sensor):
             self.resets += 1
             self.last_reset_m = float(np.linalg.norm(z))
         elif o.decision.use is Use.GATED:
-            self.record.add(nis, 3, self._reception.fix_period)
+            self.record.add(nis, len(z), self._reception.fix_period)
             if status == 0:
                 reason = "gnss.rejected.position_innovation"
                 self._reception.refuse(o.stamp_ns, reason, "the position disagrees with the filter")
                 return
             if status == 2:
                 self._journal.count("gnss.inflated.position")
-        self._reception.use(o.t)
+        self._reception.use(o.t, with_height=len(z) == 3)
 
     def settle(self, o: Observation, f: FilterView) -> None:
         """GNSS shows how far the gyroscope's bias moves."""
@@ -154,7 +247,10 @@ class GnssPositionSensor(Sensor):
         """What the operator says of a return that waits for that; False where none does."""
         return self._guard.decide(accept)
 
-    def _local(self, lat: float, lon: float, alt: float) -> list[float]:
+    def _local(self, place: tuple[float, float, float], reference: float, f: FilterView) -> list[float]:
+        lat, lon, alt = place[0], place[1], place[2] - reference
+        if math.isnan(alt):
+            alt = float(f.nav[ALT])
         lat0, lon0, alt0 = self.origin or (lat, lon, alt)
         r_m, r_n = radii(lat0)
         east = math.remainder(lon - lon0, 2.0 * math.pi) * (r_n + alt0) * math.cos(lat0)
@@ -162,7 +258,8 @@ class GnssPositionSensor(Sensor):
 
 
 def _return_settings(parameters: GnssParameters, lost_after: float) -> ReacquisitionSettings:
-    shared = (name for name in ReacquisitionSettings.__slots__ if name != "loss_time")
-    return ReacquisitionSettings(
-        loss_time=lost_after, **{name: getattr(parameters.reacquisition, name) for name in shared}
-    )
+    named = {
+        name: getattr(parameters.reacquisition, name) for name in ReacquisitionSettings.__slots__ if name != "loss_time"
+    }
+    named["track_timeout"] = max(named["track_timeout"], lost_after)
+    return ReacquisitionSettings(loss_time=lost_after, **named)

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
 
+from nav_pose_estimator.core.gnss import clock_offset
 from nav_pose_estimator.core.gnss.quality_gate import GateSettings, GnssGate, Notice
 from nav_pose_estimator.engine.catalogue import in_words
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.number_checks import is_covariance, is_position, is_within
+from nav_pose_estimator.engine.number_checks import is_covariance, is_position
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, SatelliteCount
 from nav_pose_estimator.engine.sensors.aiding import Aiding
+from nav_pose_estimator.engine.sensors.gnss.velocity_input import VelocityInput
 from nav_pose_estimator.engine.solutions import Level
 
 _PERIOD_MEMORY = 6  # fixes that the period is taken from
-_LARGEST_SPEED = 1e3  # m/s: receivers stop at 500
+_STUCK = 4  # repetitions of position and velocity in a row
+_AHEAD = 1.0  # s: a fix with a later stamp is from the future
 _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
 
 
@@ -31,8 +35,12 @@ class GnssReception:
         self.refusal = "no fix has arrived yet"
         self.satellites: int | None = None
         self.noise_variance = 1.0  # parts of what is stated or set, as the flight has shown
+        self.velocities = VelocityInput(journal)
         self._usable = False  # the last fix
         self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
+        self._repeats, self._last = 0, (math.nan, math.nan, math.nan)
+        self._no_height_told = False
+        self._told_ahead = math.nan  # s: the clock offset that was told last
 
     def set_parameters(self, parameters: GnssParameters) -> None:
         """New thresholds and noises; the gate stays as it stands."""
@@ -51,38 +59,47 @@ class GnssReception:
         self._usable = False
         if sample.status < 0:
             return self.refuse(sample.stamp_ns, "gnss.rejected.status", "the receiver has no fix")
-        if not is_position(sample.lat, sample.lon, sample.alt):
+        if not is_position(sample.lat, sample.lon, 0.0 if math.isnan(sample.alt) else sample.alt):
             return self.refuse(sample.stamp_ns, "gnss.rejected.value", "the fix holds NaN or is no place on Earth")
+        if sample.lat == 0.0 and sample.lon == 0.0:
+            why = "latitude and longitude are exactly zero, which is what drivers send before the first fix"
+            return self.refuse(sample.stamp_ns, "gnss.rejected.null_island", why)
+        here = (sample.lat, sample.lon, sample.alt)
+        self._repeats, self._last = self._repeats + 1 if here == self._last else 0, here
+        if min(self._repeats, self.velocities.repeats) >= _STUCK:
+            why = "position and velocity repeat to the last digit while the vehicle moves: the receiver is stuck"
+            return self.refuse(sample.stamp_ns, "gnss.rejected.stuck", why)
+        if t - now > _AHEAD:
+            return self.refuse(sample.stamp_ns, "gnss.rejected.future", self._clocks(sample, t - now))
         if not self.enabled:
             return self.refuse(sample.stamp_ns, "gnss.rejected.disabled", "GNSS is switched off by the operator")
-        cov = self._known(sample.cov_enu, "position")
+        cov = self._known(_horizontal(sample), "position")
         sd = None if cov is None else np.sqrt(np.diag(cov))
         horizontal = None if sd is None else float(max(sd[0], sd[1]))
-        vertical = None if sd is None else float(sd[2])
+        vertical = None if sd is None or math.isnan(sample.alt) else float(sd[2])
         verdict = self._gate.assess_fix(t, sample.status, horizontal, vertical, age=max(now - t, 0.0))
+        self._aiding.fix_period = self._gate.period
         for notice in verdict.notices:
             self.tell(sample.stamp_ns, notice)
         if not verdict.usable:
-            return self.refuse(sample.stamp_ns, verdict.reason, in_words(verdict.reason))
+            late = verdict.reason == "gnss.rejected.age"
+            why = self._clocks(sample, t - now) if late else in_words(verdict.reason)
+            return self.refuse(sample.stamp_ns, verdict.reason, why)
         self._fix_times = tuple(sorted((*self._fix_times, t))[-_PERIOD_MEMORY:])
         self._usable = True
         self._aiding.fix_offered = t
+        if math.isnan(sample.alt):
+            self._tell_no_height(sample.stamp_ns)
+        self.velocities.fix(sample, t)
         return True
 
-    def velocity(self, sample: GnssVelocity) -> bool:
-        """Judge a velocity: it is as good as the last fix."""
-        up = sample.vel_enu[2]
-        if not is_within(sample.vel_enu[:2], _LARGEST_SPEED) or abs(up) > _LARGEST_SPEED:
-            self._journal.count("gnss.rejected.velocity_value")
-            return False
-        if not (self._usable and self.enabled):
-            self._journal.count("gnss.rejected.velocity_without_fix")
-            return False
-        return True
+    def velocity(self, sample: GnssVelocity, t: float) -> GnssVelocity | None:
+        """What of a velocity valid at ``t`` may be used: it is as good as the last fix, and its axes must be right."""
+        return self.velocities.velocity(sample, t, self._usable and self.enabled)
 
     def position_noise(self, sample: GnssFix) -> np.ndarray:
         """R (3, 3) [m^2]: what the receiver states, at least the floor, inflated for errors shared between fixes."""
-        R = _floored(self._known(sample.cov_enu), self._position_floor)
+        R = _floored(self._known(_horizontal(sample)), self._position_floor)
         return R * self.noise_variance * (1.0 + self._correlation / self.fix_period)
 
     def velocity_noise(self, sample: GnssVelocity) -> np.ndarray:
@@ -104,15 +121,30 @@ class GnssReception:
         self.refusal = why
         return False
 
-    def use(self, t: float) -> None:
+    def use(self, t: float, with_height: bool) -> None:
         """A fix valid at ``t`` has corrected the filter."""
-        self._aiding.use_fix(t)
+        self._aiding.use_fix(t, with_height)
         self.refusal = ""
         self._journal.count("gnss.used.position")
 
     def tell(self, stamp_ns: int, notice: Notice, **data: float) -> None:
         """Hand on what gate or guard have to say."""
         self._journal.say(stamp_ns, notice.name, _LEVELS[notice.severity], notice.text, **data)
+
+    def _tell_no_height(self, stamp_ns: int) -> None:
+        if self._no_height_told:
+            self._journal.count("gnss.height.missing")
+            return
+        self._no_height_told = True
+        text = "a fix without altitude: latitude and longitude are used, the height is the barometer's or held"
+        self._journal.say(stamp_ns, "gnss.height.missing", Level.WARN, text)
+
+    def _clocks(self, sample: GnssFix, ahead: float) -> str:
+        """By how much the clocks differ and why: the same words as long as that stays."""
+        if not abs(ahead - self._told_ahead) < 0.5 + 0.01 * abs(ahead):
+            self._told_ahead = ahead
+        stamp = 1e-9 * sample.stamp_ns
+        return clock_offset.in_words(self._told_ahead, stamp, stamp - self._told_ahead)
 
     def _known(self, cov: np.ndarray | None, what: str = "") -> np.ndarray | None:
         """``cov`` unless it is no covariance: then it is as good as unknown, and counted as ``what``."""
@@ -121,6 +153,16 @@ class GnssReception:
         if what:
             self._journal.count(f"gnss.{what}.covariance.flawed")
         return None
+
+
+def _horizontal(sample: GnssFix) -> np.ndarray | None:
+    """The covariance of a fix; where it has no height, what is said of that is left out."""
+    cov = sample.cov_enu
+    if cov is None or not math.isnan(sample.alt) or cov.shape != (3, 3):
+        return cov
+    cov = np.array(cov, dtype=float)
+    cov[2, :] = cov[:, 2] = 0.0
+    return cov
 
 
 def _floored(cov: np.ndarray | None, floor: np.ndarray) -> np.ndarray:

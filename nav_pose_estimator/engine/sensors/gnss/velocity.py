@@ -9,6 +9,7 @@ import numpy as np
 
 from nav_pose_estimator.core.filter import bias_noise, measurements
 from nav_pose_estimator.core.filter.layout import BASE_STATES
+from nav_pose_estimator.core.gnss.doubt import Doubt
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
@@ -18,6 +19,9 @@ from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationR
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
+
+_REFUSALS = (1.0, 0.0, 0.5)
+"""By the statuses of ``kalman.gated_correct``: how far a velocity was refused."""
 
 
 class Misfit(NamedTuple):
@@ -40,6 +44,7 @@ class GnssVelocitySensor(Sensor):
         self.record = InnovationRecord()
         self.misfit: Misfit | None = None
         self._is_refused = False
+        self.doubt = Doubt()
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New lever arm."""
@@ -68,6 +73,7 @@ class GnssVelocitySensor(Sensor):
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count it; a refusal is told once, for it has no place in ``refusal`` beside the positions."""
         self.record.add(nis, len(z), self._reception.fix_period)
+        self.doubt.velocity(o.t, _REFUSALS[status], nis / len(z))
         if status:
             if status == 2:
                 self._journal.count("gnss.inflated.velocity")

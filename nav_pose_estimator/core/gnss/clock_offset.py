@@ -1,0 +1,46 @@
+"""By how much two clocks differ, in words, and what usually makes them differ by just that."""
+
+from __future__ import annotations
+
+_DAY = 86_400.0  # s
+_YEAR = 365.25 * _DAY
+_WEEK_ROLLOVER = 1024 * 7 * _DAY
+_LEAP_SECONDS = (16.0, 17.0, 18.0)  # GPS time minus UTC: since July 2012, July 2015, 2017
+_LATENCY = 0.7  # s: the offset of a stamp on arrival is seen with the latency in it
+_BOOT = 10.0 * _YEAR  # an earlier stamp counts from the start of a board and not from 1970
+
+
+def in_words(ahead: float, stamp: float, reference: float) -> str:
+    """One clause: how far a stamp lies from the IMU's clock, and the likely cause.
+
+    Args:
+        ahead: stamp minus time of the IMU [s], not zero.
+        stamp, reference: the two in seconds since 1970, as they came.
+    """
+    cause = _cause(ahead, stamp, reference)
+    return f"its stamps are {_amount(abs(ahead))} {'ahead of' if ahead > 0.0 else 'behind'} the IMU's: {cause}"
+
+
+def _amount(seconds: float) -> str:
+    if seconds > _YEAR:
+        return f"{seconds / _YEAR:.1f} years"
+    if seconds > 2.0 * _DAY:
+        return f"{seconds / _DAY:.1f} days"
+    return f"{seconds:.0f} s" if seconds > 100.0 else f"{seconds:.1f} s"
+
+
+def _cause(ahead: float, stamp: float, reference: float) -> str:
+    size = abs(ahead)
+    if abs(size - _WEEK_ROLLOVER) < 2.0 * _DAY:
+        return "1024 weeks, a week number that rolled over in an old receiver"
+    if min(stamp, reference) < _BOOT < max(stamp, reference):
+        whose = "the IMU's" if reference < stamp else "the receiver's"
+        return f"{whose} stamps count from the start of its board, the others are UTC"
+    if any(abs(size - leap) < _LATENCY for leap in _LEAP_SECONDS):
+        return "GPS time against UTC, the leap seconds" + ("" if ahead > 0.0 else " (taken off twice, or the IMU's)")
+    half_hours = round(size / 1800.0)
+    if 0 < half_hours <= 28 and abs(size - 1800.0 * half_hours) < 2.0:
+        return "a time zone, local time against UTC"
+    if size < 5.0:
+        return "clocks that are not in step, or IMU messages that come late"
+    return "clocks that are not in step"

@@ -1,0 +1,60 @@
+"""A filter that GNSS keeps contradicting: when to doubt it, and by how much its covariance is then too small.
+
+One refused velocity is the receiver's fault. Half of them refused, or positions several deviations off for seconds, are
+the filter's: it is surer of itself than it is right, and each refusal keeps it so. Its covariance is then multiplied by
+the variance of unit weight of its last innovations until they pass again (fading memory, Fagin 1964). Pure Python,
+without a clock.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+_COUNT = 10  # velocities that are looked at
+_REFUSED = 0.5  # share of them
+_STALE = 12.0  # s: older ones say nothing
+_OFF = 4.0  # deviations of a position
+_OFF_TIME = 2.0  # s
+_PERIOD = 1.0  # s between two widenings
+_LARGEST_FACTOR = 9.0  # of the covariance at a time
+_EASED = 0.2  # share of refusals below which the doubt ends
+
+
+@dataclass(eq=False)
+class Doubt:
+    """Tell it what became of each velocity and how far off each position was, while GNSS aids the filter."""
+
+    reason: str = field(default="", init=False)
+    """Why the filter is in doubt, a clause; empty while it is not."""
+    _velocities: tuple[tuple[float, float, float], ...] = field(default=(), init=False)  # t, refusal 0..1, NIS per row
+    _off_since: float = field(default=math.inf, init=False)
+    _off: float = field(default=0.0, init=False)
+    _widened: float = field(default=-math.inf, init=False)
+
+    def velocity(self, t: float, refusal: float, nis: float) -> None:
+        """A velocity at ``t`` [s]: ``refusal`` 1 left out, 0.5 with more noise, 0 taken; its ``nis`` per row."""
+        recent = tuple(one for one in self._velocities if t - one[0] < _STALE)
+        self._velocities = (*recent, (t, refusal, nis))[-_COUNT:]
+
+    def position(self, t: float, deviations: float) -> float:
+        """A position at ``t`` [s] as far off (Mahalanobis distance); the factor that the covariance is to grow by."""
+        self._off_since, self._off = (min(self._off_since, t), deviations) if deviations > _OFF else (math.inf, 0.0)
+        refused = self._refused()
+        if refused >= _REFUSED:
+            self.reason = f"it refuses {100.0 * refused:.0f} % of the GNSS velocities"
+        elif t - self._off_since >= _OFF_TIME:
+            self.reason = f"GNSS positions lie {deviations:.0f} sigma off for {t - self._off_since:.0f} s"
+        elif refused <= _EASED and deviations <= _OFF:
+            self.reason = ""
+        if not self.reason or t - self._widened < _PERIOD:
+            return 1.0
+        self._widened = t
+        nis = [one[2] for one in self._velocities if math.isfinite(one[2])]
+        weight = max(sum(nis) / len(nis) if nis else 1.0, self._off**2 / 3.0, 1.0)
+        return min(weight, _LARGEST_FACTOR)
+
+    def _refused(self) -> float:
+        if len(self._velocities) < _COUNT:
+            return 0.0
+        return sum(one[1] for one in self._velocities) / _COUNT

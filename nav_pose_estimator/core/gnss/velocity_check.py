@@ -1,0 +1,197 @@
+"""Does a receiver's velocity say where its positions go? Tells axes other than East-North-Up, and values never filled.
+
+Over a stretch of a few seconds the sum of the velocities must be the way between the fixes. Where it is not, but would
+be with North and East exchanged, the velocity is North-East-Down; where only the length fits, its axes are turned, as
+those of the body are. A disagreement that none of this explains says nothing of the velocity: the position may lie.
+Pure Python, without a clock: time comes with the samples, in seconds since the engine's epoch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+_EARTH = 6.371e6  # m
+_APART = 0.3  # s: a velocity farther from a fix in time is not its own
+_PAUSE = 6.0  # s: over a longer one nothing can be summed up
+_SHORTEST = 1.5  # s of a stretch
+_LONGEST = 12.0  # s: a slower vehicle shows nothing
+_WAY = 6.0  # m: of a shorter one the scatter of fixes hides too much
+_SCATTER = 2.0  # m between two fixes seconds apart
+_SHARE = 0.3  # of the way that honest sums are wrong by: coarse sampling, scale, reflections
+_PROOF = 2  # stretches in a row that prove it
+_OTHER_WAY = math.radians(45.0)  # two stretches in such directions tell a reflection from any rotation
+_CURE = 3  # ... that clear it
+_UNFILLED = 10  # samples with a vertical velocity of exactly zero, and none before with another
+_STEEPEST = 60.0  # m/s
+_CLIMB = 6.0  # m of height after which vertical sums are compared
+
+NED, TURNED, SILENT, DOWN = "ned", "turned", "silent", "down"
+"""Wrong axes, by name: North-East-Down; turned by some angle, as body axes are; zero while the vehicle travels.
+A vertical velocity alone may be ``SILENT`` or positive ``DOWN``."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Epoch:
+    t: float
+    place: tuple[float, float]  # m East, North
+    velocity: tuple[float, float]
+
+
+@dataclass
+class _Climb:
+    t: float
+    up: float
+    alt: float  # m
+    start: float  # m
+    summed: float = 0.0
+
+
+@dataclass(eq=False)
+class VelocityCheck:
+    """Offer it every usable fix and every velocity.
+
+    ``fault`` is what is proved to be wrong with the velocity's axes, or empty; ``suspect`` while the last stretch
+    contradicted it, ``certain`` once North-East-Down is told from body axes, which a straight flight does not do.
+    """
+
+    fault: str = field(default="", init=False)
+    suspect: bool = field(default=False, init=False)
+    certain: bool = field(default=False, init=False)
+    vertical_fault: str = field(default="", init=False)
+    vertical_suspect: bool = field(default=False, init=False)
+    """Whether the vertical velocity has been exactly zero from the beginning while the others were not."""
+    misfit: float = field(default=0.0, init=False)
+    """Speed [m/s] by which sums and ways differed in the last stretch."""
+    _velocities: deque[tuple[float, float, float, float]] = field(default_factory=lambda: deque(maxlen=40), init=False)
+    _waiting: tuple[float, float, float, float] | None = field(default=None, init=False)
+    _zero: tuple[float, float] = field(default=(0.0, 0.0), init=False)  # lat, lon of the stretch's first fix
+    _epochs: list[_Epoch] = field(default_factory=list, init=False)
+    _verdicts: tuple[str, ...] = field(default=(), init=False)
+    _ned_ways: list[float] = field(default_factory=list, init=False)
+    _zeros: float = field(default=0.0, init=False)
+    _agreed: bool = field(default=False, init=False)
+    _climb: _Climb | None = field(default=None, init=False)
+    _climbs: tuple[str, ...] = field(default=(), init=False)
+
+    def velocity(self, t: float, east: float, north: float, up: float) -> None:
+        """A velocity [m/s] valid at ``t``, as the driver names its axes."""
+        self._velocities.append((t, east, north, up))
+        if up != 0.0:
+            self._zeros, self.vertical_suspect = math.inf, False  # it is filled
+        elif east != 0.0 and north != 0.0 and self._zeros < math.inf:
+            self._zeros += 1
+            self.vertical_suspect = self._zeros >= _UNFILLED
+
+    def fix(self, t: float, lat: float, lon: float, alt: float) -> None:
+        """A position [rad, rad, m] valid at ``t``. It counts once the next one is there, and so its own velocity."""
+        before, self._waiting = self._waiting, (t, lat, lon, alt)
+        if before is None or not before[0] < t:
+            return
+        own = min(self._velocities, key=lambda v: abs(v[0] - before[0]), default=None)
+        if own is None or abs(own[0] - before[0]) > _APART:
+            self._epochs.clear()
+            self._climb = None
+            return
+        self._climb_on(before[0], before[3], own[3])
+        if not self._epochs:
+            self._zero = before[1:3]
+        lat, lon = self._zero
+        east = _EARTH * math.cos(lat) * math.remainder(before[2] - lon, 2.0 * math.pi)
+        self._add(_Epoch(before[0], (east, _EARTH * (before[1] - lat)), (own[1], own[2])))
+
+    def _add(self, epoch: _Epoch) -> None:
+        epochs = self._epochs
+        if epochs and epoch.t - epochs[-1].t > _PAUSE:
+            epochs.clear()
+        epochs.append(epoch)
+        seconds = epoch.t - epochs[0].t
+        if seconds < _SHORTEST:
+            return
+        way = epoch.place[0] - epochs[0].place[0], epoch.place[1] - epochs[0].place[1]
+        said = _sum(epochs)
+        if max(math.hypot(*way), math.hypot(*said)) >= _WAY:
+            self._conclude(_verdict(way, said), math.atan2(way[1], way[0]))
+            self.misfit = math.dist(way, said) / seconds
+        elif seconds < _LONGEST:
+            return
+        lat, lon = self._zero
+        self._zero = lat + epoch.place[1] / _EARTH, lon + epoch.place[0] / (_EARTH * math.cos(lat))
+        self._epochs = [_Epoch(epoch.t, (0.0, 0.0), epoch.velocity)]
+
+    def _climb_on(self, t: float, alt: float, up: float) -> None:
+        """Compare the height gained with the sum of the vertical velocities."""
+        climb = self._climb
+        if not (math.isfinite(alt) and math.isfinite(up)) or climb is None or t - climb.t > _PAUSE:
+            self._climb = _Climb(t, up, alt, alt) if math.isfinite(alt) and math.isfinite(up) else None
+            return
+        if abs(alt - climb.alt) > _STEEPEST * (t - climb.t) + _SCATTER:
+            self._climb = _Climb(t, up, alt, alt)  # heights that jump are no witness
+            return
+        climb.summed += 0.5 * (t - climb.t) * (climb.up + up)
+        climb.t, climb.up, climb.alt = t, up, alt
+        gained = alt - climb.start
+        if max(abs(gained), abs(climb.summed)) < _CLIMB:
+            return
+        self._climb = _Climb(t, up, alt, alt)
+        self._climbs = (*self._climbs, _vertical_verdict(gained, climb.summed))[-_CURE:]
+        last = self._climbs[-_PROOF:]
+        if len(last) == _PROOF and last[0] == last[1] and last[0] in (SILENT, DOWN):
+            self.vertical_fault = last[0]
+        elif len(self._climbs) == _CURE and not any(self._climbs):
+            self.vertical_fault = ""
+        if self._climbs[-1] == DOWN and not self._agreed:
+            self.suspect = True  # whose vertical is wrong has given no proof of its other axes yet
+
+    def _conclude(self, verdict: str, direction: float) -> None:
+        self.suspect = verdict not in ("", "?")
+        self._agreed = self._agreed or not verdict
+        if verdict == NED:
+            self._ned_ways = [*self._ned_ways, direction][-10:]
+            self.certain = (
+                any(abs(math.remainder(direction - a, 2.0 * math.pi)) > _OTHER_WAY for a in self._ned_ways)
+                or DOWN in self._climbs
+            )
+        elif verdict != "?":
+            self._ned_ways, self.certain = [], False
+        self._verdicts = (*self._verdicts, verdict)[-_CURE:]
+        last = self._verdicts[-_PROOF:]
+        if len(last) == _PROOF and all(one not in ("", "?") for one in last):
+            self.fault = last[0] if last[0] == last[1] else TURNED
+        elif len(self._verdicts) == _CURE and not any(self._verdicts):
+            self.fault = ""
+
+
+def _sum(epochs: list[_Epoch]) -> tuple[float, float]:
+    """Where the velocities lead, trapezoidal rule [m]."""
+    x = y = 0.0
+    for a, b in pairwise(epochs):
+        half = 0.5 * (b.t - a.t)
+        x += half * (a.velocity[0] + b.velocity[0])
+        y += half * (a.velocity[1] + b.velocity[1])
+    return x, y
+
+
+def _verdict(way: tuple[float, float], said: tuple[float, float]) -> str:
+    """Empty where they agree, the fault that explains it, or a question mark."""
+    went, summed = math.hypot(*way), math.hypot(*said)
+    tolerance = _SCATTER + _SHARE * max(went, summed)
+    if math.dist(way, said) <= tolerance:
+        return ""
+    if math.dist(way, (said[1], said[0])) <= tolerance:
+        return NED
+    if summed < 0.1 * went:
+        return SILENT
+    return TURNED if abs(went - summed) <= tolerance else "?"
+
+
+def _vertical_verdict(gained: float, summed: float) -> str:
+    """As ``_verdict``, of a height [m]."""
+    tolerance = _SCATTER + _SHARE * max(abs(gained), abs(summed))
+    if abs(gained - summed) <= tolerance:
+        return ""
+    if abs(gained + summed) <= tolerance:
+        return DOWN
+    return SILENT if abs(summed) < 0.1 * abs(gained) else "?"

@@ -1,0 +1,100 @@
+"""GNSS velocities on arrival: whether they may be offered to the filter, and in which axes they seem to be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from nav_pose_estimator.core.gnss.velocity_check import DOWN, NED, SILENT, TURNED, VelocityCheck
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.number_checks import is_within
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
+from nav_pose_estimator.engine.solutions import Level
+
+_LARGEST_SPEED = 1e3  # m/s: receivers stop at 500
+_MOVING = 0.3  # m/s: receivers round, and hold an antenna that stands
+_FAULTS = {
+    NED: "its axes look like North-East-Down: set ros.input.velocity_frame to ned",
+    TURNED: "it is as fast as the positions move, but in another direction: its axes look like the vehicle's own, "
+    "not East-North-Up",
+    SILENT: "it stays zero while the positions move: the driver does not fill it",
+}
+_VERTICAL_FAULTS = {
+    SILENT: "it stays zero while the height changes: the driver does not fill it (ros.input.vertical_velocity: false)",
+    DOWN: "it has the wrong sign, positive down",
+}
+
+
+class VelocityInput:
+    """Drops velocities whose axes contradict the way between fixes; positions go on without them.
+
+    Once they are North-East-Down beyond doubt they are turned.
+    """
+
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+        self._check = VelocityCheck()
+        self._said = ""
+        self._last: tuple[float, ...] = ()
+        self.repeats = 0
+        """How often the last velocity has come again to the last digit, of a vehicle that moves by it."""
+        self._said_vertical = ""
+        self._said_turned = False
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with the axes of the velocity, a word of ``core.gnss.velocity_check``, or empty."""
+        return self._check.fault
+
+    def fix(self, sample: GnssFix, t: float) -> None:
+        """A usable fix valid at ``t`` [s]: what velocities are compared with."""
+        self._check.fix(t, sample.lat, sample.lon, sample.alt)
+        fault = self._check.fault
+        if fault == self._said:
+            return
+        self._said = fault
+        if fault:
+            text = f"GNSS velocity not used: {_FAULTS[fault]} ({self._check.misfit:.1f} m/s apart)"
+            self._journal.say(sample.stamp_ns, f"gnss.velocity.axes.{fault}", Level.ERROR, text)
+        else:
+            text = "GNSS velocity agrees with the way between fixes again and is used"
+            self._journal.say(sample.stamp_ns, "gnss.velocity.axes.ended", Level.INFO, text)
+
+    def velocity(self, sample: GnssVelocity, t: float, fix_usable: bool) -> GnssVelocity | None:
+        """What of a velocity valid at ``t`` [s] may be offered to the filter; None (and counted) if nothing."""
+        up = sample.vel_enu[2]
+        same = sample.vel_enu == self._last and math.hypot(*sample.vel_enu[:2]) > _MOVING
+        self.repeats, self._last = self.repeats + 1 if same else 0, sample.vel_enu
+        if not is_within(sample.vel_enu[:2], _LARGEST_SPEED) or abs(up) > _LARGEST_SPEED:
+            self._journal.count("gnss.rejected.velocity_value")
+            return None
+        if not fix_usable:
+            self._journal.count("gnss.rejected.velocity_without_fix")
+            return None
+        self._check.velocity(t, *sample.vel_enu)
+        if self._check.fault == NED and self._check.certain:
+            return self._turned(sample)
+        if self._check.fault or self._check.suspect:
+            self._journal.count("gnss.rejected.velocity_axes")
+            return None
+        vertical = self._check.vertical_fault
+        if not (vertical or self._check.vertical_suspect):
+            return sample
+        if vertical and vertical != self._said_vertical:
+            self._said_vertical = vertical
+            text = f"GNSS vertical velocity not used: {_VERTICAL_FAULTS[vertical]}"
+            self._journal.say(sample.stamp_ns, f"gnss.velocity.vertical.{vertical}", Level.WARN, text)
+        return replace(sample, vel_enu=(*sample.vel_enu[:2], math.nan))
+
+    def _turned(self, sample: GnssVelocity) -> GnssVelocity:
+        """North-East-Down as East-North-Up."""
+        if not self._said_turned:
+            self._said_turned = True
+            text = "GNSS velocity is North-East-Down beyond doubt: turned and used; set ros.input.velocity_frame to ned"
+            self._journal.say(sample.stamp_ns, "gnss.velocity.turned", Level.WARN, text)
+        north, east, down = sample.vel_enu
+        turn = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+        cov = None if sample.cov_enu is None else turn @ sample.cov_enu @ turn.T
+        return replace(sample, vel_enu=(east, north, -down), cov_enu=cov)

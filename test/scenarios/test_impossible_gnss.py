@@ -1,0 +1,214 @@
+"""GNSS and barometer that say what cannot be: noticed before they are trusted, named, and the good half goes on."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, PressureSample, Sample, SatelliteCount
+from nav_pose_estimator.engine.solutions import Mode
+from nav_pose_estimator.sim.faults import Fault, Freeze, Redate, Shift
+from nav_pose_estimator.sim.sensors import Timed
+from told import Told, flight, tell
+
+pytestmark = pytest.mark.compiled
+DAY = 86_400.0
+
+
+@dataclass(frozen=True)
+class Rewrite(Fault):
+    """``change`` gives what arrives instead of a sample, from the sample and its number; None is nothing."""
+
+    change: Callable[[Any, int], Any] = lambda sample, number: sample
+
+    def spoil(self, timed: Timed, healthy: Sample | None, number: int) -> Timed | None:
+        changed = self.change(timed.sample, number)
+        return None if changed is None else timed._replace(sample=changed)
+
+
+def baseline() -> Told:
+    """The same flight without a fault."""
+    return tell(flight())
+
+
+def rms(told: Told, start: float = 20.0, end: float = 120.0) -> tuple[float, float]:
+    """Horizontal and vertical error [m]."""
+    rows = told.between(start, end)
+    return float(np.sqrt(np.mean(told.off[rows] ** 2))), float(np.sqrt(np.mean(told.error[rows, 2] ** 2)))
+
+
+def as_good_as_ever(told: Told, start: float = 20.0) -> bool:
+    """Whether the position is within 1.2 times the error of the flight without a fault."""
+    return rms(told, start)[0] < 1.2 * rms(baseline(), start)[0]
+
+
+def ned(sample: GnssVelocity, _number: int) -> GnssVelocity:
+    east, north, up = sample.vel_enu
+    return replace(sample, vel_enu=(north, east, -up))
+
+
+def test_null_island_is_no_fix_before_the_flight() -> None:
+    """GIVEN a driver that sends 0/0 before its first fix THEN nothing starts there, and why is said."""
+    told = tell(flight(), Rewrite(GnssFix, 0.0, 8.0, lambda fix, _: replace(fix, lat=0.0, lon=0.0, cov_enu=None)))
+    assert told.count("gnss.rejected.null_island") >= 30
+    assert "exactly zero" in told.event("gnss.rejected.null_island").text
+    assert told.t[0] > 8.0
+    assert as_good_as_ever(told)
+
+
+def test_null_island_is_no_fix_in_flight() -> None:
+    """GIVEN a flight WHEN three seconds of fixes are 0/0 THEN they are an outage of three seconds, no more."""
+    told = tell(flight(), Rewrite(GnssFix, 60.0, 3.0, lambda fix, _: replace(fix, lat=0.0, lon=0.0)))
+    assert told.count("gnss.rejected.null_island") == 15
+    assert told.off.max() < 5.0
+    assert told.modes[-1] is Mode.AIDED
+
+
+def test_a_start_far_off_moves_the_origin() -> None:
+    """GIVEN a receiver that begins 800 km off WHEN it finds its place THEN the navigator starts anew, there."""
+    told = tell(flight(), Shift(GnssFix, 0.0, 8.0, (800e3, 100e3, 0.0)))
+    assert "km from where the navigator started" in told.event("reset").text
+    assert told.off[told.t > told.when("aligned")[-1] + 1.0].max() < 5.0
+    lat, lon, _ = told.estimator.origin
+    assert math.hypot(lat - flight().origin.lat, lon - flight().origin.lon) < 1e-4
+
+
+def test_velocity_in_ned_is_dropped_and_then_turned() -> None:
+    """GIVEN a velocity North-East-Down THEN its axes are named, not the position, and it is turned once sure."""
+    told = tell(flight(), Rewrite(GnssVelocity, change=ned))
+    assert "North-East-Down" in told.event("gnss.velocity.axes.ned").text
+    assert told.count("gnss.velocity.turned") == 1
+    assert told.modes_between(20.0, 120.0) == {Mode.AIDED}
+    assert as_good_as_ever(told, start=told.when("gnss.velocity.turned")[0] + 10.0)
+
+
+def test_velocity_in_body_axes_is_dropped() -> None:
+    """GIVEN a velocity turned by 130 degrees THEN it is not used and the positions go on without it."""
+    c, s = math.cos(math.radians(130.0)), math.sin(math.radians(130.0))
+
+    def turn(v: GnssVelocity, _number: int) -> GnssVelocity:
+        east, north, up = v.vel_enu
+        return replace(v, vel_enu=(c * east - s * north, s * east + c * north, up))
+
+    told = tell(flight(), Rewrite(GnssVelocity, change=turn))
+    assert told.count("gnss.velocity.axes") >= 1
+    assert told.count("gnss.rejected.velocity_axes") > 200
+    assert told.modes[-1] is Mode.AIDED
+    assert rms(told, 60.0)[0] < 2.0 * rms(baseline(), 60.0)[0]
+
+
+def test_a_vertical_velocity_that_is_never_filled_is_named() -> None:
+    """GIVEN vz = 0 for ever WHEN the vehicle climbs THEN it is named and the height is as good as ever."""
+    told = tell(flight(), Rewrite(GnssVelocity, change=lambda v, _: replace(v, vel_enu=(*v.vel_enu[:2], 0.0))))
+    assert "does not fill it" in told.event("gnss.velocity.vertical.silent").text
+    assert rms(told)[1] < 1.2 * rms(baseline())[1]
+
+
+@pytest.mark.parametrize("every", [5, 10, 25])
+def test_a_slow_receiver_is_not_lost_between_its_fixes(every: int) -> None:
+    """GIVEN a fix every 1, 2 or 5 s THEN the time-outs follow it: AIDED throughout."""
+
+    def seldom(sample: Any, number: int) -> Any:
+        return sample if number % every == 0 else None
+
+    kinds = (GnssFix, GnssVelocity, SatelliteCount)
+    told = tell(flight(), *(Rewrite(kind, change=seldom) for kind in kinds))
+    assert told.modes_between(40.0, 120.0) == {Mode.AIDED}
+    assert rms(told, 40.0)[0] < 2.0 * rms(baseline(), 40.0)[0]  # one fix for 25 averages less
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (18.0, "18.0 s ahead of the IMU's: GPS time against UTC"),
+        (-18.0, "18.0 s behind the IMU's: GPS time against UTC"),
+        (7200.0, "7200 s ahead of the IMU's: a time zone"),
+        (-1024 * 7 * DAY, "1024 weeks"),
+    ],
+)
+def test_clocks_that_differ_are_named_and_refused_before_the_start(seconds: float, words: str) -> None:
+    """GIVEN GNSS stamps of another clock THEN no position comes of them, and amount and cause are said."""
+    recording = flight(duration=20.0)
+    told = tell(recording, *(Redate(kind, seconds=seconds) for kind in (GnssFix, GnssVelocity)))
+    assert told.last is None
+    said = [event.text for event in told.events if event.name in ("gnss.rejected.future", "gnss.rejected.age")]
+    assert words in said[0]
+    assert len(said) == 1
+
+
+def test_a_clock_that_jumps_in_flight_is_refused_there_too() -> None:
+    """GIVEN a flight WHEN the stamps of GNSS jump 18 s ahead and back THEN those fixes are refused and it returns."""
+    told = tell(flight(), *(Redate(kind, 60.0, 10.0, seconds=18.0) for kind in (GnssFix, GnssVelocity)))
+    assert told.count("gnss.rejected.future") == 50
+    assert Mode.AIDED not in told.modes_between(62.0, 70.0)
+    assert told.modes_between(75.0, 120.0) == {Mode.AIDED}
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e-2, "hPa"), (1e-3, "kPa")])
+def test_pressure_in_another_unit_is_named(factor: float, unit: str) -> None:
+    """GIVEN a pressure in hPa or kPa THEN it is refused with its unit, and the flight is as good as ever."""
+    told = tell(
+        flight(), Rewrite(PressureSample, change=lambda p, _: replace(p, pressure=p.pressure * factor, variance=None))
+    )
+    assert f"pascal expected, looks like {unit}" in told.event("baro.rejected.unit").text
+    assert as_good_as_ever(told)
+
+
+def test_altitudes_that_are_sometimes_nan_cost_nothing() -> None:
+    """GIVEN every fourth altitude NaN THEN latitude and longitude of that fix are used."""
+
+    def hole(fix: GnssFix, number: int) -> GnssFix:
+        return replace(fix, alt=math.nan) if number % 4 == 0 else fix
+
+    told = tell(flight(), Rewrite(GnssFix, change=hole))
+    assert told.count("gnss.height.missing") > 100
+    assert told.count("gnss.rejected.value") == 0
+    assert as_good_as_ever(told)
+
+
+def test_a_receiver_without_altitude_gives_a_position_and_an_honest_height() -> None:
+    """GIVEN no altitude at all THEN the horizontal position is as good as ever and the height covered by its sigma."""
+    told = tell(flight(), Rewrite(GnssFix, change=lambda fix, _: replace(fix, alt=math.nan)))
+    assert as_good_as_ever(told)
+    assert told.last is not None
+    assert abs(told.error[-1, 2]) < 3.0 * math.sqrt(told.last.cov[8, 8])
+    assert np.ptp(told.error[told.t > 20.0, 2]) < 10.0  # the barometer holds it
+
+
+def test_a_height_of_another_reference_is_named_and_the_rest_goes_on() -> None:
+    """GIVEN a flight WHEN heights become 47 m lower THEN position goes on, the step is named and taken off."""
+    told = tell(flight(), Shift(GnssFix, 60.0, 60.0, (0.0, 0.0, -47.0)))
+    assert "geoid" in told.event("gnss.rejected.height").text
+    assert told.modes_between(20.0, 120.0) == {Mode.AIDED}
+    assert as_good_as_ever(told)
+    assert np.abs(told.error[told.t > 20.0, 2]).max() < 6.0
+
+
+def test_heights_of_two_references_in_turn_are_left_out() -> None:
+    """GIVEN every second height 47 m off THEN position goes on and the height's sigma covers both."""
+    told = tell(flight(), Rewrite(GnssFix, change=lambda fix, n: replace(fix, alt=fix.alt - 47.0) if n % 2 else fix))
+    assert told.count("gnss.rejected.height") > 300
+    assert as_good_as_ever(told)
+    assert told.last is not None
+    assert abs(told.error[-1, 2]) < 3.0 * math.sqrt(told.last.cov[8, 8])
+
+
+def test_a_receiver_that_repeats_itself_is_stuck() -> None:
+    """GIVEN a flight WHEN position and velocity freeze with fresh stamps THEN that is an outage, and named."""
+    told = tell(flight(), Freeze(GnssFix, 60.0, 30.0), Freeze(GnssVelocity, 60.0, 30.0))
+    assert "stuck" in told.event("gnss.rejected.stuck").text
+    assert Mode.AIDED not in told.modes_between(63.0, 90.0)
+    assert np.mean(told.off < 3.0 * told.sigma) > 0.99
+    assert told.modes[-1] is Mode.AIDED
+
+
+@pytest.mark.parametrize("metres", [300.0, 3000.0])
+def test_a_jump_is_taken_with_the_doubt_it_deserves(metres: float) -> None:
+    """GIVEN a flight WHEN GNSS jumps and stays there THEN it is taken in the end, with a sigma that covers the way."""
+    told = tell(flight(), Shift(GnssFix, 60.0, 60.0, (metres, 0.0, 0.0)))
+    assert told.modes[-1] is Mode.AIDED
+    assert np.mean(told.off < 3.0 * told.sigma) > 0.99
+    assert "jumped" in told.estimator.status().doubt
