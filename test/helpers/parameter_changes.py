@@ -112,6 +112,7 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "aids.magnetometer": False,
         "aids.magnetometer_sd": 0.2,
         "aids.magnetometer_period": 1.0,
+        "aids.magnetometer_rpy": (0.3, 0.3, 0.3),
         "aids.declination": 0.1,
         "aids.declination_from_model": True,
         "aids.barometer": False,

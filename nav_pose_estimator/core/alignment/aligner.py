@@ -189,6 +189,15 @@ class Aligner:
         """Attitude of another estimator, scalar first: its tilt, good to ``tilt_sd`` [rad], helps a start in motion."""
         self._outside.add(t, q_nb, tilt_sd)
 
+    def go_on_without_magnetometer(self) -> None:
+        """Take the result back and look for a second one, whose heading comes from motion alone."""
+        self._compass, self._done = Compass(self.settings.declination), None
+
+    def forget_stale(self, patience: float) -> None:
+        """Begin anew when the last fix is more than ``patience`` [s] older than the IMU."""
+        if self._last_fix is not None and self._now - self._last_fix.t > patience:
+            self.reset()
+
     # --- outcome -----------------------------------------------------------------------------------------------------
 
     def result(self) -> Alignment | None:
@@ -250,7 +259,7 @@ class Aligner:
         known = fix is not None and self._now - fix.t < _FIX_AGE
         nav, P = self._start_from_level(self._level, yaw, fix if known else None)
         P[PHI + 2, PHI + 2] = s.mag_heading_sd**2
-        self._finish(self._now, nav, P, "at rest, magnetic heading", has_position=known)
+        self._done = Alignment(self._now, nav, 0.5 * (P + P.T), "at rest, magnetic heading", bool(known), True)
 
     def _start_from_level(self, level: RestLevel, yaw: float, fix: Fix | None) -> tuple[Array, Array]:
         """State and covariance at the time of ``level`` for a given yaw."""
@@ -286,7 +295,7 @@ class Aligner:
         if sd <= self.settings.heading_sd and fix.t - self._bank_start >= self.settings.min_time:
             nav, P = bank.merged()
             how = "at rest, heading from the first motion" if self._from_rest else "in motion, heading from GNSS"
-            self._finish(fix.t, nav, P, how)
+            self._done = Alignment(float(fix.t), nav, 0.5 * (P + P.T), how)
         elif bank.updates > _LOST_UPDATES and bank.nis > _LOST_NIS:
             self.restarts += 1
             self._bank = self._level = None
@@ -341,9 +350,6 @@ class Aligner:
         """Yaw from the magnetometer, None when it cannot be believed (the compass knows why)."""
         lat, lon = (None, None) if self._last_fix is None else self._last_fix.position[:2]
         return self._compass.yaw(self._now, q_level, lat, lon)
-
-    def _finish(self, t: float, nav: Array, P: Array, method: str, has_position: bool = True) -> None:
-        self._done = Alignment(float(t), nav, 0.5 * (P + P.T), method, bool(has_position))
 
     def _place(self, nav: Array, P: Array, fix: Fix | None) -> None:
         """Position and velocity from a fix; without one position is unknown and velocity about zero."""

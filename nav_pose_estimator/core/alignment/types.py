@@ -60,6 +60,8 @@ class Alignment:
     P: Array
     method: str
     has_position: bool = True
+    from_magnetometer: bool = False
+    """Whether nothing but the magnetometer tells the heading."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from nav_pose_estimator.engine.navigator import start_up
+from nav_pose_estimator.engine.navigator import heading_trial, start_up
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.split_filter import MOTION
@@ -16,7 +16,6 @@ from nav_pose_estimator.engine.samples import (
     DifferentialPressure,
     GnssFix,
     GnssVelocity,
-    MagSample,
     MotionEvidence,
     NavigatorVelocity,
     RangeToGround,
@@ -27,6 +26,7 @@ from nav_pose_estimator.engine.samples import (
     VelocityError,
 )
 from nav_pose_estimator.engine.sensors.aids import AIDS
+from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 from nav_pose_estimator.engine.solutions import Level
 
 _UNEVENTFUL = frozenset((AttitudeSample, NavigatorVelocity, *(aid.sample for aid in AIDS if aid.kind.quiet)))
@@ -61,6 +61,9 @@ def _fix(run: FilterRun, sample: GnssFix) -> None:
         run.locate(sample)
     if run.timeline.running:
         run.observe(run.gnss.position.observe(sample, t))
+        if run.heading_on_trial:
+            run.aligner.fix(t, sample, run.gnss.reception.position_noise(sample))
+            heading_trial.judge(run, sample.stamp_ns)
     else:
         run.aligner.fix(t, sample, run.gnss.reception.position_noise(sample))
         run.try_start()
@@ -75,6 +78,8 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
     run.aligner.velocity(observation.t, sample.vel_enu, observation.stated_R)
     if run.timeline.running:
         run.observe(observation)
+        if run.heading_on_trial:
+            heading_trial.judge(run, sample.stamp_ns)
     else:
         run.try_start()
 
@@ -86,8 +91,8 @@ def _aid(run: FilterRun, sample: Any) -> None:
         return
     if run.timeline.running:
         run.observe(aid.observe(sample, t))
-    elif isinstance(sample, MagSample):
-        run.aligner.mag(t, sample.field)
+    elif isinstance(aid, Magnetometer):
+        run.aligner.mag(t, aid.in_body(sample))
 
 
 def _motion(run: FilterRun, sample: MotionEvidence) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.navigator import heading_trial
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.solutions import Mode, NavBlock
 
@@ -46,9 +49,12 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
     if run.mode_at(now) is not run.modes.mode:
         count = 1  # the change has the time of its row, whatever the size of the blocks
     out = run.timeline.advance(rows[:count])
+    if run.heading_on_trial:
+        heading_trial.carry(run, rows[:count])
     now = float(times[count - 1])
     run.update_mode(now)
-    run.quiet_until = min(run.mode_deadline(now), run.timeline.next_observation(), run.rest_due)
+    quiet = min(run.mode_deadline(now), run.timeline.next_observation(), run.rest_due)
+    run.quiet_until = -math.inf if run.heading_on_trial else quiet
     return _blocks(run, stamps_ns[:count], out)
 
 
