@@ -195,6 +195,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "the magnetic heading is not the one that motion shows; it steers nothing",
             "as above; the sentence says by how much and the likely cause",
         ),
+        Entry(
+            "mag.unit",
+            "the field is the Earth's in another unit than tesla (gauss, microtesla); alignment does not believe it",
+            "publish tesla, as sensor_msgs/MagneticField demands",
+        ),
         Entry("mag.heading.cause", "turns have shown what is wrong with the magnetic heading", "see the log line"),
         Entry("mag.heading.agrees", "the magnetic heading agrees with the motion again"),
         Entry("mag.ignored", "aids.magnetometer is false"),

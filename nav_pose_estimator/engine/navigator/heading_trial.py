@@ -23,6 +23,7 @@ from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 _FAR_OFF = (
     0.6  # rad: beyond what heading and hypotheses, each to 10 deg, may differ by, and what the filter mends itself
 )
+_WRONG = 0.8  # rad, of the magnetic heading itself: a declination that nobody has set explains no more
 _PATIENCE = 5.0  # s without a fix after which the aligner begins anew instead of keeping the IMU
 
 
@@ -47,17 +48,22 @@ def judge(run: FilterRun, stamp_ns: int) -> None:
     nav, P = start[0].copy(), start[1].copy()
     for row in run.timeline.recent_rows(age):
         propagate(nav, P, run.timeline.filter.constants, row)
-    error = math.remainder(_yaw(run.timeline.filter.nav) - _yaw(nav), 2.0 * math.pi)
-    if abs(error) <= _FAR_OFF:
-        return
+    magnetometer = run.aids[MagSample]
+    assert isinstance(magnetometer, Magnetometer)
+    turn = math.remainder(_yaw(run.timeline.filter.nav) - _yaw(nav), 2.0 * math.pi)
+    error = magnetometer.error_against(turn)
+    if abs(turn) > _FAR_OFF or abs(error) > _WRONG:
+        _start_from(run, start)
+        magnetometer.condemn(stamp_ns, error)
+
+
+def _start_from(run: FilterRun, start: tuple[np.ndarray, np.ndarray]) -> None:
+    """Go on from another state, valid a moment ago; the odometry does not jump."""
     run.timeline.settle()
     before = run.timeline.filter.nav[at.LAT : at.VEL].copy()
     run.timeline.start(*start)
     run.timeline.shift = run.timeline.shift + step_enu(before, run.timeline.filter.nav[at.LAT : at.VEL])
     run.gnss.position.resets += 1
-    magnetometer = run.aids[MagSample]
-    assert isinstance(magnetometer, Magnetometer)
-    magnetometer.condemn(stamp_ns, error)
 
 
 def _yaw(nav: np.ndarray) -> float:

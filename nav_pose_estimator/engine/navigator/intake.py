@@ -92,7 +92,7 @@ def _aid(run: FilterRun, sample: Any) -> None:
     if run.timeline.running:
         run.observe(aid.observe(sample, t))
     elif isinstance(aid, Magnetometer):
-        run.aligner.mag(t, aid.in_body(sample))
+        run.aligner.mag(t, aid.receive(sample))
 
 
 def _motion(run: FilterRun, sample: MotionEvidence) -> None:

@@ -25,11 +25,12 @@ def single_cause(angle: float) -> str:
 class CompassCheck:
     """Learns how far magnetic headings are off, in the mean and around it; ``doubted`` while they may steer nothing."""
 
-    def __init__(self) -> None:
+    def __init__(self, is_wrong: bool = False) -> None:
+        """``is_wrong``: motion has proved a heading wrong that the magnetometer gave; it is doubted for good."""
         self._swing = CompassSwing(_SWING_MEMORY)
         self._seconds = 0.0
         self._square = 0.0
-        self._is_wrong = False  # for good: found turned against the motion
+        self._is_wrong = is_wrong
         self._is_unsteady = False
         self._cause_is_told = False
 
@@ -42,10 +43,6 @@ class CompassCheck:
     def spread(self) -> float:
         """Rms [rad] of the magnetic headings of the last seconds around their mean error."""
         return math.sqrt(self._square)
-
-    def condemn(self) -> None:
-        """Motion has proved the heading wrong that the magnetometer gave at the start."""
-        self._is_wrong = True
 
     def add(self, north: complex, field: complex, offset: float, deviation: float, seconds: float) -> tuple[str, str]:
         """One comparison, ``seconds`` after the one before it: the name of an event and its words, empty for none.

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from nav_pose_estimator.core.alignment.levelling import likely_unit
 from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.core.filter.layout import PHI, QUAT
 from nav_pose_estimator.core.numerics.rotation import euler_from_quat, quat_rotate
@@ -24,6 +25,8 @@ from nav_pose_estimator.engine.sensors.field_calibration import FieldCalibration
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised, Pacer, shared_error
 from nav_pose_estimator.engine.solutions import Level
 
+WRONG_START = "mag.heading.wrong_start"
+"""Event: the navigator goes on from another heading, and what was learned along the old one is worth nothing."""
 _LARGEST_FIELD = 1e6  # in any unit
 _KNOWN_HEADING = 0.2  # rad: a heading that GNSS motion shows no better cannot teach the offset
 _OFFSET_MEMORY = 100.0  # s
@@ -41,6 +44,8 @@ class Magnetometer(Aid):
         self._pacer = Pacer()
         self._offset = math.nan  # rad: magnetic minus filter heading
         self._since = 0.0
+        self._error = math.nan  # rad: magnetic minus filter heading, the last one
+        self._is_new = True
         self._check = CompassCheck()
         self._calibration = FieldCalibration(parameters)
 
@@ -50,8 +55,15 @@ class Magnetometer(Aid):
         self._enabled, self._period, self._declination = aids.magnetometer, aids.magnetometer_period, aids.declination
         self._variance = aids.magnetometer_sd**2 * shared_error(aids.magnetometer_period)
 
-    def in_body(self, sample: MagSample) -> Vector3:
-        """The field of a sample, calibrated and in b."""
+    def receive(self, sample: MagSample) -> Vector3:
+        """The field of a sample, calibrated and in b. A unit that is not tesla is told once."""
+        if self._is_new:
+            self._is_new = False
+            strength = math.hypot(*sample.field)
+            unit = likely_unit(strength)
+            if unit:
+                text = f"a magnetic field of {strength:.3g} is in {unit}: publish tesla; alignment does not believe it"
+                self._journal.say(sample.stamp_ns, "mag.unit", Level.WARN, text)
         return self._calibration.in_body(sample.field)
 
     def observe(self, sample: MagSample, t: float) -> Observation | None:
@@ -60,10 +72,12 @@ class Magnetometer(Aid):
             return None
         if not is_within(sample.field, _LARGEST_FIELD) or not any(sample.field):
             return self._refuse()
-        return Observation(t, sample.stamp_ns, self.kind, tuple(self.in_body(sample)))
+        return Observation(t, sample.stamp_ns, self.kind, tuple(self.receive(sample)))
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """While GNSS shows the heading learn the offset; otherwise let the field hold the heading."""
+        z, _ = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self._declination)
+        self._error = float(z[0])
         if self._aiding.gnss_is_good(o.t) and math.sqrt(f.P[PHI + 2, PHI + 2]) < _KNOWN_HEADING:
             self._learn(o, f)
             return LEFT_OUT
@@ -71,22 +85,26 @@ class Magnetometer(Aid):
             return LEFT_OUT
         return Decision(Use.GATED, self._offset)
 
+    def error_against(self, turn: float) -> float:
+        """How far the last magnetic heading is off a heading that lies ``turn`` [rad] clockwise of the filter's."""
+        return math.remainder(self._error + turn, 2.0 * math.pi)
+
     def condemn(self, stamp_ns: int, error: float) -> None:
         """Motion has shown that the heading from the magnetometer was wrong by ``error`` [rad]: it steers nothing."""
-        self._check.condemn()
+        self._check = CompassCheck(is_wrong=True)  # and what it saw was compared with a wrong heading
+        self._offset = math.nan
         text = (
             f"the magnetic heading of the start was {math.degrees(abs(error)):.0f} deg off, as motion shows: aligned "
             f"anew; likely cause: {single_cause(error)}; the magnetometer steers nothing, {CURE}"
         )
-        self._journal.say(stamp_ns, "mag.heading.wrong_start", Level.WARN, text, error_deg=math.degrees(error))
+        self._journal.say(stamp_ns, WRONG_START, Level.WARN, text, error_deg=math.degrees(error))
 
     def _learn(self, o: Observation, f: FilterView) -> None:
-        z, _ = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self._declination)
-        self._compare(o, f, float(z[0]))
+        self._compare(o, f, self._error)
         if math.isnan(self._offset):
-            self._offset, self._since = float(z[0]), o.t
+            self._offset, self._since = self._error, o.t
         share = self._period / min(max(o.t - self._since, 1.0), _OFFSET_MEMORY)
-        self._offset += min(share, 1.0) * math.remainder(float(z[0]) - self._offset, 2.0 * math.pi)
+        self._offset += min(share, 1.0) * math.remainder(self._error - self._offset, 2.0 * math.pi)
 
     def _compare(self, o: Observation, f: FilterView, error: float) -> None:
         deviation = 0.0 if math.isnan(self._offset) else math.remainder(error - self._offset, 2.0 * math.pi)
