@@ -193,6 +193,11 @@ class Aligner:
         """Take the result back and look for a second one, whose heading comes from motion alone."""
         self._compass, self._done = Compass(self.settings.declination), None
 
+    @property
+    def follows_motion(self) -> bool:
+        """Whether heading hypotheses follow GNSS."""
+        return self._bank is not None
+
     def forget_stale(self, patience: float) -> None:
         """Begin anew when the last fix is more than ``patience`` [s] older than the IMU."""
         if self._last_fix is not None and self._now - self._last_fix.t > patience:

@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from nav_pose_estimator.core.alignment.carried_heading import CarriedHeading
 from nav_pose_estimator.core.alignment.rest import Stillness
 from nav_pose_estimator.core.alignment.types import KnownBiases
 from nav_pose_estimator.core.filter import layout as at
@@ -61,7 +62,7 @@ class FilterRun:
         self._fusion = Fusion([*self.gnss.sensors, *self.aids.values(), self._rest], filter_setup.gates(parameters))
         self.timeline = Timeline(filter_setup.constants(parameters), self._fusion.apply, parameters.navigator.memory)
         self.aligner = start_up.StartUp(parameters, known)
-        self.heading_on_trial = False  # see ``heading_trial``
+        self.trial: CarriedHeading | None = None  # see ``heading_trial``
         self.modes = ModeKeeper(parameters.navigator)
         self._stillness = Stillness()
         self.rest_due = -math.inf if parameters.aids.zero_velocity else math.inf  # when to look for rest next
@@ -129,7 +130,7 @@ class FilterRun:
         self.gnss.begin(float(nav[at.TIME]), self.origin)
         self.timeline.start(nav, P, self.origin)
         if start.from_magnetometer:
-            self.heading_on_trial = True
+            self.trial = CarriedHeading(float(nav[at.TIME]), nav[at.QUAT : at.GYRO_BIAS].copy())
             self.aligner.go_on_without_magnetometer()
         text = f"aligned ({start.method}), heading to {math.degrees(math.sqrt(P[at.PHI + 2, at.PHI + 2])):.1f} deg"
         self.journal.say(self.clock.stamp(now), "aligned", Level.INFO, text)

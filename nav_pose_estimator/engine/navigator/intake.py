@@ -61,9 +61,9 @@ def _fix(run: FilterRun, sample: GnssFix) -> None:
         run.locate(sample)
     if run.timeline.running:
         run.observe(run.gnss.position.observe(sample, t))
-        if run.heading_on_trial:
+        if run.trial is not None:
             run.aligner.fix(t, sample, run.gnss.reception.position_noise(sample))
-            heading_trial.judge(run, sample.stamp_ns)
+            heading_trial.judge(run, run.trial, sample.stamp_ns)
     else:
         run.aligner.fix(t, sample, run.gnss.reception.position_noise(sample))
         run.try_start()
@@ -78,8 +78,8 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
     run.aligner.velocity(observation.t, sample.vel_enu, observation.stated_R)
     if run.timeline.running:
         run.observe(observation)
-        if run.heading_on_trial:
-            heading_trial.judge(run, sample.stamp_ns)
+        if run.trial is not None:
+            heading_trial.judge(run, run.trial, sample.stamp_ns)
     else:
         run.try_start()
 

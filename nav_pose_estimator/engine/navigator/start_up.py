@@ -74,6 +74,11 @@ class StartUp:
         """Look for a second result, whose heading comes from motion alone."""
         self._aligner.go_on_without_magnetometer()
 
+    @property
+    def follows_motion(self) -> bool:
+        """Whether heading hypotheses follow GNSS."""
+        return self._aligner.follows_motion
+
     def forget_stale(self, patience: float) -> None:
         """Begin anew when the last fix is more than ``patience`` [s] older than the IMU."""
         self._aligner.forget_stale(patience)

@@ -49,12 +49,12 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
     if run.mode_at(now) is not run.modes.mode:
         count = 1  # the change has the time of its row, whatever the size of the blocks
     out = run.timeline.advance(rows[:count])
-    if run.heading_on_trial:
-        heading_trial.carry(run, rows[:count])
+    if run.trial is not None:
+        heading_trial.carry(run, run.trial, rows[:count], out)
     now = float(times[count - 1])
     run.update_mode(now)
     quiet = min(run.mode_deadline(now), run.timeline.next_observation(), run.rest_due)
-    run.quiet_until = -math.inf if run.heading_on_trial else quiet
+    run.quiet_until = quiet if run.trial is None else -math.inf
     return _blocks(run, stamps_ns[:count], out)
 
 

@@ -44,7 +44,6 @@ class Magnetometer(Aid):
         self._pacer = Pacer()
         self._offset = math.nan  # rad: magnetic minus filter heading
         self._since = 0.0
-        self._error = math.nan  # rad: magnetic minus filter heading, the last one
         self._is_new = True
         self._check = CompassCheck()
         self._calibration = FieldCalibration(parameters)
@@ -76,18 +75,12 @@ class Magnetometer(Aid):
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """While GNSS shows the heading learn the offset; otherwise let the field hold the heading."""
-        z, _ = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self._declination)
-        self._error = float(z[0])
         if self._aiding.gnss_is_good(o.t) and math.sqrt(f.P[PHI + 2, PHI + 2]) < _KNOWN_HEADING:
             self._learn(o, f)
             return LEFT_OUT
         if self._check.doubted or math.isnan(self._offset):
             return LEFT_OUT
         return Decision(Use.GATED, self._offset)
-
-    def error_against(self, turn: float) -> float:
-        """How far the last magnetic heading is off a heading that lies ``turn`` [rad] clockwise of the filter's."""
-        return math.remainder(self._error + turn, 2.0 * math.pi)
 
     def condemn(self, stamp_ns: int, error: float) -> None:
         """Motion has shown that the heading from the magnetometer was wrong by ``error`` [rad]: it steers nothing."""
@@ -100,11 +93,13 @@ class Magnetometer(Aid):
         self._journal.say(stamp_ns, WRONG_START, Level.WARN, text, error_deg=math.degrees(error))
 
     def _learn(self, o: Observation, f: FilterView) -> None:
-        self._compare(o, f, self._error)
+        z, _ = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self._declination)
+        error = float(z[0])
+        self._compare(o, f, error)
         if math.isnan(self._offset):
-            self._offset, self._since = self._error, o.t
+            self._offset, self._since = error, o.t
         share = self._period / min(max(o.t - self._since, 1.0), _OFFSET_MEMORY)
-        self._offset += min(share, 1.0) * math.remainder(self._error - self._offset, 2.0 * math.pi)
+        self._offset += min(share, 1.0) * math.remainder(error - self._offset, 2.0 * math.pi)
 
     def _compare(self, o: Observation, f: FilterView, error: float) -> None:
         deviation = 0.0 if math.isnan(self._offset) else math.remainder(error - self._offset, 2.0 * math.pi)
