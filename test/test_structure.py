@@ -47,6 +47,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "offline.bags": {"core", "engine", "engine.parameters", "ros.messages", "offline"},
     "offline.flights": {"core", "engine.*", "sim.*", "ros.messages", "offline", "offline.bags"},
     "offline.replay": {"core", "engine.*", "offline", "offline.bags", "offline.flights", "offline.page"},
+    "offline.calibration": {"core", "engine", "offline", "offline.flights", "offline.logs"},
     "offline.benchmarks": {"offline.*"},
     "offline.benchmarks.outage": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.attitude": {"core", "engine.*", "offline.*"},

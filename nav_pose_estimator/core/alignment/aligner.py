@@ -31,7 +31,14 @@ from nav_pose_estimator.core.alignment.levelling import (
     turned,
 )
 from nav_pose_estimator.core.alignment.rest import RestDetector, RestSettings
-from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, Fix, KnownBiases, RestLevel
+from nav_pose_estimator.core.alignment.types import (
+    Alignment,
+    AlignmentSettings,
+    Fix,
+    KnownBiases,
+    RestLevel,
+    fix_velocity,
+)
 from nav_pose_estimator.core.earth.ellipsoid import earth_rate_n
 from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.layout import (
@@ -66,10 +73,6 @@ _FIX_AGE = 2.0  # s: an older fix does not tell where the vehicle is
 _ZERO = (0.0, 0.0, 0.0)
 _KNOWN_RATE = 0.03  # rad/s: a known bias has not moved that far, and a circle flown smoothly turns faster
 _RESIDUAL_RATE_SD = 2e-4  # rad/s: what a rest leaves open of the gyroscope bias
-_VELOCITY_FLOOR = 0.1  # m/s
-_SLOW_SPEED = 1.5  # m/s: receivers hold or smooth the velocity of a slow antenna
-_SLOW_SD = 1.0  # m/s at standstill
-_VELOCITY_CORRELATION = 0.3  # s: fixes closer than this share their velocity error
 _LOST_NIS = 12.0  # mean NIS per degree of freedom above which the bank has gone astray
 _LOST_UPDATES = 25
 
@@ -168,7 +171,7 @@ class Aligner:
         if self._last_fix is not None and t_valid <= self._last_fix.t:
             return
         period = 1.0 if self._last_fix is None else min(t_valid - self._last_fix.t, 1.0)
-        velocity, velocity_sd = _velocity(vel_enu, vel_sd, period)
+        velocity, velocity_sd = fix_velocity(vel_enu, vel_sd, period)
         fix = Fix(t_valid, (lat, lon, alt), velocity, pos_sd * np.array([1.0, 1.0, 1.7]), velocity_sd)
         self._last_fix = fix
         if t_valid <= self._now:
@@ -393,15 +396,3 @@ class Aligner:
         if self._level is not None and self._now - self._level.t < _LEVEL_AGE:
             return min(self._level.t, oldest)
         return oldest
-
-
-def _velocity(vel_enu: Sequence[float] | None, sd: float, period: float) -> tuple[Array | None, Array]:
-    """Velocity (3,) or None, and the deviations (3,) that make its errors look independent from fix to fix."""
-    spread = max(sd, _VELOCITY_FLOOR) * np.array([1.0, 1.0, 1.5])
-    if vel_enu is None or not (math.isfinite(vel_enu[0]) and math.isfinite(vel_enu[1])):
-        return None, spread
-    velocity = np.array(vel_enu, dtype=float)
-    if not math.isfinite(velocity[2]):
-        velocity[2], spread[2] = 0.0, 30.0
-    slow = max(1.0 - math.hypot(*velocity) / _SLOW_SPEED, 0.0)
-    return velocity, np.hypot(spread, _SLOW_SD * slow) * math.sqrt(1.0 + _VELOCITY_CORRELATION / period)
