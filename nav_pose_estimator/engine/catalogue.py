@@ -197,8 +197,8 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "mag.unit",
-            "the field is the Earth's in another unit than tesla (gauss, microtesla); alignment does not believe it",
-            "publish tesla, as sensor_msgs/MagneticField demands",
+            "the field, or attitude.hard_iron, is in another unit than tesla; alignment does not believe it",
+            "publish tesla, as sensor_msgs/MagneticField demands; write attitude.hard_iron in tesla",
         ),
         Entry("mag.heading.cause", "turns have shown what is wrong with the magnetic heading", "see the log line"),
         Entry("mag.heading.agrees", "the magnetic heading agrees with the motion again"),

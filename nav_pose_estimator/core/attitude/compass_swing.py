@@ -53,7 +53,8 @@ class CompassSwing:
         if abs(b) > abs(a):
             return "axes of the magnetometer are swapped or inverted"
         if abs(c) > _IRON * abs(a):
-            return f"hard iron of about {abs(c) / max(abs(a), 1e-30):.1f} times the Earth's horizontal field"
+            ratio = abs(c) / max(abs(a), 1e-3 * abs(c))
+            return f"hard iron of about {ratio:.1f} times the Earth's horizontal field"
         if abs(cmath.phase(a)) > _TURNED:
             return (
                 f"the magnetometer is turned by about {math.degrees(-cmath.phase(a)):.0f} deg about the vertical axis"

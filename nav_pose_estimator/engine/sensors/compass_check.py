@@ -7,10 +7,12 @@ import math
 from nav_pose_estimator.core.attitude.compass_swing import CompassSwing
 
 _TURNED = math.radians(45.0)  # a declination that nobody has set explains no more
+_STRAIGHT = math.radians(30.0)  # offset at which a turned one is believed again
 _SPREAD, _CALM = math.radians(25.0), math.radians(12.0)  # rms at which a heading is doubted, and believed again
 _SPREAD_MEMORY = 20.0  # s
 _SWING_MEMORY = 100.0  # s
-_MIN_TIME = 5.0  # s of comparison before anything is said
+_MIN_TIME = 5.0  # s of comparison before there is a doubt
+_PERSISTENCE = 10.0  # s that a doubt lasts before it is told
 CURE = "calibrate it (docs/calibration.md)"
 
 
@@ -23,21 +25,27 @@ def single_cause(angle: float) -> str:
 
 
 class CompassCheck:
-    """Learns how far magnetic headings are off, in the mean and around it; ``doubted`` while they may steer nothing."""
+    """Learns how far magnetic headings are off, in the mean and around it; ``doubted`` while they may steer nothing.
 
-    def __init__(self, is_wrong: bool = False) -> None:
-        """``is_wrong``: motion has proved a heading wrong that the magnetometer gave; it is doubted for good."""
+    A doubt acts at once and is told when it lasts: for some seconds after a start it may be the filter that is wrong.
+    """
+
+    def __init__(self, is_condemned: bool = False) -> None:
+        """``is_condemned``: motion has proved a heading wrong that the magnetometer gave; it is doubted for good."""
         self._swing = CompassSwing(_SWING_MEMORY)
         self._seconds = 0.0
         self._square = 0.0
-        self._is_wrong = is_wrong
+        self._is_condemned = is_condemned
+        self._is_turned = False
         self._is_unsteady = False
+        self._doubt_lasts = 0.0
+        self._is_told = is_condemned
         self._cause_is_told = False
 
     @property
     def doubted(self) -> bool:
         """Whether the magnetic heading must not be used."""
-        return self._is_wrong or self._is_unsteady
+        return self._is_condemned or self._is_turned or self._is_unsteady
 
     @property
     def spread(self) -> float:
@@ -55,25 +63,22 @@ class CompassCheck:
         self._swing.add(north, field, seconds)
         if self._seconds < _MIN_TIME:
             return "", ""
+        self._is_turned = abs(offset) > (_STRAIGHT if self._is_turned else _TURNED)
+        self._is_unsteady = self.spread > (_CALM if self._is_unsteady else _SPREAD)
         if not self.doubted:
-            return self._first_doubt(offset)
-        if self._is_unsteady and self.spread < _CALM:
-            self._is_unsteady = False
-            if not self._is_wrong:
-                return "mag.heading.agrees", "the magnetic heading agrees with the motion again"
-        return self._cause()
+            was_told, self._is_told, self._doubt_lasts = self._is_told, False, 0.0
+            return ("mag.heading.agrees", "the magnetic heading agrees with the motion again") if was_told else ("", "")
+        self._doubt_lasts += seconds
+        if self._is_told:
+            return self._cause()
+        return self._doubt(offset) if self._doubt_lasts >= _PERSISTENCE else ("", "")
 
-    def _first_doubt(self, offset: float) -> tuple[str, str]:
-        self._is_wrong, self._is_unsteady = abs(offset) > _TURNED, self.spread > _SPREAD
-        if not self.doubted:
-            return "", ""
+    def _doubt(self, offset: float) -> tuple[str, str]:
         cause = self._swing.cause()
-        self._cause_is_told = bool(cause)
-        if self._is_wrong:
-            how, cause = (
-                f"is {math.degrees(abs(offset)):.0f} deg off the heading that motion shows",
-                cause or single_cause(offset),
-            )
+        self._is_told, self._cause_is_told = True, bool(cause)
+        if self._is_turned:
+            how = f"is {math.degrees(abs(offset)):.0f} deg off the heading that motion shows"
+            cause = cause or single_cause(offset)
         else:
             how = f"wanders by {math.degrees(self.spread):.0f} deg (rms) against the heading that motion shows"
             cause = cause or "iron or currents that turn with the vehicle"

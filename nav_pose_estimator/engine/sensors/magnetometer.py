@@ -29,6 +29,7 @@ WRONG_START = "mag.heading.wrong_start"
 """Event: the navigator goes on from another heading, and what was learned along the old one is worth nothing."""
 _LARGEST_FIELD = 1e6  # in any unit
 _KNOWN_HEADING = 0.2  # rad: a heading that GNSS motion shows no better cannot teach the offset
+_LARGEST_IRON = 1e-3  # T: magnetometers end there
 _OFFSET_MEMORY = 100.0  # s
 _SHORTEST_PERIOD = 0.01  # s
 
@@ -46,7 +47,7 @@ class Magnetometer(Aid):
         self._since = 0.0
         self._is_new = True
         self._check = CompassCheck()
-        self._calibration = FieldCalibration(parameters)
+        self._calibration, self._hard_iron = FieldCalibration(parameters), parameters.attitude.hard_iron
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New noise, period and declination."""
@@ -58,12 +59,18 @@ class Magnetometer(Aid):
         """The field of a sample, calibrated and in b. A unit that is not tesla is told once."""
         if self._is_new:
             self._is_new = False
-            strength = math.hypot(*sample.field)
-            unit = likely_unit(strength)
-            if unit:
-                text = f"a magnetic field of {strength:.3g} is in {unit}: publish tesla; alignment does not believe it"
-                self._journal.say(sample.stamp_ns, "mag.unit", Level.WARN, text)
+            text = self._wrong_unit(math.hypot(*sample.field))
+            if text:
+                self._journal.say(sample.stamp_ns, "mag.unit", Level.WARN, f"{text}; alignment does not believe it")
         return self._calibration.in_body(sample.field)
+
+    def _wrong_unit(self, strength: float) -> str:
+        unit, iron = likely_unit(strength), math.hypot(*self._hard_iron)
+        if unit:
+            return f"a magnetic field of {strength:.3g} is in {unit}: publish tesla"
+        if iron > _LARGEST_IRON:
+            return f"attitude.hard_iron of {iron:.3g} T is beyond any magnetometer: is it in gauss? tesla is expected"
+        return ""
 
     def observe(self, sample: MagSample, t: float) -> Observation | None:
         """A field in any unit, at most every ``aids.magnetometer_period``."""
@@ -84,7 +91,7 @@ class Magnetometer(Aid):
 
     def condemn(self, stamp_ns: int, error: float) -> None:
         """Motion has shown that the heading from the magnetometer was wrong by ``error`` [rad]: it steers nothing."""
-        self._check = CompassCheck(is_wrong=True)  # and what it saw was compared with a wrong heading
+        self._check = CompassCheck(is_condemned=True)  # and what it saw was compared with a wrong heading
         self._offset = math.nan
         text = (
             f"the magnetic heading of the start was {math.degrees(abs(error)):.0f} deg off, as motion shows: aligned "

@@ -90,7 +90,7 @@ def _thinned(t: np.ndarray, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Means over ``_PERIOD`` where fields come faster, by number: a vehicle turns little in that time."""
     if len(t) < 2:
         return t, field
-    count = max(int(round(_PERIOD / max(float(np.median(np.diff(t))), 1e-3))), 1)
+    count = max(round(_PERIOD / max(float(np.median(np.diff(t))), 1e-3)), 1)
     middle = slice((count - 1) // 2, None, count)
     return t[middle], field[middle]
 

@@ -16,13 +16,12 @@ from nav_pose_estimator.offline.calibration.rests import Rests, accelerometer_er
 from nav_pose_estimator.offline.flights.recording import Recording
 
 _FEWEST = 100  # pairs
-_LEAST_TURN = 0.01  # mean square of 2 sin(angle / 2) as seen across the second of three axes: 6 deg rms
 _WORST = 15.0  # deg rms
 _AXES = "xyz"
 
 
 def check(pairs: FieldPairs, paths: Sequence[Path]) -> None:
-    """Raise ``UserError`` where nothing can come of the pairs: too few, another unit, too little rotation."""
+    """Raise ``UserError`` where nothing can come of the pairs: too few, or another unit."""
     names = ", ".join(path.name for path in paths)
     if len(pairs) < _FEWEST:
         raise UserError(f"{names}: only {len(pairs)} fields with IMU data around them, {_FEWEST} are needed")
@@ -30,13 +29,6 @@ def check(pairs: FieldPairs, paths: Sequence[Path]) -> None:
     unit = likely_unit(strength * 1e-6)
     if unit:
         raise UserError(f"{names}: a magnetic field of {strength * 1e-6:.3g} is in {unit}; publish tesla")
-    apart = np.eye(3) - pairs.turn
-    if np.linalg.eigvalsh(np.mean(np.einsum("nij,nik->njk", apart, apart), axis=0))[1] < _LEAST_TURN:
-        angle = math.degrees(float(np.percentile(_angles(pairs), 90)))
-        raise UserError(
-            f"{names}: too little rotation to calibrate a magnetometer (nine tenths of the time less than "
-            f"{angle:.0f} deg in {LAG:.0f} s); turn the vehicle once around each of its axes"
-        )
 
 
 def _angles(pairs: FieldPairs) -> np.ndarray:
@@ -65,15 +57,22 @@ def _unseen(fit: FieldFit) -> list[str]:
 
 
 def parameter_file(fit: FieldFit, pairs: FieldPairs, rests: Rests, recordings: Sequence[Recording]) -> str:
-    """The text of the file. Raises ``UserError`` for a field that does not follow the gyroscope in any way."""
+    """The text of the file. Raises ``UserError`` for too little rotation, and where the field follows no gyroscope."""
+    names = ", ".join(r.path.name for r in recordings)
+    if fit.sees_iron.sum() < 2:
+        angle = math.degrees(float(np.percentile(_angles(pairs), 90)))
+        raise UserError(
+            f"{names}: too little rotation to calibrate a magnetometer (nine tenths of the time less than "
+            f"{angle:.0f} deg in {LAG:.0f} s); turn the vehicle once around each of its axes"
+        )
     if fit.after_deg > _WORST:
         raise UserError(
-            f"the field does not turn with the gyroscope ({fit.after_deg:.0f} deg rms after the best calibration): "
+            f"{names}: the field does not turn with the gyroscope ({fit.after_deg:.0f} deg rms after the best calibration): "
             "currents or steel nearby, or stamps that do not belong together"
         )
-    names = ", ".join(f"{r.path.name} ({r.duration:.0f} s)" for r in recordings)
+    lengths = ", ".join(f"{r.path.name} ({r.duration:.0f} s)" for r in recordings)
     comments = [
-        f"Magnetometer calibration, found by 'calibrate' from {names}: {len(pairs)} pairs of fields {LAG:.0f} s apart.",
+        f"Magnetometer calibration, found by 'calibrate' from {lengths}: {len(pairs)} pairs of fields {LAG:.0f} s apart.",
         f"The field follows the gyroscope to {fit.after_deg:.1f} deg rms; as published {fit.before_deg:.1f} deg.",
         f"Strength {fit.strength:.1f} uT. Turned by up to {math.degrees(float(_angles(pairs).max())):.0f} deg in "
         f"{LAG:.0f} s.",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -45,7 +46,7 @@ def find_rests(imu: ImuBlock) -> Rests:
     t = (imu.stamps_ns - imu.stamps_ns[0]) * 1e-9
     edges = np.searchsorted(t, np.arange(0.0, t[-1], _WINDOW))
     gyro, accel = [], []
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in itertools.pairwise(edges):
         if end - begin < 10:
             continue
         w, f = imu.gyro[begin:end], imu.accel[begin:end]
