@@ -59,20 +59,20 @@ def _unseen(fit: FieldFit) -> list[str]:
 def parameter_file(fit: FieldFit, pairs: FieldPairs, rests: Rests, recordings: Sequence[Recording]) -> str:
     """The text of the file. Raises ``UserError`` for too little rotation, and where the field follows no gyroscope."""
     names = ", ".join(r.path.name for r in recordings)
+    if fit.after_deg > _WORST:
+        raise UserError(
+            f"{names}: the field does not turn with the gyroscope ({fit.after_deg:.0f} deg rms at best): "
+            "currents or steel nearby, or stamps that do not belong together"
+        )
     if fit.sees_iron.sum() < 2:
         angle = math.degrees(float(np.percentile(_angles(pairs), 90)))
         raise UserError(
             f"{names}: too little rotation to calibrate a magnetometer (nine tenths of the time less than "
             f"{angle:.0f} deg in {LAG:.0f} s); turn the vehicle once around each of its axes"
         )
-    if fit.after_deg > _WORST:
-        raise UserError(
-            f"{names}: the field does not turn with the gyroscope ({fit.after_deg:.0f} deg rms after the best calibration): "
-            "currents or steel nearby, or stamps that do not belong together"
-        )
     lengths = ", ".join(f"{r.path.name} ({r.duration:.0f} s)" for r in recordings)
     comments = [
-        f"Magnetometer calibration, found by 'calibrate' from {lengths}: {len(pairs)} pairs of fields {LAG:.0f} s apart.",
+        f"Magnetometer calibration by 'calibrate' from {lengths}: {len(pairs)} pairs of fields {LAG:.0f} s apart.",
         f"The field follows the gyroscope to {fit.after_deg:.1f} deg rms; as published {fit.before_deg:.1f} deg.",
         f"Strength {fit.strength:.1f} uT. Turned by up to {math.degrees(float(_angles(pairs).max())):.0f} deg in "
         f"{LAG:.0f} s.",
