@@ -15,6 +15,7 @@ COMMANDS = (
     "simulate",
     "replay",
     "convert",
+    "calibrate",
     "benchmark",
 )
 

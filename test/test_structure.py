@@ -32,7 +32,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "engine.imu": {"core", "engine", "engine.parameters"},
     "engine.sensors": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.gnss"},
     "engine.sensors.gnss": {"core", "engine", "engine.parameters", "engine.sensors"},
-    "engine.attitude": {"core", "engine", "engine.parameters", "engine.imu"},
+    "engine.attitude": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors"},
     "engine.navigator": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},
     "engine.outage": {
         "core", "engine", "engine.parameters", "engine.imu", "engine.navigator", "engine.outage.methods"
@@ -50,6 +50,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "offline.logs.formats": {"offline", "offline.bags"},
     "offline.logs": {"core", "engine.*", "offline", "offline.bags", "offline.flights", "offline.logs.formats"},
     "offline.replay": {"core", "engine.*", "offline.*"},
+    "offline.calibration": {"core", "engine", "offline", "offline.flights", "offline.logs"},
     "offline.benchmarks": {"offline.*"},
     "offline.benchmarks.outage": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.attitude": {"core", "engine.*", "offline.*"},

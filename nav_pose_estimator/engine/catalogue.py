@@ -323,6 +323,23 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "mag.rejected.disturbed", "a field that is not the Earth's", "calibrate attitude.hard_iron and soft_iron"
         ),
+        Entry(
+            "mag.heading.wrong_start",
+            "motion has shown that the magnetic heading of the start was wrong: aligned anew, it steers nothing",
+            "calibrate (docs/calibration.md): attitude.hard_iron, aids.magnetometer_rpy",
+        ),
+        Entry(
+            "mag.heading.disagrees",
+            "the magnetic heading is not the one that motion shows; it steers nothing",
+            "as above; the sentence says by how much and the likely cause",
+        ),
+        Entry(
+            "mag.unit",
+            "the field, or attitude.hard_iron, is in another unit than tesla; alignment does not believe it",
+            "publish tesla, as sensor_msgs/MagneticField demands; write attitude.hard_iron in tesla",
+        ),
+        Entry("mag.heading.cause", "turns have shown what is wrong with the magnetic heading", "see the log line"),
+        Entry("mag.heading.agrees", "the magnetic heading agrees with the motion again"),
         Entry("mag.ignored", "aids.magnetometer is false"),
         Entry("mag.declination.model", "the World Magnetic Model has told the declination at the first position"),
         Entry(

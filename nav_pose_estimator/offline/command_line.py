@@ -55,6 +55,11 @@ COMMANDS = {
         "write a flight log (PX4 ULog, ArduPilot DataFlash) as a rosbag2",
         ("convert flight.ulg out/flight_bag", "convert flight.bin out/flight_bag --segment 2 --imu 1"),
     ),
+    "calibrate": Command(
+        "offline.calibration.command",
+        "find hard iron, soft iron and mounting of the magnetometer from recordings",
+        ("calibrate turned_by_hand --out config/magnetometer.yaml",),
+    ),
     "simulate": Command(
         "offline.simulate_command",
         "write a rosbag2 of a simulated flight with its true motion",
@@ -222,4 +227,5 @@ synthetic_sensors = partial(run_command, "synthetic_sensors")
 simulate = partial(run_command, "simulate")
 replay = partial(run_command, "replay")
 convert = partial(run_command, "convert")
+calibrate = partial(run_command, "calibrate")
 benchmark = partial(run_command, "benchmark")

@@ -84,8 +84,7 @@ def test_a_changed_parameter_changes_the_flight(name, key):
 
 
 @pytest.mark.compiled
-@pytest.mark.xfail(strict=True, reason="the navigator's magnetic heading does not use the calibration")
-@pytest.mark.parametrize("key", ["attitude.hard_iron", "attitude.soft_iron"])
+@pytest.mark.parametrize("key", ["attitude.hard_iron", "attitude.soft_iron", "aids.magnetometer_rpy"])
 def test_a_magnetometer_calibration_reaches_the_navigator(key):
     changed = fingerprint("flight", parameters_for("flight", **{key: CHANGES["flight"][key]}), attitude=False)
     assert changed != fingerprint("flight", parameters_for("flight"), attitude=False)

@@ -72,7 +72,7 @@ _SYMPTOMS = (
     (
         "AIDED never comes, `Finding the heading from motion`",
         "no magnetometer, or one that cannot be believed",
-        "accelerate and turn; calibrate the magnetometer (`attitude.hard_iron`, `attitude.soft_iron`)",
+        "accelerate and turn; [calibrate the magnetometer](calibration.md)",
     ),
     (
         "the attitude is upside down or mirrored",
@@ -136,6 +136,7 @@ _STATUS = (
     ("nis.gnss_position.p99, nis.gnss_velocity.p99", "its 99th percentile over the last observations"),
     ("gnss.gate_radius_m", "how far from the prediction a fix may lie now without being refused"),
     ("gnss.resets, gnss.last_reset_m", "how often the position was put on GNSS, and how far it moved the last time"),
+    ("mag.heading_spread_deg", "how far magnetic headings spread around their mean error while GNSS shows the heading"),
     ("learner.flight_s, learner.trainings", "flight with GNSS that the learner remembers; trainings taken over"),
     ("learner.rules, learner.target_rms", "rules of the network; RMS of what it had to learn [m/s]"),
     (

@@ -32,7 +32,14 @@ from nav_pose_estimator.core.alignment.levelling import (
 )
 from nav_pose_estimator.core.alignment.recent_rows import RecentRows
 from nav_pose_estimator.core.alignment.rest import RestDetector, RestSettings
-from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, Fix, KnownBiases, RestLevel
+from nav_pose_estimator.core.alignment.types import (
+    Alignment,
+    AlignmentSettings,
+    Fix,
+    KnownBiases,
+    RestLevel,
+    fix_velocity,
+)
 from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.layout import (
     ALT,
@@ -50,10 +57,6 @@ _FIX_AGE = 2.0  # s: an older fix does not tell where the vehicle is
 _ZERO = (0.0, 0.0, 0.0)
 _KNOWN_RATE = 0.03  # rad/s: a known bias has not moved that far, and a circle flown smoothly turns faster
 _RESIDUAL_RATE_SD = 2e-4  # rad/s: what a rest leaves open of the gyroscope bias
-_VELOCITY_FLOOR = 0.1  # m/s
-_SLOW_SPEED = 1.5  # m/s: receivers hold or smooth the velocity of a slow antenna
-_SLOW_SD = 1.0  # m/s at standstill
-_VELOCITY_CORRELATION = 0.3  # s: fixes closer than this share their velocity error
 _LOST_NIS = 12.0  # mean NIS per degree of freedom above which the bank has gone astray
 _LOST_UPDATES = 25
 
@@ -149,7 +152,7 @@ class Aligner:
         if self._last_fix is not None and t_valid <= self._last_fix.t:
             return
         period = 1.0 if self._last_fix is None else min(t_valid - self._last_fix.t, 1.0)
-        velocity, velocity_sd = _velocity(vel_enu, vel_sd, period)
+        velocity, velocity_sd = fix_velocity(vel_enu, vel_sd, period)
         fix = Fix(
             t_valid, (lat, lon, alt), velocity, np.array([pos_sd, pos_sd, max(1.7 * pos_sd, height_sd)]), velocity_sd
         )
@@ -171,6 +174,20 @@ class Aligner:
     def attitude(self, t: float, q_nb: Sequence[float], tilt_sd: float) -> None:
         """Attitude of another estimator, scalar first: its tilt, good to ``tilt_sd`` [rad], helps a start in motion."""
         self._outside.add(t, q_nb, tilt_sd)
+
+    def go_on_without_magnetometer(self) -> None:
+        """Take the result back and look for a second one, whose heading comes from motion alone."""
+        self._compass, self._done = Compass(self.settings.declination), None
+
+    @property
+    def follows_motion(self) -> bool:
+        """Whether heading hypotheses follow GNSS."""
+        return self._bank is not None
+
+    def forget_stale(self, patience: float) -> None:
+        """Begin anew when the last fix is more than ``patience`` [s] older than the IMU."""
+        if self._last_fix is not None and self._now - self._last_fix.t > patience:
+            self.reset()
 
     # --- outcome -----------------------------------------------------------------------------------------------------
 
@@ -233,7 +250,7 @@ class Aligner:
         known = fix is not None and self._now - fix.t < _FIX_AGE
         nav, P = from_level(self._level, yaw, fix if known else None, self._rows.at(self._now), self._is_resting())
         P[PHI + 2, PHI + 2] = s.mag_heading_sd**2
-        self._done = Alignment(self._now, nav, 0.5 * (P + P.T), "at rest, magnetic heading", known)
+        self._done = Alignment(self._now, nav, 0.5 * (P + P.T), "at rest, magnetic heading", bool(known), True)
 
     # --- motion ------------------------------------------------------------------------------------------------------
 
@@ -254,8 +271,8 @@ class Aligner:
         if sd <= self.settings.heading_sd and fix.t - self._bank_start >= self.settings.min_time:
             nav, P = bank.merged()
             how = "at rest, heading from the first motion" if self._from_rest else "in motion, heading from GNSS"
-            self._done = Alignment(fix.t, nav, 0.5 * (P + P.T), how)
-        elif bank.updates > _LOST_UPDATES and bank.nis > _LOST_NIS:
+            self._done = Alignment(float(fix.t), nav, 0.5 * (P + P.T), how)
+        elif not math.isfinite(sd) or (bank.updates > _LOST_UPDATES and bank.nis > _LOST_NIS):
             self.restarts += 1
             self._bank = self._level = None
 
@@ -296,15 +313,3 @@ class Aligner:
         if self._level is not None and self._now - self._level.t < _LEVEL_AGE:
             return min(self._level.t, oldest)
         return oldest
-
-
-def _velocity(vel_enu: Sequence[float] | None, sd: float, period: float) -> tuple[Array | None, Array]:
-    """Velocity (3,) or None, and the deviations (3,) that make its errors look independent from fix to fix."""
-    spread = max(sd, _VELOCITY_FLOOR) * np.array([1.0, 1.0, 1.5])
-    if vel_enu is None or not (math.isfinite(vel_enu[0]) and math.isfinite(vel_enu[1])):
-        return None, spread
-    velocity = np.array(vel_enu, dtype=float)
-    if not math.isfinite(velocity[2]):
-        velocity[2], spread[2] = 0.0, 30.0
-    slow = max(1.0 - math.hypot(*velocity) / _SLOW_SPEED, 0.0)
-    return velocity, np.hypot(spread, _SLOW_SD * slow) * math.sqrt(1.0 + _VELOCITY_CORRELATION / period)

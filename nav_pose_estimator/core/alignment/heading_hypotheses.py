@@ -173,12 +173,13 @@ class HeadingHypotheses:
         return w / w.sum()
 
     def heading(self) -> tuple[float, float]:
-        """Mean yaw and its standard deviation [rad] of the mixture."""
+        """Mean yaw and its standard deviation [rad] of the mixture; infinite where data broke a covariance."""
         weights = self.weights
         yaws = np.array([euler_from_quat(nav[QUAT : QUAT + 4])[2] for nav in self.navs])
         mean = math.atan2(float(weights @ np.sin(yaws)), float(weights @ np.cos(yaws)))
         spread = np.array([wrap_angle(yaw - mean) for yaw in yaws]) ** 2
-        return mean, math.sqrt(float(weights @ (spread + self.Ps[:, PHI + 2, PHI + 2])))
+        variance = float(weights @ (spread + self.Ps[:, PHI + 2, PHI + 2]))
+        return mean, math.sqrt(variance) if variance >= 0.0 else math.inf
 
     def merged(self) -> tuple[Array, Array]:
         """The mixture's mean around the best hypothesis and its covariance, spread included: (nav, P)."""

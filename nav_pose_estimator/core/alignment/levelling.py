@@ -31,6 +31,7 @@ STANDARD_GRAVITY = 9.80665
 
 _GEOMAGNETIC_POLE = math.radians(80.65), math.radians(-72.68)  # latitude, longitude of the dipole's axis, 2020
 _FIELD_STRENGTH = 18e-6, 75e-6  # T: 22 to 67 on the Earth's surface, and some error of calibration
+_UNITS = {"millitesla": 1e-3, "gauss": 1e-4, "microtesla": 1e-6, "milligauss": 1e-7, "nanotesla": 1e-9}  # in T
 _OUTSIDE_TILT_SD = 0.03  # rad: no attitude filter is better while the vehicle moves, whatever it says
 _OUTSIDE_MEMORY = 2.0  # s
 _OUTSIDE_AGE = 0.05  # s
@@ -127,7 +128,9 @@ def field_doubt(q_level: Array, field: Vector, lat: float | None, lon: float | N
     """
     strength = math.hypot(*field)
     if not _FIELD_STRENGTH[0] <= strength <= _FIELD_STRENGTH[1]:
-        return f"a magnetic field of {strength * 1e6:.3g} uT is not the Earth's"
+        unit = likely_unit(strength)
+        hint = f" (is it in {unit}? tesla is expected)" if unit else ""
+        return f"a magnetic field of {strength * 1e6:.3g} uT is not the Earth's{hint}"
     x, y, z = quat_rotate(q_level, np.asarray(field, dtype=float))
     if math.hypot(x, y) < 0.05 * strength:
         return "the magnetic field is vertical"
@@ -138,6 +141,12 @@ def field_doubt(q_level: Array, field: Vector, lat: float | None, lon: float | N
     if abs(dip - expected) <= _DIP_TOLERANCE:
         return ""
     return f"a magnetic dip of {math.degrees(dip):.0f} deg, where about {math.degrees(expected):.0f} deg are expected"
+
+
+def likely_unit(strength: float) -> str:
+    """The unit in which a field of ``strength`` would be the Earth's, empty for tesla and where there is none."""
+    fits = (name for name, tesla in _UNITS.items() if _FIELD_STRENGTH[0] <= strength * tesla <= _FIELD_STRENGTH[1])
+    return next(fits, "")
 
 
 def dipole_dip(lat: float, lon: float) -> float:

@@ -1,11 +1,17 @@
 """What the aligner has to know, and what it gives."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+_VELOCITY_FLOOR = 0.1  # m/s
+_SLOW_SPEED = 1.5  # m/s: receivers hold or smooth the velocity of a slow antenna
+_SLOW_SD = 1.0  # m/s at standstill
+_VELOCITY_CORRELATION = 0.3  # s: fixes closer than this share their velocity error
 _SHARED_ELSEWHERE = ("gyro_noise", "accel_noise", "declination", "lever_arm", "known")
 
 
@@ -60,6 +66,8 @@ class Alignment:
     P: Array
     method: str
     has_position: bool = True
+    from_magnetometer: bool = False
+    """Whether nothing but the magnetometer tells the heading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,3 +89,15 @@ class RestLevel:
     q: Array
     rate: Array
     P: Array
+
+
+def fix_velocity(vel_enu: Sequence[float] | None, sd: float, period: float) -> tuple[Array | None, Array]:
+    """Velocity (3,) or None, and the deviations (3,) that make its errors look independent from fix to fix."""
+    spread = max(sd, _VELOCITY_FLOOR) * np.array([1.0, 1.0, 1.5])
+    if vel_enu is None or not (math.isfinite(vel_enu[0]) and math.isfinite(vel_enu[1])):
+        return None, spread
+    velocity = np.array(vel_enu, dtype=float)
+    if not math.isfinite(velocity[2]):
+        velocity[2], spread[2] = 0.0, 30.0
+    slow = max(1.0 - math.hypot(*velocity) / _SLOW_SPEED, 0.0)
+    return velocity, np.hypot(spread, _SLOW_SD * slow) * math.sqrt(1.0 + _VELOCITY_CORRELATION / period)

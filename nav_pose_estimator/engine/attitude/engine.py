@@ -46,7 +46,7 @@ class AttitudeEngine:
         self._parameters = parameters or Parameters()
         self._kernels = KERNELS[self._parameters.attitude.filter]
         self.input = ImuInput(self._parameters.imu)
-        self.field = FieldInput(self._parameters, self.input.mounting, self._kernels)
+        self.field = FieldInput(self._parameters, self._kernels)
         self._counters: Counter[str] = Counter()
         self._memory = _fresh(self._parameters)
 

@@ -1,4 +1,4 @@
-"""The magnetometer on its way into the attitude filter: calibration, mounting, and what is told of disturbances."""
+"""The magnetometer on its way into the attitude filter, and what is told of disturbances."""
 
 import math
 from types import ModuleType
@@ -7,9 +7,9 @@ import numpy as np
 
 from nav_pose_estimator.core.attitude import layout as at
 from nav_pose_estimator.engine.attitude.memory import Memory
-from nav_pose_estimator.engine.imu.mounting import Mounting
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import MagSample
+from nav_pose_estimator.engine.sensors.field_calibration import FieldCalibration
 from nav_pose_estimator.engine.solutions import Event, Level
 
 NO_FIELD = np.empty((0, 3))
@@ -20,11 +20,9 @@ _STALE_NS = 500_000_000
 class FieldInput:
     """Takes magnetometer samples for one attitude filter."""
 
-    def __init__(self, parameters: Parameters, mounting: Mounting, kernels: ModuleType) -> None:
-        self._enabled, self._mounting, self._kernels = parameters.aids.magnetometer, mounting, kernels
-        self._hard_iron = np.array(parameters.attitude.hard_iron)
-        self._soft_iron = np.array(parameters.attitude.soft_iron).reshape(3, 3)
-        self._iron_free = not self._hard_iron.any() and np.array_equal(self._soft_iron, np.eye(3))
+    def __init__(self, parameters: Parameters, kernels: ModuleType) -> None:
+        self._enabled, self._kernels = parameters.aids.magnetometer, kernels
+        self._calibration = FieldCalibration(parameters)
 
     def take(self, sample: MagSample, memory: Memory) -> list[Event]:
         """Let one sample act on the filter of ``memory``; returns why it does not, or what it tells of the field."""
@@ -40,18 +38,14 @@ class FieldInput:
         if abs(stamp - memory.last_ns) > _STALE_NS:
             return [Event(stamp, "mag.rejected.stale")]
         memory.mag_ns = stamp
-        field = sample.field
-        if not self._iron_free:
-            field = tuple((self._soft_iron @ (np.array(field) - self._hard_iron)).tolist())
-        self._kernels.add_magnetic_field(memory.state, *self._mounting.vector(field))
+        self._kernels.add_magnetic_field(memory.state, *self._calibration.in_body(sample.field))
         return _disturbance(stamp, memory)
 
     def many_in_body(self, mag: np.ndarray) -> np.ndarray:
         """Fields ``mag`` (N, 3) calibrated and in body axes; (0, 3) where the magnetometer is not used."""
         if not self._enabled:
             return NO_FIELD
-        field = (np.asarray(mag, dtype=float) - self._hard_iron) @ self._soft_iron.T
-        return np.column_stack(self._mounting.vector(tuple(field.T)))
+        return np.column_stack(self._calibration.in_body(tuple(np.asarray(mag, dtype=float).T)))
 
 
 def _disturbance(stamp: int, memory: Memory) -> list[Event]:

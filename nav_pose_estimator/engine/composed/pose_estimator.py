@@ -30,6 +30,7 @@ from nav_pose_estimator.engine.samples import (
     Sample,
     VelocityError,
 )
+from nav_pose_estimator.engine.sensors.magnetometer import WRONG_START
 from nav_pose_estimator.engine.solutions import (
     AttitudeBlock,
     AttitudeSolution,
@@ -112,6 +113,8 @@ class PoseEstimator:
         solutions = self._navigate(sample, early, outputs)
         outputs += solutions
         if self.outage_aid is not None:
+            if any(isinstance(one, Event) and one.name == WRONG_START for one in solutions):
+                self.outage_aid.reset()  # what it has learned so far was seen along a wrong heading
             for _, other in early:
                 self.outage_aid.hear(other)
             self.outage_aid.hear(sample)

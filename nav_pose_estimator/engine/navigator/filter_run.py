@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from nav_pose_estimator.core.alignment.carried_heading import CarriedHeading
 from nav_pose_estimator.core.alignment.rest import Stillness
 from nav_pose_estimator.core.alignment.types import KnownBiases
 from nav_pose_estimator.core.filter import layout as at
@@ -71,6 +72,7 @@ class FilterRun:
         constants = filter_setup.constants(parameters, self.noise.imu_variance)
         self.timeline = Timeline(constants, self._fusion.apply, parameters.navigator.memory)
         self.aligner = start_up.StartUp(parameters, known)
+        self.trial: CarriedHeading | None = None  # see ``heading_trial``
         self.modes = ModeKeeper(parameters.navigator)
         self.stillness = Stillness()
         self.imu_physics = ImuPhysics()
@@ -150,6 +152,9 @@ class FilterRun:
             self.origin = tuple(nav[at.LAT : at.VEL].tolist())
         self.gnss.begin(float(nav[at.TIME]), self.origin)
         self.timeline.start(nav, P, self.origin)
+        if start.from_magnetometer:
+            self.trial = CarriedHeading(float(nav[at.TIME]), nav[at.QUAT : at.GYRO_BIAS].copy())
+            self.aligner.go_on_without_magnetometer()
         text = f"aligned ({start.method}), heading to {math.degrees(math.sqrt(P[at.PHI + 2, at.PHI + 2])):.1f} deg"
         self.journal.say(self.clock.stamp(now), "aligned", Level.INFO, text)
         self.update_mode(now)

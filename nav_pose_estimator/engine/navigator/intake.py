@@ -11,7 +11,7 @@ from nav_pose_estimator.core.earth.atmosphere import air_density, height_pressur
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import blocks_of, enlarged, set_blocks, set_wander
-from nav_pose_estimator.engine.navigator import start_up, status
+from nav_pose_estimator.engine.navigator import heading_trial, start_up, status
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.split_filter import MOTION
@@ -22,7 +22,6 @@ from nav_pose_estimator.engine.samples import (
     DifferentialPressure,
     GnssFix,
     GnssVelocity,
-    MagSample,
     MotionEvidence,
     NavigatorVelocity,
     PressureSample,
@@ -36,6 +35,7 @@ from nav_pose_estimator.engine.sensors import barometer
 from nav_pose_estimator.engine.sensors.aids import AIDS
 from nav_pose_estimator.engine.sensors.airspeed import AirspeedSensor
 from nav_pose_estimator.engine.sensors.barometer import Barometer
+from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 from nav_pose_estimator.engine.sensors.sensor import Aid
 from nav_pose_estimator.engine.solutions import Level
 
@@ -71,6 +71,9 @@ def _fix(run: FilterRun, sample: GnssFix) -> None:
         run.locate(sample)
     if run.timeline.running:
         run.observe(run.gnss.position.observe(sample, t))
+        if run.trial is not None:
+            run.aligner.fix(t, sample, run.gnss.reception.position_noise(sample))
+            heading_trial.judge(run, run.trial, sample.stamp_ns)
     else:
         run.aligner.fix(t, sample, run.gnss.reception.position_noise(sample))
         run.try_start()
@@ -90,6 +93,8 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
     run.aligner.velocity(observation.t, usable.vel_enu, observation.stated_R)
     if run.timeline.running:
         run.observe(observation)
+        if run.trial is not None:
+            heading_trial.judge(run, run.trial, sample.stamp_ns)
     else:
         run.try_start()
 
@@ -103,8 +108,8 @@ def _aid(run: FilterRun, sample: Any) -> None:
         observation = aid.observe(sample, t)
         if observation is None or _give_blocks(run, aid):
             run.observe(observation)
-    elif isinstance(sample, MagSample):
-        run.aligner.mag(t, sample.field)
+    elif isinstance(aid, Magnetometer):
+        run.aligner.mag(t, aid.receive(sample))
     elif isinstance(sample, PressureSample):
         run.aligner.standard_height = barometer.standard_height(sample.pressure)
 

@@ -83,6 +83,19 @@ class StartUp:
         if self._use_mag and all(map(math.isfinite, field)):
             self._aligner.mag(t, np.array(field))
 
+    def go_on_without_magnetometer(self) -> None:
+        """Look for a second result, whose heading comes from motion alone."""
+        self._aligner.go_on_without_magnetometer()
+
+    @property
+    def follows_motion(self) -> bool:
+        """Whether heading hypotheses follow GNSS."""
+        return self._aligner.follows_motion
+
+    def forget_stale(self, patience: float) -> None:
+        """Begin anew when the last fix is more than ``patience`` [s] older than the IMU."""
+        self._aligner.forget_stale(patience)
+
     def set_declination(self, declination: float) -> None:
         """The declination [rad] is known only now."""
         self._aligner.set_declination(declination)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.navigator import heading_trial
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.look_back import look_back
 from nav_pose_estimator.engine.solutions import Mode, NavBlock
@@ -49,9 +52,12 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
     if run.mode_at(now) is not run.modes.mode or run.despair:
         count = 1  # the change has the time of its row, whatever the size of the blocks
     out = run.timeline.advance(rows[:count])
+    if run.trial is not None:
+        heading_trial.carry(run, run.trial, rows[:count], out)
     now = float(times[count - 1])
     run.update_mode(now)
-    run.quiet_until = min(run.mode_deadline(now), run.timeline.next_observation(), run.second_due)
+    quiet = min(run.mode_deadline(now), run.timeline.next_observation(), run.second_due)
+    run.quiet_until = quiet if run.trial is None else -math.inf
     return _blocks(run, stamps_ns[:count], out)
 
 

@@ -12,6 +12,13 @@ class AidParameters:
     magnetometer: bool = param(True, "", "Use the magnetometer for heading")
     magnetometer_sd: float = param(0.1, "rad", "Deviation of a magnetic heading", 0.01, 3.0, mutable=True)
     magnetometer_period: float = param(0.5, "s", "Shortest time between two magnetic headings", 0.0, 60.0)
+    magnetometer_rpy: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0),
+        "rad",
+        "Roll, pitch, yaw of the magnetometer against the axes of the IMU as published",
+        -3.2,
+        3.2,
+    )
     declination: float = param(0.0, "rad", "Magnetic declination, east positive", -3.15, 3.15)
     declination_from_model: bool = param(
         False, "", "Take it from the World Magnetic Model (package pygeomag) at the first trusted position and its date"

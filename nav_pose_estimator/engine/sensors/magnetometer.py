@@ -1,24 +1,37 @@
-"""Magnetometer: a levelled heading. Its offset is learned while GNSS shows the heading; in an outage it holds it."""
+"""Magnetometer: a levelled heading. Its offset is learned while GNSS shows the heading; in an outage it holds it.
+
+What is learned is also compared with the motion: a magnetometer that disagrees with it steers nothing.
+"""
 
 from __future__ import annotations
 
+import cmath
 import math
 
 import numpy as np
 
+from nav_pose_estimator.core.alignment.levelling import likely_unit
 from nav_pose_estimator.core.filter import measurements
-from nav_pose_estimator.core.filter.layout import PHI
+from nav_pose_estimator.core.filter.layout import PHI, QUAT
+from nav_pose_estimator.core.numerics.rotation import euler_from_quat, quat_rotate
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_within
 from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import MagSample
+from nav_pose_estimator.engine.samples import MagSample, Vector3
 from nav_pose_estimator.engine.sensors.aiding import Aiding
+from nav_pose_estimator.engine.sensors.compass_check import CURE, CompassCheck, single_cause
+from nav_pose_estimator.engine.sensors.field_calibration import FieldCalibration
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised, Pacer, shared_error
+from nav_pose_estimator.engine.solutions import Level
 
+WRONG_START = "mag.heading.wrong_start"
+"""Event: the navigator goes on from another heading, and what was learned along the old one is worth nothing."""
 _LARGEST_FIELD = 1e6  # in any unit
 _KNOWN_HEADING = 0.2  # rad: a heading that GNSS motion shows no better cannot teach the offset
+_LARGEST_IRON = 1e-3  # T: magnetometers end there
 _OFFSET_MEMORY = 100.0  # s
+_SHORTEST_PERIOD = 0.01  # s
 
 
 class Magnetometer(Aid):
@@ -32,6 +45,9 @@ class Magnetometer(Aid):
         self._pacer = Pacer()
         self._offset = math.nan  # rad: magnetic minus filter heading
         self._since = 0.0
+        self._is_new = True
+        self._check = CompassCheck()
+        self._calibration, self._hard_iron = FieldCalibration(parameters), parameters.attitude.hard_iron
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New noise, period and declination."""
@@ -39,27 +55,80 @@ class Magnetometer(Aid):
         self._enabled, self._period, self._declination = aids.magnetometer, aids.magnetometer_period, aids.declination
         self._variance = aids.magnetometer_sd**2 * shared_error(aids.magnetometer_period)
 
+    def receive(self, sample: MagSample) -> Vector3:
+        """The field of a sample, calibrated and in b. A unit that is not tesla is told once."""
+        if self._is_new:
+            self._is_new = False
+            text = self._wrong_unit(math.hypot(*sample.field))
+            if text:
+                self._journal.say(sample.stamp_ns, "mag.unit", Level.WARN, f"{text}; alignment does not believe it")
+        return self._calibration.in_body(sample.field)
+
+    def _wrong_unit(self, strength: float) -> str:
+        unit, iron = likely_unit(strength), math.hypot(*self._hard_iron)
+        if unit:
+            return f"a magnetic field of {strength:.3g} is in {unit}: publish tesla"
+        if iron > _LARGEST_IRON:
+            return f"attitude.hard_iron of {iron:.3g} T is beyond any magnetometer: is it in gauss? tesla is expected"
+        return ""
+
     def observe(self, sample: MagSample, t: float) -> Observation | None:
-        """A field in b, in any unit, at most every ``aids.magnetometer_period``."""
+        """A field in any unit, at most every ``aids.magnetometer_period``."""
         if not self._enabled or not self._pacer.passes(t, self._period):
             return None
         if not is_within(sample.field, _LARGEST_FIELD) or not any(sample.field):
             return self._refuse()
-        return Observation(t, sample.stamp_ns, self.kind, tuple(sample.field))
+        return Observation(t, sample.stamp_ns, self.kind, tuple(self.receive(sample)))
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """While GNSS shows the heading learn the offset; otherwise let the field hold the heading."""
         if self._aiding.gnss_is_good(o.t) and math.sqrt(f.P[PHI + 2, PHI + 2]) < _KNOWN_HEADING:
             self._learn(o, f)
             return LEFT_OUT
-        return LEFT_OUT if math.isnan(self._offset) else Decision(Use.GATED, self._offset)
+        if self._check.doubted or math.isnan(self._offset):
+            return LEFT_OUT
+        return Decision(Use.GATED, self._offset)
+
+    def condemn(self, stamp_ns: int, error: float) -> None:
+        """Motion has shown that the heading from the magnetometer was wrong by ``error`` [rad]: it steers nothing."""
+        self._check = CompassCheck(is_condemned=True)  # and what it saw was compared with a wrong heading
+        self._offset = math.nan
+        text = (
+            f"the magnetic heading of the start was {math.degrees(abs(error)):.0f} deg off, as motion shows: aligned "
+            f"anew; likely cause: {single_cause(error)}; the magnetometer steers nothing, {CURE}"
+        )
+        self._journal.say(stamp_ns, WRONG_START, Level.WARN, text, error_deg=math.degrees(error))
 
     def _learn(self, o: Observation, f: FilterView) -> None:
         z, _ = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self._declination)
+        error = float(z[0])
+        self._compare(o, f, error)
         if math.isnan(self._offset):
-            self._offset, self._since = float(z[0]), o.t
+            self._offset, self._since = error, o.t
         share = self._period / min(max(o.t - self._since, 1.0), _OFFSET_MEMORY)
-        self._offset += min(share, 1.0) * math.remainder(float(z[0]) - self._offset, 2.0 * math.pi)
+        self._offset += min(share, 1.0) * math.remainder(error - self._offset, 2.0 * math.pi)
+
+    def _compare(self, o: Observation, f: FilterView, error: float) -> None:
+        deviation = 0.0 if math.isnan(self._offset) else math.remainder(error - self._offset, 2.0 * math.pi)
+        q = f.nav[QUAT : QUAT + 4]
+        east, north, _ = quat_rotate(q, np.array(o.measured))
+        to_body = cmath.rect(1.0, -float(euler_from_quat(q)[2]))
+        magnetic_north = cmath.rect(1.0, 0.5 * math.pi - self._declination)
+        offset = error if math.isnan(self._offset) else self._offset
+        name, text = self._check.add(
+            magnetic_north * to_body,
+            complex(east, north) * to_body,
+            offset,
+            deviation,
+            max(self._period, _SHORTEST_PERIOD),
+        )
+        if name:
+            level = Level.INFO if name == "mag.heading.agrees" else Level.WARN
+            self._journal.say(o.stamp_ns, name, level, text)
+
+    def figures(self) -> dict[str, float]:
+        """How far magnetic headings spread around their mean error [deg] while GNSS shows the heading."""
+        return {"mag.heading_spread_deg": math.degrees(self._check.spread)}
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """One row, phi_z. A tilt that is wrong lets the vertical field pass for a horizontal one."""

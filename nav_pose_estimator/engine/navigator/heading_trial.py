@@ -1,0 +1,73 @@
+"""A heading that only the magnetometer has told is on trial until motion confirms it, or proves it wrong.
+
+The navigator starts with it at once. The aligner goes on beside it, without the magnetometer: at the first motion its
+heading hypotheses follow GNSS, and the heading that wins is compared with the one on trial. One that is far off ends
+there: the navigator goes on from the aligner's state, and the magnetometer steers nothing any more.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from nav_pose_estimator.core.alignment.carried_heading import CarriedHeading
+from nav_pose_estimator.core.earth.ellipsoid import step_enu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.strapdown import propagate
+from nav_pose_estimator.core.numerics.rotation import euler_from_quat
+from nav_pose_estimator.engine.navigator import filter_setup
+from nav_pose_estimator.engine.navigator.filter_run import FilterRun
+from nav_pose_estimator.engine.samples import MagSample
+from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
+
+_FAR_OFF = (
+    0.6  # rad: more than a declination that nobody has set and the hypotheses' 10 deg; the filter mends less by itself
+)
+_PATIENCE = 5.0  # s without a fix after which the aligner begins anew instead of keeping the IMU
+
+
+def carry(run: FilterRun, trial: CarriedHeading, rows: np.ndarray, out: np.ndarray) -> None:
+    """The IMU ``rows`` (N, 7) that the navigator has taken, and its solutions ``out`` (N, OUT_COLUMNS).
+
+    The heading on trial is the navigator's up to the first motion; from then on, while fixes correct that, the
+    gyroscope's.
+    """
+    for row, solution in zip(rows, out, strict=True):
+        run.aligner.imu(row)
+        run.aligner.forget_stale(_PATIENCE)
+        if run.aligner.follows_motion:
+            trial.carry(row[at.IMU_T], solution[at.OUT_RATE : at.OUT_FORCE])
+        else:
+            trial.hold(row[at.IMU_T], solution[at.OUT_QUAT : at.OUT_RATE].copy())
+
+
+def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
+    """Compare the headings if there are two, after what came with a stamp of ``stamp_ns``."""
+    second = run.aligner.result()
+    if second is None:
+        return
+    age = run.now - second.t
+    if age > run.parameters.navigator.memory:
+        run.aligner.forget_stale(0.0)
+        return
+    run.trial = None
+    start = filter_setup.complete_start(second, run.timeline.filter.constants, run.parameters)
+    nav, P = start[0].copy(), start[1].copy()
+    for row in run.timeline.recent_rows(age):
+        propagate(nav, P, run.timeline.filter.constants, row)
+    error = math.remainder(trial.yaw - float(euler_from_quat(nav[at.QUAT : at.GYRO_BIAS])[2]), 2.0 * math.pi)
+    if abs(error) > _FAR_OFF:
+        magnetometer = run.aids[MagSample]
+        assert isinstance(magnetometer, Magnetometer)
+        magnetometer.condemn(stamp_ns, error)
+        _start_from(run, start)
+
+
+def _start_from(run: FilterRun, start: tuple[np.ndarray, np.ndarray]) -> None:
+    """Go on from another state, valid a moment ago; the odometry does not jump."""
+    run.timeline.settle()
+    before = run.timeline.filter.nav[at.LAT : at.VEL].copy()
+    run.timeline.start(*start)
+    run.timeline.shift = run.timeline.shift + step_enu(before, run.timeline.filter.nav[at.LAT : at.VEL])
+    run.gnss.position.resets += 1

@@ -1,0 +1,94 @@
+"""Is the magnetic heading the one that motion shows? Asked for as long as GNSS shows it, so that an outage can know."""
+
+from __future__ import annotations
+
+import math
+
+from nav_pose_estimator.core.attitude.compass_swing import CompassSwing
+
+_TURNED = math.radians(45.0)  # a declination that nobody has set explains no more
+_STRAIGHT = math.radians(30.0)  # offset at which a turned one is believed again
+_SPREAD, _CALM = math.radians(25.0), math.radians(12.0)  # rms at which a heading is doubted, and believed again
+_SPREAD_MEMORY = 20.0  # s
+_SWING_MEMORY = 100.0  # s
+_MIN_TIME = 5.0  # s of comparison before there is a doubt
+_PERSISTENCE = 10.0  # s that a doubt lasts before it is told
+CURE = "calibrate it (docs/calibration.md)"
+
+
+def single_cause(angle: float) -> str:
+    """What one wrong heading suggests: ``angle`` [rad], magnetic minus true, before the vehicle has turned."""
+    quarters = round(angle / (0.5 * math.pi))
+    if quarters and abs(angle - quarters * 0.5 * math.pi) < math.radians(15.0):
+        return f"the magnetometer is mounted {90 * abs(quarters)} deg off (aids.magnetometer_rpy), or hard iron"
+    return "hard iron (attitude.hard_iron), or a magnetometer that is mounted another way (aids.magnetometer_rpy)"
+
+
+class CompassCheck:
+    """Learns how far magnetic headings are off, in the mean and around it; ``doubted`` while they may steer nothing.
+
+    A doubt acts at once and is told when it lasts: for some seconds after a start it may be the filter that is wrong.
+    """
+
+    def __init__(self, is_condemned: bool = False) -> None:
+        """``is_condemned``: motion has proved a heading wrong that the magnetometer gave; it is doubted for good."""
+        self._swing = CompassSwing(_SWING_MEMORY)
+        self._seconds = 0.0
+        self._square = 0.0
+        self._is_condemned = is_condemned
+        self._is_turned = False
+        self._is_unsteady = False
+        self._doubt_lasts = 0.0
+        self._is_told = is_condemned
+        self._cause_is_told = False
+
+    @property
+    def doubted(self) -> bool:
+        """Whether the magnetic heading must not be used."""
+        return self._is_condemned or self._is_turned or self._is_unsteady
+
+    @property
+    def spread(self) -> float:
+        """Rms [rad] of the magnetic headings of the last seconds around their mean error."""
+        return math.sqrt(self._square)
+
+    def add(self, north: complex, field: complex, offset: float, deviation: float, seconds: float) -> tuple[str, str]:
+        """One comparison, ``seconds`` after the one before it: the name of an event and its words, empty for none.
+
+        ``north`` and ``field`` as in ``CompassSwing``; ``offset`` is the mean error so far, ``deviation`` this one's
+        distance from it [rad].
+        """
+        self._seconds += seconds
+        self._square += min(seconds / min(self._seconds, _SPREAD_MEMORY), 1.0) * (deviation**2 - self._square)
+        self._swing.add(north, field, seconds)
+        if self._seconds < _MIN_TIME:
+            return "", ""
+        self._is_turned = abs(offset) > (_STRAIGHT if self._is_turned else _TURNED)
+        self._is_unsteady = self.spread > (_CALM if self._is_unsteady else _SPREAD)
+        if not self.doubted:
+            was_told, self._is_told, self._doubt_lasts = self._is_told, False, 0.0
+            return ("mag.heading.agrees", "the magnetic heading agrees with the motion again") if was_told else ("", "")
+        self._doubt_lasts += seconds
+        if self._is_told:
+            return self._cause()
+        return self._doubt(offset) if self._doubt_lasts >= _PERSISTENCE else ("", "")
+
+    def _doubt(self, offset: float) -> tuple[str, str]:
+        cause = self._swing.cause()
+        self._is_told, self._cause_is_told = True, bool(cause)
+        if self._is_turned:
+            how = f"is {math.degrees(abs(offset)):.0f} deg off the heading that motion shows"
+            cause = cause or single_cause(offset)
+        else:
+            how = f"wanders by {math.degrees(self.spread):.0f} deg (rms) against the heading that motion shows"
+            cause = cause or "iron or currents that turn with the vehicle"
+        text = f"the magnetic heading {how}; likely cause: {cause}; it steers nothing, {CURE}"
+        return "mag.heading.disagrees", text
+
+    def _cause(self) -> tuple[str, str]:
+        """Once, when turns have shown what is wrong."""
+        cause = "" if self._cause_is_told else self._swing.cause()
+        if not cause:
+            return "", ""
+        self._cause_is_told = True
+        return "mag.heading.cause", f"why the magnetic heading is wrong, by the turns so far: {cause}; {CURE}"
