@@ -1,9 +1,12 @@
 """What the aligner has to know, and what it gives."""
 
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from nav_pose_estimator.core.filter.measurement_noise import NoiseModel
 
 Array = NDArray[np.float64]
 _SHARED_ELSEWHERE = ("gyro_noise", "accel_noise", "declination", "lever_arm", "known")
@@ -71,6 +74,13 @@ class Fix:
     velocity: Array | None
     position_sd: Array
     velocity_sd: Array
+
+
+class FixNoise(NamedTuple):
+    """How noisy a receiver's positions and velocities are taken to be; the navigator goes on with the same two."""
+
+    position: NoiseModel
+    velocity: NoiseModel
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from nav_pose_estimator.core.alignment.rest import Stillness
-from nav_pose_estimator.core.alignment.types import KnownBiases
+from nav_pose_estimator.core.alignment.types import FixNoise, KnownBiases
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, start_up
@@ -60,7 +60,8 @@ class FilterRun:
         self._rest = Rest(parameters, self.aiding, journal)
         self._fusion = Fusion([*self.gnss.sensors, *self.aids.values(), self._rest], filter_setup.gates(parameters))
         self.timeline = Timeline(filter_setup.constants(parameters), self._fusion.apply, parameters.navigator.memory)
-        self.aligner = start_up.StartUp(parameters, known)
+        noise = FixNoise(self.gnss.position.noise, self.gnss.velocity.noise)
+        self.aligner = start_up.StartUp(parameters, noise, known)
         self.modes = ModeKeeper(parameters.navigator)
         self._stillness = Stillness()
         self.rest_due = -math.inf if parameters.aids.zero_velocity else math.inf  # when to look for rest next

@@ -33,6 +33,8 @@ class Fusion:
         first = o.decision is None
         if o.decision is None:
             o.decision = sensor.decide(o, f)
+            if o.decision.use is not Use.GATED:
+                sensor.noise.pause()
         if o.decision.use is Use.WIDENING:
             f.P[:] *= o.decision.reference * bias_noise.overstatement(f.nav)
             return
@@ -42,9 +44,11 @@ class Fusion:
 
     def _correct(self, sensor: Sensor, o: Observation, decision: Decision, f: FilterView, first: bool) -> None:
         z, H, stated = sensor.linearise(o, f)
-        R = sensor.noise.covariance(z, H, f.P, stated)
-        learns = first and sensor.noise.learns
-        HPH = H @ f.P @ H.T if learns else R
+        HPH = None
+        if first and sensor.noise.learns:
+            HPH = H @ f.P @ H.T
+            o.R = sensor.noise.covariance(z, HPH, stated)
+        R = stated if o.R is None else o.R
         status, nis = ACCEPTED, math.nan
         if decision.use is Use.RESET:
             _reset(f, z, R, decision.velocity)
@@ -54,8 +58,9 @@ class Fusion:
             status, nis = self._behind_the_gate(sensor, f, (z, H, R))
         if first:
             sensor.note(o, f, z, status, nis)
-        if learns:
-            sensor.noise.note(z, HPH, R, bool(status))
+        if HPH is not None:
+            residual, _, _ = sensor.linearise(o, f)
+            sensor.noise.note(z, residual, HPH, stated)
 
     def _behind_the_gate(self, sensor: Sensor, f: FilterView, observation: Linearised) -> tuple[int, float]:
         z, H, R = observation

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nav_pose_estimator.core.filter.measurement_noise import Fixed, NoiseModel
+from nav_pose_estimator.core.filter.measurement_noise import MODELS, NoiseModel
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import GATED, Decision, FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
@@ -33,12 +33,17 @@ class Sensor:
 
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
         self._journal, self._aiding = journal, aiding
-        self.noise: NoiseModel = Fixed()
+        self.noise: NoiseModel = MODELS[self.noise_model(parameters)]()
         self.set_parameters(parameters)
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New noises and periods; what was learned stays."""
         raise NotImplementedError
+
+    @classmethod
+    def noise_model(cls, parameters: Parameters) -> str:
+        """The one of ``measurement_noise.MODELS`` that it goes by; a sensor with a parameter for that answers by it."""
+        return "fixed"
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """What becomes of ``o``: asked once, when the filter ``f`` first stands at its time."""

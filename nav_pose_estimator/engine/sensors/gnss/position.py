@@ -21,6 +21,7 @@ from nav_pose_estimator.engine.samples import GnssFix
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
+from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import StatedAccuracy
 from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
@@ -46,6 +47,7 @@ class GnssPositionSensor(Sensor):
         super().__init__(parameters, aiding, journal)
         self._reception, self._velocity = reception, velocity
         self.record = InnovationRecord()
+        self._accuracy = StatedAccuracy("position")
         self._walk_off = WalkOff()
         self._drifts = False
         self.origin: tuple[float, float, float] | None = None
@@ -54,6 +56,11 @@ class GnssPositionSensor(Sensor):
         self.despair = ""  # why the filter should start again: what GNSS says cannot be mended by a reset
         self._velocity_apart = 0.0  # deviations between the two velocities at the last fix
         self.gate_radius = math.nan  # m: how far off a fix may lie and still be taken as it is
+
+    @classmethod
+    def noise_model(cls, parameters: Parameters) -> str:
+        """By ``gnss.noise``."""
+        return parameters.gnss.noise
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New lever arm and thresholds; what the guard has seen stays."""
@@ -137,6 +144,7 @@ class GnssPositionSensor(Sensor):
             self.last_reset_m = float(np.linalg.norm(z))
         elif o.decision.use is Use.GATED:
             self.record.add(nis, 3, self._reception.fix_period)
+            self._accuracy.update(o, self.noise.factor, self._journal)
             if status == 0:
                 reason = "gnss.rejected.position_innovation"
                 self._reception.refuse(o.stamp_ns, reason, "the position disagrees with the filter")

@@ -16,6 +16,7 @@ from nav_pose_estimator.engine.samples import GnssVelocity
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
+from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import StatedAccuracy
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
 
@@ -38,8 +39,14 @@ class GnssVelocitySensor(Sensor):
         super().__init__(parameters, aiding, journal)
         self._reception = reception
         self.record = InnovationRecord()
+        self._accuracy = StatedAccuracy("velocity")
         self.misfit: Misfit | None = None
         self._is_refused = False
+
+    @classmethod
+    def noise_model(cls, parameters: Parameters) -> str:
+        """By ``gnss.noise``."""
+        return parameters.gnss.noise
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New lever arm."""
@@ -68,6 +75,7 @@ class GnssVelocitySensor(Sensor):
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count it; a refusal is told once, for it has no place in ``refusal`` beside the positions."""
         self.record.add(nis, len(z), self._reception.fix_period)
+        self._accuracy.update(o, self.noise.factor, self._journal)
         if status:
             if status == 2:
                 self._journal.count("gnss.inflated.velocity")
