@@ -184,7 +184,7 @@ class HeadingHypotheses:
         self._cost += dof * np.minimum(nis, _WORST_NIS) + self._scores[:, 1]
         best = self.navs[np.argmin(self._cost)]
         for look, z, HPH, stated in expected:
-            look.model.note(z, look.observe(best)[0], HPH, stated)
+            look.model.note(self.time, z, look.observe(best)[0], HPH, stated)
 
     def _expect(self, look: _Look) -> tuple[_Look, Array, Array, Array]:
         """Innovation of the best hypothesis, H P H' and the stated noise; the noise to go by is put in its place."""

@@ -11,6 +11,7 @@ Kalman filtering by variational Bayesian approximations, IEEE Trans. Automatic C
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import ClassVar, Protocol
@@ -24,7 +25,8 @@ Array = NDArray[float64]
 LARGEST_FACTOR = 100.0
 """Of a variance: ten times the deviation. Worse errors are for the gate."""
 _MOST_ROWS = 8
-_SETTLING = 10  # observations after a pause whose innovations are the navigator's errors more than the sensor's
+_PAUSE = 5.0  # s: after a longer one the innovations are the navigator's errors more than the sensor's ...
+_SETTLING = 10  # ... for so many observations
 
 
 class NoiseModel(Protocol):
@@ -37,14 +39,17 @@ class NoiseModel(Protocol):
     def factor(self) -> float:
         """R over the stated variance, of the row where it is largest; 1 or more."""
 
+    def expected(self, stated: Array) -> Array:
+        """R (m, m) of an observation that states ``stated``, before its innovation is looked at."""
+
     def covariance(self, z: Array, HPH: Array, stated: Array) -> Array:
         """R (m, m) for an innovation ``z`` (m,) whose covariance is ``HPH`` + R; changes nothing."""
 
-    def note(self, z: Array, residual: Array, HPH: Array, stated: Array) -> None:
-        """An observation has acted for the first time, and ``residual`` (m,) is what it left of the innovation."""
+    def note(self, t: float, z: Array, residual: Array | None, HPH: Array, stated: Array) -> None:
+        """An observation of the time ``t`` [s] has had its turn.
 
-    def pause(self) -> None:
-        """An observation was left out or put the filter right: what follows is no sequence with what came before."""
+        ``residual`` (m,) is what it left of the innovation, None where it was not given to the filter.
+        """
 
 
 class Fixed:
@@ -57,15 +62,16 @@ class Fixed:
         """Always 1."""
         return 1.0
 
+    def expected(self, stated: Array) -> Array:
+        """``stated`` as it is."""
+        return stated
+
     def covariance(self, z: Array, HPH: Array, stated: Array) -> Array:
         """``stated`` as it is."""
         return stated
 
-    def note(self, z: Array, residual: Array, HPH: Array, stated: Array) -> None:
+    def note(self, t: float, z: Array, residual: Array | None, HPH: Array, stated: Array) -> None:
         """Nothing is learned."""
-
-    def pause(self) -> None:
-        """Nothing was learned."""
 
 
 def enlarged(stated: Array, factors: Array) -> Array:
@@ -76,6 +82,22 @@ def enlarged(stated: Array, factors: Array) -> Array:
     R = stated.copy()
     R[np.diag_indices(len(R))] += (factors - 1.0) * stated.diagonal()
     return R
+
+
+@dataclass
+class _Pauses:
+    """Tells when observations follow each other closely enough to learn from."""
+
+    _last: float = field(default=math.inf, init=False)  # s
+    settling: int = field(default=0, init=False)
+
+    def passes(self, t: float) -> bool:
+        """Whether to learn from the observation at ``t`` [s]."""
+        if t - self._last > _PAUSE:
+            self.settling = _SETTLING
+        self._last = t
+        self.settling = max(self.settling - 1, 0)
+        return self.settling == 0
 
 
 def _ones() -> Array:
@@ -92,7 +114,8 @@ class InnovationAdaptive:
 
     The innovation less the last residual, d = z(k) - (z(k-1) - H x(k-1)), holds the noise of two observations and
     what the navigator drifted in between, which is little: its own error, and its corrections, cancel. So d^2 over the
-    sum of both stated variances estimates the factor without any trust in P.
+    sum of both stated variances estimates the factor without any trust in P, and also from observations that the filter
+    did not believe: a receiver that states far too little is refused most of the time.
     """
 
     learns: ClassVar[bool] = True
@@ -104,38 +127,35 @@ class InnovationAdaptive:
     _rows: int = field(default=1, init=False)
     _residual: Array = field(default_factory=_unknown, init=False)  # of the last observation
     _variance: Array = field(default_factory=_unknown, init=False)  # that it stated
-    _settling: int = field(default=0, init=False)
+    _pauses: _Pauses = field(default_factory=_Pauses, init=False)
 
     @property
     def factor(self) -> float:
         """R over the stated variance, of the row where it is largest."""
         return float(self._factors[: self._rows].max())
 
-    def covariance(self, z: Array, HPH: Array, stated: Array) -> Array:
+    def expected(self, stated: Array) -> Array:
         """``stated`` by the factors that earlier observations have shown."""
-        return enlarged(stated, self._factors[: len(z)])
+        return enlarged(stated, self._factors[: len(stated)])
 
-    def note(self, z: Array, residual: Array, HPH: Array, stated: Array) -> None:
+    def covariance(self, z: Array, HPH: Array, stated: Array) -> Array:
+        """The same: outliers are for the gate."""
+        return self.expected(stated)
+
+    def note(self, t: float, z: Array, residual: Array | None, HPH: Array, stated: Array) -> None:
         """Learn from the change since the last observation, row by row."""
         m = self._rows = len(z)
         variance = stated.diagonal()
         change = z - self._residual[:m]
         seen = change**2 / (variance + self._variance[:m])
         known = np.isfinite(seen)
-        if self._settling > 0:
-            self._settling -= 1
-        else:
+        if self._pauses.passes(t):
             before = self._factors[:m]
             share = np.minimum(seen, self._MOST * before) / self._KEPT
             after = self._MEMORY * before + (1.0 - self._MEMORY) * share
             before[known] = np.clip(after[known], 1.0, LARGEST_FACTOR)
         self._residual[:], self._variance[:] = np.nan, np.nan
-        self._residual[:m], self._variance[:m] = residual, variance
-
-    def pause(self) -> None:
-        """The next innovations are the navigator's error; the factors stay."""
-        self._settling = _SETTLING
-        self._residual[:] = np.nan
+        self._residual[:m], self._variance[:m] = z if residual is None else residual, variance
 
 
 @dataclass
@@ -153,33 +173,31 @@ class Variational:
     _shape: float = field(default=2.0, init=False)  # half as many observations as are remembered
     _factors: Array = field(default_factory=_ones, init=False)  # scale over shape
     _rows: int = field(default=1, init=False)
-    _settling: int = field(default=0, init=False)
+    _pauses: _Pauses = field(default_factory=_Pauses, init=False)
 
     @property
     def factor(self) -> float:
         """R over the stated variance, of the row where it is largest."""
         return float(self._factors[: self._rows].max())
 
+    def expected(self, stated: Array) -> Array:
+        """``stated`` by the factors that earlier observations have shown."""
+        return enlarged(stated, self._factors[: len(stated)])
+
     def covariance(self, z: Array, HPH: Array, stated: Array) -> Array:
         """``stated`` by the factors that this innovation and the earlier ones are best explained with."""
         return enlarged(stated, self._explained(z, HPH, stated))
 
-    def note(self, z: Array, residual: Array, HPH: Array, stated: Array) -> None:
-        """Keep what ``covariance`` found."""
+    def note(self, t: float, z: Array, residual: Array | None, HPH: Array, stated: Array) -> None:
+        """Keep what ``covariance`` found; an innovation that the filter did not take in is rather the filter's error."""
         self._rows = len(z)
-        self._factors[: len(z)] = self._explained(z, HPH, stated)
-        if self._settling > 0:
-            self._settling -= 1
-        else:
+        if self._pauses.passes(t) and residual is not None:
+            self._factors[: len(z)] = self._explained(z, HPH, stated)
             self._shape = self._MEMORY * self._shape + 0.5
-
-    def pause(self) -> None:
-        """The next innovations are the navigator's error; the factors stay."""
-        self._settling = _SETTLING
 
     def _explained(self, z: Array, HPH: Array, stated: Array) -> Array:
         before, variance = self._factors[: len(z)], stated.diagonal()
-        if self._settling > 0 or not (np.isfinite(z).all() and np.isfinite(HPH).all()):
+        if self._pauses.settling > 0 or not (np.isfinite(z).all() and np.isfinite(HPH).all()):
             return before.copy()
         shape = self._MEMORY * self._shape + 0.5
         scale = self._MEMORY * self._shape * before

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from nav_pose_estimator.core.alignment.rest import Stillness
-from nav_pose_estimator.core.alignment.types import FixNoise, KnownBiases
+from nav_pose_estimator.core.alignment.types import Alignment, FixNoise, KnownBiases
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, start_up
@@ -119,14 +119,19 @@ class FilterRun:
 
     def try_start(self) -> None:
         """Start the filter as soon as attitude and position are known."""
-        start, now = self.aligner.result(), self.now
+        start = self.aligner.result()
         self.modes.note_alignment(self.aligner.has_attitude)
         if start is None:
             return
+        self.begin(start)
+
+    def begin(self, start: Alignment) -> None:
+        """Start the filter at a state with a position, not later than the last IMU sample."""
         nav, P = filter_setup.complete_start(start, self.timeline.filter.constants, self.parameters)
         if self.origin is None:
             self.origin = tuple(nav[at.LAT : at.VEL].tolist())
         self.gnss.begin(float(nav[at.TIME]), self.origin)
+        now = self.now
         self.timeline.start(nav, P, self.origin)
         text = f"aligned ({start.method}), heading to {math.degrees(math.sqrt(P[at.PHI + 2, at.PHI + 2])):.1f} deg"
         self.journal.say(self.clock.stamp(now), "aligned", Level.INFO, text)

@@ -33,13 +33,14 @@ class Fusion:
         first = o.decision is None
         if o.decision is None:
             o.decision = sensor.decide(o, f)
-            if o.decision.use is not Use.GATED:
-                sensor.noise.pause()
         if o.decision.use is Use.WIDENING:
             f.P[:] *= o.decision.reference * bias_noise.overstatement(f.nav)
             return
         if o.decision.use is not Use.LEFT_OUT:
             self._correct(sensor, o, o.decision, f, first)
+        elif first and sensor.noise.learns:
+            z, H, stated = sensor.linearise(o, f)
+            sensor.noise.note(o.t, z, None, H @ f.P @ H.T, stated)
         sensor.settle(o, f)
 
     def _correct(self, sensor: Sensor, o: Observation, decision: Decision, f: FilterView, first: bool) -> None:
@@ -59,8 +60,8 @@ class Fusion:
         if first:
             sensor.note(o, f, z, status, nis)
         if HPH is not None:
-            residual, _, _ = sensor.linearise(o, f)
-            sensor.noise.note(z, residual, HPH, stated)
+            residual = sensor.linearise(o, f)[0] if status else None
+            sensor.noise.note(o.t, z, residual, HPH, stated)
 
     def _behind_the_gate(self, sensor: Sensor, f: FilterView, observation: Linearised) -> tuple[int, float]:
         z, H, R = observation

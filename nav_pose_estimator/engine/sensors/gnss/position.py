@@ -80,7 +80,8 @@ class GnssPositionSensor(Sensor):
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """Ask the guard of the return, which is offered every fix."""
-        z, H, R = self.linearise(o, f)
+        z, H, stated = self.linearise(o, f)
+        R = self.noise.expected(stated)
         # what the guard remembers must be the receiver's alone: a filter gone astray would bend it
         fix = self._local(*o.measured)
         predicted = [f + d for f, d in zip(fix, z.tolist(), strict=True)]
@@ -88,7 +89,7 @@ class GnssPositionSensor(Sensor):
         predicted_sd = np.sqrt(f.P.diagonal()[DPOS : DPOS + 3]).tolist()
         gap = max(o.t - self._aiding.fix_used, 0.0)
         self.gate_radius = self._guard.settings.sigmas * math.hypot(max(sd[:2]), max(predicted_sd[:2]))
-        velocity, strange = self._velocity_now(o, f, z, H)
+        velocity, strange = self._velocity_now(o, f, (z, H, R))
         broken = self._velocity_apart > self._guard.settings.sigmas and gap < self._despair_gap
         if broken:  # not GNSS but the filter is what contradicts itself
             strange = 0.0
@@ -120,18 +121,17 @@ class GnssPositionSensor(Sensor):
             text = "GNSS positions agree with the receiver's velocity again"
             self._journal.say(o.stamp_ns, "gnss.drift.ended", Level.INFO, text)
 
-    def _velocity_now(
-        self, o: Observation, f: FilterView, z: np.ndarray, H: np.ndarray
-    ) -> tuple[list[float] | None, float]:
+    def _velocity_now(self, o: Observation, f: FilterView, position: Linearised) -> tuple[list[float] | None, float]:
         """The receiver's last velocity, and what of it and the fix together no drift explains; None without one."""
         last = self._velocity.misfit
         if last is None or not 0.0 <= o.t - last.t <= _SAME_MOTION:
             self._velocity_apart = 0.0
             return None, 0.0
+        z, H, position_R = position
         rows = len(last.difference)
         _, velocity_H = measurements.gnss_velocity(f.nav, len(f.P), np.zeros(3), self._lever)
         R = np.zeros((3 + rows, 3 + rows))
-        R[:3, :3], R[3:, 3:] = o.stated_R, last.R
+        R[:3, :3], R[3:, 3:] = position_R, last.R
         self._velocity_apart = distance(last.difference, velocity_H[:rows], f.P, last.R)
         strange = unexplained(np.concatenate([z, last.difference]), np.concatenate([H, velocity_H[:rows]]), f.P, R)
         return last.velocity, strange

@@ -93,7 +93,8 @@ class GnssVelocitySensor(Sensor):
         assert o.stated_R is not None
         rows = _rows(o)
         z, _ = measurements.gnss_velocity(nav, BASE_STATES, o.measured, self._lever)
-        self.misfit = Misfit(o.t, z[:rows], o.stated_R[:rows, :rows], o.measured.tolist())
+        R = self.noise.expected(o.stated_R[:rows, :rows])
+        self.misfit = Misfit(o.t, z[:rows], R, o.measured.tolist())
 
     def settle(self, o: Observation, f: FilterView) -> None:
         """GNSS shows how far the gyroscope's bias moves."""
