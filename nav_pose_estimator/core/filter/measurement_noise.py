@@ -189,7 +189,7 @@ class Variational:
         return enlarged(stated, self._explained(z, HPH, stated))
 
     def note(self, t: float, z: Array, residual: Array | None, HPH: Array, stated: Array) -> None:
-        """Keep what ``covariance`` found; an innovation that the filter did not take in is rather the filter's error."""
+        """Keep what ``covariance`` found; what the filter did not take in is rather the filter's own error."""
         self._rows = len(z)
         if self._pauses.passes(t) and residual is not None:
             self._factors[: len(z)] = self._explained(z, HPH, stated)

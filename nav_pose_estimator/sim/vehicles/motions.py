@@ -70,7 +70,7 @@ def at_rest(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> Motion:
 
 
 def mooring(sway: tuple[float, float, float] = (5.0, 3.0, 2.0), heading: float = 30.0) -> Motion:
-    """A ship at its mooring, bow at a compass ``heading`` [deg]: roll, pitch, yaw ``sway`` [deg] every 8, 6 and 10 s."""
+    """A ship at its mooring, bow at compass ``heading`` [deg]: roll, pitch, yaw ``sway`` [deg] every 8, 6 and 10 s."""
     roll, pitch, yaw = (
         Harmonics(offset, 0.0, (float(np.radians(size)),), (2.0 * np.pi / period,), (phase,))
         for offset, size, period, phase in zip(

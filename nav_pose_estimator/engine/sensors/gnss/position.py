@@ -81,7 +81,7 @@ class GnssPositionSensor(Sensor):
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """Ask the guard of the return, which is offered every fix."""
         z, H, stated = self.linearise(o, f)
-        R = self.noise.expected(stated)
+        R = self._accuracy.lasting(o, stated, self.noise, self._journal)
         # what the guard remembers must be the receiver's alone: a filter gone astray would bend it
         fix = self._local(*o.measured)
         predicted = [f + d for f, d in zip(fix, z.tolist(), strict=True)]
@@ -144,7 +144,6 @@ class GnssPositionSensor(Sensor):
             self.last_reset_m = float(np.linalg.norm(z))
         elif o.decision.use is Use.GATED:
             self.record.add(nis, 3, self._reception.fix_period)
-            self._accuracy.update(o, self.noise.factor, self._journal)
             if status == 0:
                 reason = "gnss.rejected.position_innovation"
                 self._reception.refuse(o.stamp_ns, reason, "the position disagrees with the filter")

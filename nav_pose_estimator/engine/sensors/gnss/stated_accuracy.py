@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from nav_pose_estimator.core.filter.measurement_noise import NoiseModel
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.solutions import Level
@@ -18,20 +21,28 @@ class StatedAccuracy:
     def __init__(self, what: str) -> None:
         self._what = what
         self._since = math.inf  # s: from when on it has been too large
-        self._said = False
+        self._optimistic = False
 
-    def update(self, o: Observation, factor: float, journal: Journal) -> None:
-        """``factor`` as it stood when ``o`` was used; a change that lasts is told once."""
-        if factor <= (_FINE if self._said else _TOO_LARGE):
+    def lasting(self, o: Observation, stated: np.ndarray, noise: NoiseModel, journal: Journal) -> np.ndarray:
+        """R to judge ``o`` by: ``stated``, or what ``noise`` expects where the receiver has been optimistic for long.
+
+        In a short burst of errors it is better to refuse fixes than to widen what is believed.
+        """
+        self._update(o, noise.factor, journal)
+        return noise.expected(stated) if self._optimistic else stated
+
+    def _update(self, o: Observation, factor: float, journal: Journal) -> None:
+        """``factor`` as it stands ahead of ``o``; a change that lasts is told once."""
+        if factor <= (_FINE if self._optimistic else _TOO_LARGE):
             self._since = math.inf
-            if self._said:
+            if self._optimistic:
                 text = f"GNSS {self._what}: errors are about as large as the receiver states again"
                 journal.say(o.stamp_ns, "gnss.noise.agrees", Level.INFO, text)
-            self._said = False
+            self._optimistic = False
             return
         self._since = min(self._since, o.t)
-        if not self._said and o.t - self._since >= _LASTS:
-            self._said = True
+        if not self._optimistic and o.t - self._since >= _LASTS:
+            self._optimistic = True
             times = math.sqrt(factor)
             text = f"GNSS {self._what}: errors are {times:.1f} times as large as the receiver states"
             journal.say(o.stamp_ns, "gnss.noise.optimistic", Level.WARN, text, factor=factor)

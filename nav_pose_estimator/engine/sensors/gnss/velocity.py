@@ -75,7 +75,6 @@ class GnssVelocitySensor(Sensor):
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count it; a refusal is told once, for it has no place in ``refusal`` beside the positions."""
         self.record.add(nis, len(z), self._reception.fix_period)
-        self._accuracy.update(o, self.noise.factor, self._journal)
         if status:
             if status == 2:
                 self._journal.count("gnss.inflated.velocity")
@@ -93,7 +92,7 @@ class GnssVelocitySensor(Sensor):
         assert o.stated_R is not None
         rows = _rows(o)
         z, _ = measurements.gnss_velocity(nav, BASE_STATES, o.measured, self._lever)
-        R = self.noise.expected(o.stated_R[:rows, :rows])
+        R = self._accuracy.lasting(o, o.stated_R[:rows, :rows], self.noise, self._journal)
         self.misfit = Misfit(o.t, z[:rows], R, o.measured.tolist())
 
     def settle(self, o: Observation, f: FilterView) -> None:
