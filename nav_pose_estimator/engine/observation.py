@@ -70,8 +70,7 @@ class Observation:
     """One observation at its time of validity ``t`` [s since the engine's epoch].
 
     ``measured`` and ``stated_R`` (m, m), the noise that the sensor states, are the sensor's own business and never
-    written to. ``arrival`` counts observations in the order in which they came. ``R`` (m, m) is the noise that a model
-    that learns decided on when it first acted; a replay of the past repeats it.
+    written to. ``arrival`` counts observations in the order in which they came.
     """
 
     t: float
@@ -81,7 +80,6 @@ class Observation:
     stated_R: Array | None = None
     arrival: int = 0
     decision: Decision | None = None
-    R: Array | None = None
 
     @property
     def key(self) -> tuple[float, int, int]:
@@ -89,5 +87,5 @@ class Observation:
         return (self.t, self.kind.precedence, self.arrival)
 
     def __deepcopy__(self, _memo: dict) -> Observation:
-        """All but decision and R never changes, and these are replaced as a whole."""
+        """All but the decision never changes, and that is replaced as a whole."""
         return replace(self)

@@ -1,6 +1,6 @@
 """Measurement noise: from what a sensor states to the covariance R that the filter goes by.
 
-A model is asked when an observation acts for the first time, and told then what came of it; that is when it may learn.
+A model is asked when an observation acts, and told then what came of it; that is when it may learn.
 What it learns are factors on the stated variances, one for each row, never below 1: errors that are correlated look
 small in every innovation, and a filter that believed them would run away, while too large an R costs little.
 
@@ -30,7 +30,7 @@ _SETTLING = 10  # ... for so many observations
 
 
 class NoiseModel(Protocol):
-    """Decides how noisy one sensor is. Its memory is a dataclass, which is copied with the filter."""
+    """Decides how noisy one sensor is. One that learns is a dataclass, of which copies are kept (``snapshot``)."""
 
     learns: ClassVar[bool]
     """Whether anything but ``factor`` is to be called."""

@@ -38,18 +38,17 @@ class Fusion:
             return
         if o.decision.use is not Use.LEFT_OUT:
             self._correct(sensor, o, o.decision, f, first)
-        elif first and sensor.noise.learns:
+        elif sensor.noise.learns:
             z, H, stated = sensor.linearise(o, f)
-            sensor.noise.note(o.t, z, None, H @ f.P @ H.T, stated)
+            sensor.noise_ahead_of(o).note(o.t, z, None, H @ f.P @ H.T, stated)
         sensor.settle(o, f)
 
     def _correct(self, sensor: Sensor, o: Observation, decision: Decision, f: FilterView, first: bool) -> None:
-        z, H, stated = sensor.linearise(o, f)
-        HPH = None
-        if first and sensor.noise.learns:
+        z, H, R = sensor.linearise(o, f)
+        stated, HPH = R, R
+        if sensor.noise.learns:
             HPH = H @ f.P @ H.T
-            o.R = sensor.noise.covariance(z, HPH, stated)
-        R = stated if o.R is None else o.R
+            R = sensor.noise_ahead_of(o).covariance(z, HPH, stated)
         status, nis = ACCEPTED, math.nan
         if decision.use is Use.RESET:
             _reset(f, z, R, decision.velocity)
@@ -59,7 +58,7 @@ class Fusion:
             status, nis = self._behind_the_gate(sensor, f, (z, H, R))
         if first:
             sensor.note(o, f, z, status, nis)
-        if HPH is not None:
+        if sensor.noise.learns:
             residual = sensor.linearise(o, f)[0] if status else None
             sensor.noise.note(o.t, z, residual, HPH, stated)
 
