@@ -88,7 +88,9 @@ def test_a_fix_that_acts_before_the_velocity_of_its_epoch_is_learned_from_again(
     for sample in until_57():
         asked.feed(sample)
         asked.status()
-    assert same(asked, quiet)
+    assert repr(asked.run.gnss.position.noise) == repr(quiet.run.gnss.position.noise)
+    assert repr(asked.run.gnss.velocity.noise) == repr(quiet.run.gnss.velocity.noise)
+    np.testing.assert_array_equal(asked.run.settled.nav, quiet.run.settled.nav)
 
 
 @pytest.mark.parametrize("noise", LEARNING)

@@ -29,7 +29,7 @@ from nav_pose_estimator.engine.sensors.aids import AIDS
 from nav_pose_estimator.engine.sensors.fusion import Fusion
 from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss
 from nav_pose_estimator.engine.sensors.rest import Rest
-from nav_pose_estimator.engine.solutions import Level, Mode
+from nav_pose_estimator.engine.solutions import Level
 
 Origin = tuple[float, float, float]
 """Latitude, longitude [rad] and height [m] of the local frame."""
@@ -171,10 +171,6 @@ class FilterRun:
             self.observe(self._rest.observe(mean_rate, whole.view, self.clock.stamp(whole.time)))
 
     # --- mode --------------------------------------------------------------------------------------------------------
-
-    def mode_at(self, t: float) -> Mode:
-        """The mode at ``t``, with what is known now."""
-        return self.modes.at(t, self.aiding)
 
     def update_mode(self, t: float) -> None:
         """Bring the mode up to ``t``."""
