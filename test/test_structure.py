@@ -28,7 +28,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "core.motion": {*CORE, "core.filter", "core.learning"},
     "engine": {"core"},  # samples, observations, solutions: what all engines speak of
     "engine.outage.methods": {"core.motion", "engine"},
-    "engine.parameters": {"engine.outage.methods"},  # their choices
+    "engine.parameters": {"core.filter", "engine.outage.methods"},  # their choices
     "engine.imu": {"core", "engine", "engine.parameters"},
     "engine.sensors": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.gnss"},
     "engine.sensors.gnss": {"core", "engine", "engine.parameters", "engine.sensors"},
@@ -54,6 +54,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "offline.benchmarks": {"offline.*"},
     "offline.benchmarks.outage": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.attitude": {"core", "engine.*", "offline.*"},
+    "offline.benchmarks.alignment": {"core", "engine.*", "sim.*", "offline.*"},
     "offline.benchmarks.speed": {"core", "engine.*", "ros.messages", "offline.*"},
     "nodes": {"core", "engine.*", "sim.*", "ros", "ros.autopilot", "ros.messages"},
 }  # fmt: skip

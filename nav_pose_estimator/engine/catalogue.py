@@ -268,6 +268,12 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "the vertical velocity is positive down and is not used",
             "let the driver send it positive up",
         ),
+        Entry(
+            "gnss.noise.optimistic",
+            "the receiver's errors are three or more times as large as it states (gnss.noise has found the factor)",
+            "look for reflections and interference; else set gnss.position_sd, gnss.velocity_sd to what is true",
+        ),
+        Entry("gnss.noise.agrees", "the receiver's errors are about as large as it states again"),
         Entry("gnss.rejected.velocity_value", "a velocity that is not a number", _SENSOR),
         Entry("gnss.rejected.velocity_without_fix", "a velocity came while fixes are refused", "see why they are"),
         Entry("gnss.rejected.velocity_without_position", "a velocity came while no position is used", "see why"),

@@ -98,9 +98,17 @@ def calibrated(grade: ImuGrade) -> ImuGrade:
     )
 
 
+_NAVIGATION = ImuGrade(
+    "navigation",
+    gyro_noise=0.001 * DEG / 60.0,
+    accel_noise=1e-3 * MG,
+    gyro_turn_on_sd=0.01 * DEG_PER_HOUR,
+    accel_turn_on_sd=1e-2 * MG,
+)
+"""That of a ship's inertial navigation system."""
 PERFECT = ImuGrade("perfect")
 _SOLD = (_ICM42688, _BMI088, _MPU6000)
-IMU_GRADES = {grade.name: grade for grade in (*_SOLD, *map(calibrated, _SOLD), PERFECT)}
+IMU_GRADES = {grade.name: grade for grade in (*_SOLD, *map(calibrated, _SOLD), _NAVIGATION, PERFECT)}
 
 
 def imu_grade(name: str | ImuGrade) -> ImuGrade:

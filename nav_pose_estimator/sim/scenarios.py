@@ -50,6 +50,10 @@ _HOVER = Multirotor(Mission("hover", speed=1.0, acceleration=0.5, leg=(0.3, 1.5)
 _STOP_AND_GO = Multirotor(
     Mission("stop_and_go", speed=14.0, acceleration=5.0, leg=(60.0, 130.0), dwell=(6.0, 25.0), radius=200.0)
 )
+_BRISK = Mission(speed=6.0, acceleration=3.0, leg=(5.0, 20.0), dwell=(0.0, 1.0), radius=60.0)
+_WHITE = Gnss(
+    position_sd=(0.0, 0.0, 0.0), position_noise=(1.5, 1.5, 2.5), velocity_noise=(0.15, 0.15, 0.25), satellites_sd=0.0
+)
 _LOST_300 = Gnss(drops=((120.0, 60.0, 0),))
 
 _ALL = (
@@ -77,6 +81,37 @@ _ALL = (
         "The recording begins in flight: no rest to align on",
         Multirotor(Mission(rest=0.0)),
         LIGHT,
+    ),
+    Scenario(
+        "ship_mooring",
+        "A ship sways at its mooring; fixes of 10 m every second and no velocity (meant for --imu navigation)",
+        Prescribed(motions.mooring()),
+        duration=1200.0,
+        gnss=Gnss(1.0, (0.0, 0.0, 0.0), position_noise=(10.0, 10.0, 10.0), velocity=False),
+        magnetometer=None,
+        barometer=None,
+        imu_rate=25.0,
+        origin=Origin(math.radians(45.7796), math.radians(126.6705), 50.0),
+    ),
+    Scenario(
+        "alignment_in_air",
+        "A quadrotor that manoeuvres from the first second; white GNSS errors, no magnetometer",
+        Multirotor(replace(_BRISK, rest=0.0)),
+        LIGHT,
+        120.0,
+        _WHITE,
+        None,
+        None,
+    ),
+    Scenario(
+        "alignment_on_ground",
+        "30 s on the ground in wind, then manoeuvres; white GNSS errors, no magnetometer",
+        Multirotor(replace(_BRISK, rest=30.0)),
+        MODERATE,
+        150.0,
+        _WHITE,
+        None,
+        None,
     ),
     Scenario("fixed_wing", "A small fixed wing: runway, climb, coordinated turns", FixedWing(), LIGHT),
     Scenario(

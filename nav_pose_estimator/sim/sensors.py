@@ -84,6 +84,9 @@ class Gnss:
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, antenna from the IMU in the body
     velocity: bool = True  # the receiver gives a velocity
     accuracy: bool = True  # it says how accurate it is
+    stated: float = 1.0  # deviation that it states over the true one
+    worse: tuple[tuple[float, float, float], ...] = ()  # (start s, length s, factor on the errors): nothing tells it
+    outliers: tuple[float, float] = (0.0, 1.0)  # share of epochs whose errors are larger, by this factor
 
 
 def gnss(truth: Truth, model: Gnss, rng: np.random.Generator, start_ns: int) -> list[Timed]:
@@ -95,6 +98,8 @@ def gnss(truth: Truth, model: Gnss, rng: np.random.Generator, start_ns: int) -> 
     position_error += rng.standard_normal((len(t), 3)) * model.position_noise
     velocity_error = rng.standard_normal((len(t), 3)) * model.velocity_noise
     count = _satellites(model, rng, t)
+    untold = _untold(model, rng, t)
+    position_error, velocity_error = position_error * untold, velocity_error * untold
     # Fewer satellites, poorer geometry: errors grow as the root of what is missing.
     poor = np.sqrt(model.satellites / np.maximum(count, 1.0))
     arm_n = quat_rotate_many(at.q_nb, lever)
@@ -103,7 +108,8 @@ def gnss(truth: Truth, model: Gnss, rng: np.random.Generator, start_ns: int) -> 
 
     stamps = to_ns(t + model.latency, start_ns)
     arrivals = to_ns(t + model.latency + model.transport, start_ns)
-    position_var = np.square(model.position_sd) + np.square(model.position_noise)
+    position_var = (np.square(model.position_sd) + np.square(model.position_noise)) * model.stated**2
+    velocity_var = np.square(model.velocity_noise) * model.stated**2
     stream: list[Timed] = []
     for i in range(len(t)):
         stamp, arrival, n = int(stamps[i]), int(arrivals[i]), int(count[i])
@@ -111,10 +117,21 @@ def gnss(truth: Truth, model: Gnss, rng: np.random.Generator, start_ns: int) -> 
         fix = GnssFix(stamp, float(lat[i]), float(lon[i]), float(alt[i]), 0, cov)
         stream.append(Timed(arrival, fix if n else GnssFix(stamp, np.nan, np.nan, np.nan, -1)))
         if model.velocity and n:
-            cov = np.diag(np.square(model.velocity_noise)) * poor[i] ** 2 if model.accuracy else None
+            cov = np.diag(velocity_var) * poor[i] ** 2 if model.accuracy else None
             stream.append(Timed(arrival + 50_000, GnssVelocity(stamp, tuple(velocity[i].tolist()), cov)))
         stream.append(Timed(arrival + 100_000, SatelliteCount(None, n)))
     return stream
+
+
+def _untold(model: Gnss, rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
+    """Factor (N, 1) on the errors of which the stated accuracy knows nothing."""
+    factor = np.ones((len(t), 1))
+    for start, length, times in model.worse:
+        factor[(t >= start) & (t < start + length)] *= times
+    share, times = model.outliers
+    if share > 0.0:
+        factor[rng.random(len(t)) < share] *= times
+    return factor
 
 
 def _satellites(model: Gnss, rng: np.random.Generator, t: np.ndarray) -> np.ndarray:

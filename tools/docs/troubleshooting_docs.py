@@ -135,6 +135,10 @@ _STATUS = (
     ),
     ("nis.gnss_position.p99, nis.gnss_velocity.p99", "its 99th percentile over the last observations"),
     ("gnss.gate_radius_m", "how far from the prediction a fix may lie now without being refused"),
+    (
+        "gnss.noise.position_factor, gnss.noise.velocity_factor, body_velocity.noise.factor",
+        "variance that the filter goes by over the stated one, of the worst axis; 1 with `fixed`",
+    ),
     ("gnss.resets, gnss.last_reset_m", "how often the position was put on GNSS, and how far it moved the last time"),
     ("mag.heading_spread_deg", "how far magnetic headings spread around their mean error while GNSS shows the heading"),
     ("learner.flight_s, learner.trainings", "flight with GNSS that the learner remembers; trainings taken over"),

@@ -36,6 +36,7 @@ from nav_pose_estimator.core.alignment.types import (
     Alignment,
     AlignmentSettings,
     Fix,
+    FixNoise,
     KnownBiases,
     RestLevel,
     fix_velocity,
@@ -48,6 +49,7 @@ from nav_pose_estimator.core.filter.layout import (
     LAT,
     PHI,
 )
+from nav_pose_estimator.core.filter.measurement_noise import Fixed
 
 Array = NDArray[np.float64]
 
@@ -66,6 +68,7 @@ class Aligner:
     """Feed it samples in order of arrival until ``result`` is there. Times are seconds since the engine's epoch."""
 
     settings: AlignmentSettings
+    noise: FixNoise
     restarts: int
     """How often a bank of hypotheses that had gone astray was started anew."""
     _constants: Array
@@ -84,8 +87,10 @@ class Aligner:
     _from_rest: bool
     _done: Alignment | None
 
-    def __init__(self, settings: AlignmentSettings) -> None:
+    def __init__(self, settings: AlignmentSettings, noise: FixNoise | None = None) -> None:
+        """``noise``: what becomes of the deviations that come with the fixes; without it they are taken as they are."""
         s = self.settings = settings
+        self.noise = noise or FixNoise(Fixed(), Fixed())
         self._constants = make_constants(
             gyro_noise=s.gyro_noise,
             accel_noise=s.accel_noise,
@@ -266,7 +271,7 @@ class Aligner:
         if bank is None:
             return
         bank.run(self._rows.between(bank.time, fix.t))
-        bank.fuse(fix.position, fix.position_sd, fix.velocity, fix.velocity_sd)
+        bank.fuse(fix.position, fix.position_sd, fix.velocity, fix.velocity_sd, self.noise)
         _, sd = bank.heading()
         if sd <= self.settings.heading_sd and fix.t - self._bank_start >= self.settings.min_time:
             nav, P = bank.merged()

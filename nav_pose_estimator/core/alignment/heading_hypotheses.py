@@ -8,12 +8,17 @@ Gaussian-sum filters: Alspach and Sorenson, IEEE Trans. Automatic Control 17(4),
 navigator itself, so tilt, biases and their correlations come with the heading, and the winner goes on flying.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nav_pose_estimator.core.alignment.types import FixNoise
 from nav_pose_estimator.core.filter.error_state import error_between, inject
 from nav_pose_estimator.core.filter.kalman import correct
 from nav_pose_estimator.core.filter.layout import (
@@ -22,6 +27,7 @@ from nav_pose_estimator.core.filter.layout import (
     QUAT,
     TIME,
 )
+from nav_pose_estimator.core.filter.measurement_noise import NoiseModel
 from nav_pose_estimator.core.filter.measurements import gnss_position, gnss_velocity
 from nav_pose_estimator.core.filter.strapdown import flush_covariance, propagate
 from nav_pose_estimator.core.numerics.jit import kernel
@@ -87,6 +93,14 @@ def _log_det(P, H, R):
     return math.log(max(det, 1e-300))
 
 
+class _Look(NamedTuple):
+    """One half of a fix: how noisy it is, and what it shows of a nominal state."""
+
+    model: NoiseModel
+    R: Array
+    observe: Callable[[Array], tuple[Array, Array]]
+
+
 @dataclass(init=False, eq=False, slots=True)
 class HeadingHypotheses:
     """The bank. All hypotheses share one time; ``merged`` is their mixture as one state."""
@@ -133,12 +147,25 @@ class HeadingHypotheses:
         run_bank(self.navs, self.Ps, self._constants, rows)
 
     def fuse(
-        self, position: tuple[float, float, float], position_sd: Array, velocity: Array | None, velocity_sd: Array
+        self,
+        position: tuple[float, float, float],
+        position_sd: Array,
+        velocity: Array | None,
+        velocity_sd: Array,
+        noise: FixNoise,
     ) -> None:
-        """Correct all hypotheses with one fix at their time: (lat, lon, alt), ``velocity`` ENU, deviations (3,)."""
-        R_velocity = np.diag(velocity_sd**2) if velocity is not None else np.full((3, 3), math.inf)
+        """Correct all hypotheses with one fix at their time: (lat, lon, alt), ``velocity`` ENU, deviations (3,).
+
+        What ``noise`` makes of the deviations it learns from the innovations of the best hypothesis.
+        """
+        states, lever = self.Ps.shape[1], self._lever
+        R_position, R_velocity = np.diag(position_sd**2), np.full((3, 3), math.inf)
+        looks = [_Look(noise.position, R_position, lambda nav: gnss_position(nav, states, *position, lever))]
+        if velocity is not None:
+            measured, R_velocity = velocity, np.diag(velocity_sd**2)
+            looks.append(_Look(noise.velocity, R_velocity, lambda nav: gnss_velocity(nav, states, measured, lever)))
+        expected = [self._expect(look) for look in looks if look.model.learns]
         velocity = np.zeros(3) if velocity is None else velocity
-        R_position = np.diag(position_sd**2)
         fuse_bank(
             self.navs,
             self.Ps,
@@ -155,6 +182,19 @@ class HeadingHypotheses:
         nis = self._scores[:, 0] / dof
         self._nis += (nis - self._nis) / min(self.updates + 1.0, _MEMORY)
         self._cost += dof * np.minimum(nis, _WORST_NIS) + self._scores[:, 1]
+        best = self.navs[np.argmin(self._cost)]
+        for look, z, HPH, stated in expected:
+            look.model.note(self.time, z, look.observe(best)[0], HPH, stated)
+
+    def _expect(self, look: _Look) -> tuple[_Look, Array, Array, Array]:
+        """Innovation of the best hypothesis, H P H' and the stated noise; the noise to go by is put in its place."""
+        best = np.argmin(self._cost)
+        nav, P = self.navs[best], self.Ps[best]
+        flush_covariance(nav, P, self._constants)
+        z, H = look.observe(nav)
+        HPH, stated = H @ P @ H.T, look.R.copy()
+        look.R[:] = look.model.covariance(z, HPH, stated)
+        return look, z, HPH, stated
 
     @property
     def nis(self) -> float:

@@ -3,9 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from nav_pose_estimator.core.filter.measurement_noise import NoiseModel
 
 Array = NDArray[np.float64]
 _VELOCITY_FLOOR = 0.1  # m/s
@@ -79,6 +82,13 @@ class Fix:
     velocity: Array | None
     position_sd: Array
     velocity_sd: Array
+
+
+class FixNoise(NamedTuple):
+    """How noisy a receiver's positions and velocities are taken to be; the navigator goes on with the same two."""
+
+    position: NoiseModel
+    velocity: NoiseModel
 
 
 @dataclass(frozen=True, slots=True)

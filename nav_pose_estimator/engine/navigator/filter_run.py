@@ -13,7 +13,7 @@ import numpy as np
 
 from nav_pose_estimator.core.alignment.carried_heading import CarriedHeading
 from nav_pose_estimator.core.alignment.rest import Stillness
-from nav_pose_estimator.core.alignment.types import KnownBiases
+from nav_pose_estimator.core.alignment.types import Alignment, FixNoise, KnownBiases
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import keep_blocks
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
@@ -34,7 +34,7 @@ from nav_pose_estimator.engine.sensors.fusion import Fusion
 from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss
 from nav_pose_estimator.engine.sensors.imu_doubt import ImuDoubt
 from nav_pose_estimator.engine.sensors.rest import Rest
-from nav_pose_estimator.engine.solutions import Level, Mode
+from nav_pose_estimator.engine.solutions import Level
 
 Origin = tuple[float, float, float]
 """Latitude, longitude [rad] and height [m] of the local frame."""
@@ -71,7 +71,8 @@ class FilterRun:
         self.gnss.reception.noise_variance = self.noise.gnss_variance
         constants = filter_setup.constants(parameters, self.noise.imu_variance)
         self.timeline = Timeline(constants, self._fusion.apply, parameters.navigator.memory)
-        self.aligner = start_up.StartUp(parameters, known)
+        fix_noise = FixNoise(self.gnss.position.noise, self.gnss.velocity.noise)
+        self.aligner = start_up.StartUp(parameters, fix_noise, known)
         self.trial: CarriedHeading | None = None  # see ``heading_trial``
         self.modes = ModeKeeper(parameters.navigator)
         self.stillness = Stillness()
@@ -143,14 +144,19 @@ class FilterRun:
 
     def try_start(self) -> None:
         """Start the filter as soon as attitude and position are known."""
-        start, now = self.aligner.result(), self.now
+        start = self.aligner.result()
         self.modes.note_alignment(self.aligner.has_attitude and not self.imu_physics.refusal)
         if start is None or self.imu_physics.refusal:
             return
+        self.begin(start)
+
+    def begin(self, start: Alignment) -> None:
+        """Start the filter at a state with a position, not later than the last IMU sample."""
         nav, P = filter_setup.complete_start(start, self.timeline.filter.constants, self.parameters)
         if self.origin is None:
             self.origin = tuple(nav[at.LAT : at.VEL].tolist())
         self.gnss.begin(float(nav[at.TIME]), self.origin)
+        now = self.now
         self.timeline.start(nav, P, self.origin)
         if start.from_magnetometer:
             self.trial = CarriedHeading(float(nav[at.TIME]), nav[at.QUAT : at.GYRO_BIAS].copy())
@@ -183,10 +189,6 @@ class FilterRun:
         self.timeline.observe(self.gnss.loss_at(t, self.clock.stamp(t)))
 
     # --- mode --------------------------------------------------------------------------------------------------------
-
-    def mode_at(self, t: float) -> Mode:
-        """The mode at ``t``, with what is known now."""
-        return self.modes.at(t, self.aiding)
 
     def update_mode(self, t: float) -> None:
         """Bring the mode up to ``t``."""

@@ -9,7 +9,7 @@ from collections import deque
 import numpy as np
 
 from nav_pose_estimator.core.alignment.aligner import Aligner
-from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, KnownBiases
+from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, FixNoise, KnownBiases
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
 from nav_pose_estimator.core.filter import bias_noise, measurements
 from nav_pose_estimator.core.filter import layout as at
@@ -38,9 +38,9 @@ _SAME_EPOCH = 0.05  # s: a fix and a velocity closer than this belong together
 class StartUp:
     """Pairs fixes with velocities for the aligner and keeps the few last velocities for a reset."""
 
-    def __init__(self, parameters: Parameters, known: KnownBiases | None = None) -> None:
-        """``known``: the biases of the IMU where a navigator has just known them."""
-        self.known_biases = known
+    def __init__(self, parameters: Parameters, noise: FixNoise, known: KnownBiases | None = None) -> None:
+        """``noise`` of the receiver; ``known``: the biases of the IMU where a navigator has just known them."""
+        self.known_biases, self._noise = known, noise
         self._use_mag = parameters.aids.magnetometer
         settings = {name: getattr(parameters.alignment, name) for name in AlignmentSettings.shared()}
         self._aligner = Aligner(
@@ -51,7 +51,8 @@ class StartUp:
                 lever_arm=parameters.gnss.lever_arm,
                 known=known,
                 **settings,
-            )
+            ),
+            noise,
         )
         self._pending_fix: tuple[float, GnssFix, np.ndarray] | None = None
         self._velocities: deque[tuple[float, tuple, np.ndarray]] = deque(maxlen=10)
@@ -69,7 +70,7 @@ class StartUp:
 
     def afresh(self, parameters: Parameters) -> StartUp:
         """A start that has seen nothing, at the same time."""
-        twin = StartUp(parameters, self.known_biases)
+        twin = StartUp(parameters, self._noise, self.known_biases)
         twin.time = self.time
         return twin
 

@@ -49,7 +49,7 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
         look_back(run, now)
     limit = min(run.mode_deadline(now), run.timeline.next_observation(quiet=False), run.second_due)
     count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
-    if run.mode_at(now) is not run.modes.mode or run.despair:
+    if run.modes.at(now, run.aiding) is not run.modes.mode or run.despair:
         count = 1  # the change has the time of its row, whatever the size of the blocks
     out = run.timeline.advance(rows[:count])
     if run.trial is not None:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from nav_pose_estimator.core.filter.measurement_noise import MODELS
 from nav_pose_estimator.engine.parameters.schema import param
 
 
@@ -29,6 +30,9 @@ class AidParameters:
     barometer_tau: float = param(60.0, "s", "Time constant of the barometer's reference while GNSS is good", 1.0, 1e5)
     body_velocity: bool = param(True, "", "Use the velocity sensor (DVL, optical flow, wheel)")
     body_velocity_sd: float = param(0.1, "m/s", "Smallest deviation of a body velocity", 0.001, 10.0, mutable=True)
+    body_velocity_noise: str = param(
+        "fixed", "", "Noise of a body velocity; others than fixed find how much larger it is", choices=tuple(MODELS)
+    )
     body_velocity_delay: float = param(0.0, "s", "Stamp minus time of validity of a body velocity", -1.0, 1.0)
     body_velocity_lever: tuple[float, ...] = param(
         (0.0, 0.0, 0.0), "m", "Velocity sensor from the IMU, body frame", -50.0, 50.0

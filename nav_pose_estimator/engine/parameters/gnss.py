@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from nav_pose_estimator.core.filter.measurement_noise import MODELS
 from nav_pose_estimator.engine.parameters.schema import param
 
 
@@ -75,6 +76,12 @@ class GnssParameters:
     )
     position_correlation: float = param(
         0.5, "s", "Fixes closer than this share their error, so each counts for less", 0.0, 100.0, mutable=True
+    )
+    noise: str = param(
+        "fixed",
+        "",
+        "Noise of positions and velocities; fixed: as stated, with the floors above; others also find how much larger",
+        choices=tuple(MODELS),
     )
     gate: GateParameters = field(default_factory=GateParameters)
     reacquisition: ReacquisitionParameters = field(default_factory=ReacquisitionParameters)

@@ -31,6 +31,11 @@ class BodyVelocitySensor(Aid):
     sample, family = BodyVelocity, "body_velocity"
     bounds_drift = True
 
+    @classmethod
+    def noise_model(cls, parameters: Parameters) -> str:
+        """By ``aids.body_velocity_noise``."""
+        return parameters.aids.body_velocity_noise
+
     def set_parameters(self, parameters: Parameters) -> None:
         """New noise, delay and mounting."""
         aids = parameters.aids
@@ -56,6 +61,10 @@ class BodyVelocitySensor(Aid):
         velocity = self._axes @ np.nan_to_num(np.array(sample.velocity))
         R = self._axes @ R @ self._axes.T
         return Observation(t - self._delay, sample.stamp_ns, self.kind, _Measured(velocity, self._lever), R)
+
+    def figures(self) -> dict[str, float]:
+        """How much noisier it is than stated."""
+        return {"body_velocity.noise.factor": self.noise.factor}
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """Three rows, C^T v + w x l."""

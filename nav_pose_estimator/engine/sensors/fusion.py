@@ -41,6 +41,9 @@ class Fusion:
             _widen(f.P, o.decision.widening)
         if o.decision.use not in (Use.LEFT_OUT, Use.DOUBTED):
             self._correct(sensor, o, o.decision, f, first)
+        elif sensor.noise.learns:
+            z, H, stated = sensor.linearise(o, f)
+            sensor.noise_ahead_of(o).note(o.t, z, None, H @ f.P @ H.T, stated)
         horizontal, vertical = o.decision.least_sd
         for axis, sd in enumerate((horizontal, horizontal, vertical)):
             if sd > 0.0:
@@ -48,10 +51,11 @@ class Fusion:
         sensor.settle(o, f)
 
     def _correct(self, sensor: Sensor, o: Observation, decision: Decision, f: FilterView, first: bool) -> None:
-        z, H, stated = sensor.linearise(o, f)
-        R = sensor.noise.covariance(z, H, f.P, stated)
-        learns = first and sensor.noise.learns
-        HPH = H @ f.P @ H.T if learns else R
+        z, H, R = sensor.linearise(o, f)
+        stated, HPH = R, R
+        if sensor.noise.learns:
+            HPH = H @ f.P @ H.T
+            R = sensor.noise_ahead_of(o).covariance(z, HPH, stated)
         status, nis = ACCEPTED, math.nan
         if decision.use is Use.RESET:
             _reset(f, z, R, decision.velocity)
@@ -61,8 +65,9 @@ class Fusion:
             status, nis = self._behind_the_gate(sensor, f, (z, H, R))
         if first:
             sensor.note(o, f, z, status, nis)
-        if learns:
-            sensor.noise.note(z, HPH, R, bool(status))
+        if sensor.noise.learns:
+            residual = sensor.linearise(o, f)[0] if status else None
+            sensor.noise.note(o.t, z, residual, HPH, stated)
 
     def _behind_the_gate(self, sensor: Sensor, f: FilterView, observation: Linearised) -> tuple[int, float]:
         z, H, R = observation

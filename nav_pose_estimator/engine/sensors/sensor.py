@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any, ClassVar
 
 import numpy as np
 
 from nav_pose_estimator.core.filter.blocks import Block, Wander
-from nav_pose_estimator.core.filter.measurement_noise import Fixed, NoiseModel
+from nav_pose_estimator.core.filter.measurement_noise import MODELS, NoiseModel
+from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import GATED, Decision, FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 
+_LONGEST_REPLAY = 10.0  # s: the largest navigator.memory
 Linearised = tuple[np.ndarray, np.ndarray, np.ndarray]
 """z (m,), estimate minus measurement; H (m, n) on the error state; R (m, m), the noise that the sensor states."""
 
@@ -34,12 +37,32 @@ class Sensor:
 
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
         self._journal, self._aiding = journal, aiding
-        self.noise: NoiseModel = Fixed()
+        self.noise: NoiseModel = MODELS[self.noise_model(parameters)]()
+        self._noises: deque[tuple[tuple[float, int, int], NoiseModel]] = (
+            deque()
+        )  # as they stood ahead of the last observations
         self.set_parameters(parameters)
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New noises and periods; what was learned stays."""
         raise NotImplementedError
+
+    @classmethod
+    def noise_model(cls, parameters: Parameters) -> str:
+        """The one of ``measurement_noise.MODELS`` that it goes by; a sensor with a parameter for that answers by it."""
+        return "fixed"
+
+    def noise_ahead_of(self, o: Observation) -> NoiseModel:
+        """``noise`` as it stood before ``o``: where the past is replayed, what it learned since is forgotten first.
+
+        So it is the same whenever an observation arrives, and however often the time line has gone back.
+        """
+        while self._noises and self._noises[-1][0] >= o.key:
+            self.noise = self._noises.pop()[1]
+        while self._noises and self._noises[0][0][0] < o.t - _LONGEST_REPLAY:
+            self._noises.popleft()
+        self._noises.append((o.key, snapshot(self.noise)))
+        return self.noise
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """What becomes of ``o``: asked once, when the filter ``f`` first stands at its time."""

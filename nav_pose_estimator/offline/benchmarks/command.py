@@ -1,4 +1,4 @@
-"""``benchmark outage | attitude | speed``."""
+"""``benchmark outage | attitude | alignment | speed``."""
 
 import argparse
 import csv
@@ -19,17 +19,18 @@ from nav_pose_estimator.errors import UserError
 PARTS = {
     "outage": "forced GNSS outages over many bags and methods",
     "attitude": "attitude errors on recorded motions with optical truth",
+    "alignment": "fine alignment in simulation, by model of the measurement noise",
     "speed": "what everything costs on this machine",
 }
 OUTAGES, SUMMARY_CSV, SUMMARY_JSON, REPORT = "outages.csv", "summary.csv", "summary.json", "report.html"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of the three benchmarks."""
-    parser.description = "Measure the package: drift in GNSS outages, attitude, speed."
-    parts = parser.add_subparsers(dest="part", required=True, metavar="{outage,attitude,speed}")
+    """Options of the benchmarks."""
+    parser.description = "Measure the package: drift in GNSS outages, attitude, alignment, speed."
+    parts = parser.add_subparsers(dest="part", required=True, metavar=f"{{{','.join(PARTS)}}}")
     _add_outage(parts.add_parser("outage", help=PARTS["outage"], description=PARTS["outage"]))
-    for name in ("attitude", "speed"):
+    for name in ("attitude", "alignment", "speed"):
         module = f"nav_pose_estimator.offline.benchmarks.{name}.benchmark"
         if find_spec(module) is not None:
             part = parts.add_parser(name, help=PARTS[name], description=PARTS[name])

@@ -40,7 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(f"{arguments.out.parent} is no folder to write {arguments.out.name} into")
     parameters = load_parameters(arguments.config)
     recordings = [
-        open_recording(path, options_of(arguments, parameters.imu.max_gap), parameters=parameters) for path in arguments.recordings
+        open_recording(path, options_of(arguments, parameters.imu.max_gap), parameters=parameters)
+        for path in arguments.recordings
     ]
     pairs, rests = [], []
     for recording in recordings:

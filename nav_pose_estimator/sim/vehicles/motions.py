@@ -69,6 +69,17 @@ def at_rest(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> Motion:
     return HarmonicMotion(attitude=(Harmonics(roll), Harmonics(pitch), Harmonics(yaw)))
 
 
+def mooring(sway: tuple[float, float, float] = (5.0, 3.0, 2.0), heading: float = 30.0) -> Motion:
+    """A ship at its mooring, bow at compass ``heading`` [deg]: roll, pitch, yaw ``sway`` [deg] every 8, 6 and 10 s."""
+    roll, pitch, yaw = (
+        Harmonics(offset, 0.0, (float(np.radians(size)),), (2.0 * np.pi / period,), (phase,))
+        for offset, size, period, phase in zip(
+            (0.0, 0.0, float(np.radians(90.0 - heading))), sway, (8.0, 6.0, 10.0), (0.0, 1.0, 2.0), strict=True
+        )
+    )
+    return HarmonicMotion(attitude=(roll, pitch, yaw))
+
+
 def coning(half_angle: float = 0.05, frequency: float = 2.0 * np.pi * 5.0) -> Motion:
     """The z axis runs around a cone of ``half_angle`` [rad] at ``frequency`` [rad/s]; the attitude itself is periodic.
 

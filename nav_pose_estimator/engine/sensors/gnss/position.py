@@ -24,6 +24,7 @@ from nav_pose_estimator.engine.samples import GnssFix
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
+from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import StatedAccuracy
 from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
@@ -55,6 +56,7 @@ class GnssPositionSensor(Sensor):
         super().__init__(parameters, aiding, journal)
         self._reception, self._velocity = reception, velocity
         self.record = InnovationRecord()
+        self._accuracy = StatedAccuracy("position")
         self._walk_off = WalkOff()
         self._drifts = False
         self._heights = HeightReference()
@@ -67,6 +69,11 @@ class GnssPositionSensor(Sensor):
         self.forsakes_origin = False  # the start was somewhere else on Earth, and with it the origin
         self._velocity_apart = 0.0  # deviations between the two velocities at the last fix
         self.gate_radius = math.nan  # m: how far off a fix may lie and still be taken as it is
+
+    @classmethod
+    def noise_model(cls, parameters: Parameters) -> str:
+        """By ``gnss.noise``."""
+        return parameters.gnss.noise
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New lever arm and thresholds; what the guard has seen stays."""
@@ -136,6 +143,7 @@ class GnssPositionSensor(Sensor):
         z, H, R = self.linearise(o, f)
         if math.isnan(reference):
             z, H, R = z[:2], H[:2], R[:2, :2]
+        R = self._accuracy.lasting(o, R, self.noise, self._journal)
         # what the guard remembers must be the receiver's alone: a filter gone astray would bend it
         fix = self._local(o.measured, reference, f)
         off, sd = [*z.tolist(), 0.0][:3], [*np.sqrt(R.diagonal()).tolist(), 0.0][:3]

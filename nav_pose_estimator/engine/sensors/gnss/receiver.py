@@ -75,6 +75,8 @@ class Gnss:
         for sensor in (self.position, self.velocity):
             figures[f"nis.{sensor.kind.name}"] = sensor.record.mean
             figures[f"nis.{sensor.kind.name}.p99"] = sensor.record.p99
+        figures["gnss.noise.position_factor"] = self.position.noise.factor
+        figures["gnss.noise.velocity_factor"] = self.velocity.noise.factor
         figures["gnss.gate_radius_m"] = self.position.gate_radius
         figures["gnss.resets"] = float(self.position.resets)
         figures["gnss.last_reset_m"] = self.position.last_reset_m

@@ -17,6 +17,7 @@ from nav_pose_estimator.engine.samples import GnssVelocity
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
+from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import StatedAccuracy
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
 
@@ -42,9 +43,15 @@ class GnssVelocitySensor(Sensor):
         super().__init__(parameters, aiding, journal)
         self._reception = reception
         self.record = InnovationRecord()
+        self._accuracy = StatedAccuracy("velocity")
         self.misfit: Misfit | None = None
         self._is_refused = False
         self.doubt = Doubt()
+
+    @classmethod
+    def noise_model(cls, parameters: Parameters) -> str:
+        """By ``gnss.noise``."""
+        return parameters.gnss.noise
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New lever arm."""
@@ -91,7 +98,8 @@ class GnssVelocitySensor(Sensor):
         assert o.stated_R is not None
         rows = _rows(o)
         z, _ = measurements.gnss_velocity(nav, BASE_STATES, o.measured, self._lever)
-        self.misfit = Misfit(o.t, z[:rows], o.stated_R[:rows, :rows], o.measured.tolist())
+        R = self._accuracy.lasting(o, o.stated_R[:rows, :rows], self.noise, self._journal)
+        self.misfit = Misfit(o.t, z[:rows], R, o.measured.tolist())
 
     def settle(self, o: Observation, f: FilterView) -> None:
         """GNSS shows how far the gyroscope's bias moves."""

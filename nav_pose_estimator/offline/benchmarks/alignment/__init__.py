@@ -1,0 +1,1 @@
+"""Fine alignment with different measurement noise."""

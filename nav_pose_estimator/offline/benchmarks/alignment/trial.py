@@ -1,0 +1,139 @@
+"""One alignment: a simulated recording through the navigator, and how far attitude and the rest were from the truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from nav_pose_estimator.core.alignment.types import Alignment
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.error_state import error_between, inject
+from nav_pose_estimator.engine.navigator.sins import SinsEngine
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample
+from nav_pose_estimator.offline.benchmarks.alignment.cases import Case, start_deviations
+from nav_pose_estimator.sim.noise import stream
+from nav_pose_estimator.sim.recording import Recording
+from nav_pose_estimator.sim.scenarios import generate
+from nav_pose_estimator.sim.sensors import Gnss
+from nav_pose_estimator.sim.trajectories import Truth
+
+ARC_MINUTES = 5.0
+_EVERY = 1.0  # s between two looks at the errors
+_KINEMATIC = slice(at.DVEL, at.DPOS + 3)  # velocity and position
+
+
+@dataclass(frozen=True)
+class Trial:
+    """How one alignment went. Times from the start [s], infinite where the error did not stay below."""
+
+    case: str
+    condition: str
+    method: str
+    seed: int
+    to_1_deg_s: float
+    to_5_arcmin_s: float
+    heading_rms_deg: float  # of the second half, as the following
+    tilt_rms_deg: float
+    final_heading_deg: float
+    position_rms_m: float  # horizontal
+    nees: float  # of velocity and position per degree of freedom: 1 is honest
+    factor: float  # largest R over the stated one, of position and velocity, at the end
+    t: tuple[float, ...]
+    heading_deg: tuple[float, ...]  # error at ``t``
+
+
+def run_trials(case: Case, condition: str, seed: int, methods: tuple[str, ...], change: Parameters) -> list[Trial]:
+    """All ``methods`` on the same data. ``change``: parameters that the case does not set itself."""
+    recording = generate(case.told(condition), seed=seed, imu=case.grade)
+    gnss = case.told("white").gnss
+    assert gnss is not None
+    trials = []
+    for method in methods:
+        engine = SinsEngine(case.parameters(method, change))
+        trials.append(_judge(recording, _errors(engine, recording, case, gnss), engine, (case.name, condition, method)))
+    return trials
+
+
+def _errors(engine: SinsEngine, recording: Recording, case: Case, gnss: Gnss) -> np.ndarray:
+    """Rows (N, 11): time [s], errors of attitude, velocity, position (9), NEES per degree of freedom; once a second."""
+    rows: list[np.ndarray] = []
+    due = 0.0
+    for sample in recording.samples():
+        if isinstance(sample, ImuBlock):
+            if case.misalignment_sd is not None and not engine.run.timeline.running:
+                sample = _begin(engine, recording, sample, case, gnss)
+            engine.feed(sample)
+            if engine.run.timeline.running and engine.run.now >= due:
+                rows.append(_look(engine, recording.truth))
+                due = engine.run.now + _EVERY
+        else:
+            engine.feed(sample)
+    return np.array(rows).reshape(-1, 11)
+
+
+def _begin(engine: SinsEngine, recording: Recording, block: ImuBlock, case: Case, gnss: Gnss) -> ImuBlock:
+    """Start at the first sample from the truth with errors drawn from the covariance; returns what is left to feed."""
+    first = ImuSample(int(block.stamps_ns[0]), tuple(block.gyro[0].tolist()), tuple(block.accel[0].tolist()))
+    engine.feed(first)
+    nav = _true_nav(recording.truth, 0)
+    nav[at.PREV_RATE : at.PREV_RATE + 3], nav[at.PREV_FORCE : at.PREV_FORCE + 3] = first.gyro, first.accel
+    sd = start_deviations(case, gnss)
+    error = stream(recording.seed, "start").standard_normal(at.BASE_STATES) * sd
+    error[at.D_GYRO_BIAS :] = 0.0  # the biases are wrong by what the IMU has
+    if case.misalignment is not None:
+        error[: at.DVEL] = np.radians(case.misalignment)
+    inject(nav, engine.run.timeline.filter.constants, -error)
+    engine.run.begin(Alignment(0.0, nav, np.diag(sd**2), "given"))
+    return block.part(1, len(block))
+
+
+def _true_nav(truth: Truth, row: int) -> np.ndarray:
+    nav = np.zeros(at.NAV_SIZE)
+    nav[at.LAT : at.VEL] = truth.lat[row], truth.lon[row], truth.alt[row]
+    nav[at.VEL : at.QUAT] = truth.v_n[row]
+    nav[at.QUAT : at.GYRO_BIAS] = truth.q_nb[row]
+    nav[at.TIME] = truth.t[row]
+    return nav
+
+
+def _look(engine: SinsEngine, truth: Truth) -> np.ndarray:
+    estimate, t = engine.run.settled, engine.run.now
+    true = _true_nav(truth, round((t - truth.t[0]) / truth.dt))
+    error = error_between(true, estimate.nav, estimate.constants)
+    kinematic = error[_KINEMATIC]
+    nees = float(kinematic @ np.linalg.solve(estimate.P[_KINEMATIC, _KINEMATIC], kinematic)) / len(kinematic)
+    return np.r_[t, error[: at.DPOS + 3], nees]
+
+
+def _judge(recording: Recording, errors: np.ndarray, engine: SinsEngine, names: tuple[str, str, str]) -> Trial:
+    t, heading = errors[:, 0], np.degrees(errors[:, 1 + at.PHI + 2])
+    later = errors[t >= 0.5 * recording.truth.t[-1]]
+    values = engine.status().values
+    return Trial(
+        *names,
+        recording.seed,
+        to_1_deg_s=_settled(t, heading, 1.0),
+        to_5_arcmin_s=_settled(t, heading, ARC_MINUTES / 60.0),
+        heading_rms_deg=math.degrees(_rms(later[:, 1 + at.PHI + 2])),
+        tilt_rms_deg=math.degrees(_rms(np.hypot(later[:, 1 + at.PHI], later[:, 2 + at.PHI]))),
+        final_heading_deg=float(heading[-1]) if len(heading) else math.nan,
+        position_rms_m=_rms(np.hypot(later[:, 1 + at.DPOS], later[:, 2 + at.DPOS])),
+        nees=float(np.mean(later[:, -1])) if len(later) else math.nan,
+        factor=max(values["gnss.noise.position_factor"], values["gnss.noise.velocity_factor"]),
+        t=tuple(t.tolist()),
+        heading_deg=tuple(heading.tolist()),
+    )
+
+
+def _settled(t: np.ndarray, error: np.ndarray, limit: float) -> float:
+    """The time from which on ``error`` stays below ``limit``; infinite where it does not."""
+    outside = np.flatnonzero(np.abs(error) >= limit)
+    first = outside[-1] + 1 if len(outside) else 0
+    return float(t[first]) if first < len(t) else math.inf
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
