@@ -160,7 +160,7 @@ class FilterRun:
         self.timeline.start(nav, P, self.origin)
         if start.from_magnetometer:
             self.trial = CarriedHeading(float(nav[at.TIME]), nav[at.QUAT : at.GYRO_BIAS].copy())
-            self.aligner.go_on_without_magnetometer()
+            self.aligner.aligner.go_on_without_magnetometer()
         text = f"aligned ({start.method}), heading to {math.degrees(math.sqrt(P[at.PHI + 2, at.PHI + 2])):.1f} deg"
         self.journal.say(self.clock.stamp(now), "aligned", Level.INFO, text)
         self.update_mode(now)

@@ -35,8 +35,8 @@ def carry(run: FilterRun, trial: CarriedHeading, rows: np.ndarray, out: np.ndarr
     """
     for row, solution in zip(rows, out, strict=True):
         run.aligner.imu(row)
-        run.aligner.forget_stale(_PATIENCE)
-        if run.aligner.follows_motion:
+        run.aligner.aligner.forget_stale(_PATIENCE)
+        if run.aligner.aligner.follows_motion:
             trial.carry(row[at.IMU_T], solution[at.OUT_RATE : at.OUT_FORCE])
         else:
             trial.hold(row[at.IMU_T], solution[at.OUT_QUAT : at.OUT_RATE].copy())
@@ -49,7 +49,7 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
         return
     age = run.now - second.t
     if age > run.parameters.navigator.memory:
-        run.aligner.forget_stale(0.0)
+        run.aligner.aligner.forget_stale(0.0)
         return
     run.trial = None
     start = filter_setup.complete_start(second, run.timeline.filter.constants, run.parameters)

@@ -43,7 +43,7 @@ class StartUp:
         self.known_biases, self._noise = known, noise
         self._use_mag = parameters.aids.magnetometer
         settings = {name: getattr(parameters.alignment, name) for name in AlignmentSettings.shared()}
-        self._aligner = Aligner(
+        self.aligner = Aligner(
             AlignmentSettings(
                 gyro_noise=parameters.imu.gyro_noise,
                 accel_noise=parameters.imu.accel_noise,
@@ -62,8 +62,8 @@ class StartUp:
 
     def __deepcopy__(self, memo: dict) -> StartUp:
         """A finished aligner takes nothing in any more: copies share it, and what it holds."""
-        if self._aligner.is_complete:
-            memo[id(self._aligner)] = self._aligner
+        if self.aligner.is_complete:
+            memo[id(self.aligner)] = self.aligner
         twin = copy.copy(self)
         twin.__dict__ = copy.deepcopy(self.__dict__, memo)
         return twin
@@ -77,34 +77,17 @@ class StartUp:
     def imu(self, row: np.ndarray) -> None:
         """One IMU row [t, gyro, accel] in body axes."""
         self.time = float(row[at.IMU_T])
-        self._aligner.imu(self.time, row[at.IMU_GYRO : at.IMU_ACCEL], row[at.IMU_ACCEL :])
+        self.aligner.imu(self.time, row[at.IMU_GYRO : at.IMU_ACCEL], row[at.IMU_ACCEL :])
 
     def mag(self, t: float, field: tuple[float, float, float]) -> None:
         """Magnetic field in b."""
         if self._use_mag and all(map(math.isfinite, field)):
-            self._aligner.mag(t, np.array(field))
-
-    def go_on_without_magnetometer(self) -> None:
-        """Look for a second result, whose heading comes from motion alone."""
-        self._aligner.go_on_without_magnetometer()
-
-    @property
-    def follows_motion(self) -> bool:
-        """Whether heading hypotheses follow GNSS."""
-        return self._aligner.follows_motion
-
-    def forget_stale(self, patience: float) -> None:
-        """Begin anew when the last fix is more than ``patience`` [s] older than the IMU."""
-        self._aligner.forget_stale(patience)
-
-    def set_declination(self, declination: float) -> None:
-        """The declination [rad] is known only now."""
-        self._aligner.set_declination(declination)
+            self.aligner.mag(t, np.array(field))
 
     def attitude(self, t: float, sample: AttitudeSample) -> None:
         """Attitude of the attitude filter: its tilt helps to level in motion."""
         variance = _UNSTATED_TILT_SD**2 if sample.cov_n is None else float(np.max(np.diag(sample.cov_n)[:2]))
-        self._aligner.attitude(t, sample.q_nb, math.sqrt(max(variance, 0.0)))
+        self.aligner.attitude(t, sample.q_nb, math.sqrt(max(variance, 0.0)))
 
     def fix(self, t: float, sample: GnssFix, R: np.ndarray) -> None:
         """A usable fix valid at ``t``; handed on with the velocity of its epoch, or alone when none came."""
@@ -123,22 +106,17 @@ class StartUp:
 
     def result(self) -> Alignment | None:
         """The finished alignment with position, or None."""
-        result = self._aligner.result()
+        result = self.aligner.result()
         return result if result is not None and result.has_position else None
-
-    @property
-    def restarts(self) -> int:
-        """How often heading hypotheses that had gone astray were started anew."""
-        return self._aligner.restarts
 
     @property
     def has_attitude(self) -> bool:
         """True when only the position is missing."""
-        return self._aligner.result() is not None
+        return self.aligner.result() is not None
 
     def waiting_for(self, gnss_refusal: str) -> str:
         """One sentence for the pilot."""
-        why = self._aligner.waiting_for()
+        why = self.aligner.waiting_for()
         return f"{why} (GNSS: {gnss_refusal})" if gnss_refusal else why
 
     def _near(self, t: float) -> tuple[float, tuple, np.ndarray] | None:
@@ -155,7 +133,7 @@ class StartUp:
             known = math.isfinite(self.standard_height)
             height, height_sd = (self.standard_height, _STANDARD_SD) if known else (0.0, _UNKNOWN_HEIGHT_SD)
         position_sd = float(math.sqrt(R[0, 0]))
-        self._aligner.gnss(t, fix.lat, fix.lon, height, vel_enu, position_sd, velocity_sd, height_sd)
+        self.aligner.gnss(t, fix.lat, fix.lon, height, vel_enu, position_sd, velocity_sd, height_sd)
 
 
 def pose_refusal(sample: SetPose, here: np.ndarray | None, sd: float) -> str:
