@@ -135,6 +135,14 @@ _STATUS = (
     ),
     ("nis.gnss_position.p99, nis.gnss_velocity.p99", "its 99th percentile over the last observations"),
     ("gnss.gate_radius_m", "how far from the prediction a fix may lie now without being refused"),
+    (
+        "imu.mean_force_m_s2, imu.vibration_m_s2",
+        "mean specific force of the last second (about 9.8), and its change from sample to sample",
+    ),
+    (
+        "imu.motion_misfit",
+        "share of the force by which IMU and GNSS velocity tell different motions; below 0.1 is good",
+    ),
     ("gnss.resets, gnss.last_reset_m", "how often the position was put on GNSS, and how far it moved the last time"),
     ("learner.flight_s, learner.trainings", "flight with GNSS that the learner remembers; trainings taken over"),
     ("learner.rules, learner.target_rms", "rules of the network; RMS of what it had to learn [m/s]"),

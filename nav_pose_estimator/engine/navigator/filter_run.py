@@ -15,11 +15,10 @@ from nav_pose_estimator.core.alignment.rest import Stillness
 from nav_pose_estimator.core.alignment.types import KnownBiases
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.imu import physics
-from nav_pose_estimator.engine.imu.doubt import Doubt
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.navigator import filter_setup, start_up
+from nav_pose_estimator.engine.navigator import filter_setup, imu_watch, start_up
 from nav_pose_estimator.engine.navigator.engine_clock import EngineClock
-from nav_pose_estimator.engine.navigator.modes import DENIED, ModeKeeper
+from nav_pose_estimator.engine.navigator.modes import ModeKeeper
 from nav_pose_estimator.engine.navigator.split_filter import SplitFilter
 from nav_pose_estimator.engine.navigator.timeline import Timeline
 from nav_pose_estimator.engine.observation import Observation
@@ -61,8 +60,8 @@ class FilterRun:
         self.gnss.reception.enabled = use_gnss
         self.aids = {aid.sample: aid(parameters, self.aiding, journal) for aid in AIDS}
         self._rest = Rest(parameters, self.aiding, journal)
-        self._doubt = ImuDoubt(parameters, self.aiding, journal)
-        sensors = [*self.gnss.sensors, *self.aids.values(), self._rest, self._doubt]
+        self.imu_doubt = ImuDoubt(parameters, self.aiding, journal)
+        sensors = [*self.gnss.sensors, *self.aids.values(), self._rest, self.imu_doubt]
         self._fusion = Fusion(sensors, filter_setup.gates(parameters))
         self.timeline = Timeline(filter_setup.constants(parameters), self._fusion.apply, parameters.navigator.memory)
         self.aligner = start_up.StartUp(parameters, known)
@@ -70,7 +69,7 @@ class FilterRun:
         self._stillness = Stillness()
         self.imu_physics = physics.ImuPhysics()
         self.look_due = -math.inf  # when to look at the IMU's physics next
-        self._imu_despair = ""
+        self.imu_despair = ""  # why the filter should start again, as the IMU is none
         self.rest_due = -math.inf if parameters.aids.zero_velocity else math.inf  # when to look for rest next
 
     def copy(self, journal: Journal) -> FilterRun:
@@ -95,11 +94,6 @@ class FilterRun:
     def now(self) -> float:
         """Engine time of the last IMU sample [s]."""
         return self.timeline.filter.time if self.timeline.running else self.aligner.time
-
-    @property
-    def despair(self) -> str:
-        """Why the filter should start again; empty where it need not."""
-        return self.gnss.position.despair or self._imu_despair
 
     @property
     def settled(self) -> SplitFilter:
@@ -127,7 +121,7 @@ class FilterRun:
         """One IMU row (1, 7) while the filter does not run yet."""
         t = float(row[0, at.IMU_T])
         if t >= self.look_due:
-            self.look_at_imu(t)
+            imu_watch.look(self, t)
         self.timeline.remember(row)
         self.aligner.imu(row[0])
         self.try_start()
@@ -180,38 +174,6 @@ class FilterRun:
         if mean_rate is not None:
             self.observe(self._rest.observe(mean_rate, whole.view, self.clock.stamp(whole.time)))
 
-    def look_at_imu(self, t: float) -> None:
-        """Ahead of the IMU row at ``t``, the first one of a second: could the rows before have been an IMU's?
-
-        One that proves to be none spoils attitude and biases for good: the filter starts again and waits. Without GNSS
-        that would be the end of the solution; it goes on as EXPIRED, with growing variances, until GNSS is back.
-        """
-        end = math.floor(t / physics.SECOND) * physics.SECOND
-        self.look_due = end + physics.SECOND
-        rows, running, stamp_ns = (
-            self.timeline.rows_since(end - physics.REACH),
-            self.timeline.running,
-            self.clock.stamp(t),
-        )
-        doubt = self.imu_physics.look(end, rows, running, self.journal, stamp_ns)
-        refusal = self.imu_physics.refusal
-        if not running:
-            if refusal:
-                self.aligner = self.aligner.afresh(self.parameters)
-        elif self.modes.mode not in DENIED or t - self.aiding.fix_offered < self.aiding.lost_after:
-            self._imu_despair = refusal
-        else:
-            self._doubt_unaided(doubt, refusal)
-
-    def _doubt_unaided(self, doubt: Doubt | None, refusal: str) -> None:
-        """Without GNSS, what is known of the IMU makes the solution less certain, or worthless."""
-        whole = self.timeline.filter
-        stamp_ns = self.clock.stamp(whole.time)
-        if doubt is not None:
-            self.observe(self._doubt.observe(doubt, whole.time, stamp_ns))
-        reason = refusal or too_fast(whole.nav, self.parameters.gnss.reacquisition.max_speed)
-        self.modes.distrust(reason, self.journal, stamp_ns)
-
     # --- mode --------------------------------------------------------------------------------------------------------
 
     def mode_at(self, t: float) -> Mode:
@@ -225,11 +187,3 @@ class FilterRun:
     def mode_deadline(self, t: float) -> float:
         """The next time after ``t`` at which the mode may change by time alone."""
         return self.modes.deadline(t, self.aiding)
-
-
-def too_fast(nav: np.ndarray, fastest: float) -> str:
-    """One sentence where the navigator's own speed is above ``fastest`` [m/s], else empty."""
-    speed = math.hypot(nav[at.VEL], nav[at.VEL + 1])
-    if speed <= fastest:
-        return ""
-    return f"The navigator's own speed is {speed:.0f} m/s, which the vehicle cannot fly: it has lost its way."

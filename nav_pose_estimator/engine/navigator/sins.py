@@ -7,7 +7,7 @@ from nav_pose_estimator.engine import warm_up_flight
 from nav_pose_estimator.engine.imu.input import ImuInput
 from nav_pose_estimator.engine.imu.rules import GAP, RESTARTS
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.navigator import filter_setup, intake, start_up, stretch
+from nav_pose_estimator.engine.navigator import filter_setup, imu_watch, intake, start_up, stretch
 from nav_pose_estimator.engine.navigator.engine_clock import NS
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun, Origin
 from nav_pose_estimator.engine.navigator.status import status_of
@@ -137,11 +137,11 @@ class SinsEngine:
             while len(rows):
                 ahead = stretch.carry(self.run, stamps_ns, rows)
                 blocks += ahead
-                if not self.run.despair:
+                if not imu_watch.despair(self.run):
                     break
                 done = int(stamps_ns.searchsorted(ahead[-1].stamps_ns[-1], side="right"))
                 stamps_ns, rows = stamps_ns[done:], rows[done:]
                 clock = self.run.clock  # the rows that follow count from it
-                self._restart(int(ahead[-1].stamps_ns[-1]), self.run.despair)
+                self._restart(int(ahead[-1].stamps_ns[-1]), imu_watch.despair(self.run))
                 self.run.clock = clock
         return blocks

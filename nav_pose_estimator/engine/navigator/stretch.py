@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.navigator import imu_watch
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.solutions import Mode, NavBlock
 
@@ -26,7 +27,7 @@ def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBl
             done = sum(len(block.stamps_ns) for block in ahead)
             blocks += ahead
         stamps_ns, rows = stamps_ns[done:], rows[done:]
-        if run.despair:
+        if imu_watch.despair(run):
             break
     return blocks
 
@@ -42,10 +43,10 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
     if now >= run.rest_due:
         run.look_for_rest(now)
     if now >= run.look_due:
-        run.look_at_imu(now)
+        imu_watch.look(run, now)
     limit = min(run.mode_deadline(now), run.timeline.next_observation(quiet=False), run.rest_due, run.look_due)
     count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
-    if run.mode_at(now) is not run.modes.mode or run.despair:
+    if run.mode_at(now) is not run.modes.mode or imu_watch.despair(run):
         count = 1  # the change has the time of its row, whatever the size of the blocks
     out = run.timeline.advance(rows[:count])
     now = float(times[count - 1])
