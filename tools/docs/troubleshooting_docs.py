@@ -139,6 +139,14 @@ _STATUS = (
         "gnss.noise.position_factor, gnss.noise.velocity_factor, body_velocity.noise.factor",
         "variance that the filter goes by over the stated one, of the worst axis; 1 with `fixed`",
     ),
+    (
+        "imu.mean_force_m_s2, imu.vibration_m_s2",
+        "mean specific force of the last second (about 9.8), and its change from sample to sample",
+    ),
+    (
+        "imu.motion_misfit",
+        "share of the force by which IMU and GNSS velocity tell different motions; below 0.1 is good",
+    ),
     ("gnss.resets, gnss.last_reset_m", "how often the position was put on GNSS, and how far it moved the last time"),
     ("mag.heading_spread_deg", "how far magnetic headings spread around their mean error while GNSS shows the heading"),
     ("learner.flight_s, learner.trainings", "flight with GNSS that the learner remembers; trainings taken over"),
