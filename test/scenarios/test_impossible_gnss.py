@@ -189,9 +189,7 @@ def test_a_height_of_another_reference_is_named_and_the_rest_goes_on() -> None:
 
 def test_heights_of_two_references_in_turn_are_left_out() -> None:
     """GIVEN every second height 47 m off THEN position goes on and the height's sigma covers both."""
-    told = tell(
-        flight(), Rewrite(GnssFix, change=lambda fix, n: replace(fix, alt=fix.alt - 47.0) if n % 2 else fix)
-    )
+    told = tell(flight(), Rewrite(GnssFix, change=lambda fix, n: replace(fix, alt=fix.alt - 47.0) if n % 2 else fix))
     assert told.count("gnss.rejected.height") > 300
     assert as_good_as_ever(told)
     assert told.last is not None
