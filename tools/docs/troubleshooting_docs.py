@@ -127,6 +127,7 @@ _STATUS = (
     ("seconds without GNSS", "since the last fix that was used; 0 while AIDED"),
     ("horizontal sigma [m]", "one standard deviation of the position, now"),
     ("horizontal sigma in 30 s [m]", "what it will be if GNSS stays away"),
+    ("in doubt because", "why GNSS contradicts an aided navigator, whose sigma grows until they agree"),
     ("GNSS refused because", "why the last fix was not used"),
     ("satellites", "the last count"),
     (

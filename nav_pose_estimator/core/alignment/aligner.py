@@ -150,10 +150,7 @@ class Aligner:
         vel_sd: float,
         height_sd: float = 0.0,
     ) -> None:
-        """A fix valid at ``t_valid``: rad, rad, m; velocity ENU [m/s] or None, vertical NaN if missing; deviations.
-
-        ``height_sd`` where the height is worse than the usual 1.7 times ``pos_sd``.
-        """
+        """A fix valid at ``t_valid``: rad, rad, m; velocity ENU [m/s] or None, vertical NaN if missing; deviations."""
         if self._last_fix is not None and t_valid <= self._last_fix.t:
             return
         period = 1.0 if self._last_fix is None else min(t_valid - self._last_fix.t, 1.0)

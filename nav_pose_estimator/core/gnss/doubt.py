@@ -17,6 +17,8 @@ _STALE = 12.0  # s: older ones say nothing
 _OFF = 4.0  # deviations of a position
 _OFF_TIME = 2.0  # s
 _PERIOD = 1.0  # s between two widenings
+_WIDENED = 4  # times in one doubt: what that does not mend is no matter of the covariance
+_HOPELESS = 6.0  # s of doubt about velocity and position alike
 _LARGEST_FACTOR = 9.0  # of the covariance at a time
 _EASED = 0.2  # share of refusals below which the doubt ends
 
@@ -31,6 +33,8 @@ class Doubt:
     _off_since: float = field(default=math.inf, init=False)
     _off: float = field(default=0.0, init=False)
     _widened: float = field(default=-math.inf, init=False)
+    _times: int = field(default=0, init=False)
+    _both_since: float = field(default=math.inf, init=False)
 
     def velocity(self, t: float, refusal: float, nis: float) -> None:
         """A velocity at ``t`` [s]: ``refusal`` 1 left out, 0.5 with more noise, 0 taken; its ``nis`` per row."""
@@ -46,13 +50,19 @@ class Doubt:
         elif t - self._off_since >= _OFF_TIME:
             self.reason = f"GNSS positions lie {deviations:.0f} sigma off for {t - self._off_since:.0f} s"
         elif refused <= _EASED and deviations <= _OFF:
-            self.reason = ""
-        if not self.reason or t - self._widened < _PERIOD:
+            self.reason, self._times, self._both_since = "", 0, math.inf
+        if refused >= _REFUSED and deviations > _OFF:
+            self._both_since = min(self._both_since, t)
+        if not self.reason or self._times >= _WIDENED or t - self._widened < _PERIOD:
             return 1.0
-        self._widened = t
+        self._widened, self._times = t, self._times + 1
         nis = [one[2] for one in self._velocities if math.isfinite(one[2])]
         weight = max(sum(nis) / len(nis) if nis else 1.0, self._off**2 / 3.0, 1.0)
         return min(weight, _LARGEST_FACTOR)
+
+    def is_hopeless(self, t: float) -> bool:
+        """Whether velocities and positions have contradicted the filter for so long that widening mends nothing."""
+        return t - self._both_since > _HOPELESS
 
     def _refused(self) -> float:
         if len(self._velocities) < _COUNT:

@@ -103,6 +103,8 @@ class GnssPositionSensor(Sensor):
         """What the guard of the return says, with the doubt that GNSS casts on the filter."""
         widening = self._doubted(o, f) if self._aiding.gnss_is_good(o.t) else 1.0
         decision = self._ask_the_guard(o, f)
+        if self._velocity.doubt.is_hopeless(o.t) and o.t - self._aiding.fix_used < self._despair_gap:
+            self.despair = "GNSS was there all the time, yet velocities differ, and positions with them"
         least = self._jump / _CREDIBLE if o.t < self._jump_until else 0.0
         return replace(decision, widening=widening, least_sd=(least, 0.5 * self._heights.span))
 
@@ -145,7 +147,7 @@ class GnssPositionSensor(Sensor):
             z, H, R = z[:2], H[:2], R[:2, :2]
         R = self._accuracy.lasting(o, R, self.noise, self._journal)
         # what the guard remembers must be the receiver's alone: a filter gone astray would bend it
-        fix = self._local(o.measured, reference, f)
+        fix = _local(o.measured, reference, f, self.origin)
         off, sd = [*z.tolist(), 0.0][:3], [*np.sqrt(R.diagonal()).tolist(), 0.0][:3]
         predicted = [place + difference for place, difference in zip(fix, off, strict=True)]
         predicted_sd = np.sqrt(f.P.diagonal()[DPOS : DPOS + 3]).tolist()
@@ -179,7 +181,7 @@ class GnssPositionSensor(Sensor):
         sigmas, variances = self._guard.settings.sigmas, R.diagonal() + f.P.diagonal()[DPOS : DPOS + 3]
         if np.any(np.abs(z[:2]) > sigmas * np.sqrt(variances[:2])):
             return self._heights.shift
-        off, known = -float(z[2]), self._aiding.height_is_good(o.t)
+        off, known = -float(z[2]), self._aiding.height_is_good(o.t) and not self._velocity.doubt.reason
         outcome = self._heights.offer(
             o.t, off, sigmas * math.sqrt(variances[2]), 0.5 * sigmas * math.sqrt(R[2, 2]), known
         )
@@ -255,14 +257,18 @@ class GnssPositionSensor(Sensor):
         """What the operator says of a return that waits for that; False where none does."""
         return self._guard.decide(accept)
 
-    def _local(self, place: tuple[float, float, float], reference: float, f: FilterView) -> list[float]:
-        lat, lon, alt = place[0], place[1], place[2] - reference
-        if math.isnan(alt):
-            alt = float(f.nav[ALT])
-        lat0, lon0, alt0 = self.origin or (lat, lon, alt)
-        r_m, r_n = radii(lat0)
-        east = math.remainder(lon - lon0, 2.0 * math.pi) * (r_n + alt0) * math.cos(lat0)
-        return [east, (lat - lat0) * (r_m + alt0), alt - alt0]
+
+def _local(
+    place: tuple[float, float, float], reference: float, f: FilterView, origin: tuple[float, float, float] | None
+) -> list[float]:
+    """A fix in the local frame [m], its height less ``reference``, or the filter's where it has none."""
+    lat, lon, alt = place[0], place[1], place[2] - reference
+    if math.isnan(alt):
+        alt = float(f.nav[ALT])
+    lat0, lon0, alt0 = origin or (lat, lon, alt)
+    r_m, r_n = radii(lat0)
+    east = math.remainder(lon - lon0, 2.0 * math.pi) * (r_n + alt0) * math.cos(lat0)
+    return [east, (lat - lat0) * (r_m + alt0), alt - alt0]
 
 
 def _return_settings(parameters: GnssParameters, lost_after: float) -> ReacquisitionSettings:

@@ -1,0 +1,68 @@
+"""A navigator that GNSS keeps contradicting is not to be believed as usual: its sigma grows, and it comes back."""
+
+import math
+
+import numpy as np
+import pytest
+
+from nav_pose_estimator.core.gnss.doubt import Doubt
+from nav_pose_estimator.engine.samples import GnssVelocity, ImuSample
+from nav_pose_estimator.engine.solutions import Mode
+from nav_pose_estimator.ros.wording import level_of, sentence
+from nav_pose_estimator.sim.faults import Shift
+from told import flight, tell
+
+pytestmark = pytest.mark.compiled
+
+
+def test_an_honest_flight_is_never_in_doubt() -> None:
+    """GIVEN a flight without a fault THEN there is no doubt."""
+    assert tell(flight()).count("doubt") == 0
+
+
+def test_a_filter_that_refuses_velocities_widens_and_comes_back() -> None:
+    """GIVEN a flight WHEN the accelerometer is wrong by 4 m/s^2 for 6 s and velocities are refused
+    THEN the doubt is told, the error stays within its sigma, and GNSS and navigator agree within 10 s of the fault."""
+    told = tell(flight(), Shift(ImuSample, 60.0, 6.0, (0.0, 0.0, 0.0, 4.0, 2.0, 0.0)))
+    begun = told.when("doubt.begun")
+    assert begun and 60.0 < begun[0] < 66.0
+    assert told.when("doubt.ended")[-1] < 76.0
+    assert np.mean(told.off < 3.0 * told.sigma) > 0.97
+    assert told.modes_between(76.0, 120.0) == {Mode.AIDED}
+    assert told.off[told.t > 80.0].max() < 3.0
+
+
+def test_the_status_says_why() -> None:
+    """GIVEN velocities 6 m/s off WHEN half of them are refused THEN the status is a warning that names it."""
+    told = tell(flight(duration=62.6), Shift(GnssVelocity, 60.0, 60.0, (6.0, 0.0, 0.0)))
+    status = told.estimator.status()
+    assert "refuses" in status.doubt
+    assert level_of(status) != 0
+    assert "in doubt" in sentence(status)
+
+
+def test_one_refused_velocity_is_the_receivers_fault() -> None:
+    doubt = Doubt()
+    for k in range(20):
+        doubt.velocity(0.2 * k, 1.0 if k == 10 else 0.0, 20.0 if k == 10 else 1.0)
+        assert doubt.position(0.2 * k, 1.0) == 1.0
+    assert doubt.reason == ""
+
+
+def test_half_of_them_are_the_filters_and_widen_once_a_second() -> None:
+    doubt = Doubt()
+    factors = []
+    for k in range(20):
+        doubt.velocity(0.2 * k, float(k % 2), 10.0)
+        factors.append(doubt.position(0.2 * k, 1.0))
+    assert [factor for factor in factors if factor != 1.0] == [9.0, 9.0, 9.0]
+    assert "50 %" in doubt.reason
+
+
+def test_positions_far_off_for_seconds_are_a_doubt() -> None:
+    doubt = Doubt()
+    factors = [doubt.position(0.5 * k, 6.0) for k in range(6)]
+    assert factors[:4] == [1.0] * 4
+    assert math.isclose(factors[4], 9.0)
+    assert doubt.position(3.0, 1.0) == 1.0
+    assert doubt.reason == ""
