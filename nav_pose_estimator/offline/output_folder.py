@@ -92,7 +92,7 @@ class OutputFolder:
         foreign = entries[:1] if written is None else sorted(set(_files(self._path)) - written)
         if foreign:
             raise UserError(
-                f"{self._given} holds {foreign[0]!r}, which is not of an earlier {self._kind}, so it is not replaced: "
+                f"{self._given} holds {foreign[0]!r}, not from an earlier {self._kind}, so it is not replaced: "
                 f"choose another {self._option}"
             )
 

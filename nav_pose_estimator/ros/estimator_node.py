@@ -117,7 +117,7 @@ class EstimatorNode(Node):
             elif is_finite(output):
                 self.publish(output)
             else:
-                text = "a solution that is not a number is withheld"
+                text = "a solution that is not finite is withheld"
                 self.logbook.note(Event(output.stamp_ns, "output.withheld.nan", Level.ERROR, text))
         mode = self.engine.mode
         if mode is not self._mode:

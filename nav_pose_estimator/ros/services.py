@@ -14,8 +14,8 @@ def offer_reset(node: Any) -> None:
     """Service ~/reset: forget the solution and align again."""
 
     def reset() -> str:
-        node.reset("asked for by a service call")
-        return "started again"
+        node.reset("requested by a service call")
+        return "restarted"
 
     node.create_service(Trigger, "~/reset", partial(_serve, node, "~/reset", reset))
 
@@ -40,7 +40,7 @@ def _decide(node: Any, accept: bool) -> str:
     node.deliver(outputs)
     said = [output for output in outputs if isinstance(output, Event) and output.name.startswith("gnss.return.")]
     if not said or said[-1].name == "gnss.return.none":
-        raise ValueError(said[-1].text if said else "the navigator does not run")
+        raise ValueError(said[-1].text if said else "the navigator is not running")
     return said[-1].text
 
 

@@ -49,7 +49,7 @@ def test_what_no_vehicle_can_do_is_refused(model, tmp_path, name):
     learner = OutageLearner(LearnerParameters())
     learner.load(model.state())
     before = learner.model
-    with pytest.raises(UserError, match=r"model.*(beyond|no covariance|speaks of).*is not used"):
+    with pytest.raises(UserError, match=r"model.*(beyond|not a covariance|predicts).*is not used"):
         learner.load(load_arrays(tmp_path / "model"))
     assert learner.model is before
 

@@ -113,7 +113,7 @@ class AirVelocityModel:
     def state(self) -> dict[str, np.ndarray]:
         """Named arrays for a file. ``from_state`` gives the same model."""
         if not isinstance(self.network, Anfis):
-            raise UserError("a drag law is no network: there is nothing to save")
+            raise UserError("a drag law is not a network: there is nothing to save")
         arrays = {f"network.{name}": value for name, value in self.network.state().items()}
         for name in _ARRAYS:
             arrays[name] = np.array(getattr(self, name), float)
@@ -153,11 +153,11 @@ def _check_parts(network: Anfis, parts: Mapping[str, Array], errors: Array) -> N
     fits = len(scaling.in_mean) == _INPUTS and len(scaling.out_mean) == _OUTPUTS
     table = np.ndim(errors) == 2 and np.shape(errors)[1] == 2 and network.rules in errors[:, 0]
     if not (all(shapes) and fits and table):
-        raise UserError("the parts of this model of the outage learning do not fit together")
+        raise UserError("the parts of this outage model do not fit together")
     finite = all(np.isfinite(value).all() for value in [*parts.values(), errors])
     positive = (parts["noise"] > 0.0).all() and (parts["hover_noise"] > 0.0).all()
     if not (finite and positive and np.linalg.eigvalsh(parts["wind_cov"])[0] >= -1e-9 and parts["wind_spread"] >= 0.0):
-        raise UserError("this model of the outage learning has numbers that make no sense")
+        raise UserError("this outage model has implausible values")
 
 
 def inputs(epochs: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The magnetometer on its way into the attitude filter: calibration, mounting, and what is told of disturbances."""
+"""The magnetometer on its way into the attitude filter: calibration, mounting, and reports of disturbances."""
 
 import math
 from types import ModuleType
@@ -27,7 +27,7 @@ class FieldInput:
         self._iron_free = not self._hard_iron.any() and np.array_equal(self._soft_iron, np.eye(3))
 
     def take(self, sample: MagSample, memory: Memory) -> list[Event]:
-        """Let one sample act on the filter of ``memory``; returns why it does not, or what it tells of the field."""
+        """Let one sample act on the filter of ``memory``; returns why it does not, or what it says about the field."""
         stamp = sample.stamp_ns
         if not self._enabled:
             return [Event(stamp, "mag.ignored")]

@@ -127,5 +127,5 @@ class OutageLearner:
         try:
             self.state.model = self.method.load(arrays)
         except KeyError as error:
-            raise UserError(f"this is not a model of the outage learning: {error} is missing") from None
+            raise UserError(f"this is not an outage model: {error} is missing") from None
         self.state.reason = ""

@@ -65,7 +65,7 @@ class SqliteFile:
                     times, topics, payloads = zip(*good, strict=True) if good else ((), (), ())
                 yield from_payloads(list(times), [wanted[topic] for topic in topics], list(payloads))
         except sqlite3.Error as error:
-            self._warn(f"{self.path.name} is damaged ({error}): the messages after that place are lost")
+            self._warn(f"{self.path.name} is damaged ({error}): the messages after that point are lost")
         if lost:
             self._warn(f"{self.path.name} is damaged: {lost} messages have no time or no content")
 

@@ -82,9 +82,7 @@ def estimate(recording: Recording, parameters: Parameters, until: float = math.i
         return cost[delay]
 
     if not math.isfinite(trial(coarse)):
-        raise UserError(
-            "the latency cannot be estimated: the filter had too few fixes to judge it by before the first outage"
-        )
+        raise UserError("the latency cannot be estimated: the filter had too few fixes before the first outage")
     found = minimize_scalar(trial, bounds=(coarse - 0.1, coarse + 0.1), method="bounded", options={"xatol": RESOLUTION})
     best = round(float(found.x), 4)
     rise = 0.5 * (trial(best - 0.1) + trial(best + 0.1)) / max(trial(best), 1e-9) - 1.0

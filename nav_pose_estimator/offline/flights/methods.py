@@ -29,7 +29,7 @@ def check(names: Sequence[str], allow_extrapolations: bool = True) -> list[str]:
     for name in names:
         if name not in usable:
             what = "is only there in benchmark outage" if name in extrapolations() else "does not exist"
-            raise UserError(f"the method {name!r} {what}; there is {', '.join(sorted(usable))}")
+            raise UserError(f"the method {name!r} {what}; choose from {', '.join(sorted(usable))}")
     return list(dict.fromkeys(names))
 
 

@@ -234,9 +234,9 @@ def _notices(log: LogSensors, imu: Imu, gnss: Gnss, repeated: int, options: LogO
     long = pauses[pauses > options.max_gap]
     if len(long):
         times = "once" if len(long) == 1 else f"{len(long)} times"
-        told.append(f"the IMU pauses {times}, {long.max():.1f} s at most: the estimator starts again after it")
+        told.append(f"the IMU pauses {times}, {long.max():.1f} s at most: the estimator restarts after each pause")
     if repeated:
-        told.append(f"{repeated} GNSS messages only repeat the one before: left out")
+        told.append(f"{repeated} GNSS messages only repeat the previous one: left out")
     if imu.clipped:
         told.append(
             f"{imu.clipped} IMU samples were out of the sensor's range ({100 * imu.clipped / len(imu.time_us):.2g} %)"
