@@ -23,7 +23,7 @@ class ModelKeeper:
     """Services ~/train, ~/save_model and ~/load_model of ``node``.
 
     ``pupil`` has a ``learner`` (``engine.outage.learner``) and takes results in ``accept``; its jobs go to ``trainer``.
-    ``say`` takes the name, level and sentence of an event. Whatever goes wrong is said; the model stays as it was.
+    ``say`` takes the name, level and sentence of an event. Whatever goes wrong is reported; the model stays as it was.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Services around an engine: start again, an outage drill, and what the operator says of a return of GNSS."""
+"""Services around an engine: restart, an outage drill, and the operator's decision on a return of GNSS."""
 
 from collections.abc import Callable
 from functools import partial
@@ -47,7 +47,7 @@ def _decide(node: Any, accept: bool) -> str:
 def _serve(
     node: Any, name: str, action: Callable[[], str], request: Trigger.Request, response: Trigger.Response
 ) -> Trigger.Response:
-    """Whatever goes wrong is said, and the node lives on."""
+    """Whatever goes wrong is reported, and the node lives on."""
     try:
         response.success, response.message = True, action()
     except ValueError as refusal:

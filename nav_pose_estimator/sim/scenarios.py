@@ -1,4 +1,4 @@
-"""Named stories: a vehicle on a mission in a wind, its sensors, and what goes wrong with them."""
+"""Named scenarios: a vehicle on a mission in a wind, its sensors, and what goes wrong with them."""
 
 import difflib
 import math

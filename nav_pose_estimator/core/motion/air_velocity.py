@@ -51,12 +51,12 @@ _CLEARLY = 0.9  # part of one rule's squared error below which more rules are be
 _SLIPS = 0.002  # part of the squared speed ahead that the others are below on wheels, with a mount 2.5 degrees off
 _MOVING = 1.0  # m^2/s^2: mean squared speed that says something of slipping
 _GUIDED_TIME = 60.0  # s: a drone, too, may fly straight on for a while
-_LASTING = 20.0  # s that a wrong coefficient errs in the same way: it is no white noise
+_LASTING = 20.0  # s that a wrong coefficient errs in the same way: it is not white noise
 _STRANGE = 10.0  # factor on the noise of a prediction far from the training data
 
 
 class Law(Protocol):
-    """What can stand for g in eq. (1): an ``Anfis``, or a law of physics."""
+    """What can take the place of g in eq. (1): an ``Anfis``, or a law of physics."""
 
     @property
     def rules(self) -> int: ...
@@ -147,7 +147,7 @@ _ARRAYS = {
 
 
 def _check_parts(network: Anfis, parts: Mapping[str, Array], errors: Array) -> None:
-    """``UserError`` for parts of a saved model that do not fit, or that no training gives: nobody flies with them."""
+    """``UserError`` for parts of a saved model that do not fit, or that no training yields: they are not flown."""
     shapes = [parts[name].shape == shape for name, shape in _ARRAYS.items()]
     scaling = network.network.scaling
     fits = len(scaling.in_mean) == _INPUTS and len(scaling.out_mean) == _OUTPUTS

@@ -77,7 +77,7 @@ class OutageLearner:
         return None if waits or not self.method.trains else self.job()
 
     def job(self) -> TrainingJob | None:
-        """A training on the window up to the newest epoch; ``None``, with a reason, when there is none to be had."""
+        """A training on the window up to the newest epoch; ``None``, with a reason, when none is possible."""
         if not self.method.trains:
             return None
         state = self.state

@@ -41,7 +41,7 @@ _BOUNDS: dict[str, tuple[float, float]] = {
     "*option.rules": (1, 64),
     "*option.iterations": (0, 100_000),
 }
-"""What the arrays of a model of the outage learning may hold, by name; ``*`` stands for any beginning."""
+"""What the arrays of an outage model may hold, by name; ``*`` stands for any beginning."""
 
 
 def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:

@@ -49,7 +49,7 @@ class NavigatorWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the stream of samples; what the navigator said for good stays."""
+        """Forget the stream of samples; what the navigator published once and for all is kept."""
         self._door = ImuInput(self._parameters.imu)
         self._forces: list[Vector3] = []
         self._last_ns = 0

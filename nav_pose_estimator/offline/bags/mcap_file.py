@@ -147,7 +147,7 @@ class McapFile:
             raise BagError(f"{self.path} unpacks to more than {limit >> 20} MB: that is not a recording")
 
     def _look_into_chunks(self) -> None:
-        """Without a summary the channels stand only inside the chunks, and without an index their numbers, too."""
+        """Without a summary the channels are only inside the chunks, and without an index so are their counts."""
         directory = self._directory
         blind, counted = directory.is_blind, directory.statistics is not None
         for chunk in self._chunks:

@@ -1,6 +1,6 @@
 """The records of an MCAP file (https://mcap.dev/spec): how they are laid out, and what they say of topics and chunks.
 
-No length that a file states is believed without a check; a record shorter than what it has to hold is ``struct.error``.
+No length that a file states is trusted without a check; a record shorter than what it has to hold is ``struct.error``.
 """
 
 import mmap

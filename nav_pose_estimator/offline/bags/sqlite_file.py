@@ -14,7 +14,7 @@ class SqliteFile:
     """One .db3 file: its topics, and their messages in receive-time order. ``warnings`` says what was damaged."""
 
     def __init__(self, path: Path) -> None:
-        """Open the file. Raises ``BagError`` for a file that is no rosbag2 database."""
+        """Open the file. Raises ``BagError`` for a file that is not a rosbag2 database."""
         self.path = path
         self.warnings: list[str] = []
         # A bag that was not closed keeps its last messages in a write-ahead log beside it; without one, "immutable"

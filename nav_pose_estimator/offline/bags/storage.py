@@ -39,7 +39,7 @@ class Bag:
     """A recording. ``topics`` by name; ``warnings`` lists what was damaged or assumed, once each."""
 
     def __init__(self, path: Path) -> None:
-        """Open ``path``. Raises ``BagError`` with one sentence when that is no recording."""
+        """Open ``path``. Raises ``BagError`` with one sentence when that is not a recording."""
         self.path = Path(path)
         self._warnings: list[str] = []
         self._stack = ExitStack()

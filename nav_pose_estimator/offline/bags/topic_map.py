@@ -91,7 +91,7 @@ class _Search:
                 raise BagError(f"there is no topic {name} in the bag; {_listing(self._available)}")
 
     def detect(self) -> None:
-        """Inputs that are still missing, by type and words; the IMU first, for it tells whose bag this is."""
+        """Inputs that are still missing, by type and words; the IMU first, because it identifies the vehicle."""
         imus = [topic.name for topic in self._fitting(IMU)]
         if IMU.topic not in self.found.topics:
             self._detect(IMU)

@@ -61,7 +61,7 @@ def _unpack_lz4(data: bytes, limit: int) -> tuple[bytes, bool]:
 
 
 def unpacked_limit(packed: int) -> int:
-    """Bytes to which a file with ``packed`` compressed bytes may unpack: more is no recording but a bomb."""
+    """Bytes to which a file with ``packed`` compressed bytes may unpack: more is not a recording but a bomb."""
     return _FREE + _RATIO * packed
 
 

@@ -24,7 +24,7 @@ def classical() -> list[str]:
 
 
 def check(names: Sequence[str], allow_extrapolations: bool = True) -> list[str]:
-    """``names`` without repetition. Raises ``UserError`` for one that does not exist, listing what there is."""
+    """``names`` without repetition. Raises ``UserError`` for one that does not exist, listing the choices."""
     usable = available() if allow_extrapolations else list(estimators())
     for name in names:
         if name not in usable:

@@ -55,7 +55,7 @@ def check_readable(path: Path) -> None:
 
 
 def log_form(path: Path) -> str | None:
-    """The format of a flight log by what stands in it, None for anything else (a bag). Raises ``BagError``."""
+    """The format of a flight log by its content, None for anything else (a bag). Raises ``BagError``."""
     if not path.is_file():
         if not path.exists() or path.suffix.lower() not in _ENDINGS:
             return None

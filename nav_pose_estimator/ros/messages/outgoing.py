@@ -57,7 +57,7 @@ def fill_pose(message: Any, solution: NavSolution) -> None:
 
 
 def fill_fix(message: Any, solution: NavSolution, has_fix: bool) -> None:
-    """sensor_msgs/NavSatFix of base_link; ``has_fix`` False once the position is no longer to be trusted."""
+    """sensor_msgs/NavSatFix of base_link; ``has_fix`` is False once the position must no longer be trusted."""
     fill_stamp(message.header.stamp, solution.stamp_ns)
     message.status.status, message.status.service = (_STATUS_FIX if has_fix else _STATUS_NO_FIX), _SERVICE_GPS
     message.latitude, message.longitude = math.degrees(solution.lat), math.degrees(solution.lon)
