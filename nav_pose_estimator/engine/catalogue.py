@@ -136,7 +136,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "gnss.rejected.velocity_without_fix", "a velocity came while fixes are refused", "see why fixes are refused"
         ),
-        Entry("gnss.rejected.velocity_without_position", "a velocity came while no position is used", "see why"),
+        Entry(
+            "gnss.rejected.velocity_without_position",
+            "a velocity came while no position is used",
+            "see why no position is used",
+        ),
         Entry("gnss.velocity.rejected.invalid", "PX4 reports the velocity as invalid", "wait for a better fix"),
         Entry("*.rejected.future", "a stamp more than 1 s ahead of the IMU's time", _CLOCKS),
         Entry("*.rejected.late", "a message older than navigator.memory", _CLOCKS + ", or raise navigator.memory"),
