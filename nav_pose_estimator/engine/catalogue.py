@@ -1,4 +1,4 @@
-"""Every event there is: what it means and what to do. One place for the words of diagnostics, log and documentation.
+"""Every event: what it means and what to do about it. Diagnostics, log and documentation take their wording from here.
 
 The name of an event is its counter on ``/diagnostics``. A ``*`` in a name stands for one word. The page
 ``docs/troubleshooting.md`` is made from this table, and a test compares it with the names in the code.
@@ -18,21 +18,21 @@ class Entry:
     cure: str = ""
 
 
-_CLOCKS = "put the clocks of driver and host in step (chrony, PX4 and MAVROS time sync)"
-_SENSOR = "look at the driver and the wiring; a few of them do no harm"
-_WAIT = "wait; if it stays, look at the count on the driver's topic"
+_CLOCKS = "synchronise the clocks of driver and host (chrony, PX4 and MAVROS time sync)"
+_SENSOR = "check the driver and the wiring; a few are harmless"
+_WAIT = "wait; if it persists, check the count on the driver's topic"
 
 SECTIONS: dict[str, tuple[Entry, ...]] = {
     "Start, modes and operator": (
         Entry("aligned", "attitude and position are known, the navigator runs"),
-        Entry("reset", "the navigator starts again; the sentence says why", "see the reason in the log line"),
-        Entry("attitude.reset", "the attitude filter starts again", "see the reason in the log line"),
+        Entry("reset", "the navigator restarts; the log line says why", "see the reason in the log line"),
+        Entry("attitude.reset", "the attitude filter restarts", "see the reason in the log line"),
         Entry("mode.*", "the mode has changed to the one in the name"),
         Entry("mode.use_gnss", "an operator has switched GNSS off or on", "call ~/use_gnss with true to use it again"),
         Entry("parameters.changed", "parameters were changed in flight"),
         Entry("set_pose", "the pose was set from outside"),
         Entry("set_pose.rejected.frame", "a pose came in a frame that is not map", "publish it in ros.frames.map"),
-        Entry("set_pose.rejected.nan", "a pose held no numbers or no rotation", "look at who publishes set_pose"),
+        Entry("set_pose.rejected.nan", "a pose was not finite, or its orientation was invalid", "check its publisher"),
         Entry("set_pose.rejected.stamp", "a pose came without a stamp", "let whoever publishes set_pose stamp it"),
         Entry("set_pose.rejected.value", "a pose held no numbers or no rotation", "look at who publishes set_pose"),
         Entry("set_pose.rejected.far", "a pose lay far from where the navigator is", "look at who publishes set_pose"),
@@ -42,10 +42,10 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "set gnss.delay and gnss.lever_arm; look for vibration of the IMU",
         ),
         Entry("doubt.ended", "GNSS and the navigator agree again"),
-        Entry("set_pose.rejected.no_origin", "a pose came before there was an origin", "wait for AIDED once"),
-        Entry("qos.incompatible", "a publisher offers less than asked for and is not heard", "see the log line"),
-        Entry("callback.failed.*", "a message led to an error in this package and was not used", "report it, please"),
-        Entry("output.withheld.nan", "a solution was not a number and was not published", "report it with a bag"),
+        Entry("set_pose.rejected.no_origin", "a pose came before the origin was known", "wait for AIDED once"),
+        Entry("qos.incompatible", "a publisher's QoS is incompatible: nothing is received", "see the log line"),
+        Entry("callback.failed.*", "a message caused an error in this package and was not used", "please report it"),
+        Entry("output.withheld.nan", "a solution was not finite and was not published", "please report it with a bag"),
     ),
     "The way back to the autopilot": (
         Entry("autopilot.sending", "the autopilot gets the pose from now on; the sentence says what is missing"),
@@ -66,29 +66,31 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
     ),
     "IMU": (
-        Entry("imu.gap", "no IMU data for longer than imu.max_gap: aligning anew", "find out why the IMU stopped"),
+        Entry("imu.gap", "no IMU data for longer than imu.max_gap: aligning again", "find out why the IMU stopped"),
         Entry(
-            "imu.clock_jump", "the IMU's stamps went back: aligning anew", "a looping bag does this; else " + _CLOCKS
+            "imu.clock_jump", "the IMU's stamps went back: aligning again", "a looping bag does this; else " + _CLOCKS
         ),
         Entry(
-            "imu.stuck", "a sensor repeats one value exactly", "power it again; with a simulator without noise: ignore"
+            "imu.stuck", "a sensor repeats one value exactly", "power-cycle it; with a noise-free simulator ignore it"
         ),
         Entry("imu.stuck.ended", "the values change again"),
         Entry(
-            "imu.saturated.gyroscope", "the gyroscope is at the end of its range", "choose a wider range, fly softer"
+            "imu.saturated.gyroscope", "the gyroscope is at the limit of its range", "choose a wider range, fly gently"
         ),
-        Entry("imu.saturated.accelerometer", "the accelerometer is at the end of its range", "as for the gyroscope"),
+        Entry("imu.saturated.accelerometer", "the accelerometer is at the limit of its range", "as for the gyroscope"),
         Entry("imu.saturated.ended", "the IMU is within its range again"),
         Entry(
             "imu.rejected.absent",
             "the message has no rate or no acceleration",
-            "use the raw topic; let the driver join gyroscope and accelerometer",
+            "use the raw topic; have the driver combine gyroscope and accelerometer",
         ),
-        Entry("imu.rejected.backward", "a stamp older than the one before it", _SENSOR),
+        Entry("imu.rejected.backward", "a stamp older than the previous one", _SENSOR),
         Entry(
-            "imu.rejected.duplicate", "two samples with one stamp", "the driver sends samples twice or stamps coarsely"
+            "imu.rejected.duplicate",
+            "two samples with the same stamp",
+            "the driver sends samples twice or stamps coarsely",
         ),
-        Entry("imu.rejected.forward", "a stamp far ahead, not yet continued by a second one", _SENSOR),
+        Entry("imu.rejected.forward", "a stamp far ahead, not yet confirmed by a second one", _SENSOR),
         Entry("imu.rejected.force", "a specific force above imu.max_force", "check the unit: m/s^2, not g"),
         Entry("imu.rejected.rate", "an angular rate above imu.max_rate", "check the unit: rad/s, not degrees"),
         Entry(
@@ -136,11 +138,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "without GNSS, an IMU that is none or a speed that the vehicle cannot fly: EXPIRED until GNSS is back",
             "see the reason in the log line",
         ),
-        Entry("imu.rejected.nan", "a value that is not a number", _SENSOR),
-        Entry("imu.rejected.zero_stamp", "a sample without a stamp", "let the driver stamp its messages"),
+        Entry("imu.rejected.nan", "a value that is not finite", _SENSOR),
+        Entry("imu.rejected.zero_stamp", "a sample without a stamp", "make the driver stamp its messages"),
     ),
     "GNSS: the gate": (
-        Entry("gnss.rejected.status", "the receiver says that it has no fix", "wait for a fix; look at the antenna"),
+        Entry("gnss.rejected.status", "the receiver reports no fix", "wait for a fix; check the antenna"),
         Entry("gnss.rejected.age", "the fix is older than gnss.gate.max_age", "set gnss.delay, or " + _CLOCKS),
         Entry(
             "gnss.rejected.accuracy",
@@ -181,13 +183,13 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("gnss.rejected.value", "the fix holds NaN or an impossible latitude", _SENSOR),
         Entry("gnss.rejected.disabled", "GNSS is switched off by the operator", "call ~/use_gnss with true"),
         Entry(
-            "gnss.rejected.before_imu", "a fix came before the first IMU sample", "look at imu/data_raw if it goes on"
+            "gnss.rejected.before_imu", "a fix came before the first IMU sample", "if it persists, check imu/data_raw"
         ),
-        Entry("gnss.rejected.zero_stamp", "a message came without a stamp", "let the driver stamp its messages"),
+        Entry("gnss.rejected.zero_stamp", "a message came without a stamp", "make the driver stamp its messages"),
         Entry(
             "gnss.waiting.count_missing",
-            "no satellite count has come yet",
-            "publish gps/satellites, or set gnss.gate.satellite_source to what there is, or to none",
+            "no satellite count has arrived yet",
+            "publish gps/satellites, or set gnss.gate.satellite_source to the source you have, or to none",
         ),
         Entry("gnss.waiting.count_unknown", "the receiver does not know its satellite count (255)", _WAIT),
         Entry("gnss.waiting.count_stale", "the satellite count is older than gnss.gate.count_max_age", _WAIT),
@@ -199,16 +201,16 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("gnss.gate.closed", "too few satellites: GNSS is no longer used", "see gnss.gate.min_satellites_leave"),
         Entry(
             "gnss.gate.inactive",
-            "no satellite count to be had: status and accuracy decide alone",
-            "publish gps/satellites, or set gnss.gate.satellite_source to none so that it is on purpose",
+            "no satellite count is available: status and accuracy alone decide",
+            "publish gps/satellites, or set gnss.gate.satellite_source to none if this is intended",
         ),
     ),
     "GNSS: in the filter": (
         Entry("gnss.used.*", "a position or velocity was used"),
         Entry(
             "gnss.inflated.*",
-            "a position or velocity was unlikely and counted for less",
-            "many: raise gnss.position_sd",
+            "a position or velocity was unlikely and was given less weight",
+            "if there are many, raise gnss.position_sd",
         ),
         Entry(
             "gnss.rejected.position_innovation",
@@ -223,12 +225,12 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "gnss.rejected.innovation",
             "the fix lies too far from where the filter expects it",
-            "reflections or spoofing; if it is always so: gnss.delay, gnss.lever_arm, imu.convention",
+            "multipath or spoofing; if it persists, check gnss.delay, gnss.lever_arm and imu.convention",
         ),
         Entry(
             "gnss.drift",
-            "fixes and their own velocities drift apart: the position is being led astray",
-            "distrust GNSS: spoofing or heavy reflections",
+            "fixes and their own velocities drift apart: the position is being pulled away",
+            "do not trust GNSS: spoofing or severe multipath",
         ),
         Entry("gnss.drift.ended", "fixes and their velocities agree again"),
         Entry("gnss.drift.fixes", "a fix that came while positions and velocities drifted apart"),
@@ -274,15 +276,21 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "look for reflections and interference; else set gnss.position_sd, gnss.velocity_sd to what is true",
         ),
         Entry("gnss.noise.agrees", "the receiver's errors are about as large as it states again"),
-        Entry("gnss.rejected.velocity_value", "a velocity that is not a number", _SENSOR),
-        Entry("gnss.rejected.velocity_without_fix", "a velocity came while fixes are refused", "see why they are"),
-        Entry("gnss.rejected.velocity_without_position", "a velocity came while no position is used", "see why"),
-        Entry("gnss.velocity.rejected.invalid", "PX4 says that the velocity is not valid", "wait for a better fix"),
+        Entry("gnss.rejected.velocity_value", "a velocity that is not finite", _SENSOR),
+        Entry(
+            "gnss.rejected.velocity_without_fix", "a velocity came while fixes are refused", "see why fixes are refused"
+        ),
+        Entry(
+            "gnss.rejected.velocity_without_position",
+            "a velocity came while no position is used",
+            "see why no position is used",
+        ),
+        Entry("gnss.velocity.rejected.invalid", "PX4 reports the velocity as invalid", "wait for a better fix"),
         Entry("*.rejected.future", "a stamp more than 1 s ahead of the IMU's time", _CLOCKS),
         Entry("*.rejected.late", "a message older than navigator.memory", _CLOCKS + ", or raise navigator.memory"),
     ),
     "GNSS: the return after an outage": (
-        Entry("gnss.waiting.consistency", "too few consistent fixes since it came back", "wait"),
+        Entry("gnss.waiting.consistency", "too few consistent fixes since GNSS came back", "wait"),
         Entry("gnss.waiting.expected", "the fixes lie where they should, but have not lasted long enough", "wait"),
         Entry("gnss.rejected.expected", "the fixes lie where they should, but have not lasted long enough", "wait"),
         Entry(
@@ -293,8 +301,8 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("gnss.rejected.contradiction", "consistent fixes contradict a filter that GNSS still aids", "see above"),
         Entry(
             "gnss.waiting.implausible",
-            "the vehicle cannot have got to where the fixes say",
-            "check gnss.reacquisition.max_speed; else the fixes lie",
+            "the vehicle cannot have reached the position that the fixes give",
+            "check gnss.reacquisition.max_speed; if it is right, the fixes are wrong",
         ),
         Entry("gnss.rejected.implausible", "fixes that the vehicle cannot have reached", "as above"),
         Entry(
@@ -315,7 +323,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("gnss.reacquired.*", "GNSS is back and used as a correction"),
         Entry(
             "gnss.reset.*",
-            "GNSS is back and the position was put on it; map jumped, odom did not",
+            "GNSS is back and the position was reset to it; map jumped, odom did not",
             "after a long outage this is expected; otherwise look for spoofing",
         ),
     ),
@@ -323,7 +331,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "mag.disturbed",
             "the magnetic field is disturbed: heading by gyroscope alone",
-            "keep off steel and currents",
+            "keep away from steel and currents",
         ),
         Entry("mag.undisturbed", "the magnetic field is undisturbed again"),
         Entry(
@@ -347,16 +355,16 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("mag.heading.cause", "turns have shown what is wrong with the magnetic heading", "see the log line"),
         Entry("mag.heading.agrees", "the magnetic heading agrees with the motion again"),
         Entry("mag.ignored", "aids.magnetometer is false"),
-        Entry("mag.declination.model", "the World Magnetic Model has told the declination at the first position"),
+        Entry("mag.declination.model", "the World Magnetic Model gave the declination at the first position"),
         Entry(
             "mag.declination.fallback",
-            "the model tells no declination, aids.declination stands; the sentence says why",
+            "the model gave no declination, so aids.declination is used; the log line says why",
             "pip install pygeomag, or set aids.declination",
         ),
-        Entry("mag.rejected.nan", "a field that is not a number", _SENSOR),
-        Entry("mag.rejected.value", "a field that is zero or not a number", _SENSOR),
+        Entry("mag.rejected.nan", "a field that is not finite", _SENSOR),
+        Entry("mag.rejected.value", "a field that is zero or not finite", _SENSOR),
         Entry("mag.rejected.no_attitude_yet", "a field came before the first IMU sample"),
-        Entry("mag.rejected.stamp", "a field not newer than the last one", _SENSOR),
+        Entry("mag.rejected.stamp", "a field not newer than the previous one", _SENSOR),
         Entry("mag.rejected.stale", "a field half a second away from the IMU's time", _CLOCKS),
         Entry(
             "baro.rejected.unit",
@@ -369,66 +377,77 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "look for a blocked port, or one that the propellers blow on",
         ),
         Entry("baro.contradicts.ended", "barometer and GNSS heights agree again"),
-        Entry("baro.rejected.value", "a pressure that is not one of the atmosphere", "check the unit: pascal, not hPa"),
-        Entry("zero_velocity.rejected", "the IMU was still, but the filter is sure to move: no rest"),
+        Entry("baro.rejected.value", "a pressure outside the atmospheric range", "check the unit: pascal, not hPa"),
+        Entry("zero_velocity.rejected", "the IMU was still, but the filter is sure of motion: not rest"),
         Entry(
-            "zero_velocity.withheld.rate", "the IMU was still, but for a turn that its bias does not explain: no rest"
+            "zero_velocity.withheld.rate",
+            "the IMU was still, but for a rotation that its bias does not explain: not rest",
         ),
-        Entry("zero_velocity.withheld.speed", "the IMU was still, but the navigator is not sure to be slow: no rest"),
-        Entry("body_velocity.rejected.value", "a velocity without any number", _SENSOR),
-        Entry("airspeed.rejected.absent", "PX4 says that it has no airspeed", "look at the pitot tube and its driver"),
-        Entry("airspeed.rejected.value", "an airspeed that is not a number, or impossible", _SENSOR),
-        Entry("airspeed.rejected.slow", "an airspeed below aids.airspeed_min: a pitot tube tells nothing of it"),
-        Entry("airspeed.*", "an airspeed was used, counted for less (inflated), or refused by the filter's gate"),
-        Entry("range.rejected.value", "a distance to the ground that is not a number, or impossible", _SENSOR),
+        Entry("zero_velocity.withheld.speed", "the IMU was still, but a low speed is not certain: not taken as rest"),
+        Entry("body_velocity.rejected.value", "a velocity without a finite component", _SENSOR),
+        Entry("airspeed.rejected.absent", "PX4 reports no airspeed", "check the pitot tube and its driver"),
+        Entry("airspeed.rejected.value", "an airspeed that is not finite, or impossible", _SENSOR),
+        Entry("airspeed.rejected.slow", "an airspeed below aids.airspeed_min, where a pitot tube is useless"),
+        Entry("airspeed.*", "an airspeed was used, given less weight (inflated), or refused by the filter's gate"),
+        Entry("range.rejected.value", "a distance to the ground that is not finite, or impossible", _SENSOR),
         Entry(
             "range.new_ground",
-            "the ground was at another level for two seconds: heights count from there",
+            "the ground was at another level for two seconds: heights are measured from there",
         ),
-        Entry("ground_range.*", "a height above ground was used, counted for less (inflated), or refused by the gate"),
-        Entry("range.rejected.outside", "nothing within the limits that the rangefinder states", "fly lower, or wait"),
+        Entry("ground_range.*", "a height above ground was used, given less weight (inflated), or refused by the gate"),
+        Entry("range.rejected.outside", "no echo within the limits that the rangefinder states", "fly lower, or wait"),
         Entry(
             "outage.rejected.covariance",
-            "a predicted velocity error without covariance or numbers",
-            "anfis_node sends one",
+            "a predicted velocity error that is not finite or lacks its covariance",
+            "anfis_node sends both",
         ),
-        Entry("outage.evidence", "what the flight so far says of the motion was used"),
-        Entry("outage.evidence.redundant", "what the flight taught was not used, because the airspeed knows more"),
+        Entry("outage.evidence", "what the flight so far says about the motion was used"),
+        Entry("outage.evidence.redundant", "what the flight taught was not used, because the airspeed is better"),
         Entry("outage.evidence.network", "... and the network's prediction was part of it"),
         Entry(
             "outage.no_model", "GNSS is lost and anfis_node has no model yet", "fly longer with GNSS, or load a model"
         ),
         Entry("outage.reset", "the learner starts again", "see the reason in the log line"),
-        Entry("outage.trained", "a training has ended and its result is taken"),
+        Entry("outage.trained", "a training has ended and its result is adopted"),
         Entry("outage.training_failed", "a training gave no result; the model stays as it was", "see the log line"),
         Entry("outage.model.loaded", "a model was read from its file"),
         Entry("outage.model.saved", "the model was written to its file"),
         Entry(
             "outage.request_failed",
-            "training, reading or writing the model was asked for and impossible",
+            "a request to train, load or save the model could not be met",
             "see the log line",
         ),
         Entry(
-            "odometry.rejected.incomplete", "an odometry without orientation, covariance or numbers", "one navigator"
+            "odometry.rejected.incomplete",
+            "an odometry without orientation, covariance or finite values",
+            "run one navigator",
         ),
         Entry(
-            "*.rejected.before_imu", "a message came before the first IMU sample", "look at imu/data_raw if it goes on"
+            "*.rejected.before_imu", "a message came before the first IMU sample", "if it persists, check imu/data_raw"
         ),
-        Entry("*.rejected.zero_stamp", "a message came without a stamp", "let the driver stamp its messages"),
+        Entry("*.rejected.zero_stamp", "a message came without a stamp", "make the driver stamp its messages"),
         Entry(
             "*.covariance.*",
-            "a covariance that cannot be one (the last word says why) was taken as unknown",
-            "correct the driver; noise then comes from the parameters",
+            "an invalid covariance (the last word says why) was treated as unknown",
+            "correct the driver; until then the noise comes from the parameters",
         ),
         Entry("attitude.rejected.absent", "imu/data has no orientation", "let attitude_node publish imu/data"),
         Entry("*.used", "an aid was used"),
-        Entry("*.inflated", "an aid was unlikely and counted for less"),
-        Entry("*.rejected", "an aid disagreed with the filter and was not used", "many: check its mounting and noise"),
+        Entry("*.inflated", "an aid was unlikely and was given less weight"),
+        Entry(
+            "*.rejected",
+            "an aid disagreed with the filter and was not used",
+            "if there are many, check its mounting and noise",
+        ),
         Entry("navigator_velocity.ignored.heading_unknown", "the attitude filter does not know its heading yet"),
-        Entry("navigator_velocity.rejected.nan", "the navigator's velocity is not a number", "report it, please"),
+        Entry("navigator_velocity.rejected.nan", "the navigator's velocity is not finite", "please report it"),
         Entry("navigator_velocity.rejected.no_attitude_yet", "a velocity came before the first IMU sample"),
-        Entry("navigator_velocity.rejected.stamp", "a velocity not newer than the last one", "one navigator only"),
-        Entry("navigator_velocity.rejected.orientation", "an odometry without an orientation", "one navigator only"),
+        Entry(
+            "navigator_velocity.rejected.stamp", "a velocity not newer than the previous one", "run only one navigator"
+        ),
+        Entry(
+            "navigator_velocity.rejected.orientation", "an odometry without an orientation", "run only one navigator"
+        ),
     ),
 }
 

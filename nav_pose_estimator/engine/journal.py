@@ -1,4 +1,4 @@
-"""What an engine has to say: events in order, and how often each kind of event happened."""
+"""What an engine reports: events in order, and how often each kind of event happened."""
 
 from collections import Counter
 

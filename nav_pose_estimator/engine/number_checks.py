@@ -1,4 +1,4 @@
-"""Numbers that an engine must not be given. The ROS boundary checks its messages; Python callers check nothing."""
+"""Values that an engine must not be given. The ROS boundary checks its messages; Python callers check nothing."""
 
 import math
 from collections.abc import Sequence

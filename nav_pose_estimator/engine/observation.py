@@ -1,7 +1,7 @@
-"""An observation on its way into the filter, and what was decided of it when it first acted.
+"""An observation on its way into the filter, and what was decided about it when it first acted.
 
-A sample becomes an observation when it arrives. It acts when the filter stands at its time, on every branch of it, and
-again whenever the past is replayed. What has to be decided (use it or not, with which reference) is decided once.
+A sample becomes an observation when it arrives. It acts on every branch of the filter when that has
+reached its time, and again whenever the past is replayed. Decisions (use it or not, and its reference) are made once.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ class FilterView(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What the time line has to know of the observations of one sensor.
+    """What the time line must know about the observations of one sensor.
 
     ``name`` is the family of its counters (``height.used``). Observations of equal time act in the order of
     ``precedence``, then of arrival. ``whole``: it acts on the filter as a whole and not on each branch, because it
-    knows what no hypothesis does; the branches end with it. ``quiet``: it never changes the mode.
+    carries information that no hypothesis has; the branches end with it. ``quiet``: it never changes the mode.
     """
 
     name: str

@@ -16,8 +16,8 @@ Vector3 = tuple[float, float, float]
 class ImuSample:
     """Angular rate ``gyro`` [rad/s] and specific force ``accel`` [m/s^2] in the body frame.
 
-    Treat it as frozen like the others. It is not, because it is made at the rate of the IMU and freezing doubles the
-    cost of that.
+    Treat it as frozen like the others. It is not actually frozen, because it is made at the rate of the IMU and
+    freezing doubles the cost.
     """
 
     stamp_ns: int
@@ -160,7 +160,7 @@ class SetPose:
 
 @dataclass(frozen=True, slots=True)
 class ReturnDecision:
-    """What the operator says of GNSS that is back somewhere unexpected (policy ``hold``): take it or forget it."""
+    """The operator's decision on GNSS that is back somewhere unexpected (policy ``hold``): accept or refuse."""
 
     stamp_ns: int
     accept: bool
@@ -177,7 +177,7 @@ class AttitudeSample:
 
 @dataclass(frozen=True, slots=True)
 class NavigatorVelocity:
-    """Velocity of the navigator, ENU [m/s]: with it the attitude filter tells acceleration from gravity.
+    """Velocity of the navigator, ENU [m/s]: with it the attitude filter separates acceleration from gravity.
 
     ``valid`` while GNSS or another velocity aids the navigator, or its tilt is still good: a navigator that has lost
     its tilt would feed its own errors back.
@@ -224,9 +224,9 @@ class MotionEvidence:
     ``attitude`` (3, 3) mean C_nb; ``velocity`` in n and ``body_velocity`` (mean of C^T v) of the estimate [m/s];
     ``air_velocity`` predicted in b [m/s], None without a prediction. The wind (East, North, m/s) with which an outage
     begins, its mean, covariance (2, 2) now and variance in the long run, and its time constant. ``dwell`` [s]: how long
-    a regime lasts. ``drift_variance``: squared errors without GNSS in parts of what the filter states. What is nearer
-    in time than ``correlation`` [s] is no independent evidence of a regime. ``unmodelled_var`` [m^2/s^2]: of a velocity
-    that has drifted; the covariance knows nothing of lasting wrong predictions.
+    a regime lasts. ``drift_variance``: squared errors without GNSS as a fraction of the stated variance. What is nearer
+    in time than ``correlation`` [s] is not independent evidence of a regime. ``unmodelled_var`` [m^2/s^2]: of a
+    velocity that has drifted; the covariance does not account for lasting wrong predictions.
     """
 
     stamp_ns: int

@@ -1,4 +1,4 @@
-"""What comes out of an engine: solutions, events, and the words that say how things stand."""
+"""What comes out of an engine: solutions, events, and the words for the state."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -82,7 +82,7 @@ class AttitudeSolution:
 class NavSolution:
     """Navigation solution at one stamp. ``values`` (SOLUTION_SIZE,) of ``layout``; the properties are parts of it.
 
-    Hundreds are made a second and few are looked at: nothing is taken apart before somebody asks.
+    Hundreds are made per second and few are read: nothing is unpacked before it is asked for.
     """
 
     stamp_ns: int

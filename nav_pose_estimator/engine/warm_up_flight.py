@@ -1,4 +1,4 @@
-"""A short flight on paper that calls every kernel of an engine, so that no real sample waits for a compiler."""
+"""A short synthetic flight that calls every kernel of an engine, so that no real sample waits for a compiler."""
 
 import math
 from collections.abc import Callable

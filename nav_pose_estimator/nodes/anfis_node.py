@@ -1,4 +1,4 @@
-"""anfis_node: learns from the flight how the navigator errs without GNSS, and tells it so in an outage."""
+"""anfis_node: learns from the flight how the navigator errs without GNSS, and sends it that in an outage."""
 
 from collections.abc import Sequence
 from functools import partial

@@ -22,7 +22,7 @@ _VELOCITY_RATE = 10.0  # Hz: how often the navigator's velocity is looked at
 
 
 class AttitudeNode(EstimatorNode):
-    """Works alone; with the navigator's odometry it also tells acceleration from gravity."""
+    """Works alone; with the navigator's odometry it also separates acceleration from gravity."""
 
     def __init__(self) -> None:
         super().__init__("attitude_node", AttitudeEngine)
@@ -56,7 +56,7 @@ class AttitudeNode(EstimatorNode):
         self._denied = message.data
 
     def _on_origin(self, message: NavSatFix) -> None:
-        """The first trusted position of sins_node tells the declination; remap the name for another navigator."""
+        """The first trusted position of sins_node gives the declination; remap the name for another navigator."""
         for sample in nav_sat_fix(message):
             if isinstance(sample, GnssFix):
                 self.engine.set_declination(located(self.parameters, sample, self._tell).aids.declination)

@@ -60,7 +60,7 @@ class SyntheticSensors(Node):
             self._finish_lap()
 
     def _begin(self) -> None:
-        """Start a lap, as soon as somebody listens."""
+        """Start a lap as soon as there is a subscriber."""
         waits = self._parameters_of_story.wait_for_subscriber
         if waits and not self._outputs[ImuSample].get_subscription_count():
             return

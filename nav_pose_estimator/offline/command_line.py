@@ -1,4 +1,4 @@
-"""The command line: finds the module of a command, loads only that, and turns what went wrong into one sentence.
+"""The command line: finds the module of a command, loads only that, and turns any failure into one sentence.
 
 Exit codes: 0 done, 2 wrong use or bad input, 1 anything else, 130 interrupted. ``NAV_POSE_DEBUG=1`` shows tracebacks.
 A command on recordings is a module with ``add_arguments(parser)`` and ``run(arguments) -> int``; a node is a module
@@ -153,7 +153,7 @@ def _run_node(name: str, command: Command, given: list[str]) -> int:
     parser.description = f"{command.summary}. All parameters: docs/parameters.md."
     unknown = parser.parse_known_args(mine)[1]
     if unknown:
-        raise UserError(f"{unknown[0]!r} is no option of a node; arguments for ROS stand behind --ros-args")
+        raise UserError(f"{unknown[0]!r} is not an option of a node; arguments for ROS go after --ros-args")
     try:
         module = import_module(f"{PROGRAM}.{command.module}")
     except ModuleNotFoundError as error:

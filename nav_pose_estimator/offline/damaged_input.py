@@ -21,8 +21,8 @@ def reading(path: Path) -> Iterator[None]:
         raise UserError(f"{error.filename or path} cannot be read ({error.strerror or error})") from error
     except MemoryError as error:
         raise UserError(
-            f"{path} needs more memory than there is: it is damaged, or too long for this machine"
+            f"{path} needs more memory than is available: it is damaged, or too long for this machine"
         ) from error
     except Exception as error:
         what = f"{type(error).__name__}: {error}"
-        raise UserError(f"{path} is damaged, or of a kind that cannot be read ({what})") from error
+        raise UserError(f"{path} is damaged or in an unsupported format ({what})") from error

@@ -1,4 +1,4 @@
-"""A folder of results that comes into being as a whole or not at all, and never in place of what others have put there.
+"""A folder of results that comes into being as a whole or not at all, and never in place of anyone else's files.
 
 Everything is written into a hidden folder beside the final one and takes its name in the end; until then, and whatever
 ends the run, the earlier results stay as they were. A mark in the folder lists the files that a run has written: only a
@@ -92,7 +92,7 @@ class OutputFolder:
         foreign = entries[:1] if written is None else sorted(set(_files(self._path)) - written)
         if foreign:
             raise UserError(
-                f"{self._given} holds {foreign[0]!r}, which is not of an earlier {self._kind}, so it is not replaced: "
+                f"{self._given} holds {foreign[0]!r}, not from an earlier {self._kind}, so it is not replaced: "
                 f"choose another {self._option}"
             )
 
@@ -108,7 +108,7 @@ class OutputFolder:
             raise UserError(f"{above} is a file, so {self._given} cannot be made")
 
     def _locked_holder(self) -> int:
-        """A descriptor of the hidden folder, which stands for the right to write; the system frees it if we die."""
+        """A descriptor of the hidden folder, which serves as a lock; the system frees it if the process dies."""
         while True:
             self._holder.mkdir(exist_ok=True)
             lock = os.open(self._holder, os.O_RDONLY | os.O_DIRECTORY)
@@ -159,7 +159,7 @@ class OutputFolder:
 
 
 def _files(folder: Path) -> Iterator[str]:
-    """Everything below ``folder`` that is no plain folder, relative to it."""
+    """Everything below ``folder`` that is not a plain folder, relative to it."""
     for root, folders, files in os.walk(folder):
         links = [name for name in folders if os.path.islink(os.path.join(root, name))]
         yield from (os.path.relpath(os.path.join(root, name), folder) for name in files + links)

@@ -1,6 +1,6 @@
-"""YAML from strangers (the metadata of bags): no aliases, no deep nesting, no huge documents.
+"""Untrusted YAML (the metadata of bags): no aliases, no deep nesting, no huge documents.
 
-An alias can stand for a tree that doubles with each line, and deep nesting overflows the stack of libyaml. Both show in
+An alias can expand to a tree that doubles with each line, and deep nesting overflows the stack of libyaml. Both show in
 the stream of events, before anything is built.
 """
 
@@ -17,7 +17,7 @@ MOST_NODES = 200_000
 
 
 class YamlError(yaml.YAMLError):
-    """A document that is no YAML, or more of it than a file of this kind can be. One line of text."""
+    """A document that is not YAML, or is larger than a file of this kind can be. One line of text."""
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # libyaml may be absent

@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--scenario", default="multirotor_outage", metavar="NAME", help="what happens (default: multirotor_outage)")
     add("--duration", type=float, metavar="S", help="length in seconds (default: that of the scenario)")
-    add("--seed", type=int, default=0, metavar="N", help="another number, another flight (default: 0)")
+    add("--seed", type=int, default=0, metavar="N", help="the same seed gives the same flight (default: 0)")
     add("--imu", default="icm42688", metavar="GRADE", help="IMU and its errors (default: icm42688)")
     add("--imu-rate", type=float, metavar="HZ", help="IMU rate (default: that of the scenario)")
     add("--truth-rate", type=float, default=50.0, metavar="HZ", help="rate of /ground_truth/odom (default: 50)")
@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(_catalogue())
         return 0
     if arguments.bag is None:
-        raise UserError("give the folder of the new bag, or --list to see what there is")
+        raise UserError("give the folder of the new bag, or --list to see what is available")
     from nav_pose_estimator.offline.bags.writer import FAST, SMALL, check_room
     from nav_pose_estimator.offline.simulated_bag import write_recording
 

@@ -1,4 +1,4 @@
-"""Text for a terminal: names come from files of strangers and may hold what a terminal takes for commands."""
+"""Text for a terminal: names come from untrusted files and may hold what a terminal takes as commands."""
 
 LONGEST = 4000  # characters of one message
 

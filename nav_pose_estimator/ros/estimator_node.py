@@ -26,7 +26,7 @@ from nav_pose_estimator.ros.time_guard import TimeGuard
 class EstimatorNode(Node):
     """A node around one engine. Subclasses subscribe with ``listen`` and publish in ``publish``.
 
-    Whatever a message does, the node lives on: errors in callbacks are counted and said in one sentence.
+    Whatever a message does, the node lives on: errors in callbacks are counted and reported in one sentence.
     """
 
     published: tuple[type, ...] = (NavSolution, AttitudeSolution)
@@ -108,7 +108,7 @@ class EstimatorNode(Node):
     # --- outputs ---------------------------------------------------------------------------------------------------
 
     def deliver(self, outputs: Sequence[Any]) -> None:
-        """Say events, publish solutions, tell a change of mode at once."""
+        """Log events, publish solutions, report a change of mode at once."""
         for output in outputs:
             if isinstance(output, Event):
                 self.logbook.note(output)
@@ -117,7 +117,7 @@ class EstimatorNode(Node):
             elif is_finite(output):
                 self.publish(output)
             else:
-                text = "a solution that is not a number is withheld"
+                text = "a solution that is not finite is withheld"
                 self.logbook.note(Event(output.stamp_ns, "output.withheld.nan", Level.ERROR, text))
         mode = self.engine.mode
         if mode is not self._mode:
@@ -163,7 +163,7 @@ class EstimatorNode(Node):
         self.say("parameters.changed", Level.INFO, "parameters were changed")
 
     def say(self, name: str, level: Level, text: str) -> None:
-        """Count and log something that the node itself has to say."""
+        """Count and log something that the node itself reports."""
         self.logbook.note(Event(self.newest_ns, name, level, text))
 
     def note_failure(self, where: str, error: Exception) -> None:

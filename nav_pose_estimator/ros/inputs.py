@@ -1,4 +1,4 @@
-"""What the nodes subscribe to: the sensors of the message table, and what one node hears from another."""
+"""What the nodes subscribe to: the sensors of the message table, and what one node receives from another."""
 
 import importlib
 from typing import Any

@@ -23,7 +23,7 @@ class Logbook:
         self.counters: Counter[str] = Counter()
 
     def note(self, event: Event) -> None:
-        """Count ``event`` and say it unless it was said often."""
+        """Count ``event`` and log it unless it was logged often."""
         self.counters[event.name] += 1
         if not event.text:
             return

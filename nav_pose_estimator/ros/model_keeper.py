@@ -23,7 +23,7 @@ class ModelKeeper:
     """Services ~/train, ~/save_model and ~/load_model of ``node``.
 
     ``pupil`` has a ``learner`` (``engine.outage.learner``) and takes results in ``accept``; its jobs go to ``trainer``.
-    ``say`` takes the name, level and sentence of an event. Whatever goes wrong is said; the model stays as it was.
+    ``say`` takes the name, level and sentence of an event. Whatever goes wrong is reported; the model stays as it was.
     """
 
     def __init__(
@@ -83,19 +83,19 @@ class ModelKeeper:
         if job is None:
             raise UserError(f"there is nothing to train on yet: {learner.state.reason}")
         self._trainer.submit(job)
-        return "the training has begun; diagnostics tell how it ends"
+        return "the training has begun; /diagnostics will show how it ends"
 
     def save(self) -> str:
         """Write the model; ``UserError`` when that is impossible."""
         save_arrays(self._path(), self._pupil.learner.arrays())
-        self._say("outage.model.saved", Level.INFO, f"the model is in {self._path()}")
-        return f"the model is in {self._path()}"
+        self._say("outage.model.saved", Level.INFO, f"the model was saved to {self._path()}")
+        return f"the model was saved to {self._path()}"
 
     def load(self) -> str:
         """Read the model; ``UserError`` when that is impossible."""
         self._pupil.learner.load(load_arrays(self._path()))
-        self._say("outage.model.loaded", Level.INFO, f"the model is that of {self._path()}")
-        return f"the model is that of {self._path()}"
+        self._say("outage.model.loaded", Level.INFO, f"the model was loaded from {self._path()}")
+        return f"the model was loaded from {self._path()}"
 
     def _serve(self, action: Callable[[], str], request: Trigger.Request, response: Trigger.Response) -> Any:
         response.success, response.message = self.attempt(action)
@@ -120,7 +120,7 @@ class ModelKeeper:
 
     def _path(self) -> str:
         if not self._parameters.file:
-            raise UserError("there is no file for the model: set ros.model.file")
+            raise UserError("no file is set for the model: set ros.model.file")
         return self._parameters.file
 
 

@@ -79,7 +79,7 @@ def advertise(node: Node, kind: Any, topic: str, profile: QoSProfile | None = No
 
 
 def is_heard(publisher: Any) -> bool:
-    """Whether anybody listens. To ask costs 3 microseconds, to fill and publish a message for nobody 60."""
+    """Whether there is a subscriber. Asking costs 3 microseconds, filling and publishing a message for nobody 60."""
     return publisher.get_subscription_count() > 0
 
 
@@ -102,7 +102,7 @@ def _misfit(node: Node, topic: str, policy_kind: Any) -> str:
     """The sentence for a publisher that offers less than the subscription asks for."""
     name, policy = node.resolve_topic_name(topic), qos_policy_name_from_kind(policy_kind)
     return (
-        f"a publisher on {name} offers incompatible QoS ({policy}); nothing is heard from it: "
+        f"a publisher on {name} offers incompatible QoS ({policy}); nothing is received from it: "
         f"change its QoS, or qos_overrides.{name}.subscription.{policy.lower()} of this node"
     )
 

@@ -1,4 +1,4 @@
-"""Services around an engine: start again, an outage drill, and what the operator says of a return of GNSS."""
+"""Services around an engine: restart, an outage drill, and the operator's decision on a return of GNSS."""
 
 from collections.abc import Callable
 from functools import partial
@@ -14,8 +14,8 @@ def offer_reset(node: Any) -> None:
     """Service ~/reset: forget the solution and align again."""
 
     def reset() -> str:
-        node.reset("asked for by a service call")
-        return "started again"
+        node.reset("requested by a service call")
+        return "restarted"
 
     node.create_service(Trigger, "~/reset", partial(_serve, node, "~/reset", reset))
 
@@ -40,14 +40,14 @@ def _decide(node: Any, accept: bool) -> str:
     node.deliver(outputs)
     said = [output for output in outputs if isinstance(output, Event) and output.name.startswith("gnss.return.")]
     if not said or said[-1].name == "gnss.return.none":
-        raise ValueError(said[-1].text if said else "the navigator does not run")
+        raise ValueError(said[-1].text if said else "the navigator is not running")
     return said[-1].text
 
 
 def _serve(
     node: Any, name: str, action: Callable[[], str], request: Trigger.Request, response: Trigger.Response
 ) -> Trigger.Response:
-    """Whatever goes wrong is said, and the node lives on."""
+    """Whatever goes wrong is reported, and the node lives on."""
     try:
         response.success, response.message = True, action()
     except ValueError as refusal:

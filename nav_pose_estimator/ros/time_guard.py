@@ -1,8 +1,8 @@
 """Time that starts again: a bag that loops, a simulation that restarts, a clock set back.
 
-A stamp that goes back is no proof: one message can be damaged, GNSS stamps can lie in the past. IMU stamps that go back
-three times in a row are. What came meanwhile is held and handed on after the reset, so that the new run loses nothing
-and its results equal those of a first run.
+A single stamp that goes back proves nothing: one message can be damaged, GNSS stamps can lie in the past. IMU stamps
+that go back three times in a row do. What arrived meanwhile is held and passed on after the reset, so that the new run
+loses nothing and its results equal those of a first run.
 """
 
 from dataclasses import dataclass

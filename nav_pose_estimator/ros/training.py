@@ -1,4 +1,4 @@
-"""Training in a process of its own, so that no callback waits and no sample is lost meanwhile.
+"""Training in a separate process, so that no callback waits and no sample is lost meanwhile.
 
 The process is started afresh (spawn): it knows nothing of ROS, of threads or of sockets of the node. It gives way to
 everything that flies (nice 10), ignores the interrupt key, which is meant for the node, and ends with the node.
@@ -18,7 +18,7 @@ _NICE = 10
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a training: a ``result``, or in one clause why there is none (``failure``)."""
+    """Outcome of a training: a ``result``, or one clause that says why there is none (``failure``)."""
 
     result: Any = None
     failure: str = ""

@@ -1,4 +1,4 @@
-"""What a pilot reads: status and inputs in sentences. Pure functions of plain data."""
+"""What the pilot reads: status and inputs in sentences. Pure functions of plain data."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ MEANINGS = {
     Mode.NO_ORIGIN: "level, but without a position",
     Mode.AIDED: "GNSS is used",
     Mode.COASTING: "GNSS is lost, other aids hold the drift",
-    Mode.DEAD_RECKONING: "GNSS is lost, nothing but the IMU",
+    Mode.DEAD_RECKONING: "GNSS is lost, only the IMU is left",
     Mode.EXPIRED: "too long without GNSS: do not trust the position",
     Mode.REACQUIRING: "GNSS is back and being checked",
 }
@@ -35,9 +35,9 @@ LEARNER_MEANINGS = {
 
 @dataclass(frozen=True)
 class InputReport:
-    """How one input topic does: messages in all, since the last report, lost on the way; age of the last one [s].
+    """State of one input topic: messages in all, rate since the last report, messages lost; age of the last one [s].
 
-    ``misfits``: publishers that are not heard, and why, one clause each.
+    ``misfits``: publishers from which nothing is received, and why, one clause each.
     """
 
     topic: str
@@ -57,7 +57,7 @@ def level_of(status: Status) -> int:
 
 
 def sentence(status: Status, meanings: Mapping[Mode, str] = MEANINGS) -> str:
-    """How things stand, in one sentence; ``meanings`` of the modes where they are not those of the navigator."""
+    """The state in one sentence; ``meanings`` of the modes where they are not those of the navigator."""
     waiting = status.waiting_for.rstrip(".")
     parts = [f"{status.mode.value}: {waiting or meanings[status.mode]}"]
     if status.seconds_coasting > 0.0:
@@ -104,7 +104,7 @@ def learner_facts(status: Status, training: str, history: Sequence[Mapping[str, 
 
 
 def input_sentence(reports: list[InputReport]) -> tuple[int, str]:
-    """Level and sentence for the inputs: silence of a needed one and a publisher that is not heard are warnings."""
+    """Level and sentence for the inputs: a silent needed input or an incompatible publisher is a warning."""
     words = [words for report in reports for words in _complaints(report)]
     return (WARN, "; ".join(words)) if words else (OK, "all needed inputs arrive")
 
@@ -129,10 +129,10 @@ def input_facts(reports: list[InputReport]) -> list[tuple[str, str]]:
 
 
 def metres(value: float) -> str:
-    """A length for the eye."""
+    """A length to be read."""
     return f"{value:.1f} m" if value < 10.0 else f"{value:.0f} m" if value < 10_000.0 else f"{value / 1000:.0f} km"
 
 
 def number(value: float) -> str:
-    """A number for the eye; what is not finite is unknown."""
+    """A number to be read; what is not finite is unknown."""
     return f"{value:.4g}" if math.isfinite(value) else "unknown"

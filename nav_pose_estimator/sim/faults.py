@@ -114,7 +114,7 @@ class Shift(Fault):
 
 @dataclass(frozen=True)
 class Creep(Fault):
-    """A position moves away by ``step`` (East, North, Up) [m] more with every fix: a spoofer that is in no hurry."""
+    """A position moves away by ``step`` (East, North, Up) [m] more with every fix: a patient spoofer."""
 
     sensor: type = GnssFix
     step: tuple[float, float, float] = (0.2, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Named stories: a vehicle on a mission in a wind, its sensors, and what goes wrong with them."""
+"""Named scenarios: a vehicle on a mission in a wind, its sensors, and what goes wrong with them."""
 
 import difflib
 import math
@@ -28,7 +28,7 @@ MAX_DURATION = 6.0 * 3600.0
 
 @dataclass(frozen=True)
 class Scenario:
-    """A story that can be told with any seed and any IMU."""
+    """A scenario that can be run with any seed and any IMU."""
 
     name: str
     description: str
@@ -244,5 +244,5 @@ def generate(
 
 def _within(what: str, value: float, low: float, high: float, unit: str) -> float:
     if not low <= value <= high:  # also refuses NaN
-        raise UserError(f"a {what} of {value:g} {unit} makes no sense; give {low:g} to {high:g} {unit}")
+        raise UserError(f"a {what} of {value:g} {unit} is out of range; give {low:g} to {high:g} {unit}")
     return float(value)

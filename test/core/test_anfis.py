@@ -220,5 +220,5 @@ def test_bad_options_are_named(option):
 
 
 def test_grid_needs_a_power():
-    with pytest.raises(UserError, match=r"needs k\^2 rules; 5 is no such power"):
+    with pytest.raises(UserError, match=r"needs k\^2 rules; 5 is not such a power"):
         Anfis(5, partition="grid").fit(*product_of_sines(50))

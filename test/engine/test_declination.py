@@ -108,8 +108,8 @@ def test_published_values_of_the_model(year, height, lat, lon, published):
     [
         (2031.2, 47.0, 8.0, "pygeomag has no field model for the year 2031 of the stamps"),
         (1970.0, 47.0, 8.0, "pygeomag has no field model for the year 1970 of the stamps"),
-        (2025.5, 85.8, 139.3, "a compass is no use this close to a magnetic pole"),
-        (2025.5, math.nan, 8.0, "the position is not a number"),
+        (2025.5, 85.8, 139.3, "a compass is useless this close to a magnetic pole"),
+        (2025.5, math.nan, 8.0, "the position is not finite"),
     ],
 )
 def test_where_the_model_says_nothing_a_clause_says_why(year, lat, lon, reason):
@@ -127,7 +127,7 @@ def test_the_heading_at_the_start_counts_from_true_north(flight, ask, expected):
     for error in first_headings(flight, outputs):
         assert error == pytest.approx(expected, abs=1.5)
     texts = [event.text for event in told(outputs, "mag.declination")]
-    assert texts == (["magnetic declination 15.2 deg, by the World Magnetic Model"] if ask else [])
+    assert texts == (["magnetic declination 15.2 deg, from the World Magnetic Model"] if ask else [])
 
 
 def test_without_the_package_the_parameter_stands_and_one_sentence_says_so(flight, monkeypatch):
@@ -137,9 +137,7 @@ def test_without_the_package_the_parameter_stands_and_one_sentence_says_so(fligh
     assert engine.sins.run.parameters.aids.declination == 0.2
     (event,) = told(outputs, "mag.declination")
     assert (event.name, event.level) == ("mag.declination.fallback", Level.WARN)
-    assert event.text == (
-        "magnetic declination 11.5 deg, as aids.declination says: the package pygeomag is not installed"
-    )
+    assert event.text == ("magnetic declination 11.5 deg, from aids.declination: the package pygeomag is not installed")
 
 
 def test_a_flight_gives_the_same_numbers_every_time_and_after_a_snapshot(flight):

@@ -1,4 +1,4 @@
-"""Whatever arrives, in whatever order: no engine raises, and none gives a number that is none."""
+"""Whatever arrives, in whatever order: no engine raises, and every output is finite."""
 
 import math
 from dataclasses import dataclass, field, fields

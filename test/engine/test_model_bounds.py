@@ -48,10 +48,10 @@ def test_what_no_vehicle_can_do_is_refused(model, tmp_path, name):
     save_arrays(tmp_path / "model", arrays)
     learner = OutageLearner(LearnerParameters())
     learner.load(model.state())
-    before = learner.model
-    with pytest.raises(UserError, match=r"model.*(beyond|no covariance|speaks of).*is not used"):
+    before = learner.state.model
+    with pytest.raises(UserError, match=r"model.*(beyond|not a covariance|predicts).*is not used"):
         learner.load(load_arrays(tmp_path / "model"))
-    assert learner.model is before
+    assert learner.state.model is before
 
 
 def test_a_true_model_is_within_the_bounds(model, tmp_path):

@@ -200,7 +200,7 @@ def test_a_damaged_model_is_refused_and_the_old_one_stays(epochs, damage: str) -
         del arrays["wind_spread"]
     else:
         arrays["noise"] = np.full(3, np.nan)
-    with pytest.raises(UserError, match="model of the outage learning"):
+    with pytest.raises(UserError, match="outage model"):
         learner.load(arrays)
     assert learner.state.model is model
 

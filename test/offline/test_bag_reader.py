@@ -196,7 +196,7 @@ def test_a_truncated_mcap_gives_what_can_be_read_and_says_so_once(tmp_path, mcap
         broken.write_bytes(data[: int(share * len(data))])
         with BagReader(broken) as reader:
             part = flat(reader.samples())
-            warnings = [text for text in reader.notices if "breaks off" in text or "no end mark" in text]
+            warnings = [text for text in reader.notices if "breaks off" in text or "no end marker" in text]
         assert 0 < len(part) <= len(whole)
         assert part == whole[: len(part)]
         assert len(warnings) == 1
@@ -251,7 +251,7 @@ def test_a_missing_path_an_empty_folder_and_a_lost_file_are_one_sentence(tmp_pat
     with pytest.raises(BagError, match="does not exist"):
         BagReader(tmp_path / "nothing")
     (tmp_path / "folder").mkdir()
-    with pytest.raises(BagError, match="no rosbag2"):
+    with pytest.raises(BagError, match="not a rosbag2"):
         BagReader(tmp_path / "folder")
     copy = tmp_path / "copy"
     shutil.copytree(mcap_bag, copy)

@@ -86,7 +86,7 @@ def test_what_is_not_a_bag_is_never_removed(tmp_path: Path) -> None:
     (tmp_path / "thesis" / "thesis.tex").write_text("years of work")
     (tmp_path / "file").write_text("a file")
     for path, text in (
-        (tmp_path / "thesis", "holds 'thesis.tex', which is not of an earlier bag"),
+        (tmp_path / "thesis", "holds 'thesis.tex', not from an earlier bag"),
         (tmp_path / "file", "is a file"),
         (tmp_path / "file" / "bag", "is a file"),
     ):

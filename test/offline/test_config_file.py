@@ -189,7 +189,7 @@ BOMB = "a: &a [x, x]\n" + "".join(f"{c}: &{c} [*{b}, *{b}]\n" for b, c in iterto
         ("gnss: {delay: '5e-4'}", "gnss.delay: '5e-4' is not a number"),
         ("? [1, 2]\n: 3\n", "has a key that is not a name in line 1"),
         ("gnss: {delay: }", "gnss.delay: None is not a number"),
-        ("# " + "x" * (1 << 20), "is no parameter file: larger than 1 MiB"),
+        ("# " + "x" * (1 << 20), "is not a parameter file: it is larger than 1 MiB"),
     ],
     ids=range(12),
 )

@@ -109,7 +109,7 @@ def test_a_stranger_of_the_same_name_is_not_replaced(bag, tmp_path, capsys):
     mine.mkdir()
     (mine / "summary.json").write_text("{}")
     assert replay(bag, mine) == 2
-    assert "not of an earlier replay" in capsys.readouterr().err
+    assert "not from an earlier replay" in capsys.readouterr().err
     assert (mine / "summary.json").read_text() == "{}"
 
 
@@ -117,7 +117,7 @@ def test_results_of_another_command_are_not_replaced(tmp_path, bag, finished, ca
     before = content(finished)
     options = ["--methods", "coast", "--lengths", "5", "--first", "8", "--every", "5", "--gnss-delay", "0"]
     assert main(["benchmark", "outage", str(bag), *options, "--out", str(finished)]) == 2
-    assert "not of an earlier outage benchmark" in capsys.readouterr().err
+    assert "not from an earlier outage benchmark" in capsys.readouterr().err
     assert content(finished) == before
     out = tmp_path / "benchmark"
     for _ in range(2):

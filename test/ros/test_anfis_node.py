@@ -176,7 +176,7 @@ def test_a_full_disk_keeps_the_last_good_model_and_the_node_in_the_air(started, 
     around.fly(5.0)
     keeper = around.node.keeper
     around.engine.learner.state.model = trained_model()
-    assert keeper.attempt(keeper.save) == (True, f"the model is in {file}")
+    assert keeper.attempt(keeper.save) == (True, f"the model was saved to {file}")
     before = file.read_bytes()
 
     def full(descriptor: int) -> None:
@@ -191,11 +191,11 @@ def test_a_full_disk_keeps_the_last_good_model_and_the_node_in_the_air(started, 
     assert around.node.logbook.counters["outage.request_failed"] == 3
     assert file.read_bytes() == before
     assert list(tmp_path.iterdir()) == [file], "nothing half written is left"
-    assert keeper.attempt(keeper.load) == (True, f"the model is that of {file}")
+    assert keeper.attempt(keeper.load) == (True, f"the model was loaded from {file}")
     around.facts(denied=True)
     around.fly(5.0, STAMP + 40 * 10**9)
     assert len(around.velocity) > 5
-    assert keeper.attempt(keeper.save) == (True, f"the model is in {file}")
+    assert keeper.attempt(keeper.save) == (True, f"the model was saved to {file}")
 
 
 def trained_model() -> AirVelocityModel:

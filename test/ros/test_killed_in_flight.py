@@ -122,7 +122,7 @@ def test_a_learner_killed_in_flight_begins_with_its_saved_model(launch, observer
     learner.forget()
     again = launch("anfis_node", *DIAGNOSTICS, *settings)
     observer.until(lambda: learner.mode == "AIDED", "the model in use again")
-    assert f"the model is that of {file}" in again.text()
+    assert f"the model was loaded from {file}" in again.text()
     assert navigator.mode == "AIDED"
     observer.call(SetBool, "/sins_node/use_gnss", SetBool.Request(data=False))
     observer.until(lambda: len(predictions) > 10, "predictions")

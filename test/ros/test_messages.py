@@ -223,7 +223,7 @@ def status(mode=Mode.AIDED, **changes) -> Status:
 def test_a_pilot_reads_what_matters():
     text = wording.sentence(status(Mode.DEAD_RECKONING, seconds_coasting=12.4, gnss_refusal="3 satellites"))
     assert text == (
-        "DEAD_RECKONING: GNSS is lost, nothing but the IMU, for 12 s, position good to 0.4 m (1 sigma), "
+        "DEAD_RECKONING: GNSS is lost, only the IMU is left, for 12 s, position good to 0.4 m (1 sigma), "
         "to 21 m in 30 s, GNSS refused: 3 satellites"
     )
     assert wording.sentence(status()) == "AIDED: GNSS is used, position good to 0.4 m (1 sigma)"

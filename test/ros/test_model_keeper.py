@@ -78,7 +78,7 @@ def test_a_training_can_be_asked_for_once_at_a_time(make):
 def test_without_a_file_the_services_say_so(make):
     desk = make()
     for name in ("save_model", "load_model"):
-        assert desk.call(name) == (False, "there is no file for the model: set ros.model.file")
+        assert desk.call(name) == (False, "no file is set for the model: set ros.model.file")
 
 
 def test_a_model_outlives_the_node(make, tmp_path):
@@ -91,7 +91,7 @@ def test_a_model_outlives_the_node(make, tmp_path):
     second = make(file)
     assert second.pupil.learner.weight == 6.0
     second.pupil.learner.weight = 8.0
-    assert second.call("save_model") == (True, f"the model is in {file}")
+    assert second.call("save_model") == (True, f"the model was saved to {file}")
     second.pupil.learner.weight = 1.0
     assert second.call("load_model")[0]
     assert second.pupil.learner.weight == 8.0

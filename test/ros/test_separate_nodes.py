@@ -107,9 +107,9 @@ def test_three_nodes_through_an_outage_and_back(launch, observer, counters, tmp_
     observer.until(lambda: counters("anfis_node", "outage.trained") > before, "the end of a training")
     observer.until(lambda: learner and learner[-1].message.startswith("AIDED"), "a model")
     # a training in between may find that its network explains nothing, and then there is no model to save
-    observer.until(lambda: ask(observer, "save_model").message == f"the model is in {file}", "a saved model")
+    observer.until(lambda: ask(observer, "save_model").message == f"the model was saved to {file}", "a saved model")
     answer = ask(observer, "load_model")
-    assert (answer.success, answer.message) == (True, f"the model is that of {file}")
+    assert (answer.success, answer.message) == (True, f"the model was loaded from {file}")
 
     for navigator in (sins, coasting):
         navigator.poses.clear()

@@ -123,9 +123,9 @@ def test_story_of_the_wrong_return() -> None:
     [
         ({"scenario": "multirotor_outtage"}, "did you mean 'multirotor_outage'"),
         ({"scenario": "zzz"}, "there are multirotor_outage"),
-        ({"scenario": "hover", "duration": -5.0}, "duration of -5 s makes no sense"),
+        ({"scenario": "hover", "duration": -5.0}, "duration of -5 s is out of range"),
         ({"scenario": "hover", "duration": float("nan")}, "duration of nan"),
-        ({"scenario": "hover", "duration": 1e7}, "makes no sense"),
+        ({"scenario": "hover", "duration": 1e7}, "is out of range"),
         ({"scenario": "hover", "seed": -1}, "seed -1 is negative"),
         ({"scenario": "hover", "imu": "bmi88"}, "did you mean 'bmi088'"),
         ({"scenario": "hover", "imu_rate": 0.0}, "IMU rate of 0 Hz"),

@@ -23,7 +23,7 @@ PAGE = Path("docs/parameters.md")
 WIDTH = 120
 
 _YAML_HEAD = """\
-# Every parameter of every node with its default: what is not changed can be left out.
+# Every parameter of every node with its default: leave out what you do not change.
 # Written by `make docs` from nav_pose_estimator/engine/parameters; a comment says what a value means, then its unit
 # and range. Parameters marked "live" can be set while the node runs (ros2 param set), the others only at start.
 /**:
@@ -34,14 +34,15 @@ _PAGE_HEAD = """\
 
 Written by `make docs` from `nav_pose_estimator/engine/parameters`. The same names hold in a ROS parameter file, with
 `-p NAME:=VALUE` on the command line, and in `replay --config FILE`. *Live* parameters can be set while a node runs; the
-others are read-only then. A name that does not exist, a wrong type and a value out of range end in one clear sentence.
+others are read-only then. An unknown name, a wrong type or a value out of range is refused in one sentence. A
+*deviation* is one standard deviation.
 """
 _METHODS_HEAD = """
 ## Methods
 
-Ways through an outage: values of `learner.method` and of `replay --method`, names for `benchmark outage --methods`.
+Ways through an outage: values of `learner.method` and of `replay --method`, and of `benchmark outage --methods`.
 
-| method | goes by | where | classical |
+| method | what it uses | where | classical |
 |---|---|---|---|
 """
 

@@ -12,7 +12,7 @@ _INTRODUCTION = """# What to do when
 Written by `make docs` from `engine/catalogue.py` and `tools/docs/troubleshooting_docs.py`; a test compares it with the
 code.
 
-Three places say how things stand, in the same words: the log of the node, `~/status` (latched: the last one comes at
+Three places report the state, in the same words: the log of the node, `~/status` (latched: the last one arrives at
 once) and `/diagnostics` (once a second: state, inputs, counters). In a recorded flight `replay` counts the same events.
 
 ```bash
@@ -20,18 +20,18 @@ ros2 topic echo --once --qos-durability transient_local /pose_estimator/status
 ros2 topic echo /diagnostics        # or rqt_robot_monitor
 ```
 
-Look for what you see in the first table; for the name of a counter in the last ones.
+Look up what you see in the first table, and the name of a counter in the last ones.
 """
 
 _SYMPTOMS = (
     (
         "`imu/data_raw never came (0 publishers)`",
-        "nobody publishes under that name",
+        "nothing publishes under that name",
         "`ros2 topic list`, then remap: `-r imu/data_raw:=/your/topic`; namespaces count",
     ),
     (
         "`imu/data_raw never came (1 publishers)`",
-        "there is a publisher, and nothing gets through",
+        "there is a publisher, but nothing gets through",
         "the same line names a wrong type or QoS; else `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, a firewall",
     ),
     (
@@ -47,7 +47,7 @@ _SYMPTOMS = (
     (
         "`gps/fix silent for 4 s (1 publishers)`",
         "the driver is there but has stopped publishing",
-        "look at the receiver; the navigator goes on without it",
+        "check the receiver; the navigator continues without it",
     ),
     (
         "many `lost` in the inputs",
@@ -66,12 +66,12 @@ _SYMPTOMS = (
     ),
     (
         "AIDED never comes, `satellite count` in the sentence",
-        "the gate wants a count of satellites that nobody publishes",
+        "the gate needs a satellite count that nothing publishes",
         "remap `gps/satellites`, or set `gnss.gate.satellite_source` to `none`",
     ),
     (
         "AIDED never comes, `Finding the heading from motion`",
-        "no magnetometer, or one that cannot be believed",
+        "no magnetometer, or one that cannot be trusted",
         "accelerate and turn; [calibrate the magnetometer](calibration.md)",
     ),
     (
@@ -81,8 +81,8 @@ _SYMPTOMS = (
     ),
     (
         "the pose circles or oscillates while GNSS is good",
-        "the stamps of GNSS and IMU do not belong together",
-        "`replay BAG --estimate-latency` measures `gnss.delay`; then see the clocks",
+        "the stamps of GNSS and IMU do not match",
+        "`replay BAG --estimate-latency` measures `gnss.delay`; then check the clocks",
     ),
     (
         "heading is wrong by a constant angle on the ground",
@@ -91,7 +91,7 @@ _SYMPTOMS = (
     ),
     (
         "sigma is much smaller or larger than the errors",
-        "the noise of the IMU is not that of the parameters",
+        "the IMU noise parameters do not match the IMU",
         "set `imu.gyro_noise`, `imu.accel_noise` ([tuning](tuning.md)); watch `nis.*`: above 1 they are too small",
     ),
     (
@@ -101,20 +101,20 @@ _SYMPTOMS = (
     ),
     (
         "with `use_sim_time` the stamps of /diagnostics are 0",
-        "nobody publishes /clock",
+        "nothing publishes /clock",
         "play the bag with `--clock`; the estimator itself runs on the stamps of the samples and needs no clock",
     ),
 )
 
 _WAITING = (
-    ("Waiting for IMU data.", "look at the inputs line: name, type, QoS"),
-    ("Level and heading are known; waiting for a GNSS fix.", "the sentence goes on with why fixes are refused"),
+    ("Waiting for IMU data.", "check the inputs line: name, type, QoS"),
+    ("Level and heading are known; waiting for a GNSS fix.", "the rest of the sentence says why fixes are refused"),
     ("Waiting for a GNSS fix", "or keep the vehicle still, with a magnetometer, as the bracket says"),
     ("Finding the heading from motion:", "speed up, brake or turn; straight and steady flight shows no heading"),
-    ("Level is known; heading needs motion, because there is", "fly, or give it a magnetometer it can believe"),
+    ("Level is known; heading needs motion, because there is", "fly, or give it a magnetometer that it can trust"),
     ("The IMU is at rest, but GNSS reports motion;", "wait; on a moving deck or vehicle: accelerate"),
     ("Waiting for GNSS to show the vehicle's motion.", "gps/vel helps; without it a few seconds of fixes are needed"),
-    ("no IMU sample has come yet", "attitude_node: look at the inputs line"),
+    ("no IMU sample has come yet", "attitude_node: check the inputs line"),
     ("levelling: the first second of data", "attitude_node: wait"),
     ("waiting for the origin of the navigator", "anfis_node: start sins_node, or remap sins_node/origin"),
     ("waiting for the navigator's biases", "anfis_node: remap sins_node/bias/gyro and sins_node/bias/accel"),
@@ -126,10 +126,10 @@ _STATUS = (
     ("waiting for", "what is missing until AIDED"),
     ("seconds without GNSS", "since the last fix that was used; 0 while AIDED"),
     ("horizontal sigma [m]", "one standard deviation of the position, now"),
-    ("horizontal sigma in 30 s [m]", "what it will be if GNSS stays away"),
+    ("horizontal sigma in 30 s [m]", "what it will be if GNSS stays unavailable"),
     ("in doubt because", "why GNSS contradicts an aided navigator, whose sigma grows until they agree"),
     ("GNSS refused because", "why the last fix was not used"),
-    ("satellites", "the last count"),
+    ("satellites", "the latest count"),
     (
         "nis.gnss_position, nis.gnss_velocity",
         "mean normalised innovation squared: below 1 with the wide defaults; above 1 the noises are too small",
@@ -148,17 +148,17 @@ _STATUS = (
         "imu.motion_misfit",
         "share of the force by which IMU and GNSS velocity tell different motions; below 0.1 is good",
     ),
-    ("gnss.resets, gnss.last_reset_m", "how often the position was put on GNSS, and how far it moved the last time"),
+    ("gnss.resets, gnss.last_reset_m", "how often the position was reset to GNSS, and how far it moved the last time"),
     ("mag.heading_spread_deg", "how far magnetic headings spread around their mean error while GNSS shows the heading"),
-    ("learner.flight_s, learner.trainings", "flight with GNSS that the learner remembers; trainings taken over"),
+    ("learner.flight_s, learner.trainings", "flight with GNSS that the learner remembers; trainings adopted"),
     ("learner.rules, learner.target_rms", "rules of the network; RMS of what it had to learn [m/s]"),
     (
         "learner.error_rms.N, learner.noise.x",
-        "what N rules leave of it on data not trained on; noise of the prediction",
+        "what N rules leave unexplained on data not trained on; noise of the prediction",
     ),
     ("rehearsal.count, rehearsal.rms_30_s.NAME", "rehearsed outages; RMS error [m] after 30 s of each way to coast"),
-    ("rehearsal.drift_variance", "how large the squared errors of coasting were in parts of what the filter stated"),
-    ("alignment.restarts", "how often the search for the heading began anew"),
+    ("rehearsal.drift_variance", "squared errors of coasting as a fraction of the stated variance"),
+    ("alignment.restarts", "how often the search for the heading restarted"),
     ("tilt_sd_deg, yaw_sd_deg", "attitude_node: standard deviations in degrees"),
     ("not used because", "anfis_node: why the model stays silent in an outage"),
     ("training, trainings", "anfis_node: running, or why the last one failed; how many there were"),
@@ -178,7 +178,7 @@ def _page() -> Iterator[str]:
     yield from _table(("you see", "because", "do"), _SYMPTOMS)
     yield "\n## Modes\n"
     yield from _table(("mode", "means"), ((f"`{mode.value}`", text) for mode, text in MEANINGS.items()))
-    yield "\nAIDED is OK, EXPIRED an error, any other mode a warning. The other nodes use them for themselves:\n"
+    yield "\nAIDED is OK, EXPIRED an error, any other mode a warning. In the other nodes the modes mean:\n"
     yield from _table(("node", "mode", "means"), _of_other_nodes())
     yield ""
     yield "## What a node waits for\n"
@@ -186,8 +186,8 @@ def _page() -> Iterator[str]:
     yield "\n## The values of the status\n"
     yield from _table(("key", "means"), ((f"`{key}`", text) for key, text in _STATUS))
     yield "\n## Events and counters\n"
-    yield "The counter `imu.rejected.nan` counts the events of that name; `*` stands for any word. The log says an"
-    yield "event the 1st, 10th, 100th ... time.\n"
+    yield "The counter `imu.rejected.nan` counts the events of that name; `*` stands for any word. The log shows"
+    yield "an event the 1st, 10th, 100th ... time.\n"
     for title, entries in SECTIONS.items():
         yield f"### {title}\n"
         rows = ((f"`{entry.name}`", entry.meaning, entry.cure or "nothing to do") for entry in entries)

@@ -1,7 +1,7 @@
 """What the magnetometer says about heading, and how far it can be believed.
 
 The undisturbed field keeps its horizontal and downward parts, whatever the heading. They are learned; how far the
-present field departs from them tells how large the part of a disturbance is that cannot be seen, the one that turns the
+present field departs from them indicates the size of the unobservable part of a disturbance, the one that turns the
 heading. So the noise of a magnetic heading grows with that anomaly instead of a gate that opens and shuts. A steady
 field that disagrees with the learned one for longer than that one was ever supported replaces it.
 """

@@ -1,15 +1,15 @@
 """How fast does this gyroscope's bias wander? Learned in flight from the filter's own corrections of it.
 
-What a filter moves its bias estimate by over a window has the variance that it expected to gain there: driving noise
-plus the fall of the bias variance, ``E = q W + P(t) - P(t + W)`` (innovations of an optimal filter are white, so its
-corrections add up like a random walk). The ratio of the squared movement to ``E`` is one on average when the driving
-noise ``q`` is right, larger when the bias wanders more than modelled (temperature, vibration), smaller for a better
-gyroscope. Over 30 s it tells this sharply, because what is left unmodelled sums up in one direction.
+The amount by which a filter moves its bias estimate over a window has the variance that it expected to gain there:
+driving noise plus the fall of the bias variance, ``E = q W + P(t) - P(t + W)`` (innovations of an optimal filter are
+white, so its corrections add up like a random walk). The ratio of the squared movement to ``E`` is one on average when
+the driving noise ``q`` is right, larger when the bias wanders more than modelled (temperature, vibration), smaller for
+a better gyroscope. Over 30 s it shows this clearly, because unmodelled effects accumulate in one direction.
 
 Innovations that are larger than expected at once (manoeuvres, a poor receiver) show in windows of 3 s already. They are
 no evidence of a wandering bias, so the long ratio is divided by the mean short one where that exceeds one.
 
-Where the bias moves even less than the smallest noise lets expect, the measurement noise is overstated (a receiver much
+Where the bias moves even less than the smallest noise predicts, the measurement noise is overstated (a receiver much
 better than the floor that is set for all of them), and with it the whole covariance. The mean ratio of the long windows
 says by how much (``overstatement``); the gains do not depend on a common factor, so it only matters once GNSS is lost.
 

@@ -324,7 +324,7 @@ class Reacquisition:
         s.approved, s.confirmed = fix, False
         resets = settings.policy == "reset" or zone != EXPECTED
         text = (
-            f"GNSS {'changed its mind' if reopened else 'is back'}: {math.hypot(*offset):.1f} m from the prediction "
+            f"GNSS {'return reopened' if reopened else 'is back'}: {math.hypot(*offset):.1f} m from the prediction "
             f"({sigmas:.1f} sigma), {_ZONES[zone]}, {track.count} consistent fixes over {track.duration:.1f} s."
         )
         severity = _SEVERITIES[zone]

@@ -5,7 +5,7 @@ position and velocity have grown from the same causes: an inertial navigator tha
 per second off as well. A receiver whose velocity agrees with the navigator's while its position does not is therefore
 far less likely than its position alone says.
 
-A filter may also be too sure of itself. That is forgiven as far as the velocity shows it: the filter's covariance is
+A filter may also be overconfident. That is allowed for as far as the velocity shows it: the filter's covariance is
 first widened until the velocity fits.
 
 On three recorded flights, after 60 s without GNSS, true returns were 0.5 to 3.1 off by this measure (medians of a
@@ -29,7 +29,7 @@ def unexplained(z: Array, H: Array, P: Array, R: Array, position_rows: int = 3) 
         z: innovation (m,), first ``position_rows`` of position [m], then of velocity [m/s].
         H, P, R: (m, n), (n, n), (m, m), as for a correction of the filter.
 
-    Infinite for numbers without a distance: not finite, or a covariance that is none.
+    Infinite where the distance is undefined: not finite, or an invalid covariance.
     """
     velocity = slice(position_rows, None)
     apart = distance(z[velocity], H[velocity], P, R[velocity, velocity])

@@ -1,4 +1,4 @@
-"""Do a receiver's positions go where its velocities say? They part when somebody drags the position slowly away.
+"""Do a receiver's positions go where its velocities say? They diverge when a spoofer drags the position slowly away.
 
 A spoofer that moves the position by a metre per second passes every gate on single fixes: the filter follows. But the
 sum of the receiver's own velocities does not. Single fixes scatter, so what counts is how the difference between

@@ -241,7 +241,7 @@ class Anfis:
         per_input = round(self.rules ** (1.0 / inputs))
         is_grid = per_input**inputs == self.rules
         if self.partition == "grid" and not is_grid:
-            raise UserError(f"a grid on {inputs} inputs needs k^{inputs} rules; {self.rules} is no such power")
+            raise UserError(f"a grid on {inputs} inputs needs k^{inputs} rules; {self.rules} is not such a power")
         if self.partition == "grid" or (self.partition == "auto" and is_grid):
             return partitions.grid_premises(points, per_input, self.slope, self.width)
         if self.partition == "subtractive":

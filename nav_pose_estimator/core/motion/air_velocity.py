@@ -51,12 +51,12 @@ _CLEARLY = 0.9  # part of one rule's squared error below which more rules are be
 _SLIPS = 0.002  # part of the squared speed ahead that the others are below on wheels, with a mount 2.5 degrees off
 _MOVING = 1.0  # m^2/s^2: mean squared speed that says something of slipping
 _GUIDED_TIME = 60.0  # s: a drone, too, may fly straight on for a while
-_LASTING = 20.0  # s that a wrong coefficient errs in the same way: it is no white noise
+_LASTING = 20.0  # s that a wrong coefficient errs in the same way: it is not white noise
 _STRANGE = 10.0  # factor on the noise of a prediction far from the training data
 
 
 class Law(Protocol):
-    """What can stand for g in eq. (1): an ``Anfis``, or a law of physics."""
+    """What can take the place of g in eq. (1): an ``Anfis``, or a law of physics."""
 
     @property
     def rules(self) -> int: ...
@@ -113,7 +113,7 @@ class AirVelocityModel:
     def state(self) -> dict[str, np.ndarray]:
         """Named arrays for a file. ``from_state`` gives the same model."""
         if not isinstance(self.network, Anfis):
-            raise UserError("a drag law is no network: there is nothing to save")
+            raise UserError("a drag law is not a network: there is nothing to save")
         arrays = {f"network.{name}": value for name, value in self.network.state().items()}
         for name in _ARRAYS:
             arrays[name] = np.array(getattr(self, name), float)
@@ -147,17 +147,17 @@ _ARRAYS = {
 
 
 def _check_parts(network: Anfis, parts: Mapping[str, Array], errors: Array) -> None:
-    """``UserError`` for parts of a saved model that do not fit, or that no training gives: nobody flies with them."""
+    """``UserError`` for parts of a saved model that do not fit, or that no training yields: they are not flown."""
     shapes = [parts[name].shape == shape for name, shape in _ARRAYS.items()]
     scaling = network.network.scaling
     fits = len(scaling.in_mean) == _INPUTS and len(scaling.out_mean) == _OUTPUTS
     table = np.ndim(errors) == 2 and np.shape(errors)[1] == 2 and network.rules in errors[:, 0]
     if not (all(shapes) and fits and table):
-        raise UserError("the parts of this model of the outage learning do not fit together")
+        raise UserError("the parts of this outage model do not fit together")
     finite = all(np.isfinite(value).all() for value in [*parts.values(), errors])
     positive = (parts["noise"] > 0.0).all() and (parts["hover_noise"] > 0.0).all()
     if not (finite and positive and np.linalg.eigvalsh(parts["wind_cov"])[0] >= -1e-9 and parts["wind_spread"] >= 0.0):
-        raise UserError("this model of the outage learning has numbers that make no sense")
+        raise UserError("this outage model has implausible values")
 
 
 def inputs(epochs: Array) -> Array:

@@ -55,7 +55,7 @@ def learn_regimes(epochs: np.ndarray) -> MotionRegimes:
 def _slow_speed(speed: np.ndarray) -> float:
     """Speed [m/s] that nine tenths of the flight were faster than, from speeds (N,).
 
-    What came before the first fast flight may have been the way to the start, on the ground or in somebody's hands.
+    What came before the first fast flight may have been the way to the start, on the ground or being carried.
     """
     fast = speed > _ABLE
     first = int(np.argmax(fast)) if fast.any() else len(speed)

@@ -36,7 +36,7 @@ _SENSOR_TROUBLE: dict[str, dict[int, float]] = {
     STUCK: {at.EXTRA_PSD: 0.1, at.FROZEN: 1.0},
     STUCK_END: _HEALTHY,
 }
-"""What the filter has to know of a sensor in trouble, by the event that tells of it."""
+"""What the filter must know about a faulty sensor, by the event that reports it."""
 
 
 class AttitudeEngine:
@@ -144,7 +144,7 @@ class AttitudeEngine:
         """Forget everything but the counters and the declination, and say why."""
         self._memory = _fresh(self._parameters, float(self._memory.state[at.DECLINATION]))
         self.input.reset()
-        text = f"the attitude filter starts anew: {reason}"
+        text = f"the attitude filter restarts: {reason}"
         return [self.note(Event(stamp_ns, "attitude.reset", Level.WARN, text))]
 
     def warm_up(self) -> None:

@@ -1,4 +1,4 @@
-"""The magnetometer on its way into the attitude filter, and what is told of disturbances."""
+"""The magnetometer on its way into the attitude filter: calibration, mounting, and reports of disturbances."""
 
 import math
 from types import ModuleType
@@ -25,7 +25,7 @@ class FieldInput:
         self._calibration = FieldCalibration(parameters)
 
     def take(self, sample: MagSample, memory: Memory) -> list[Event]:
-        """Let one sample act on the filter of ``memory``; returns why it does not, or what it tells of the field."""
+        """Let one sample act on the filter of ``memory``; returns why it does not, or what it says about the field."""
         stamp = sample.stamp_ns
         if not self._enabled:
             return [Event(stamp, "mag.ignored")]

@@ -40,7 +40,7 @@ class Memory:
 
 
 def take_velocity(sample: NavigatorVelocity, memory: Memory) -> list[Event]:
-    """Tell the filter how the vehicle's velocity has changed since the last sample: that is no gravity."""
+    """Give the filter the change of the vehicle's velocity since the last sample: that part is not gravity."""
     stamp, before = sample.stamp_ns, memory.velocity
     if not all(map(math.isfinite, sample.vel_enu)):
         return [Event(stamp, "navigator_velocity.rejected.nan")]

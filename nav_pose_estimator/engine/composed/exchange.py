@@ -1,4 +1,4 @@
-"""When the estimators of one process talk to each other, and what the navigator tells the attitude filter."""
+"""When the estimators of one process exchange data, and what the navigator passes to the attitude filter."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _GOOD_TILT = 0.05  # rad: about what manoeuvres cost the attitude filter on its 
 
 @dataclass
 class ExchangeClock:
-    """The estimators talk at the first IMU sample of every quarter of a second, whatever the size of the blocks."""
+    """The estimators exchange data at the first IMU sample of every quarter second, whatever the block size."""
 
     period: int = 0  # number of the quarter of a second in which the last IMU sample fell
 

@@ -196,7 +196,7 @@ class PoseEstimator:
 
 
 def _attitudes(attitude: AttitudeEngine, sample: Sample, early: Early) -> list[Output]:
-    """What the attitude filter says of a sample. Events of the IMU the navigator tells as well: once is enough."""
+    """What the attitude filter reports on a sample. The navigator reports IMU events too: once is enough."""
     if isinstance(sample, ImuBlock):
         parts: Iterator[Sample] = _in_order(sample, early)
     elif isinstance(sample, (ImuSample, MagSample)):

@@ -19,7 +19,7 @@ _ENOUGH = 20.0  # s of flight below which nothing is known of the motion
 
 
 class OutageAid:
-    """Learns while GNSS is good, rehearses outages, and speaks up when GNSS is lost."""
+    """Learns while GNSS is good, rehearses outages, and helps when GNSS is lost."""
 
     def __init__(self, parameters: LearnerParameters, train: Train | None = None) -> None:
         """``train`` carries out a job and hands its result to ``accept``; by default here and now."""
@@ -56,7 +56,7 @@ class OutageAid:
         self._pilot.accept(result)
 
     def predicted(self, error: VelocityError) -> None:
-        """A prediction of a network in another process; one that is no number is not used."""
+        """A prediction of a network in another process; one that is not finite is not used."""
         if is_within(error.dv_n, _LARGEST_SPEED) and is_covariance(error.cov, 3):
             self._external = error
 

@@ -77,7 +77,7 @@ class OutageLearner:
         return None if waits or not self.method.trains else self.job()
 
     def job(self) -> TrainingJob | None:
-        """A training on the window up to the newest epoch; ``None``, with a reason, when there is none to be had."""
+        """A training on the window up to the newest epoch; ``None``, with a reason, when none is possible."""
         if not self.method.trains:
             return None
         state = self.state
@@ -127,5 +127,5 @@ class OutageLearner:
         try:
             self.state.model = self.method.load(arrays)
         except KeyError as error:
-            raise UserError(f"this is not a model of the outage learning: {error} is missing") from None
+            raise UserError(f"this is not an outage model: {error} is missing") from None
         self.state.reason = ""

@@ -4,8 +4,8 @@ line 1    nav_pose_estimator model VERSION
 line 2    SHA-256 of the rest, hexadecimal
 rest      the arrays, in numpy's npz format (no pickled objects)
 
-A checksum tells that the file is as it was written, not that a training wrote it. So a model is also held against what
-a vehicle can do: speeds, winds and variances outside those bounds are refused before anything flies with them.
+A checksum shows that the file is as it was written, not that a training wrote it. So a model is also checked against
+what a vehicle can do: speeds, winds and variances outside those bounds are refused before anything flies with them.
 """
 
 import hashlib
@@ -41,7 +41,7 @@ _BOUNDS: dict[str, tuple[float, float]] = {
     "*option.rules": (1, 64),
     "*option.iterations": (0, 100_000),
 }
-"""What the arrays of a model of the outage learning may hold, by name; ``*`` stands for any beginning."""
+"""What the arrays of an outage model may hold, by name; ``*`` stands for any beginning."""
 
 
 def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
@@ -121,12 +121,12 @@ def _check_bounds(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
         if cov is not None and cov.ndim == 2 and cov.shape[0] == cov.shape[1] > 0:
             eigenvalues = np.linalg.eigvalsh(cov)
             if eigenvalues[0] < -1e-6 * max(abs(eigenvalues[-1]), 1e-9):
-                raise UserError(f"{path}: {name} is no covariance; the model is not used")
+                raise UserError(f"{path}: {name} is not a covariance; the model is not used")
     network = {name.removeprefix(_NETWORK): value for name, value in arrays.items() if name.startswith(_NETWORK)}
     if network:
         speed = _fastest(Anfis.from_state(network))
         if not speed <= _FASTEST:
-            raise UserError(f"{path}: its network speaks of {speed:.3g} m/s; the model is not used")
+            raise UserError(f"{path}: its network predicts {speed:.3g} m/s; the model is not used")
 
 
 def _fastest(model: Anfis) -> float:

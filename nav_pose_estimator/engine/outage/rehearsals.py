@@ -77,7 +77,7 @@ class RehearsalState:
 
 
 class Rehearsals:
-    """Rehearsals of an outage and what they say of each way to be helped."""
+    """Rehearsals of an outage and what they say about each kind of help."""
 
     def __init__(self, rules: RehearsalRules | None = None) -> None:
         self._rules = rules or RehearsalRules()
@@ -117,8 +117,8 @@ class Rehearsals:
     def drift_variance(self) -> float:
         """The squared errors of coasting as a fraction of the variance that the filter states, 1 while unknown.
 
-        A filter that expects a poor receiver thinks little of its own attitude, however good the receiver is. Then it
-        would believe what was learned of the motion more than itself.
+        A filter that expects a poor receiver states a large error of its own attitude, however good the receiver is.
+        Then it would believe what was learned of the motion more than itself.
         """
         stated, surprises = self._rules.stated, self.state.surprises
         fraction = (stated + sum(surprises)) / (stated + len(surprises))

@@ -1,8 +1,8 @@
 """The learner for a navigator in another process: its odometry in, its predicted drift out.
 
-Odometry, biases, origin and IMU are put together to navigation solutions again. What topics do not say is stated wide:
-the deviation of the accelerometer bias is its steady state, correlations between groups of states are zero but for
-those of position and attitude.
+Odometry, biases, origin and IMU are reassembled into navigation solutions. What the topics do not carry is stated
+conservatively: the deviation of the accelerometer bias is its steady state, and correlations between groups of states
+are zero but for those of position and attitude.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class OdometrySample:
 
 
 class NavigatorWatch:
-    """Collects what the topics say and gives one solution for each odometry, as soon as all is known that it needs."""
+    """Collects what the topics say and gives one solution for each odometry, once everything that it needs is known."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
@@ -49,7 +49,7 @@ class NavigatorWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the stream of samples; what the navigator said for good stays."""
+        """Forget the stream of samples; what the navigator published once and for all is kept."""
         self._door = ImuInput(self._parameters.imu)
         self._forces: list[Vector3] = []
         self._last_ns = 0
@@ -183,7 +183,7 @@ class RemoteLearner:
         """Forget the flight; the model stays, the next training replaces it."""
         self.watch.reset()
         self._pilot.reset()
-        return [Event(stamp_ns, "outage.reset", Level.WARN, f"the learner starts again: {reason}")]
+        return [Event(stamp_ns, "outage.reset", Level.WARN, f"the learner restarts: {reason}")]
 
     def warm_up(self) -> None:
         """The network is compiled in the training process first, and found on disk here."""

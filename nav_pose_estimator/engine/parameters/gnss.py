@@ -13,17 +13,19 @@ class GateParameters:
     satellite_source: str = param(
         "uint32",
         "",
-        "Where the number of satellites comes from; none: status and accuracy decide alone",
+        "Where the number of satellites comes from; none: status and accuracy alone decide",
         choices=("uint32", "gpsfix", "gpsraw", "navpvt", "px4", "none"),
     )
     min_satellites_enter: int = param(6, "", "Satellites needed to begin using GNSS", 0, 100, mutable=True)
     min_satellites_leave: int = param(5, "", "With fewer satellites GNSS is dropped at once", 0, 100, mutable=True)
     hold: float = param(2.0, "s", "How long the count must be good before GNSS is used", 0.0, 60.0, mutable=True)
     count_max_age: float = param(2.0, "s", "An older satellite count is stale", 0.1, 60.0, mutable=True)
-    count_timeout: float = param(5.0, "s", "Without a known count for this long the gate stops counting", 0.5, 600.0)
-    max_age: float = param(1.0, "s", "An older fix is useless", 0.05, 10.0, mutable=True)
-    max_horizontal_sd: float = param(10.0, "m", "Largest stated horizontal deviation", 0.1, 1000.0, mutable=True)
-    max_vertical_sd: float = param(20.0, "m", "Largest stated vertical deviation", 0.1, 1000.0, mutable=True)
+    count_timeout: float = param(5.0, "s", "Without a known count for this long the gate goes without it", 0.5, 600.0)
+    max_age: float = param(1.0, "s", "An older fix is refused", 0.05, 10.0, mutable=True)
+    max_horizontal_sd: float = param(
+        10.0, "m", "Largest stated horizontal deviation accepted", 0.1, 1000.0, mutable=True
+    )
+    max_vertical_sd: float = param(20.0, "m", "Largest stated vertical deviation accepted", 0.1, 1000.0, mutable=True)
 
 
 @dataclass(frozen=True)
@@ -33,14 +35,14 @@ class ReacquisitionParameters:
     policy: str = param(
         "blend",
         "",
-        "blend: expected returns are corrections, others resets; reset: always; hold: unexpected ones wait",
+        "blend: expected returns are corrections, others resets; reset: all are resets; hold: unexpected ones wait",
         choices=("blend", "reset", "hold"),
     )
     fixes: int = param(5, "", "Mutually consistent fixes before GNSS is trusted again", 1, 100, mutable=True)
     min_duration: float = param(0.8, "s", "... that span at least this time", 0.0, 60.0, mutable=True)
     sigmas: float = param(5.0, "", "Width of every statistical bound in standard deviations", 1.0, 20.0, mutable=True)
-    max_speed: float = param(60.0, "m/s", "Fastest the vehicle can be", 0.1, 400.0, mutable=True)
-    max_acceleration: float = param(40.0, "m/s^2", "Strongest acceleration of the vehicle", 0.1, 500.0, mutable=True)
+    max_speed: float = param(60.0, "m/s", "Maximum speed of the vehicle", 0.1, 400.0, mutable=True)
+    max_acceleration: float = param(40.0, "m/s^2", "Maximum acceleration of the vehicle", 0.1, 500.0, mutable=True)
     velocity_tolerance: float = param(
         1.0, "m/s", "Disagreement allowed between a fix's velocity and its motion", 0.05, 20.0, mutable=True
     )
@@ -53,12 +55,12 @@ class ReacquisitionParameters:
     despair_gap: float = param(
         13.0,
         "s",
-        "A contradiction in velocity as well that ends so soon is the attitude's fault: the navigator aligns again",
+        "If the last used fix is newer, a contradiction in velocity too means a wrong attitude: align again",
         0.0,
         600.0,
         mutable=True,
     )
-    track_timeout: float = param(2.0, "s", "A series of fixes that pauses for longer is forgotten", 0.2, 60.0)
+    track_timeout: float = param(2.0, "s", "A series of fixes that pauses for longer is dropped", 0.2, 60.0)
     probation: float = param(120.0, "s", "Longest time during which a return may be reopened", 0.0, 3600.0)
 
 
@@ -67,15 +69,17 @@ class GnssParameters:
     """Latency, antenna and noise of the receiver."""
 
     delay: float = param(0.0, "s", "Stamp minus time of validity of a fix", -1.0, 1.0)
-    lever_arm: tuple[float, ...] = param((0.0, 0.0, 0.0), "m", "Antenna from the IMU, body frame", -50.0, 50.0)
-    position_sd: float = param(1.5, "m", "Smallest horizontal deviation of a fix", 0.001, 100.0, mutable=True)
-    vertical_sd: float = param(2.5, "m", "Smallest vertical deviation of a fix", 0.001, 100.0, mutable=True)
-    velocity_sd: float = param(0.5, "m/s", "Smallest horizontal deviation of a velocity", 0.001, 10.0, mutable=True)
+    lever_arm: tuple[float, ...] = param((0.0, 0.0, 0.0), "m", "From the IMU to the antenna, body frame", -50.0, 50.0)
+    position_sd: float = param(1.5, "m", "Lower bound on the horizontal deviation of a fix", 0.001, 100.0, mutable=True)
+    vertical_sd: float = param(2.5, "m", "Lower bound on the vertical deviation of a fix", 0.001, 100.0, mutable=True)
+    velocity_sd: float = param(
+        0.5, "m/s", "Lower bound on the horizontal deviation of a velocity", 0.001, 10.0, mutable=True
+    )
     velocity_vertical_sd: float = param(
-        0.75, "m/s", "Smallest vertical deviation of a velocity", 0.001, 10.0, mutable=True
+        0.75, "m/s", "Lower bound on the vertical deviation of a velocity", 0.001, 10.0, mutable=True
     )
     position_correlation: float = param(
-        0.5, "s", "Fixes closer than this share their error, so each counts for less", 0.0, 100.0, mutable=True
+        0.5, "s", "Fixes closer in time share their error, so each gets less weight", 0.0, 100.0, mutable=True
     )
     noise: str = param(
         "fixed",

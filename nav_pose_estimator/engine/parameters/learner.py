@@ -16,6 +16,6 @@ class LearnerParameters:
 
     enabled: bool = param(True, "", "Learn from the flight while GNSS is good and help the navigator without it")
     method: str = param("best", "", _describe_methods, choices=lambda: tuple(estimators()))
-    window: float = param(600.0, "s", "The network is trained on so much of the last flight", 60.0, 600.0)
+    window: float = param(600.0, "s", "How much of the most recent flight the network is trained on", 60.0, 600.0)
     period: float = param(30.0, "s", "Time between two trainings", 5.0, 600.0)
-    rules: int = param(2, "", "Up to so many rules are tried; more than one only where that is clearly better", 1, 8)
+    rules: int = param(2, "", "Largest number of rules tried; more than one is used only where clearly better", 1, 8)

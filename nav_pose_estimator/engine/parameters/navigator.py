@@ -18,7 +18,7 @@ class NavigatorParameters:
     gate_probability: float = param(
         0.999,
         "",
-        "Probability below which an innovation is taken as it is; its noise is inflated above",
+        "Probability up to which an innovation is used unchanged; above it the noise is inflated",
         0.5,
         0.999999,
         mutable=True,

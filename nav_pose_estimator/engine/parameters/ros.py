@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from nav_pose_estimator.engine.parameters.schema import param
 
 READ_BY_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
-"""How the parameters begin that rclpy itself reads; they stand in the same files and are none of ours."""
+"""Prefixes of the parameters that rclpy itself reads; they are in the same files but are not ours."""
 GEOID_UNKNOWN = -1000.0
 """``autopilot_geoid`` as long as nobody has set it."""
 _LOWEST_GEOID = -110.0  # m
@@ -47,7 +47,7 @@ class InputParameters:
 class FrameParameters:
     """Frame names of REP-105."""
 
-    map: str = param("map", "", "World frame that takes the jumps")
+    map: str = param("map", "", "World frame that absorbs the jumps")
     odom: str = param("odom", "", "World frame in which base_link moves without jumps")
     base_link: str = param("base_link", "", "Body frame, FLU")
     publish_tf: bool = param(False, "", "Publish map -> odom -> base_link on /tf (needs tf2_msgs)")
@@ -100,7 +100,7 @@ class ModelParameters:
     """The trained model of anfis_node on disk."""
 
     file: str = param("", "", "File of the model: read at start where it exists, written by ~/save_model; empty: none")
-    save_after_training: bool = param(False, "", "Write the file after every training whose result is taken")
+    save_after_training: bool = param(False, "", "Write the file after every training whose result is adopted")
 
 
 @dataclass(frozen=True)

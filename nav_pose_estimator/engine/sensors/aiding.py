@@ -1,4 +1,4 @@
-"""When something last bounded the navigator's drift: what sensors, modes and the start have to know of each other."""
+"""When something last bounded the navigator's drift: what sensors, modes and start-up must know of each other."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """True airspeed of a pitot tube on a vehicle that flies where its nose points: velocity, together with the wind.
 
-While GNSS is good the filter learns wind and scale of the sensor; without GNSS what is left of the drift is what the
-wind does meanwhile. The states come with the first airspeed that means something, so that a vehicle without the sensor
-flies the filter that it always did.
+While GNSS is good the filter learns wind and scale of the sensor; without GNSS the remaining drift is the
+change of the wind. The states are added with the first usable airspeed, so that a vehicle without the sensor runs the
+same filter as before.
 
 Source: A. Cho, J. Kim, S. Lee, C. Kee, "Wind estimation and airspeed calibration using a UAV with a single-antenna GPS
 receiver and pitot tube", IEEE Transactions on Aerospace and Electronic Systems 47(1), 2011 (wind and scale as states;
@@ -34,7 +34,7 @@ _SIDESLIP_FLOOR = 0.7  # m/s
 
 
 class AirspeedSensor(Aid):
-    """Two rows: the airspeed, and that there is no sideslip."""
+    """Two rows: the airspeed, and zero sideslip."""
 
     kind = Kind("airspeed")
     sample, family = Airspeed, "airspeed"

@@ -30,7 +30,7 @@ def model_declination(stamp_ns: int, lat: float, lon: float, alt: float) -> floa
     if GeoMag is None:
         raise UserError("the package pygeomag is not installed")
     if not all(map(math.isfinite, (lat, lon, alt))):
-        raise UserError("the position is not a number")
+        raise UserError("the position is not finite")
     year = _decimal_year(stamp_ns)
     try:
         model = GeoMag(base_year=int(year))
@@ -38,7 +38,7 @@ def model_declination(stamp_ns: int, lat: float, lon: float, alt: float) -> floa
     except ValueError:
         raise UserError(f"pygeomag has no field model for the year {int(year)} of the stamps") from None
     if field.in_blackout_zone:
-        raise UserError("a compass is no use this close to a magnetic pole")
+        raise UserError("a compass is useless this close to a magnetic pole")
     return math.radians(field.d)
 
 
@@ -51,10 +51,10 @@ def located(parameters: Parameters, fix: GnssFix, say: Say) -> Parameters:
     try:
         declination = model_declination(fix.stamp_ns, fix.lat, fix.lon, fix.alt)
     except UserError as error:
-        text = f"magnetic declination {math.degrees(declination):.1f} deg, as aids.declination says: {error}"
+        text = f"magnetic declination {math.degrees(declination):.1f} deg, from aids.declination: {error}"
         say(fix.stamp_ns, "mag.declination.fallback", Level.WARN, text)
     else:
-        text = f"magnetic declination {math.degrees(declination):.1f} deg, by the World Magnetic Model"
+        text = f"magnetic declination {math.degrees(declination):.1f} deg, from the World Magnetic Model"
         say(fix.stamp_ns, "mag.declination.model", Level.INFO, text)
     aids = replace(parameters.aids, declination=declination, declination_from_model=False)
     return replace(parameters, aids=aids)

@@ -29,7 +29,7 @@ class Fusion:
         self.gates = gates
 
     def apply(self, o: Observation, f: FilterView) -> None:
-        """Let ``o`` act on one filter that stands at its time with its covariance up to date."""
+        """Let ``o`` act on one filter that has reached its time, with its covariance up to date."""
         sensor = self._sensors[o.kind.name]
         first = o.decision is None
         if o.decision is None:

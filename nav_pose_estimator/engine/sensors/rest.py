@@ -1,4 +1,4 @@
-"""Rest: an IMU that is still tells that the velocity is zero, where the navigator does not object."""
+"""Rest: an IMU that is still means that the velocity is zero, unless the navigator contradicts it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Rest(Sensor):
     """Zero velocity (Groves, second edition, section 15.3)."""
 
     kind = Kind("zero_velocity")
-    all_or_nothing = True  # a rest that is unlikely is none
+    all_or_nothing = True  # an unlikely rest is not a rest
     bounds_drift = True
 
     def set_parameters(self, parameters: Parameters) -> None:

@@ -23,7 +23,7 @@ Linearised = tuple[np.ndarray, np.ndarray, np.ndarray]
 class Sensor:
     """One kind of observation. It knows samples, parameters and counters; only ``fusion`` corrects the filter.
 
-    A new sensor is a subclass in a file of its own and a line in ``aids.AIDS``. It may keep what it learns in
+    A new sensor is a subclass in its own file and a line in ``aids.AIDS``. It may keep what it learns in
     attributes: they are copied with the filter.
     """
 
@@ -65,7 +65,7 @@ class Sensor:
         return self.noise
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
-        """What becomes of ``o``: asked once, when the filter ``f`` first stands at its time."""
+        """What to do with ``o``: asked once, when the filter ``f`` first reaches its time."""
         return GATED
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
@@ -73,7 +73,7 @@ class Sensor:
         raise NotImplementedError
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
-        """What came of it (statuses of ``kalman.gated_correct``), told once; ``f`` is corrected already."""
+        """Receive the outcome (statuses of ``kalman.gated_correct``) once; ``f`` is already corrected."""
         self._journal.count(f"{self.kind.name}.{('rejected', 'used', 'inflated')[status]}")
         if status and self.bounds_drift:
             self._aiding.bound_drift(o.t)
@@ -107,7 +107,7 @@ class Aid(Sensor):
 
 
 class Pacer:
-    """Lets observations pass at most every ``period`` [s]: what is closer shares its errors and says nothing new."""
+    """Lets observations pass at most every ``period`` [s]: closer ones share their errors and add no information."""
 
     _JITTER = 1e-6  # s
 

@@ -125,7 +125,7 @@ class McapFile:
                 self._bad_records += 1
             position = start + length
         if position == size and not self._directory.statistics:
-            self._told.append(f"{self.path.name} has no end mark: the recording was not closed")
+            self._told.append(f"{self.path.name} has no end marker: the recording was not closed")
 
     def _note(self, opcode: int, start: int, length: int) -> None:
         if opcode in (mcap.SCHEMA, mcap.CHANNEL, mcap.MESSAGE_INDEX, mcap.STATISTICS):
@@ -144,10 +144,10 @@ class McapFile:
         packed = [chunk for chunk in self._chunks if chunk.compression and chunk.unpacked <= LARGEST_CHUNK]
         limit = unpacked_limit(sum(chunk.size for chunk in packed))
         if sum(chunk.unpacked for chunk in packed) > limit:
-            raise BagError(f"{self.path} unpacks to more than {limit >> 20} MB: that is no recording")
+            raise BagError(f"{self.path} unpacks to more than {limit >> 20} MB: that is not a recording")
 
     def _look_into_chunks(self) -> None:
-        """Without a summary the channels stand only inside the chunks, and without an index their numbers, too."""
+        """Without a summary the channels are only inside the chunks, and without an index so are their counts."""
         directory = self._directory
         blind, counted = directory.is_blind, directory.statistics is not None
         for chunk in self._chunks:

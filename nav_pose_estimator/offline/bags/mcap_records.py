@@ -1,6 +1,6 @@
 """The records of an MCAP file (https://mcap.dev/spec): how they are laid out, and what they say of topics and chunks.
 
-No length that a file states is believed without a check; a record shorter than what it has to hold is ``struct.error``.
+No length that a file states is trusted without a check; a record shorter than what it has to hold is ``struct.error``.
 """
 
 import mmap
@@ -57,12 +57,12 @@ class Chunk:
     def records(self, data: mmap.mmap) -> bytes:
         """Its records; of one that broke off as many bytes as can be had. Raises ``DamagedError``."""
         if self.unpacked > LARGEST_CHUNK:
-            raise DamagedError(f"it says that it unpacks to more than {LARGEST_CHUNK >> 20} MB")
+            raise DamagedError(f"it claims to unpack to more than {LARGEST_CHUNK >> 20} MB")
         content = data[self.offset : self.offset + self.size]
         if self.compression:
             content = unpack(content, self.compression, self.unpacked, self.whole)
         if self.whole and len(content) != self.unpacked:
-            raise DamagedError("it has another size than it says")
+            raise DamagedError("its size is not the one it states")
         if self.whole and self.crc and zlib.crc32(content) != self.crc:
             raise DamagedError("its checksum does not match")
         return content

@@ -67,7 +67,7 @@ class BagReader:
     def samples(self) -> Iterator[Sample]:
         """All samples in receive-time order; consecutive IMU messages come as one block.
 
-        Raises ``BagError`` at the end of a recording in which the gyroscope has never said anything.
+        Raises ``BagError`` at the end of a recording in which the gyroscope never gave a rate.
         """
         topics, gyroscope = self.topics.topics, _GyroscopeWatch()
         names = list(dict.fromkeys(topic.name for topic in topics.values()))

@@ -14,7 +14,7 @@ class SqliteFile:
     """One .db3 file: its topics, and their messages in receive-time order. ``warnings`` says what was damaged."""
 
     def __init__(self, path: Path) -> None:
-        """Open the file. Raises ``BagError`` for a file that is no rosbag2 database."""
+        """Open the file. Raises ``BagError`` for a file that is not a rosbag2 database."""
         self.path = path
         self.warnings: list[str] = []
         # A bag that was not closed keeps its last messages in a write-ahead log beside it; without one, "immutable"
@@ -65,7 +65,7 @@ class SqliteFile:
                     times, topics, payloads = zip(*good, strict=True) if good else ((), (), ())
                 yield from_payloads(list(times), [wanted[topic] for topic in topics], list(payloads))
         except sqlite3.Error as error:
-            self._warn(f"{self.path.name} is damaged ({error}): the messages after that place are lost")
+            self._warn(f"{self.path.name} is damaged ({error}): the messages after that point are lost")
         if lost:
             self._warn(f"{self.path.name} is damaged: {lost} messages have no time or no content")
 

@@ -39,7 +39,7 @@ class Bag:
     """A recording. ``topics`` by name; ``warnings`` lists what was damaged or assumed, once each."""
 
     def __init__(self, path: Path) -> None:
-        """Open ``path``. Raises ``BagError`` with one sentence when that is no recording."""
+        """Open ``path``. Raises ``BagError`` with one sentence when that is not a recording."""
         self.path = Path(path)
         self._warnings: list[str] = []
         self._stack = ExitStack()
@@ -95,7 +95,7 @@ class Bag:
             files = sorted((file for file in self.path.iterdir() if file.name.endswith(endings)), key=_natural)
             files = [file for file in files if file.suffix != COMPRESSED or file.with_suffix("") not in files]
             if not files:
-                raise BagError(f"{self.path} is no rosbag2: it holds neither metadata.yaml nor a .mcap or .db3 file")
+                raise BagError(f"{self.path} is not a rosbag2: it holds neither metadata.yaml nor a .mcap or .db3 file")
             self._warnings.append(f"{self.path.name} has no usable metadata.yaml: reading the files found in it")
         return files
 
@@ -125,7 +125,7 @@ class Bag:
         if path.suffix == COMPRESSED:
             path = self._unpack(path)
         if path.suffix not in STORAGES:
-            raise BagError(f"{path} is no rosbag2: give a bag folder, a .mcap or a .db3 file")
+            raise BagError(f"{path} is not a rosbag2: give a bag folder, a .mcap or a .db3 file")
         if path.stat().st_size == 0:
             raise BagError(f"{path} is empty")
         file = STORAGES[path.suffix](path)

@@ -91,7 +91,7 @@ class _Search:
                 raise BagError(f"there is no topic {name} in the bag; {_listing(self._available)}")
 
     def detect(self) -> None:
-        """Inputs that are still missing, by type and words; the IMU first, for it tells whose bag this is."""
+        """Inputs that are still missing, by type and words; the IMU first, because it identifies the vehicle."""
         imus = [topic.name for topic in self._fitting(IMU)]
         if IMU.topic not in self.found.topics:
             self._detect(IMU)
@@ -103,9 +103,7 @@ class _Search:
                 self._detect(one)
         if self._of_others:
             names = ", ".join(self._of_others)
-            self.found.notices.append(
-                f"topics below {names} are taken for another vehicle's: --remap names one of them"
-            )
+            self.found.notices.append(f"topics below {names} are taken as another vehicle's: choose one with --remap")
 
     def take_truth(self) -> None:
         """The true motion of the chosen vehicle, where the bag has it."""
@@ -118,7 +116,7 @@ class _Search:
         if truth is not None and truth.type == _TRUTH_TYPE and truth.encoding == "cdr":
             self.found.truth = truth
         elif plain in self._available:
-            text = f"{plain} is not used, for it may be another vehicle's: --remap {plain}:={plain} takes it"
+            text = f"{plain} is not used, because it may be another vehicle's: --remap {plain}:={plain} takes it"
             self.found.notices.append(text)
 
     def _name(self, topic: str) -> str:

@@ -1,4 +1,4 @@
-"""Decompression of what strangers have packed: never more than announced, never more than a recording can hold."""
+"""Decompression of untrusted data: never more than announced, never more than a recording can hold."""
 
 import sys
 from pathlib import Path
@@ -29,7 +29,7 @@ def unpack(data: bytes, compression: str, limit: int, whole: bool = True) -> byt
     if len(out) > limit:
         raise DamagedError(f"it unpacks to more than {limit} bytes")
     if whole and not ended:
-        raise DamagedError("its compressed data break off")
+        raise DamagedError("its compressed data end too early")
     return out
 
 
@@ -61,7 +61,7 @@ def _unpack_lz4(data: bytes, limit: int) -> tuple[bytes, bool]:
 
 
 def unpacked_limit(packed: int) -> int:
-    """Bytes to which a file with ``packed`` compressed bytes may unpack: more is no recording but a bomb."""
+    """Bytes to which a file with ``packed`` compressed bytes may unpack: more is not a recording but a bomb."""
     return _FREE + _RATIO * packed
 
 
@@ -74,7 +74,7 @@ def unpack_file(source: Path, target: Path) -> str:
             while part := unpacked.read(_AT_ONCE):
                 written += len(part)
                 if written > limit:
-                    raise BagError(f"{source} unpacks to more than {limit >> 20} MB: that is no recording")
+                    raise BagError(f"{source} unpacks to more than {limit >> 20} MB: that is not a recording")
                 out.write(part)
     except (zstd.ZstdError, EOFError, MemoryError) as error:
         return f"{source.name} is damaged ({error}): reading what could be unpacked"

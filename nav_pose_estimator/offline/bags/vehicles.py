@@ -1,4 +1,4 @@
-"""Which topics of a bag belong to which vehicle, told by namespaces.
+"""Which topics of a bag belong to which vehicle, by their namespaces.
 
 Two names of one sensor on two vehicles differ in one part (/a/imu, /b/imu), or one has a namespace that the other has
 not (/imu, /b/imu).
@@ -20,7 +20,7 @@ def others(ours: str, topics: Iterable[str]) -> tuple[str, ...]:
 
 
 def _apart(first: str, second: str) -> tuple[str, ...]:
-    """The namespaces of the vehicles that two names tell apart, "" for none; () for names of one vehicle."""
+    """The namespaces of the vehicles by which two names differ, "" for none; () for names of one vehicle."""
     if first != second and (first.endswith(second) or second.endswith(first)):
         return first.removesuffix(second), second.removesuffix(first)
     parts = first.split("/"), second.split("/")

@@ -1,7 +1,7 @@
 """ROS parameter files for work on recordings: the same YAML that the nodes take.
 
 Replay is the three nodes in one, so it reads the sections of all of them: ``/**`` first, then ``attitude_node``,
-``sins_node`` and ``anfis_node``, then ``pose_estimator``. Sections of other nodes are none of our business.
+``sins_node`` and ``anfis_node``, then ``pose_estimator``. Sections of other nodes are ignored.
 """
 
 from collections.abc import Iterator, Mapping

@@ -17,7 +17,7 @@ SHAKING = 0.5  # m/s^2: deviation of the specific force within a second while th
 def flight_window(recording: Recording) -> tuple[float, float]:
     """Start and end of the flight [s since the first stamp]: from NAME.json, else from motion and vibration.
 
-    Where a flight log tells of arming, nothing before it and after it is flight.
+    Where a flight log records arming, nothing before and after it is flight.
     """
     known = recording.sidecar.get("flight_window_s")
     if known is not None:

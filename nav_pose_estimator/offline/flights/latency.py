@@ -40,7 +40,7 @@ WEAK = 0.02  # s: a larger deviation of the estimate is called a weak minimum
 COMPASS_NS = 200_000_000  # the heading needs no more than this many nanoseconds between magnetometer samples
 AUTO = "auto"
 PRIOR, PRIOR_SOURCE = "gnss_latency_prior_s", "gnss_latency_prior_from"
-"""What stands beside a recording of a flight log: the autopilot's own parameter for the latency [s], and its name."""
+"""What accompanies the recording of a flight log: the autopilot's own parameter for the latency [s], and its name."""
 PRIOR_SD = 0.06  # s: estimates lie up to a tenth of a second beside the parameter
 
 
@@ -62,7 +62,7 @@ class Latency:
 
     @property
     def weak(self) -> bool:
-        """True when the data hardly tell one latency from another."""
+        """True when the data hardly distinguish one latency from another."""
         return not self.sd <= WEAK
 
 
@@ -82,9 +82,7 @@ def estimate(recording: Recording, parameters: Parameters, until: float = math.i
         return cost[delay]
 
     if not math.isfinite(trial(coarse)):
-        raise UserError(
-            "the latency cannot be estimated: the filter had too few fixes to judge it by before the first outage"
-        )
+        raise UserError("the latency cannot be estimated: the filter had too few fixes before the first outage")
     found = minimize_scalar(trial, bounds=(coarse - 0.1, coarse + 0.1), method="bounded", options={"xatol": RESOLUTION})
     best = round(float(found.x), 4)
     rise = 0.5 * (trial(best - 0.1) + trial(best + 0.1)) / max(trial(best), 1e-9) - 1.0
@@ -200,7 +198,7 @@ class _Stream:
 
     @staticmethod
     def _start(recording: Recording, limit: int) -> int:
-        """A little before the vehicle begins to move: standing still tells nothing of the latency."""
+        """A little before the vehicle begins to move: standing still says nothing about the latency."""
         early = [v for v in recording.velocities if v.stamp_ns < limit]
         if not early:
             return recording.epoch_ns

@@ -24,12 +24,12 @@ def classical() -> list[str]:
 
 
 def check(names: Sequence[str], allow_extrapolations: bool = True) -> list[str]:
-    """``names`` without repetition. Raises ``UserError`` for one that does not exist, listing what there is."""
+    """``names`` without repetition. Raises ``UserError`` for one that does not exist, listing the choices."""
     usable = available() if allow_extrapolations else list(estimators())
     for name in names:
         if name not in usable:
             what = "is only there in benchmark outage" if name in extrapolations() else "does not exist"
-            raise UserError(f"the method {name!r} {what}; there is {', '.join(sorted(usable))}")
+            raise UserError(f"the method {name!r} {what}; choose from {', '.join(sorted(usable))}")
     return list(dict.fromkeys(names))
 
 

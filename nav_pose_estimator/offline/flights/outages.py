@@ -17,7 +17,7 @@ GNSS_SAMPLES = (GnssFix, GnssVelocity, SatelliteCount)
 
 
 class BadOutage(UserError):
-    """An outage that cannot be. The text is for the user."""
+    """An impossible outage. The text is for the user."""
 
 
 class GnssLeak(AssertionError):
@@ -99,7 +99,7 @@ class GnssRemoval:
     """Takes everything that GNSS measured inside the outages out of a stream of samples.
 
     A satellite count without a header goes with its fix, and is removed as well when it arrives inside an outage: a
-    count that came before its fix would otherwise tell of the sky inside.
+    count that came before its fix would otherwise reveal the sky inside.
     """
 
     def __init__(self, outages: list[Outage], epoch_ns: int, delay: float) -> None:
@@ -137,7 +137,7 @@ class GnssRemoval:
 
 
 class OutageProof:
-    """Stands at the door of an estimator and looks at every sample that goes in; knows nothing of the removal.
+    """Guards the input of an estimator: looks at every sample that goes in, independently of the removal.
 
     ``check`` raises :class:`GnssLeak` for GNSS that was valid inside an outage. ``seen`` counts what was looked at.
     """

@@ -1,4 +1,4 @@
-"""A bag in memory: its samples in order, the withheld truth, and what stands beside it in NAME.json."""
+"""A bag in memory: its samples in order, the withheld truth, and what accompanies it in NAME.json."""
 
 import json
 from collections import Counter

@@ -37,7 +37,7 @@ def read(path: Path) -> Any:
     except OSError as error:
         raise ParameterError(f"cannot be read ({error.strerror})") from None
     if len(data) > _LARGEST:
-        raise ParameterError(f"is no parameter file: larger than {_LARGEST >> 20} MiB")
+        raise ParameterError(f"is not a parameter file: it is larger than {_LARGEST >> 20} MiB")
     try:
         return parse(data.decode("utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:

@@ -67,7 +67,7 @@ def _segment_lines(log: LogSensors, options: LogOptions, begin_us: int) -> Itera
         yield "segments: none"
         return
     times = "once" if log.armed and len(log.armed) == 1 else f"{len(log.armed or [])} times"
-    arming = "no word of arming" if log.armed is None else f"armed {times}"
+    arming = "arming not recorded" if log.armed is None else f"armed {times}"
     yield f"segments ({arming}; seconds since the first IMU sample):"
     for number, piece in enumerate(find_segments(log.imus[0].time_us, log.armed, options.max_gap), 1):
         first, last = ((t - begin_us) * 1e-6 for t in (piece.begin_us, piece.end_us))

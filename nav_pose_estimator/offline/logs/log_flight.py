@@ -99,7 +99,7 @@ def _held(log: LogSensors) -> str:
 
 
 def _chosen_segment(log: LogSensors, imu: Imu, options: LogOptions) -> tuple[Segment, list[str]]:
-    """The piece that was asked for, else the whole log, and what there is to choose from."""
+    """The piece that was asked for, else the whole log, and the choices."""
     found = find_segments(imu.time_us, log.armed, options.max_gap)
     if options.segment is None:
         told = [f"the log holds {len(found)} segments: --segment N takes one, --list shows them"] * (len(found) > 1)
@@ -216,7 +216,7 @@ def _opinion(opinion: Reference | None, clock: _Clock, epoch_ns: int) -> Referen
 
 
 def _sidecar(log: LogSensors, clock: _Clock, epoch_ns: int) -> dict:
-    """What the log tells beside its samples, in the form of NAME.json."""
+    """What the log holds besides its samples, in the form of NAME.json."""
     told: dict = {} if log.delay is None else {PRIOR: log.delay[0], PRIOR_SOURCE: log.delay[1]}
     if log.armed:
         spans = (clock.stamps(np.array(log.armed, np.int64).ravel()) - epoch_ns) * 1e-9
@@ -234,9 +234,9 @@ def _notices(log: LogSensors, imu: Imu, gnss: Gnss, repeated: int, options: LogO
     long = pauses[pauses > options.max_gap]
     if len(long):
         times = "once" if len(long) == 1 else f"{len(long)} times"
-        told.append(f"the IMU pauses {times}, {long.max():.1f} s at most: the estimator starts again after it")
+        told.append(f"the IMU pauses {times}, {long.max():.1f} s at most: the estimator restarts after each pause")
     if repeated:
-        told.append(f"{repeated} GNSS messages only repeat the one before: left out")
+        told.append(f"{repeated} GNSS messages only repeat the previous one: left out")
     if imu.clipped:
         told.append(
             f"{imu.clipped} IMU samples were out of the sensor's range ({100 * imu.clipped / len(imu.time_us):.2g} %)"

@@ -30,7 +30,7 @@ def open_recording(
     """Read a bag, as ``parameters`` say (``ros.input``), or a log. Raises ``UserError`` for what cannot be read."""
     if log_form(path) is None:
         if options.imu is not None or options.segment is not None:
-            raise UserError(f"{path.name} is no flight log: --imu and --segment are for those")
+            raise UserError(f"{path.name} is not a flight log: --imu and --segment are only for those")
         return load(path, remaps, progress, parameters)
     if remaps:
         raise BagError(f"{path.name} is a flight log: --remap is for the topics of bags")
@@ -55,7 +55,7 @@ def check_readable(path: Path) -> None:
 
 
 def log_form(path: Path) -> str | None:
-    """The format of a flight log by what stands in it, None for anything else (a bag). Raises ``BagError``."""
+    """The format of a flight log by its content, None for anything else (a bag). Raises ``BagError``."""
     if not path.is_file():
         if not path.exists() or path.suffix.lower() not in _ENDINGS:
             return None
@@ -74,7 +74,7 @@ def log_form(path: Path) -> str | None:
     if path.suffix.lower() == ".tlog":
         raise BagError(f"{path} is a telemetry log: download the flight log (.bin) from the autopilot instead")
     if expected is not None:
-        raise BagError(f"{path} is no flight log: neither PX4 ULog nor ArduPilot DataFlash stands in it")
+        raise BagError(f"{path} is not a flight log: it holds neither PX4 ULog nor ArduPilot DataFlash")
     return None
 
 
@@ -88,6 +88,6 @@ def read_sensors(path: Path) -> LogSensors:
     from nav_pose_estimator.offline.logs.ardupilot_fields import ardupilot_sensors
 
     if form is None:
-        raise BagError(f"{path} is no flight log: give a PX4 ULog (.ulg) or an ArduPilot DataFlash log (.bin, .log)")
+        raise BagError(f"{path} is not a flight log: give a PX4 ULog (.ulg) or an ArduPilot DataFlash log (.bin, .log)")
     read = dataflash.read_dataflash if form == BINARY else dataflash_text.read_dataflash_text
     return ardupilot_sensors(read(path))

@@ -1,6 +1,6 @@
 """The autopilot's own estimate: a second opinion beside ours in the report.
 
-It is a :class:`Reference`, which is no ``Sample``: no estimator can be fed with it.
+It is a :class:`Reference`, which is not a ``Sample``: no estimator can be fed with it.
 """
 
 import numpy as np

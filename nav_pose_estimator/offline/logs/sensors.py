@@ -1,4 +1,4 @@
-"""What a flight log says of the sensors, in this package's frames and units, still on the clock of the log."""
+"""What a flight log says about the sensors, in this package's frames and units, still on the clock of the log."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -77,7 +77,7 @@ class Series:
 class LogSensors:
     """Everything of use in one log. ``opinion``: what the autopilot itself estimated, times in seconds of the log.
 
-    ``armed`` is None where the log does not tell of arming. ``delay``: latency of the fixes [s] by the log's own
+    ``armed`` is None where the log does not record arming. ``delay``: latency of the fixes [s] by the log's own
     parameters and the parameter's name. ``missing`` says what an estimator needs and the log lacks.
     """
 

@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
     add = parser.add_argument
     add("--outage", action="append", default=[], metavar="START:LENGTH", help="take GNSS away, s from the first stamp")
-    add("--outage-every", metavar="PERIOD:LENGTH", help="outages all through the flight")
+    add("--outage-every", metavar="PERIOD:LENGTH", help="outages throughout the flight")
     add("--aid", metavar="NAME,...", help="use exactly these aids besides IMU and GNSS; none for no aid")
     add("--method", metavar="NAME", default="best", help="how to get through an outage (default: best)")
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto to estimate it from the bag")
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--remap", action="append", default=[], metavar="OURS:=THEIRS", help="/imu/data_raw:=/topic/in/the/bag")
     add_options(parser)
     add("--list", action="store_true", help="say what the recording holds, replay nothing")
-    add("--rate", type=float, default=20.0, metavar="HZ", help="rows a second in the output files (default: 20)")
+    add("--rate", type=float, default=20.0, metavar="HZ", help="rows per second in the output files (default: 20)")
     add("--out", type=Path, metavar="DIR", help="folder for report and data (default: NAME_replay)")
 
 

@@ -5,7 +5,7 @@ encapsulation header, then fields aligned to their size counted from the end of 
 type is ``str``, a numpy code such as ``f8``, or ``xyz`` and ``xyzw`` for vectors of ``f8``; ``?`` marks a field that
 older distributions end before.
 
-No length that stands in the bytes is believed: whatever they hold, the outcome is a message or a ``CdrError``.
+No length in the bytes is trusted: whatever they hold, the outcome is a message or a ``CdrError``.
 """
 
 import struct

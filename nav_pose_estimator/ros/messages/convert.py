@@ -1,8 +1,9 @@
 """Messages to samples. The only place that knows how ROS and its drivers write things down.
 
-The functions read attributes only, so they take messages of rclpy and of rosbags alike. Each returns what follows from
-one message, in order: samples to feed, and events for what had to be disregarded. Vectors keep the sensor's own axes:
-mounting and FRD are the engine's business. Numbers that are NaN pass through where the engine refuses them by name.
+The functions read attributes only, so they take messages of rclpy and of rosbags alike. Each returns what one
+message yields, in order: samples to feed, and events for what had to be disregarded. Vectors keep the sensor's own
+axes: mounting and FRD are the engine's business. Numbers that are NaN pass through where the engine refuses them by
+name.
 """
 
 import math
@@ -47,7 +48,7 @@ def stamp_ns(message: Any) -> int:
 
 
 def imu(message: Any) -> Converted:
-    """sensor_msgs/Imu to :class:`ImuSample`. Its covariances are no noise densities and are not used."""
+    """sensor_msgs/Imu to :class:`ImuSample`. Its covariances are not noise densities and are not used."""
     absent = message.angular_velocity_covariance[0] == -1.0, message.linear_acceleration_covariance[0] == -1.0
     sample = ImuSample(stamp_ns(message), vector(message.angular_velocity), vector(message.linear_acceleration))
     return imu_sample(sample, *absent)
@@ -130,7 +131,7 @@ def velocity_error(message: Any) -> Converted:
     stamp, dv_n = stamp_ns(message), vector(message.twist.twist.linear)
     cov = covariance.read(message.twist.covariance, 6, block=3)
     if cov.matrix is None or not all(map(math.isfinite, dv_n)):
-        text = "a predicted velocity error has no covariance, or is not a number; not used"
+        text = "a predicted velocity error has no covariance, or is not finite; not used"
         return (Event(stamp, "outage.rejected.covariance", Level.WARN, text),)
     return (VelocityError(stamp, dv_n, cov.matrix),)
 
@@ -179,7 +180,7 @@ def set_pose(message: Any, frame: str = "map") -> Converted:
         text = f"set_pose came in frame {message.header.frame_id!r}; only {frame!r} is understood"
         return (Event(stamp, "set_pose.rejected.frame", Level.WARN, text),)
     if q_nb is None or not all(map(math.isfinite, position)):
-        text = "set_pose holds a position or an orientation that is not a number; not used"
+        text = "set_pose holds a position that is not finite or an invalid orientation; not used"
         return (Event(stamp, "set_pose.rejected.nan", Level.WARN, text),)
     return (SetPose(stamp, position, q_nb, cov.matrix), *_flaw(stamp, "set_pose", cov.flaw))
 
@@ -187,7 +188,7 @@ def set_pose(message: Any, frame: str = "map") -> Converted:
 def odometry_velocity(message: Any) -> Converted:
     """The velocity of a nav_msgs/Odometry (twist in the body, REP-105), turned by its pose: :class:`NavigatorVelocity`.
 
-    An unknown covariance says that nobody vouches for the velocity: it is then not valid.
+    An unknown covariance means that the velocity's accuracy is unknown: it is then not valid.
     """
     stamp = stamp_ns(message)
     q_nb = quaternion(message.pose.pose.orientation)
@@ -227,7 +228,7 @@ def vector(value: Any) -> Vector3:
 
 
 def quaternion(value: Any) -> tuple[float, float, float, float] | None:
-    """A geometry_msgs/Quaternion as unit (w, x, y, z); None where it is no rotation (all zero, NaN, far from unit)."""
+    """A Quaternion message as unit (w, x, y, z); None where it is not a rotation (all zero, NaN, far from unit)."""
     q = float(value.w), float(value.x), float(value.y), float(value.z)
     norm = math.sqrt(sum(c * c for c in q))
     if not 0.9 < norm < 1.1:  # false for NaN as well

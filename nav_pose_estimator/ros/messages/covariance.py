@@ -62,7 +62,7 @@ def read_variance(value: float) -> tuple[float | None, str]:
 
 
 def _flaw(matrix: np.ndarray) -> str:
-    """One word for why ``matrix`` is no covariance of a measured vector; empty if it is one."""
+    """One word for why ``matrix`` is not the covariance of a measured vector; empty if it is one."""
     if not np.isfinite(matrix).all():
         return "not_finite"
     variances = np.diag(matrix)

@@ -30,13 +30,13 @@ def imu(message: Any) -> Converted:
     """SensorCombined to :class:`ImuSample` in the FRD axes of the message."""
     stamp = _stamp_ns(message)
     if message.accelerometer_timestamp_relative == _RELATIVE_TIMESTAMP_INVALID:
-        text = "sensor_combined says that its accelerometer is invalid; not used"
+        text = "sensor_combined reports its accelerometer as invalid; not used"
         return (Event(stamp, "imu.rejected.absent", Level.WARN, text),)
     return imu_sample(ImuSample(stamp, _triple(message.gyro_rad), _triple(message.accelerometer_m_s2)), False, False)
 
 
 def fix(message: Any) -> Converted:
-    """SensorGps to :class:`GnssFix`: ellipsoid height; extrapolated positions are no fix."""
+    """SensorGps to :class:`GnssFix`: ellipsoid height; an extrapolated position is not a fix."""
     has_fix = _FIX_3D <= message.fix_type < _EXTRAPOLATED
     lat, lon, height = _position(message)
     horizontal, vertical = float(message.eph), float(message.epv)

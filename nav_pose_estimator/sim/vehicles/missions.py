@@ -1,4 +1,4 @@
-"""Where a multirotor is told to be: smooth references for its position control."""
+"""Where a multirotor is commanded to be: smooth references for its position control."""
 
 from dataclasses import dataclass
 

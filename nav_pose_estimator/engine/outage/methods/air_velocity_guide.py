@@ -1,4 +1,4 @@
-"""What a predicted velocity through the air says of the motion in an outage, as evidence for the filter."""
+"""What a predicted velocity through the air says about the motion in an outage, as evidence for the filter."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FRESH = 1.0  # s: an older prediction from outside is not used
 class AirPrediction:
     """Velocity through the air in b (3,) [m/s] with the variance of a mean over one second, travelling and hovering.
 
-    ``noise``, ``hover_noise`` (3,) [m^2/s^2]; None where nobody told hovering apart.
+    ``noise``, ``hover_noise`` (3,) [m^2/s^2]; None where hovering was not distinguished.
     """
 
     air_velocity: Array

@@ -27,7 +27,7 @@ _CLEARLY = 3.0  # coasting grows with the cube of time: a draw with it at 30 s i
 
 @dataclass(frozen=True, kw_only=True)
 class RegimesGuide(AirVelocityGuide):
-    """Two hypotheses for a vehicle that can hover; the network, where there is one, speaks for both."""
+    """Two hypotheses for a vehicle that can hover; the network, if there is one, serves both."""
 
     regimes: MotionRegimes
 

@@ -1,6 +1,6 @@
-"""What a way through an outage has to offer: the seam between ``learner.method`` and everything that asks it.
+"""What a way through an outage has to offer: the interface between ``learner.method`` and its users.
 
-A method is one file in this folder and one line in ``registry``. It has no state of its own: what it learns is kept by
+A method is one file in this folder and one line in ``registry``. It holds no state: what it learns is kept by
 the learner, so that a snapshot of the estimator is complete and a replay learns what the node learned.
 """
 
@@ -85,7 +85,7 @@ class TrainingPlan:
 
 
 class RehearsalScores(Protocol):
-    """What ``rehearsals`` say of the ways through an outage."""
+    """What ``rehearsals`` say about the ways through an outage."""
 
     def is_worse(self, name: str, rival: str, ratio: float) -> bool: ...
 
@@ -160,7 +160,7 @@ class OutageMethod(Method):
         return None
 
     def model_alone(self, flight: Flight) -> Guide | None:
-        """What ``anfis_node`` tells a navigator that weighs it against what else it knows; None without a model."""
+        """What ``anfis_node`` sends to a navigator, which weighs it with the rest; None without a model."""
         return None
 
 

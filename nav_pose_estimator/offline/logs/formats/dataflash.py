@@ -65,7 +65,7 @@ def read_dataflash(path: Path) -> LogTables:
     notices = []
     if walk.garbage:
         where = "place" if walk.holes == 1 else "places"
-        notices.append(f"{walk.garbage} bytes in {walk.holes} {where} of {path.name} are no messages: skipped")
+        notices.append(f"{walk.garbage} bytes in {walk.holes} {where} of {path.name} are not messages: skipped")
     if walk.cut:
         notices.append(f"{path.name} ends in the middle of a message: read up to there")
     return build(path, messages, notices, walk.garbage)

@@ -65,11 +65,11 @@ def build(path: Path, messages: list[RawMessages], notices: list[str], garbage: 
     known = {m.form.name: m for m in messages}
     names = sorted(known.keys() - set(DESCRIPTIONS))
     if not names:
-        raise BagError(f"{path} holds no DataFlash messages: it is empty, cut off, or no log of ArduPilot")
+        raise BagError(f"{path} holds no DataFlash messages: it is empty, cut off, or not an ArduPilot log")
     clock = _Clock([m for m in messages if len(m.places)])
     if clock.restarts:
         times = "once" if clock.restarts == 1 else f"{clock.restarts} times"
-        notices.append(f"the clock of {path.name} started again {times}: what follows is put after what was before")
+        notices.append(f"the clock of {path.name} restarted {times}: what follows is appended to what came before")
     units = _Units(known)
     tables: dict[str, list[Table]] = {}
     for item in messages:

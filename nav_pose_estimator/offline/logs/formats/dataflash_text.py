@@ -50,7 +50,7 @@ def read_dataflash_text(path: Path) -> LogTables:
         columns, good = _columns(form, rows[name])
         messages.append(RawMessages(form, np.array(places[name], np.int64)[good], columns))
         garbage, bad_lines = garbage + int((~good).sum()), bad_lines + int((~good).sum())
-    notices = [f"{bad_lines} lines of {path.name} are no messages: skipped"] if bad_lines else []
+    notices = [f"{bad_lines} lines of {path.name} are not messages: skipped"] if bad_lines else []
     return build(path, messages, notices, garbage)
 
 

@@ -82,10 +82,10 @@ def _parse(path: Path) -> tuple[Any, list[str]]:
         try:
             log = pyulog.ULog(file, list(TOPICS))
         except refused as error:
-            raise BagError(f"{path} is no readable ULog ({error})") from None
+            raise BagError(f"{path} is not a readable ULog ({error})") from None
         except _DAMAGE as error:
             raise BagError(f"{path} is damaged and cannot be read ({type(error).__name__})") from None
-    notices = [f"{path.name} ends in the middle of a message: read up to there"] if file.cut else []
+    notices = [f"{path.name} ends in the middle of a message and was read up to there"] if file.cut else []
     return log, notices
 
 
