@@ -27,11 +27,12 @@ MAY_IMPORT: dict[str, set[str]] = {
     "core.learning": {"core.numerics"},
     "core.motion": {*CORE, "core.filter", "core.learning"},
     "engine": {"core"},  # samples, observations, solutions: what all engines speak of
+    "engine.events": set(),
     "engine.outage.methods": {"core.motion", "engine"},
     "engine.parameters": {"core.filter", "engine.outage.methods"},  # their choices
     "engine.imu": {"core", "engine", "engine.parameters"},
     "engine.sensors": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.gnss"},
-    "engine.sensors.gnss": {"core", "engine", "engine.parameters", "engine.sensors"},
+    "engine.sensors.gnss": {"core", "engine", "engine.events", "engine.parameters", "engine.sensors"},
     "engine.attitude": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors"},
     "engine.navigator": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},
     "engine.outage": {

@@ -113,7 +113,7 @@ class Story:
             elif kind == 1:
                 self._tell_fix(aligner, i)
             else:
-                aligner.mag(t, field_b[i])
+                aligner.compass.add(t, field_b[i])
             result = aligner.result()
             if result is not None and result.has_position:
                 return result, t
@@ -363,7 +363,7 @@ def align_flight(folder, name, with_mag, begin):
             lat, lon = math.radians(arrays["lat_deg"][i]), math.radians(arrays["lon_deg"][i])
             aligner.gnss(t - start - delay, lat, lon, arrays["alt_m"][i], arrays["vel_enu"][i], 2.0, 0.2)
         else:
-            aligner.mag(t - start, mag[i])
+            aligner.compass.add(t - start, mag[i])
         result = aligner.result()
         if result is not None and result.has_position:
             row = np.searchsorted(data["t_ref"], result.t + start)

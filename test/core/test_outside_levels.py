@@ -20,7 +20,7 @@ def start_in_the_air(tilt_sd, offset=0.0, late=0.0):
         turn = quat_from_rotvec(np.array([offset, 0.0, 0.7]))  # tilted by offset, and its own heading
         for t, q in zip(story.truth.t, story.truth.q_nb, strict=True):
             if t < 2.0:
-                aligner.attitude(t + late, quat_multiply(turn, q), tilt_sd)
+                aligner.outside.add(t + late, quat_multiply(turn, q), tilt_sd)
     return story, story.tell(aligner)[0]
 
 

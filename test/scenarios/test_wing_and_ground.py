@@ -128,11 +128,11 @@ def test_a_rangefinder_holds_the_height(hover):
     _, with_it, sins = fly(SinsEngine(update(Parameters(), NO_BAROMETER)), hover, lost=90.0, until=150.0)
     none = update(Parameters(), {**NO_BAROMETER, "aids.range": False})
     _, _, free = fly(SinsEngine(none), hover, lost=90.0, until=150.0)
-    assert sins.journal.counters["ground_range.used"] > 200
+    assert sins.journal.counters["range.used"] > 200
     held_sd, free_sd = (np.sqrt(one.run.settled.P[DPOS + 2, DPOS + 2]) for one in (sins, free))
     assert with_it < min(1.0, 3.0 * held_sd)
     assert held_sd < 0.3 * free_sd
-    assert 0.0 < sins.status().values["range.above_ground_m"] < 60.0
+    assert 0.0 < sins.status().values["rangefinder.above_ground_m"] < 60.0
 
 
 @pytest.mark.compiled
@@ -140,7 +140,7 @@ def test_a_roof_is_not_taken_for_a_descent(hover):
     """GIVEN an outage WHEN a roof of 5 m comes under the vehicle and stays THEN the height does not move with it."""
     engine = SinsEngine(update(Parameters(), NO_BAROMETER))
     _, error, sins = fly(engine, hover, over(hover, 5.0, 110.0, 1e9), lost=90.0, until=150.0)
-    assert sins.journal.counters["ground_range.rejected"] >= 5
+    assert sins.journal.counters["range.rejected"] >= 5
     assert sins.journal.counters["range.new_ground"] >= 1
     assert error < 2.0
 

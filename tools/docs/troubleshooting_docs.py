@@ -2,14 +2,14 @@
 
 from collections.abc import Iterable, Iterator
 
-from nav_pose_estimator.engine.catalogue import SECTIONS
+from nav_pose_estimator.engine.events.catalogue import SECTIONS
 from nav_pose_estimator.ros.wording import ATTITUDE_MEANINGS, LEARNER_MEANINGS, MEANINGS
 
 PAGE = "docs/troubleshooting.md"
 
 _INTRODUCTION = """# What to do when
 
-Written by `make docs` from `engine/catalogue.py` and `tools/docs/troubleshooting_docs.py`; a test compares it with the
+Written by `make docs` from `engine/events` and `tools/docs/troubleshooting_docs.py`; a test compares it with the
 code.
 
 Three places report the state, in the same words: the log of the node, `~/status` (latched: the last one arrives at
@@ -150,6 +150,12 @@ _STATUS = (
     ),
     ("gnss.resets, gnss.last_reset_m", "how often the position was reset to GNSS, and how far it moved the last time"),
     ("mag.heading_spread_deg", "how far magnetic headings spread around their mean error while GNSS shows the heading"),
+    (
+        "noise.imu, noise.gnss",
+        "deviations of the noises that the flight has shown, in parts of those that are set (`imu.learn_noise`)",
+    ),
+    ("noise.trials", "how many stretches of flight, fading, say so"),
+    ("rangefinder.above_ground_m", "height above the ground that the rangefinder saw"),
     ("learner.flight_s, learner.trainings", "flight with GNSS that the learner remembers; trainings adopted"),
     ("learner.rules, learner.target_rms", "rules of the network; RMS of what it had to learn [m/s]"),
     (

@@ -71,14 +71,16 @@ class Aligner:
     noise: FixNoise
     restarts: int
     """How often a bank of hypotheses that had gone astray was started anew."""
+    compass: Compass
+    """Takes the magnetic field."""
+    outside: OutsideLevels
+    """Takes the attitudes of another estimator, whose tilt helps a start in motion."""
     _constants: Array
     _lever: Array
     _biases: KnownBiases
     _rest: RestDetector
     _rows: RecentRows
     _fixes: deque[Fix]
-    _compass: Compass
-    _outside: OutsideLevels
     _now: float
     _last_fix: Fix | None
     _level: RestLevel | None
@@ -111,8 +113,8 @@ class Aligner:
         )
         self._rows = RecentRows()
         self._fixes = deque()
-        self._compass = Compass(s.declination)
-        self._outside = OutsideLevels()
+        self.compass = Compass(s.declination)
+        self.outside = OutsideLevels()
         self._now = -math.inf
         self._last_fix = self._level = self._bank = self._done = None
         self._bank_start = 0.0
@@ -137,7 +139,11 @@ class Aligner:
             self._learn_from_rest()
         else:
             self._done = None  # an attitude found at rest does not outlive the rest
-        self._rows.forget_before(self._keep_from())
+        # what an older rest has taught is forgotten, too
+        oldest = t - _LEVEL_WINDOW - _FIX_AGE
+        if self._level is not None and t - self._level.t < _LEVEL_AGE:
+            oldest = min(self._level.t, oldest)
+        self._rows.forget_before(oldest if self._bank is None else self._bank.time)
 
     def gnss(
         self,
@@ -164,22 +170,14 @@ class Aligner:
         else:
             self._fixes.append(fix)
 
-    def mag(self, t: float, field: np.ndarray) -> None:
-        """Magnetic field in b [T]."""
-        self._compass.add(t, field)
-
     def set_declination(self, declination: float) -> None:
         """Magnetic declination [rad], east positive, for all that follows."""
         self.settings = replace(self.settings, declination=declination)
-        self._compass.declination = declination
-
-    def attitude(self, t: float, q_nb: Sequence[float], tilt_sd: float) -> None:
-        """Attitude of another estimator, scalar first: its tilt, good to ``tilt_sd`` [rad], helps a start in motion."""
-        self._outside.add(t, q_nb, tilt_sd)
+        self.compass.declination = declination
 
     def go_on_without_magnetometer(self) -> None:
         """Take the result back and look for a second one, whose heading comes from motion alone."""
-        self._compass, self._done = Compass(self.settings.declination), None
+        self.compass, self._done = Compass(self.settings.declination), None
 
     @property
     def follows_motion(self) -> bool:
@@ -217,7 +215,7 @@ class Aligner:
                 "speed up, brake or turn."
             )
         if self._is_resting():
-            return f"Level is known; heading needs motion, because there is {self._compass.doubt}."
+            return f"Level is known; heading needs motion, because there is {self.compass.doubt}."
         if self._rest.at_rest:
             return "The IMU is at rest, but GNSS reports motion; waiting for them to agree, or for acceleration."
         return "Waiting for GNSS to show the vehicle's motion."
@@ -294,7 +292,7 @@ class Aligner:
             if len(rows) < 3 or rows[0, IMU_T] > fix.t - 0.7 * _LEVEL_WINDOW:
                 return None
             self._from_rest = False
-            q, tilt_sd = self._outside.near(fix.t, s.tilt_sd) or (level_in_motion(rows), s.tilt_sd)
+            q, tilt_sd = self.outside.near(fix.t, s.tilt_sd) or (level_in_motion(rows), s.tilt_sd)
             nav, P = in_motion(q, tilt_sd, fix, self._biases, self._rows.at(fix.t), self._is_resting())
         self._bank_start = fix.t
         prior = heading_prior(s, self._magnetic_yaw(q))
@@ -305,13 +303,4 @@ class Aligner:
     def _magnetic_yaw(self, q_level: Array) -> float | None:
         """Yaw from the magnetometer, None when it cannot be believed (the compass knows why)."""
         lat, lon = (None, None) if self._last_fix is None else self._last_fix.position[:2]
-        return self._compass.yaw(self._now, q_level, lat, lon)
-
-    def _keep_from(self) -> float:
-        """IMU rows before this time are not needed any more."""
-        if self._bank is not None:
-            return self._bank.time
-        oldest = self._now - _LEVEL_WINDOW - _FIX_AGE
-        if self._level is not None and self._now - self._level.t < _LEVEL_AGE:
-            return min(self._level.t, oldest)
-        return oldest
+        return self.compass.yaw(self._now, q_level, lat, lon)

@@ -17,10 +17,10 @@ from nav_pose_estimator.core.alignment.types import Alignment, FixNoise, KnownBi
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import keep_blocks
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
+from nav_pose_estimator.engine.engine_clock import EngineClock
 from nav_pose_estimator.engine.imu.physics import ImuPhysics
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, start_up
-from nav_pose_estimator.engine.navigator.engine_clock import EngineClock
 from nav_pose_estimator.engine.navigator.modes import ModeKeeper
 from nav_pose_estimator.engine.navigator.split_filter import SplitFilter
 from nav_pose_estimator.engine.navigator.timeline import Timeline
@@ -72,7 +72,7 @@ class FilterRun:
         constants = filter_setup.constants(parameters, self.noise.imu_variance)
         self.timeline = Timeline(constants, self._fusion.apply, parameters.navigator.memory)
         fix_noise = FixNoise(self.gnss.position.noise, self.gnss.velocity.noise)
-        self.aligner = start_up.StartUp(parameters, fix_noise, known)
+        self.start_up = start_up.StartUp(parameters, fix_noise, known)
         self.trial: CarriedHeading | None = None  # see ``heading_trial``
         self.modes = ModeKeeper(parameters.navigator)
         self.stillness = Stillness()
@@ -107,7 +107,7 @@ class FilterRun:
     @property
     def now(self) -> float:
         """Engine time of the last IMU sample [s]."""
-        return self.timeline.filter.time if self.timeline.running else self.aligner.time
+        return self.timeline.filter.time if self.timeline.running else self.start_up.time
 
     @property
     def despair(self) -> str:
@@ -124,7 +124,7 @@ class FilterRun:
     def known_biases(self) -> KnownBiases | None:
         """What is known of the IMU's biases, by the filter or from the run before; None where that is little."""
         if not self.timeline.running:
-            return self.aligner.known_biases
+            return self.start_up.known_biases
         nav, variances = self.settled.nav, self.settled.P.diagonal()
         gyro_sd, accel_sd = (
             2.0 * math.sqrt(variances[start : start + 3].max()) for start in (at.D_GYRO_BIAS, at.D_ACCEL_BIAS)
@@ -139,13 +139,13 @@ class FilterRun:
     def align(self, row: np.ndarray) -> None:
         """One IMU row (1, 7) while the filter does not run yet."""
         self.timeline.remember(row)
-        self.aligner.imu(row[0])
+        self.start_up.imu(row[0])
         self.try_start()
 
     def try_start(self) -> None:
         """Start the filter as soon as attitude and position are known."""
-        start = self.aligner.result()
-        self.modes.note_alignment(self.aligner.has_attitude and not self.imu_physics.refusal)
+        start = self.start_up.result()
+        self.modes.note_alignment(self.start_up.has_attitude and not self.imu_physics.refusal)
         if start is None or self.imu_physics.refusal:
             return
         self.begin(start)
@@ -160,7 +160,7 @@ class FilterRun:
         self.timeline.start(nav, P, self.origin)
         if start.from_magnetometer:
             self.trial = CarriedHeading(float(nav[at.TIME]), nav[at.QUAT : at.GYRO_BIAS].copy())
-            self.aligner.aligner.go_on_without_magnetometer()
+            self.start_up.aligner.go_on_without_magnetometer()
         text = f"aligned ({start.method}), heading to {math.degrees(math.sqrt(P[at.PHI + 2, at.PHI + 2])):.1f} deg"
         self.journal.say(self.clock.stamp(now), "aligned", Level.INFO, text)
         self.update_mode(now)
@@ -168,7 +168,7 @@ class FilterRun:
     def locate(self, fix: GnssFix) -> None:
         """The first position that is trusted tells the declination."""
         self.parameters = declination.located(self.parameters, fix, self.journal.say)
-        self.aligner.set_declination(self.parameters.aids.declination)
+        self.start_up.aligner.set_declination(self.parameters.aids.declination)
         self.set_parameters(self.parameters)
 
     # --- observations ------------------------------------------------------------------------------------------------
@@ -193,7 +193,3 @@ class FilterRun:
     def update_mode(self, t: float) -> None:
         """Bring the mode up to ``t``."""
         self.modes.update(t, self.aiding, self.gnss.reception.refusal, self.journal, self.clock.stamp)
-
-    def mode_deadline(self, t: float) -> float:
-        """The next time after ``t`` at which the mode may change by time alone."""
-        return self.modes.deadline(t, self.aiding)

@@ -34,9 +34,9 @@ def carry(run: FilterRun, trial: CarriedHeading, rows: np.ndarray, out: np.ndarr
     gyroscope's.
     """
     for row, solution in zip(rows, out, strict=True):
-        run.aligner.imu(row)
-        run.aligner.aligner.forget_stale(_PATIENCE)
-        if run.aligner.aligner.follows_motion:
+        run.start_up.imu(row)
+        run.start_up.aligner.forget_stale(_PATIENCE)
+        if run.start_up.aligner.follows_motion:
             trial.carry(row[at.IMU_T], solution[at.OUT_RATE : at.OUT_FORCE])
         else:
             trial.hold(row[at.IMU_T], solution[at.OUT_QUAT : at.OUT_RATE].copy())
@@ -44,17 +44,17 @@ def carry(run: FilterRun, trial: CarriedHeading, rows: np.ndarray, out: np.ndarr
 
 def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
     """Compare the headings if there are two, after what came with a stamp of ``stamp_ns``."""
-    second = run.aligner.result()
+    second = run.start_up.result()
     if second is None:
         return
     age = run.now - second.t
     if age > run.parameters.navigator.memory:
-        run.aligner.aligner.forget_stale(0.0)
+        run.start_up.aligner.forget_stale(0.0)
         return
     run.trial = None
     start = filter_setup.complete_start(second, run.timeline.filter.constants, run.parameters)
     nav, P = start[0].copy(), start[1].copy()
-    for row in run.timeline.recent_rows(age):
+    for row in run.timeline.rows_since(run.timeline.filter.time - age):
         propagate(nav, P, run.timeline.filter.constants, row)
     error = math.remainder(trial.yaw - float(euler_from_quat(nav[at.QUAT : at.GYRO_BIAS])[2]), 2.0 * math.pi)
     if abs(error) > _FAR_OFF:

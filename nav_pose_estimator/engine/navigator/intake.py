@@ -72,10 +72,10 @@ def _fix(run: FilterRun, sample: GnssFix) -> None:
     if run.timeline.running:
         run.observe(run.gnss.position.observe(sample, t))
         if run.trial is not None:
-            run.aligner.fix(t, sample, run.gnss.reception.position_noise(sample))
+            run.start_up.fix(t, sample, run.gnss.reception.position_noise(sample))
             heading_trial.judge(run, run.trial, sample.stamp_ns)
     else:
-        run.aligner.fix(t, sample, run.gnss.reception.position_noise(sample))
+        run.start_up.fix(t, sample, run.gnss.reception.position_noise(sample))
         run.try_start()
 
 
@@ -90,7 +90,7 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
     observation = run.gnss.velocity.observe(usable, t)
     assert observation.stated_R is not None
     run.imu_physics.velocity(observation.t, usable.vel_enu)
-    run.aligner.velocity(observation.t, usable.vel_enu, observation.stated_R)
+    run.start_up.velocity(observation.t, usable.vel_enu, observation.stated_R)
     if run.timeline.running:
         run.observe(observation)
         if run.trial is not None:
@@ -109,9 +109,9 @@ def _aid(run: FilterRun, sample: Any) -> None:
         if observation is None or _give_blocks(run, aid):
             run.observe(observation)
     elif isinstance(aid, Magnetometer):
-        run.aligner.mag(t, aid.receive(sample))
+        run.start_up.mag(t, aid.receive(sample))
     elif isinstance(sample, PressureSample):
-        run.aligner.standard_height = barometer.standard_height(sample.pressure)
+        run.start_up.standard_height = barometer.standard_height(sample.pressure)
 
 
 def _give_blocks(run: FilterRun, aid: Aid) -> bool:
@@ -165,7 +165,7 @@ def _motion(run: FilterRun, sample: MotionEvidence) -> None:
 def _attitude(run: FilterRun, sample: AttitudeSample) -> None:
     t = run.clock.time_of(sample.stamp_ns, "attitude.rejected", run.journal)
     if t is not None and not run.timeline.running:
-        run.aligner.attitude(t, sample)
+        run.start_up.attitude(t, sample)
 
 
 def _set_pose(run: FilterRun, sample: SetPose) -> None:

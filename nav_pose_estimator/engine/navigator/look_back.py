@@ -31,7 +31,10 @@ def look_back(run: FilterRun, t: float) -> None:
 
 
 def _look_at_motion(run: FilterRun) -> None:
-    whole, mean_rate = run.timeline.filter, run.stillness.add(run.timeline.recent_rows(Stillness.PERIOD))
+    whole, mean_rate = (
+        run.timeline.filter,
+        run.stillness.add(run.timeline.rows_since(run.timeline.filter.time - Stillness.PERIOD)),
+    )
     if run.parameters.imu.learn_noise:
         _identify_noise(run, rests=mean_rate is not None)
     if mean_rate is not None and run.parameters.aids.zero_velocity:
@@ -44,7 +47,7 @@ def _identify_noise(run: FilterRun, rests: bool) -> None:
     grounded = rests and math.hypot(*whole.nav[at.VEL : at.VEL + 3].tolist()) < _GROUNDED
     if grounded or not run.aiding.gnss_is_good(whole.time) or whole.branches is not None:
         run.noise.interrupt()
-    elif run.noise.note(whole.nav, whole.P, whole.constants, run.timeline.recent_rows(_ROWS)):
+    elif run.noise.note(whole.nav, whole.P, whole.constants, run.timeline.rows_since(run.timeline.filter.time - _ROWS)):
         run.gnss.reception.noise_variance = run.noise.gnss_variance
         run.renew_constants()
 
@@ -60,7 +63,7 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
     refusal = run.imu_physics.refusal
     if not run.timeline.running:
         if refusal:
-            run.aligner = run.aligner.afresh(run.parameters)
+            run.start_up = run.start_up.afresh(run.parameters)
     elif run.modes.mode not in DENIED or t - run.aiding.fix_offered < run.aiding.lost_after:
         run.imu_despair = refusal
     else:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from nav_pose_estimator.core.alignment.types import KnownBiases
 from nav_pose_estimator.engine import warm_up_flight
+from nav_pose_estimator.engine.engine_clock import NS
 from nav_pose_estimator.engine.imu.input import ImuInput
 from nav_pose_estimator.engine.imu.rules import GAP, RESTARTS
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, intake, start_up, stretch
-from nav_pose_estimator.engine.navigator.engine_clock import NS
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun, Origin
 from nav_pose_estimator.engine.navigator.status import status_of
 from nav_pose_estimator.engine.parameters import Parameters

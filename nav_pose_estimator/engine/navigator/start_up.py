@@ -82,12 +82,12 @@ class StartUp:
     def mag(self, t: float, field: tuple[float, float, float]) -> None:
         """Magnetic field in b."""
         if self._use_mag and all(map(math.isfinite, field)):
-            self.aligner.mag(t, np.array(field))
+            self.aligner.compass.add(t, np.array(field))
 
     def attitude(self, t: float, sample: AttitudeSample) -> None:
         """Attitude of the attitude filter: its tilt helps to level in motion."""
         variance = _UNSTATED_TILT_SD**2 if sample.cov_n is None else float(np.max(np.diag(sample.cov_n)[:2]))
-        self.aligner.attitude(t, sample.q_nb, math.sqrt(max(variance, 0.0)))
+        self.aligner.outside.add(t, sample.q_nb, math.sqrt(max(variance, 0.0)))
 
     def fix(self, t: float, sample: GnssFix, R: np.ndarray) -> None:
         """A usable fix valid at ``t``; handed on with the velocity of its epoch, or alone when none came."""

@@ -23,7 +23,7 @@ def status_of(run: FilterRun) -> Status:
     if run.timeline.running:
         whole = run.settled
         t, later = whole.time, predicted_horizontal_sd(whole.nav, whole.P, whole.constants, _OUTLOOK)
-    values = {"alignment.restarts": float(run.aligner.restarts), **run.gnss.figures()}
+    values = {"alignment.restarts": float(run.start_up.aligner.restarts), **run.gnss.figures()}
     values.update(run.noise.figures() | run.imu_physics.figures())
     for aid in run.aids.values():
         values.update(aid.figures())
@@ -53,4 +53,4 @@ def _waiting_for(run: FilterRun) -> str:
     if not run.imu_physics.knows_anything and run.journal.counters["imu.rejected.rate"] > _MANY:
         limit = run.parameters.imu.max_rate
         return f"IMU samples are refused, their angular rate is above {limit:g} rad/s: probably in deg/s."
-    return refusal or run.aligner.waiting_for(run.gnss.reception.refusal)
+    return refusal or run.start_up.waiting_for(run.gnss.reception.refusal)

@@ -47,7 +47,7 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
         run.declare_loss(now)
     if now >= run.second_due:
         look_back(run, now)
-    limit = min(run.mode_deadline(now), run.timeline.next_observation(quiet=False), run.second_due)
+    limit = min(run.modes.deadline(now, run.aiding), run.timeline.next_observation(quiet=False), run.second_due)
     count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
     if run.modes.at(now, run.aiding) is not run.modes.mode or run.despair:
         count = 1  # the change has the time of its row, whatever the size of the blocks
@@ -56,7 +56,7 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
         heading_trial.carry(run, run.trial, rows[:count], out)
     now = float(times[count - 1])
     run.update_mode(now)
-    quiet = min(run.mode_deadline(now), run.timeline.next_observation(), run.second_due)
+    quiet = min(run.modes.deadline(now, run.aiding), run.timeline.next_observation(), run.second_due)
     run.quiet_until = quiet if run.trial is None else -math.inf
     return _blocks(run, stamps_ns[:count], out)
 

@@ -73,10 +73,6 @@ class Timeline:
         """Time of the earliest observation that waits for the future, infinite without one; ``quiet`` ones or not."""
         return self._queue.due if quiet else self._queue.due_besides_quiet()
 
-    def recent_rows(self, seconds: float) -> np.ndarray:
-        """The IMU rows (N, 7) of the last ``seconds``, as far as the memory reaches; not to be written to."""
-        return self._imu.recent(self.filter.time - seconds)
-
     def rows_since(self, t: float) -> np.ndarray:
         """The IMU rows (N, 7) later than ``t`` [s], as far as the memory reaches; not to be written to."""
         return self._imu.recent(t)

@@ -31,7 +31,9 @@ class AidParameters:
     barometer_period: float = param(0.2, "s", "Shortest time between two barometric heights", 0.0, 60.0)
     barometer_tau: float = param(60.0, "s", "Time constant of the barometer's reference while GNSS is good", 1.0, 1e5)
     body_velocity: bool = param(True, "", "Use the velocity sensor (DVL, optical flow, wheel)")
-    body_velocity_sd: float = param(0.1, "m/s", "Lower bound on the deviation of a body velocity", 0.001, 10.0, mutable=True)
+    body_velocity_sd: float = param(
+        0.1, "m/s", "Lower bound on the deviation of a body velocity", 0.001, 10.0, mutable=True
+    )
     body_velocity_noise: str = param(
         "fixed", "", "Noise of a body velocity; others than fixed find how much larger it is", choices=tuple(MODELS)
     )

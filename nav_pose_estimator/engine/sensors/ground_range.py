@@ -46,7 +46,7 @@ class _Ground:
 class GroundRange(Aid):
     """One row of height, the ground's height added to the vertical part of the beam."""
 
-    kind = Kind("ground_range", quiet=True)
+    kind = Kind("range", quiet=True)
     sample, family = RangeToGround, "range"
     vertical_only = True
 
@@ -117,7 +117,7 @@ class GroundRange(Aid):
 
     def figures(self) -> dict[str, float]:
         """Height above ground [m] as last measured."""
-        return {} if math.isnan(self._ground.above) else {"range.above_ground_m": self._ground.above}
+        return {} if math.isnan(self._ground.above) else {"rangefinder.above_ground_m": self._ground.above}
 
 
 def _vertical_part(measured: tuple[float, float], nav: np.ndarray) -> float:

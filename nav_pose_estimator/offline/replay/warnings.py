@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from nav_pose_estimator.engine import catalogue
+from nav_pose_estimator.engine.events import catalogue
 from nav_pose_estimator.engine.solutions import Level
 from nav_pose_estimator.offline.replay.replay import ReplayResult
 

@@ -10,12 +10,12 @@ import numpy as np
 from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.core.filter import bias_noise, measurements
 from nav_pose_estimator.core.filter.layout import ALT, DPOS
-from nav_pose_estimator.core.gnss import height_reference, reacquisition
+from nav_pose_estimator.core.gnss import height_reference
 from nav_pose_estimator.core.gnss.height_reference import HeightReference
 from nav_pose_estimator.core.gnss.reacquisition import Reacquisition, ReacquisitionSettings
 from nav_pose_estimator.core.gnss.return_evidence import distance, unexplained
 from nav_pose_estimator.core.gnss.spoof_drift import WalkOff
-from nav_pose_estimator.engine.catalogue import in_words
+from nav_pose_estimator.engine.events.catalogue import in_words
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
@@ -23,6 +23,7 @@ from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
+from nav_pose_estimator.engine.sensors.gnss.lasting_jump import LastingJump
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import StatedAccuracy
 from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
@@ -32,7 +33,6 @@ from nav_pose_estimator.engine.solutions import Level
 _SAME_MOTION = 1.0  # s: over this time the navigator knows the change of velocity better than a receiver
 _ANOTHER_PLACE = 5e4  # m: nobody flies that far unseen
 _SAME_STEP = 20.0  # s: a height that is left out later than that is told again
-_CREDIBLE = 3.0  # deviations that cover both ends of a jump
 _CHANCE = 2.5  # deviations by which two fixes minutes apart may differ
 
 
@@ -65,7 +65,7 @@ class GnssPositionSensor(Sensor):
         self.resets = 0
         self.last_reset_m = math.nan  # size of the last one
         self.despair = ""  # why the filter should start again: what GNSS says cannot be mended by a reset
-        self._jump, self._jump_until = 0.0, -math.inf  # m, s: the last jump of GNSS, and how long it is doubted
+        self._jump = LastingJump()
         self.forsakes_origin = False  # the start was somewhere else on Earth, and with it the origin
         self._velocity_apart = 0.0  # deviations between the two velocities at the last fix
         self.gate_radius = math.nan  # m: how far off a fix may lie and still be taken as it is
@@ -105,26 +105,12 @@ class GnssPositionSensor(Sensor):
         decision = self._ask_the_guard(o, f)
         if self._velocity.doubt.is_hopeless(o.t) and o.t - self._aiding.fix_used < self._despair_gap:
             self.despair = "GNSS was there all the time, yet velocities differ, and positions with them"
-        least = self._jump / _CREDIBLE if o.t < self._jump_until else 0.0
-        return replace(decision, widening=widening, least_sd=(least, 0.5 * self._heights.span))
+        least_sd = (self._jump.least_sd(o.t), 0.5 * self._heights.span)
+        return replace(decision, widening=widening, least_sd=least_sd)
 
     def doubt(self, t: float) -> str:
         """Why the position at ``t`` is not to be believed as usual, a clause; empty if it is."""
-        if t < self._jump_until:
-            return f"GNSS jumped by {self._jump:.0f} m while it was in use, and stayed there"
-        return self._velocity.doubt.reason if self._aiding.gnss_is_good(t) else ""
-
-    def _note_jump(self, t: float, gap: float, decision: reacquisition.Decision) -> None:
-        """A jump that began while GNSS was good is taken in the end, with a deviation that covers where it came from.
-
-        After an outage the filter may have drifted as far.
-        """
-        away, settings = math.hypot(*decision.offset[:2]), self._guard.settings
-        strange = decision.reason.endswith(("implausible", "unexplained", "inconsistent"))
-        if strange and gap < settings.implausible_time + 2.0 * settings.loss_time:
-            self._jump, self._jump_until = away, t + settings.probation
-        else:
-            self._jump_until = -math.inf
+        return self._jump.reason(t) or (self._velocity.doubt.reason if self._aiding.gnss_is_good(t) else "")
 
     def _doubted(self, o: Observation, f: FilterView) -> float:
         """The factor by which the covariance is too small, as far as refused velocities and positions tell."""
@@ -166,7 +152,7 @@ class GnssPositionSensor(Sensor):
         self._watch_drift(o, fix, velocity, _CHANCE * max(sd[:2]))
         if decision.action == "fuse":
             return Decision(Use.GATED if decision.gated else Use.UNGATED, reference)
-        self._note_jump(o.t, gap, decision)
+        self._jump.note(o.t, gap, decision, self._guard.settings)
         if math.hypot(*decision.offset) > _ANOTHER_PLACE:
             self.forsakes_origin = True
             self.despair = f"GNSS is {1e-3 * math.hypot(*decision.offset):.0f} km from where the navigator started"

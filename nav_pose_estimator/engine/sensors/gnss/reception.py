@@ -9,7 +9,7 @@ import numpy as np
 
 from nav_pose_estimator.core.gnss import clock_offset
 from nav_pose_estimator.core.gnss.quality_gate import GateSettings, GnssGate, Notice
-from nav_pose_estimator.engine.catalogue import in_words
+from nav_pose_estimator.engine.events.catalogue import in_words
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_covariance, is_position
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters

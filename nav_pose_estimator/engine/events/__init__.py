@@ -1,0 +1,1 @@
+"""Every event there is, in words."""

@@ -1,0 +1,128 @@
+"""Magnetometer, barometer, other aids and the outage."""
+
+from nav_pose_estimator.engine.events.entry import CLOCKS, SENSOR, Entry
+
+SECTIONS: dict[str, tuple[Entry, ...]] = {
+    "Magnetometer, barometer and other aids": (
+        Entry(
+            "mag.disturbed",
+            "the magnetic field is disturbed: heading by gyroscope alone",
+            "keep away from steel and currents",
+        ),
+        Entry("mag.undisturbed", "the magnetic field is undisturbed again"),
+        Entry(
+            "mag.rejected.disturbed", "a field that is not the Earth's", "calibrate attitude.hard_iron and soft_iron"
+        ),
+        Entry(
+            "mag.heading.wrong_start",
+            "motion has shown that the magnetic heading of the start was wrong: aligned anew, it steers nothing",
+            "calibrate (docs/calibration.md): attitude.hard_iron, aids.magnetometer_rpy",
+        ),
+        Entry(
+            "mag.heading.disagrees",
+            "the magnetic heading is not the one that motion shows; it steers nothing",
+            "as above; the sentence says by how much and the likely cause",
+        ),
+        Entry(
+            "mag.unit",
+            "the field, or attitude.hard_iron, is in another unit than tesla; alignment does not believe it",
+            "publish tesla, as sensor_msgs/MagneticField demands; write attitude.hard_iron in tesla",
+        ),
+        Entry("mag.heading.cause", "turns have shown what is wrong with the magnetic heading", "see the log line"),
+        Entry("mag.heading.agrees", "the magnetic heading agrees with the motion again"),
+        Entry("mag.ignored", "aids.magnetometer is false"),
+        Entry("mag.declination.model", "the World Magnetic Model gave the declination at the first position"),
+        Entry(
+            "mag.declination.fallback",
+            "the model gave no declination, so aids.declination is used; the log line says why",
+            "pip install pygeomag, or set aids.declination",
+        ),
+        Entry("mag.rejected.nan", "a field that is not finite", SENSOR),
+        Entry("mag.rejected.value", "a field that is zero or not finite", SENSOR),
+        Entry("mag.rejected.no_attitude_yet", "a field came before the first IMU sample"),
+        Entry("mag.rejected.stamp", "a field not newer than the previous one", SENSOR),
+        Entry("mag.rejected.stale", "a field half a second away from the IMU's time", CLOCKS),
+        Entry(
+            "baro.rejected.unit",
+            "a pressure that belongs to the height of GNSS in another unit than pascal",
+            "let the driver send pascal",
+        ),
+        Entry(
+            "baro.contradicts",
+            "the barometer has moved away from the heights of GNSS; it is not used in an outage",
+            "look for a blocked port, or one that the propellers blow on",
+        ),
+        Entry("baro.contradicts.ended", "barometer and GNSS heights agree again"),
+        Entry("baro.rejected.value", "a pressure outside the atmospheric range", "check the unit: pascal, not hPa"),
+        Entry("zero_velocity.rejected", "the IMU was still, but the filter is sure of motion: not rest"),
+        Entry(
+            "zero_velocity.withheld.rate",
+            "the IMU was still, but for a rotation that its bias does not explain: not rest",
+        ),
+        Entry("zero_velocity.withheld.speed", "the IMU was still, but a low speed is not certain: not taken as rest"),
+        Entry("body_velocity.rejected.value", "a velocity without a finite component", SENSOR),
+        Entry("airspeed.rejected.absent", "PX4 reports no airspeed", "check the pitot tube and its driver"),
+        Entry("airspeed.rejected.value", "an airspeed that is not finite, or impossible", SENSOR),
+        Entry("airspeed.rejected.slow", "an airspeed below aids.airspeed_min, where a pitot tube is useless"),
+        Entry("airspeed.*", "an airspeed was used, given less weight (inflated), or refused by the filter's gate"),
+        Entry("range.rejected.value", "a distance to the ground that is not finite, or impossible", SENSOR),
+        Entry(
+            "range.new_ground",
+            "the ground was at another level for two seconds: heights are measured from there",
+        ),
+        Entry("range.*", "a height above ground was used, given less weight (inflated), or refused by the gate"),
+        Entry("range.rejected.outside", "no echo within the limits that the rangefinder states", "fly lower, or wait"),
+        Entry(
+            "outage.rejected.covariance",
+            "a predicted velocity error that is not finite or lacks its covariance",
+            "anfis_node sends both",
+        ),
+        Entry("outage.evidence", "what the flight so far says about the motion was used"),
+        Entry("outage.evidence.redundant", "what the flight taught was not used, because the airspeed is better"),
+        Entry("outage.evidence.network", "... and the network's prediction was part of it"),
+        Entry(
+            "outage.no_model", "GNSS is lost and anfis_node has no model yet", "fly longer with GNSS, or load a model"
+        ),
+        Entry("outage.reset", "the learner starts again", "see the reason in the log line"),
+        Entry("outage.trained", "a training has ended and its result is adopted"),
+        Entry("outage.training_failed", "a training gave no result; the model stays as it was", "see the log line"),
+        Entry("outage.model.loaded", "a model was read from its file"),
+        Entry("outage.model.saved", "the model was written to its file"),
+        Entry(
+            "outage.request_failed",
+            "a request to train, load or save the model could not be met",
+            "see the log line",
+        ),
+        Entry(
+            "odometry.rejected.incomplete",
+            "an odometry without orientation, covariance or finite values",
+            "run one navigator",
+        ),
+        Entry(
+            "*.rejected.before_imu", "a message came before the first IMU sample", "if it persists, check imu/data_raw"
+        ),
+        Entry("*.rejected.zero_stamp", "a message came without a stamp", "make the driver stamp its messages"),
+        Entry(
+            "*.covariance.*",
+            "an invalid covariance (the last word says why) was treated as unknown",
+            "correct the driver; until then the noise comes from the parameters",
+        ),
+        Entry("attitude.rejected.absent", "imu/data has no orientation", "let attitude_node publish imu/data"),
+        Entry("*.used", "an aid was used"),
+        Entry("*.inflated", "an aid was unlikely and was given less weight"),
+        Entry(
+            "*.rejected",
+            "an aid disagreed with the filter and was not used",
+            "if there are many, check its mounting and noise",
+        ),
+        Entry("navigator_velocity.ignored.heading_unknown", "the attitude filter does not know its heading yet"),
+        Entry("navigator_velocity.rejected.nan", "the navigator's velocity is not finite", "please report it"),
+        Entry("navigator_velocity.rejected.no_attitude_yet", "a velocity came before the first IMU sample"),
+        Entry(
+            "navigator_velocity.rejected.stamp", "a velocity not newer than the previous one", "run only one navigator"
+        ),
+        Entry(
+            "navigator_velocity.rejected.orientation", "an odometry without an orientation", "run only one navigator"
+        ),
+    ),
+}

@@ -1,0 +1,192 @@
+"""GNSS: gate, filter and return."""
+
+from nav_pose_estimator.engine.events.entry import CLOCKS, SENSOR, WAIT, Entry
+
+SECTIONS: dict[str, tuple[Entry, ...]] = {
+    "GNSS: the gate": (
+        Entry("gnss.rejected.status", "the receiver reports no fix", "wait for a fix; check the antenna"),
+        Entry("gnss.rejected.age", "the fix is older than gnss.gate.max_age", "set gnss.delay, or " + CLOCKS),
+        Entry(
+            "gnss.rejected.accuracy",
+            "the receiver states a larger error than the gate allows",
+            "wait, or widen the gate",
+        ),
+        Entry("gnss.rejected.satellites", "too few satellites", "wait, or lower gnss.gate.min_satellites_enter"),
+        Entry(
+            "gnss.rejected.null_island",
+            "latitude and longitude are exactly zero, which is no fix",
+            "wait for a fix; let the driver send no position before it",
+        ),
+        Entry(
+            "gnss.rejected.future",
+            "the fix has a stamp more than 1 s ahead of the IMU's time; the sentence says by how much and why",
+            CLOCKS + "; leap seconds and time zones are the driver's to correct",
+        ),
+        Entry(
+            "gnss.rejected.stuck",
+            "position and velocity repeat to the last digit while the vehicle moves",
+            "power the receiver again; look at what repeats its messages",
+        ),
+        Entry(
+            "gnss.rejected.height",
+            "the height jumped while the position stayed; latitude and longitude are used",
+            "let the driver give heights above the ellipsoid in every fix",
+        ),
+        Entry(
+            "gnss.height.moved",
+            "heights stay on another reference; the step is taken off them",
+            "let the driver give heights above the ellipsoid in every fix",
+        ),
+        Entry(
+            "gnss.height.missing",
+            "a fix has no altitude: the height is the barometer's, or held",
+            "let the driver fill the altitude; connect a barometer",
+        ),
+        Entry("gnss.rejected.value", "the fix holds NaN or an impossible latitude", SENSOR),
+        Entry("gnss.rejected.disabled", "GNSS is switched off by the operator", "call ~/use_gnss with true"),
+        Entry(
+            "gnss.rejected.before_imu", "a fix came before the first IMU sample", "if it persists, check imu/data_raw"
+        ),
+        Entry("gnss.rejected.zero_stamp", "a message came without a stamp", "make the driver stamp its messages"),
+        Entry(
+            "gnss.waiting.count_missing",
+            "no satellite count has arrived yet",
+            "publish gps/satellites, or set gnss.gate.satellite_source to the source you have, or to none",
+        ),
+        Entry("gnss.waiting.count_unknown", "the receiver does not know its satellite count (255)", WAIT),
+        Entry("gnss.waiting.count_stale", "the satellite count is older than gnss.gate.count_max_age", WAIT),
+        Entry("gnss.waiting.hold", "the satellite count has not been good for gnss.gate.hold yet", "wait"),
+        Entry("gnss.count.unknown", "the satellite count became unknown; the gate stays as it was", WAIT),
+        Entry("gnss.count.stale", "the satellite count is stale; the gate stays as it was", WAIT),
+        Entry("gnss.count.out_of_order", "a satellite count older than the last one was ignored"),
+        Entry("gnss.gate.opened", "enough satellites for long enough: GNSS may be used"),
+        Entry("gnss.gate.closed", "too few satellites: GNSS is no longer used", "see gnss.gate.min_satellites_leave"),
+        Entry(
+            "gnss.gate.inactive",
+            "no satellite count is available: status and accuracy alone decide",
+            "publish gps/satellites, or set gnss.gate.satellite_source to none if this is intended",
+        ),
+    ),
+    "GNSS: in the filter": (
+        Entry("gnss.used.*", "a position or velocity was used"),
+        Entry(
+            "gnss.inflated.*",
+            "a position or velocity was unlikely and was given less weight",
+            "if there are many, raise gnss.position_sd",
+        ),
+        Entry(
+            "gnss.rejected.position_innovation",
+            "the position disagrees with the filter",
+            "see gnss.rejected.innovation",
+        ),
+        Entry(
+            "gnss.rejected.velocity_innovation",
+            "the velocity disagrees with the filter",
+            "check ros.input.velocity_frame, gnss.delay and gnss.lever_arm",
+        ),
+        Entry(
+            "gnss.rejected.innovation",
+            "the fix lies too far from where the filter expects it",
+            "multipath or spoofing; if it persists, check gnss.delay, gnss.lever_arm and imu.convention",
+        ),
+        Entry(
+            "gnss.drift",
+            "fixes and their own velocities drift apart: the position is being pulled away",
+            "do not trust GNSS: spoofing or severe multipath",
+        ),
+        Entry("gnss.drift.ended", "fixes and their velocities agree again"),
+        Entry("gnss.drift.fixes", "a fix that came while positions and velocities drifted apart"),
+        Entry(
+            "gnss.rejected.velocity_axes",
+            "a velocity whose axes contradict the way between fixes",
+            "see gnss.velocity.axes",
+        ),
+        Entry(
+            "gnss.velocity.axes.ned",
+            "velocities look like North-East-Down and are not used",
+            "set ros.input.velocity_frame to ned",
+        ),
+        Entry(
+            "gnss.velocity.axes.turned",
+            "velocities are as fast as the positions move, but in another direction; they are not used",
+            "let the driver send East-North-Up; a velocity in body axes belongs on another topic",
+        ),
+        Entry(
+            "gnss.velocity.axes.silent",
+            "velocities stay zero while the positions move and are not used",
+            "set ros.input.velocity to none",
+        ),
+        Entry("gnss.velocity.axes.ended", "velocities agree with the way between fixes again"),
+        Entry(
+            "gnss.velocity.turned",
+            "velocities are North-East-Down beyond doubt; they are turned and used",
+            "set ros.input.velocity_frame to ned",
+        ),
+        Entry(
+            "gnss.velocity.vertical.silent",
+            "the vertical velocity stays zero while the height changes and is not used",
+            "set ros.input.vertical_velocity to false",
+        ),
+        Entry(
+            "gnss.velocity.vertical.down",
+            "the vertical velocity is positive down and is not used",
+            "let the driver send it positive up",
+        ),
+        Entry(
+            "gnss.noise.optimistic",
+            "the receiver's errors are three or more times as large as it states (gnss.noise has found the factor)",
+            "look for reflections and interference; else set gnss.position_sd, gnss.velocity_sd to what is true",
+        ),
+        Entry("gnss.noise.agrees", "the receiver's errors are about as large as it states again"),
+        Entry("gnss.rejected.velocity_value", "a velocity that is not finite", SENSOR),
+        Entry(
+            "gnss.rejected.velocity_without_fix", "a velocity came while fixes are refused", "see why fixes are refused"
+        ),
+        Entry(
+            "gnss.rejected.velocity_without_position",
+            "a velocity came while no position is used",
+            "see why no position is used",
+        ),
+        Entry("gnss.velocity.rejected.invalid", "PX4 reports the velocity as invalid", "wait for a better fix"),
+        Entry("*.rejected.future", "a stamp more than 1 s ahead of the IMU's time", CLOCKS),
+        Entry("*.rejected.late", "a message older than navigator.memory", CLOCKS + ", or raise navigator.memory"),
+    ),
+    "GNSS: the return after an outage": (
+        Entry("gnss.waiting.consistency", "too few consistent fixes since GNSS came back", "wait"),
+        Entry("gnss.waiting.expected", "the fixes lie where they should, but have not lasted long enough", "wait"),
+        Entry("gnss.rejected.expected", "the fixes lie where they should, but have not lasted long enough", "wait"),
+        Entry(
+            "gnss.waiting.contradiction",
+            "the fixes agree with each other, but not with the filter",
+            "wait: gnss.reacquisition.contradiction_time decides",
+        ),
+        Entry("gnss.rejected.contradiction", "consistent fixes contradict a filter that GNSS still aids", "see above"),
+        Entry(
+            "gnss.waiting.implausible",
+            "the vehicle cannot have reached the position that the fixes give",
+            "check gnss.reacquisition.max_speed; if it is right, the fixes are wrong",
+        ),
+        Entry("gnss.rejected.implausible", "fixes that the vehicle cannot have reached", "as above"),
+        Entry(
+            "gnss.waiting.inconsistent",
+            "position and velocity of the fixes contradict each other",
+            "check ros.input.velocity_frame and whether gps/vel is filled",
+        ),
+        Entry("gnss.rejected.inconsistent", "position and velocity of the fixes contradict each other", "as above"),
+        Entry("gnss.waiting.ambiguous", "two series of fixes contradict each other", "wait: the longer one wins"),
+        Entry(
+            "gnss.held",
+            "an unexpected return waits for a decision (policy hold)",
+            "call ~/accept_return or ~/refuse_return",
+        ),
+        Entry("gnss.return.accepted", "the operator accepted the return of GNSS that was held"),
+        Entry("gnss.return.refused", "the operator refused the return of GNSS that was held"),
+        Entry("gnss.return.none", "a decision about a return was made, but none was held"),
+        Entry("gnss.reacquired.*", "GNSS is back and used as a correction"),
+        Entry(
+            "gnss.reset.*",
+            "GNSS is back and the position was reset to it; map jumped, odom did not",
+            "after a long outage this is expected; otherwise look for spoofing",
+        ),
+    ),
+}

@@ -1,0 +1,82 @@
+"""The IMU: readings that cannot be, gaps and clocks."""
+
+from nav_pose_estimator.engine.events.entry import CLOCKS, SENSOR, Entry
+
+SECTIONS: dict[str, tuple[Entry, ...]] = {
+    "IMU": (
+        Entry("imu.gap", "no IMU data for longer than imu.max_gap: aligning again", "find out why the IMU stopped"),
+        Entry(
+            "imu.clock_jump", "the IMU's stamps went back: aligning again", "a looping bag does this; else " + CLOCKS
+        ),
+        Entry(
+            "imu.stuck", "a sensor repeats one value exactly", "power-cycle it; with a noise-free simulator ignore it"
+        ),
+        Entry("imu.stuck.ended", "the values change again"),
+        Entry(
+            "imu.saturated.gyroscope", "the gyroscope is at the limit of its range", "choose a wider range, fly gently"
+        ),
+        Entry("imu.saturated.accelerometer", "the accelerometer is at the limit of its range", "as for the gyroscope"),
+        Entry("imu.saturated.ended", "the IMU is within its range again"),
+        Entry(
+            "imu.rejected.absent",
+            "the message has no rate or no acceleration",
+            "use the raw topic; have the driver combine gyroscope and accelerometer",
+        ),
+        Entry("imu.rejected.backward", "a stamp older than the previous one", SENSOR),
+        Entry(
+            "imu.rejected.duplicate",
+            "two samples with the same stamp",
+            "the driver sends samples twice or stamps coarsely",
+        ),
+        Entry("imu.rejected.forward", "a stamp far ahead, not yet confirmed by a second one", SENSOR),
+        Entry("imu.rejected.force", "a specific force above imu.max_force", "check the unit: m/s^2, not g"),
+        Entry("imu.rejected.rate", "an angular rate above imu.max_rate", "check the unit: rad/s, not degrees"),
+        Entry(
+            "imu.implausible.in_g",
+            "the mean specific force is about 1: no alignment",
+            "let the driver send m/s^2 (REP-103): multiply by 9.80665",
+        ),
+        Entry(
+            "imu.implausible.no_gravity",
+            "the mean specific force is about 0: no alignment",
+            "use the driver's raw acceleration, not its linear one",
+        ),
+        Entry(
+            "imu.implausible.force_scale",
+            "the specific force at rest is not that of gravity: no alignment",
+            "check unit and range of the accelerometer",
+        ),
+        Entry(
+            "imu.implausible.upside_down",
+            "gravity pulls towards the top of the body: no alignment",
+            "set imu.convention (frd) or imu.mounting_rpy, or turn the sign in the driver",
+        ),
+        Entry(
+            "imu.implausible.no_accelerometer",
+            "the accelerometer reads exactly zero: no alignment",
+            "let the driver join gyroscope and accelerometer (realsense: unite_imu_method)",
+        ),
+        Entry("imu.implausible.no_gyroscope", "the gyroscope reads exactly zero: no alignment", "as above"),
+        Entry("imu.implausible.dead_axis", "an axis does not change while the others do", "replace the IMU"),
+        Entry(
+            "imu.implausible.two_imus",
+            "two IMUs publish on one topic",
+            "give each IMU a topic of its own; see ros2 topic info -v",
+        ),
+        Entry(
+            "imu.implausible.motion",
+            "the IMU tells another motion than GNSS velocity; the sentence names unit, sign or axes",
+            "check rad/s, signs and axes of both sensors; if they are right: ros.input.velocity_frame, gnss.delay",
+        ),
+        Entry("imu.implausible.ended", "the IMU is plausible again: it aligns anew"),
+        Entry("imu.vibration", "the IMU shakes heavily: expect errors of vertical velocity", "dampen its mount"),
+        Entry("imu_doubt.used", "the IMU was dead, clipped or struck while GNSS was away: less certain from then on"),
+        Entry(
+            "navigator.distrusted",
+            "without GNSS, an IMU that is none or a speed that the vehicle cannot fly: EXPIRED until GNSS is back",
+            "see the reason in the log line",
+        ),
+        Entry("imu.rejected.nan", "a value that is not finite", SENSOR),
+        Entry("imu.rejected.zero_stamp", "a sample without a stamp", "make the driver stamp its messages"),
+    ),
+}

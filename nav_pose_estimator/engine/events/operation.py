@@ -1,0 +1,48 @@
+"""Start, modes, the operator and the autopilot."""
+
+from nav_pose_estimator.engine.events.entry import Entry
+
+SECTIONS: dict[str, tuple[Entry, ...]] = {
+    "Start, modes and operator": (
+        Entry("aligned", "attitude and position are known, the navigator runs"),
+        Entry("reset", "the navigator restarts; the log line says why", "see the reason in the log line"),
+        Entry("attitude.reset", "the attitude filter restarts", "see the reason in the log line"),
+        Entry("mode.*", "the mode has changed to the one in the name"),
+        Entry("mode.use_gnss", "an operator has switched GNSS off or on", "call ~/use_gnss with true to use it again"),
+        Entry("parameters.changed", "parameters were changed in flight"),
+        Entry("set_pose", "the pose was set from outside"),
+        Entry("set_pose.rejected.frame", "a pose came in a frame that is not map", "publish it in ros.frames.map"),
+        Entry("set_pose.rejected.nan", "a pose was not finite, or its orientation was invalid", "check its publisher"),
+        Entry("set_pose.rejected.stamp", "a pose came without a stamp", "let whoever publishes set_pose stamp it"),
+        Entry("set_pose.rejected.value", "a pose held no numbers or no rotation", "look at who publishes set_pose"),
+        Entry("set_pose.rejected.far", "a pose lay far from where the navigator is", "look at who publishes set_pose"),
+        Entry(
+            "doubt.begun",
+            "GNSS keeps contradicting the navigator: its sigma grows until they agree",
+            "set gnss.delay and gnss.lever_arm; look for vibration of the IMU",
+        ),
+        Entry("doubt.ended", "GNSS and the navigator agree again"),
+        Entry("set_pose.rejected.no_origin", "a pose came before the origin was known", "wait for AIDED once"),
+        Entry("qos.incompatible", "a publisher's QoS is incompatible: nothing is received", "see the log line"),
+        Entry("callback.failed.*", "a message caused an error in this package and was not used", "please report it"),
+        Entry("output.withheld.nan", "a solution was not finite and was not published", "please report it with a bag"),
+    ),
+    "The way back to the autopilot": (
+        Entry("autopilot.sending", "the autopilot gets the pose from now on; the sentence says what is missing"),
+        Entry("autopilot.silent", "the autopilot no longer gets the pose; the sentence says why"),
+        Entry("autopilot.dry_run", "what would have been sent", "set ros.output.autopilot_dry_run to false to send it"),
+        Entry(
+            "autopilot.feedback",
+            "gps/fix repeats the pose that the autopilot gets from here: a feedback loop, its fixes are not used",
+            "give gps/fix and gps/vel the topics of the receiver itself, not of what the autopilot has fused; after"
+            " EXPIRED start the node again",
+        ),
+        Entry("autopilot.feedback.fixes", "a fix that lay on our own track and was not used", "see autopilot.feedback"),
+        Entry("autopilot.feedback.ended", "gps/fix no longer repeats our own pose"),
+        Entry(
+            "autopilot.feedback.topic",
+            "gps/fix is mapped to the position that the autopilot has fused",
+            "map it to the receiver: global_position/raw/fix of MAVROS, vehicle_gps_position of PX4",
+        ),
+    ),
+}
