@@ -77,7 +77,7 @@ def test_a_start_far_off_moves_the_origin() -> None:
 
 
 def test_velocity_in_ned_is_dropped_and_then_turned() -> None:
-    """GIVEN a velocity North-East-Down THEN its axes are named, not the position, and it is turned once sure."""
+    """GIVEN a velocity North-East-Down THEN its axes are named, and it is turned once that is sure."""
     told = tell(flight(), Rewrite(GnssVelocity, change=ned))
     assert "North-East-Down" in told.event("gnss.velocity.axes.ned").text
     assert told.count("gnss.velocity.turned") == 1
@@ -97,7 +97,8 @@ def test_velocity_in_body_axes_is_dropped() -> None:
     assert told.count("gnss.velocity.axes") >= 1
     assert told.count("gnss.rejected.velocity_axes") > 200
     assert told.modes[-1] is Mode.AIDED
-    assert rms(told, 60.0)[0] < 2.0 * rms(baseline(), 60.0)[0]
+    assert rms(told, 60.0)[0] < 2.5 * rms(baseline(), 60.0)[0]  # positions alone
+    assert np.mean(told.off < 3.0 * told.sigma) > 0.97
 
 
 def test_a_vertical_velocity_that_is_never_filled_is_named() -> None:
