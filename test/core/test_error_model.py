@@ -10,7 +10,17 @@ from imu_run import run_imu
 from nav_pose_estimator.core.earth.ellipsoid import cos_latitude, radii
 from nav_pose_estimator.core.filter import error_model
 from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.filter.blocks import BLOCKS, DEPTH, DVL, GRAVITY, GYRO_MATRIX, WIND, Wander, state_count
+from nav_pose_estimator.core.filter.blocks import (
+    AIRSPEED,
+    BLOCKS,
+    DEPTH,
+    DVL,
+    GRAVITY,
+    GYRO_MATRIX,
+    WIND,
+    Wander,
+    state_count,
+)
 from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.error_state import inject
 from nav_pose_estimator.core.filter.strapdown import corrected_rate, propagate
@@ -24,6 +34,7 @@ WANDERS = {
     DVL: Wander((3e-5, 3e-5, 3e-5, 3e-5, 1e-5), 2000.0),
     DEPTH: Wander(1e-3, 900.0),
     GRAVITY: Wander(1e-6, 700.0),
+    AIRSPEED: Wander(1e-4, 600.0),
 }
 
 
