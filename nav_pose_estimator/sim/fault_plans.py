@@ -66,5 +66,5 @@ def _fault(sensor: type, kind: str, start: float, length: float, rng: np.random.
         return Thin(sensor, start, length, int(rng.integers(2, 6)))
     if kind == "time jump":
         return Redate(sensor, start, length, float(rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 3600.0)))
-    plain = {"stop": Stop, "freeze": Freeze, "nan": NotANumber}
+    plain: dict[str, type[Stop | Freeze | NotANumber]] = {"stop": Stop, "freeze": Freeze, "nan": NotANumber}
     return plain[kind](sensor, start, length)

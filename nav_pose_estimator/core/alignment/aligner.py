@@ -184,10 +184,9 @@ class Aligner:
         """Whether heading hypotheses follow GNSS."""
         return self._bank is not None
 
-    def forget_stale(self, patience: float) -> None:
-        """Begin anew when the last fix is more than ``patience`` [s] older than the IMU."""
-        if self._last_fix is not None and self._now - self._last_fix.t > patience:
-            self.reset()
+    def is_stale(self, patience: float) -> bool:
+        """Whether the last fix is more than ``patience`` [s] older than the IMU."""
+        return self._last_fix is not None and self._now - self._last_fix.t > patience
 
     # --- outcome -----------------------------------------------------------------------------------------------------
 

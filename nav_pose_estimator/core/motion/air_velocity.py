@@ -25,7 +25,7 @@ feedback in quadrotor control", ICRA 2010 (rotor drag); M. Khaghani and J. Skalo
 model-based navigation for small UAVs", Navigation 63(3), 2016 (vehicle dynamics as a sensor).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -128,8 +128,8 @@ class AirVelocityModel:
         )
         parts = {name: np.array(state[name], float) for name in _ARRAYS}
         _check_parts(network, parts, state["errors"])
-        parts |= {name: float(value) for name, value in parts.items() if value.ndim == 0}
-        return cls(network, errors={int(r): float(e) for r, e in state["errors"]}, **parts)  # type: ignore[arg-type]
+        fields = {name: float(value) if value.ndim == 0 else value for name, value in parts.items()}
+        return cls(network, errors={int(r): float(e) for r, e in state["errors"]}, **fields)  # type: ignore[arg-type]
 
 
 _INPUTS, _OUTPUTS = 9, 3
@@ -291,7 +291,9 @@ def _residuals(epochs: Array, network: Law, wind: Array) -> Array:
     return epochs[:, BODY_VELOCITY:VELOCITY] - network.predict(inputs(epochs)) - _in_body(epochs, wind)
 
 
-def _unseen_residuals(epochs: Array, blocks: list[Array], rules: int, windless: bool, weigh: Weigh) -> Array:
+def _unseen_residuals(
+    epochs: Array, blocks: Sequence[NDArray[np.intp]], rules: int, windless: bool, weigh: Weigh
+) -> Array:
     residual = np.empty((len(epochs), 3))
     for block in blocks:
         others = np.setdiff1d(np.arange(len(epochs)), block)

@@ -35,7 +35,8 @@ def carry(run: FilterRun, trial: CarriedHeading, rows: np.ndarray, out: np.ndarr
     """
     for row, solution in zip(rows, out, strict=True):
         run.start_up.imu(row)
-        run.start_up.aligner.forget_stale(_PATIENCE)
+        if run.start_up.aligner.is_stale(max(_PATIENCE, run.aiding.lost_after)):
+            run.start_up = run.start_up.afresh(run.parameters)
         if run.start_up.aligner.follows_motion:
             trial.carry(row[at.IMU_T], solution[at.OUT_RATE : at.OUT_FORCE])
         else:
@@ -49,7 +50,7 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
         return
     age = run.now - second.t
     if age > run.parameters.navigator.memory:
-        run.start_up.aligner.forget_stale(0.0)
+        run.start_up = run.start_up.afresh(run.parameters)
         return
     run.trial = None
     start = filter_setup.complete_start(second, run.timeline.filter.constants, run.parameters)
