@@ -68,6 +68,14 @@ def test_a_good_compass_is_believed_and_steers():
     assert magnetic_headings_in_outage(told) > 10
 
 
+def test_a_pause_of_gnss_before_the_first_motion_does_not_end_the_trial():
+    # GIVEN a turned compass and a start at rest, WHEN GNSS pauses for eight seconds before the first motion
+    told = tell(with_compass(base(), *WRONG["turned by 90 deg"]), *silence(10.0, 8.0))
+    # THEN the second alignment begins again, and motion shows the wrong heading as ever
+    (found,) = told.when("mag.heading.wrong_start")
+    assert found - first_motion() < 5.0
+
+
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_heading_is_found_within_seconds_of_motion(name):
     # GIVEN a compass that misleads the start, WHEN the vehicle begins to move along the ground
