@@ -5,7 +5,7 @@ import csv
 import json
 import time
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from nav_pose_estimator.engine.solutions import AttitudeBlock
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.benchmarks.attitude import peers as attitude_peers
 from nav_pose_estimator.offline.benchmarks.attitude import report as attitude_report
+from nav_pose_estimator.offline.benchmarks.attitude.row import Row
 from nav_pose_estimator.offline.benchmarks.attitude.trials import CONDITIONS, Trial, errors, load_trial, rmse
 from nav_pose_estimator.offline.damaged_input import reading
 from nav_pose_estimator.offline.flights.config_file import load_parameters
@@ -29,23 +30,6 @@ METHODS = ("complementary", "two_stage")
 TRIALS, SUMMARY_CSV, SUMMARY_JSON, REPORT = "trials.csv", "summary.csv", "summary.json", "report.html"
 _FIRST_NS = 1_000_000_000
 _IN_95 = (5.991, 3.841)  # chi squared with 2 degrees of freedom (tilt) and with 1 (heading)
-
-
-@dataclass(frozen=True)
-class Row:
-    """One filter on one trial: RMSE [deg]; the filter's own deviation against the error, where it gives one."""
-
-    condition: str
-    trial: str
-    method: str
-    inclination_deg: float  # without magnetometer
-    heading_deg: float  # with magnetometer, as the following
-    total_deg: float
-    tilt_in_95: float = float("nan")  # share of samples whose tilt error lies in the filter's own 95 % region
-    heading_in_95: float = float("nan")
-    tilt_nes: float = float("nan")  # mean squared error over variance and degree of freedom: 1 if true, less if careful
-    heading_nes: float = float("nan")
-    us_per_sample: float = float("nan")  # with magnetometer, this process, one run
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,19 +1,14 @@
 """Tables and plots of ``benchmark attitude``."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nav_pose_estimator.offline.benchmarks.attitude.row import Row
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
-
-if TYPE_CHECKING:
-    from nav_pose_estimator.offline.benchmarks.attitude.benchmark import Row
 
 _STYLES = ("a", "b", "c", "d", "e", "f", "a dash", "b dash", "c dash")
 HEADER = ["method", "inclination", "heading", "total", "tilt in 95 %", "heading in 95 %", "us/sample"]
