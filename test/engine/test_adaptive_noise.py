@@ -28,7 +28,7 @@ FLOORS = {
 
 
 def parameters(noise: str) -> Parameters:
-    return update(Parameters(), {"gnss.noise": noise, **FLOORS})
+    return update(Parameters(), {"gnss.noise": noise, "imu.learn_noise": False, **FLOORS})
 
 
 @cache

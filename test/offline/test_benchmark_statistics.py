@@ -76,7 +76,7 @@ def test_one_cluster_gives_no_interval():
 
 def test_methods_are_checked_and_listed():
     assert methods.check(["coast", "hold", "coast"]) == ["coast", "hold"]
-    with pytest.raises(UserError, match=r"does not exist; there is .*coast"):
+    with pytest.raises(UserError, match=r"does not exist; choose from .*coast"):
         methods.check(["coats"])
     with pytest.raises(UserError, match="hold"):
         methods.apply(Parameters(), "hold")

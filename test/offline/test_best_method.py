@@ -98,7 +98,7 @@ def test_a_method_that_is_no_estimator_cannot_be_applied(name: str) -> None:
 
 def test_names_are_checked_and_come_back_once() -> None:
     assert methods.check(["best", "hold", "best", "coast"]) == ["best", "hold", "coast"]
-    with pytest.raises(UserError, match="there is"):
+    with pytest.raises(UserError, match="choose from"):
         methods.check(["coast", "magic"])
     with pytest.raises(UserError, match="only there in benchmark outage"):
         methods.check(["hold"], allow_extrapolations=False)

@@ -80,7 +80,7 @@ def test_the_height_does_not_suffer_from_a_velocity_that_is_never_filled(tmp_pat
     bag = rewrite(good, tmp_path / "bag", unfilled)
     told, untold = vertical_rms(bag, config(tmp_path, "ros.input.vertical_velocity: false")), vertical_rms(bag, None)
     assert told < 1.5 * vertical_rms(good, None)
-    assert untold > 2.0 * told
+    assert untold < 1.5 * vertical_rms(good, None)  # it is found out by itself
 
 
 def vertical_rms(bag: Path, parameter_file: Path | None) -> float:

@@ -22,6 +22,8 @@ _BETTER, _EVIDENCE = 0.35, 0.06
 
 On sixteen recorded flights, with 0 and 0.2 s of ``gnss.delay``, at most 0.03 was explained by a mistake that left 0.4.
 """
+_WINS, _WIN = 3.0, 0.01
+"""... and to win, so often that no single blow can, which is in two or three windows: the fourth win in a row counts."""
 _CALM = 10  # windows in a row without misfit that end a wrong unit, which shows in every window of a flight
 _ALIKE, _ALIKE_FLOOR = 1.3, 0.004  # mistakes that explain nearly as much cannot be told apart
 _DEGREE = math.pi / 180.0
@@ -38,8 +40,9 @@ class MotionCheck:
         turns = motion_story.axis_rotations()
         self._gyros = np.concatenate([k * turns for k in (1.0, -1.0, _DEGREE, -_DEGREE)] + [turns[:1] / _DEGREE])
         self._sums = np.zeros(2 * len(self._gyros))
+        self._wins = np.zeros(len(self._sums))
+        self._offset, self._least_motion = np.zeros(3), math.inf  # rad/s: rates of the calmest second, their unrest
         self._blamed: int | None = None
-        self._windows = 0
         self._calm = 0
         self.finding: Finding | None = None
         self.misfit = math.nan
@@ -55,31 +58,47 @@ class MotionCheck:
         if (not self._velocities or t > self._velocities[-1][0]) and all(map(math.isfinite, velocity)):
             self._velocities.append((t, velocity))
 
-    def second(self, k: int, rows: np.ndarray) -> None:
-        """The IMU rows (N, 7) of the second that ends at ``k``, with one from before it."""
+    def second(self, k: int, rows: np.ndarray, gyro_bias: np.ndarray) -> None:
+        """The IMU rows (N, 7) of the second that ends at ``k``, with one from before it.
+
+        ``gyro_bias`` (3,) [rad/s] as far as the navigator knows it: that of a poor gyroscope is no mistake.
+        """
         self._seconds.pop(k - _WINDOW - _LAG, None)
         whole = motion_story.second_of(rows, float(k - 1))
         if whole is not None:
             self._seconds[k] = whole
+            motion = float(whole.angle.std(axis=0).max())
+            if motion < self._least_motion:
+                self._offset, self._least_motion = whole.angle.sum(axis=0), motion
         if k % _EVERY == 0:
-            self._compare(k - _LAG)
+            self._compare(k - _LAG, gyro_bias)
 
-    def _compare(self, end: int) -> None:
+    def _compare(self, end: int, gyro_bias: np.ndarray) -> None:
         seconds = [self._seconds.get(k) for k in range(end - _WINDOW + 1, end + 1)]
         forces = self._forces(end)
         known = [one for one in seconds if one is not None]
         if forces is None or len(known) < _WINDOW:
             return
-        own = motion_story.fit(known, forces, self._gyros[:1])
-        self.misfit = float(own.misfit[0])
+        self.misfit = self._own_misfit(known, forces, gyro_bias)
         squares = np.full(len(self._sums), self.misfit**2)
         if self.misfit > _SUSPICIOUS or self._blamed is not None:
             all_of_them = motion_story.fit(known, forces, self._gyros)
             squares = np.concatenate([all_of_them.misfit, all_of_them.inverted_misfit]) ** 2
+            squares[0] = self.misfit**2
         self._sums = _MEMORY * self._sums + squares
-        self._windows += 1
+        self._wins = _MEMORY * self._wins + ((squares < _BETTER * squares[0]) & (squares[0] - squares > _WIN))
         self._calm = self._calm + 1 if self.misfit < _SUSPICIOUS else 0
         self._judge()
+
+    def _own_misfit(self, known: list[motion_story.Second], forces: np.ndarray, gyro_bias: np.ndarray) -> float:
+        """Of the IMU as it is, or without one of the biases that its gyroscope may have; the best of them."""
+        least = math.inf
+        for bias in (np.zeros(3), gyro_bias, self._offset):
+            own = motion_story.fit([one.without(bias) for one in known], forces, self._gyros[:1])
+            least = min(least, float(own.misfit[0]))
+            if least < _SUSPICIOUS:
+                break
+        return least
 
     def _forces(self, end: int) -> np.ndarray | None:
         """(S, 3) m/s: what GNSS says of the specific force in each second of the window; None where it says nothing."""
@@ -101,7 +120,7 @@ class MotionCheck:
                 self._blamed, self.finding = None, None
             return
         best = int(np.argmin(sums))
-        if self._windows < 2 or sums[best] > _BETTER * sums[0] or sums[0] - sums[best] < _EVIDENCE:
+        if self._wins[best] < _WINS or sums[best] > _BETTER * sums[0] or sums[0] - sums[best] < _EVIDENCE:
             return
         alike = np.flatnonzero(sums < _ALIKE * sums[best] + _ALIKE_FLOOR)
         self._blamed = min(alike.tolist(), key=self._unusual)
@@ -110,7 +129,10 @@ class MotionCheck:
             f"{self._in_words(self._blamed)}"
         )
         self.finding = Finding("imu.implausible.motion", text)
-        self._sums = np.zeros(len(sums))  # from here on it has to prove that it is well
+        self._sums, self._wins = (
+            np.zeros(len(sums)),
+            np.zeros(len(sums)),
+        )  # from here on it has to prove that it is well
 
     def _mistake(self, index: int) -> tuple[np.ndarray, float, bool]:
         """Axes (3, 3), scale and sign of the gyroscope, and whether the accelerometer is inverted."""

@@ -57,20 +57,23 @@ class ImuPhysics:
         """GNSS velocity ENU [m/s] valid at ``t`` [s]."""
         self._motion.velocity(t, velocity)
 
-    def look(self, end: float, rows: np.ndarray, in_flight: bool, journal: Journal, stamp_ns: int) -> Doubt | None:
+    def look(
+        self, end: float, rows: np.ndarray, gyro_bias: np.ndarray | None, journal: Journal, stamp_ns: int
+    ) -> Doubt | None:
         """Judge the second up to ``end`` (a whole one), of which ``rows`` (N, 7) has all and one row more.
 
+        ``gyro_bias`` (3,) [rad/s] that the navigator has found; None where it does not run yet.
         Returns how far it may have led a navigator astray; None where nothing is wrong with it.
         """
         own = rows[np.searchsorted(rows[:, at.IMU_T], end - SECOND) :]
         with_one_more = rows[max(len(rows) - len(own) - 1, 0) :]
-        self._motion.second(round(end), with_one_more)
+        self._motion.second(round(end), with_one_more, np.zeros(3) if gyro_bias is None else gyro_bias)
         doubt = self._doubt.measure(with_one_more)
         second = second_of(own, end)
         if second is None:
             return doubt
         self._seconds.append(second)
-        found = plausibility.find(list(self._seconds), in_flight) or self._motion.finding
+        found = plausibility.find(list(self._seconds), gyro_bias is not None) or self._motion.finding
         self._tell(found, _LEAST < second.gravity < _MOST, journal, stamp_ns)
         self._watch_vibration(second, journal, stamp_ns)
         return doubt

@@ -59,7 +59,8 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
     would be the end of the solution; it goes on as EXPIRED, with growing variances, until GNSS is back.
     """
     rows, stamp_ns = run.timeline.rows_since(end - physics.REACH), run.clock.stamp(t)
-    doubt = run.imu_physics.look(end, rows, run.timeline.running, run.journal, stamp_ns)
+    bias = run.timeline.filter.nav[at.GYRO_BIAS : at.GYRO_BIAS + 3] if run.timeline.running else None
+    doubt = run.imu_physics.look(end, rows, bias, run.journal, stamp_ns)
     refusal = run.imu_physics.refusal
     if not run.timeline.running:
         if refusal:
