@@ -23,7 +23,7 @@ _BETTER, _EVIDENCE = 0.35, 0.06
 On sixteen recorded flights, with 0 and 0.2 s of ``gnss.delay``, at most 0.03 was explained by a mistake that left 0.4.
 """
 _WINS, _WIN = 3.0, 0.01
-"""... and to win, so often that no single blow can, which is in two or three windows: the fourth win in a row counts."""
+"""... and to win so often that no single blow can, which is in two or three windows: the fourth in a row counts."""
 _CALM = 10  # windows in a row without misfit that end a wrong unit, which shows in every window of a flight
 _ALIKE, _ALIKE_FLOOR = 1.3, 0.004  # mistakes that explain nearly as much cannot be told apart
 _DEGREE = math.pi / 180.0

@@ -53,22 +53,24 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
         run.start_up = run.start_up.afresh(run.parameters)
         return
     run.trial = None
-    start = filter_setup.complete_start(second, run.timeline.filter.constants, run.parameters)
+    # without the states that sensors have asked for: they are given them again
+    constants = filter_setup.constants(run.parameters, run.noise.imu_variance)
+    start = filter_setup.complete_start(second, constants, run.parameters)
     nav, P = start[0].copy(), start[1].copy()
     for row in run.timeline.rows_since(run.timeline.filter.time - age):
-        propagate(nav, P, run.timeline.filter.constants, row)
+        propagate(nav, P, constants, row)
     error = math.remainder(trial.yaw - float(euler_from_quat(nav[at.QUAT : at.GYRO_BIAS])[2]), 2.0 * math.pi)
     if abs(error) > _FAR_OFF:
         magnetometer = run.aids[MagSample]
         assert isinstance(magnetometer, Magnetometer)
         magnetometer.condemn(stamp_ns, error)
-        _start_from(run, start)
+        _start_from(run, constants, start)
 
 
-def _start_from(run: FilterRun, start: tuple[np.ndarray, np.ndarray]) -> None:
+def _start_from(run: FilterRun, constants: np.ndarray, start: tuple[np.ndarray, np.ndarray]) -> None:
     """Go on from another state, valid a moment ago; the odometry does not jump."""
     run.timeline.settle()
     before = run.timeline.filter.nav[at.LAT : at.VEL].copy()
-    run.timeline.start(*start)
+    run.timeline.restart(constants, *start)
     run.timeline.shift = run.timeline.shift + step_enu(before, run.timeline.filter.nav[at.LAT : at.VEL])
     run.gnss.position.resets += 1
