@@ -19,7 +19,11 @@ _PAUSE = 6.0  # s: over a longer one nothing can be summed up
 _SHORTEST = 1.5  # s of a stretch
 _LONGEST = 12.0  # s: a slower vehicle shows nothing
 _WAY = 6.0  # m: of a shorter one the scatter of fixes hides too much
-_SCATTER = 2.0  # m between two fixes seconds apart
+_SCATTER = 2.0  # m between two fixes seconds apart, at least
+_COVERS = 4.0  # deviations of a fix, three of a difference between two
+_SHORT = 0.5  # s: over a longer one an acceleration looks like scatter
+_FADING = 0.1  # share of the newest in the mean of the scatter
+_WAY_TO_SCATTER = 3.0
 _SHARE = 0.3  # of the way that honest sums are wrong by: coarse sampling, scale, reflections
 _PROOF = 2  # stretches in a row that prove it
 _OTHER_WAY = math.radians(45.0)  # two stretches in such directions tell a reflection from any rotation
@@ -73,6 +77,7 @@ class VelocityCheck:
     _ned_ways: list[float] = field(default_factory=list, init=False)
     _zeros: float = field(default=0.0, init=False)
     _agreed: bool = field(default=False, init=False)
+    _variance: float = field(default=0.0, init=False)  # m^2 of a fix on each axis, by second differences
     _climb: _Climb | None = field(default=None, init=False)
     _climbs: tuple[str, ...] = field(default=(), init=False)
 
@@ -107,19 +112,32 @@ class VelocityCheck:
         if epochs and epoch.t - epochs[-1].t > _PAUSE:
             epochs.clear()
         epochs.append(epoch)
+        self._watch_scatter()
         seconds = epoch.t - epochs[0].t
         if seconds < _SHORTEST:
             return
         way = epoch.place[0] - epochs[0].place[0], epoch.place[1] - epochs[0].place[1]
         said = _sum(epochs)
-        if max(math.hypot(*way), math.hypot(*said)) >= _WAY:
-            self._conclude(_verdict(way, said), math.atan2(way[1], way[0]))
+        if max(math.hypot(*way), math.hypot(*said)) >= max(_WAY, _WAY_TO_SCATTER * self._scatter):
+            self._conclude(_verdict(way, said, self._scatter), math.atan2(way[1], way[0]))
             self.misfit = math.dist(way, said) / seconds
         elif seconds < _LONGEST:
             return
         lat, lon = self._zero
         self._zero = lat + epoch.place[1] / _EARTH, lon + epoch.place[0] / (_EARTH * math.cos(lat))
         self._epochs = [_Epoch(epoch.t, (0.0, 0.0), epoch.velocity)]
+
+    @property
+    def _scatter(self) -> float:
+        return max(_SCATTER, _COVERS * math.sqrt(self._variance))
+
+    def _watch_scatter(self) -> None:
+        """White errors of fixes show in their second differences, whose variance is six times theirs."""
+        if len(self._epochs) < 3 or self._epochs[-1].t - self._epochs[-2].t > _SHORT:
+            return
+        a, b, c = (epoch.place for epoch in self._epochs[-3:])
+        square = math.hypot(a[0] - 2.0 * b[0] + c[0], a[1] - 2.0 * b[1] + c[1]) ** 2
+        self._variance += _FADING * (square / 12.0 - self._variance)
 
     def _climb_on(self, t: float, alt: float, up: float) -> None:
         """Compare the height gained with the sum of the vertical velocities."""
@@ -133,10 +151,11 @@ class VelocityCheck:
         climb.summed += 0.5 * (t - climb.t) * (climb.up + up)
         climb.t, climb.up, climb.alt = t, up, alt
         gained = alt - climb.start
-        if max(abs(gained), abs(climb.summed)) < _CLIMB:
+        scatter = max(_SCATTER, 2.0 * _COVERS * math.sqrt(self._variance))  # heights scatter twice as much
+        if max(abs(gained), abs(climb.summed)) < max(_CLIMB, _WAY_TO_SCATTER * scatter):
             return
         self._climb = _Climb(t, up, alt, alt)
-        self._climbs = (*self._climbs, _vertical_verdict(gained, climb.summed))[-_CURE:]
+        self._climbs = (*self._climbs, _vertical_verdict(gained, climb.summed, scatter))[-_CURE:]
         last = self._climbs[-_PROOF:]
         if len(last) == _PROOF and last[0] == last[1] and last[0] in (SILENT, DOWN):
             self.vertical_fault = last[0]
@@ -174,10 +193,10 @@ def _sum(epochs: list[_Epoch]) -> tuple[float, float]:
     return x, y
 
 
-def _verdict(way: tuple[float, float], said: tuple[float, float]) -> str:
+def _verdict(way: tuple[float, float], said: tuple[float, float], scatter: float) -> str:
     """Empty where they agree, the fault that explains it, or a question mark."""
     went, summed = math.hypot(*way), math.hypot(*said)
-    tolerance = _SCATTER + _SHARE * max(went, summed)
+    tolerance = scatter + _SHARE * max(went, summed)
     if math.dist(way, said) <= tolerance:
         return ""
     if math.dist(way, (said[1], said[0])) <= tolerance:
@@ -187,9 +206,9 @@ def _verdict(way: tuple[float, float], said: tuple[float, float]) -> str:
     return TURNED if abs(went - summed) <= tolerance else "?"
 
 
-def _vertical_verdict(gained: float, summed: float) -> str:
+def _vertical_verdict(gained: float, summed: float, scatter: float) -> str:
     """As ``_verdict``, of a height [m]."""
-    tolerance = _SCATTER + _SHARE * max(abs(gained), abs(summed))
+    tolerance = scatter + _SHARE * max(abs(gained), abs(summed))
     if abs(gained - summed) <= tolerance:
         return ""
     if abs(gained + summed) <= tolerance:
