@@ -49,7 +49,8 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
     if second is None:
         return
     age = run.now - second.t
-    if age > run.parameters.navigator.memory:
+    # velocities in wrong axes would show a wrong heading: motion has to show it again
+    if age > run.parameters.navigator.memory or run.gnss.reception.velocities.doubted:
         run.start_up = run.start_up.afresh(run.parameters)
         return
     run.trial = None

@@ -44,9 +44,9 @@ class VelocityInput:
         self._said_turned = False
 
     @property
-    def fault(self) -> str:
-        """What is wrong with the axes of the velocity, a word of ``core.gnss.velocity_check``, or empty."""
-        return self._check.fault
+    def doubted(self) -> bool:
+        """Whether the axes of the velocity have lately contradicted the way between fixes."""
+        return bool(self._check.fault) or self._check.suspect
 
     def fix(self, sample: GnssFix, t: float) -> None:
         """A usable fix valid at ``t`` [s]: what velocities are compared with."""
