@@ -54,7 +54,8 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "gnss.gate.min_satellites_enter": 30,
         "gnss.gate.min_satellites_leave": 10,
         "gnss.gate.hold": 4.0,
-        "gnss.gate.count_max_age": 1.0,
+        "gnss.gate.count_max_age": 30.0,
+        "gnss.reacquisition.probation": 0.0,
         "gnss.gate.count_timeout": 0.5,
         "gnss.gate.max_horizontal_sd": 0.2,
         "gnss.gate.max_vertical_sd": 0.4,
@@ -144,7 +145,6 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
     },
     "despair": {
         "gnss.reacquisition.despair_gap": 0.0,
-        "gnss.reacquisition.probation": 0.0,
     },
     "air": {
         "attitude.reject_from": 0.8,

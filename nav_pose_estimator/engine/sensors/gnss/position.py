@@ -52,7 +52,7 @@ class GnssPositionSensor(Sensor):
         reception: GnssReception,
         velocity: GnssVelocitySensor,
     ) -> None:
-        self._guard = Reacquisition(_return_settings(parameters.gnss, aiding.lost_after))
+        self._guard = Reacquisition(_return_settings(parameters.gnss, aiding))
         super().__init__(parameters, aiding, journal)
         self._reception, self._velocity = reception, velocity
         self.record = InnovationRecord()
@@ -80,12 +80,12 @@ class GnssPositionSensor(Sensor):
         self._lever = np.array(parameters.gnss.lever_arm)
         self._despair_gap = parameters.gnss.reacquisition.despair_gap
         self._parameters = parameters.gnss
-        self._guard.settings = _return_settings(parameters.gnss, self._aiding.lost_after)
+        self._guard.settings = _return_settings(parameters.gnss, self._aiding)
 
     def observe(self, sample: GnssFix, t: float) -> Observation:
         """The observation of a fix valid at ``t`` that passed the reception."""
         if self._guard.settings.loss_time != self._aiding.lost_after:  # the receiver's period has changed
-            self._guard.settings = _return_settings(self._parameters, self._aiding.lost_after)
+            self._guard.settings = _return_settings(self._parameters, self._aiding)
         R = self._reception.position_noise(sample)
         return Observation(t, sample.stamp_ns, self.kind, (sample.lat, sample.lon, sample.alt), R)
 
@@ -257,9 +257,10 @@ def _local(
     return [east, (lat - lat0) * (r_m + alt0), alt - alt0]
 
 
-def _return_settings(parameters: GnssParameters, lost_after: float) -> ReacquisitionSettings:
+def _return_settings(parameters: GnssParameters, aiding: Aiding) -> ReacquisitionSettings:
     named = {
         name: getattr(parameters.reacquisition, name) for name in ReacquisitionSettings.__slots__ if name != "loss_time"
     }
-    named["track_timeout"] = max(named["track_timeout"], lost_after)
-    return ReacquisitionSettings(loss_time=lost_after, **named)
+    if aiding.lost_after > aiding.patience:  # a slow receiver
+        named["track_timeout"] = max(named["track_timeout"], aiding.lost_after)
+    return ReacquisitionSettings(loss_time=aiding.lost_after, **named)
