@@ -22,11 +22,8 @@ _BETTER, _EVIDENCE = 0.35, 0.06
 
 On sixteen recorded flights, with 0 and 0.2 s of ``gnss.delay``, at most 0.03 was explained by a mistake that left 0.4.
 """
-_WINS, _WINS_OF_UNITS, _WIN = 3.0, 1.9, 0.01
-"""... and to win so often that no single blow can, which is in two or three windows: the fourth in a row counts.
-
-A wrong unit shows in every window, and a blow does not look like one: two are enough.
-"""
+_WINS, _WIN = 2.7, 0.01
+"""... and to win three windows in a row: a blow is in two of them."""
 _CALM = 10  # windows in a row without misfit that end a wrong unit, which shows in every window of a flight
 _ALIKE, _ALIKE_FLOOR = 1.3, 0.004  # mistakes that explain nearly as much cannot be told apart
 _DEGREE = math.pi / 180.0
@@ -123,8 +120,7 @@ class MotionCheck:
                 self._blamed, self.finding = None, None
             return
         best = int(np.argmin(sums))
-        wins = _WINS if self._mistake(best)[1] == 1.0 else _WINS_OF_UNITS
-        if self._wins[best] < wins or sums[best] > _BETTER * sums[0] or sums[0] - sums[best] < _EVIDENCE:
+        if self._wins[best] < _WINS or sums[best] > _BETTER * sums[0] or sums[0] - sums[best] < _EVIDENCE:
             return
         alike = np.flatnonzero(sums < _ALIKE * sums[best] + _ALIKE_FLOOR)
         self._blamed = min(alike.tolist(), key=self._unusual)
