@@ -267,7 +267,11 @@ class Aligner:
         bank.run(self._rows.between(bank.time, fix.t))
         bank.fuse(fix.position, fix.position_sd, fix.velocity, fix.velocity_sd, self.noise)
         _, sd = bank.heading()
-        if sd <= self.settings.heading_sd and fix.t - self._bank_start >= self.settings.min_time:
+        # what the innovations say of the deviation counts as in ``merged``
+        if (
+            sd * math.sqrt(max(bank.nis, 1.0)) <= self.settings.heading_sd
+            and fix.t - self._bank_start >= self.settings.min_time
+        ):
             nav, P = bank.merged()
             how = "at rest, heading from the first motion" if self._from_rest else "in motion, heading from GNSS"
             self._done = Alignment(float(fix.t), nav, 0.5 * (P + P.T), how)
