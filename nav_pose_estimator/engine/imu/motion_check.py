@@ -8,6 +8,7 @@ from collections import deque
 import numpy as np
 
 from nav_pose_estimator.core.alignment import motion_story
+from nav_pose_estimator.core.alignment.motion_story import DEGREE
 from nav_pose_estimator.engine.imu.plausibility import Finding, G
 from nav_pose_estimator.engine.samples import Vector3
 
@@ -26,7 +27,6 @@ _WINS, _WIN = 2.7, 0.01
 """... and to win three windows in a row: a blow is in two of them."""
 _CALM = 10  # windows in a row without misfit that end a wrong unit, which shows in every window of a flight
 _ALIKE, _ALIKE_FLOOR = 1.3, 0.004  # mistakes that explain nearly as much cannot be told apart
-_DEGREE = math.pi / 180.0
 
 
 class MotionCheck:
@@ -38,7 +38,7 @@ class MotionCheck:
 
     def __init__(self) -> None:
         turns = motion_story.axis_rotations()
-        self._gyros = np.concatenate([k * turns for k in (1.0, -1.0, _DEGREE, -_DEGREE)] + [turns[:1] / _DEGREE])
+        self._gyros = np.concatenate([k * turns for k in (1.0, -1.0, DEGREE, -DEGREE)] + [turns[:1] / DEGREE])
         self._sums = np.zeros(2 * len(self._gyros))
         self._wins = np.zeros(len(self._sums))
         self._offset, self._least_motion = np.zeros(3), math.inf  # rad/s: rates of the calmest second, their unrest

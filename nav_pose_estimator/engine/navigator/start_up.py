@@ -56,7 +56,6 @@ class StartUp:
         )
         self._pending_fix: tuple[float, GnssFix, np.ndarray] | None = None
         self._velocities: deque[tuple[float, tuple, np.ndarray]] = deque(maxlen=10)
-        self._done: Alignment | None = None
         self.time = 0.0
         self.standard_height = math.nan  # m: of the last pressure, for a receiver that gives no height
 

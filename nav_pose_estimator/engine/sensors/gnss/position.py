@@ -127,7 +127,7 @@ class GnssPositionSensor(Sensor):
 
     def _ask_the_guard(self, o: Observation, f: FilterView) -> Decision:
         """The guard is offered every fix."""
-        reference = self._height_reference(o, f, *self.linearise(o, f))
+        reference = self._height_reference(o, f)
         z, H, R = self.linearise(o, f)
         if math.isnan(reference):
             z, H, R = z[:2], H[:2], R[:2, :2]
@@ -160,8 +160,9 @@ class GnssPositionSensor(Sensor):
             self.despair = f"GNSS was there all the time, yet velocities differ by {self._velocity_apart:.0f} sigma"
         return Decision(Use.RESET, reference, tuple(velocity or ()))
 
-    def _height_reference(self, o: Observation, f: FilterView, z: np.ndarray, _: np.ndarray, R: np.ndarray) -> float:
+    def _height_reference(self, o: Observation, f: FilterView) -> float:
         """What to take off the height of a fix [m], NaN where it has none or jumped while the position stayed."""
+        z, _, R = self.linearise(o, f)
         if len(z) < 3:
             return math.nan
         sigmas, variances = self._guard.settings.sigmas, R.diagonal() + f.P.diagonal()[DPOS : DPOS + 3]
