@@ -20,6 +20,7 @@ _SHORTEST = 1.5  # s of a stretch
 _LONGEST = 12.0  # s: a slower vehicle shows nothing
 _WAY = 6.0  # m: of a shorter one the scatter of fixes hides too much
 _SCATTER = 2.0  # m between two fixes seconds apart, at least
+_STATED = 5.0  # m: of more than that a receiver only seldom means its drift
 _COVERS = 4.0  # deviations of a fix, three of a difference between two
 _SHORT = 0.5  # s: over a longer one an acceleration looks like scatter
 _FADING = 0.1  # share of the newest in the mean of the scatter
@@ -58,7 +59,8 @@ class VelocityCheck:
     """Offer it every usable fix and every velocity.
 
     ``fault`` is what is proved to be wrong with the velocity's axes, or empty; ``suspect`` while the last stretch
-    contradicted it, ``certain`` once North-East-Down is told from body axes, which a straight flight does not do.
+    contradicted it and the vehicle moves, ``certain`` once North-East-Down is told from body axes, which a straight
+    flight does not do.
     """
 
     fault: str = field(default="", init=False)
@@ -78,6 +80,7 @@ class VelocityCheck:
     _zeros: float = field(default=0.0, init=False)
     _agreed: bool = field(default=False, init=False)
     _variance: float = field(default=0.0, init=False)  # m^2 of a fix on each axis, by second differences
+    _stated: float = field(default=0.0, init=False)  # m, deviation of a fix on each axis
     _climb: _Climb | None = field(default=None, init=False)
     _climbs: tuple[str, ...] = field(default=(), init=False)
 
@@ -90,8 +93,12 @@ class VelocityCheck:
             self._zeros += 1
             self.vertical_suspect = self._zeros >= _UNFILLED
 
-    def fix(self, t: float, lat: float, lon: float, alt: float) -> None:
-        """A position [rad, rad, m] valid at ``t``. It counts once the next one is there, and so its own velocity."""
+    def fix(self, t: float, lat: float, lon: float, alt: float, sd: float = 0.0) -> None:
+        """A position [rad, rad, m] valid at ``t`` with the horizontal deviation ``sd`` [m] that the receiver states.
+
+        It counts once the next one is there, and so its own velocity.
+        """
+        self._stated = min(sd, _STATED)
         before, self._waiting = self._waiting, (t, lat, lon, alt)
         if before is None or not before[0] < t:
             return
@@ -123,13 +130,16 @@ class VelocityCheck:
             self.misfit = math.dist(way, said) / seconds
         elif seconds < _LONGEST:
             return
+        else:
+            self.suspect = False  # hardly moving, it is as slow in any axes; nothing may come for minutes to clear it
         lat, lon = self._zero
         self._zero = lat + epoch.place[1] / _EARTH, lon + epoch.place[0] / (_EARTH * math.cos(lat))
         self._epochs = [_Epoch(epoch.t, (0.0, 0.0), epoch.velocity)]
 
     @property
     def _scatter(self) -> float:
-        return max(_SCATTER, _COVERS * math.sqrt(self._variance))
+        """What two fixes may differ by [m]; a receiver that still converges, and says so, drifts by its deviation."""
+        return max(_SCATTER, _COVERS * math.sqrt(self._variance), self._stated)
 
     def _watch_scatter(self) -> None:
         """White errors of fixes show in their second differences, whose variance is six times theirs."""

@@ -90,7 +90,7 @@ class GnssReception:
         self._aiding.fix_offered = t
         if math.isnan(sample.alt):
             self._tell_no_height(sample.stamp_ns)
-        self.velocities.fix(sample, t)
+        self.velocities.fix(sample, t, horizontal or 0.0)
         return True
 
     def velocity(self, sample: GnssVelocity, t: float) -> GnssVelocity | None:

@@ -48,9 +48,9 @@ class VelocityInput:
         """Whether the axes of the velocity have lately contradicted the way between fixes."""
         return bool(self._check.fault) or self._check.suspect
 
-    def fix(self, sample: GnssFix, t: float) -> None:
-        """A usable fix valid at ``t`` [s]: what velocities are compared with."""
-        self._check.fix(t, sample.lat, sample.lon, sample.alt)
+    def fix(self, sample: GnssFix, t: float, sd: float) -> None:
+        """A usable fix valid at ``t`` [s], horizontal deviation ``sd`` [m]: what velocities are compared with."""
+        self._check.fix(t, sample.lat, sample.lon, sample.alt, sd)
         fault = self._check.fault
         if fault == self._said:
             return

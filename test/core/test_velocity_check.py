@@ -1,0 +1,64 @@
+"""Axes of GNSS velocities: proved by the way between fixes, never by a receiver that still converges."""
+
+import math
+
+import numpy as np
+import pytest
+
+from nav_pose_estimator.core.gnss.velocity_check import NED, TURNED, VelocityCheck
+
+EARTH, LAT = 6.371e6, 0.8
+PERIOD = 0.2  # s
+
+
+def follow(check: VelocityCheck, ways: np.ndarray, said: np.ndarray, start: float = 0.0, sd: float = 0.0) -> float:
+    """Fixes along ``ways`` (n, 2) m East, North with the velocities ``said`` (n, 2) m/s; returns the time after."""
+    for k, ((east, north), (v_east, v_north)) in enumerate(zip(ways, said, strict=True)):
+        t = start + k * PERIOD
+        check.velocity(t, v_east, v_north, 0.1)
+        check.fix(t, LAT + north / EARTH, east / (EARTH * math.cos(LAT)), 10.0, sd)
+    return start + len(ways) * PERIOD
+
+
+def travel(seconds: float, velocity: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Places (n, 2) m and velocities (n, 2) m/s of a straight way."""
+    t = np.arange(0.0, seconds, PERIOD)
+    return np.outer(t, velocity), np.tile(velocity, (len(t), 1))
+
+
+def test_honest_velocities_are_never_suspected() -> None:
+    """GIVEN a way at 5 m/s WHEN the velocities are its own THEN nothing is proved against them."""
+    check = VelocityCheck()
+    follow(check, *travel(30.0, (3.0, 4.0)))
+    assert not check.fault
+    assert not check.suspect
+
+
+@pytest.mark.parametrize(("said", "fault"), [((4.0, -1.0), NED), ((-4.0, -1.0), TURNED)])
+def test_wrong_axes_are_proved(said: tuple[float, float], fault: str) -> None:
+    """GIVEN a way at 4 m/s WHEN North and East are exchanged, or the axes turned, THEN it is proved, and which."""
+    check = VelocityCheck()
+    ways, _ = travel(30.0, (-1.0, 4.0))
+    follow(check, ways, np.tile(said, (len(ways), 1)))
+    assert check.fault == fault
+
+
+@pytest.mark.parametrize(("sd", "suspected"), [(0.5, True), (4.0, False)])
+def test_a_receiver_that_converges_proves_nothing(sd: float, suspected: bool) -> None:
+    """GIVEN a receiver that drifts by 7 m against its own velocity WHEN it states how far it may be off
+    THEN its axes are suspected only where the drift is many times that."""
+    check = VelocityCheck()
+    ways, _ = travel(4.0, (2.0, -0.8))
+    follow(check, ways, np.tile((-1.4, 0.5), (len(ways), 1)), sd=sd)
+    assert check.suspect is suspected
+
+
+def test_a_suspicion_ends_where_nothing_moves() -> None:
+    """GIVEN one stretch against the axes WHEN the vehicle then stands THEN the suspicion does not outlast the stand."""
+    check = VelocityCheck()
+    ways, _ = travel(4.0, (2.0, -0.8))
+    after = follow(check, ways, np.tile((-1.4, 0.5), (len(ways), 1)))
+    assert check.suspect
+    rest = np.tile(ways[-1], (90, 1))
+    follow(check, rest, np.zeros_like(rest), start=after)
+    assert not check.suspect
