@@ -25,6 +25,7 @@ _COVERS = 4.0  # deviations of a fix, three of a difference between two
 _SHORT = 0.5  # s: over a longer one an acceleration looks like scatter
 _FADING = 0.1  # share of the newest in the mean of the scatter
 _WAY_TO_SCATTER = 3.0
+_WAY_TO_STATED = 2.0
 _SHARE = 0.3  # of the way that honest sums are wrong by: coarse sampling, scale, reflections
 _PROOF = 2  # stretches in a row that prove it
 _OTHER_WAY = math.radians(45.0)  # two stretches in such directions tell a reflection from any rotation
@@ -80,7 +81,7 @@ class VelocityCheck:
     _zeros: float = field(default=0.0, init=False)
     _agreed: bool = field(default=False, init=False)
     _variance: float = field(default=0.0, init=False)  # m^2 of a fix on each axis, by second differences
-    _stated: float = field(default=0.0, init=False)  # m, deviation of a fix on each axis
+    _stated: float = field(default=0.0, init=False)  # m: a receiver that still converges drifts by what it states
     _climb: _Climb | None = field(default=None, init=False)
     _climbs: tuple[str, ...] = field(default=(), init=False)
 
@@ -125,12 +126,13 @@ class VelocityCheck:
             return
         way = epoch.place[0] - epochs[0].place[0], epoch.place[1] - epochs[0].place[1]
         said = _sum(epochs)
-        if max(math.hypot(*way), math.hypot(*said)) >= max(_WAY, _WAY_TO_SCATTER * self._scatter):
-            self._conclude(_verdict(way, said, self._scatter), math.atan2(way[1], way[0]))
+        far = max(_WAY, _WAY_TO_SCATTER * self._scatter, _WAY_TO_STATED * self._stated)
+        if max(math.hypot(*way), math.hypot(*said)) >= far:
+            self._conclude(_verdict(way, said, max(self._scatter, self._stated)), math.atan2(way[1], way[0]))
             self.misfit = math.dist(way, said) / seconds
         elif seconds < _LONGEST:
             return
-        else:
+        elif not self.vertical_fault:
             self.suspect = False  # hardly moving, it is as slow in any axes; nothing may come for minutes to clear it
         lat, lon = self._zero
         self._zero = lat + epoch.place[1] / _EARTH, lon + epoch.place[0] / (_EARTH * math.cos(lat))
@@ -138,8 +140,7 @@ class VelocityCheck:
 
     @property
     def _scatter(self) -> float:
-        """What two fixes may differ by [m]; a receiver that still converges, and says so, drifts by its deviation."""
-        return max(_SCATTER, _COVERS * math.sqrt(self._variance), self._stated)
+        return max(_SCATTER, _COVERS * math.sqrt(self._variance))
 
     def _watch_scatter(self) -> None:
         """White errors of fixes show in their second differences, whose variance is six times theirs."""
