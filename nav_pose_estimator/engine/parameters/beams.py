@@ -19,7 +19,7 @@ class BeamParameters:
     sign: int = param(
         0,
         "",
-        "1: a beam velocity is positive while the sensor moves along the beam; -1: the opposite; 0: found from the data",
+        "1: a velocity is positive while the sensor moves along its beam; -1: the opposite; 0: found from the data",
         -1,
         1,
     )
