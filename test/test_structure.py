@@ -31,7 +31,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "engine.outage.methods": {"core.motion", "engine"},
     "engine.parameters": {"core.filter", "engine.outage.methods"},  # their choices
     "engine.imu": {"core", "engine", "engine.parameters"},
-    "engine.sensors": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.gnss"},
+    "engine.sensors": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},
+    "engine.sensors.beams": {"core", "engine", "engine.parameters"},
     "engine.sensors.gnss": {"core", "engine", "engine.events", "engine.parameters", "engine.sensors"},
     "engine.attitude": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors"},
     "engine.navigator": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},
