@@ -24,6 +24,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "core.alignment": {*CORE, "core.filter"},
     "core.gnss": {*CORE, "core.filter"},
     "core.attitude": {"core.numerics"},
+    "core.beams": {*CORE, "core.filter"},
     "core.learning": {"core.numerics"},
     "core.motion": {*CORE, "core.filter", "core.learning"},
     "engine": {"core"},  # samples, observations, solutions: what all engines speak of
