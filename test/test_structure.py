@@ -24,6 +24,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "core.alignment": {*CORE, "core.filter"},
     "core.gnss": {*CORE, "core.filter"},
     "core.attitude": {"core.numerics"},
+    "core.beams": {*CORE, "core.filter"},
     "core.learning": {"core.numerics"},
     "core.motion": {*CORE, "core.filter", "core.learning"},
     "engine": {"core"},  # samples, observations, solutions: what all engines speak of
@@ -31,7 +32,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "engine.outage.methods": {"core.motion", "engine"},
     "engine.parameters": {"core.filter", "engine.outage.methods"},  # their choices
     "engine.imu": {"core", "engine", "engine.parameters"},
-    "engine.sensors": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.gnss"},
+    "engine.sensors": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},
+    "engine.sensors.beams": {"core", "engine", "engine.parameters"},
     "engine.sensors.gnss": {"core", "engine", "engine.events", "engine.parameters", "engine.sensors"},
     "engine.attitude": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors"},
     "engine.navigator": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},

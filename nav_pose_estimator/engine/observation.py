@@ -50,14 +50,22 @@ class Use(Enum):
     DOUBTED = 5  # the sensor itself adds to the covariance; nothing is corrected
 
 
+class Row(NamedTuple):
+    """One row of an observation that is used: its number, variance, and what is taken off the measurement."""
+
+    number: int
+    variance: float
+    offset: float = 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class Decision:
     """What was decided when an observation first acted; a replay of the past repeats it.
 
     ``reference`` is what the sensor's zero stood at (offset of a barometer [m], of a compass [rad]). ``velocity`` (3,)
     [m/s], ENU, is what a reset also puts right, NaN where unknown. ``widening`` multiplies the covariance of the motion
-    first;
-    the deviations of the position [m], horizontal and vertical, are at least ``least_sd`` afterwards.
+    first; the deviations of the position [m], horizontal and vertical, are at least ``least_sd`` afterwards. ``rows``:
+    those that are used, of a sensor that judges each row on its own.
     """
 
     use: Use
@@ -65,6 +73,7 @@ class Decision:
     velocity: tuple[float, ...] = ()
     widening: float = 1.0
     least_sd: tuple[float, float] = (0.0, 0.0)
+    rows: tuple[Row, ...] = ()
 
 
 LEFT_OUT, GATED, UNGATED = Decision(Use.LEFT_OUT), Decision(Use.GATED), Decision(Use.UNGATED)

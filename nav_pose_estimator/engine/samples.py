@@ -116,6 +116,25 @@ class BodyVelocity:
 
 
 @dataclass(frozen=True, slots=True)
+class BeamVelocitySample:
+    """Velocities [m/s] along the n beams of a Doppler log or radar, as published: axes and sign are the sensor's own.
+
+    ``directions`` (n, 3) unit vectors in the sensor frame, NaN where the message has none; ``velocities`` (n,), NaN for
+    a lost beam. ``variances`` (n,) [m^2/s^2] or None, of which NaN is unknown. ``ranges`` (n,) [m] or None: a beam with
+    a range of zero or less has met nothing. ``valid`` (n,) bool or None: what the sensor says of each beam.
+    ``velocity``: the sensor's own 3-D velocity over ground in the same axes, None where it has none.
+    """
+
+    stamp_ns: int
+    directions: np.ndarray
+    velocities: np.ndarray
+    variances: np.ndarray | None = None
+    velocity: Vector3 | None = None
+    ranges: np.ndarray | None = None
+    valid: np.ndarray | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Airspeed:
     """True airspeed along the body's x axis [m/s] and its deviation ``sd`` [m/s], NaN if unknown.
 
@@ -256,6 +275,7 @@ Sample = (
     | MagSample
     | PressureSample
     | BodyVelocity
+    | BeamVelocitySample
     | Airspeed
     | DifferentialPressure
     | RangeToGround

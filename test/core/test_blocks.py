@@ -131,7 +131,7 @@ def test_a_checkpoint_holds_every_block(blocks) -> None:
 def test_a_size_says_nothing_of_the_blocks() -> None:
     """GIVEN two filters of 24 states or so that differ in their blocks WHEN corrected THEN each moves its own."""
     assert state_count(plain_constants([GYRO_MATRIX])) == 24
-    others = [block for block in BLOCKS if block.name in ("dvl", "depth", "gravity")]
+    others = [block for block in BLOCKS if block.name in ("dvl", "depth")]
     assert state_count(plain_constants(others)) == 24
     nav = survey().nav(0.0)
     inject(nav, plain_constants(others), np.full(24, 1e-3))

@@ -31,7 +31,7 @@ ALL_STATES = at.BASE_STATES + at.OPTIONAL_STATES
 WANDERS = {
     WIND: Wander(0.1, 500.0),
     GYRO_MATRIX: Wander(1e-6),
-    DVL: Wander((3e-5, 3e-5, 3e-5, 3e-5, 1e-5), 2000.0),
+    DVL: Wander((3e-5, 3e-5, 3e-5, 3e-5, 1e-5, 1e-6, 1e-6, 1e-6), 2000.0),
     DEPTH: Wander(1e-3, 900.0),
     GRAVITY: Wander(1e-6, 700.0),
     AIRSPEED: Wander(1e-4, 600.0),

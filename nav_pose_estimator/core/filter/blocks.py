@@ -9,12 +9,14 @@ missing from it (truth = estimate + error), a Gauss-Markov process or a random w
 |---|---|---|
 | wind | velocity of the air, East, North [m/s] | observations of the velocity through the air |
 | gyro_matrix | M (3, 3) row-major in w_measured = (I + M) w + bias | attitude: phi_dot = ... - C M w |
-| dvl | biases of four beams [m/s], common scale error k: measured = (1 + k) beam + bias | observations of beams |
+| dvl | biases of four beams [m/s], common scale error k, rotation vector m (3) [rad] of the mounting: measured =\
+ (1 + k) (Exp(m) direction) . velocity + bias | observations of beams |
 | depth | bias of a height from water pressure [m] | observations of that height |
 | gravity | gravity beyond the normal one, n [m/s^2] | velocity: dv_dot = ... - dg |
 | airspeed | scale error k of an airspeed sensor: measured = (1 + k) airspeed | observations of the airspeed |
 
-Sources: CN114459477B (dvl, depth: states 16 to 21); J. Sola (2017), section 5.3 (gravity, there with the other sign).
+Sources: CN114459477B (dvl, there without the mounting, depth: states 16 to 21); J. Sola (2017), section 5.3 (gravity,
+there with the other sign).
 """
 
 import math
@@ -68,7 +70,7 @@ class Block:
 
 WIND = Block("wind", 2, at.WIND, at.I_WIND)
 GYRO_MATRIX = Block("gyro_matrix", 9, at.GYRO_MATRIX, at.I_GYRO_MATRIX)
-DVL = Block("dvl", 5, at.DVL, at.I_DVL)
+DVL = Block("dvl", 8, at.DVL, at.I_DVL)
 DEPTH = Block("depth", 1, at.DEPTH, at.I_DEPTH)
 GRAVITY = Block("gravity", 3, at.GRAVITY, at.I_GRAVITY)
 AIRSPEED = Block("airspeed", 1, at.AIRSPEED, at.I_AIRSPEED)

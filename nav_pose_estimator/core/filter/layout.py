@@ -13,30 +13,30 @@ ACCEL_BIAS = 13  # 3: m/s^2
 # nominal values of the optional blocks (``filter.blocks``), zero where the filter is without
 WIND = 16  # 2: air velocity over ground, East, North, m/s
 GYRO_MATRIX = 18  # 9: row-major M in w_measured = (I + M) w + bias
-DVL = 27  # 5: biases of four beams, m/s, and their common scale error: v_measured = (1 + scale) v + bias
-DEPTH = 32  # 1: bias of a height from water pressure, m
-GRAVITY = 33  # 3: gravity beyond the normal one, n, m/s^2
-AIRSPEED = 36  # 1: scale error of an airspeed sensor: measured = (1 + scale) airspeed
+DVL = 27  # 8: biases of four beams, m/s, their common scale error, and how the sensor is turned in b, rad
+DEPTH = 35  # 1: bias of a height from water pressure, m
+GRAVITY = 36  # 3: gravity beyond the normal one, n, m/s^2
+AIRSPEED = 39  # 1: scale error of an airspeed sensor: measured = (1 + scale) airspeed
 # --- memory of the integrator --------------------------------------------------------------------------------------
-TIME = 37  # s since the engine's epoch
-PREV_RATE = 38  # 3: corrected angular rate of the last interval, rad/s (coning, sculling)
-PREV_FORCE = 41  # 3: corrected specific force of the last interval, m/s^2
-PREV_ACCEL = 44  # 3: dv/dt of the last interval in n, m/s^2 (mid-interval extrapolation)
+TIME = 40  # s since the engine's epoch
+PREV_RATE = 41  # 3: corrected angular rate of the last interval, rad/s (coning, sculling)
+PREV_FORCE = 44  # 3: corrected specific force of the last interval, m/s^2
+PREV_ACCEL = 47  # 3: dv/dt of the last interval in n, m/s^2 (mid-interval extrapolation)
 # --- sums since the last covariance step ---------------------------------------------------------------------------
-SUM_TIME = 47  # s
-SUM_FORCE = 48  # 3: integral of C_nb f_b, m/s
-SUM_RATE = 51  # 3: integral of the corrected angular rate in b, rad
-SUM_GAP = 54  # s of data gap bridged since the last covariance step
+SUM_TIME = 50  # s
+SUM_FORCE = 51  # 3: integral of C_nb f_b, m/s
+SUM_RATE = 54  # 3: integral of the corrected angular rate in b, rad
+SUM_GAP = 57  # s of data gap bridged since the last covariance step
 # --- what the flight has shown of the gyroscope's bias (bias_noise) -------------------------------------------
-GYRO_WANDER = 55  # (rad/s)^2/s: driving noise of the gyroscope bias beyond that of the constants
-WANDER_LEVEL = 56  # mean ratio of short windows
-WANDER_SHORT_COUNT = 57
-WANDER_TIME = 58  # s, last look
-WANDER_MARKS = 59  # 4 x 8: begun windows
-WANDER_FLOOR = 91  # (rad/s)^2/s: the constants' driving noise; 0 while nothing is learned
-WANDER_MEAN = 92  # mean ratio of long windows
-WANDER_COUNT = 93
-NAV_SIZE = 94
+GYRO_WANDER = 58  # (rad/s)^2/s: driving noise of the gyroscope bias beyond that of the constants
+WANDER_LEVEL = 59  # mean ratio of short windows
+WANDER_SHORT_COUNT = 60
+WANDER_TIME = 61  # s, last look
+WANDER_MARKS = 62  # 4 x 8: begun windows
+WANDER_FLOOR = 94  # (rad/s)^2/s: the constants' driving noise; 0 while nothing is learned
+WANDER_MEAN = 95  # mean ratio of long windows
+WANDER_COUNT = 96
+NAV_SIZE = 97
 
 # --- error state ---------------------------------------------------------------------------------------------------
 PHI = 0  # 3: misalignment in n, rad
@@ -46,7 +46,7 @@ D_GYRO_BIAS = 9  # 3: rad/s
 D_ACCEL_BIAS = 12  # 3: m/s^2
 BASE_STATES = 15
 """States of every filter. Optional blocks follow, see ``filter.blocks``."""
-OPTIONAL_STATES = 21
+OPTIONAL_STATES = 24
 """Sum of the sizes of all blocks; their nominal values lie side by side from ``WIND`` on."""
 
 # --- filter constants: one float64 vector handed to the kernels ----------------------------------------------------

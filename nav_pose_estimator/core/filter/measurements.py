@@ -18,6 +18,7 @@ from nav_pose_estimator.core.filter.layout import (
     D_GYRO_BIAS,
     DPOS,
     DVEL,
+    DVL,
     LAT,
     LON,
     PHI,
@@ -28,6 +29,22 @@ from nav_pose_estimator.core.filter.layout import (
 )
 from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.core.numerics.rotation import quat_to_matrix, wrap_angle
+from nav_pose_estimator.core.numerics.vectors import (
+    add,
+    add_scaled,
+    cross,
+    dot,
+    load3,
+    load4,
+    q_exp,
+    q_rotate,
+    q_rotate_back,
+    scale,
+    store3,
+)
+
+BEAMS = 4
+"""Beams of which each has a bias state of its own."""
 
 
 @kernel
@@ -140,6 +157,44 @@ def body_velocity(nav, states, velocity, lever):
     H[1, D_GYRO_BIAS + 2] = lever[0]
     H[2, D_GYRO_BIAS] = lever[1]
     H[2, D_GYRO_BIAS + 1] = -lever[0]
+    return z, H
+
+
+@kernel
+def beam_velocities(nav, states, first, directions, measured, lever, has_biases):
+    """Velocities along beams over ground: ``directions`` (n, 3) unit vectors in b, ``measured`` (n,) [m/s].
+
+    ``lever`` (3,) sensor from the IMU in b [m]. The states of block ``dvl`` begin at ``first``. With u = Exp(m) b_i the
+    row is z = (1 + k) u . (C^T v + w x l) + bias_i - measured; beams without an identity have no biases.
+    """
+    n = len(measured)
+    z = np.empty(n)
+    H = np.zeros((n, states))
+    q = load4(nav, QUAT)
+    v = load3(nav, VEL)
+    arm = load3(lever, 0)
+    at_sensor = add(q_rotate_back(q, v), cross(load3(nav, PREV_RATE), arm))
+    gain = 1.0 + nav[DVL + BEAMS]
+    mounting = load3(nav, DVL + BEAMS + 1)
+    turn = q_exp(mounting)
+    for i in range(n):
+        u = q_rotate(turn, load3(directions[i], 0))
+        along = dot(u, at_sensor)
+        z[i] = gain * along - measured[i]
+        in_n = scale(gain, q_rotate(q, u))
+        store3(H[i], PHI, cross(v, in_n))
+        store3(H[i], DVEL, in_n)
+        store3(H[i], D_GYRO_BIAS, scale(gain, cross(arm, u)))
+        # what is missing from bias, scale and mounting is still in the estimate
+        if has_biases:
+            z[i] += nav[DVL + i]
+            H[i, first + i] = -1.0
+        H[i, first + BEAMS] = -along
+        # -gain (u x v) on a small turn; J(m)' of that on m, the left Jacobian of the rotation vector to second order
+        slope = scale(-gain, cross(u, at_sensor))
+        bent = cross(slope, mounting)
+        slope = add_scaled(slope, 0.5, bent)
+        store3(H[i], first + BEAMS + 1, add_scaled(slope, 1.0 / 6.0, cross(bent, mounting)))
     return z, H
 
 

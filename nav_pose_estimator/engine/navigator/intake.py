@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from nav_pose_estimator.core.earth.atmosphere import air_density, height_pressure
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
@@ -33,7 +35,6 @@ from nav_pose_estimator.engine.samples import (
 )
 from nav_pose_estimator.engine.sensors import barometer
 from nav_pose_estimator.engine.sensors.aids import AIDS
-from nav_pose_estimator.engine.sensors.airspeed import AirspeedSensor
 from nav_pose_estimator.engine.sensors.barometer import Barometer
 from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 from nav_pose_estimator.engine.sensors.sensor import Aid
@@ -117,7 +118,11 @@ def _aid(run: FilterRun, sample: Any) -> None:
 def _give_blocks(run: FilterRun, aid: Aid) -> bool:
     """Let the filter have the states that ``aid`` asks for; False while it is split and cannot be given any."""
     before = run.timeline.filter.constants
-    added = {block: aid.first_sd[block] ** 2 for block in aid.blocks if not block.is_in(before)}
+    added = {
+        block: np.diag(np.broadcast_to(np.square(aid.first_sd[block]), block.size))
+        for block in aid.blocks
+        if not block.is_in(before)
+    }
     if not added:
         return True
     whole = run.settled
@@ -153,8 +158,7 @@ def _differential_pressure(run: FilterRun, sample: DifferentialPressure) -> None
 def _motion(run: FilterRun, sample: MotionEvidence) -> None:
     t = run.clock.time_of(sample.stamp_ns, "outage.rejected", run.journal)
     if t is not None and run.timeline.running and run.modes.mode in DENIED:
-        airspeed = run.aids[Airspeed]
-        if isinstance(airspeed, AirspeedSensor) and airspeed.bounds_at(t):
+        if any(aid.bounds_at(t) for aid in run.aids.values()):
             run.journal.count("outage.evidence.redundant")  # what was learned knows less than the sensor
             return
         run.observe(Observation(t, sample.stamp_ns, MOTION, sample))

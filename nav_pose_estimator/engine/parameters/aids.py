@@ -1,8 +1,9 @@
 """Parameters of the aids besides GNSS."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from nav_pose_estimator.core.filter.measurement_noise import MODELS
+from nav_pose_estimator.engine.parameters.beams import BeamParameters
 from nav_pose_estimator.engine.parameters.schema import param
 
 
@@ -44,6 +45,13 @@ class AidParameters:
     body_velocity_rpy: tuple[float, ...] = param(
         (0.0, 0.0, 0.0), "rad", "Roll, pitch, yaw of the velocity sensor in the body frame", -3.2, 3.2
     )
+    beam_velocity_source: str = param(
+        "none",
+        "",
+        "Message with the velocities along the beams of a Doppler log or radar; body_velocity takes its 3-D velocity",
+        choices=("none", "dvl", "a50", "pointcloud2"),
+    )
+    beams: BeamParameters = field(default_factory=BeamParameters)
     airspeed: bool = param(True, "", "Use the airspeed of a fixed wing: it learns the wind and bounds the drift")
     airspeed_sd: float = param(0.8, "m/s", "Lower bound on the deviation of a true airspeed", 0.05, 20.0, mutable=True)
     airspeed_min: float = param(7.0, "m/s", "A lower airspeed is not used", 1.0, 100.0)

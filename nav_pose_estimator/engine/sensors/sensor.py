@@ -91,12 +91,16 @@ class Aid(Sensor):
 
     blocks: ClassVar[dict[Block, Wander]] = {}
     """States that the filter is given with its first observation, and how they change."""
-    first_sd: dict[Block, float]
-    """Their deviations then."""
+    first_sd: dict[Block, float | tuple[float, ...]]
+    """Their deviations then, one for all states of a block or one for each."""
 
     def observe(self, sample: Any, t: float) -> Observation | None:
         """The observation of a sample stamped ``t`` [s]; None where it is not due, or refused and counted."""
         raise NotImplementedError
+
+    def bounds_at(self, t: float) -> bool:
+        """Whether it measures the velocity at ``t`` [s] better than anything that was learned could tell it."""
+        return False
 
     def figures(self) -> dict[str, float]:
         """What it shows in the navigator's status, by names that begin with its family."""

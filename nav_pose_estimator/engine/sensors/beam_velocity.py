@@ -1,0 +1,198 @@
+"""Velocities along the beams of a Doppler log or radar: each beam is an observation of its own.
+
+A beam that is lost costs nothing but itself; one that is faulty is found by its own innovation and left out
+(``core.beams.judge``). Only two or more beams together may accuse the navigator. Directions and signs are verified
+against data before anything is used (``core.beams.geometry``), and the whole against GNSS while that is good.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import numpy as np
+
+from nav_pose_estimator.core.beams.judge import GATE, GATED, LOST, USED, BeamJudge, Judged
+from nav_pose_estimator.core.filter import measurements
+from nav_pose_estimator.core.filter.blocks import DVL, Block, Wander
+from nav_pose_estimator.core.filter.layout import VEL
+from nav_pose_estimator.core.filter.measurements import BEAMS
+from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, FilterView, Kind, Observation, Row, Use
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import BeamVelocitySample
+from nav_pose_estimator.engine.sensors.aiding import Aiding
+from nav_pose_estimator.engine.sensors.beams import words
+from nav_pose_estimator.engine.sensors.beams.agreement import Accusation, Agreement
+from nav_pose_estimator.engine.sensors.beams.arrangement import Arranged, Arrangement
+from nav_pose_estimator.engine.sensors.beams.compensation import COMPENSATORS, BeamEvidence
+from nav_pose_estimator.engine.sensors.beams.message import Flaw, given_directions, read
+from nav_pose_estimator.engine.sensors.beams.verification import Verification, deviation_of, velocity_of
+from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised
+from nav_pose_estimator.engine.solutions import Level
+
+_HOLDS = 3.0  # s
+_MOVING = 0.3  # m/s
+
+
+class BeamVelocitySensor(Aid):
+    """One row for each beam that is believed."""
+
+    kind = Kind("beam_velocity")
+    sample, family = BeamVelocitySample, "beam_velocity"
+    bounds_drift = True
+    blocks: ClassVar[dict[Block, Wander]] = {DVL: Wander((3e-5,) * BEAMS + (1e-5,) + (1e-6,) * 3)}
+
+    def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
+        super().__init__(parameters, aiding, journal)
+        beams = parameters.aids.beams
+        self._verification = Verification(beams.sign, len(self._given) > 0)
+        self._arrangement = Arrangement(rotation_from_rpy(beams.rpy))
+        self._judge, self._was_out = BeamJudge(), np.zeros(BEAMS, bool)
+        self._agreement, self._accusation = Agreement(), Accusation()
+        self._compensator = COMPENSATORS[beams.compensation]()
+        self._last_used = -math.inf  # s
+        self._said: set[str] = set()
+        self._states = np.zeros(DVL.size)  # as last estimated
+
+    def set_parameters(self, parameters: Parameters) -> None:
+        """New noise; mounting, and what is known of the states."""
+        beams = parameters.aids.beams
+        self._floor, self._delay, self._rpy_sd = beams.sd**2, beams.delay, beams.rpy_sd
+        self._lever = np.array(beams.lever)
+        self._given = given_directions(beams.directions)
+        self.first_sd = {DVL: (beams.bias_sd,) * BEAMS + (beams.scale_sd,) + (beams.rpy_sd,) * 3}
+
+    # --- on arrival --------------------------------------------------------------------------------------------------
+
+    def observe(self, sample: BeamVelocitySample, t: float) -> Observation | None:
+        """The beams of a message of which at least one has a velocity."""
+        beams = read(sample, self._given)
+        if isinstance(beams, Flaw):
+            name = f"{self.family}.rejected.{beams.reason}"
+            self._say_once(sample.stamp_ns, name, Level.WARN, f"beam velocities not used: {beams.text}")
+            return None
+        if not np.isfinite(beams.velocities).any():
+            return self._refuse("lost")
+        # a variance that is unknown (NaN), negative or tiny is the floor
+        variances = np.fmax(beams.variances, self._floor)
+        return Observation(t - self._delay, sample.stamp_ns, self.kind, beams._replace(variances=variances))
+
+    def _say_once(self, stamp_ns: int, name: str, level: Level, text: str) -> None:
+        """Say it the first time, then count."""
+        if name in self._said:
+            self._journal.count(name)
+            return
+        self._said.add(name)
+        self._journal.say(stamp_ns, name, level, text)
+
+    # --- when it acts ------------------------------------------------------------------------------------------------
+
+    def decide(self, o: Observation, f: FilterView) -> Decision:
+        """Which beams are used, and how noisy they are; nothing before the geometry is verified."""
+        self._states = f.nav[DVL.estimates].copy()
+        if self._verification.reading is None:
+            self._verify(o, f)
+            return LEFT_OUT
+        arranged = self._arrangement.arrange(o.measured)
+        z, H = self._rows(arranged, f)
+        judged = self._judge.judge(z, H, f.P, arranged.variances, arranged.are_beams)
+        self._report(o, judged, arranged.are_beams)
+        gnss_is_good = self._aiding.gnss_is_good(o.t)
+        if gnss_is_good:
+            self._compare(o, judged, f)
+        if self._agreement.contradicts:
+            return LEFT_OUT
+        rows = [Row(i, float(judged.variance[i])) for i in np.flatnonzero(judged.verdict == USED).tolist()]
+        rows += self._accusing(o, z, judged, gnss_is_good) or self._compensated(o, z, judged, gnss_is_good)
+        return Decision(Use.UNGATED, rows=tuple(rows)) if rows else LEFT_OUT
+
+    def _verify(self, o: Observation, f: FilterView) -> None:
+        """Compare a message with its own 3-D velocity, else with the navigator's while GNSS is good."""
+        outside = None
+        if self._aiding.gnss_is_good(o.t):
+            outside = velocity_of(f, self._lever), deviation_of(f, self._rpy_sd)
+        said = self._verification.add(o.measured, self._arrangement, outside, math.sqrt(self._floor))
+        if said is not None:
+            self._say_once(o.stamp_ns, *said)
+
+    def _rows(self, arranged: Arranged, f: FilterView) -> tuple[np.ndarray, np.ndarray]:
+        first = DVL.states(f.constants).start
+        return measurements.beam_velocities(
+            f.nav, len(f.P), first, arranged.directions, arranged.measured, self._lever, arranged.are_beams
+        )
+
+    def _compare(self, o: Observation, judged: Judged, f: FilterView) -> None:
+        """Hold the whole sensor against the navigator while GNSS is good."""
+        refused, present = int((judged.verdict == GATED).sum()), int((judged.verdict != LOST).sum())
+        is_moving = math.hypot(*f.nav[VEL : VEL + 3]) > _MOVING
+        if self._agreement.add(refused, present, is_moving):
+            name, level, text = words.CONTRADICTS if self._agreement.contradicts else words.AGREES
+            self._journal.say(o.stamp_ns, name, level, text)
+
+    def _accusing(self, o: Observation, z: np.ndarray, judged: Judged, gnss_is_good: bool) -> list[Row]:
+        """Beams that are refused together for long, without GNSS: the navigator follows them, at the gate's edge."""
+        gated = judged.verdict == GATED
+        accuse = self._accusation.add(o.t, 0 if gnss_is_good else int(gated.sum()))
+        if not (accuse and self._agreement.is_proven):
+            return []
+        self._journal.count("beam_velocity.accusation")
+        variance = judged.nominal + z**2 / GATE - judged.spread  # which makes their NIS that of the gate
+        return [Row(i, float(variance[i])) for i in np.flatnonzero(gated).tolist()]
+
+    def _compensated(self, o: Observation, z: np.ndarray, judged: Judged, gnss_is_good: bool) -> list[Row]:
+        """Beams that have been found faulty, less the error that a compensator predicts for them."""
+        if self._compensator is None:
+            return []
+        flagged = (judged.verdict != USED) & (judged.verdict != LOST)
+        evidence = BeamEvidence(o.t, -z, judged.nis, judged.variance, judged.spread, flagged)
+        if gnss_is_good:
+            self._compensator.learn(evidence)
+            return []
+        error, variance = self._compensator.predict(evidence)
+        answered = flagged & np.isfinite(error) & np.isfinite(variance)
+        return [Row(i, float(variance[i]), float(error[i])) for i in np.flatnonzero(answered).tolist()]
+
+    def linearise(self, o: Observation, f: FilterView) -> Linearised:
+        """The rows that were decided on."""
+        assert o.decision is not None
+        z, H = self._rows(self._arrangement.arrange(o.measured), f)
+        numbers = [row.number for row in o.decision.rows]
+        offsets = np.array([row.offset for row in o.decision.rows])
+        return z[numbers] + offsets, H[numbers], np.diag([row.variance for row in o.decision.rows])
+
+    # --- outcome -----------------------------------------------------------------------------------------------------
+
+    def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
+        """Count it, and remember when it was good."""
+        super().note(o, f, z, status, nis)
+        self._last_used = o.t
+
+    def bounds_at(self, t: float) -> bool:
+        """Whether beams have bounded the drift at ``t`` [s]."""
+        return t - self._last_used < _HOLDS
+
+    def _report(self, o: Observation, judged: Judged, are_beams: bool) -> None:
+        """Count what became of each beam, and say which is left out for good, or is back."""
+        for i, verdict in enumerate(judged.verdict.tolist()):
+            beam = f"{i + 1}." if are_beams else "points."
+            self._journal.count(f"beam_velocity.{beam}{words.VERDICTS[verdict]}")
+        out = self._judge.out
+        if not np.array_equal(out, self._was_out):
+            for i in np.flatnonzero(out != self._was_out).tolist():
+                self._journal.say(o.stamp_ns, *words.latched(i + 1, bool(out[i])))
+            self._was_out = out
+
+    def figures(self) -> dict[str, float]:
+        """Mounting and scale as estimated, how noisy each beam is, and how often it is flagged."""
+        if self._verification.reading is None:
+            return {}
+        figures = {"beam_velocity.scale": float(self._states[BEAMS])}
+        for name, angle in zip(("roll", "pitch", "yaw"), self._states[BEAMS + 1 :].tolist(), strict=True):
+            figures[f"beam_velocity.mounting_{name}_deg"] = math.degrees(angle)
+        for i in range(self._arrangement.count):
+            figures[f"beam_velocity.{i + 1}.bias"] = float(self._states[i])
+            figures[f"beam_velocity.{i + 1}.noise_factor"] = float(self._judge.factors[i])
+            figures[f"beam_velocity.{i + 1}.flag_rate"] = float(self._judge.flag_rates[i])
+        return figures | ({} if self._compensator is None else self._compensator.figures())

@@ -1,0 +1,1 @@
+"""Velocities along beams: which of them are believed, and how far."""

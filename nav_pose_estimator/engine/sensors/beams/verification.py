@@ -1,0 +1,78 @@
+"""Directions and signs of beams against the sensor's own 3-D velocity, else against the navigator's."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from nav_pose_estimator.core.beams.geometry import ENOUGH, GeometryCheck, Reading, readings
+from nav_pose_estimator.core.filter.layout import DVEL, PHI, PREV_RATE, QUAT, VEL
+from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
+from nav_pose_estimator.engine.observation import FilterView
+from nav_pose_estimator.engine.sensors.beams.arrangement import Arrangement
+from nav_pose_estimator.engine.sensors.beams.message import Beams
+from nav_pose_estimator.engine.solutions import Level
+
+_OWN_ERROR = 0.01  # of the speed: the sensor's own 3-D velocity against its beams
+
+
+def velocity_of(f: FilterView, lever: np.ndarray) -> np.ndarray:
+    """Velocity (3,) over ground in b [m/s] of a point at ``lever`` (3,) [m] from the IMU."""
+    swing = np.cross(f.nav[PREV_RATE : PREV_RATE + 3], lever)
+    return quat_to_matrix(f.nav[QUAT : QUAT + 4]).T @ f.nav[VEL : VEL + 3] + swing
+
+
+def deviation_of(f: FilterView, angle_sd: float) -> float:
+    """Of each component of that velocity [m/s] in axes that are known to ``angle_sd`` [rad]."""
+    variances = f.P.diagonal()
+    angle_var = angle_sd**2 + float(variances[PHI : PHI + 3].max())
+    speed_squared = float(np.square(f.nav[VEL : VEL + 3]).sum())
+    return math.sqrt(float(variances[DVEL : DVEL + 3].max()) + speed_squared * angle_var)
+
+
+class Verification:
+    """``reading``: how messages are to be read, None until that is certain."""
+
+    def __init__(self, sign: int, directions_are_given: bool) -> None:
+        self._check = GeometryCheck(readings(sign, directions_are_given))
+        self.reading: Reading | None = None
+
+    def add(
+        self, beams: Beams, arrangement: Arrangement, outside: tuple[np.ndarray, float] | None, sd: float
+    ) -> tuple[str, Level, str] | None:
+        """One message, with the velocity in b known otherwise and its deviation; what is to be said, if anything.
+
+        ``sd`` [m/s]: the least deviation of a beam.
+        """
+        arrangement.meet(beams)
+        if beams.velocity is not None:
+            velocity, whose = np.array(beams.velocity), "the message's own 3-D velocity"
+            error = _OWN_ERROR * float(np.linalg.norm(velocity))
+        elif outside is not None:
+            velocity, whose, error = arrangement.axes.T @ outside[0], "the navigator's velocity", outside[1]
+        else:
+            return None
+        refusals = self._check.refusals
+        self._check.add(beams.directions, beams.velocities, velocity, math.hypot(sd, error))
+        self.reading = self._check.decide()
+        if self.reading is not None:
+            arrangement.settle(self.reading)
+            return "beam_velocity.geometry", Level.INFO, self._verified(self.reading, arrangement.count, whose)
+        if self._check.refusals > refusals:
+            text = (
+                f"beam velocities not used: no reading of directions and signs agrees with {whose} (the best is off by "
+                f"{self._check.fit:.1f} deviations); check aids.beams.directions, sign, rpy and sd"
+            )
+            return "beam_velocity.geometry.refused", Level.WARN, text
+        return None
+
+    def _verified(self, reading: Reading, count: int, whose: str) -> str:
+        how = "with sine and cosine swapped" if reading.swapped else "as published"
+        sense = "along the beam" if reading.sign > 0 else "against the beam"
+        fourth = "" if count != 3 else "; without a fourth beam they cannot check each other"
+        kind = f"{count} beams" if count else "points"
+        return (
+            f"beam velocities: {kind}, directions {how}, positive for motion {sense} "
+            f"({self._check.fit:.1f} deviations from {whose} in {ENOUGH} messages){fourth}"
+        )

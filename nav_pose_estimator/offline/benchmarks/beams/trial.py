@@ -1,0 +1,197 @@
+"""One vehicle without GNSS: how far it ends from the truth, which beams it refused, how honest it was."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from copy import deepcopy
+from dataclasses import dataclass
+
+import numpy as np
+
+from nav_pose_estimator.core.beams.judge import LOST, USED
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.error_state import error_between
+from nav_pose_estimator.engine.navigator.sins import SinsEngine
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import (
+    BeamVelocitySample,
+    GnssFix,
+    GnssVelocity,
+    ImuBlock,
+    Sample,
+    SatelliteCount,
+    stamp_of,
+)
+from nav_pose_estimator.offline.benchmarks.beams.cases import Case
+from nav_pose_estimator.offline.benchmarks.beams.methods import METHODS, Watched, prepared
+from nav_pose_estimator.sim import beam_faults
+from nav_pose_estimator.sim.recording import Recording
+from nav_pose_estimator.sim.scenarios import generate
+from nav_pose_estimator.sim.trajectories import Truth
+
+_GNSS = (GnssFix, GnssVelocity, SatelliteCount)
+_EVERY = 1.0  # s between two looks at the errors
+_LARGE = 5.0  # deviations of a beam's noise: a larger error is a fault that should be refused
+_SETTLED = 2.0  # s after a total loss from which on the velocity is judged again
+_VELOCITY, _POSITION = slice(at.DVEL, at.DVEL + 3), slice(at.DPOS, at.DPOS + 2)
+_JUDGED = [at.DVEL, at.DVEL + 1, at.DPOS, at.DPOS + 1]  # horizontal: what the beams hold
+
+
+@dataclass(frozen=True)
+class Trial:
+    """How one loss of GNSS went. Shares are NaN where there was nothing to share."""
+
+    case: str
+    fault: str
+    method: str
+    seed: int
+    end_error_m: float  # horizontal
+    travelled_m: float
+    percent: float  # of the distance travelled
+    velocity_rms: float  # m/s, 3-D, outside total loss
+    heading_deg: float  # error at the end
+    mounting_deg: float  # error of the mounting yaw at the end
+    nees: float  # horizontal velocity and position, per degree of freedom, mean over time
+    refused_healthy: float  # share
+    refused_faulty: float  # share of the errors above five deviations
+
+
+def run_seed(
+    case: Case,
+    seed: int,
+    faults: tuple[str, ...],
+    methods: tuple[str, ...],
+    length: float,
+    mounting: float = 0.0,
+    change: Parameters | None = None,
+) -> list[Trial]:
+    """All ``methods`` and ``faults`` on the same motion and sensors, ``length`` [s] without GNSS.
+
+    ``mounting`` [rad]: how far the sensor is turned about its z axis unknown to the estimator. Each method sees the
+    time with GNSS once; from there every fault is played to a copy of it.
+    """
+    recording = generate(case.told(length, mounting), seed=seed, imu=case.grade)
+    begin_ns = recording.start_ns + round(case.aided * 1e9)
+    trials = []
+    for method in methods:
+        engine = prepared(SinsEngine(METHODS[method].parameters(case.parameters(change))), method)
+        for sample in _until(recording, begin_ns):
+            engine.feed(sample)
+        for fault in faults:
+            plan = beam_faults.plan(fault, case.stretch(length), seed)
+            trial = _Outage(case, recording, recording.with_faults(*plan), begin_ns, deepcopy(engine), mounting)
+            trials.append(trial.run(fault, method))
+    return trials
+
+
+def _until(recording: Recording, end_ns: int) -> Iterator[Sample]:
+    """What arrives before ``end_ns``."""
+    for sample in recording.samples():
+        stamp = stamp_of(sample)
+        if stamp is not None and stamp >= end_ns:
+            return
+        yield sample
+
+
+def _after(recording: Recording, begin_ns: int) -> Iterator[Sample]:
+    """What arrives from ``begin_ns`` on, without GNSS."""
+    began = False
+    for sample in recording.samples():
+        stamp = stamp_of(sample)
+        began = began or (stamp is not None and stamp >= begin_ns)
+        if began and not isinstance(sample, _GNSS):
+            yield sample
+
+
+class _Outage:
+    """One engine through one recording without GNSS."""
+
+    def __init__(
+        self, case: Case, clean: Recording, faulty: Recording, begin_ns: int, engine: SinsEngine, mounting: float
+    ) -> None:
+        self._case, self._engine, self._mounting = case, engine, mounting
+        self._clean, self._faulty, self._begin_ns = clean, faulty, begin_ns
+
+    def run(self, fault: str, method: str) -> Trial:
+        """Play it and judge it."""
+        judge = METHODS[method].judge_of(self._engine)
+        judge.verdicts.clear()
+        errors = self._errors()
+        truth = self._clean.truth
+        flown = truth.t > self._case.aided
+        travelled = float(np.hypot(*truth.v_n[flown, :2].T).sum() * truth.dt)
+        end = float(np.hypot(*errors[-1, 1 + at.DPOS : 3 + at.DPOS]))
+        figures = self._engine.status().values
+        healthy, wrong = self._refused(judge)
+        return Trial(
+            self._case.name,
+            fault,
+            method,
+            self._clean.seed,
+            end_error_m=end,
+            travelled_m=travelled,
+            percent=100.0 * end / travelled,
+            velocity_rms=self._velocity_rms(errors),
+            heading_deg=math.degrees(errors[-1, 1 + at.PHI + 2]),
+            mounting_deg=figures.get("beam_velocity.mounting_yaw_deg", math.nan) - math.degrees(self._mounting),
+            nees=float(np.mean(errors[:, -1])),
+            refused_healthy=healthy,
+            refused_faulty=wrong,
+        )
+
+    def _errors(self) -> np.ndarray:
+        """Rows (N, 11): time [s], errors of attitude, velocity, position (9), NEES per degree of freedom."""
+        rows: list[np.ndarray] = []
+        due = self._case.aided
+        for sample in _after(self._faulty, self._begin_ns):
+            self._engine.feed(sample)
+            if isinstance(sample, ImuBlock) and self._engine.run.now >= due:
+                rows.append(self._look(self._clean.truth))
+                due = self._engine.run.now + _EVERY
+        return np.array(rows)
+
+    def _look(self, truth: Truth) -> np.ndarray:
+        estimate, t = self._engine.run.settled, self._engine.run.now
+        row = round((t - truth.t[0]) / truth.dt)
+        nav = estimate.nav.copy()
+        nav[at.LAT : at.VEL] = truth.lat[row], truth.lon[row], truth.alt[row]
+        nav[at.VEL : at.QUAT] = truth.v_n[row]
+        nav[at.QUAT : at.GYRO_BIAS] = truth.q_nb[row]
+        error = error_between(nav, estimate.nav, estimate.constants)
+        judged = error[_JUDGED]
+        nees = float(judged @ np.linalg.solve(estimate.P[np.ix_(_JUDGED, _JUDGED)], judged)) / len(judged)
+        return np.r_[t, error[: at.DPOS + 3], nees]
+
+    def _velocity_rms(self, errors: np.ndarray) -> float:
+        """While at least one beam is there, and a little after a total loss."""
+        seen = np.array([[_seconds(self._clean, s), np.isfinite(s.velocities).any()] for s in self._messages()])
+        lost = seen[seen[:, 1] == 0.0, 0]
+        gap = errors[:, 0][:, None] - lost[None, :]
+        judged = ~((gap > -1.0) & (gap < _SETTLED)).any(axis=1)
+        squared = np.square(errors[judged][:, 1 + at.DVEL : 4 + at.DVEL]).sum(axis=1)
+        return float(np.sqrt(squared.mean())) if len(squared) else math.nan
+
+    def _messages(self) -> list[BeamVelocitySample]:
+        return [s for s in _after(self._faulty, self._begin_ns) if isinstance(s, BeamVelocitySample)]
+
+    def _refused(self, judge: Watched) -> tuple[float, float]:
+        """Shares of the healthy and of the clearly wrong beam velocities that were refused."""
+        clean = [s for s in _after(self._clean, self._begin_ns) if isinstance(s, BeamVelocitySample)]
+        pairs = zip(clean, self._messages(), strict=True)
+        wrong = [b.velocities - a.velocities for a, b in pairs if np.isfinite(b.velocities).any()]
+        count = min(len(wrong), len(judge.verdicts))
+        if count < len(wrong) - 2:  # the last one may still be on its way
+            return math.nan, math.nan
+        error, verdict = np.array(wrong[:count]), np.array(judge.verdicts[:count])
+        refused = (verdict != USED) & (verdict != LOST)
+        large = np.abs(error) > _LARGE * self._case.doppler.noise
+        return _share(refused[error == 0.0]), _share(refused[large])
+
+
+def _seconds(recording: Recording, sample: BeamVelocitySample) -> float:
+    return (sample.stamp_ns - recording.start_ns) * 1e-9
+
+
+def _share(chosen: np.ndarray) -> float:
+    return float(chosen.mean()) if chosen.size else math.nan

@@ -1,0 +1,54 @@
+"""A simulated flight with a Doppler log of four beams, made from the truth."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from nav_pose_estimator.core.numerics.rotation import quat_rotate_many
+from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
+from nav_pose_estimator.engine.samples import BeamVelocitySample, ImuBlock, Sample
+from nav_pose_estimator.sim.recording import Recording
+
+SD = 0.02  # m/s
+Change = Callable[[float, BeamVelocitySample], BeamVelocitySample | None]
+"""What happens to the message of a time [s]; None: it is lost."""
+
+
+def beam_directions(angle: float = 25.0, azimuths: tuple[float, ...] = (45.0, 135.0, 225.0, 315.0)) -> np.ndarray:
+    """Unit vectors (n, 3) in FLU, looking down, ``angle`` [deg] off the vertical."""
+    a, psi = np.radians(angle), np.radians(azimuths)
+    return np.column_stack([np.sin(a) * np.cos(psi), np.sin(a) * np.sin(psi), np.full(len(psi), -np.cos(a))])
+
+
+def with_beams(
+    recording: Recording,
+    change: Change = lambda t, sample: sample,
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    rate: float = 5.0,
+    begin: float = 0.0,
+    own: bool = False,
+    lever: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Iterator[Sample]:
+    """The samples of ``recording`` with beam velocities from ``begin`` [s] on, sensor turned by ``rpy``.
+
+    ``own``: messages hold the sensor's own 3-D velocity, too.
+    """
+    truth, due, rng = recording.truth, begin, np.random.default_rng(7)
+    velocity = quat_rotate_many(truth.q_nb * np.array([1.0, -1.0, -1.0, -1.0]), truth.v_n) + np.cross(truth.gyro, lever)
+    velocity = velocity @ rotation_from_rpy(rpy)  # in the sensor's axes
+    directions = beam_directions()
+    for sample in recording.samples():
+        yield sample
+        if not isinstance(sample, ImuBlock):
+            continue
+        t = (int(sample.stamps_ns[-1]) - recording.start_ns) * 1e-9
+        if t >= due:
+            due = t + 1.0 / rate - 1e-6
+            v = velocity[min(round(t / truth.dt), len(truth) - 1)]
+            measured = directions @ v + SD * rng.standard_normal(4)
+            message = BeamVelocitySample(
+                int(sample.stamps_ns[-1]), directions, measured, velocity=tuple(v.tolist()) if own else None
+            )
+            changed = change(t, message)
+            if changed is not None:
+                yield changed
