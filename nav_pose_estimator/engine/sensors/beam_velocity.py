@@ -49,9 +49,9 @@ class BeamVelocitySensor(Aid):
         beams = parameters.aids.beams
         self._verification = Verification(beams.sign, len(self._given) > 0)
         self._arrangement = Arrangement(rotation_from_rpy(beams.rpy))
-        self._judge, self._was_out = BeamJudge(), np.zeros(BEAMS, bool)
+        self.judge, self._was_out = BeamJudge(), np.zeros(BEAMS, bool)
         self._agreement, self._accusation = Agreement(), Accusation()
-        self._compensator = COMPENSATORS[beams.compensation]()
+        self.compensator = COMPENSATORS[beams.compensation]()
         self._last_used = -math.inf  # s
         self._said: set[str] = set()
         self._states = np.zeros(DVL.size)  # as last estimated
@@ -97,7 +97,7 @@ class BeamVelocitySensor(Aid):
             return LEFT_OUT
         arranged = self._arrangement.arrange(o.measured)
         z, H = self._rows(arranged, f)
-        judged = self._judge.judge(z, H, f.P, arranged.variances, arranged.are_beams)
+        judged = self.judge.judge(z, H, f.P, arranged.variances, arranged.are_beams)
         gnss_is_good = self._aiding.gnss_is_good(o.t)
         if gnss_is_good:
             self._compare(o, judged, f)
@@ -147,14 +147,14 @@ class BeamVelocitySensor(Aid):
 
     def _compensated(self, o: Observation, z: np.ndarray, judged: Judged, gnss_is_good: bool) -> list[Row]:
         """Beams that have been found faulty, less the error that a compensator predicts for them."""
-        if self._compensator is None:
+        if self.compensator is None:
             return []
         flagged = (judged.verdict != USED) & (judged.verdict != LOST)
         evidence = BeamEvidence(o.t, -z, judged.nis, judged.variance, judged.spread, flagged)
         if gnss_is_good:
-            self._compensator.learn(evidence)
+            self.compensator.learn(evidence)
             return []
-        error, variance = self._compensator.predict(evidence)
+        error, variance = self.compensator.predict(evidence)
         answered = flagged & np.isfinite(error) & np.isfinite(variance)
         return [Row(i, float(variance[i]), float(error[i])) for i in np.flatnonzero(answered).tolist()]
 
@@ -182,7 +182,7 @@ class BeamVelocitySensor(Aid):
         for i, verdict in enumerate(judged.verdict.tolist()):
             beam = f"{i + 1}." if are_beams else "points."
             self._journal.count(f"beam_velocity.{beam}{words.VERDICTS[verdict]}")
-        out = self._judge.out
+        out = self.judge.out
         if not np.array_equal(out, self._was_out):
             for are_out in (True, False):
                 changed = np.flatnonzero((out != self._was_out) & (out == are_out))
@@ -194,11 +194,11 @@ class BeamVelocitySensor(Aid):
         """Mounting and scale as estimated, how noisy each beam is, and how often it is flagged."""
         if self._verification.reading is None:
             return {}
-        figures = {"beam_velocity.scale": float(self._states[BEAMS])}
+        figures = {"beams.scale": float(self._states[BEAMS])}
         for name, angle in zip(("roll", "pitch", "yaw"), self._states[BEAMS + 1 :].tolist(), strict=True):
-            figures[f"beam_velocity.mounting_{name}_deg"] = math.degrees(angle)
+            figures[f"beams.mounting_{name}_deg"] = math.degrees(angle)
         for i in range(self._arrangement.count):
-            figures[f"beam_velocity.{i + 1}.bias"] = float(self._states[i])
-            figures[f"beam_velocity.{i + 1}.noise_factor"] = float(self._judge.factors[i])
-            figures[f"beam_velocity.{i + 1}.flag_rate"] = float(self._judge.flag_rates[i])
-        return figures | ({} if self._compensator is None else self._compensator.figures())
+            figures[f"beams.{i + 1}.bias"] = float(self._states[i])
+            figures[f"beams.{i + 1}.noise_factor"] = float(self.judge.factors[i])
+            figures[f"beams.{i + 1}.flag_rate"] = float(self.judge.flag_rates[i])
+        return figures | ({} if self.compensator is None else self.compensator.figures())
