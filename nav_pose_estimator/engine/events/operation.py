@@ -16,6 +16,10 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("set_pose.rejected.stamp", "a pose came without a stamp", "let whoever publishes set_pose stamp it"),
         Entry("set_pose.rejected.value", "a pose held no numbers or no rotation", "look at who publishes set_pose"),
         Entry("set_pose.rejected.far", "a pose lay far from where the navigator is", "look at who publishes set_pose"),
+        Entry("set_origin", "the zero of map was set from outside; odom stays"),
+        Entry("set_origin.rejected.value", "an origin was no place on Earth", "look at who publishes set_origin"),
+        Entry("set_origin.rejected.far", "an origin lay more than 100 km off", "look at who publishes set_origin"),
+        Entry("origin.far", "the fixed origin is more than 100 km off", "check origin.latitude and origin.longitude"),
         Entry(
             "doubt.begun",
             "GNSS keeps contradicting the navigator: its sigma grows until they agree",

@@ -56,6 +56,7 @@ class FilterRun:
     ) -> None:
         """``origin``, ``use_gnss`` and, after a short gap, ``known`` biases and ``noise`` stay from the run before."""
         self.parameters, self.journal, self.origin = parameters, journal, origin
+        self.origin_is_fixed = parameters.origin.place() is not None  # by the operator: it is never given up
         self.clock = EngineClock()
         # Up to here IMU samples meet nothing: no observation waits, the mode stays. Other input may end it.
         self.quiet_until = -math.inf
@@ -153,9 +154,10 @@ class FilterRun:
     def begin(self, start: Alignment) -> None:
         """Start the filter at a state with a position, not later than the last IMU sample."""
         nav, P = filter_setup.complete_start(start, self.timeline.filter.constants, self.parameters)
+        place = tuple(nav[at.LAT : at.VEL].tolist())
         if self.origin is None:
-            self.origin = tuple(nav[at.LAT : at.VEL].tolist())
-        self.gnss.begin(float(nav[at.TIME]), self.origin)
+            self.origin = place
+        self.gnss.begin(float(nav[at.TIME]), place)
         now = self.now
         self.timeline.start(nav, P, self.origin)
         if start.from_magnetometer:

@@ -30,7 +30,7 @@ class SinsEngine:
         self.journal = Journal()
         self._input = ImuInput(self.parameters.imu)
         self._gnss_enabled = True
-        self.run = FilterRun(self.parameters, self.journal, None, True)
+        self.run = FilterRun(self.parameters, self.journal, self.parameters.origin.place(), True)
 
     # --- public ------------------------------------------------------------------------------------------------------
 
@@ -78,8 +78,10 @@ class SinsEngine:
         if parameters.aids.declination == self.parameters.aids.declination:
             parameters = self.parameters  # a field model that said nothing (the clock was not set yet?) is asked again
         noise = None if known is None else before.noise  # the same flight goes on
-        origin = None if before.gnss.position.forsakes_origin else before.origin
+        forsaken = before.gnss.position.forsakes_origin and not before.origin_is_fixed
+        origin = None if forsaken else before.origin
         self.run = FilterRun(parameters, self.journal, origin, self._gnss_enabled, known, noise)
+        self.run.origin_is_fixed = before.origin_is_fixed
         self.run.imu_physics = before.imu_physics
         self.run.imu_physics.forget_time()
 

@@ -37,6 +37,12 @@ class InputParameters:
         " differential pressure [Pa] as sensor_msgs/FluidPressure or px4_msgs/DifferentialPressure",
         choices=("twist", "float32", "px4", "differential_pressure", "px4_differential_pressure"),
     )
+    set_origin: str = param(
+        "navsatfix",
+        "",
+        "set_origin: sensor_msgs/NavSatFix or geographic_msgs/GeoPointStamped; heights above the ellipsoid",
+        choices=("navsatfix", "geopoint"),
+    )
     queue: int = param(200, "", "Messages kept per input while the node is busy", 1, 1000)
     max_stamp_regression: float = param(
         1.0, "s", "Stamps that go back by more, three times in a row, are a new run (bag loop): reset", 0.1, 3600.0
