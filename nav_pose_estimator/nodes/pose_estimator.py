@@ -29,6 +29,7 @@ class PoseEstimatorNode(EstimatorNode):
         for source in inputs.of_navigator(self.parameters):
             self.listen(self._autopilot.screened(source), needed=source.topic == "gps/fix")
         services.offer_gnss(self)
+        services.offer_coordinates(self)
         self._learned, pupil = LearnerOutput(self, self.parameters), self.engine.outage_aid
         model = self.parameters.ros.model
         self.keeper = None if pupil is None else ModelKeeper(self, pupil, trainer, model, self.say)

@@ -31,6 +31,7 @@ class SinsNode(EstimatorNode):
         self.listen(inputs.ATTITUDE, choose=lambda data: self.engine.mode in LEVELLING)
         self.listen(inputs.PREDICTION)
         services.offer_gnss(self)
+        services.offer_coordinates(self)
         self.get_logger().info("ready")
 
     def publish(self, solution: NavSolution) -> None:

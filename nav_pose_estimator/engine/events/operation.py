@@ -19,6 +19,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("set_origin", "the zero of map was set from outside; odom stays"),
         Entry("set_origin.rejected.value", "an origin was no place on Earth", "look at who publishes set_origin"),
         Entry("set_origin.rejected.far", "an origin lay more than 100 km off", "look at who publishes set_origin"),
+        Entry("coordinates.no_origin", "from_ll or to_ll was asked before there was an origin", "wait for AIDED once"),
         Entry("origin.far", "the fixed origin is more than 100 km off", "check origin.latitude and origin.longitude"),
         Entry(
             "doubt.begun",

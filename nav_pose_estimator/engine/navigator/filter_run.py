@@ -157,6 +157,9 @@ class FilterRun:
         place = tuple(nav[at.LAT : at.VEL].tolist())
         if self.origin is None:
             self.origin = place
+        elif start_up.is_far(place, self.origin):
+            text = "the fixed origin lies more than 100 km from here: are origin.latitude and origin.longitude right?"
+            self.journal.say(self.clock.stamp(self.now), "origin.far", Level.WARN, text)
         self.gnss.begin(float(nav[at.TIME]), place)
         now = self.now
         self.timeline.start(nav, P, self.origin)

@@ -44,7 +44,6 @@ from nav_pose_estimator.engine.solutions import Level
 
 _UNEVENTFUL = frozenset((AttitudeSample, NavigatorVelocity, *(aid.sample for aid in AIDS if aid.kind.quiet)))
 """Samples that change neither mode nor GNSS unless an observation comes of them."""
-_FARTHEST_ORIGIN = 1e5  # m: further off, Up of a flat frame is no longer up
 
 
 def take(run: FilterRun, sample: Sample) -> None:
@@ -201,11 +200,10 @@ def _set_origin(run: FilterRun, sample: SetOrigin) -> None:
         return
     if run.timeline.running and run.origin is not None:
         here = run.settled.nav[at.LAT : at.VEL].tolist()
-        position = lla_to_enu(*here, *place)
-        if math.hypot(*position[:2]) > _FARTHEST_ORIGIN:
-            _refuse_origin(run, sample, "far", f"it lies {1e-3 * math.hypot(*position[:2]):.0f} km from the vehicle")
+        if start_up.is_far(here, place):
+            _refuse_origin(run, sample, "far", "it lies more than 100 km from the vehicle")
             return
-        run.timeline.shift = run.timeline.shift + position - lla_to_enu(*here, *run.origin)
+        run.timeline.shift = run.timeline.shift + lla_to_enu(*here, *place) - lla_to_enu(*here, *run.origin)
         run.timeline.filter.vector[memory.ORIGIN : memory.STATES] = place
         run.gnss.position.resets += 1
     run.origin, run.origin_is_fixed = place, True

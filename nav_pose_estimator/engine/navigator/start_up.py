@@ -10,7 +10,7 @@ import numpy as np
 
 from nav_pose_estimator.core.alignment.aligner import Aligner
 from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, FixNoise, KnownBiases
-from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
+from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla, lla_to_enu
 from nav_pose_estimator.core.filter import bias_noise, measurements
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import state_count
@@ -22,6 +22,7 @@ from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
 
 _POSE_FLOOR = np.r_[[0.3**2] * 3, [math.radians(0.5) ** 2] * 3]
 _FAR = 1e3  # m
+_FLAT = 1e5  # m
 _FARTHEST = 1e6  # m: a pose beyond this is not in the local frame
 POSE_REFUSALS = {
     "no_origin": "a pose can be set only while the navigator runs",
@@ -133,6 +134,11 @@ class StartUp:
             height, height_sd = (self.standard_height, _STANDARD_SD) if known else (0.0, _UNKNOWN_HEIGHT_SD)
         position_sd = float(math.sqrt(R[0, 0]))
         self.aligner.gnss(t, fix.lat, fix.lon, height, vel_enu, position_sd, velocity_sd, height_sd)
+
+
+def is_far(place: tuple[float, ...], origin: tuple[float, float, float]) -> bool:
+    """Whether ``place`` [rad, rad, m] lies so far from an origin that Up of its flat frame is no longer up."""
+    return math.hypot(*lla_to_enu(*place, *origin)[:2]) > _FLAT
 
 
 def pose_refusal(sample: SetPose, here: np.ndarray | None, sd: float) -> str:

@@ -18,7 +18,11 @@ class OriginParameters:
         UNSET, "deg", "Of the zero of map, East positive; -1000: that of the first trusted position", UNSET, 360.0
     )
     height: float = param(
-        UNSET, "m", "Of the zero of map above the WGS84 ellipsoid; -1000: that of the first trusted position", UNSET, 1e4
+        UNSET,
+        "m",
+        "Of the zero of map above the WGS84 ellipsoid; -1000: that of the first trusted position",
+        UNSET,
+        1e4,
     )
 
     def place(self) -> tuple[float, float, float] | None:
