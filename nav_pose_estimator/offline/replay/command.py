@@ -48,8 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
     from nav_pose_estimator.offline.flights.config_file import load_parameters
     from nav_pose_estimator.offline.output_folder import OutputFolder
     from nav_pose_estimator.offline.replay.aid_option import with_aids
-    from nav_pose_estimator.offline.replay.origin_option import with_origin
     from nav_pose_estimator.offline.replay.files import REPORT
+    from nav_pose_estimator.offline.replay.origin_option import with_origin
 
     if not 0.0 < arguments.rate <= 1000.0:
         raise UserError("--rate must lie between 0 and 1000 Hz")
