@@ -34,7 +34,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "engine.sensors": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.gnss"},
     "engine.sensors.gnss": {"core", "engine", "engine.events", "engine.parameters", "engine.sensors"},
     "engine.attitude": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors"},
-    "engine.navigator": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},
+    "engine.continuation": {"core", "engine", "engine.parameters"},
+    "engine.navigator": {
+        "core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*", "engine.continuation"
+    },
     "engine.outage": {
         "core", "engine", "engine.parameters", "engine.imu", "engine.navigator", "engine.outage.methods"
     },

@@ -16,6 +16,7 @@ from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import state_count
 from nav_pose_estimator.core.filter.kalman import correct, gated_correct
 from nav_pose_estimator.core.filter.vertical_channel import gated_height
+from nav_pose_estimator.engine.continuation.warm_start import WarmStart
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
@@ -55,6 +56,7 @@ class StartUp:
             ),
             noise,
         )
+        self.warm_start: WarmStart | None = None  # what goes on from a state before a restart
         self._pending_fix: tuple[float, GnssFix, np.ndarray] | None = None
         self._velocities: deque[tuple[float, tuple, np.ndarray]] = deque(maxlen=10)
         self.time = 0.0
@@ -71,13 +73,15 @@ class StartUp:
     def afresh(self, parameters: Parameters) -> StartUp:
         """A start that has seen nothing, at the same time."""
         twin = StartUp(parameters, self._noise, self.known_biases)
-        twin.time = self.time
+        twin.time, twin.warm_start = self.time, self.warm_start
         return twin
 
     def imu(self, row: np.ndarray) -> None:
         """One IMU row [t, gyro, accel] in body axes."""
         self.time = float(row[at.IMU_T])
         self.aligner.imu(self.time, row[at.IMU_GYRO : at.IMU_ACCEL], row[at.IMU_ACCEL :])
+        if self.warm_start is not None:
+            self.warm_start.imu(row)
 
     def mag(self, t: float, field: tuple[float, float, float]) -> None:
         """Magnetic field in b."""
@@ -105,9 +109,22 @@ class StartUp:
             self._hand_on(vel_enu, R)
 
     def result(self) -> Alignment | None:
-        """The finished alignment with position, or None."""
+        """The finished alignment with position, or how a saved state goes on, or None."""
         result = self.aligner.result()
-        return result if result is not None and result.has_position else None
+        if result is not None and result.has_position:
+            return result
+        return None if self.warm_start is None else self.warm_start.result(self.aligner)
+
+    def contradiction(self, start: Alignment) -> str:
+        """Why ``start`` cannot be where the vehicle has got to since the state was saved; empty if it can, or for none.
+
+        With the first result the saved state has served.
+        """
+        warm, self.warm_start = self.warm_start, None
+        if warm is None:
+            return ""
+        place = tuple(start.nav[at.LAT : at.VEL].tolist())
+        return warm.contradiction(start.t, place, math.sqrt(start.P[at.DPOS, at.DPOS]))
 
     @property
     def has_attitude(self) -> bool:
