@@ -220,6 +220,8 @@ OF_NODES: dict[str, Any] = {
     "ros.output.autopilot_dry_run": True,
     "ros.output.autopilot_geoid": 47.0,
     "ros.output.autopilot_gps_id": 0,
+    "ros.state.file": "drone.state",
+    "ros.state.period": 2.0,
     "ros.model.file": "model.npz",
     "ros.model.save_after_training": True,
     "attitude.world_frame": "ned",

@@ -1,4 +1,4 @@
-"""A process that is killed in flight and comes back with the state that it had saved: silence, steps, sigma, refusals."""
+"""A process that is killed in flight and comes back with what it had saved: silence, steps, sigma, refusals."""
 
 import math
 from dataclasses import dataclass, replace
@@ -42,7 +42,7 @@ class Life:
 def live(recording: Recording, samples: list[Sample], saved: SavedState | None = None, **overrides: Any) -> Life:
     engine = PoseEstimator(update(Parameters(), {"learner.enabled": False, **overrides}))
     if saved is not None:
-        resume(engine.sins, saved)
+        resume(engine, saved.arrays())
     outputs = [output for sample in samples for output in engine.feed(sample)]
     blocks = [o for o in outputs if isinstance(o, NavBlock)]
     rows = np.concatenate([b.rows for b in blocks]) if blocks else np.empty((0, at.OUT_COLUMNS))

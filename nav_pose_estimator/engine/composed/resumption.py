@@ -1,24 +1,29 @@
-"""What a run of the filter leaves to the next process, and how a run begins with that."""
+"""What an estimator leaves to the next process, and how that one begins with it."""
 
 from __future__ import annotations
 
 import math
-from functools import partial
+from collections.abc import Mapping
 
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.continuation import warm_start
 from nav_pose_estimator.engine.continuation.saved_state import SavedState
 from nav_pose_estimator.engine.continuation.warm_start import WarmStart
+from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
-from nav_pose_estimator.engine.navigator.sins import SinsEngine
+from nav_pose_estimator.engine.outage.learner import OutageLearner
+from nav_pose_estimator.engine.outage.model_file import check_bounds
 from nav_pose_estimator.engine.samples import MagSample, PressureSample
 from nav_pose_estimator.engine.sensors.barometer import Barometer
 from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 from nav_pose_estimator.engine.solutions import Level
+from nav_pose_estimator.errors import UserError
 
+_MODEL = "model."  # beginning of the names of its arrays
 _SURE_HEADING = 0.35  # rad: a wider one is nothing to go on with
 
 
@@ -28,6 +33,7 @@ def state_of(run: FilterRun) -> SavedState | None:
         return None
     whole, t = run.settled, run.now
     nav, base = whole.nav, slice(at.BASE_STATES)
+    gate = run.gnss.reception.gate.state
     magnetometer, barometer = run.aids[MagSample], run.aids[PressureSample]
     assert isinstance(magnetometer, Magnetometer)
     assert isinstance(barometer, Barometer)
@@ -48,7 +54,7 @@ def state_of(run: FilterRun) -> SavedState | None:
         trials=run.noise.trials,
         compass_offset=magnetometer.offset,
         baro_offset=barometer.offset,
-        gate_is_open=run.gnss.reception.gate.state.open,
+        gate_is_open=gate.open or gate.inactive,
         is_sound=_is_sound(run, t),
     )
 
@@ -87,6 +93,37 @@ def resumed(saved: SavedState, run: FilterRun, stamp_ns: int) -> FilterRun:
     return twin
 
 
-def resume(sins: SinsEngine, saved: SavedState) -> None:
-    """Let an engine that has seen nothing go on from ``saved``, where its first IMU sample shows that this makes sense."""
-    sins.resume = partial(resumed, saved)
+def arrays_of(estimator: PoseEstimator) -> dict[str, np.ndarray] | None:
+    """What the next process can go on with, as named arrays: state and outage model; None while nothing is known."""
+    state = state_of(estimator.sins.run)
+    if state is None:
+        return None
+    arrays, aid = state.arrays(), estimator.outage_aid
+    if aid is not None and aid.learner.state.model is not None:
+        arrays.update({_MODEL + name: value for name, value in aid.learner.arrays().items()})
+    return arrays
+
+
+def resume(estimator: PoseEstimator, arrays: Mapping[str, np.ndarray]) -> None:
+    """Let an estimator that has seen nothing go on from ``arrays``, if its first IMU sample allows that.
+
+    ``UserError`` where they are not what ``arrays_of`` gave, or beyond what a vehicle can do.
+    """
+    saved = SavedState.of(arrays)
+    model = {name.removeprefix(_MODEL): value for name, value in arrays.items() if name.startswith(_MODEL)}
+    check_bounds("the saved state", model)
+
+    def begin(run: FilterRun, stamp_ns: int) -> FilterRun:
+        twin = resumed(saved, run, stamp_ns)
+        if twin is not run and model and estimator.outage_aid is not None:
+            _load_model(estimator.outage_aid.learner, model, run.journal, stamp_ns)
+        return twin
+
+    estimator.sins.resume = begin
+
+
+def _load_model(learner: OutageLearner, model: Mapping[str, np.ndarray], journal: Journal, stamp_ns: int) -> None:
+    try:
+        learner.load(model)
+    except UserError as error:  # of another learner.method
+        journal.say(stamp_ns, "resume.model.refused", Level.INFO, f"the saved outage model is not used: {error}")

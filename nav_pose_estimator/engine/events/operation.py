@@ -1,6 +1,6 @@
 """Start, modes, the operator and the autopilot."""
 
-from nav_pose_estimator.engine.events.entry import Entry
+from nav_pose_estimator.engine.events.entry import CLOCKS, Entry
 
 SECTIONS: dict[str, tuple[Entry, ...]] = {
     "Start, modes and operator": (
@@ -31,6 +31,16 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("qos.incompatible", "a publisher's QoS is incompatible: nothing is received", "see the log line"),
         Entry("callback.failed.*", "a message caused an error in this package and was not used", "please report it"),
         Entry("output.withheld.nan", "a solution was not finite and was not published", "please report it with a bag"),
+    ),
+    "A restart in flight": (
+        Entry("resume.begun", "a saved state is there: origin, biases, noise and, if it can, the pose go on from it"),
+        Entry("resume.refused.file", "the saved state cannot be read, or is none", "nothing; the next one replaces it"),
+        Entry("resume.refused.old", "the saved state is more than a minute old"),
+        Entry("resume.refused.clock", "the saved state is younger than the IMU: another clock or run", CLOCKS),
+        Entry("resume.refused.moved", "GNSS is further off than the vehicle can have got since the state was saved"),
+        Entry("resume.model.refused", "the saved outage model is of another learner.method"),
+        Entry("resume.heading.wrong", "the heading from before the restart was far off; the navigator aligned anew"),
+        Entry("state.not_written", "the state could not be written", "look at ros.state.file and its disk"),
     ),
     "The way back to the autopilot": (
         Entry("autopilot.sending", "the autopilot gets the pose from now on; the sentence says what is missing"),

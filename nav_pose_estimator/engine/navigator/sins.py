@@ -18,7 +18,6 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, NavSolution, Output, Status
 
-
 Resume = Callable[[FilterRun, int], FilterRun]
 """What a run that has seen nothing becomes at the stamp of its first IMU sample: it goes on from a saved state."""
 

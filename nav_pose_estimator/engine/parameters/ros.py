@@ -110,6 +110,19 @@ class ModelParameters:
 
 
 @dataclass(frozen=True)
+class StateParameters:
+    """The state on disk from which a node goes on after a restart in flight."""
+
+    file: str = param(
+        "",
+        "",
+        "File of the navigator's state (pose_estimator, sins_node), written in flight and read at the start: a restart"
+        " within a minute goes on from there; empty: none",
+    )
+    period: float = param(1.0, "s", "Time between two states on disk", 0.1, 60.0)
+
+
+@dataclass(frozen=True)
 class RosParameters:
     """Everything at the boundary."""
 
@@ -117,3 +130,4 @@ class RosParameters:
     frames: FrameParameters = field(default_factory=FrameParameters)
     output: OutputParameters = field(default_factory=OutputParameters)
     model: ModelParameters = field(default_factory=ModelParameters)
+    state: StateParameters = field(default_factory=StateParameters)
