@@ -36,7 +36,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "engine.sensors.beams": {"core", "engine", "engine.parameters"},
     "engine.sensors.gnss": {"core", "engine", "engine.events", "engine.parameters", "engine.sensors"},
     "engine.attitude": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors"},
-    "engine.navigator": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},
+    "engine.continuation": {"core", "engine", "engine.parameters"},
+    "engine.navigator": {
+        "core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*", "engine.continuation"
+    },
     "engine.outage": {
         "core", "engine", "engine.parameters", "engine.imu", "engine.navigator", "engine.outage.methods"
     },
@@ -44,6 +47,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "ros.messages": {"core", "engine", "engine.parameters"},
     "ros": {"core", "engine.*", "ros.messages"},
     "ros.autopilot": {"core", "engine", "engine.parameters", "engine.navigator", "ros", "ros.messages"},
+    "ros.continuation": {"core", "engine", "engine.parameters", "engine.composed", "ros"},
     "sim": {"core", "engine", "sim.vehicles"},
     "sim.vehicles": {"core", "sim"},
     "offline": {"core", "engine", "sim.*", "offline.bags"},  # the command line and what simulates
@@ -59,7 +63,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "offline.benchmarks.attitude": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.alignment": {"core", "engine.*", "sim.*", "offline.*"},
     "offline.benchmarks.speed": {"core", "engine.*", "ros.messages", "offline.*"},
-    "nodes": {"core", "engine.*", "sim.*", "ros", "ros.autopilot", "ros.messages"},
+    "nodes": {"core", "engine.*", "sim.*", "ros", "ros.autopilot", "ros.continuation", "ros.messages"},
 }  # fmt: skip
 MUTUAL = {("sim", "sim.vehicles"), ("offline", "offline.bags")}
 """Rooms that may need each other: the simulator is told as one story; the command line and helpers are everybody's."""

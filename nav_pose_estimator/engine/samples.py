@@ -178,6 +178,16 @@ class SetPose:
 
 
 @dataclass(frozen=True, slots=True)
+class SetOrigin:
+    """Where the local frame is to have its zero: latitude, longitude [rad], height above the ellipsoid [m]."""
+
+    stamp_ns: int
+    lat: float
+    lon: float
+    alt: float
+
+
+@dataclass(frozen=True, slots=True)
 class ReturnDecision:
     """The operator's decision on GNSS that is back somewhere unexpected (policy ``hold``): accept or refuse."""
 
@@ -280,6 +290,7 @@ Sample = (
     | DifferentialPressure
     | RangeToGround
     | SetPose
+    | SetOrigin
     | ReturnDecision
     | AttitudeSample
     | NavigatorVelocity

@@ -8,6 +8,7 @@ from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, PredictedDrift, Status
 from nav_pose_estimator.ros import inputs, services, spin, wording
 from nav_pose_estimator.ros.autopilot.link import autopilot_link
+from nav_pose_estimator.ros.continuation.state_keeper import StateKeeper
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.outputs import AttitudeOutput, LearnerOutput, NavigationOutput
@@ -29,9 +30,11 @@ class PoseEstimatorNode(EstimatorNode):
         for source in inputs.of_navigator(self.parameters):
             self.listen(self._autopilot.screened(source), needed=source.topic == "gps/fix")
         services.offer_gnss(self)
+        services.offer_coordinates(self)
         self._learned, pupil = LearnerOutput(self, self.parameters), self.engine.outage_aid
         model = self.parameters.ros.model
         self.keeper = None if pupil is None else ModelKeeper(self, pupil, trainer, model, self.say)
+        self._state = StateKeeper(self, self.engine, self.parameters.ros.state)
         self.get_logger().info("ready")
 
     def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
@@ -44,7 +47,8 @@ class PoseEstimatorNode(EstimatorNode):
         return level, sentence, facts + wording.learner_facts(learner, self.keeper.training, self.keeper.history)[1:]
 
     def destroy_node(self) -> None:
-        """Also end a training."""
+        """Also leave the state behind, and end a training."""
+        self._state.stop()
         if self.keeper is not None:
             self.keeper.stop()
         super().destroy_node()
@@ -60,6 +64,7 @@ class PoseEstimatorNode(EstimatorNode):
         self._navigation.publish_origin(solution.stamp_ns, self.engine.origin)
         self._navigation.publish(solution)
         self._autopilot.publish(solution)
+        self._state.note(solution.stamp_ns)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

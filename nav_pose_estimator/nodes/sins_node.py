@@ -9,6 +9,7 @@ from nav_pose_estimator.engine.outage.methods.method import TrainingJob
 from nav_pose_estimator.engine.solutions import NavSolution
 from nav_pose_estimator.ros import inputs, services, spin
 from nav_pose_estimator.ros.autopilot.link import autopilot_link
+from nav_pose_estimator.ros.continuation.state_keeper import StateKeeper
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.outputs import NavigationOutput
 
@@ -31,6 +32,8 @@ class SinsNode(EstimatorNode):
         self.listen(inputs.ATTITUDE, choose=lambda data: self.engine.mode in LEVELLING)
         self.listen(inputs.PREDICTION)
         services.offer_gnss(self)
+        services.offer_coordinates(self)
+        self._state = StateKeeper(self, self.engine, self.parameters.ros.state)
         self.get_logger().info("ready")
 
     def publish(self, solution: NavSolution) -> None:
@@ -38,6 +41,12 @@ class SinsNode(EstimatorNode):
         self._output.publish_origin(solution.stamp_ns, self.engine.origin)
         self._output.publish(solution)
         self._autopilot.publish(solution)
+        self._state.note(solution.stamp_ns)
+
+    def destroy_node(self) -> None:
+        """Also leave the state behind."""
+        self._state.stop()
+        super().destroy_node()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -10,7 +10,7 @@ from typing import Any
 from nav_pose_estimator.engine.solutions import Event, Level
 
 _ALWAYS = (
-    *("mode.", "reset", "aligned", "gnss.reset", "set_pose", "time."),
+    *("mode.", "reset", "aligned", "gnss.reset", "gnss.reacquired", "set_pose", "time."),
     *("outage.trained", "outage.model.", "autopilot."),
 )
 

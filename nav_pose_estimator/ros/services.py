@@ -1,11 +1,14 @@
-"""Services around an engine: restart, an outage drill, and the operator's decision on a return of GNSS."""
+"""Services around an engine: restart, an outage drill, a held return of GNSS, and coordinates to and from map."""
 
+import importlib
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 from std_srvs.srv import SetBool, Trigger
 
+from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla, lla_to_enu
 from nav_pose_estimator.engine.samples import ReturnDecision
 from nav_pose_estimator.engine.solutions import Event, Level
 
@@ -33,6 +36,47 @@ def offer_gnss(node: Any) -> None:
     node.create_service(SetBool, "~/use_gnss", use_gnss)
     for name, accept in (("~/accept_return", True), ("~/refuse_return", False)):
         node.create_service(Trigger, name, partial(_serve, node, name, partial(_decide, node, accept)))
+
+
+def offer_coordinates(node: Any) -> None:
+    """Services ~/from_ll and ~/to_ll as robot_localization defines them, where it is installed.
+
+    Heights are above the ellipsoid; one that is NaN is that of the origin. Before there is an origin the answer, which
+    has no field to say so, is NaN, and the log says why.
+    """
+    try:
+        kinds = importlib.import_module("robot_localization.srv")
+    except ImportError:
+        return
+    node.create_service(kinds.FromLL, "~/from_ll", partial(_from_ll, node))
+    node.create_service(kinds.ToLL, "~/to_ll", partial(_to_ll, node))
+
+
+def _from_ll(node: Any, request: Any, response: Any) -> Any:
+    """From latitude, longitude [deg] and height to map."""
+    place, origin = request.ll_point, _known_origin(node, "~/from_ll")
+    height = origin[2] if math.isnan(place.altitude) else place.altitude
+    position = lla_to_enu(math.radians(place.latitude), math.radians(place.longitude), height, *origin)
+    point = response.map_point
+    point.x, point.y, point.z = position.tolist()
+    return response
+
+
+def _to_ll(node: Any, request: Any, response: Any) -> Any:
+    """From map to latitude, longitude [deg] and height."""
+    point, origin = request.map_point, _known_origin(node, "~/to_ll")
+    lat, lon, height = enu_to_lla((point.x, point.y, point.z), *origin)
+    place = response.ll_point
+    place.latitude, place.longitude, place.altitude = math.degrees(lat), math.degrees(lon), float(height)
+    return response
+
+
+def _known_origin(node: Any, service: str) -> tuple[float, float, float]:
+    origin: tuple[float, float, float] | None = node.engine.origin
+    if origin is None:
+        node.say("coordinates.no_origin", Level.WARN, f"{service}: there is no origin yet, the answer is NaN")
+        return math.nan, math.nan, math.nan
+    return origin
 
 
 def _decide(node: Any, accept: bool) -> str:

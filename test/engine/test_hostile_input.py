@@ -24,6 +24,7 @@ from nav_pose_estimator.engine.samples import (
     PressureSample,
     Sample,
     SatelliteCount,
+    SetOrigin,
     SetPose,
     VelocityError,
 )
@@ -74,6 +75,7 @@ SAMPLES = {
     PressureSample: st.builds(PressureSample, st.just(0), number(1e5), st.one_of(st.none(), number(10.0))),
     BodyVelocity: st.builds(BodyVelocity, st.just(0), vector(10.0), cov(3)),
     SetPose: st.builds(SetPose, st.just(0), vector(100.0), vector(1.0, 4), cov(6)),
+    SetOrigin: st.builds(SetOrigin, st.just(0), number(1.6), number(3.2), number(500.0)),
     AttitudeSample: st.builds(AttitudeSample, st.just(0), vector(1.0, 4), cov(3)),
     NavigatorVelocity: st.builds(
         NavigatorVelocity,

@@ -24,6 +24,7 @@ from nav_pose_estimator.engine.samples import (
 from nav_pose_estimator.sim.faults import Creep, Fault, Freeze, Shift, Stop
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import generate
+from pieces import one_by_one
 from told import silence
 
 CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
@@ -188,6 +189,11 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "aids.beams.rpy": (0.03, 0.03, 0.03),
         "aids.beams.rpy_sd": 0.05,
     },
+    "origin": {
+        "origin.latitude": 47.5,
+        "origin.longitude": 8.5,
+        "origin.height": 500.0,
+    },
     "first_training": {"learner.rules": 1},
     "learning": {
         "learner.enabled": False,
@@ -204,6 +210,7 @@ READ: dict[str, Any] = {
     "ros.input.velocity_frame": "ned",
     "ros.input.vertical_velocity": False,
     "ros.input.airspeed": "float32",
+    "ros.input.set_origin": "geopoint",
     "ros.frames.map": "world",
     "gnss.gate.satellite_source": "none",
     "aids.beam_velocity_source": "dvl",
@@ -227,12 +234,15 @@ OF_NODES: dict[str, Any] = {
     "ros.output.autopilot_dry_run": True,
     "ros.output.autopilot_geoid": 47.0,
     "ros.output.autopilot_gps_id": 0,
+    "ros.state.file": "drone.state",
+    "ros.state.period": 2.0,
     "ros.model.file": "model.npz",
     "ros.model.save_after_training": True,
     "attitude.world_frame": "ned",
 }
 """Parameters of what only nodes have: queues, topics that they publish, files that they write."""
 PRESETS: dict[str, dict[str, Any]] = {
+    "origin": {"origin.latitude": 47.4, "origin.longitude": 8.6, "origin.height": 400.0},
     "two_stage": {"attitude.filter": "two_stage"},
     "learning": {"learner.enabled": True},
     "first_training": {"learner.enabled": True},
@@ -285,6 +295,8 @@ def _spoiled(duration: float, *faults: Fault) -> list[Sample]:
 FLIGHTS: dict[str, Callable[[], list[Sample]]] = {
     "flight": _full,
     "two_stage": _full,
+    # solutions of single samples say where the vehicle is in map
+    "origin": lambda: one_by_one(generate("hover", 8.0, seed=5, imu_rate=50.0).samples()),
     "air": lambda: list(generate("start_in_air", 60.0, seed=5, imu_rate=50.0).samples()),
     "late": lambda: list(generate("late_gnss", 40.0, seed=5, imu_rate=50.0).samples()),
     "wing": lambda: list(generate("fixed_wing_airspeed", 60.0, seed=5, imu_rate=50.0).samples()),

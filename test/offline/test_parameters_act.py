@@ -26,7 +26,7 @@ from nav_pose_estimator.offline.bags.reader import BagReader
 from nav_pose_estimator.ros.messages import message_table
 from parameter_changes import CHANGES, FLIGHTS, OF_NODES, PRESETS, READ
 from pieces import one_by_one
-from small_bags import EPOCH_NS, TYPES, flight, header, vector, write_bag
+from small_bags import EPOCH_NS, FIX, STORE, TYPES, fix, flight, header, vector, write_bag
 
 TWIST, POSE = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
 CASES = [pytest.param(name, key, id=key) for name, changes in CHANGES.items() for key in changes]
@@ -110,6 +110,7 @@ def bag(tmp_path_factory) -> Path:
         (time, "/airspeed", TWIST, TYPES[TWIST](header(time), twist)),
         (time, "/set_pose", POSE, TYPES[POSE](header(time, "map"), with_covariance)),
         (time, "/beam_velocity", DVL, make(DVL, header=header(time), beam_velocity=np.ones(4, np.float32))),
+        (time, "/set_origin", FIX, fix(time)),
     ]
     rows = sorted(messages, key=lambda row: row[0])
     return write_bag(tmp_path_factory.mktemp("reading") / "bag", rows, store=DRIVER_STORE)

@@ -124,6 +124,18 @@ def test_the_report_needs_nothing_from_outside(finished):
         assert word in text
 
 
+def test_a_replay_counts_from_the_origin_that_is_asked_for(bag, tmp_path):
+    """GIVEN a flight WHEN it is replayed with an origin a hundredth of a degree further South THEN North is 1.1 km."""
+    rows = {}
+    for name, south in (("own", 0.0), ("south", 0.01)):
+        origin = () if not south else ("--origin", f"{float(rows['own'][1]) - south},{rows['own'][2]},{rows['own'][3]}")
+        assert main(["replay", str(bag), "--method", "coast", *origin, "--out", str(tmp_path / name)]) == 0
+        rows[name] = (tmp_path / name / "estimate.csv").read_text().splitlines()[1].split(",")
+    assert rows["own"][1:4] == rows["south"][1:4], "the place on Earth"
+    assert float(rows["south"][5]) - float(rows["own"][5]) > 1000.0
+    assert float(rows["south"][5]) == pytest.approx(1111.9, abs=1.0)
+
+
 def test_a_second_run_replaces_the_first_but_nothing_else(bag, finished, tmp_path, capsys):
     command = ["replay", str(bag), "--method", "coast", "--out", str(finished)]
     stamp = (finished / "summary.json").stat().st_mtime_ns
@@ -254,6 +266,8 @@ def test_where_the_latency_comes_from(tmp_path):
         (["--gnss-delay", "x"], "auto"),
         (["--gnss-delay", "7"], "maximum"),
         (["--rate", "0"], "--rate"),
+        (["--origin", "47.4,8.5"], "latitude,longitude,height"),
+        (["--origin", "94,8,500"], "maximum"),
         (["--colour"], "--colour"),
     ],
 )

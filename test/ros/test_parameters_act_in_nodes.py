@@ -13,6 +13,8 @@ from conftest import wait_until
 from driver_types import make
 from fake_learner import Job, Pupil
 from nav_pose_estimator.core.attitude.layout import HEAD_SIZE
+from nav_pose_estimator.engine import array_file
+from nav_pose_estimator.engine.composed import resumption
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.ros import ModelParameters
 from nav_pose_estimator.engine.parameters.schema import flatten, update
@@ -21,6 +23,7 @@ from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolut
 from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.ros import inputs, outputs, qos
 from nav_pose_estimator.ros.autopilot import link
+from nav_pose_estimator.ros.continuation.state_keeper import StateKeeper
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.outputs import AttitudeOutput, NavigationOutput
@@ -187,6 +190,32 @@ def model_saved(tmp_path) -> Observe:
 
 
 @pytest.fixture
+def state_writes(tmp_path, monkeypatch) -> Observe:
+    """How often four seconds of flight leave a state in the working folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def observe(parameters: Parameters) -> int:
+        written: list[Any] = []
+        monkeypatch.setattr(array_file, "save", lambda *arguments, **more: written.append(arguments))
+        monkeypatch.setattr(resumption, "arrays_of", lambda engine: {})
+        wanted = parameters.ros.state
+        keeper = StateKeeper(SimpleNamespace(say=print), SimpleNamespace(), wanted)
+        for i in range(40):
+            keeper.note(START + i * 100_000_000)
+            keeper.wait()
+        keeper.stop()
+        return len(written)
+
+    return observe
+
+
+@pytest.fixture
+def state_writes_to_a_file(state_writes) -> Observe:
+    """The same where there is a file."""
+    return lambda parameters: state_writes(update(parameters, {"ros.state.file": "drone.state"}))
+
+
+@pytest.fixture
 def sent_to_autopilot(monkeypatch) -> Observe:
     """What two seconds of solutions, first aided, then denied, lead to: messages and words by topic."""
 
@@ -240,6 +269,8 @@ OBSERVERS = {
     "ros.output.autopilot_dry_run": "sent_to_mavros",
     "ros.output.autopilot_geoid": "sent_as_receiver",
     "ros.output.autopilot_gps_id": "sent_as_receiver",
+    "ros.state.file": "state_writes",
+    "ros.state.period": "state_writes_to_a_file",
     "ros.model.file": "model_file",
     "ros.model.save_after_training": "model_saved",
 }

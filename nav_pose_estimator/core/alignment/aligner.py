@@ -75,6 +75,7 @@ class Aligner:
     """Takes the magnetic field."""
     outside: OutsideLevels
     """Takes the attitudes of another estimator, whose tilt helps a start in motion."""
+    last_fix: Fix | None
     _constants: Array
     _lever: Array
     _biases: KnownBiases
@@ -82,7 +83,6 @@ class Aligner:
     _rows: RecentRows
     _fixes: deque[Fix]
     _now: float
-    _last_fix: Fix | None
     _level: RestLevel | None
     _bank: HeadingHypotheses | None
     _bank_start: float
@@ -116,7 +116,7 @@ class Aligner:
         self.compass = Compass(s.declination)
         self.outside = OutsideLevels()
         self._now = -math.inf
-        self._last_fix = self._level = self._bank = self._done = None
+        self.last_fix = self._level = self._bank = self._done = None
         self._bank_start = 0.0
         self._from_rest = False
         self.restarts = 0
@@ -157,14 +157,14 @@ class Aligner:
         height_sd: float = 0.0,
     ) -> None:
         """A fix valid at ``t_valid``: rad, rad, m; velocity ENU [m/s] or None, vertical NaN if missing; deviations."""
-        if self._last_fix is not None and t_valid <= self._last_fix.t:
+        if self.last_fix is not None and t_valid <= self.last_fix.t:
             return
-        period = 1.0 if self._last_fix is None else min(t_valid - self._last_fix.t, 1.0)
+        period = 1.0 if self.last_fix is None else min(t_valid - self.last_fix.t, 1.0)
         velocity, velocity_sd = fix_velocity(vel_enu, vel_sd, period)
         fix = Fix(
             t_valid, (lat, lon, alt), velocity, np.array([pos_sd, pos_sd, max(1.7 * pos_sd, height_sd)]), velocity_sd
         )
-        self._last_fix = fix
+        self.last_fix = fix
         if t_valid <= self._now:
             self._take(fix)
         else:
@@ -186,7 +186,7 @@ class Aligner:
 
     def is_stale(self, patience: float) -> bool:
         """Whether the last fix is more than ``patience`` [s] older than the IMU."""
-        return self._last_fix is not None and self._now - self._last_fix.t > patience
+        return self.last_fix is not None and self._now - self.last_fix.t > patience
 
     # --- outcome -----------------------------------------------------------------------------------------------------
 
@@ -202,7 +202,7 @@ class Aligner:
             return "Level and heading are known; waiting for a GNSS fix."
         if not self._rows.rows:
             return "Waiting for IMU data."
-        fix = self._last_fix
+        fix = self.last_fix
         if fix is None:
             rest = "" if self._rest.at_rest else f" or rest with a magnetometer ({self._rest.why_not()})"
             return f"Waiting for a GNSS fix{rest}."
@@ -227,7 +227,7 @@ class Aligner:
     # --- rest --------------------------------------------------------------------------------------------------------
 
     def _is_resting(self) -> bool:
-        fix = self._last_fix
+        fix = self.last_fix
         moving = fix is not None and fix.velocity is not None and math.hypot(*fix.velocity) > self.settings.rest_speed
         return self._rest.at_rest and not moving
 
@@ -245,7 +245,7 @@ class Aligner:
         if yaw is None:
             self._done = None
             return
-        fix = self._last_fix
+        fix = self.last_fix
         known = fix is not None and self._now - fix.t < _FIX_AGE
         nav, P = from_level(self._level, yaw, fix if known else None, self._rows.at(self._now), self._is_resting())
         P[PHI + 2, PHI + 2] = s.mag_heading_sd**2
@@ -305,5 +305,5 @@ class Aligner:
 
     def _magnetic_yaw(self, q_level: Array) -> float | None:
         """Yaw from the magnetometer, None when it cannot be believed (the compass knows why)."""
-        lat, lon = (None, None) if self._last_fix is None else self._last_fix.position[:2]
+        lat, lon = (None, None) if self.last_fix is None else self.last_fix.position[:2]
         return self.compass.yaw(self._now, q_level, lat, lon)

@@ -12,10 +12,11 @@ Array = NDArray[np.float64]
 
 @dataclass(slots=True)
 class CarriedHeading:
-    """Attitude ``q`` (4,), body to ENU, at ``t`` [s]."""
+    """Attitude ``q`` (4,), body to ENU, at ``t`` [s]; whether it was the magnetometer's in the beginning."""
 
     t: float
     q: Array
+    from_magnetometer: bool = True
 
     def hold(self, t: float, q: Array) -> None:
         """At ``t`` the attitude is ``q``."""

@@ -71,6 +71,10 @@ class Alignment:
     has_position: bool = True
     from_magnetometer: bool = False
     """Whether nothing but the magnetometer tells the heading."""
+    continues: bool = False
+    """Whether the heading is what a navigator knew before a restart, or what a magnetometer told that it knew."""
+    last_fix: float | None = None
+    """When GNSS corrected the position last, where that is not by this start itself [s]."""
 
 
 @dataclass(frozen=True, slots=True)

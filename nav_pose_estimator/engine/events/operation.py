@@ -1,6 +1,6 @@
 """Start, modes, the operator and the autopilot."""
 
-from nav_pose_estimator.engine.events.entry import Entry
+from nav_pose_estimator.engine.events.entry import CLOCKS, Entry
 
 SECTIONS: dict[str, tuple[Entry, ...]] = {
     "Start, modes and operator": (
@@ -16,6 +16,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("set_pose.rejected.stamp", "a pose came without a stamp", "let whoever publishes set_pose stamp it"),
         Entry("set_pose.rejected.value", "a pose held no numbers or no rotation", "look at who publishes set_pose"),
         Entry("set_pose.rejected.far", "a pose lay far from where the navigator is", "look at who publishes set_pose"),
+        Entry("set_origin", "the zero of map was set from outside; odom stays"),
+        Entry("set_origin.rejected.value", "an origin was no place on Earth", "look at who publishes set_origin"),
+        Entry("set_origin.rejected.far", "an origin lay more than 100 km off", "look at who publishes set_origin"),
+        Entry("coordinates.no_origin", "from_ll or to_ll was asked before there was an origin", "wait for AIDED once"),
+        Entry("origin.far", "the fixed origin is more than 100 km off", "check origin.latitude and origin.longitude"),
         Entry(
             "doubt.begun",
             "GNSS keeps contradicting the navigator: its sigma grows until they agree",
@@ -26,6 +31,16 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("qos.incompatible", "a publisher's QoS is incompatible: nothing is received", "see the log line"),
         Entry("callback.failed.*", "a message caused an error in this package and was not used", "please report it"),
         Entry("output.withheld.nan", "a solution was not finite and was not published", "please report it with a bag"),
+    ),
+    "A restart in flight": (
+        Entry("resume.begun", "a saved state is there: origin, biases, noise and, if it can, the pose go on from it"),
+        Entry("resume.refused.file", "the saved state cannot be read, or is none", "nothing; the next one replaces it"),
+        Entry("resume.refused.old", "the saved state is more than a minute old"),
+        Entry("resume.refused.clock", "the saved state is younger than the IMU: another clock or run", CLOCKS),
+        Entry("resume.refused.moved", "GNSS is further off than the vehicle can have got since the state was saved"),
+        Entry("resume.model.refused", "the saved outage model is of another learner.method"),
+        Entry("resume.heading.wrong", "the heading from before the restart was far off; the navigator aligned anew"),
+        Entry("state.not_written", "the state could not be written", "look at ros.state.file and its disk"),
     ),
     "The way back to the autopilot": (
         Entry("autopilot.sending", "the autopilot gets the pose from now on; the sentence says what is missing"),

@@ -169,9 +169,9 @@ class ImuRules:
         return [self._event(sample.stamp_ns, SATURATED_ACCEL, text, value=value)]
 
     def _event(self, stamp: int, name: str, text: str, level: Level = Level.WARN, **data: float) -> Event:
-        """Counted every time, told in words the 1st, 10th, 100th ... time."""
+        """Counted every time, told in words the 1st, 10th, 100th ... time; why an engine starts again, always."""
         self._seen[name] += 1
-        told = math.log10(self._seen[name]).is_integer()
+        told = name in RESTARTS or math.log10(self._seen[name]).is_integer()
         return Event(stamp, name, level if told else Level.DEBUG, text if told else "", data)
 
 

@@ -56,6 +56,7 @@ class FilterRun:
     ) -> None:
         """``origin``, ``use_gnss`` and, after a short gap, ``known`` biases and ``noise`` stay from the run before."""
         self.parameters, self.journal, self.origin = parameters, journal, origin
+        self.origin_is_fixed = parameters.origin.place() is not None  # by the operator: it is never given up
         self.clock = EngineClock()
         # Up to here IMU samples meet nothing: no observation waits, the mode stays. Other input may end it.
         self.quiet_until = -math.inf
@@ -145,6 +146,9 @@ class FilterRun:
     def try_start(self) -> None:
         """Start the filter as soon as attitude and position are known."""
         start = self.start_up.result()
+        if start is not None and (why := self.start_up.contradiction(start)):
+            self.forget_saved(why)
+            return
         self.modes.note_alignment(self.start_up.has_attitude and not self.imu_physics.refusal)
         if start is None or self.imu_physics.refusal:
             return
@@ -153,17 +157,38 @@ class FilterRun:
     def begin(self, start: Alignment) -> None:
         """Start the filter at a state with a position, not later than the last IMU sample."""
         nav, P = filter_setup.complete_start(start, self.timeline.filter.constants, self.parameters)
+        place = tuple(nav[at.LAT : at.VEL].tolist())
+        if start.last_fix is not None:
+            self.gnss.go_on(start.last_fix, place)
+        else:
+            self.gnss.begin(float(nav[at.TIME]), place)
         if self.origin is None:
-            self.origin = tuple(nav[at.LAT : at.VEL].tolist())
-        self.gnss.begin(float(nav[at.TIME]), self.origin)
+            self.origin = place
+        elif start_up.is_far(place, self.origin):
+            text = "the fixed origin lies more than 100 km from here: are origin.latitude and origin.longitude right?"
+            self.journal.say(self.clock.stamp(self.now), "origin.far", Level.WARN, text)
         now = self.now
         self.timeline.start(nav, P, self.origin)
-        if start.from_magnetometer:
-            self.trial = CarriedHeading(float(nav[at.TIME]), nav[at.QUAT : at.GYRO_BIAS].copy())
+        if start.from_magnetometer or start.continues:
+            attitude = nav[at.QUAT : at.GYRO_BIAS].copy()
+            self.trial = CarriedHeading(float(nav[at.TIME]), attitude, start.from_magnetometer)
             self.start_up.aligner.go_on_without_magnetometer()
         text = f"aligned ({start.method}), heading to {math.degrees(math.sqrt(P[at.PHI + 2, at.PHI + 2])):.1f} deg"
         self.journal.say(self.clock.stamp(now), "aligned", Level.INFO, text)
         self.update_mode(now)
+
+    def forget_saved(self, why: str) -> None:
+        """Nothing of the state before the restart is true of this vehicle: align as if there were none."""
+        text = f"the saved state is not used: {why}; aligning anew"
+        self.journal.say(self.clock.stamp(self.now), "resume.refused.moved", Level.WARN, text)
+        if not self.origin_is_fixed:
+            self.origin = None
+        self.noise = NoiseIdentification()
+        self.gnss.reception.noise_variance = self.noise.gnss_variance
+        self.timeline.shift = np.zeros(3)
+        self.start_up.warm_start, self.start_up.known_biases = None, None
+        self.start_up = self.start_up.afresh(self.parameters)
+        self.renew_constants()
 
     def locate(self, fix: GnssFix) -> None:
         """The first position that is trusted tells the declination."""
@@ -183,10 +208,6 @@ class FilterRun:
             self.journal.say(stamp_ns, f"{name}.rejected.future", Level.WARN, f"{name}: stamp ahead of the IMU's time")
         elif not self.timeline.observe(observation):
             self.journal.say(stamp_ns, f"{name}.rejected.late", Level.INFO, f"{name}: {_LATE}")
-
-    def declare_loss(self, t: float) -> None:
-        """At ``t`` GNSS counts as lost."""
-        self.timeline.observe(self.gnss.loss_at(t, self.clock.stamp(t)))
 
     # --- mode --------------------------------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""A heading that only the magnetometer has told is on trial until motion confirms it, or proves it wrong.
+"""A heading that only a magnetometer, or the time before a restart, has told is on trial until motion confirms it.
 
 The navigator starts with it at once. The aligner goes on beside it, without the magnetometer: at the first motion its
 heading hypotheses follow GNSS, and the heading that wins is compared with the one on trial. One that is far off ends
@@ -20,6 +20,7 @@ from nav_pose_estimator.engine.navigator import filter_setup
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.samples import MagSample
 from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
+from nav_pose_estimator.engine.solutions import Level
 
 _FAR_OFF = (
     0.6  # rad: more than a declination that nobody has set and the hypotheses' 10 deg; the filter mends less by itself
@@ -62,9 +63,13 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
         propagate(nav, P, constants, row)
     error = math.remainder(trial.yaw - float(euler_from_quat(nav[at.QUAT : at.GYRO_BIAS])[2]), 2.0 * math.pi)
     if abs(error) > _FAR_OFF:
-        magnetometer = run.aids[MagSample]
-        assert isinstance(magnetometer, Magnetometer)
-        magnetometer.condemn(stamp_ns, error)
+        if trial.from_magnetometer:
+            magnetometer = run.aids[MagSample]
+            assert isinstance(magnetometer, Magnetometer)
+            magnetometer.condemn(stamp_ns, error)
+        else:
+            text = f"the heading of before the restart was {math.degrees(abs(error)):.0f} deg off, as motion shows"
+            run.journal.say(stamp_ns, "resume.heading.wrong", Level.WARN, text, error_deg=math.degrees(error))
         _start_from(run, constants, start)
 
 

@@ -12,11 +12,13 @@ import numpy as np
 from nav_pose_estimator.core.earth.atmosphere import air_density, height_pressure
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter import memory
 from nav_pose_estimator.core.filter.blocks import blocks_of, enlarged, set_blocks, set_wander
 from nav_pose_estimator.engine.navigator import heading_trial, start_up, status
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.split_filter import MOTION
+from nav_pose_estimator.engine.number_checks import is_position
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.samples import (
     Airspeed,
@@ -30,6 +32,7 @@ from nav_pose_estimator.engine.samples import (
     ReturnDecision,
     Sample,
     SatelliteCount,
+    SetOrigin,
     SetPose,
     VelocityError,
 )
@@ -76,6 +79,7 @@ def _fix(run: FilterRun, sample: GnssFix) -> None:
             run.start_up.fix(t, sample, run.gnss.reception.position_noise(sample))
             heading_trial.judge(run, run.trial, sample.stamp_ns)
     else:
+        run.gnss.reception.refusal = ""  # it helps to align
         run.start_up.fix(t, sample, run.gnss.reception.position_noise(sample))
         run.try_start()
 
@@ -192,6 +196,29 @@ def _set_pose(run: FilterRun, sample: SetPose) -> None:
     run.journal.say(sample.stamp_ns, "set_pose", Level.INFO, "the pose was set from outside")
 
 
+def _set_origin(run: FilterRun, sample: SetOrigin) -> None:
+    """Move the zero of the local frame. The vehicle stays where it is on Earth, and in odom: map moves against it."""
+    place = (sample.lat, sample.lon, sample.alt)
+    if not is_position(*place):
+        _refuse_origin(run, sample, "value", "it is no latitude, longitude and height")
+        return
+    if run.timeline.running and run.origin is not None:
+        here = run.settled.nav[at.LAT : at.VEL].tolist()
+        if start_up.is_far(here, place):
+            _refuse_origin(run, sample, "far", "it lies more than 100 km from the vehicle")
+            return
+        run.timeline.shift = run.timeline.shift + lla_to_enu(*here, *place) - lla_to_enu(*here, *run.origin)
+        run.timeline.filter.vector[memory.ORIGIN : memory.STATES] = place
+        run.gnss.position.resets += 1
+    run.origin, run.origin_is_fixed = place, True
+    text = f"the origin is {math.degrees(sample.lat):.7f} {math.degrees(sample.lon):.7f} deg, {sample.alt:.1f} m"
+    run.journal.say(sample.stamp_ns, "set_origin", Level.INFO, text)
+
+
+def _refuse_origin(run: FilterRun, sample: SetOrigin, name: str, why: str) -> None:
+    run.journal.say(sample.stamp_ns, f"set_origin.rejected.{name}", Level.WARN, f"set_origin is not used: {why}")
+
+
 _RETURN_SAID = {
     True: ("gnss.return.accepted", "operator: the return of GNSS is accepted"),
     False: ("gnss.return.refused", "operator: the return of GNSS is refused; it has to prove itself again"),
@@ -217,6 +244,7 @@ _HANDLERS: dict[type, Callable[[FilterRun, Any], None]] = {
     SatelliteCount: _count,
     MotionEvidence: _motion,
     SetPose: _set_pose,
+    SetOrigin: _set_origin,
     ReturnDecision: _return,
     AttitudeSample: _attitude,
     NavigatorVelocity: _not_for_us,

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from nav_pose_estimator.core.alignment.types import KnownBiases
 from nav_pose_estimator.engine import warm_up_flight
+from nav_pose_estimator.engine.continuation.warm_start import LONGEST
 from nav_pose_estimator.engine.engine_clock import NS
 from nav_pose_estimator.engine.imu.input import ImuInput
 from nav_pose_estimator.engine.imu.rules import GAP, RESTARTS
@@ -15,7 +18,8 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, NavSolution, Output, Status
 
-_SHORT_GAP = 60.0  # s without IMU data over which its biases stay known
+Resume = Callable[[FilterRun, int], FilterRun]
+"""What a run that has seen nothing becomes at the stamp of its first IMU sample: it goes on from a saved state."""
 
 
 class SinsEngine:
@@ -30,7 +34,8 @@ class SinsEngine:
         self.journal = Journal()
         self._input = ImuInput(self.parameters.imu)
         self._gnss_enabled = True
-        self.run = FilterRun(self.parameters, self.journal, None, True)
+        self.resume: Resume | None = None
+        self.run = FilterRun(self.parameters, self.journal, self.parameters.origin.place(), True)
 
     # --- public ------------------------------------------------------------------------------------------------------
 
@@ -78,8 +83,10 @@ class SinsEngine:
         if parameters.aids.declination == self.parameters.aids.declination:
             parameters = self.parameters  # a field model that said nothing (the clock was not set yet?) is asked again
         noise = None if known is None else before.noise  # the same flight goes on
-        origin = None if before.gnss.position.forsakes_origin else before.origin
+        forsaken = before.gnss.position.forsakes_origin and not before.origin_is_fixed
+        origin = None if forsaken else before.origin
         self.run = FilterRun(parameters, self.journal, origin, self._gnss_enabled, known, noise)
+        self.run.origin_is_fixed = before.origin_is_fixed
         self.run.imu_physics = before.imu_physics
         self.run.imu_physics.forget_time()
 
@@ -102,7 +109,7 @@ class SinsEngine:
         """Continue from ``snapshot``, which stays as it is."""
         self.journal = snapshot.journal.copy()
         self._input.restore(snapshot._input.snapshot())
-        self._gnss_enabled = snapshot._gnss_enabled
+        self._gnss_enabled, self.resume = snapshot._gnss_enabled, snapshot.resume
         self.run = snapshot.run.copy(self.journal)
 
     # --- IMU ---------------------------------------------------------------------------------------------------------
@@ -132,9 +139,12 @@ class SinsEngine:
                 self.journal.add(item)
                 if item.name in RESTARTS and self.run.clock.running:
                     # over a short gap the IMU stays as it is; a clock set back may be another flight
-                    short = item.name == GAP and item.data["gap_s"] < _SHORT_GAP
+                    short = item.name == GAP and item.data["gap_s"] < LONGEST
                     self._restart(item.stamp_ns, item.text, self.run.known_biases if short else None)
                 continue
+            if self.resume is not None:
+                resume, self.resume = self.resume, None
+                self.run = resume(self.run, item.stamp_ns if isinstance(item, ImuSample) else int(item.stamps_ns[0]))
             stamps_ns, rows = self.run.clock.imu_rows(item)
             while len(rows):
                 ahead = stretch.carry(self.run, stamps_ns, rows)

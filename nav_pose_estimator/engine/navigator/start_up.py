@@ -10,18 +10,20 @@ import numpy as np
 
 from nav_pose_estimator.core.alignment.aligner import Aligner
 from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, FixNoise, KnownBiases
-from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
+from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla, lla_to_enu
 from nav_pose_estimator.core.filter import bias_noise, measurements
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import state_count
 from nav_pose_estimator.core.filter.kalman import correct, gated_correct
 from nav_pose_estimator.core.filter.vertical_channel import gated_height
+from nav_pose_estimator.engine.continuation.warm_start import WarmStart
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
 
 _POSE_FLOOR = np.r_[[0.3**2] * 3, [math.radians(0.5) ** 2] * 3]
 _FAR = 1e3  # m
+_FLAT = 1e5  # m
 _FARTHEST = 1e6  # m: a pose beyond this is not in the local frame
 POSE_REFUSALS = {
     "no_origin": "a pose can be set only while the navigator runs",
@@ -54,6 +56,7 @@ class StartUp:
             ),
             noise,
         )
+        self.warm_start: WarmStart | None = None  # what goes on from a state before a restart
         self._pending_fix: tuple[float, GnssFix, np.ndarray] | None = None
         self._velocities: deque[tuple[float, tuple, np.ndarray]] = deque(maxlen=10)
         self.time = 0.0
@@ -70,13 +73,15 @@ class StartUp:
     def afresh(self, parameters: Parameters) -> StartUp:
         """A start that has seen nothing, at the same time."""
         twin = StartUp(parameters, self._noise, self.known_biases)
-        twin.time = self.time
+        twin.time, twin.warm_start = self.time, self.warm_start
         return twin
 
     def imu(self, row: np.ndarray) -> None:
         """One IMU row [t, gyro, accel] in body axes."""
         self.time = float(row[at.IMU_T])
         self.aligner.imu(self.time, row[at.IMU_GYRO : at.IMU_ACCEL], row[at.IMU_ACCEL :])
+        if self.warm_start is not None:
+            self.warm_start.imu(row)
 
     def mag(self, t: float, field: tuple[float, float, float]) -> None:
         """Magnetic field in b."""
@@ -104,9 +109,22 @@ class StartUp:
             self._hand_on(vel_enu, R)
 
     def result(self) -> Alignment | None:
-        """The finished alignment with position, or None."""
+        """The finished alignment with position, or how a saved state goes on, or None."""
         result = self.aligner.result()
-        return result if result is not None and result.has_position else None
+        if result is not None and result.has_position:
+            return result
+        return None if self.warm_start is None else self.warm_start.result(self.aligner)
+
+    def contradiction(self, start: Alignment) -> str:
+        """Why ``start`` cannot be where the vehicle has got to since the state was saved; empty if it can, or for none.
+
+        With the first result the saved state has served.
+        """
+        warm, self.warm_start = self.warm_start, None
+        if warm is None:
+            return ""
+        place = tuple(start.nav[at.LAT : at.VEL].tolist())
+        return warm.contradiction(start.t, place, math.sqrt(start.P[at.DPOS, at.DPOS]))
 
     @property
     def has_attitude(self) -> bool:
@@ -133,6 +151,11 @@ class StartUp:
             height, height_sd = (self.standard_height, _STANDARD_SD) if known else (0.0, _UNKNOWN_HEIGHT_SD)
         position_sd = float(math.sqrt(R[0, 0]))
         self.aligner.gnss(t, fix.lat, fix.lon, height, vel_enu, position_sd, velocity_sd, height_sd)
+
+
+def is_far(place: tuple[float, ...], origin: tuple[float, float, float]) -> bool:
+    """Whether ``place`` [rad, rad, m] lies so far from an origin that Up of its flat frame is no longer up."""
+    return math.hypot(*lla_to_enu(*place, *origin)[:2]) > _FLAT
 
 
 def pose_refusal(sample: SetPose, here: np.ndarray | None, sd: float) -> str:

@@ -44,7 +44,7 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
     times = rows[:, at.IMU_T]
     now = float(times[0])
     if run.modes.mode is Mode.AIDED and not now - run.aiding.fix_used < run.aiding.lost_after:
-        run.declare_loss(now)
+        run.timeline.observe(run.gnss.loss_at(now, run.clock.stamp(now)))
     if now >= run.second_due:
         look_back(run, now)
     limit = min(run.modes.deadline(now, run.aiding), run.timeline.next_observation(quiet=False), run.second_due)

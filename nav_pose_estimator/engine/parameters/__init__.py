@@ -12,6 +12,7 @@ from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.parameters.imu import ImuParameters
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.engine.parameters.navigator import NavigatorParameters
+from nav_pose_estimator.engine.parameters.origin import OriginParameters
 from nav_pose_estimator.engine.parameters.ros import RosParameters
 
 
@@ -24,6 +25,7 @@ class Parameters:
     attitude: AttitudeParameters = field(default_factory=AttitudeParameters)
     alignment: AlignmentParameters = field(default_factory=AlignmentParameters)
     navigator: NavigatorParameters = field(default_factory=NavigatorParameters)
+    origin: OriginParameters = field(default_factory=OriginParameters)
     aids: AidParameters = field(default_factory=AidParameters)
     learner: LearnerParameters = field(default_factory=LearnerParameters)
     ros: RosParameters = field(default_factory=RosParameters)

@@ -37,6 +37,12 @@ class InputParameters:
         " differential pressure [Pa] as sensor_msgs/FluidPressure or px4_msgs/DifferentialPressure",
         choices=("twist", "float32", "px4", "differential_pressure", "px4_differential_pressure"),
     )
+    set_origin: str = param(
+        "navsatfix",
+        "",
+        "set_origin: sensor_msgs/NavSatFix or geographic_msgs/GeoPointStamped; heights above the ellipsoid",
+        choices=("navsatfix", "geopoint"),
+    )
     queue: int = param(200, "", "Messages kept per input while the node is busy", 1, 1000)
     max_stamp_regression: float = param(
         1.0, "s", "Stamps that go back by more, three times in a row, are a new run (bag loop): reset", 0.1, 3600.0
@@ -104,6 +110,19 @@ class ModelParameters:
 
 
 @dataclass(frozen=True)
+class StateParameters:
+    """The state on disk from which a node goes on after a restart in flight."""
+
+    file: str = param(
+        "",
+        "",
+        "File of the navigator's state (pose_estimator, sins_node), written in flight and read at the start: a restart"
+        " within a minute goes on from there; empty: none",
+    )
+    period: float = param(1.0, "s", "Time between two states on disk", 0.1, 60.0)
+
+
+@dataclass(frozen=True)
 class RosParameters:
     """Everything at the boundary."""
 
@@ -111,3 +130,4 @@ class RosParameters:
     frames: FrameParameters = field(default_factory=FrameParameters)
     output: OutputParameters = field(default_factory=OutputParameters)
     model: ModelParameters = field(default_factory=ModelParameters)
+    state: StateParameters = field(default_factory=StateParameters)

@@ -92,6 +92,15 @@ class Barometer(Aid):
         known = math.isfinite(self._offset) and not self._contradicts
         return Decision(Use.GATED, self._offset) if known else LEFT_OUT
 
+    @property
+    def offset(self) -> float:
+        """Barometric minus true height as far as GNSS has shown [m]; NaN where it may hold no height."""
+        return math.nan if self._contradicts else self._offset
+
+    def begin_with(self, offset: float) -> None:
+        """Start with what was learned before a restart."""
+        self._offset, self._since = offset, -self._tau
+
     def _refuse_unit(self, stamp_ns: int, pressure: float, unit: str) -> None:
         """Count a pressure that is none in pascal; the first is told, with the ``unit`` that it looks like."""
         if self._unit_told:

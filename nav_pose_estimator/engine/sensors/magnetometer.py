@@ -99,6 +99,15 @@ class Magnetometer(Aid):
         )
         self._journal.say(stamp_ns, WRONG_START, Level.WARN, text, error_deg=math.degrees(error))
 
+    @property
+    def offset(self) -> float:
+        """What a magnetic heading is off by, as far as GNSS has shown [rad]; NaN where it may steer nothing."""
+        return math.nan if self._check.doubted else self._offset
+
+    def begin_with(self, offset: float) -> None:
+        """Start with what was learned before a restart."""
+        self._offset, self._since = offset, -_OFFSET_MEMORY
+
     def _learn(self, o: Observation, f: FilterView) -> None:
         z, _ = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self._declination)
         error = float(z[0])

@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--method", metavar="NAME", default="best", help="how to get through an outage (default: best)")
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto to estimate it from the bag")
     add("--estimate-latency", action="store_true", help="estimate the latency of the fixes, print it and stop")
+    add("--origin", metavar="LAT,LON,HEIGHT", help="zero of the local frame: degrees, metres above the ellipsoid")
     add("--remap", action="append", default=[], metavar="OURS:=THEIRS", help="/imu/data_raw:=/topic/in/the/bag")
     add_options(parser)
     add("--list", action="store_true", help="say what the recording holds, replay nothing")
@@ -48,6 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     from nav_pose_estimator.offline.output_folder import OutputFolder
     from nav_pose_estimator.offline.replay.aid_option import with_aids
     from nav_pose_estimator.offline.replay.files import REPORT
+    from nav_pose_estimator.offline.replay.origin_option import with_origin
 
     if not 0.0 < arguments.rate <= 1000.0:
         raise UserError("--rate must lie between 0 and 1000 Hz")
@@ -56,6 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
     parameters = methods.apply(load_parameters(arguments.config), arguments.method)
     if arguments.aid is not None:
         parameters = with_aids(parameters, arguments.aid)
+    if arguments.origin is not None:
+        parameters = with_origin(parameters, arguments.origin)
     plan = _Plan(arguments, parameters, parse_remaps(arguments.remap), wanted, every)
     if arguments.list:
         from nav_pose_estimator.offline.logs.listing import describe

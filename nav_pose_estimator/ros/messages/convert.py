@@ -26,6 +26,7 @@ from nav_pose_estimator.engine.samples import (
     PressureSample,
     RangeToGround,
     Sample,
+    SetOrigin,
     SetPose,
     Vector3,
     VelocityError,
@@ -183,6 +184,20 @@ def set_pose(message: Any, frame: str = "map") -> Converted:
         text = "set_pose holds a position that is not finite or an invalid orientation; not used"
         return (Event(stamp, "set_pose.rejected.nan", Level.WARN, text),)
     return (SetPose(stamp, position, q_nb, cov.matrix), *_flaw(stamp, "set_pose", cov.flaw))
+
+
+def origin_fix(message: Any) -> Converted:
+    """sensor_msgs/NavSatFix to :class:`SetOrigin`: its position alone counts."""
+    return (_origin(stamp_ns(message), message),)
+
+
+def origin_point(message: Any) -> Converted:
+    """geographic_msgs/GeoPointStamped to :class:`SetOrigin`."""
+    return (_origin(stamp_ns(message), message.position),)
+
+
+def _origin(stamp: int, place: Any) -> SetOrigin:
+    return SetOrigin(stamp, math.radians(place.latitude), math.radians(place.longitude), float(place.altitude))
 
 
 def odometry_velocity(message: Any) -> Converted:

@@ -25,6 +25,7 @@ from nav_pose_estimator.engine.samples import (
     RangeToGround,
     Sample,
     SatelliteCount,
+    SetOrigin,
     SetPose,
 )
 from nav_pose_estimator.ros.messages import beams, convert, from_bytes, gps_umd, px4, satellites
@@ -224,10 +225,30 @@ SET_POSE = Input(
     (MessageType("pose", "geometry_msgs/msg/PoseWithCovarianceStamped", convert.set_pose),),
     adjust=_in_map,
 )
+SET_ORIGIN = Input(
+    "set_origin",
+    SetOrigin,
+    (
+        MessageType("navsatfix", "sensor_msgs/msg/NavSatFix", convert.origin_fix),
+        MessageType("geopoint", "geographic_msgs/msg/GeoPointStamped", convert.origin_point),
+    ),
+    parameter="ros.input.set_origin",
+)
 
 GNSS = (SATELLITES, VELOCITY, FIX)
 """In this order where one message plays several parts: the count judges the fix."""
-INPUTS = (IMU, *GNSS, MAGNETOMETER, AIRSPEED, BAROMETER, BODY_VELOCITY, BEAM_VELOCITY, RANGE, SET_POSE)
+INPUTS = (
+    IMU,
+    *GNSS,
+    MAGNETOMETER,
+    AIRSPEED,
+    BAROMETER,
+    BODY_VELOCITY,
+    BEAM_VELOCITY,
+    RANGE,
+    SET_POSE,
+    SET_ORIGIN,
+)
 
 
 def sources(parameters: Parameters, inputs: tuple[Input, ...] = INPUTS) -> list[Source]:

@@ -56,6 +56,11 @@ class Gnss:
         self._aiding.use_fix(t)
         self.reception.refusal = ""
 
+    def go_on(self, last_fix: float, origin: tuple[float, float, float]) -> None:
+        """The filter starts without GNSS, which corrected the position last at ``last_fix``, before a restart."""
+        self.position.origin = origin
+        self._aiding.use_fix(last_fix)
+
     def loss_at(self, t: float, stamp_ns: int) -> Observation:
         """At ``t`` GNSS counts as lost: the covariance takes along what the last innovations told of it."""
         return Observation(t, stamp_ns, self.loss.kind, self.variance_factor)

@@ -29,7 +29,7 @@ class GnssReception:
 
     def __init__(self, parameters: GnssParameters, aiding: Aiding, journal: Journal) -> None:
         self._journal, self._aiding = journal, aiding
-        self._gate = GnssGate(_gate_settings(parameters))
+        self.gate = GnssGate(_gate_settings(parameters))
         self.set_parameters(parameters)
         self.enabled = True
         self.refusal = "no fix has arrived yet"
@@ -44,7 +44,7 @@ class GnssReception:
 
     def set_parameters(self, parameters: GnssParameters) -> None:
         """New thresholds and noises; the gate stays as it stands."""
-        self._gate.settings = _gate_settings(parameters)
+        self.gate.settings = _gate_settings(parameters)
         self._correlation = parameters.position_correlation
         self._position_floor = np.array([parameters.position_sd] * 2 + [parameters.vertical_sd]) ** 2
         self._velocity_floor = np.array([parameters.velocity_sd] * 2 + [parameters.velocity_vertical_sd]) ** 2
@@ -52,7 +52,7 @@ class GnssReception:
     def count(self, sample: SatelliteCount, t: float) -> None:
         """Take a satellite count valid at ``t``."""
         self.satellites = sample.count
-        self._gate.update_count(t, sample.count)
+        self.gate.update_count(t, sample.count)
 
     def fix(self, sample: GnssFix, t: float, now: float) -> bool:
         """Judge a fix valid at ``t`` that arrives ``now``; True when it may be offered to the filter."""
@@ -77,8 +77,8 @@ class GnssReception:
         sd = None if cov is None else np.sqrt(np.diag(cov))
         horizontal = None if sd is None else float(max(sd[0], sd[1]))
         vertical = None if sd is None or math.isnan(sample.alt) else float(sd[2])
-        verdict = self._gate.assess_fix(t, sample.status, horizontal, vertical, age=max(now - t, 0.0))
-        self._aiding.fix_period = self._gate.period
+        verdict = self.gate.assess_fix(t, sample.status, horizontal, vertical, age=max(now - t, 0.0))
+        self._aiding.fix_period = self.gate.period
         for notice in verdict.notices:
             self.tell(sample.stamp_ns, notice)
         if not verdict.usable:

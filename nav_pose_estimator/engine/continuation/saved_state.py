@@ -1,0 +1,111 @@
+"""The state of a navigator as plain numbers, and what such numbers must be before anybody flies on with them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.filter.layout import BASE_STATES, D_ACCEL_BIAS, D_GYRO_BIAS
+from nav_pose_estimator.engine.number_checks import is_covariance, is_position, is_within
+from nav_pose_estimator.engine.samples import Vector3
+from nav_pose_estimator.errors import UserError
+
+Place = tuple[float, float, float]
+"""Latitude, longitude [rad], height above the ellipsoid [m]."""
+_FASTEST = 400.0  # m/s
+_LARGEST_RATE, _LARGEST_FORCE = 1.0, 5.0  # rad/s, m/s^2: no IMU that flies has larger biases
+_FARTHEST = 1e7  # m
+_LARGEST_NOISE = 16.0
+
+
+@dataclass(frozen=True)
+class SavedState:
+    """A navigator at ``stamp_ns``: frames, units and the order of ``cov`` (15, 15) are those of ``core.filter.layout``.
+
+    ``unaided`` [s] since GNSS corrected the position last. ``correction_enu`` [m] and ``resets``: map against odom.
+    ``compass_offset`` [rad] and ``baro_offset`` [m] as the sensors have learned them, NaN where they know none.
+    ``is_sound``: attitude and position may be continued, not only origin, biases and noise.
+    """
+
+    stamp_ns: int
+    origin: Place
+    position: Place
+    velocity: Vector3
+    q_nb: tuple[float, float, float, float]
+    gyro_bias: Vector3
+    accel_bias: Vector3
+    cov: NDArray[np.float64]
+    unaided: float
+    correction_enu: Vector3
+    resets: int
+    imu_variance: float
+    gnss_variance: float
+    trials: int
+    compass_offset: float
+    baro_offset: float
+    gate_is_open: bool
+    is_sound: bool
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Every field as an array."""
+        return {item.name: np.asarray(getattr(self, item.name)) for item in fields(self)}
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, np.ndarray]) -> SavedState:
+        """From what ``arrays`` gave. ``UserError`` where something is missing, or is beyond what a vehicle can do."""
+        values = {name: _value(name, arrays, like) for name, like in _FORM.items()}
+        state = cls(**values)
+        if not state._is_possible():
+            raise UserError("its numbers are beyond what a vehicle can do")
+        return state
+
+    def _is_possible(self) -> bool:
+        offsets = (self.compass_offset, self.baro_offset)
+        return (
+            self.stamp_ns > 0
+            and self.resets >= 0
+            and self.trials >= 0
+            and is_position(*self.origin)
+            and is_position(*self.position)
+            and is_within(self.velocity, _FASTEST)
+            and abs(math.hypot(*self.q_nb) - 1.0) < 1e-3  # false for NaN
+            and is_within(self.gyro_bias, _LARGEST_RATE)
+            and is_within(self.accel_bias, _LARGEST_FORCE)
+            and is_within(self.correction_enu, _FARTHEST)
+            and 0.0 <= self.unaided < math.inf
+            and all(1.0 <= one <= _LARGEST_NOISE for one in (self.imu_variance, self.gnss_variance))
+            and not any(map(math.isinf, offsets))
+            and is_covariance(self.cov, BASE_STATES)
+            and bool((self.cov.diagonal() > 0.0).all())
+        )
+
+    def bias_sd(self) -> tuple[float, float]:
+        """Deviation of the worst axis of gyroscope [rad/s] and accelerometer [m/s^2]."""
+        variances = self.cov.diagonal()
+        gyro, accel = (math.sqrt(variances[i : i + 3].max()) for i in (D_GYRO_BIAS, D_ACCEL_BIAS))
+        return gyro, accel
+
+
+_FORM: dict[str, Any] = {
+    **dict.fromkeys(("stamp_ns", "resets", "trials"), 0),
+    **dict.fromkeys(("origin", "position", "velocity", "gyro_bias", "accel_bias", "correction_enu"), (0.0,) * 3),
+    "q_nb": (0.0,) * 4,
+    "cov": np.zeros((BASE_STATES, BASE_STATES)),
+    **dict.fromkeys(("unaided", "imu_variance", "gnss_variance", "compass_offset", "baro_offset"), 0.0),
+    **dict.fromkeys(("gate_is_open", "is_sound"), False),
+}
+"""What each field looks like."""
+
+
+def _value(name: str, arrays: Mapping[str, np.ndarray], like: Any) -> Any:
+    form, value = np.asarray(like), arrays.get(name)
+    if value is None or value.shape != form.shape or value.dtype.kind != form.dtype.kind:
+        raise UserError(f"{name} is missing, or not what it should be")
+    if isinstance(like, np.ndarray):
+        return value.astype(float)
+    return tuple(value.tolist()) if isinstance(like, tuple) else value.item()

@@ -1,0 +1,170 @@
+"""From a saved state to a first state of the filter: a restart in flight is an outage of IMU and GNSS together.
+
+What happened in the gap nobody has seen. So position and velocity come from the first fix, which must lie where the
+vehicle can have got to, and in an outage from the saved ones with what an unknown acceleration makes of them. Tilt is
+found anew. The heading is the saved one with what an unknown turn makes of it, or that of a magnetometer whose error
+was known; it is on trial like every heading that motion has not shown. Where neither is good enough, the alignment in
+motion finds it, with biases, noise and origin as they were.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.alignment.aligner import Aligner
+from nav_pose_estimator.core.alignment.first_states import in_motion
+from nav_pose_estimator.core.alignment.levelling import STANDARD_GRAVITY, level_in_motion, turned
+from nav_pose_estimator.core.alignment.recent_rows import RecentRows
+from nav_pose_estimator.core.alignment.types import Alignment, Fix, KnownBiases
+from nav_pose_estimator.core.earth.ellipsoid import radii, step_enu
+from nav_pose_estimator.core.filter.layout import DPOS, DVEL, IMU_ACCEL, IMU_T, PHI
+from nav_pose_estimator.core.numerics.rotation import euler_from_quat
+from nav_pose_estimator.engine.continuation.saved_state import SavedState
+from nav_pose_estimator.engine.parameters import Parameters
+
+Array = NDArray[np.float64]
+
+LONGEST = 60.0  # s without IMU data over which its biases stay known
+_LEVEL_TIME = 1.0  # s of IMU that give a level in motion ...
+_LEAST_LEVEL_TIME = 0.7  # ... and what is enough of it
+_PATIENCE = 2.0  # s that a fix may take to come before the start is without one
+_STEEPEST = 0.35  # rad: a vehicle that accelerates by more than a third of gravity shows no level
+_RETRY = 0.1  # s between two attempts
+_GIVEN_UP = 5.0  # s after which the alignment is left to find everything itself
+_WIDEST_HEADING = 0.6  # rad: beyond, the alignment in motion is quicker than the filter
+_UNKNOWN_HEADING = math.pi / math.sqrt(3.0)  # rad: deviation of a heading that is anything
+_KNOWN_GYRO_SD = 0.01  # rad/s: a bias less certain than that tells no turn from rest
+
+
+def refusal(saved: SavedState, gap: float) -> tuple[str, str]:
+    """Why nothing of ``saved`` counts ``gap`` [s] later: the end of an event's name, and a clause; empty if it does."""
+    if gap <= 0.0:
+        return "clock", f"it is {-gap:.1f} s younger than the IMU's first sample: another clock, or another run"
+    if gap > LONGEST:
+        return "old", f"it is {gap:.0f} s old, more than {LONGEST:.0f} s"
+    return "", ""
+
+
+def known_biases(saved: SavedState) -> KnownBiases | None:
+    """What is still known of the IMU's biases; None where that was little."""
+    gyro_sd, accel_sd = saved.bias_sd()
+    if 2.0 * gyro_sd > _KNOWN_GYRO_SD:
+        return None
+    return KnownBiases(saved.gyro_bias, saved.accel_bias, 2.0 * gyro_sd, 2.0 * accel_sd)
+
+
+@dataclass(init=False, eq=False)
+class WarmStart:
+    """Sees what an alignment sees, from the first IMU sample on. Times are seconds since the engine's epoch."""
+
+    saved: SavedState
+
+    def __init__(self, saved: SavedState, t: float, parameters: Parameters) -> None:
+        """``t``: when ``saved`` was true."""
+        self.saved, self._t = saved, t
+        self._parameters = parameters
+        self._rows = RecentRows()
+        self._begun = math.inf
+        self._tried = -math.inf  # the time of the last attempt
+        gyro_sd, accel_sd = saved.bias_sd()
+        self._biases = KnownBiases(saved.gyro_bias, saved.accel_bias, 2.0 * gyro_sd, 2.0 * accel_sd)
+
+    def imu(self, row: Array) -> None:
+        """One IMU row (7,)."""
+        t = float(row[IMU_T])
+        self._begun = min(self._begun, t)
+        self._rows.rows.append(tuple(row.tolist()))
+        self._rows.forget_before(t - 2.0 * _LEVEL_TIME)
+
+    def contradiction(self, t: float, place: tuple[float, ...], sd: float) -> str:
+        """Why ``place`` cannot be where the vehicle has got to by ``t``, a clause; empty if it can."""
+        limits = self._parameters.gnss.reacquisition
+        gap = t - self._t
+        apart = math.hypot(*step_enu(np.array(self.saved.position), np.array(place)).tolist())
+        own_sd = math.sqrt(self.saved.cov.diagonal()[DPOS : DPOS + 3].max())
+        if apart <= limits.max_speed * gap + limits.sigmas * math.hypot(sd, own_sd):
+            return ""
+        return f"GNSS is {apart:.0f} m from where the vehicle was {gap:.1f} s before"
+
+    def result(self, aligner: Aligner) -> Alignment | None:
+        """The first state, as soon as there is one."""
+        if not self.saved.is_sound or not self._rows.rows:
+            return None
+        now, fix = float(self._rows.rows[-1][IMU_T]), aligner.last_fix
+        was_aided = self.saved.unaided <= self._parameters.navigator.lost_after
+        waits = was_aided and now - self._begun < _LEVEL_TIME + _PATIENCE
+        if was_aided and fix is not None and fix.t <= now:
+            there, last_fix = self._completed(fix), None
+        elif waits:
+            return None
+        else:
+            there, last_fix = self._predicted(now), self._t - self.saved.unaided
+        if there.t - self._tried < _RETRY or now - self._begun > _GIVEN_UP:
+            return None
+        self._tried = there.t
+        return self._first_state(there, aligner, last_fix)
+
+    def _completed(self, fix: Fix) -> Fix:
+        """A fix without velocity has that of before."""
+        if fix.velocity is not None:
+            return fix
+        predicted = self._predicted(fix.t)
+        return replace(fix, velocity=predicted.velocity, velocity_sd=predicted.velocity_sd)
+
+    def _predicted(self, t: float) -> Fix:
+        """Where the vehicle is if it has gone on as it was, and how far off an unknown acceleration may have led it."""
+        saved, gap = self.saved, t - self._t
+        limits, variances = self._parameters.gnss.reacquisition, saved.cov.diagonal()
+        push = self._parameters.navigator.gap_force_sd * gap
+        velocity_sd = np.minimum(np.hypot(np.sqrt(variances[DVEL : DVEL + 3]), push), limits.max_speed)
+        position_sd = np.sqrt(variances[DPOS : DPOS + 3] + (gap * velocity_sd) ** 2)
+        (lat, lon, alt), (east, north, up) = saved.position, (gap * v for v in saved.velocity)
+        r_m, r_n = radii(lat)
+        place = (lat + north / (r_m + alt), lon + east / ((r_n + alt) * math.cos(lat)), alt + up)
+        return Fix(t, place, np.array(saved.velocity), position_sd, velocity_sd)
+
+    def _first_state(self, there: Fix, aligner: Aligner, last_fix: float | None) -> Alignment | None:
+        rows = self._rows.between(there.t - _LEVEL_TIME, there.t)
+        if len(rows) < 3 or rows[0, IMU_T] > there.t - _LEAST_LEVEL_TIME:
+            return None
+        unlevel = _unlevel(rows, self._biases.accel)
+        if unlevel > _STEEPEST:
+            return None
+        tilt_sd = max(aligner.settings.tilt_sd, unlevel)
+        q, tilt_sd = aligner.outside.near(there.t, tilt_sd) or (level_in_motion(rows), tilt_sd)
+        tilt_sd = max(tilt_sd, unlevel)
+        yaw, yaw_sd, from_magnetometer = self._heading(there, q, aligner)
+        if yaw_sd > _WIDEST_HEADING and last_fix is None:
+            return None
+        nav, P = in_motion(turned(q, yaw), tilt_sd, there, self._biases, self._rows.at(there.t), False)
+        P[PHI + 2, PHI + 2] = min(yaw_sd, _UNKNOWN_HEADING) ** 2
+        how = f"goes on after {there.t - self._t:.1f} s" + (
+            ", heading of the magnetometer" if from_magnetometer else ""
+        )
+        return Alignment(there.t, nav, P, how, True, from_magnetometer, continues=True, last_fix=last_fix)
+
+    def _heading(self, there: Fix, q_level: Array, aligner: Aligner) -> tuple[float, float, bool]:
+        """Yaw, its deviation [rad], and whether it is the magnetometer's."""
+        saved = self.saved
+        turn = self._parameters.navigator.gap_rate_sd * (there.t - self._t)
+        sd = math.hypot(math.sqrt(saved.cov[PHI + 2, PHI + 2]), turn)
+        magnetic_sd = aligner.settings.mag_heading_sd
+        if sd > magnetic_sd and math.isfinite(saved.compass_offset):
+            magnetic = aligner.compass.yaw(there.t, q_level, there.position[0], there.position[1])
+            if magnetic is not None:
+                return magnetic - saved.compass_offset, magnetic_sd, True
+        return float(euler_from_quat(np.array(saved.q_nb))[2]), sd, False
+
+
+def _unlevel(rows: Array, accel_bias: tuple[float, float, float]) -> float:
+    """How far from level the mean force of IMU ``rows`` (N, 7) may point [rad], as its size tells.
+
+    A horizontal acceleration a adds to gravity at a right angle, |f|^2 = g^2 + a^2, and turns the force by atan(a / g).
+    """
+    force = np.linalg.norm(rows[:, IMU_ACCEL:] - np.array(accel_bias), axis=1)
+    excess = float(np.mean(force)) / STANDARD_GRAVITY
+    return math.acos(min(max(1.0 / excess, 0.0), 1.0)) if excess > 1.0 else 0.0

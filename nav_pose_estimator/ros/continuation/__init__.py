@@ -1,0 +1,1 @@
+"""The state on disk: written in flight, read at the start."""

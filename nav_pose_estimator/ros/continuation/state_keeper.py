@@ -1,0 +1,78 @@
+"""The navigator's state on disk: written in flight beside the node, read at the start, so that a restart goes on."""
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from nav_pose_estimator.engine import array_file
+from nav_pose_estimator.engine.composed import resumption
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters.ros import StateParameters
+from nav_pose_estimator.engine.parameters.schema import ParameterError
+from nav_pose_estimator.engine.solutions import Level
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.ros.pace import Pace
+
+STATE = array_file.Kind("state", 1)
+
+
+class StateKeeper:
+    """Reads ``ros.state.file`` into ``engine`` at once; from then on ``note`` writes it every ``ros.state.period``.
+
+    A thread writes, since a disk may take its time, and never waits for the disk: against a process that dies that is
+    enough. A state that cannot be read or written is one warning, and the node flies on.
+    """
+
+    def __init__(self, node: Any, engine: PoseEstimator, parameters: StateParameters) -> None:
+        self._node, self._engine = node, engine
+        self._path = Path(parameters.file) if parameters.file else None
+        self._pace = Pace(1.0 / parameters.period)
+        self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="state")
+        self._writing: Future[None] | None = None
+        self._failed = False
+        if self._path is None:
+            return
+        if not self._path.parent.is_dir():
+            raise ParameterError(f"ros.state.file: there is no folder {self._path.parent}")
+        if self._path.exists():
+            self._read(self._path)
+
+    def _read(self, path: Path) -> None:
+        try:
+            resumption.resume(self._engine, array_file.load(path, STATE))
+        except UserError as error:
+            self._node.say("resume.refused.file", Level.WARN, f"the saved state is not used: {path}: {error}")
+
+    def note(self, stamp_ns: int) -> None:
+        """Write the state after the solution of ``stamp_ns``, if it is time and the last one has been written."""
+        if self._path is None or not self._pace.is_due(stamp_ns):
+            return
+        if self._writing is not None:
+            if not self._writing.done():
+                return
+            self._tell(self._writing)
+        arrays = resumption.arrays_of(self._engine)
+        if arrays is not None:
+            self._writing = self._writer.submit(array_file.save, self._path, STATE, arrays, durable=False)
+
+    def wait(self) -> None:
+        """Until the last write has ended."""
+        if self._writing is not None:
+            self._writing.exception()
+
+    def stop(self) -> None:
+        """Write the last state; to be called when the node ends."""
+        self._writer.shutdown()
+        arrays = None if self._path is None else resumption.arrays_of(self._engine)
+        if self._path is not None and arrays is not None:
+            try:
+                array_file.save(self._path, STATE, arrays)
+            except UserError as error:
+                self._node.say("state.not_written", Level.WARN, str(error))
+
+    def _tell(self, writing: "Future[None]") -> None:
+        """A failure is told once, until it works again."""
+        error = writing.exception()
+        if error is not None and not self._failed:
+            self._node.say("state.not_written", Level.WARN, f"{error}; a restart in flight would align anew")
+        self._failed = error is not None

@@ -1,0 +1,246 @@
+"""A process that is killed in flight and comes back with what it had saved: silence, steps, sigma, refusals."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.composed.resumption import resume, state_of
+from nav_pose_estimator.engine.continuation.saved_state import SavedState
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.engine.samples import MagSample, Sample, stamp_of
+from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock
+from nav_pose_estimator.sim.recording import Recording
+from told import GNSS, flight, silence
+
+pytestmark = pytest.mark.compiled
+KILLED, BACK, END = 60.0, 66.0, 85.0  # s; the process is away for six seconds
+
+
+@dataclass
+class Life:
+    """A process: row i of the arrays belongs to one solution. ``t`` in seconds of the recording."""
+
+    engine: PoseEstimator
+    events: list[Event]
+    t: np.ndarray
+    error: np.ndarray  # (N, 3) ENU [m]
+    sigma: np.ndarray  # (N,) horizontal
+    odom: np.ndarray  # (N, 3)
+    modes: list[Mode]
+
+    def names(self) -> list[str]:
+        return [event.name for event in self.events]
+
+
+def live(recording: Recording, samples: list[Sample], saved: SavedState | None = None, **overrides: Any) -> Life:
+    engine = PoseEstimator(update(Parameters(), {"learner.enabled": False, **overrides}))
+    if saved is not None:
+        resume(engine, saved.arrays())
+    outputs = [output for sample in samples for output in engine.feed(sample)]
+    blocks = [o for o in outputs if isinstance(o, NavBlock)]
+    rows = np.concatenate([b.rows for b in blocks]) if blocks else np.empty((0, at.OUT_COLUMNS))
+    stamps = np.concatenate([b.stamps_ns for b in blocks]) if blocks else np.empty(0, np.int64)
+    t, truth = (stamps - recording.start_ns) * 1e-9, recording.truth
+    true = lla_to_enu(*(np.interp(t, truth.t, c) for c in (truth.lat, truth.lon, truth.alt)), *recording.origin)
+    error = lla_to_enu(*rows[:, at.OUT_POS : at.OUT_VEL].T, *recording.origin) - true
+    place = engine.origin or recording.origin
+    correction = [np.tile(b.correction_enu, (len(b.stamps_ns), 1)) for b in blocks]
+    odom = lla_to_enu(*rows[:, at.OUT_POS : at.OUT_VEL].T, *place) - np.concatenate(correction or [np.empty((0, 3))])
+    sigma = np.sqrt(rows[:, at.OUT_VAR + at.DPOS : at.OUT_VAR + at.DPOS + 2].sum(axis=1))
+    modes = [b.mode for b in blocks for _ in range(len(b.stamps_ns))]
+    return Life(engine, [o for o in outputs if isinstance(o, Event)], t, error, sigma, odom, modes)
+
+
+def within(recording: Recording, start: float, end: float, left_out: tuple[type, ...] = ()) -> list[Sample]:
+    limits = [recording.start_ns + int(s * 1e9) for s in (start, end)]
+    now, samples = 0, []
+    for sample in recording.samples():
+        now = stamp_of(sample) or now
+        if limits[0] <= now < limits[1] and not isinstance(sample, left_out):
+            samples.append(sample)
+    return samples
+
+
+def before(recording: Recording, **overrides: Any) -> tuple[Life, SavedState]:
+    """The life that ends with the kill, and what it has left."""
+    life = live(recording, within(recording, 0.0, KILLED), **overrides)
+    state = state_of(life.engine.sins.run)
+    assert state is not None
+    return life, SavedState.of(state.arrays())
+
+
+def after(recording: Recording, saved: SavedState | None, *left_out: type, **overrides: Any) -> Life:
+    return live(recording, within(recording, BACK, END, left_out), saved, **overrides)
+
+
+@pytest.mark.parametrize("name", ["multirotor_light", "stop_and_go", "laps", "hover"])
+@pytest.mark.parametrize("seed", [5, 6])
+def test_2_2_a_warm_start_takes_less_than_three_seconds_and_is_where_the_vehicle_is(name, seed):
+    """GIVEN a navigator killed in flight WHEN it comes back six seconds later with what it had saved
+    THEN it is silent for less than three seconds, its axes are the same, its position is right within sigma from the
+    first one on, and it is aided."""
+    recording = flight(name, END, seed)
+    first, saved = before(recording)
+    again = after(recording, saved)
+    assert again.t[0] - BACK < 3.0
+    assert again.engine.origin == first.engine.origin
+    off = np.linalg.norm(again.error[:, :2], axis=1)
+    assert np.mean(off < 3.0 * again.sigma) > 0.99, off.max()
+    assert off.max() < 12.0
+    assert again.modes[-1] is Mode.AIDED
+    assert "resume.begun" in again.names()
+
+
+def test_2_2_without_a_saved_state_the_same_restart_is_silent_for_ten_seconds_and_moves_the_axes():
+    """GIVEN the same kill WHEN nothing was saved THEN this is what a warm start is worth."""
+    recording = flight("multirotor_light", END)
+    first, saved = before(recording)
+    cold, warm = after(recording, None), after(recording, saved)
+    assert cold.t[0] - BACK > 8.0 > 3.0 > warm.t[0] - BACK
+    assert first.engine.origin is not None
+    assert cold.engine.origin is not None
+    apart = lla_to_enu(*cold.engine.origin, *first.engine.origin)
+    assert np.linalg.norm(apart) > 20.0
+
+
+def test_2_2_in_aerobatics_the_level_is_not_believed():
+    """GIVEN a vehicle in a loop, whose force is not gravity WHEN it comes back THEN it does not go on from a tilt that
+    is none: the alignment finds it, in the old axes, and the position is right within sigma."""
+    recording = flight("closed_curve", END)
+    first, saved = before(recording)
+    again = after(recording, saved)
+    off = np.linalg.norm(again.error[:, :2], axis=1)
+    assert any("in motion" in e.text for e in again.events if e.name == "aligned")
+    assert np.mean(off < 3.0 * again.sigma) > 0.99
+    assert again.engine.origin == first.engine.origin
+
+
+def test_2_2_odom_goes_on_where_it_was():
+    """GIVEN map moved against odom by a return of GNSS WHEN the process is killed THEN odom goes on within sigma."""
+    recording = flight("multirotor_light", END).with_faults(*silence(30.0, 15.0))
+    first, saved = before(recording)
+    assert math.hypot(*saved.correction_enu) > 1.0
+    again = after(recording, saved)
+    truth = recording.truth
+    moved = [np.interp([first.t[-1], again.t[0]], truth.t, c) for c in (truth.lat, truth.lon, truth.alt)]
+    there, here = lla_to_enu(*moved, *recording.origin)
+    step = again.odom[0] - first.odom[-1] - (here - there)
+    assert np.linalg.norm(step[:2]) < 3.0 * math.hypot(first.sigma[-1], again.sigma[0])
+
+
+def test_2_2_without_a_magnetometer_and_after_a_long_gap_it_aligns_in_motion_with_what_it_knew():
+    """GIVEN no magnetometer WHEN six seconds have passed unseen THEN the heading is not believed: the alignment in
+    motion finds it, in the old axes."""
+    recording = flight("closed_curve", END)
+    first, saved = before(recording, **{"aids.magnetometer": False})
+    again = after(recording, saved, MagSample, **{"aids.magnetometer": False})
+    assert again.engine.origin == first.engine.origin
+    assert any("heading from GNSS" in e.text for e in again.events if e.name == "aligned")
+
+
+def test_2_2_a_restart_in_an_outage_goes_on_coasting():
+    """GIVEN GNSS lost ten seconds before the kill WHEN the process comes back THEN it does not claim to be aided, it
+    counts the seconds since the loss, its sigma covers the error, and GNSS is taken again when it returns."""
+    recording = flight("multirotor_light", 120.0).with_faults(*silence(50.0, 40.0))
+    first, saved = before(recording)
+    assert saved.unaided > 8.0
+    again = live(recording, within(recording, BACK, 110.0), saved)
+    assert again.t[0] - BACK < 3.0
+    assert again.modes[0] in (Mode.COASTING, Mode.DEAD_RECKONING)
+    coasting = again.t < 88.0
+    off = np.linalg.norm(again.error[:, :2], axis=1)
+    assert np.mean(off[coasting] < 3.0 * again.sigma[coasting]) > 0.95
+    assert again.modes[-1] is Mode.AIDED
+    assert off[-1] < 10.0
+    assert again.engine.origin == first.engine.origin
+
+
+# --- a state that is wrong ------------------------------------------------------------------------------------------
+def moved(saved: SavedState, **changes: Any) -> SavedState:
+    return replace(saved, **changes)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "name"), [(7.0, "clock"), (1e6, "clock"), (-3600.0, "old"), (-61.0, "old")], ids=lambda x: str(x)
+)
+def test_2_2_a_state_of_another_time_is_refused_in_one_sentence(seconds, name):
+    """GIVEN a state that is younger than the IMU, or old THEN it says so once and aligns as if there were none."""
+    recording = flight("multirotor_light", END)
+    _, saved = before(recording)
+    wrong = moved(saved, stamp_ns=saved.stamp_ns + int(seconds * 1e9))
+    again, cold = after(recording, wrong), after(recording, None)
+    assert [n for n in again.names() if n.startswith("resume")] == [f"resume.refused.{name}"]
+    np.testing.assert_array_equal(again.t, cold.t)
+    np.testing.assert_array_equal(again.error, cold.error)
+    assert again.engine.origin == cold.engine.origin != saved.origin
+
+
+def test_2_2_a_vehicle_that_was_carried_away_aligns_cold():
+    """GIVEN a state of five kilometres further North WHEN the first fix comes THEN nothing of it counts."""
+    recording = flight("multirotor_light", END)
+    _, saved = before(recording)
+    lat, lon, alt = saved.position
+    wrong = moved(saved, position=(lat + 5e3 / 6.4e6, lon, alt))
+    again = after(recording, wrong)
+    assert again.names().count("resume.refused.moved") == 1
+    assert again.engine.origin != saved.origin
+    off = np.linalg.norm(again.error[:, :2], axis=1)
+    assert np.mean(off < 3.0 * again.sigma) > 0.99
+    assert off.max() < 12.0
+
+
+@pytest.mark.parametrize("turn", [1.5, 3.1])
+def test_2_2_a_vehicle_that_has_turned_unseen_does_not_fly_on_with_the_old_heading(turn):
+    """GIVEN a state whose heading is wrong by a quarter or half a turn, and no magnetometer to tell
+    THEN it is found out within seconds of motion, and the position stays right within sigma."""
+    recording = flight("stop_and_go", 110.0)
+    life = live(recording, within(recording, 0.0, KILLED), **{"aids.magnetometer": False})
+    saved = state_of(life.engine.sins.run)
+    assert saved is not None
+    w, z = math.cos(turn / 2.0), math.sin(turn / 2.0)
+    a, b, c, d = saved.q_nb
+    wrong = moved(saved, q_nb=(w * a - z * d, w * b - z * c, w * c + z * b, w * d + z * a))
+    samples = within(recording, KILLED + 1.0, 100.0, (MagSample,))
+    again = live(recording, samples, wrong, **{"aids.magnetometer": False})
+    off = np.linalg.norm(again.error[:, :2], axis=1)
+    assert again.names().count("resume.heading.wrong") == 1
+    told = next(e for e in again.events if e.name == "resume.heading.wrong")
+    assert (told.stamp_ns - recording.start_ns) * 1e-9 < KILLED + 20.0
+    assert off[again.t > 75.0].max() < 5.0
+    assert np.mean(off < 3.0 * again.sigma) > 0.95
+
+
+def test_2_2_a_heading_that_nobody_has_confirmed_is_not_handed_on():
+    """GIVEN a vehicle that has just aligned on its magnetometer WHEN its state is saved THEN it is not to be flown on
+    with: what it knows of the heading is what a cold start finds as well."""
+    recording = flight("multirotor_light", END)
+    state = state_of(live(recording, within(recording, 0.0, 5.0)).engine.sins.run)
+    assert state is not None
+    assert not state.is_sound
+
+
+def test_2_2_a_continued_heading_stays_on_trial():
+    """GIVEN a warm start THEN its heading is on trial: nobody has seen what happened in between."""
+    recording = flight("hover", END, 6)
+    _, saved = before(recording)
+    run = live(recording, within(recording, BACK, BACK + 3.0), saved).engine.sins.run
+    assert run.timeline.running
+    assert run.trial is not None
+
+
+def test_2_2_gnss_left_out_of_the_first_second_is_waited_for():
+    """GIVEN an aided state WHEN no fix comes after the restart THEN it goes on without GNSS, and says so."""
+    recording = flight("multirotor_light", END)
+    _, saved = before(recording)
+    again = after(recording, saved, *GNSS)
+    assert again.t[0] - BACK < 4.0
+    assert again.modes[-1] is Mode.DEAD_RECKONING
+    off = np.linalg.norm(again.error[:, :2], axis=1)
+    assert np.mean(off < 3.0 * again.sigma) > 0.95
