@@ -1,5 +1,6 @@
 """The ament_python package: modules, executables and what goes into share."""
 
+import sys
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -18,6 +19,19 @@ COMMANDS = (
     "calibrate",
     "benchmark",
 )
+COMMAND_LINE = f"{NAME}.offline.command_line"
+
+
+def executables() -> list[str]:
+    """What is installed as a program.
+
+    colcon (``setup.py install`` or ``develop``) puts programs into lib/nav_pose_estimator, where ``ros2 run`` looks: one
+    for each command. pip puts them on the PATH, where names like ``replay`` belong to nobody: one command for all.
+    """
+    if {"install", "develop"} & set(sys.argv):
+        return [f"{command} = {COMMAND_LINE}:{command}" for command in COMMANDS]
+    return [f"{NAME} = {COMMAND_LINE}:main"]
+
 
 
 def shared_files(folder: str) -> list[tuple[str, list[str]]]:
@@ -39,7 +53,7 @@ setup(
     maintainer="The nav_pose_estimator maintainers",
     maintainer_email="maintainers@nav-pose-estimator.example",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"]},
+    package_data={NAME: ["py.typed", "offline/page/live.js"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (SHARE, ["package.xml"]),
@@ -56,7 +70,5 @@ setup(
         "logs": ["pyulog>=1.1"],
         "magnetic": ["pygeomag>=1.1"],
     },
-    entry_points={
-        "console_scripts": [f"{command} = {NAME}.offline.command_line:{command}" for command in COMMANDS],
-    },
+    entry_points={"console_scripts": executables()},
 )

@@ -45,7 +45,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     "engine.composed": {"core", "engine.*"},
     "ros.messages": {"core", "engine", "engine.parameters"},
-    "ros": {"core", "engine.*", "ros.messages"},
+    "ros": {"core", "engine.*", "ros.messages", "ros.load"},
+    "ros.load": {"engine", "ros", "ros.messages"},
     "ros.autopilot": {"core", "engine", "engine.parameters", "engine.navigator", "ros", "ros.messages"},
     "ros.continuation": {"core", "engine", "engine.parameters", "engine.composed", "ros"},
     "sim": {"core", "engine", "sim.vehicles"},
@@ -65,8 +66,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "offline.benchmarks.speed": {"core", "engine.*", "ros.messages", "offline.*"},
     "nodes": {"core", "engine.*", "sim.*", "ros", "ros.autopilot", "ros.continuation", "ros.messages"},
 }  # fmt: skip
-MUTUAL = {("sim", "sim.vehicles"), ("offline", "offline.bags")}
-"""Rooms that may need each other: the simulator is told as one story; the command line and helpers are everybody's."""
+MUTUAL = {("sim", "sim.vehicles"), ("offline", "offline.bags"), ("ros", "ros.load")}
+"""Rooms that may need each other: the simulator is told as one story; the command line and helpers are everybody's;
+what arrives at a node is half of the node."""
 LARGEST_ROOM, LARGEST_CLASS = 15, 15
 ROS_LIBRARIES = re.compile(r"^(rclpy|ament_index_python|\w+_msgs|rcl_interfaces|builtin_interfaces|std_srvs)(\.|$)")
 

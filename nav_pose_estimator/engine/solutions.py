@@ -233,6 +233,7 @@ class Status:
     counters: dict[str, int]
     values: dict[str, float]  # nis means, rates, delays ...
     doubt: str = ""  # why an aided navigator is not to be believed as usual
+    held_by: str = ""  # what bounds the drift beside GNSS
 
 
 Output = NavSolution | NavBlock | AttitudeSolution | AttitudeBlock | PredictedDrift | Event

@@ -53,6 +53,11 @@ class PoseEstimatorNode(EstimatorNode):
             self.keeper.stop()
         super().destroy_node()
 
+    def spare(self, flag: bool) -> None:
+        """Rehearsals rest."""
+        if self.engine.outage_aid is not None:
+            self.engine.outage_aid.rehearsals.rests = flag
+
     def publish(self, solution: AttitudeSolution | NavSolution | PredictedDrift) -> None:
         """Attitude, navigation and predictions on their topics."""
         if isinstance(solution, PredictedDrift):

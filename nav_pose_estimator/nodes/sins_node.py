@@ -36,6 +36,11 @@ class SinsNode(EstimatorNode):
         self._state = StateKeeper(self, self.engine, self.parameters.ros.state)
         self.get_logger().info("ready")
 
+    def spare(self, flag: bool) -> None:
+        """Rehearsals rest."""
+        if self.engine.outage_aid is not None:
+            self.engine.outage_aid.rehearsals.rests = flag
+
     def publish(self, solution: NavSolution) -> None:
         """Everything that the navigator knows."""
         self._output.publish_origin(solution.stamp_ns, self.engine.origin)

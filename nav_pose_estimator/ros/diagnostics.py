@@ -7,6 +7,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from nav_pose_estimator.engine.solutions import Level
 from nav_pose_estimator.ros import qos, wording
 from nav_pose_estimator.ros.messages.outgoing import fill_stamp
 
@@ -16,10 +17,15 @@ Description = tuple[int, str, list[tuple[str, str]]]
 class InputWatch:
     """Counts the messages of one input. The only place that asks a wall clock, and nothing estimates with it."""
 
-    def __init__(self, node: Node, topic: str, needed: bool) -> None:
+    def __init__(self, node: Any, topic: str, needed: bool) -> None:
+        """``node`` also has ``say``, for what is told once."""
         self.topic = topic
         self._node, self._needed = node, needed
-        self._total = self._reported = self._lost = 0
+        self._total = self._reported = self._lost_reported = 0
+        self._told_lost = self._skipped = self._dropped = 0
+        self._taken, self._numbered = 0, (0, 0)  # messages taken; a publication number and how many were taken by then
+        self._skipped_lately = 0
+        self._had_publisher = self._is_gone = False
         self._last = self._reported_at = time.monotonic()
         self._ever = False
         self._subscription: Any = None
@@ -33,8 +39,31 @@ class InputWatch:
         self._total += 1
 
     def lost(self, count: int) -> None:
-        """The middleware dropped ``count`` messages."""
-        self._lost += count
+        """The middleware says that it lost ``count`` messages."""
+        self._told_lost += count
+
+    def dropped(self) -> None:
+        """A message was taken and is not used, because the node is too far behind."""
+        self._dropped += 1
+
+    def taken(self, number: int | None = None) -> None:
+        """A message was taken from the middleware, its publication ``number`` where that is known.
+
+        The middleware drops from a full queue without a word: as many as the numbers have grown by more than messages
+        were taken. Several publishers have numbers of their own; then nothing is concluded (``report``).
+        """
+        self._taken += 1
+        if number is None:
+            return
+        before, taken = self._numbered
+        if before:
+            self._skipped_lately += max(number - before - (self._taken - taken), 0)
+        self._numbered = number, self._taken
+
+    @property
+    def lost_so_far(self) -> int:
+        """Messages that were published and never reached the estimator."""
+        return max(self._told_lost, self._skipped) + self._dropped
 
     def report(self) -> wording.InputReport:
         """What happened since the last report."""
@@ -45,9 +74,29 @@ class InputWatch:
         self._reported, self._reported_at = self._total, now
         age = now - self._last if self._ever or now - self._last < 2.0 else float("inf")
         publishers = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(self.topic))
-        misfits = tuple(self._misfits(publishers))
+        if len(publishers) == 1:
+            self._skipped += self._skipped_lately
+        else:
+            self._numbered = 0, 0
+        self._skipped_lately = 0
+        lost, lately = self.lost_so_far, self.lost_so_far - self._lost_reported
+        self._lost_reported = lost
+        self._had_publisher = self._had_publisher or bool(publishers)
+        is_gone = self._had_publisher and not publishers
+        if is_gone and not self._is_gone:
+            self._node.say("input.gone", Level.WARN, f"{self.topic}: what published it is gone")
+        self._is_gone = is_gone
         return wording.InputReport(
-            self.topic, self._total, rate, self._lost, age, len(publishers), self._needed, misfits
+            topic=self.topic,
+            total=self._total,
+            rate=rate,
+            lost=lost,
+            age=age,
+            publishers=len(publishers),
+            needed=self._needed,
+            misfits=tuple(self._misfits(publishers)),
+            lost_lately=lately,
+            is_gone=is_gone,
         )
 
     def _misfits(self, publishers: list[Any]) -> list[str]:

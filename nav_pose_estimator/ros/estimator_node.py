@@ -1,21 +1,19 @@
 """What the nodes share: parameters, inputs, the time guard, events, diagnostics, services around one engine."""
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 
 from nav_pose_estimator.core.numerics.jit import is_first_run
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import stamp_of
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Mode, NavSolution, Status
-from nav_pose_estimator.ros import qos, services, wording
-from nav_pose_estimator.ros.diagnostics import Diagnostics, InputWatch
-from nav_pose_estimator.ros.inputs import message_class
+from nav_pose_estimator.ros import services, wording
+from nav_pose_estimator.ros.diagnostics import Diagnostics
+from nav_pose_estimator.ros.load.intake import Intake
 from nav_pose_estimator.ros.logbook import Logbook
 from nav_pose_estimator.ros.messages.message_table import Source
 from nav_pose_estimator.ros.messages.outgoing import is_finite, warm_up
@@ -44,7 +42,7 @@ class EstimatorNode(Node):
         self._live = LiveParameters(self, self.parameters, self._set_parameters)
         self._guard = TimeGuard(round(self.parameters.ros.input.max_stamp_regression * 1e9))
         self._mode: Mode | None = None
-        self._watches: list[InputWatch] = []
+        self.intake = Intake(self, self.parameters.ros.input.queue)
         self._diagnostics = Diagnostics(self)
         # a steady clock: diagnostics must speak up when /clock is what is missing
         period = self.parameters.ros.output.diagnostics_period
@@ -61,39 +59,10 @@ class EstimatorNode(Node):
         With ``choose`` only those messages are read that it wants by their bytes: what other nodes publish comes at
         hundreds of hertz, and to build every message would cost more than to use it.
         """
-        kind, from_bytes = message_class(source), source.from_bytes
-        if choose is not None:
-            wanted = choose
+        self.intake.listen(source, needed, choose)
 
-            def from_bytes(data: bytes) -> tuple[Any, ...]:
-                return source.adapter(deserialize_message(data, kind)) if wanted(data) else ()
-
-        self._subscribe(source.topic, kind, from_bytes or source.adapter, needed, raw=from_bytes is not None)
-
-    def _subscribe(
-        self, topic: str, kind: Any, adapter: Callable[[Any], tuple[Any, ...]], needed: bool, raw: bool
-    ) -> None:
-        watch = InputWatch(self, topic, needed)
-        self._watches.append(watch)
-        callback = partial(self.receive, watch, adapter)
-        profile = qos.sensor(self.parameters.ros.input.queue)
-
-        def misfit(text: str) -> None:
-            self.say("qos.incompatible", Level.WARN, text)
-
-        watch.attach(qos.subscribe(self, kind, topic, callback, profile, raw, on_lost=watch.lost, on_misfit=misfit))
-
-    def receive(self, watch: InputWatch, adapter: Callable[[Any], tuple[Any, ...]], message: Any) -> None:
-        """The callback of every subscription."""
-        watch.saw()
-        try:
-            for item in adapter(message):
-                if isinstance(item, Event):
-                    self.logbook.note(item)
-                else:
-                    self.take(item)
-        except Exception as error:
-            self.note_failure(watch.topic, error)
+    def spare(self, flag: bool) -> None:
+        """Leave out work that can wait, while the node is overloaded; for nodes that have such work."""
 
     def take(self, sample: Any) -> None:
         """Feed one sample and publish what follows."""
@@ -101,9 +70,12 @@ class EstimatorNode(Node):
         if admission.back_s > 0.0:
             stamp = min(filter(None, map(stamp_of, admission.samples)))
             reason = f"time went back by {admission.back_s:.1f} s"
+            self.intake.forget()
             self.deliver(self.engine.reset(stamp, reason))
         for ready in admission.samples:
-            self.deliver(self.engine.feed(ready))
+            sample = self.intake.grouped(ready)
+            if sample is not None:
+                self.deliver(self.engine.feed(sample))
 
     # --- outputs ---------------------------------------------------------------------------------------------------
 
@@ -115,18 +87,27 @@ class EstimatorNode(Node):
             elif type(output) not in self.published:
                 continue  # blocks come from blocks, and nodes feed none
             elif is_finite(output):
-                self.publish(output)
+                if self.intake.passes(output):
+                    self.publish(output)
             else:
                 text = "a solution that is not finite is withheld"
                 self.logbook.note(Event(output.stamp_ns, "output.withheld.nan", Level.ERROR, text))
         mode = self.engine.mode
         if mode is not self._mode:
             self._mode = mode
-            self._diagnostics.publish_status(*self.describe(self.engine.status()))
+            self._diagnostics.publish_status(*self._state(self.engine.status()))
 
     def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
         """Level, sentence and facts for ~/status and diagnostics."""
         return wording.level_of(status), wording.sentence(status), wording.facts(status)
+
+    def _state(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
+        """``describe``, and an overload where there is one."""
+        level, sentence, facts = self.describe(status)
+        complaint = self.intake.complaint
+        if complaint:
+            level, sentence = max(level, wording.WARN), f"{sentence}; {complaint}"
+        return level, sentence, [*facts, ("overload", complaint or "-")]
 
     def publish(self, solution: Any) -> None:
         """Publish one solution of the kind that the engine gives."""
@@ -141,9 +122,10 @@ class EstimatorNode(Node):
 
     def _on_timer(self) -> None:
         try:
+            self.intake.look_back()
             status = self.engine.status()
             own = {k: v for k, v in self.logbook.counters.items() if k not in status.counters}
-            self._diagnostics.publish(self.describe(status), self._watches, {**status.counters, **own})
+            self._diagnostics.publish(self._state(status), self.intake.watches, {**status.counters, **own})
         except Exception as error:
             self.note_failure("diagnostics", error)
 

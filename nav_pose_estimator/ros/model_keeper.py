@@ -11,6 +11,7 @@ from std_srvs.srv import Trigger
 
 from nav_pose_estimator.engine.outage.model_file import load_arrays, save_arrays
 from nav_pose_estimator.engine.parameters.ros import ModelParameters
+from nav_pose_estimator.engine.parameters.schema import ParameterError
 from nav_pose_estimator.engine.solutions import Level
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.ros.training import Outcome, Trainer
@@ -37,6 +38,7 @@ class ModelKeeper:
         self.history: list[dict[str, float]] = []  # scores after each training
         self._pupil, self._trainer, self._parameters, self._say = pupil, trainer, parameters, say
         self._failure, self._trainings = "", 0
+        _check_folder(parameters.file)
         pupil.learner.warm_up()
         self._timer = node.create_timer(_PERIOD, self.look_after, clock=Clock(clock_type=ClockType.STEADY_TIME))
         for name, action in (("train", self.train), ("save_model", self.save), ("load_model", self.load)):
@@ -122,6 +124,13 @@ class ModelKeeper:
         if not self._parameters.file:
             raise UserError("no file is set for the model: set ros.model.file")
         return self._parameters.file
+
+
+def _check_folder(file: str) -> None:
+    """Whether the model can be written where ``file`` asks for it: better known before the flight than after it."""
+    folder = Path(file).absolute().parent
+    if file and not folder.is_dir():
+        raise ParameterError(f"ros.model.file: the folder {folder} does not exist")
 
 
 def _describe(error: Exception) -> str:

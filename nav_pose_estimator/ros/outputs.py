@@ -12,6 +12,7 @@ from std_msgs.msg import Bool
 
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.imu import ImuParameters
 from nav_pose_estimator.engine.parameters.schema import ParameterError
 from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, PredictedDrift
 from nav_pose_estimator.ros import qos
@@ -19,10 +20,33 @@ from nav_pose_estimator.ros.messages import outgoing
 from nav_pose_estimator.ros.pace import Pace
 
 
+class ImuVariances:
+    """What a published rate and specific force are worth: white noise over one interval, and the bias that is left."""
+
+    def __init__(self, parameters: ImuParameters) -> None:
+        self._parameters = parameters
+        self._last_ns, self._interval = 0, 0.0
+
+    def at(self, stamp_ns: int) -> tuple[float, float] | None:
+        """Variances of one axis of rate [(rad/s)^2] and force [(m/s^2)^2]; None while the interval is unknown.
+
+        To be called with every sample: noise of density N is N^2 / dt in the mean over dt.
+        """
+        p, dt = self._parameters, 1e-9 * (stamp_ns - self._last_ns)
+        self._last_ns = stamp_ns
+        if 0.0 < dt <= p.gap:
+            self._interval = dt
+        if self._interval == 0.0:
+            return None
+        rate = p.gyro_noise**2 / self._interval + p.gyro_bias_sd**2
+        return rate, p.accel_noise**2 / self._interval + p.accel_bias_sd**2
+
+
 class AttitudeOutput:
     """imu/data."""
 
     def __init__(self, node: Node, parameters: Parameters) -> None:
+        self._variances = ImuVariances(parameters.imu)
         self._world_frame = parameters.attitude.world_frame
         self._pace = Pace(parameters.ros.output.attitude_rate)
         self._publisher = qos.advertise(node, Imu, "imu/data")
@@ -31,8 +55,9 @@ class AttitudeOutput:
 
     def publish(self, solution: AttitudeSolution) -> None:
         """One attitude, if it is due."""
+        variances = self._variances.at(solution.stamp_ns)
         if self._pace.is_due(solution.stamp_ns) and qos.is_heard(self._publisher):
-            outgoing.fill_imu(self._message, solution, self._world_frame)
+            outgoing.fill_imu(self._message, solution, self._world_frame, variances)
             self._publisher.publish(self._message)
 
 

@@ -14,12 +14,17 @@ from rclpy.parameter import Parameter
 
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.ros import READ_BY_ROS
-from nav_pose_estimator.engine.parameters.schema import ParameterError, Spec, specs, update
+from nav_pose_estimator.engine.parameters.schema import ParameterError, Spec, flatten, specs, update
 
 
 def declare(node: Node, defaults: Any = None) -> Any:
-    """Declare a whole tree (the estimators' by default); return it with the overrides of files and command line."""
-    parameters = update(Parameters() if defaults is None else defaults, overrides(node))
+    """Declare a whole tree (the estimators' by default); return it with the overrides of files and command line.
+
+    One file serves all executables (its key is ``/**``): another tree passes over what it sets of the estimators.
+    """
+    ours = Parameters() if defaults is None else defaults
+    foreign = flatten(Parameters()).keys() - flatten(ours).keys()
+    parameters = update(ours, {name: value for name, value in overrides(node).items() if name not in foreign})
     declarations: list[Any] = [(spec.key, _ros_value(spec.default), descriptor(spec)) for spec in specs(parameters)]
     node.declare_parameters("", declarations, ignore_override=True)
     return parameters

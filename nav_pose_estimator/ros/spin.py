@@ -6,6 +6,7 @@ Ends with exit code 0 on SIGINT and SIGTERM. ``spin_once`` with a time-out works
 
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 try:
     from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -29,6 +31,7 @@ except ImportError:
 from nav_pose_estimator.errors import UserError
 
 _TIMEOUT = 0.25  # s: how soon a signal is seen at the latest
+_IMPATIENCE = 1.0  # s: a signal later than this after the first means it; launch repeats the terminal's at once
 
 
 def make_executor(context: Any = None) -> Any:
@@ -46,65 +49,81 @@ def run(
     Raises ``UserError`` for arguments and parameters that make no sense.
     """
     node = None
-    try:
-        _init(arguments)
-        node = make_node()
-        _spin(node, is_over)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except UserError:
-        raise
-    except Exception:
-        if rclpy.ok():
-            raise  # anything else is the shutdown that came in between
-    finally:
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
+    with _signals() as stop:
+        try:
+            _init(arguments)
+            node = make_node()
+            stop.is_heeded = True
+            _spin(node, lambda: stop.is_asked or is_over(node))
+        except (KeyboardInterrupt, ExternalShutdownException):
+            pass
+        except UserError:
+            raise
+        except Exception:
+            if rclpy.ok():
+                raise  # anything else is the shutdown that came in between
+        finally:
+            if node is not None:
+                node.destroy_node()
+            rclpy.try_shutdown()
     return 0
 
 
 def _init(arguments: Sequence[str] | None) -> None:
     try:
-        rclpy.init(args=None if arguments is None else list(arguments))
+        given = None if arguments is None else list(arguments)
+        rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     except RCLError as error:
         reason = " ".join(str(error).split(", at ")[0].split())
         raise UserError(f"ROS does not accept the arguments: {reason}") from None
 
 
-def _spin(node: Node, is_over: Callable[[Any], bool]) -> None:
+def _spin(node: Node, is_over: Callable[[], bool]) -> None:
     executor = make_executor()
     executor.add_node(node)
     try:
-        with _signals() as asked:
-            while rclpy.ok() and not asked() and not is_over(node):
-                executor.spin_once(timeout_sec=_TIMEOUT)
+        while rclpy.ok() and not is_over():
+            executor.spin_once(timeout_sec=_TIMEOUT)
     finally:
         executor.remove_node(node)
         executor.shutdown()
 
 
-@contextmanager
-def _signals() -> Iterator[Callable[[], bool]]:
-    """SIGINT and SIGTERM as a question that the loop asks: whether one has come. A second one interrupts.
+class _Stop:
+    """SIGINT and SIGTERM. While they are heeded they are a question that the loop asks; before, they interrupt.
 
     rclpy's own handlers would end the context, or raise KeyboardInterrupt, in the middle of a callback, and the
-    executor prints a traceback for that.
+    executor prints a traceback for that. Neither is a node taken apart undisturbed.
     """
-    count = 0
 
-    def note(*_: Any) -> None:
-        nonlocal count
-        count += 1
-        if count > 1:
+    def __init__(self) -> None:
+        self.is_heeded = False
+        self._first: float | None = None
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether one has come."""
+        return self._first is not None
+
+    def note(self, *_: Any) -> None:
+        """The handler."""
+        now = time.monotonic()
+        if self._first is None:
+            self._first = now
+        if not self.is_heeded or now - self._first > _IMPATIENCE:
             raise KeyboardInterrupt
 
+
+@contextmanager
+def _signals() -> Iterator[_Stop]:
+    """Signals go to what is given, and afterwards where they went before."""
+    stop = _Stop()
     if threading.current_thread() is not threading.main_thread():  # signals are none of its business
-        yield lambda: False
+        yield stop
         return
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, stop.note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield lambda: count > 0
+        yield stop
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -14,7 +14,7 @@ MEANINGS = {
     Mode.ALIGNING: "aligning",
     Mode.NO_ORIGIN: "level, but without a position",
     Mode.AIDED: "GNSS is used",
-    Mode.COASTING: "GNSS is lost, other aids hold the drift",
+    Mode.COASTING: "GNSS is lost, the drift is held",
     Mode.DEAD_RECKONING: "GNSS is lost, only the IMU is left",
     Mode.EXPIRED: "too long without GNSS: do not trust the position",
     Mode.REACQUIRING: "GNSS is back and being checked",
@@ -37,7 +37,8 @@ LEARNER_MEANINGS = {
 class InputReport:
     """State of one input topic: messages in all, rate since the last report, messages lost; age of the last one [s].
 
-    ``misfits``: publishers from which nothing is received, and why, one clause each.
+    ``misfits``: publishers from which nothing is received, and why, one clause each. ``lost_lately``: since the last
+    report. ``is_gone``: there was a publisher, and there is none any more.
     """
 
     topic: str
@@ -48,6 +49,8 @@ class InputReport:
     publishers: int
     needed: bool
     misfits: tuple[str, ...] = ()
+    lost_lately: int = 0
+    is_gone: bool = False
 
 
 def level_of(status: Status) -> int:
@@ -60,6 +63,8 @@ def sentence(status: Status, meanings: Mapping[Mode, str] = MEANINGS) -> str:
     """The state in one sentence; ``meanings`` of the modes where they are not those of the navigator."""
     waiting = status.waiting_for.rstrip(".")
     parts = [f"{status.mode.value}: {waiting or meanings[status.mode]}"]
+    if status.mode is Mode.COASTING and status.held_by and not waiting:
+        parts[0] += f" by {status.held_by}"
     if status.seconds_coasting > 0.0:
         parts.append(f"for {status.seconds_coasting:.0f} s")
     if math.isfinite(status.horizontal_sd):
@@ -113,6 +118,10 @@ def _complaints(report: InputReport) -> Iterator[str]:
     if report.needed and report.age > 2.0:
         since = "never came" if not math.isfinite(report.age) else f"silent for {report.age:.0f} s"
         yield f"{report.topic} {since} ({report.publishers} publishers)"
+    elif report.is_gone:
+        yield f"{report.topic}: what published it is gone"
+    if report.lost_lately:
+        yield f"{report.topic}: {report.lost_lately} messages lost"
     yield from (f"{report.topic}: {misfit}" for misfit in report.misfits)
 
 

@@ -109,11 +109,12 @@ def test_a_count_that_comes_back_is_used_again():
     assert not gate.state.inactive
 
 
-def test_without_a_source_the_gate_is_inactive_from_the_start():
+def test_a_source_that_is_none_on_purpose_is_no_error():
+    """GIVEN satellite_source: none WHEN fixes come THEN status and accuracy decide, and that is said once, calmly."""
     gate = GnssGate(replace(DEFAULTS, satellite_source="none"))
     verdict = gate.assess_fix(0.0, 0)
     assert verdict.usable
-    assert [n.name for n in verdict.notices] == ["gnss.gate.inactive"]
+    assert [(n.name, n.severity) for n in verdict.notices] == [("gnss.gate.none", "info")]
     gate.update_count(0.1, 2)
     assert gate.assess_fix(0.2, 0).usable
 

@@ -12,6 +12,7 @@ from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, PressureSample, SatelliteCount
+from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import generate
@@ -92,3 +93,12 @@ def test_a_barometer_holds_the_height_and_leaves_the_horizontal_alone():
     apart = np.hypot(*lla_to_enu(*held[at.LAT : at.VEL], *free[at.LAT : at.VEL])[:2])
     assert apart < 0.5
     assert any(isinstance(sample, PressureSample) for sample in recording.samples())
+
+
+def test_what_holds_the_drift_is_named_for_as_long_as_it_does():
+    """GIVEN two kinds of observations WHEN one stops THEN after three seconds only the other holds the drift."""
+    aiding = Aiding(patience=1.0)
+    aiding.bound_drift(10.0, "airspeed")
+    aiding.bound_drift(12.5, "zero_velocity")
+    assert aiding.holding(12.6) == ["airspeed", "zero_velocity"]
+    assert aiding.holding(13.1) == ["zero_velocity"]

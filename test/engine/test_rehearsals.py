@@ -81,6 +81,20 @@ def test_a_rehearsal_lasts_half_a_minute_and_comes_every_minute() -> None:
     assert rehearsals.rms("regimes") is None
 
 
+def test_a_computer_that_cannot_keep_up_flies_none() -> None:
+    """GIVEN a rehearsal that runs WHEN the node has to leave out work THEN it ends unjudged, and one begins again when
+    there is time for it."""
+    rehearsals, navigator = Rehearsals(), Navigator([1.0, 1.0])
+    fly(rehearsals, navigator, 1000.0, 1010.0)
+    assert rehearsals.contestants
+    rehearsals.rests = True
+    fly(rehearsals, navigator, 1010.0, 1100.0)
+    assert (rehearsals.contestants, rehearsals.count) == ({}, 0)
+    rehearsals.rests = False
+    fly(rehearsals, navigator, 1100.0, 1140.0)
+    assert rehearsals.count == 1
+
+
 def test_it_needs_three_rehearsals_to_condemn() -> None:
     """GIVEN a way that is twice as bad as its rival WHEN rehearsed THEN it is refused from the third time on."""
     assert [rehearsed([1.0, 2.0], n).is_worse("network", COAST, 1.1) for n in (1, 2, 3, 4)] == [

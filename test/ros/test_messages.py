@@ -229,6 +229,13 @@ def test_a_pilot_reads_what_matters():
     assert wording.sentence(status()) == "AIDED: GNSS is used, position good to 0.4 m (1 sigma)"
 
 
+def test_coasting_names_what_holds_the_drift():
+    """GIVEN an outage WHEN something bounds the drift THEN the status names that, and no aid that is not there."""
+    text = wording.sentence(status(Mode.COASTING, held_by="the airspeed"))
+    assert text.startswith("COASTING: GNSS is lost, the drift is held by the airspeed, position good to")
+    assert wording.sentence(status(Mode.COASTING)).startswith("COASTING: GNSS is lost, the drift is held, position")
+
+
 @pytest.mark.parametrize("mode", list(Mode))
 def test_every_mode_has_a_level_and_words(mode):
     assert wording.sentence(status(mode, horizontal_sd=math.inf)).startswith(f"{mode.value}: ")
@@ -247,6 +254,16 @@ def test_a_silent_input_is_named():
         "gps/fix silent for 4 s (0 publishers); imu/data_raw never came (1 publishers)",
     )
     assert "last unknown s ago" in dict(wording.input_facts([never]))["imu/data_raw"]
+
+
+def test_an_input_whose_publisher_has_died_is_named():
+    """GIVEN predictions of anfis_node WHEN that dies THEN the navigator's diagnostics warn, though it can fly on."""
+    gone = wording.InputReport("outage/velocity_error", 9, 0.0, 0, 4.0, 0, False, is_gone=True)
+    lossy = wording.InputReport("imu/data_raw", 900, 200.0, 7, 0.0, 1, True, lost_lately=7)
+    assert wording.input_sentence([gone, lossy]) == (
+        wording.WARN,
+        "outage/velocity_error: what published it is gone; imu/data_raw: 7 messages lost",
+    )
 
 
 def test_the_log_counts_everything_and_repeats_itself_rarely():

@@ -10,6 +10,7 @@ from std_srvs.srv import Trigger
 from fake_learner import Job, Pupil
 from nav_pose_estimator.engine.outage.model_file import load_arrays, save_arrays
 from nav_pose_estimator.engine.parameters.ros import ModelParameters
+from nav_pose_estimator.engine.parameters.schema import ParameterError
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.training import Trainer
 
@@ -33,6 +34,16 @@ class Desk:
     def wait_for(self, event: str) -> None:
         before = self.said.count(event)
         wait_until(lambda: self.keeper.look_after() or self.said.count(event) > before, what=event)
+
+
+@pytest.mark.parametrize("make_folder", [False, True], ids=["missing", "a file stands there"])
+def test_a_model_file_that_can_never_be_written_stops_the_node(tmp_path, make_folder):
+    """GIVEN ros.model.file in a folder that is none WHEN the node starts THEN one sentence, and it does not fly."""
+    folder = tmp_path / "models"
+    if make_folder:
+        folder.write_text("")
+    with pytest.raises(ParameterError, match=f"ros.model.file: the folder {folder} does not exist"):
+        Desk(folder / "drone.model")
 
 
 @pytest.fixture
@@ -110,7 +121,9 @@ def test_a_bad_model_file_does_not_keep_the_node_on_the_ground(make, tmp_path, c
 
 
 def test_a_folder_that_is_not_there_is_a_sentence(make, tmp_path):
-    desk = make(tmp_path / "nowhere" / "drone.model")
+    (tmp_path / "models").mkdir()
+    desk = make(tmp_path / "models" / "drone.model")
+    (tmp_path / "models").rmdir()
     success, text = desk.call("save_model")
     assert not success
     assert "cannot write the model" in text

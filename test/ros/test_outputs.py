@@ -6,13 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from nav_pose_estimator.core.attitude.layout import HEAD_SIZE
 from nav_pose_estimator.core.numerics.rotation import quat_from_rotvec
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import ParameterError, update
-from nav_pose_estimator.engine.solutions import Mode, NavSolution
+from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolution
 from nav_pose_estimator.nodes.sins_node import SinsNode
 from nav_pose_estimator.ros import outputs, qos
-from nav_pose_estimator.ros.outputs import NavigationOutput
+from nav_pose_estimator.ros.outputs import AttitudeOutput, NavigationOutput
 
 STAMP = 1_700_000_000_000_000_000
 
@@ -109,6 +110,24 @@ def test_nothing_is_made_for_nobody_but_latched_facts(heard):
     output.publish_origin(STAMP, (0.8, 0.1, 500.0))
     assert [topic for topic in heard.listeners if heard[topic]] == []
     assert len(heard["gnss/denied"]) == len(heard["~/origin"]) == 1
+
+
+@pytest.mark.parametrize("rate", [100, 400])
+def test_rate_and_force_of_imu_data_state_their_noise_and_bias(heard, rate):
+    """GIVEN the noise densities of the IMU WHEN its samples are published THEN each states the variance of a mean over
+    its interval, and of the bias that is left."""
+    p = Parameters().imu
+    output = AttitudeOutput(None, Parameters())
+    for i in range(3):
+        attitude = AttitudeSolution(STAMP + i * 10**9 // rate, np.zeros(HEAD_SIZE))
+        attitude.q_nb[0] = 1.0
+        output.publish(attitude)
+    message = heard["imu/data"][-1]
+    for given, noise, bias in (
+        (message.angular_velocity_covariance, p.gyro_noise, p.gyro_bias_sd),
+        (message.linear_acceleration_covariance, p.accel_noise, p.accel_bias_sd),
+    ):
+        np.testing.assert_allclose(given.reshape(3, 3), (noise**2 * rate + bias**2) * np.eye(3))
 
 
 def test_rates_follow_the_stamps(heard):

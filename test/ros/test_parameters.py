@@ -8,6 +8,7 @@ from rclpy.parameter import Parameter
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import ParameterError, flatten, specs
 from nav_pose_estimator.engine.solutions import Mode
+from nav_pose_estimator.nodes.synthetic_sensors import SyntheticSensors
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.parameters import LiveParameters
 
@@ -44,6 +45,19 @@ def test_every_parameter_is_declared_with_unit_range_and_meaning(started):
         if isinstance(spec.default, float) and spec.minimum is not None and spec.maximum is not None:
             (span,) = described.floating_point_range
             assert (span.from_value, span.to_value) == (spec.minimum, spec.maximum)
+
+
+def test_the_shipped_file_suits_every_executable(started, repository):
+    """GIVEN the parameter file with the key /** WHEN synthetic_sensors gets it, too THEN it starts, with its own."""
+    shipped = str(repository / "config" / "nav_pose_estimator.yaml")
+    node = started(SyntheticSensors, "--params-file", shipped, "-p", "duration:=1.0")
+    assert node.get_parameter("duration").value == 1.0
+    assert not node.has_parameter("gnss.delay")
+
+
+def test_a_name_that_is_in_no_tree_stops_synthetic_sensors(started):
+    with pytest.raises(ParameterError, match="there is no parameter 'durations'; did you mean 'duration'"):
+        started(SyntheticSensors, "-p", "durations:=1.0")
 
 
 @pytest.mark.parametrize(

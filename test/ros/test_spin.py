@@ -27,19 +27,23 @@ class Interrupted(Node):
         self.finished += 1
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM], ids=lambda s: s.name)
+@pytest.mark.parametrize(
+    "how",
+    [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT, signal.SIGINT], [signal.SIGINT, signal.SIGTERM]],
+    ids=["INT", "TERM", "INT from terminal and launch", "INT and TERM"],
+)
 def test_a_signal_in_a_callback_lets_it_finish(ros_domain, capfd, how):
     """GIVEN a node that publishes WHEN a signal hits its callback THEN that one ends as if nothing was, and the node
     stops with exit code 0 and without a word."""
     nodes: list[Interrupted] = []
-    before = signal.getsignal(how)
+    before = [signal.getsignal(number) for number in how]
 
     def make() -> Interrupted:
-        nodes.append(Interrupted([how]))
+        nodes.append(Interrupted(how))
         return nodes[0]
 
     assert spin.run(make, []) == 0
     assert nodes[0].finished == 1
-    assert signal.getsignal(how) is before
+    assert [signal.getsignal(number) for number in how] == before
     said = capfd.readouterr()
     assert "Exception" not in said.err + said.out

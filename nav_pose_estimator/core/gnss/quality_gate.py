@@ -86,7 +86,8 @@ class GnssGate:
         """Forget everything."""
         self.state = GateState()
         if self.settings.satellite_source == "none":
-            self._deactivate("no source of a satellite count is configured")
+            self.state.inactive = True
+            self._note("gnss.gate.none", "info", "Satellites are not counted: status and accuracy decide about fixes.")
 
     @property
     def period(self) -> float:

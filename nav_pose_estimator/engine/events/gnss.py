@@ -61,6 +61,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("gnss.count.out_of_order", "a satellite count older than the last one was ignored"),
         Entry("gnss.gate.opened", "enough satellites for long enough: GNSS may be used"),
         Entry("gnss.gate.closed", "too few satellites: GNSS is no longer used", "see gnss.gate.min_satellites_leave"),
+        Entry("gnss.gate.none", "satellites are not counted, as gnss.gate.satellite_source: none asks for"),
         Entry(
             "gnss.gate.inactive",
             "no satellite count is available: status and accuracy alone decide",

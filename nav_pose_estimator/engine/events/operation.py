@@ -28,6 +28,15 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("doubt.ended", "GNSS and the navigator agree again"),
         Entry("set_pose.rejected.no_origin", "a pose came before the origin was known", "wait for AIDED once"),
+        Entry(
+            "overload.step",
+            "the node is behind what arrives and leaves out work: rehearsals and rates of results first, then IMU"
+            " samples are averaged",
+            "a faster computer, numba, a lower IMU rate, pose_estimator instead of three nodes; see docs/load.md",
+        ),
+        Entry("overload.dropped", "the node was seconds behind and dropped what waited", "see overload.step"),
+        Entry("overload.ended", "the node keeps up again, and leaves out nothing"),
+        Entry("input.gone", "a topic has lost its last publisher", "look whether that node or driver has died"),
         Entry("qos.incompatible", "a publisher's QoS is incompatible: nothing is received", "see the log line"),
         Entry("callback.failed.*", "a message caused an error in this package and was not used", "please report it"),
         Entry("output.withheld.nan", "a solution was not finite and was not published", "please report it with a bag"),

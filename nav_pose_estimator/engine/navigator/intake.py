@@ -166,7 +166,7 @@ def _motion(run: FilterRun, sample: MotionEvidence) -> None:
             run.journal.count("outage.evidence.redundant")  # what was learned knows less than the sensor
             return
         run.observe(Observation(t, sample.stamp_ns, MOTION, sample))
-        run.aiding.bound_drift(t)
+        run.aiding.bound_drift(t, MOTION.name)
         run.journal.count("outage.evidence")
 
 

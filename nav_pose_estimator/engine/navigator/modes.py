@@ -7,10 +7,9 @@ from collections.abc import Callable
 
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.parameters.navigator import NavigatorParameters
-from nav_pose_estimator.engine.sensors.aiding import Aiding
+from nav_pose_estimator.engine.sensors.aiding import AID_HOLDS, Aiding
 from nav_pose_estimator.engine.solutions import Level, Mode
 
-_AID_HOLDS = 3.0  # s: how long an aid counts as bounding the drift
 _OFFER_HOLDS = 2.0  # s: how long a fix under test counts as re-acquisition
 LEVELLING = frozenset((Mode.WAITING_IMU, Mode.ALIGNING, Mode.NO_ORIGIN))
 """While the filter does not run."""
@@ -54,7 +53,7 @@ class ModeKeeper:
             aiding.fix_used + aiding.lost_after,
             aiding.fix_used + self._parameters.expire_after,
             aiding.fix_offered + max(_OFFER_HOLDS, aiding.lost_after),
-            aiding.drift_bounded + _AID_HOLDS,
+            aiding.drift_bounded + AID_HOLDS,
         )
         return min((at for at in times if at > t), default=math.inf)
 
@@ -81,4 +80,4 @@ class ModeKeeper:
             return Mode.REACQUIRING
         if gap >= self._parameters.expire_after or self.distrust_reason:
             return Mode.EXPIRED
-        return Mode.COASTING if t - aiding.drift_bounded < _AID_HOLDS else Mode.DEAD_RECKONING
+        return Mode.COASTING if t - aiding.drift_bounded < AID_HOLDS else Mode.DEAD_RECKONING

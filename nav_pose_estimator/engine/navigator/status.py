@@ -6,10 +6,17 @@ import math
 
 from nav_pose_estimator.core.filter.kalman import horizontal_sd, predicted_horizontal_sd
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
+from nav_pose_estimator.engine.navigator.split_filter import MOTION
 from nav_pose_estimator.engine.solutions import Status
 
 _OUTLOOK = 30.0  # s
 _MANY = 50  # refused samples
+_HELPERS = {
+    "body_velocity": "the body velocity",
+    "airspeed": "the airspeed",
+    "zero_velocity": "the vehicle standing still",
+    MOTION.name: "what the flight has shown of its motion",
+}
 
 
 def horizontal_deviation(run: FilterRun) -> float:
@@ -39,6 +46,7 @@ def status_of(run: FilterRun) -> Status:
         counters=dict(run.journal.counters),
         values=values,
         doubt=run.gnss.position.doubt(t),
+        held_by=" and ".join(_HELPERS.get(name, name.replace("_", " ")) for name in run.aiding.holding(t)),
     )
 
 

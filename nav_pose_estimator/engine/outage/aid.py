@@ -31,7 +31,9 @@ class OutageAid:
     def reset(self) -> None:
         """Forget the flight; the model stays, the next training replaces it."""
         self._pilot.reset()
+        rests = self.rehearsals.rests
         self.rehearsals = Rehearsals(self.learner.method.rehearsal)
+        self.rehearsals.rests = rests
         self._external = None
 
     def copy(self) -> OutageAid:

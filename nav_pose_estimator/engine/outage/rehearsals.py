@@ -83,13 +83,14 @@ class Rehearsals:
         self._rules = rules or RehearsalRules()
         kept = self._rules.kept
         self.contestants: dict[str, Contestant] = {}
+        self.rests = False  # True: no rehearsal begins, and the one that runs is broken off
         self.state = RehearsalState(squares=deque(maxlen=kept), surprises=deque(maxlen=kept))
 
     def copy(self) -> Rehearsals:
         """An independent copy, running rehearsals included."""
         twin = Rehearsals(self._rules)
         twin.contestants = {name: contestant.copy() for name, contestant in self.contestants.items()}
-        twin.state = snapshot(self.state)
+        twin.state, twin.rests = snapshot(self.state), self.rests
         return twin
 
     @property
@@ -137,6 +138,9 @@ class Rehearsals:
 
     def is_due(self, stamp_ns: int, sins: SinsEngine) -> bool:
         """Called several times a second behind ``feed``; judges what has ended. True when ``start`` is to be called."""
+        if self.rests:
+            self._stop()
+            return False
         self._catch_up()
         if sins.mode is not Mode.AIDED or self._has_restarted():
             self._stop()

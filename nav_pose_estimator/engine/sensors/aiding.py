@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+AID_HOLDS = 3.0  # s: how long an aid counts as bounding the drift
 _PERIODS = 2.2  # of a slow receiver pass before it counts as lost
 
 
@@ -18,6 +19,7 @@ class Aiding:
     height_used: float = -math.inf  # the last fix that corrected the height
     fix_offered: float = -math.inf  # ... that was good enough to be considered
     drift_bounded: float = -math.inf  # by something other than GNSS
+    bounded_by: dict[str, float] = field(default_factory=dict)  # by whom, and when last
 
     @property
     def lost_after(self) -> float:
@@ -38,6 +40,11 @@ class Aiding:
         if with_height:
             self.height_used = max(self.height_used, t)
 
-    def bound_drift(self, t: float) -> None:
-        """Something other than GNSS has bounded the drift at ``t``."""
+    def bound_drift(self, t: float, name: str) -> None:
+        """Observations of the kind ``name``, which are not GNSS's, have bounded the drift at ``t``."""
         self.drift_bounded = max(self.drift_bounded, t)
+        self.bounded_by[name] = max(self.bounded_by.get(name, t), t)
+
+    def holding(self, t: float) -> list[str]:
+        """The kinds of observations that keep the drift within bounds at ``t``."""
+        return [name for name, last in self.bounded_by.items() if t - last < AID_HOLDS]

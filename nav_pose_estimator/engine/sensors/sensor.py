@@ -76,7 +76,7 @@ class Sensor:
         """Receive the outcome (statuses of ``kalman.gated_correct``) once; ``f`` is already corrected."""
         self._journal.count(f"{self.kind.name}.{('rejected', 'used', 'inflated')[status]}")
         if status and self.bounds_drift:
-            self._aiding.bound_drift(o.t)
+            self._aiding.bound_drift(o.t, self.kind.name)
 
     def settle(self, o: Observation, f: FilterView) -> None:
         """Called each time that ``o`` has acted or was left out."""

@@ -1,9 +1,13 @@
-"""The frame of every HTML report: one file, no script, nothing from outside, light and dark."""
+"""The frame of every HTML report: nothing from outside, light and dark, plots that zoom where plotly is installed."""
 
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
+from nav_pose_estimator.offline.page import live
+from nav_pose_estimator.offline.page.svg import Plot
+
+_PLOT = '<figure class="plot"'
 STYLE = """
 :root{--bg:#fbfbf9;--card:#fff;--ink:#1c2126;--soft:#66707a;--rule:#e4e6e4;--a:#1f6feb;--b:#d1495b;--c:#2a9d6f;
 --d:#8e5bd0;--e:#c98a1b;--f:#5b6770;--shade:#f6d9a8;--good:#2a9d6f;--bad:#c8323f}
@@ -28,18 +32,22 @@ th:first-child,td:first-child,td.text,th.text{text-align:left}td.text{white-spac
 .band.f{fill:var(--f)}.dot{fill:var(--ink)}.dash{stroke-dasharray:4 3}.thick{stroke-width:3}.grid{stroke:var(--rule);
 stroke-width:1}.outage{fill:var(--shade);opacity:.6}.tick,.axis,.mark{font-size:11.5px;fill:var(--soft)}
 .mark{fill:var(--ink)}.mode-good{fill:var(--good)}.mode-bad{fill:var(--bad)}.mode-mid{fill:var(--e)}
-.mode-wait{fill:var(--f)}details{margin:6px 0}summary{cursor:pointer;color:var(--soft)}
+.mode-wait{fill:var(--f)}figure[hidden],.is-live .drawn,figure:not(.is-live) .live{display:none}details{margin:6px 0}summary{cursor:pointer;color:var(--soft)}
 """
 
 
 def write(path: Path, title: str, body: Iterable[str]) -> None:
-    """Write one self-contained page."""
+    """Write a page, and beside it the script that its plots zoom with, where that is to be had."""
     head = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
         f'<meta name="color-scheme" content="light dark"><title>{escape(title)}</title><style>{STYLE}</style></head>'
     )
-    path.write_text(f"{head}<body><main>{''.join(body)}</main></body></html>\n", encoding="utf-8")
+    content = "".join(body)
+    script = ""
+    if _PLOT in content and live.provide(path.parent):
+        script = f'<script src="{live.SCRIPT}"></script><script>{live.code()}</script>'
+    path.write_text(f"{head}<body><main>{content}</main>{script}</body></html>\n", encoding="utf-8")
 
 
 def tiles(pairs: Iterable[tuple[str, str]]) -> str:
@@ -48,9 +56,14 @@ def tiles(pairs: Iterable[tuple[str, str]]) -> str:
     return f'<div class="tiles">{items}</div>'
 
 
-def figure(svg: str, caption: str = "") -> str:
-    """A plot in its frame."""
-    return f"<figure>{svg}{f'<figcaption>{escape(caption)}</figcaption>' if caption else ''}</figure>"
+def figure(plot: Plot | live.Track | str, caption: str = "") -> str:
+    """A plot in its frame: as it is drawn, and its data for the script. A text is an ``<svg>`` that stays as it is."""
+    words = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
+    if isinstance(plot, str):
+        return f"<figure>{plot}{words}</figure>"
+    drawn, hidden = ("", " hidden") if isinstance(plot, live.Track) else (plot.render(), "")
+    data = f'<script type="application/json">{live.as_json(plot.data())}</script>'
+    return f'{_PLOT}{hidden}><div class="drawn">{drawn}</div><div class="live"></div>{data}{words}</figure>'
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], text_columns: Sequence[int] = (0,)) -> str:

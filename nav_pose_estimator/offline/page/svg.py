@@ -3,8 +3,11 @@
 import math
 from dataclasses import dataclass, field
 from html import escape
+from typing import Any
 
 import numpy as np
+
+from nav_pose_estimator.offline.page import live
 
 Array = np.ndarray
 MAX_POINTS = 1200  # of one line; more than the screen has pixels shows nothing
@@ -52,22 +55,22 @@ class Plot:
     height: int = 240
     log: bool = False  # logarithmic y
     equal: bool = False  # one metre is as long upwards as sideways (maps)
+    time: bool = False  # x is the time of the recording, which such plots show together
     y_range: tuple[float, float] | None = None
-    _layers: list[tuple[str, tuple[Array, ...], str]] = field(default_factory=list)
+    _layers: list[tuple[str, tuple[Array, ...], str, bool, str]] = field(default_factory=list)
     _spans: list[tuple[float, float, str]] = field(default_factory=list)
     _legend: list[tuple[str, str]] = field(default_factory=list)
     _marks: list[tuple[float, float, str, str]] = field(default_factory=list)
 
     def line(self, x: Array, y: Array, style: str, label: str = "", thinned: bool = True) -> None:
         """A line of class ``style``; it is interrupted where ``y`` is NaN."""
-        x, y = (np.asarray(x, float), np.asarray(y, float))
-        self._layers.append(("line", thin(x, y) if thinned else (x, y), style))
+        self._layers.append(("line", (np.asarray(x, float), np.asarray(y, float)), style, thinned, label))
         self._name(label, style)
 
     def band(self, x: Array, low: Array, high: Array, style: str, label: str = "") -> None:
         """The area between ``low`` and ``high``."""
-        x, high, low = thin(np.asarray(x, float), np.asarray(high, float), np.asarray(low, float))
-        self._layers.append(("band", (x, low, high), style))
+        data = np.asarray(x, float), np.asarray(high, float), np.asarray(low, float)
+        self._layers.append(("band", data, style, True, label))
         self._name(label, style)
 
     def span(self, start: float, end: float, style: str = "outage") -> None:
@@ -88,9 +91,9 @@ class Plot:
         parts = [f'<svg viewBox="0 0 {self.width} {self.height}" role="img" aria-label="{escape(self.y_label)}">']
         parts += [self._span(scale_x, *span) for span in self._spans]
         parts += self._axes(scale_x, scale_y)
-        for kind, data, style in self._layers:
+        for kind, data, style, thinned, _ in self._layers:
             draw = _line if kind == "line" else _band
-            parts.append(draw(scale_x, scale_y, data, style))
+            parts.append(draw(scale_x, scale_y, thin(*data) if thinned else data, style))
         for x, y, style, text in self._marks:
             px, py = scale_x(x), scale_y(y)
             parts.append(f'<circle class="{style}" cx="{px:.1f}" cy="{py:.1f}" r="4"/>')
@@ -98,11 +101,36 @@ class Plot:
                 parts.append(f'<text class="mark" x="{px + 7:.1f}" y="{py + 4:.1f}">{escape(text)}</text>')
         return "".join([*parts, self._legend_text(), "</svg>"])
 
+    def data(self) -> dict[str, Any]:
+        """The plot for the script of ``live``, with more points than are drawn."""
+        _, scale_y = self._scales()
+        limits = [scale_y.low, scale_y.high]
+        plot: dict[str, Any] = {
+            "kind": "plot",
+            "x_label": self.x_label,
+            "y_label": self.y_label,
+            "height": self.height,
+            "log": self.log,
+            "equal": self.equal,
+            "time": self.time,
+            "y_range": np.log10(limits).tolist() if self.log else limits,
+            "spans": [span[:2] for span in self._spans],
+            "marks": [{"x": x, "y": y, "text": text} for x, y, _, text in self._marks],
+            "lines": [],
+            "bands": [],
+        }
+        for kind, data, style, thinned, label in self._layers:
+            parts = thin(*data, points=live.POINTS) if thinned else data
+            names = ("x", "y") if kind == "line" else ("x", "high", "low")
+            arrays = {name: live.numbers(part) for name, part in zip(names, parts, strict=True)}
+            plot[f"{kind}s"].append({"style": style, "label": label, **arrays})
+        return plot
+
     # --- scales and axes -----------------------------------------------------------------------------------------
 
     def _scales(self) -> tuple["_Scale", "_Scale"]:
-        xs = [data[0] for _, data, _ in self._layers]
-        ys = [part for _, data, _ in self._layers for part in data[1:]]
+        xs = [layer[1][0] for layer in self._layers]
+        ys = [part for layer in self._layers for part in layer[1][1:]]
         x_low, x_high = _limits(xs, 0.0)
         y_low, y_high = self.y_range or _limits(ys, 0.05, self.log)
         if self.equal:
@@ -200,7 +228,7 @@ def _line(scale_x: _Scale, scale_y: _Scale, data: tuple[Array, ...], style: str)
 
 
 def _band(scale_x: _Scale, scale_y: _Scale, data: tuple[Array, ...], style: str) -> str:
-    x, low, high = (part[np.isfinite(data[1]) & np.isfinite(data[2])] for part in data)
+    x, high, low = (part[np.isfinite(data[1]) & np.isfinite(data[2])] for part in data)
     if len(x) == 0:
         return ""
     ring = _points(np.concatenate([scale_x(x), scale_x(x[::-1])]), np.concatenate([scale_y(high), scale_y(low[::-1])]))

@@ -10,7 +10,7 @@ from nav_pose_estimator.core.filter.layout import OUT_COLUMNS
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
-from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution, Output, Status
+from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution, Output, PredictedDrift, Status
 from nav_pose_estimator.offline.flights.outage_errors import OutageErrors, judge
 from nav_pose_estimator.offline.flights.outages import GnssRemoval, Outage, OutageProof
 from nav_pose_estimator.offline.flights.recording import Recording
@@ -32,6 +32,7 @@ class Record:
     states: list[NavSolution] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     modes: list[tuple[float, Mode]] = field(default_factory=list)
+    predictions: list[PredictedDrift] = field(default_factory=list)
     imu_samples: int = 0
     _reset_ns: int = -1
 
@@ -45,6 +46,8 @@ class Record:
                 self.states.append(output)
                 self.tracks.add(as_block(output))
                 self._note_mode(output.stamp_ns, output.mode)
+            elif isinstance(output, PredictedDrift):
+                self.predictions.append(output)
             elif isinstance(output, Event):
                 self._note_event(output)
 

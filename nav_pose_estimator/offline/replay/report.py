@@ -15,7 +15,7 @@ from nav_pose_estimator.engine.solutions import Level, Mode
 from nav_pose_estimator.offline.flights.tracks import displacement_enu, gnss_reference
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
-from nav_pose_estimator.offline.replay import second_opinion
+from nav_pose_estimator.offline.replay import outage_figures, second_opinion
 from nav_pose_estimator.offline.replay.replay import ReplayResult, reference_lever
 
 _STYLES = ("a", "b", "c")
@@ -83,12 +83,14 @@ def _body(result: ReplayResult) -> Iterator[str]:
         yield "Sigma: the filter's own horizontal deviation at that moment (one sigma).</small></p>"
     if len(result.track):
         yield "<h2>Track</h2>" + page.figure(_map(result), "East and north of the origin; outages in bold.")
+        yield page.figure(outage_figures.track(result), "The same in space; where it is flat, heights are stretched.")
         yield "<h2>Errors</h2>" + page.figure(_horizontal_error(result)) + page.figure(_vertical_error(result))
-        yield "<h2>Innovations</h2>" + "".join(page.figure(svg) for svg in _innovations(result))
+        yield from outage_figures.of_outages(result)
+        yield "<h2>Innovations</h2>" + "".join(map(page.figure, _innovations(result)))
         yield "<h2>Attitude</h2>" + page.figure(_attitude(result))
         yield "<h2>Velocity</h2>" + page.figure(_velocity(result))
     if result.record.states:
-        yield "<h2>Sensor biases</h2>" + "".join(page.figure(svg) for svg in _biases(result))
+        yield "<h2>Sensor biases</h2>" + "".join(map(page.figure, _biases(result)))
     yield "<h2>Modes and events</h2>" + page.figure(_modes(result)) + _events(result)
     yield "<h2>Counters</h2>" + _counters(result)
     yield "<h2>Parameters</h2>" + _parameters(result.parameters)
@@ -107,13 +109,13 @@ def _tiles(result: ReplayResult) -> list[tuple[str, str]]:
 
 
 def _plot(result: ReplayResult, y_label: str, **options) -> Plot:
-    plot = Plot("s since the first stamp", y_label, **options)
+    plot = Plot("s since the first stamp", y_label, time=True, **options)
     for outage in result.outages:
         plot.span(outage.start, outage.end)
     return plot
 
 
-def _map(result: ReplayResult) -> str:
+def _map(result: ReplayResult) -> Plot:
     origin = np.array(result.origin or result.track.position[0])
     plot = Plot("East, m", "North, m", height=560, equal=True)
     truth = displacement_enu(result.reference.position, origin) if len(result.reference) else np.empty((0, 3))
@@ -126,7 +128,7 @@ def _map(result: ReplayResult) -> str:
             inside = (t >= outage.start) & (t < outage.end)
             _thin_line(plot, track[inside], f"{style} thick")
     plot.mark(float(estimate[0, 0]), float(estimate[0, 1]), "dot", "start")
-    return plot.render()
+    return plot
 
 
 def _thin_line(plot: Plot, enu: np.ndarray, style: str, label: str = "") -> None:
@@ -135,25 +137,25 @@ def _thin_line(plot: Plot, enu: np.ndarray, style: str, label: str = "") -> None
         plot.line(enu[::step, 0], enu[::step, 1], style, label, thinned=False)
 
 
-def _horizontal_error(result: ReplayResult) -> str:
+def _horizontal_error(result: ReplayResult) -> Plot:
     plot = _plot(result, f"horizontal error against {result.reference.kind}, m", log=True, height=300)
     times, errors = errors_enu(result)
     three_sigma = 3.0 * result.track.horizontal_sd
     plot.band(result.track.t, np.full(len(three_sigma), 0.05), three_sigma, "f", "3 sigma")
     plot.line(times, np.linalg.norm(errors[:, :2], axis=1), "a", "error")
-    return plot.render()
+    return plot
 
 
-def _vertical_error(result: ReplayResult) -> str:
+def _vertical_error(result: ReplayResult) -> Plot:
     plot = _plot(result, "height error, m")
     times, errors = errors_enu(result)
     three_sigma = 3.0 * result.track.sd("position")[:, 2]
     plot.band(result.track.t, -three_sigma, three_sigma, "f", "3 sigma")
     plot.line(times, errors[:, 2], "c", "error")
-    return plot.render()
+    return plot
 
 
-def _innovations(result: ReplayResult) -> Iterator[str]:
+def _innovations(result: ReplayResult) -> Iterator[Plot]:
     recording = result.recording
     fixes = gnss_reference(recording.fixes, recording.velocities, recording.epoch_ns, result.parameters.gnss.delay)
     if len(fixes) == 0:
@@ -162,12 +164,12 @@ def _innovations(result: ReplayResult) -> Iterator[str]:
     plot = _plot(result, "fix minus prediction while aided, m")
     innovation = -displacement_enu(position, fixes.position)
     _three(plot, fixes.t, _outside(result, fixes.t, innovation), ("East", "North", "Up"))
-    yield plot.render()
+    yield plot
     if fixes.velocity is not None:
         plot = _plot(result, "GNSS velocity minus prediction while aided, m/s")
         difference = fixes.velocity - result.track.at(fixes.t)[:, OUT_VEL:OUT_QUAT]
         _three(plot, fixes.t, _outside(result, fixes.t, difference), ("East", "North", "Up"))
-        yield plot.render()
+        yield plot
 
 
 def _outside(result: ReplayResult, times: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -188,7 +190,7 @@ def _three(plot: Plot, t: np.ndarray, values: np.ndarray, names: tuple[str, ...]
         plot.line(t, values[:, i], _STYLES[i], name)
 
 
-def _attitude(result: ReplayResult) -> str:
+def _attitude(result: ReplayResult) -> Plot:
     step = max(len(result.track) // 4000, 1)
     t, q = result.track.t[::step], result.track.q_nb[::step]
     angles = np.degrees(euler_from_quat_many(q))
@@ -197,16 +199,16 @@ def _attitude(result: ReplayResult) -> str:
     plot = _plot(result, "roll, pitch, yaw (counter-clockwise from East), deg", height=280)
     second_opinion.draw_attitude(plot, result)
     _three(plot, t, np.column_stack([angles[:, :2], yaw]), ("roll", "pitch", "yaw"))
-    return plot.render()
+    return plot
 
 
-def _velocity(result: ReplayResult) -> str:
+def _velocity(result: ReplayResult) -> Plot:
     plot = _plot(result, "velocity, m/s")
     _three(plot, result.track.t, result.track.velocity, ("East", "North", "Up"))
-    return plot.render()
+    return plot
 
 
-def _biases(result: ReplayResult) -> Iterator[str]:
+def _biases(result: ReplayResult) -> Iterator[Plot]:
     states = result.record.states
     t = np.array([(s.stamp_ns - result.recording.epoch_ns) * 1e-9 for s in states])
     sd = np.sqrt(np.array([np.diag(s.cov)[:BASE_STATES] for s in states]))
@@ -221,7 +223,7 @@ def _biases(result: ReplayResult) -> Iterator[str]:
         for i in range(3):
             plot.band(t, values[:, i] - spread[:, i], values[:, i] + spread[:, i], _STYLES[i])
         _three(plot, t, values, ("x forward", "y left", "z up"))
-        yield plot.render()
+        yield plot
 
 
 def _modes(result: ReplayResult) -> str:

@@ -26,14 +26,26 @@ def fill_stamp(stamp: Any, stamp_ns: int) -> None:
     stamp.sec, stamp.nanosec = divmod(int(stamp_ns), NS_PER_S)
 
 
-def fill_imu(message: Any, solution: AttitudeSolution, world_frame: str = "enu") -> None:
-    """sensor_msgs/Imu with orientation. Rates are free of bias, accelerations are specific force (REP-145)."""
+def fill_imu(
+    message: Any,
+    solution: AttitudeSolution,
+    world_frame: str = "enu",
+    variances: tuple[float, float] | None = None,
+) -> None:
+    """sensor_msgs/Imu with orientation. Rates are free of bias, accelerations are specific force (REP-145).
+
+    ``variances`` of one axis of rate [(rad/s)^2] and of specific force [(m/s^2)^2]; None leaves theirs unknown (zeros).
+    """
     fill_stamp(message.header.stamp, solution.stamp_ns)
     q_nb, cov_n = attitude_in(world_frame, solution.q_nb, solution.cov_n)
     _fill_quaternion(message.orientation, q_nb)
     message.orientation_covariance[:] = cov_n.ravel()
     _fill_vector(message.angular_velocity, vector_in(world_frame, solution.rate_b))
     _fill_vector(message.linear_acceleration, vector_in(world_frame, solution.accel_b))
+    if variances is not None:  # alike on all axes, so in every frame
+        rate, force = variances
+        message.angular_velocity_covariance[0::4] = [rate] * 3
+        message.linear_acceleration_covariance[0::4] = [force] * 3
 
 
 def fill_odometry(message: Any, solution: NavSolution) -> None:

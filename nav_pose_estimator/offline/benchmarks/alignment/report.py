@@ -90,7 +90,7 @@ def _body(trials: list[Trial], summaries: list[Summary]) -> Iterator[str]:
         yield "<h2>Goals</h2>" + page.table(GOAL_HEADER, goals, text_columns=(0, 1, 2, 5))
 
 
-def _plot(trials: list[Trial]) -> str:
+def _plot(trials: list[Trial]) -> Plot:
     plot = Plot("s", "heading error, deg", log=True)
     end = max(t.t[-1] for t in trials if t.t)
     seconds = np.arange(1.0, end)
@@ -100,7 +100,7 @@ def _plot(trials: list[Trial]) -> str:
         ]
         if curves:
             plot.line(seconds, np.maximum(np.median(curves, axis=0), _LEAST), style, method)
-    return plot.render()
+    return plot
 
 
 def _number(value: float, digits: int) -> str:

@@ -67,12 +67,12 @@ def _body(rows: list[Row], means: list[Row], advance: float) -> Iterator[str]:
             yield page.table(HEADER, table_rows([row for row in here if row.trial == trial])) + "</details>"
 
 
-def _plot(rows: list[Row], name: str, label: str) -> str:
+def _plot(rows: list[Row], name: str, label: str) -> Plot:
     plot = Plot("trial", label, log=True, height=280)
     for style, method in zip(_STYLES, dict.fromkeys(row.method for row in rows), strict=False):
         values = [getattr(row, name) for row in rows if row.method == method]
         plot.line(np.arange(1, len(values) + 1), np.array(values), style, method)
-    return plot.render()
+    return plot
 
 
 def _percent(share: float) -> str:

@@ -88,7 +88,7 @@ def _body(flights: list[FlightResult], summaries: list[Summary], rows: list[Row]
             yield f"<p><b>{length:g} s</b></p>" + page.table(HEADER, table_rows(chosen))
 
 
-def _reliability(rows: list[Row]) -> str:
+def _reliability(rows: list[Row]) -> Plot | None:
     """All outages of each method that states a deviation: stated probability against the share that came true."""
     plot = Plot("stated probability", "share of outages", height=320, y_range=(0.0, 1.0))
     plot.line(np.array([0.0, 1.0]), np.array([0.0, 1.0]), "f dash")
@@ -100,7 +100,7 @@ def _reliability(rows: list[Row]) -> str:
             stated = np.sort(probability(pairs[:, 0], pairs[:, 1]))
             plot.line(stated, np.arange(1, len(stated) + 1) / len(stated), next(styles, "f"), method)
             drawn = True
-    return plot.render() if drawn else ""
+    return plot if drawn else None
 
 
 def _flight(passes: list[FlightResult]) -> Iterator[str]:
@@ -116,7 +116,7 @@ def _flight(passes: list[FlightResult]) -> Iterator[str]:
         yield page.figure(_map(first), "Dots: where the outages begin.")
 
 
-def _growth(growth: dict[str, np.ndarray]) -> str:
+def _growth(growth: dict[str, np.ndarray]) -> Plot:
     plot = Plot("s since GNSS was lost", "horizontal error, m", height=320, log=True)
     for (method, curves), style in zip(growth.items(), _STYLES, strict=False):
         seen = np.isfinite(curves).sum(axis=0) >= max(1, len(curves) // 4)
@@ -127,16 +127,16 @@ def _growth(growth: dict[str, np.ndarray]) -> str:
         if style == _STYLES[0]:
             plot.band(t, low, high, style)
         plot.line(t, middle, style, method)
-    return plot.render()
+    return plot
 
 
-def _map(flight: FlightResult) -> str:
+def _map(flight: FlightResult) -> Plot:
     plot = Plot("East, m", "North, m", height=420, equal=True)
     plot.line(flight.path[:, 0], flight.path[:, 1], "f", thinned=False)
     for east, north in flight.starts.tolist():
         if math.isfinite(east):
             plot.mark(east, north, "dot")
-    return plot.render()
+    return plot
 
 
 def _share(value: float) -> str:

@@ -1,0 +1,129 @@
+"""The inputs of a node: subscriptions, their watches, and messages in order of arrival however late the node is."""
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rclpy.serialization import deserialize_message
+
+from nav_pose_estimator.engine.samples import ImuSample, Sample
+from nav_pose_estimator.engine.solutions import Event, Level
+from nav_pose_estimator.ros import qos
+from nav_pose_estimator.ros.diagnostics import InputWatch
+from nav_pose_estimator.ros.inputs import message_class
+from nav_pose_estimator.ros.load.inbox import Adapter, Inbox
+from nav_pose_estimator.ros.load.overload import HOPELESS, ImuGroups, Overload, SparseResults
+from nav_pose_estimator.ros.messages.message_table import Source
+
+_LOOK = 0.02  # s: how often what waits is looked for; a look costs as much as a third of an IMU sample
+_TURN = 0.5  # s: then timers and services have theirs
+_FEW = 16  # messages between two looks while the node is behind
+
+
+class Intake:
+    """Everything between the middleware and ``node.take``.
+
+    ``node`` also has ``note_failure``, ``logbook``, ``say`` and ``spare``, which is called with whether to leave out
+    work that can wait.
+    """
+
+    def __init__(self, node: Any, queue: int) -> None:
+        self.watches: list[InputWatch] = []
+        self.overload = Overload(self._on_step)
+        self._node, self._profile = node, qos.sensor(queue)
+        self._inbox, self._groups, self._sparse = Inbox(), ImuGroups(), SparseResults()
+        self._look_at = 0.0
+
+    def listen(self, source: Source, needed: bool, choose: Callable[[bytes], bool] | None) -> None:
+        """Subscribe to ``source``; with ``choose`` only those messages are read that it wants by their bytes."""
+        kind, from_bytes = message_class(source), source.from_bytes
+        if choose is not None:
+            wanted = choose
+
+            def from_bytes(data: bytes) -> tuple[Any, ...]:
+                return source.adapter(deserialize_message(data, kind)) if wanted(data) else ()
+
+        watch, adapter = InputWatch(self._node, source.topic, needed), from_bytes or source.adapter
+        self.watches.append(watch)
+        callback = partial(self.receive, watch, adapter)
+        raw = from_bytes is not None
+
+        def misfit(text: str) -> None:
+            self._node.say("qos.incompatible", Level.WARN, text)
+
+        subscription = qos.subscribe(
+            self._node, kind, source.topic, callback, self._profile, raw, on_lost=watch.lost, on_misfit=misfit
+        )
+        watch.attach(subscription)
+        self._inbox.add(watch, adapter, subscription)
+
+    def receive(self, watch: InputWatch, adapter: Adapter, message: Any) -> None:
+        """The callback of every subscription."""
+        watch.taken()
+        if self._inbox:
+            self._inbox.put(watch, adapter, message)
+        else:
+            self._handle(watch, adapter, message)
+        if time.monotonic() >= self._look_at:
+            self.catch_up()
+
+    def catch_up(self) -> None:
+        """Handle what waits, as long as a turn lasts."""
+        give_up, count = time.monotonic() + _TURN, 0
+        self._inbox.collect()
+        while self._inbox and (now := time.monotonic()) < give_up:
+            arrival = self._inbox.next()
+            self.overload.note(arrival.lag, now)
+            if arrival.lag > HOPELESS:
+                self._give_up()
+                break
+            self._handle(arrival.watch, arrival.adapter, arrival.message)
+            count += 1
+            if count % _FEW == 0 or not self._inbox:
+                self._inbox.collect()
+        self._look_at = time.monotonic() + _LOOK
+
+    def look_back(self) -> None:
+        """To be called now and then, also while nothing arrives."""
+        self.catch_up()
+        self.overload.look_back(time.monotonic())
+
+    def grouped(self, sample: Sample) -> Sample | None:
+        """``sample``, or while the node is overloaded the mean of some of the IMU's; None until there is one."""
+        return self._groups.add(sample, self.overload.group) if isinstance(sample, ImuSample) else sample
+
+    def forget(self) -> None:
+        """A new run begins."""
+        self._groups.forget()
+
+    def passes(self, output: Any) -> bool:
+        """Whether a result is to be published: all of them while the node keeps up."""
+        return not self.overload.step or self._sparse.passes(type(output), output.stamp_ns)
+
+    @property
+    def complaint(self) -> str:
+        """The overload in words; empty without one."""
+        return self.overload.sentence(sum(watch.lost_so_far for watch in self.watches))
+
+    def _handle(self, watch: InputWatch, adapter: Adapter, message: Any) -> None:
+        watch.saw()
+        try:
+            for item in adapter(message):
+                if isinstance(item, Event):
+                    self._node.logbook.note(item)
+                else:
+                    self._node.take(item)
+        except Exception as error:
+            self._node.note_failure(watch.topic, error)
+
+    def _give_up(self) -> None:
+        self._inbox.give_up()
+        self._node.say("overload.dropped", Level.ERROR, f"more than {HOPELESS:g} s behind: what waited is dropped")
+
+    def _on_step(self, before: int, step: int) -> None:
+        self._node.spare(step > 0)
+        if step > before:
+            self._node.say("overload.step", Level.WARN, self.complaint)
+        elif step == 0:
+            self._node.say("overload.ended", Level.INFO, "the node keeps up again")
