@@ -19,6 +19,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from nav_pose_estimator.core.numerics.jit import inlined, kernel
+from nav_pose_estimator.core.numerics.vectors import (
+    add,
+    add_scaled,
+    cross,
+    dot,
+    load3,
+    q_exp,
+    q_multiply,
+    q_rotate,
+    store3,
+)
+
 Array = NDArray[np.float64]
 
 BINS = 25
@@ -56,13 +69,24 @@ def second_of(rows: Array, start: float) -> Second | None:
 
     Each row stands for the time since the one before it.
     """
-    step = np.diff(rows[:, 0])
-    own = rows[1:]
-    if len(own) < 5 or step.max() > _LONGEST_STEP or abs(own[-1, 0] - start - 1.0) > _LONGEST_STEP:
+    if len(rows) < 6 or abs(rows[-1, 0] - start - 1.0) > _LONGEST_STEP:
         return None
-    place = np.clip(((own[:, 0] - start) * BINS).astype(int), 0, BINS - 1)
-    sums = [np.bincount(place, weights=step * own[:, axis], minlength=BINS) for axis in range(1, 7)]
-    return Second(np.column_stack(sums[:3]), np.column_stack(sums[3:]))
+    second = Second(np.zeros((BINS, 3)), np.zeros((BINS, 3)))
+    return second if _sum_up(rows, start, second.angle, second.impulse) else None
+
+
+@kernel
+def _sum_up(rows, start, angle, impulse):
+    """Add rates and forces times their steps to the bins; False where a step is too long."""
+    for i in range(1, len(rows)):
+        step = rows[i, 0] - rows[i - 1, 0]
+        if step > _LONGEST_STEP:
+            return False
+        place = min(max(int((rows[i, 0] - start) * BINS), 0), BINS - 1)
+        for axis in range(3):
+            angle[place, axis] += step * rows[i, 1 + axis]
+            impulse[place, axis] += step * rows[i, 4 + axis]
+    return True
 
 
 class Fit(NamedTuple):
@@ -89,33 +113,27 @@ def fit(seconds: list[Second], u: Array, gyros: Array) -> Fit:
 
 def impulses(seconds: list[Second], gyros: Array) -> Array:
     """(H, S, 3) [m/s]: the specific force of each second, integrated in the axes at the beginning of the first one."""
-    angle = np.array([one.angle for one in seconds])  # (S, BINS, 3)
-    impulse = np.array([one.impulse for one in seconds])
-    turned = np.einsum("hik,sbk->bhsi", gyros, angle)
-    steps = _rotations(turned)
-    H, S = len(gyros), len(seconds)
-    attitude = np.broadcast_to(np.eye(3), (H, S, 3, 3))
-    sums = np.zeros((H, S, 3))
-    for b in range(BINS):
-        # the force acts midway through the bin
-        middle = impulse[:, b] + 0.5 * np.cross(turned[b], impulse[:, b])
-        sums = sums + (attitude @ middle[..., None])[..., 0]
-        attitude = attitude @ steps[b]
-    out, start = np.empty((H, S, 3)), np.broadcast_to(np.eye(3), (H, 3, 3))
-    for j in range(S):
-        out[:, j] = (start @ sums[:, j, :, None])[..., 0]
-        start = start @ attitude[:, j]
+    out = np.empty((len(gyros), len(seconds), 3))
+    _integrate(np.array([one.angle for one in seconds]), np.array([one.impulse for one in seconds]), gyros, out)
     return out
 
 
-def _rotations(v: Array) -> Array:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad] (Rodrigues)."""
-    angle = np.sqrt(np.sum(v * v, axis=-1))[..., None, None]
-    K = np.zeros((*v.shape, 3))
-    K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    K -= np.swapaxes(K, -1, -2)
-    small = angle < 1e-8
-    safe = np.where(small, 1.0, angle)
-    a = np.where(small, 1.0, np.sin(safe) / safe)
-    b = np.where(small, 0.5, (1.0 - np.cos(safe)) / safe**2)
-    return np.eye(3) + a * K + b * (K @ K)
+@kernel
+def _integrate(angle, impulse, gyros, out):
+    """``impulses`` from sums (S, BINS, 3) of rate [rad] and specific force [m/s]."""
+    for h in range(len(gyros)):
+        attitude = (1.0, 0.0, 0.0, 0.0)
+        for s in range(len(angle)):
+            total = (0.0, 0.0, 0.0)
+            for b in range(BINS):
+                turn = _times(gyros[h], load3(angle[s, b], 0))
+                force = load3(impulse[s, b], 0)
+                middle = add_scaled(force, 0.5, cross(turn, force))  # the force acts midway through the bin
+                total = add(total, q_rotate(attitude, middle))
+                attitude = q_multiply(attitude, q_exp(turn))
+            store3(out[h, s], 0, total)
+
+
+@inlined
+def _times(matrix, v):
+    return dot(load3(matrix[0], 0), v), dot(load3(matrix[1], 0), v), dot(load3(matrix[2], 0), v)

@@ -35,6 +35,41 @@ def is_unremarkable(stamps, gyro, accel, last_ns, before, step_ns, bounds):
 
 
 @kernel
+def is_calm(rows, usual, bounds, dead):
+    """True for IMU rows (N, 7) in which no sensor is struck, clipped or silent for as long as ``dead`` [s].
+
+    Each row but the first continues the one before it. ``usual`` (6,) rates and forces; ``bounds``: how far away from
+    them rate and force are a blow, and the rate and force beyond which an axis that repeats itself is clipped. False
+    says nothing: the exact measure has to look.
+    """
+    struck_rate, struck_force, clipped_rate, clipped_force = bounds
+    silent_gyro = silent_accel = 0.0  # s since the first of equal values, its own step counted in
+    for i in range(1, len(rows)):
+        step = rows[i, 0] - rows[i - 1, 0]
+        same_gyro = same_accel = 0
+        away_gyro = away_accel = 0.0
+        for k in range(3):
+            w, f = rows[i, 1 + k], rows[i, 4 + k]
+            away_gyro += (w - usual[k]) ** 2
+            away_accel += (f - usual[3 + k]) ** 2
+            if w == rows[i - 1, 1 + k]:
+                same_gyro += 1
+                if not abs(w) <= clipped_rate:
+                    return False
+            if f == rows[i - 1, 4 + k]:
+                same_accel += 1
+                if not abs(f) <= clipped_force:
+                    return False
+        if not (away_gyro <= struck_rate**2 and away_accel <= struck_force**2):  # false for NaN
+            return False
+        silent_gyro = step + (silent_gyro if same_gyro == 3 else 0.0)
+        silent_accel = step + (silent_accel if same_accel == 3 else 0.0)
+        if max(silent_gyro, silent_accel) >= 0.99 * dead:
+            return False
+    return True
+
+
+@kernel
 def stays_in_period(stamps, period, length):
     """Whether every one of ``stamps`` (N,) [ns] lies in the ``period``-th stretch of ``length`` [ns]."""
     for i in range(len(stamps)):  # noqa: SIM110 - a compiled kernel has no generators

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.imu_checks import is_calm
+from nav_pose_estimator.core.numerics.jit import COMPILED
 from nav_pose_estimator.engine.imu.rules import CLIPPED_FORCE, CLIPPED_RATE
 
 _DEAD = 0.2  # s without any change: no live sensor sends one value for so long
@@ -16,6 +18,10 @@ _USUAL_FORCE, _USUAL_RATE = 2.0, 0.2  # m/s^2, rad/s: what a vehicle does while 
 _BEYOND = 0.3  # of the range: how far a clipped value may have been beyond it
 _MOST_TILT, _MOST_SPEED = 1.0, 200.0  # rad, m/s
 _LEAST_TILT, _LEAST_SPEED = 0.005, 0.2  # less is within the filter's own noise
+
+
+_BOUNDS = (0.99 * _STRUCK_RATE, 0.99 * _STRUCK_FORCE, CLIPPED_RATE, CLIPPED_FORCE)
+"""Below them nothing is struck or clipped, whatever the rounding."""
 
 
 class Doubt(NamedTuple):
@@ -35,7 +41,11 @@ class DoubtMeter:
         """Of the IMU rows (N, 7) of a second, with one from before it; None where nothing is wrong with them."""
         if len(rows) < 3:
             return None
-        step, values = np.diff(rows[:, at.IMU_T]), rows[1:, at.IMU_GYRO :]
+        values = rows[1:, at.IMU_GYRO :]
+        if COMPILED and self._usual is not None and is_calm(rows, self._usual, _BOUNDS, _DEAD):
+            self._usual = values.mean(axis=0)
+            return None
+        step = np.diff(rows[:, at.IMU_T])
         same = rows[1:, at.IMU_GYRO :] == rows[:-1, at.IMU_GYRO :]
         usual = values.mean(axis=0) if self._usual is None else self._usual
         tilt = _led_astray(step, values[:, :3], same[:, :3], usual[:3], _STRUCK_RATE, _USUAL_RATE, CLIPPED_RATE)

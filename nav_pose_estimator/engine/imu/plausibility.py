@@ -65,9 +65,9 @@ def dead_axis(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
         return None
     for name, first, moves in (("gyroscope", 0, 0.2), ("accelerometer", 3, 1.0)):
         spread = np.array([s.spread[first : first + 3] for s in last])
-        for axis in range(3):
+        for axis in np.flatnonzero(~spread.any(axis=0)).tolist():
             others = np.delete(spread, axis, axis=1)
-            if not spread[:, axis].any() and (others > moves).all():
+            if (others > moves).all():
                 text = f"the {name}'s {_AXES[axis]} axis does not change while the others do: it is dead or not filled"
                 return Finding("imu.implausible.dead_axis", text)
     return None

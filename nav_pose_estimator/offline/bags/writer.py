@@ -75,12 +75,24 @@ def write_bag(
     if storage not in (MCAP, SQLITE3):
         raise UserError(f"there is no storage {storage!r}; choose {MCAP} or {SQLITE3}")
     try:
-        with _folder(path, force) as work, _Writer(work, storage, level) as writer:
-            for key, value in (notes or {}).items():
-                writer.set_custom_data(key, value)
-            _write(writer, topics)
+        with _folder(path, force) as work:
+            write_new(work, topics, storage, level, notes)
     except sqlite3.OperationalError as error:  # the disk is full, above all
         raise UserError(f"{path} cannot be written: {error}; nothing was changed") from None
+
+
+def write_new(
+    path: Path,
+    topics: Sequence[Messages],
+    storage: str = MCAP,
+    level: int = FAST,
+    notes: Mapping[str, str] | None = None,
+) -> None:
+    """``write_bag`` into a folder of results, where there is nothing at ``path`` yet."""
+    with _Writer(path, storage, level) as writer:
+        for key, value in (notes or {}).items():
+            writer.set_custom_data(key, value)
+        _write(writer, topics)
 
 
 def check_room(path: Path, force: bool) -> None:

@@ -1,0 +1,89 @@
+"""Independent jobs on the cores of this machine: one that fails, or whose process dies, costs its own result only.
+
+    for number, outcome in carry_out(work, jobs, processes=4):
+        if isinstance(outcome, Failure): ...
+
+``work`` is a function of a module, and what goes in and comes out can be pickled. Results come as they are ready.
+"""
+
+import multiprocessing
+import os
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from typing import Any
+
+from nav_pose_estimator.errors import UserError
+
+LOCAL = "local"
+_ATTEMPTS = 2  # a job under way when a process died is tried once more: it may have been another's fault
+_DIED = "its process was killed {} times, probably for want of memory: fewer processes at a time may help"
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a job has no result, one sentence. ``expected``: the input is to blame (``UserError``)."""
+
+    why: str
+    expected: bool
+
+
+def carry_out(
+    work: Callable[[Any], Any], jobs: Sequence[Any], processes: int = 1
+) -> Iterator[tuple[int, Any | Failure]]:
+    """Do ``work`` on each of ``jobs``; yields (number of the job, its result or ``Failure``) in any order.
+
+    One process is this one. A program error becomes a ``Failure`` as well: of an archive, the rest goes on.
+    """
+    if processes <= 1 or len(jobs) <= 1:
+        yield from ((number, _attempt(work, job)) for number, job in enumerate(jobs))
+        return
+    # Each process computes on one thread, else the libraries' threads fight for the cores.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    waiting, attempts = deque(range(len(jobs))), Counter[int]()
+    context = multiprocessing.get_context("spawn")
+    while waiting:
+        with ProcessPoolExecutor(min(processes, len(waiting)), mp_context=context) as pool:
+            yield from _until_one_dies(pool, min(processes, len(waiting)), (work, jobs), waiting, attempts)
+
+
+def _until_one_dies(
+    pool: ProcessPoolExecutor,
+    processes: int,
+    task: tuple[Callable[[Any], Any], Sequence[Any]],
+    waiting: deque[int],
+    attempts: Counter[int],
+) -> Iterator[tuple[int, Any | Failure]]:
+    """Outcomes of what is ``waiting``. Where a process dies, the jobs under way are put back, or are failures.
+
+    No more jobs are handed out than there are processes: only what was under way can be to blame.
+    """
+    work, jobs = task
+    running: dict[Future, int] = {}
+    try:
+        while waiting or running:
+            while waiting and len(running) < processes:
+                future = pool.submit(_attempt, work, jobs[waiting[0]])  # may raise: the job then still waits
+                running[future] = waiting.popleft()
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                outcome = future.result()
+                yield running.pop(future), outcome
+    except BrokenProcessPool:
+        for number in running.values():
+            attempts[number] += 1
+            if attempts[number] < _ATTEMPTS:
+                waiting.append(number)
+            else:
+                yield number, Failure(_DIED.format(_ATTEMPTS), expected=False)
+
+
+def _attempt(work: Callable[[Any], Any], job: Any) -> Any | Failure:
+    try:
+        return work(job)
+    except UserError as error:
+        return Failure(str(error), expected=True)
+    except Exception as error:
+        return Failure(f"{type(error).__name__}: {error}", expected=False)

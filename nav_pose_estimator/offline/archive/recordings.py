@@ -1,0 +1,76 @@
+"""Which recordings the words of a command line mean: bags and flight logs, folders of them, patterns, lists."""
+
+import glob
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from nav_pose_estimator.errors import UserError
+
+_ENDINGS = frozenset((".mcap", ".db3", ".ulg", ".ulog", ".bin", ".log"))
+_LIST = ".txt"
+_METADATA = "metadata.yaml"  # a folder with one is a rosbag2
+
+
+def find(names: Sequence[Path | str]) -> list[Path]:
+    """The recordings that ``names`` stand for, each once, in the order of the names and sorted within each.
+
+    A name is a recording, a folder (searched with all its folders), a pattern (``flights/**/*.ulg``), or a text file
+    with such names, one a line. Raises ``UserError`` for a folder, a pattern or a list without a recording; whether a
+    named file can be read is found out where it is.
+    """
+    found: dict[Path, None] = {}
+    for name in names:
+        found.update(dict.fromkeys(_meant_by(Path(name))))
+    return list(found)
+
+
+def _meant_by(name: Path) -> list[Path]:
+    if _is_folder(name):
+        return _some(name, sorted(_inside(name)))
+    if name.exists():
+        return _listed(name) if name.suffix == _LIST else [name]
+    if glob.has_magic(str(name)):
+        matches = sorted(Path(match) for match in glob.glob(str(name), recursive=True))
+        chosen = [one for match in matches for one in (_inside(match) if _is_folder(match) else _known(match))]
+        return _some(name, chosen)
+    return [name]
+
+
+def _is_folder(path: Path) -> bool:
+    return path.is_dir() and not (path / _METADATA).exists() and not any(_files_of_a_bag(path))
+
+
+def _files_of_a_bag(folder: Path) -> Iterator[Path]:
+    """Storage files of a bag whose metadata.yaml is missing: they bear the folder's name."""
+    return (path for path in folder.glob(f"{glob.escape(folder.name)}_*") if path.suffix in (".mcap", ".db3"))
+
+
+def _inside(folder: Path) -> Iterator[Path]:
+    """All recordings in a folder; the files of a bag are no recordings of their own."""
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith("."):
+            continue
+        if path.is_dir():
+            yield from _inside(path) if _is_folder(path) else [path]
+        else:
+            yield from _known(path)
+
+
+def _known(path: Path) -> list[Path]:
+    return [path] if path.is_dir() or path.suffix.lower() in _ENDINGS else []
+
+
+def _listed(path: Path) -> list[Path]:
+    """The names in a text file, relative to where it lies; empty lines and those that begin with # are none."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError:
+        raise UserError(f"{path} is not a list of recordings: it is no text") from None
+    names = [line.strip() for line in lines if line.strip() and not line.strip().startswith("#")]
+    return _some(path, [one for name in names for one in _meant_by(path.parent / name)])
+
+
+def _some(name: Path, found: list[Path]) -> list[Path]:
+    if not found:
+        raise UserError(f"{name} holds no recording: bags, .mcap, .db3, .ulg, .bin or .log are expected")
+    return found

@@ -1,0 +1,69 @@
+"""Many recordings at once: what is found, and what becomes of jobs that fail, die or are interrupted."""
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.archive.jobs import Failure, carry_out
+from nav_pose_estimator.offline.archive.kept import KeptResults, key_of
+from nav_pose_estimator.offline.archive.recordings import find
+
+
+def square(number: int) -> int:
+    """A job that fails on negative numbers, breaks on zero, and kills its process on 13."""
+    if number < 0:
+        raise UserError(f"{number} is negative")
+    if number == 13:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return round(number**3 / number)
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_failed_job_costs_its_own_result(processes):
+    outcomes = dict(carry_out(square, [3, -1, 0, 4], processes))
+    assert (outcomes[0], outcomes[3]) == (9, 16)
+    assert outcomes[1] == Failure("-1 is negative", expected=True)
+    assert "ZeroDivisionError" in outcomes[2].why
+    assert not outcomes[2].expected
+
+
+def test_a_process_that_is_killed_takes_no_other_job_with_it():
+    outcomes = dict(carry_out(square, [2, 13, 3, 4], processes=2))
+    assert [outcomes[i] for i in (0, 2, 3)] == [4, 9, 16]
+    assert isinstance(outcomes[1], Failure)
+    assert "killed" in outcomes[1].why
+
+
+def test_folders_patterns_and_lists_stand_for_recordings(tmp_path: Path):
+    bag = tmp_path / "north" / "flight_bag"
+    bag.mkdir(parents=True)
+    for name in ("north/flight_bag/metadata.yaml", "north/flight_bag/a.mcap", "north/b.ulg", "c.bin", "notes.md"):
+        (tmp_path / name).touch()
+    listing = tmp_path / "list.txt"
+    listing.write_text("# the good ones\nc.bin\n\nnorth/*.ulg\n", encoding="utf-8")
+    assert find([tmp_path]) == [tmp_path / "c.bin", tmp_path / "north/b.ulg", bag]
+    assert find([bag, tmp_path / "north/*"]) == [bag, tmp_path / "north/b.ulg"]
+    assert find([listing]) == [tmp_path / "c.bin", tmp_path / "north/b.ulg"]
+    assert find([tmp_path / "missing_bag"]) == [tmp_path / "missing_bag"]
+
+
+def test_a_pattern_without_a_recording_is_an_error(tmp_path: Path):
+    with pytest.raises(UserError, match="holds no recording"):
+        find([tmp_path / "*.ulg"])
+
+
+def test_kept_results_outlive_the_run_and_belong_to_their_input(tmp_path: Path):
+    recording = tmp_path / "flight.ulg"
+    recording.write_bytes(b"one")
+    key = key_of(("outage", 30.0), [recording])
+    KeptResults(tmp_path / "out").keep(key, {"error": 1.5})
+
+    later = KeptResults(tmp_path / "out")
+    assert later.take(key) == {"error": 1.5}
+    recording.write_bytes(b"another")
+    assert later.take(key_of(("outage", 30.0), [recording])) is None
+    later.forget()
+    assert later.take(key) is None
