@@ -29,7 +29,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "engine": {"core"},  # samples, observations, solutions: what all engines speak of
     "engine.events": set(),
     "engine.outage.methods": {"core.motion", "engine"},
-    "engine.parameters": {"core.filter", "engine.outage.methods"},  # their choices
+    "engine.parameters": {"core.filter", "core.motion", "engine.outage.methods"},  # their choices
     "engine.imu": {"core", "engine", "engine.parameters"},
     "engine.sensors": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.gnss"},
     "engine.sensors.gnss": {"core", "engine", "engine.events", "engine.parameters", "engine.sensors"},
@@ -283,7 +283,7 @@ def tracked_text_files() -> list[Path]:
     listing = subprocess.run(["git", "ls-files", "-z"], cwd=REPOSITORY, capture_output=True, text=True, check=False)
     if listing.returncode != 0:
         pytest.skip("not a git checkout")
-    binary = {".mcap", ".db3", ".npz", ".png", ".zstd"}
+    binary = {".mcap", ".db3", ".npz", ".png", ".zstd", ".airframe"}
     files = (REPOSITORY / name for name in listing.stdout.split("\0") if name)
     return [path for path in files if path.suffix not in binary and path.is_file()]
 

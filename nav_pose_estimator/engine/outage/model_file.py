@@ -1,30 +1,21 @@
-"""Trained models on disk: one file with a version and a checksum, written so that a kill never loses the last good one.
-
-line 1    nav_pose_estimator model VERSION
-line 2    SHA-256 of the rest, hexadecimal
-rest      the arrays, in numpy's npz format (no pickled objects)
+"""Trained models on disk, as ``array_file`` keeps them.
 
 A checksum shows that the file is as it was written, not that a training wrote it. So a model is also checked against
 what a vehicle can do: speeds, winds and variances outside those bounds are refused before anything flies with them.
 """
 
-import hashlib
-import io
-import os
-import zipfile
 from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from nav_pose_estimator.core.learning.anfis import Anfis
+from nav_pose_estimator.engine.outage import array_file
 from nav_pose_estimator.errors import UserError
 
 VERSION = 1
-_MAGIC = b"nav_pose_estimator model "
-_LARGEST = 16 * 2**20  # bytes, also unpacked: no model is larger, and a wrong file shall not fill the memory
+_KIND = array_file.FileKind("model", VERSION)
 _NETWORK = "network."  # beginning of the names of its arrays
 _FASTEST = 150.0  # m/s
 _STRONGEST = 60.0  # m/s of wind
@@ -45,28 +36,8 @@ _BOUNDS: dict[str, tuple[float, float]] = {
 
 
 def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write ``arrays`` to ``path``: all of them or, whatever happens, the file that was there before.
-
-    The bytes go to a temporary file beside it, reach the disk, and take the name in one step. ``UserError`` when that
-    is impossible.
-    """
-    path = Path(path)
-    buffer = io.BytesIO()
-    named: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items()}
-    np.savez(buffer, **named)  # without allow_pickle=False, which NumPy 1 would save as one more array
-    body = buffer.getvalue()
-    header = _MAGIC + f"{VERSION}\n{hashlib.sha256(body).hexdigest()}\n".encode()
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with temporary.open("wb") as file:
-            file.write(header + body)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-        _sync_directory(path.parent)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise UserError(f"cannot write the model {path}: {error.strerror}") from None
+    """Write ``arrays`` to ``path``, all of them or nothing. ``UserError`` when that is impossible."""
+    array_file.save(path, _KIND, arrays)
 
 
 def load_arrays(path: str | Path) -> dict[str, np.ndarray]:
@@ -74,39 +45,9 @@ def load_arrays(path: str | Path) -> dict[str, np.ndarray]:
 
     ``UserError`` for a damaged, foreign or newer file, and for a model that says what no vehicle can do.
     """
-    path = Path(path)
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise UserError(f"{path} is not a model of nav_pose_estimator: it is too large")
-        content = path.read_bytes()
-    except OSError as error:
-        raise UserError(f"cannot read the model {path}: {error.strerror}") from None
-    first, _, rest = content.partition(b"\n")
-    version = first.removeprefix(_MAGIC)
-    if not first.startswith(_MAGIC) or not version.isdigit():
-        raise UserError(f"{path} is not a model of nav_pose_estimator")
-    if int(version) > VERSION:
-        raise UserError(f"{path} has model version {int(version)}, this program reads up to {VERSION}: update it")
-    checksum, _, body = rest.partition(b"\n")
-    if checksum.decode("ascii", "replace") != hashlib.sha256(body).hexdigest():
-        raise UserError(f"{path} is damaged: its checksum does not match")
-    arrays = _unpack(path, body)
-    _check_bounds(path, arrays)
+    arrays = array_file.load(path, _KIND)
+    _check_bounds(Path(path), arrays)
     return arrays
-
-
-def _unpack(path: Path, body: bytes) -> dict[str, np.ndarray]:
-    try:
-        with zipfile.ZipFile(io.BytesIO(body)) as archive:
-            unpacked = sum(item.file_size for item in archive.infolist())
-        if unpacked > _LARGEST:
-            raise UserError(f"{path} is not a model of nav_pose_estimator: it is too large")
-        with np.load(io.BytesIO(body), allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except UserError:
-        raise
-    except Exception as error:  # numpy and zipfile raise whatever the bytes lead to
-        raise UserError(f"{path} is damaged: {' '.join(str(error).split())}") from None
 
 
 def _check_bounds(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
@@ -151,15 +92,3 @@ def load_model(path: str | Path) -> Anfis:
         return Anfis.from_state(arrays)
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
-
-
-def _sync_directory(directory: Path) -> None:
-    """Make the new name itself durable; where a directory cannot be opened (not POSIX) the system does without."""
-    try:
-        descriptor = os.open(directory, os.O_RDONLY)
-    except OSError:
-        return
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -1,0 +1,109 @@
+"""Named arrays on disk: one file with a version and a checksum, written so that a kill never loses the last good one.
+
+line 1    nav_pose_estimator KIND VERSION
+line 2    SHA-256 of the rest, hexadecimal
+rest      the arrays, in numpy's npz format (no pickled objects)
+"""
+
+import hashlib
+import io
+import os
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nav_pose_estimator.errors import UserError
+
+LARGEST = 16 * 2**20
+"""Bytes, also unpacked: nothing of ours is larger, and a wrong file shall not fill the memory."""
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """What a file is called in its first line and in sentences, and the newest version that this program knows."""
+
+    name: str
+    version: int
+
+    @property
+    def magic(self) -> bytes:
+        """The first line up to the version."""
+        return f"nav_pose_estimator {self.name} ".encode()
+
+
+def save(path: str | Path, kind: FileKind, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write ``arrays`` to ``path``: all of them or, whatever happens, the file that was there before.
+
+    The bytes go to a temporary file beside it, reach the disk, and take the name in one step. ``UserError`` when that
+    is impossible.
+    """
+    path = Path(path)
+    buffer = io.BytesIO()
+    named: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items()}
+    np.savez(buffer, **named)  # without allow_pickle=False, which NumPy 1 would save as one more array
+    body = buffer.getvalue()
+    header = kind.magic + f"{kind.version}\n{hashlib.sha256(body).hexdigest()}\n".encode()
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with temporary.open("wb") as file:
+            file.write(header + body)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+        _sync_directory(path.parent)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise UserError(f"cannot write the {kind.name} {path}: {error.strerror}") from None
+
+
+def load(path: str | Path, kind: FileKind) -> dict[str, np.ndarray]:
+    """The arrays that ``save`` wrote, bit for bit. ``UserError`` for a damaged, foreign or newer file."""
+    path = Path(path)
+    try:
+        if path.stat().st_size > LARGEST:
+            raise UserError(f"{path} is not a {kind.name} of nav_pose_estimator: it is too large")
+        content = path.read_bytes()
+    except OSError as error:
+        raise UserError(f"cannot read the {kind.name} {path}: {error.strerror}") from None
+    first, _, rest = content.partition(b"\n")
+    version = first.removeprefix(kind.magic)
+    if not first.startswith(kind.magic) or not version.isdigit():
+        raise UserError(f"{path} is not a {kind.name} of nav_pose_estimator")
+    if int(version) > kind.version:
+        raise UserError(
+            f"{path} has {kind.name} version {int(version)}, this program reads up to {kind.version}: update it"
+        )
+    checksum, _, body = rest.partition(b"\n")
+    if checksum.decode("ascii", "replace") != hashlib.sha256(body).hexdigest():
+        raise UserError(f"{path} is damaged: its checksum does not match")
+    return _unpack(path, kind, body)
+
+
+def _unpack(path: Path, kind: FileKind, body: bytes) -> dict[str, np.ndarray]:
+    try:
+        with zipfile.ZipFile(io.BytesIO(body)) as archive:
+            unpacked = sum(item.file_size for item in archive.infolist())
+        if unpacked > LARGEST:
+            raise UserError(f"{path} is not a {kind.name} of nav_pose_estimator: it is too large")
+        with np.load(io.BytesIO(body), allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except UserError:
+        raise
+    except Exception as error:  # numpy and zipfile raise whatever the bytes lead to
+        raise UserError(f"{path} is damaged: {' '.join(str(error).split())}") from None
+
+
+def _sync_directory(directory: Path) -> None:
+    """Make the new name itself durable; where a directory cannot be opened (not POSIX) the system does without."""
+    try:
+        descriptor = os.open(directory, os.O_RDONLY)
+    except OSError:
+        return
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
