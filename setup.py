@@ -16,6 +16,7 @@ COMMANDS = (
     "replay",
     "convert",
     "calibrate",
+    "train",
     "benchmark",
 )
 

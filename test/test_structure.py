@@ -52,6 +52,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "offline.logs": {"core", "engine.*", "offline", "offline.bags", "offline.flights", "offline.logs.formats"},
     "offline.replay": {"core", "engine.*", "offline.*"},
     "offline.calibration": {"core", "engine", "offline", "offline.flights", "offline.logs"},
+    "offline.training": {"core", "engine.*", "offline", "offline.bags", "offline.flights", "offline.logs"},
     "offline.benchmarks": {"offline.*"},
     "offline.benchmarks.outage": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.attitude": {"core", "engine.*", "offline.*"},

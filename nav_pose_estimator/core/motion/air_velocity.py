@@ -181,7 +181,7 @@ def learn_air_velocity(
     """
     blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
     seconds = 0.0 if prior is None else prior.seconds(epochs)
-    windless = _is_guided(epochs)
+    windless = is_guided(epochs)
     if prior is not None and seconds > 0.0:
         windless = windless or prior.is_guided
         fits: dict[int, Fit] = {1: partial(prior.fit, seconds=seconds, windless=windless, weigh=weigh)}
@@ -191,21 +191,48 @@ def learn_air_velocity(
     errors = {count: float(np.square(residual).mean()) for count, residual in residuals.items()}
     chosen = min(errors, key=lambda count: errors[count] * (1.0 if count == next(iter(errors)) else 1.0 / _CLEARLY))
     network, wind = fits[chosen](epochs)
-    model = AirVelocityModel(
-        network=network,
+    model = _begun(network, wind, epochs, residuals[chosen], errors, None if windless else weigh)
+    if prior is None or seconds == 0.0:
+        return _with_noise(replace(model, parameter_cov=_parameter_cov(epochs)), epochs, residuals[chosen])
+    return _with_prior(model, epochs, residuals[chosen], prior)
+
+
+def with_law(epochs: Array, law: Law, windless: bool = False, weigh: Weigh = axis_weights) -> AirVelocityModel:
+    """A ``law`` from elsewhere on a flight of ``epochs`` (N, COLUMNS or more): its wind, and the noise left."""
+    left, wind = _residuals(epochs, law, np.zeros(2)), np.zeros(2)
+    if not windless:
+        nothing = np.zeros((len(epochs), 1))  # the law is fixed: no input can explain a part of the wind
+        wind = mean_wind(attitude(epochs), left, nothing, np.eye(1), _WIND_RIDGE, weigh)
+    residual = left - _in_body(epochs, wind)
+    errors = {law.rules: float(np.square(residual).mean())}
+    return _with_noise(_begun(law, wind, epochs, residual, errors, None if windless else weigh), epochs, residual)
+
+
+def wind_along(model: AirVelocityModel, epochs: Array) -> Array:
+    """The wind (N, 2) [m/s] at every epoch of a flight, as the ``model`` of it follows it."""
+    seen = _residuals(epochs, model.network, model.wind_mean)
+    unknown = model.wind_spread * np.eye(2)
+    _, _, expected = track(attitude(epochs), seen, model.noise, model.wind_spread, np.zeros(2), unknown)
+    return np.asarray(model.wind_mean + expected)
+
+
+def _begun(
+    law: Law, wind: Array, epochs: Array, unseen: Array, errors: Mapping[int, float], weigh: Weigh | None
+) -> AirVelocityModel:
+    """A model before its noise is known and without doubt about the law; ``weigh`` None: no wind moves the vehicle."""
+    size = inputs(epochs[:1]).shape[1] + 1
+    return AirVelocityModel(
+        network=law,
         wind_mean=wind,
         wind=np.zeros(2),
         wind_cov=np.zeros((2, 2)),
-        wind_spread=0.0 if windless else wind_spread(attitude(epochs), residuals[chosen], weigh),
+        wind_spread=0.0 if weigh is None else wind_spread(attitude(epochs), unseen, weigh),
         noise=np.ones(3),
         hover_noise=np.ones(3),
-        parameter_cov=_parameter_cov(epochs),
+        parameter_cov=np.zeros((size, size)),
         errors=errors,
         target_square=float(np.square(epochs[:, BODY_VELOCITY:VELOCITY]).mean()),
     )
-    if prior is None or seconds == 0.0:
-        return _with_noise(model, epochs, residuals[chosen])
-    return _with_prior(model, epochs, residuals[chosen], prior)
 
 
 def _with_prior(model: AirVelocityModel, epochs: Array, unseen: Array, prior: MotionPrior) -> AirVelocityModel:
@@ -245,14 +272,10 @@ def learn_drag(epochs: Array) -> AirVelocityModel:
     blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
     unseen = _unseen_residuals(epochs, blocks, _fit_drag)
     law, wind = _fit_drag(epochs)
-    horizontal = unseen[:, :2]
+    errors = {1: float(np.square(unseen[:, :2]).mean())}
+    model = _begun(law, wind, epochs, unseen, errors, axis_weights)
     target = float(np.square(epochs[:, BODY_VELOCITY : BODY_VELOCITY + 2]).mean())
-    spread, errors = wind_spread(attitude(epochs), unseen), {1: float(np.square(horizontal).mean())}
-    nothing = np.zeros((_INPUTS + 1, _INPUTS + 1))
-    model = AirVelocityModel(
-        law, wind, np.zeros(2), np.zeros((2, 2)), spread, np.ones(3), np.ones(3), nothing, errors, target
-    )
-    return _with_noise(model, epochs, unseen)
+    return _with_noise(replace(model, target_square=target), epochs, unseen)
 
 
 def _fit_drag(epochs: Array) -> tuple[DragLaw, Array]:
@@ -269,7 +292,7 @@ def _fit_drag(epochs: Array) -> tuple[DragLaw, Array]:
     return DragLaw(solution[:2]), solution[2:]
 
 
-def _is_guided(epochs: Array) -> bool:
+def is_guided(epochs: Array) -> bool:
     """Whether the vehicle goes where its nose points, neither sideways nor up: what flies has to tilt or to climb."""
     if len(epochs) * PERIOD < _GUIDED_TIME:
         return False
