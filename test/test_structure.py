@@ -53,7 +53,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "offline.replay": {"core", "engine.*", "offline.*"},
     "offline.calibration": {"core", "engine", "offline", "offline.flights", "offline.logs"},
     "offline.training": {"core", "engine.*", "offline", "offline.bags", "offline.flights", "offline.logs"},
-    "offline.benchmarks": {"offline.*"},
+    "offline.benchmarks": {"engine.outage", "offline.*"},
     "offline.benchmarks.outage": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.attitude": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.alignment": {"core", "engine.*", "sim.*", "offline.*"},

@@ -30,6 +30,11 @@ class FileKind:
     version: int
 
     @property
+    def article(self) -> str:
+        """The name with its article."""
+        return f"{'an' if self.name[0] in 'aeiou' else 'a'} {self.name}"
+
+    @property
     def magic(self) -> bytes:
         """The first line up to the version."""
         return f"nav_pose_estimator {self.name} ".encode()
@@ -65,14 +70,14 @@ def load(path: str | Path, kind: FileKind) -> dict[str, np.ndarray]:
     path = Path(path)
     try:
         if path.stat().st_size > LARGEST:
-            raise UserError(f"{path} is not a {kind.name} of nav_pose_estimator: it is too large")
+            raise UserError(f"{path} is not {kind.article} of nav_pose_estimator: it is too large")
         content = path.read_bytes()
     except OSError as error:
         raise UserError(f"cannot read the {kind.name} {path}: {error.strerror}") from None
     first, _, rest = content.partition(b"\n")
     version = first.removeprefix(kind.magic)
     if not first.startswith(kind.magic) or not version.isdigit():
-        raise UserError(f"{path} is not a {kind.name} of nav_pose_estimator")
+        raise UserError(f"{path} is not {kind.article} of nav_pose_estimator")
     if int(version) > kind.version:
         raise UserError(
             f"{path} has {kind.name} version {int(version)}, this program reads up to {kind.version}: update it"
@@ -88,7 +93,7 @@ def _unpack(path: Path, kind: FileKind, body: bytes) -> dict[str, np.ndarray]:
         with zipfile.ZipFile(io.BytesIO(body)) as archive:
             unpacked = sum(item.file_size for item in archive.infolist())
         if unpacked > LARGEST:
-            raise UserError(f"{path} is not a {kind.name} of nav_pose_estimator: it is too large")
+            raise UserError(f"{path} is not {kind.article} of nav_pose_estimator: it is too large")
         with np.load(io.BytesIO(body), allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except UserError:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nav_pose_estimator import __version__
 from nav_pose_estimator.core.learning.conv_lstm import STEPS
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import is_guided
@@ -115,6 +116,12 @@ class Reading:
     config: Path | None = None
     log: LogOptions = field(default_factory=LogOptions)
     gnss_delay: str | None = None
+
+    @property
+    def key(self) -> bytes:
+        """Differs where the same recording would give something else."""
+        content = b"" if self.config is None else self.config.read_bytes()
+        return repr((__version__, self.log, self.gnss_delay)).encode() + content
 
 
 def fly(path: Path, digest: str, reading: Reading) -> FlightData:

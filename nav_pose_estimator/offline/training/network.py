@@ -108,7 +108,7 @@ def train(examples: Examples, recipe: Recipe, progress: Callable[[int], Any] = l
     return ConvLstm.from_state(trained)
 
 
-def forward(weights: Any, windows: Any, keep: Any = 1.0) -> Any:
+def forward(weights: Any, windows: Any, keep: Any = None) -> Any:
     """``ConvLstm.predict`` of a batch (B, STEPS, C) in JAX, differentiable; ``keep`` (B, MIXED) drops features."""
     import jax.numpy as jnp
 
@@ -121,7 +121,9 @@ def forward(weights: Any, windows: Any, keep: Any = 1.0) -> Any:
         seen.append(jnp.concatenate(shifted, axis=2) @ weights["conv_weight"][i] + weights["conv_bias"][i])
     features = jnp.maximum(jnp.concatenate(seen, axis=2), 0.0)
     mixed = jnp.maximum(features @ weights["mix_weight"] + weights["mix_bias"], 0.0)
-    pooled = mixed.reshape(len(windows), -1, POOL, MIXED).mean(axis=2) * jnp.expand_dims(jnp.asarray(keep), -2)
+    pooled = mixed.reshape(len(windows), -1, POOL, MIXED).mean(axis=2)
+    if keep is not None:
+        pooled = pooled * keep[:, None]
     h = c = jnp.zeros((len(windows), HIDDEN))
     for i in range(pooled.shape[1]):
         h, c = _lstm_step(weights, pooled[:, i], h, c)

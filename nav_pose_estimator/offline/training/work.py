@@ -1,6 +1,7 @@
 """Recordings are flown one by one, several at a time, and what each gave is kept until the file is written."""
 
 import glob
+import hashlib
 import multiprocessing
 import os
 import sys
@@ -30,7 +31,7 @@ class Recorded:
 
     def part(self, folder: Path) -> Path:
         """Where what it gives is kept."""
-        return folder / f"{self.digest}.npz"
+        return folder / f"{hashlib.sha256(self.digest.encode() + self.reading.key).hexdigest()}.npz"
 
 
 @dataclass(frozen=True)
