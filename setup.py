@@ -17,6 +17,7 @@ COMMANDS = (
     "replay",
     "convert",
     "calibrate",
+    "train",
     "benchmark",
 )
 COMMAND_LINE = f"{NAME}.offline.command_line"

@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
-# Make or refresh .venv. Usage: tools/setup_environment.sh [run] [ros] [dev] [peers] [jazzy]   (default: run)
+# Make or refresh .venv. Usage: tools/setup_environment.sh [run] [ros] [dev] [peers] [jazzy] [train]   (default: run)
 #
 #   run    replay, simulate, benchmark and the Python interface
 #   ros    rclpy and the common interfaces as wheels; nothing to do where /opt/ros/jazzy exists
 #   dev    tests, lint, types, colcon
 #   peers  other people's filters for comparison; a peer that cannot be installed is skipped
 #   jazzy  .venv-jazzy besides: run and tests with the NumPy and SciPy of Ubuntu 24.04, which .venv has where ROS is from apt
+#   train  .venv-train besides: run and what `train --network` needs (JAX, optax), which want a newer NumPy than ROS
 #
 # A group whose requirement files have not changed since its last installation costs nothing.
 #   PYTHON=/path/to/python   use this interpreter instead of searching for one
@@ -23,6 +24,9 @@ fail() {
 }
 
 host_has_ros() { [ -f "$ROS_PREFIX/setup.bash" ]; }
+
+# Whether the environment in the making sees the packages of the host: ROS does not go with what networks are trained with.
+uses_host_ros() { host_has_ros && [ "$VENV" != .venv-train ]; }
 
 # Runs the interpreter (a pyenv shim may exist and still fail) and prints its version, e.g. 3.12.
 version_of() {
@@ -65,7 +69,7 @@ find_python() {
 # With ROS from apt, parts of it (yaml, lark) are packages of the host, which the environment has to see.
 is_usable() {
     case "$(version_of "$VENV/bin/python")" in
-        3.11 | 3.12 | 3.13 | 3.14) ! host_has_ros || grep -q "include-system-site-packages = true" "$VENV/pyvenv.cfg" ;;
+        3.11 | 3.12 | 3.13 | 3.14) ! uses_host_ros || grep -q "include-system-site-packages = true" "$VENV/pyvenv.cfg" ;;
         *) return 1 ;;
     esac
 }
@@ -74,7 +78,7 @@ make_venv() {
     local python options=()
     is_usable && return
     python=$(find_python)
-    host_has_ros && options=(--system-site-packages)
+    uses_host_ros && options=(--system-site-packages)
     say "making $VENV with $("$python" --version)"
     "$python" -m venv --clear "${options[@]}" "$VENV" ||
         fail "$python cannot make a virtual environment; on Ubuntu: apt install python3.12-venv"
@@ -88,7 +92,7 @@ pip_install() {
 }
 
 run_requirements() {
-    if host_has_ros || [ "$VENV" = .venv-jazzy ]; then echo requirements-jazzy.txt; else echo requirements.txt; fi
+    if uses_host_ros || [ "$VENV" = .venv-jazzy ]; then echo requirements-jazzy.txt; else echo requirements.txt; fi
 }
 
 # What a group depends on: the requirement files (they constrain each other), this script and the interpreter.
@@ -149,6 +153,14 @@ setup_jazzy() {
     install test requirements-test.txt pip_install -c "$(run_requirements)" -r
 }
 
+setup_train() {
+    local VENV=.venv-train PYTHON=${PYTHON:-.venv/bin/python} # for make_venv and install
+    make_venv
+    install run "$(run_requirements)" install_run
+    install train requirements-train.txt pip_install -c "$(run_requirements)" -r
+    install test requirements-test.txt pip_install -c "$(run_requirements)" -r
+}
+
 make_venv
 for group in "${@:-run}"; do
     case "$group" in
@@ -157,6 +169,7 @@ for group in "${@:-run}"; do
         dev) install dev requirements-dev.txt pip_install -c "$(run_requirements)" -r ;;
         peers) install peers requirements-peers.txt install_peers ;;
         jazzy) setup_jazzy ;;
-        *) fail "there is no group '$group'; choose from run, ros, dev, peers, jazzy" ;;
+        train) setup_train ;;
+        *) fail "there is no group '$group'; choose from run, ros, dev, peers, jazzy, train" ;;
     esac
 done

@@ -29,6 +29,11 @@ class Kind(NamedTuple):
     version: int
 
     @property
+    def article(self) -> str:
+        """The word with its article."""
+        return f"{'an' if self.word[0] in 'aeiou' else 'a'} {self.word}"
+
+    @property
     def magic(self) -> bytes:
         """How the first line begins."""
         return f"nav_pose_estimator {self.word} ".encode()
@@ -65,7 +70,7 @@ def save(path: str | Path, kind: Kind, arrays: Mapping[str, np.ndarray], durable
 def load(path: str | Path, kind: Kind) -> dict[str, np.ndarray]:
     """The arrays that ``save`` wrote, bit for bit. ``UserError`` for a damaged, foreign or newer file."""
     path = Path(path)
-    foreign = f"{path} is not a {kind.word} of nav_pose_estimator"
+    foreign = f"{path} is not {kind.article} of nav_pose_estimator"
     try:
         if path.stat().st_size > _LARGEST:
             raise UserError(f"{foreign}: it is too large")

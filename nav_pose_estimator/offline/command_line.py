@@ -60,6 +60,14 @@ COMMANDS = {
         "find hard iron, soft iron and mounting of the magnetometer from recordings",
         ("calibrate turned_by_hand --out config/magnetometer.yaml",),
     ),
+    "train": Command(
+        "offline.training.command",
+        "learn from recorded flights what helps in the first minutes of the next one",
+        (
+            "train archive/*.ulg --out my_wing.airframe",
+            "train archive/ --out my_quad.airframe --one-aircraft --network",
+        ),
+    ),
     "simulate": Command(
         "offline.simulate_command",
         "write a rosbag2 of a simulated flight with its true motion",
@@ -228,4 +236,5 @@ simulate = partial(run_command, "simulate")
 replay = partial(run_command, "replay")
 convert = partial(run_command, "convert")
 calibrate = partial(run_command, "calibrate")
+train = partial(run_command, "train")
 benchmark = partial(run_command, "benchmark")

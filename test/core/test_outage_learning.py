@@ -237,7 +237,7 @@ def test_a_model_is_the_same_after_a_trip_through_arrays() -> None:
 
 
 def test_a_drag_law_is_nothing_to_save(models) -> None:
-    with pytest.raises(UserError, match="not a network"):
+    with pytest.raises(UserError, match="not a network of this flight"):
         models["drag"].state()
 
 

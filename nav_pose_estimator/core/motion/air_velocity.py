@@ -25,20 +25,24 @@ feedback in quadrotor control", ICRA 2010 (rotor drag); M. Khaghani and J. Skalo
 model-based navigation for small UAVs", Navigation 63(3), 2016 (vehicle dynamics as a sensor).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.learning.anfis import Anfis
-from nav_pose_estimator.core.motion.epochs import BODY_VELOCITY, FORCE, PERIOD, POSITION, VELOCITY, attitude
+from nav_pose_estimator.core.motion.epochs import BODY_VELOCITY, FORCE, PERIOD, VELOCITY, attitude, inputs
+from nav_pose_estimator.core.motion.prior import UNKNOWN_WIND, MotionPrior, in_raw_inputs
 from nav_pose_estimator.core.motion.regimes import SLOW
 from nav_pose_estimator.core.motion.wind import Weigh, axis_weights, mean_wind, track, wind_spread
 from nav_pose_estimator.errors import UserError
 
 Array = NDArray[np.float64]
+Fit = Callable[[Array], "tuple[Law, Array]"]
+"""Epochs (N, COLUMNS) -> the law of their motion and their mean wind (2,)."""
 
 _BLOCKS = 4  # blocks of time for the residuals of data not trained on
 _RIDGE = 1e-3
@@ -71,7 +75,8 @@ class AirVelocityModel:
     ``wind_mean`` (2,) of the training window; ``wind`` (2,) its change since, East and North [m/s], with covariance
     ``wind_cov`` (2, 2) now and variance ``wind_spread`` in the long run. ``noise``, ``hover_noise`` (3,): variance of a
     mean over one second, body axes [m^2/s^2].
-    ``parameter_cov`` (10, 10): how little the flight has shown of a linear law's coefficients, for a noise of one;
+    ``parameter_cov`` (10, 10), larger with more inputs: how little the flight has shown of a linear law's coefficients,
+    for a noise of one;
     ``errors``: number of rules -> squared error on blocks not trained on.
     """
 
@@ -113,7 +118,9 @@ class AirVelocityModel:
     def state(self) -> dict[str, np.ndarray]:
         """Named arrays for a file. ``from_state`` gives the same model."""
         if not isinstance(self.network, Anfis):
-            raise UserError("a drag law is not a network: there is nothing to save")
+            raise UserError(
+                "a drag law, or what an airframe file says, is not a network of this flight: there is nothing to save"
+            )
         arrays = {f"network.{name}": value for name, value in self.network.state().items()}
         for name in _ARRAYS:
             arrays[name] = np.array(getattr(self, name), float)
@@ -121,13 +128,16 @@ class AirVelocityModel:
         return arrays | {"errors": np.array([[r, self.errors[r]] for r in rules], float).reshape(-1, 2)}
 
     @classmethod
-    def from_state(cls, state: Mapping[str, np.ndarray]) -> "AirVelocityModel":
-        """The model of ``state()``. ``UserError`` when parts of it are damaged, ``KeyError`` when one is missing."""
+    def from_state(cls, state: Mapping[str, np.ndarray], added: int = 0) -> "AirVelocityModel":
+        """The model of ``state()`` whose network has ``added`` inputs by the method.
+
+        ``UserError`` when parts of it are damaged, ``KeyError`` when one is missing.
+        """
         network = Anfis.from_state(
             {k.removeprefix("network."): v for k, v in state.items() if k.startswith("network.")}
         )
         parts = {name: np.array(state[name], float) for name in _ARRAYS}
-        _check_parts(network, parts, state["errors"])
+        _check_parts(network, parts, state["errors"], _INPUTS + added)
         fields = {name: float(value) if value.ndim == 0 else value for name, value in parts.items()}
         return cls(network, errors={int(r): float(e) for r, e in state["errors"]}, **fields)  # type: ignore[arg-type]
 
@@ -143,14 +153,15 @@ _ARRAYS = {
     "hover_noise": (3,),
     "target_square": (),
 }
-"""Parts of a saved model with their shapes."""
+"""Parts of a saved model with their shapes; that of ``parameter_cov`` grows with what a method adds."""
 
 
-def _check_parts(network: Anfis, parts: Mapping[str, Array], errors: Array) -> None:
+def _check_parts(network: Anfis, parts: Mapping[str, Array], errors: Array, count: int) -> None:
     """``UserError`` for parts of a saved model that do not fit, or that no training yields: they are not flown."""
-    shapes = [parts[name].shape == shape for name, shape in _ARRAYS.items()]
+    expected = _ARRAYS | {"parameter_cov": (count + 1, count + 1)}
+    shapes = [parts[name].shape == shape for name, shape in expected.items()]
     scaling = network.network.scaling
-    fits = len(scaling.in_mean) == _INPUTS and len(scaling.out_mean) == _OUTPUTS
+    fits = len(scaling.in_mean) == count and len(scaling.out_mean) == _OUTPUTS
     table = np.ndim(errors) == 2 and np.shape(errors)[1] == 2 and network.rules in errors[:, 0]
     if not (all(shapes) and fits and table):
         raise UserError("the parts of this outage model do not fit together")
@@ -160,36 +171,80 @@ def _check_parts(network: Anfis, parts: Mapping[str, Array], errors: Array) -> N
         raise UserError("this outage model has implausible values")
 
 
-def inputs(epochs: Array) -> Array:
-    """The network's inputs (N, 9) of epochs (N, COLUMNS): specific force, angular rate, upward direction in b."""
-    return np.concatenate([epochs[:, FORCE:POSITION], attitude(epochs)[:, 2]], axis=1)
-
-
-def learn_air_velocity(epochs: Array, rules: tuple[int, ...] = (1,), weigh: Weigh = axis_weights) -> AirVelocityModel:
-    """Train on aided epochs (N, COLUMNS) in order of time, N at least a hundred.
+def learn_air_velocity(
+    epochs: Array, rules: tuple[int, ...] = (1,), weigh: Weigh = axis_weights, prior: MotionPrior | None = None
+) -> AirVelocityModel:
+    """Train on aided epochs (N, COLUMNS) in order of time, N at least a hundred, or eight with a ``prior``.
 
     ``rules``: numbers of rules to try; more than the first have to be clearly better on blocks not trained on.
-    ``weigh``: how much each body axis counts for the wind.
+    ``weigh``: how much each body axis counts for the wind. As long as a ``prior`` counts, the law is linear.
     """
     blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
-    windless = _is_guided(epochs)
-    residuals = {count: _unseen_residuals(epochs, blocks, count, windless, weigh) for count in rules}
+    seconds = 0.0 if prior is None else prior.seconds(epochs)
+    windless = is_guided(epochs)
+    if prior is not None and seconds > 0.0:
+        windless = windless or prior.is_guided
+        fits: dict[int, Fit] = {1: partial(prior.fit, seconds=seconds, windless=windless, weigh=weigh)}
+    else:
+        fits = {count: partial(_fit, rules=count, windless=windless, weigh=weigh) for count in rules}
+    residuals = {count: _unseen_residuals(epochs, blocks, fit) for count, fit in fits.items()}
     errors = {count: float(np.square(residual).mean()) for count, residual in residuals.items()}
-    chosen = min(errors, key=lambda count: errors[count] * (1.0 if count == rules[0] else 1.0 / _CLEARLY))
-    network, wind = _fit(epochs, chosen, windless, weigh)
-    model = AirVelocityModel(
-        network=network,
+    chosen = min(errors, key=lambda count: errors[count] * (1.0 if count == next(iter(errors)) else 1.0 / _CLEARLY))
+    network, wind = fits[chosen](epochs)
+    model = _begun(network, wind, epochs, residuals[chosen], errors, None if windless else weigh)
+    if prior is None or seconds == 0.0:
+        return _with_noise(replace(model, parameter_cov=_parameter_cov(epochs)), epochs, residuals[chosen])
+    return _with_prior(model, epochs, residuals[chosen], prior)
+
+
+def with_law(epochs: Array, law: Law, windless: bool = False, weigh: Weigh = axis_weights) -> AirVelocityModel:
+    """A ``law`` from elsewhere on a flight of ``epochs`` (N, COLUMNS or more): its wind, and the noise left."""
+    left, wind = _residuals(epochs, law, np.zeros(2)), np.zeros(2)
+    if not windless:
+        nothing = np.zeros((len(epochs), 1))  # the law is fixed: no input can explain a part of the wind
+        wind = mean_wind(attitude(epochs), left, nothing, np.eye(1), _WIND_RIDGE, weigh)
+    residual = left - _in_body(epochs, wind)
+    errors = {law.rules: float(np.square(residual).mean())}
+    return _with_noise(_begun(law, wind, epochs, residual, errors, None if windless else weigh), epochs, residual)
+
+
+def wind_along(model: AirVelocityModel, epochs: Array) -> Array:
+    """The wind (N, 2) [m/s] at every epoch of a flight, as the ``model`` of it follows it."""
+    seen = _residuals(epochs, model.network, model.wind_mean)
+    unknown = model.wind_spread * np.eye(2)
+    _, _, expected = track(attitude(epochs), seen, model.noise, model.wind_spread, np.zeros(2), unknown)
+    return np.asarray(model.wind_mean + expected)
+
+
+def _begun(
+    law: Law, wind: Array, epochs: Array, unseen: Array, errors: Mapping[int, float], weigh: Weigh | None
+) -> AirVelocityModel:
+    """A model before its noise is known and without doubt about the law; ``weigh`` None: no wind moves the vehicle."""
+    size = inputs(epochs[:1]).shape[1] + 1
+    return AirVelocityModel(
+        network=law,
         wind_mean=wind,
         wind=np.zeros(2),
         wind_cov=np.zeros((2, 2)),
-        wind_spread=0.0 if windless else wind_spread(attitude(epochs), residuals[chosen], weigh),
+        wind_spread=0.0 if weigh is None else wind_spread(attitude(epochs), unseen, weigh),
         noise=np.ones(3),
         hover_noise=np.ones(3),
-        parameter_cov=_parameter_cov(epochs),
+        parameter_cov=np.zeros((size, size)),
         errors=errors,
         target_square=float(np.square(epochs[:, BODY_VELOCITY:VELOCITY]).mean()),
     )
-    return _with_noise(model, epochs, residuals[chosen])
+
+
+def _with_prior(model: AirVelocityModel, epochs: Array, unseen: Array, prior: MotionPrior) -> AirVelocityModel:
+    """The model with noise, wind and doubt as flight and prior show them, each by its seconds."""
+    seconds, flown = prior.seconds(epochs), len(epochs) * PERIOD
+    share = seconds / (seconds + flown)
+    spread = 0.0 if model.is_guided else share * prior.wind_spread + (1.0 - share) * model.wind_spread
+    cov = in_raw_inputs(prior.parameter_cov(epochs, seconds))
+    model = replace(model, wind_spread=spread, parameter_cov=cov)
+    unknown = 0.0 if model.is_guided else UNKNOWN_WIND * seconds / prior.worth
+    model = _with_noise(model, epochs, unseen, unknown)
+    return replace(model, noise=share * prior.noise + (1.0 - share) * model.noise)
 
 
 class DragLaw:
@@ -215,19 +270,12 @@ class DragLaw:
 def learn_drag(epochs: Array) -> AirVelocityModel:
     """Drag coefficients and wind by least squares over aided epochs (N, COLUMNS): the same observation, no network."""
     blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
-    unseen = np.empty((len(epochs), 3))
-    for block in blocks:
-        others = np.setdiff1d(np.arange(len(epochs)), block)
-        unseen[block] = _residuals(epochs[block], *_fit_drag(epochs[others]))
+    unseen = _unseen_residuals(epochs, blocks, _fit_drag)
     law, wind = _fit_drag(epochs)
-    horizontal = unseen[:, :2]
+    errors = {1: float(np.square(unseen[:, :2]).mean())}
+    model = _begun(law, wind, epochs, unseen, errors, axis_weights)
     target = float(np.square(epochs[:, BODY_VELOCITY : BODY_VELOCITY + 2]).mean())
-    spread, errors = wind_spread(attitude(epochs), unseen), {1: float(np.square(horizontal).mean())}
-    nothing = np.zeros((_INPUTS + 1, _INPUTS + 1))
-    model = AirVelocityModel(
-        law, wind, np.zeros(2), np.zeros((2, 2)), spread, np.ones(3), np.ones(3), nothing, errors, target
-    )
-    return _with_noise(model, epochs, unseen)
+    return _with_noise(replace(model, target_square=target), epochs, unseen)
 
 
 def _fit_drag(epochs: Array) -> tuple[DragLaw, Array]:
@@ -244,7 +292,7 @@ def _fit_drag(epochs: Array) -> tuple[DragLaw, Array]:
     return DragLaw(solution[:2]), solution[2:]
 
 
-def _is_guided(epochs: Array) -> bool:
+def is_guided(epochs: Array) -> bool:
     """Whether the vehicle goes where its nose points, neither sideways nor up: what flies has to tilt or to climb."""
     if len(epochs) * PERIOD < _GUIDED_TIME:
         return False
@@ -253,7 +301,7 @@ def _is_guided(epochs: Array) -> bool:
 
 
 def _parameter_cov(epochs: Array) -> Array:
-    """Covariance (10, 10) of a linear law's coefficients of (inputs, 1) for a noise of one in one second."""
+    """Covariance (10, 10) or more of a linear law's coefficients of (inputs, 1) for a noise of one in one second."""
     x = inputs(epochs)
     spread = x.std(axis=0)
     scale = 1.0 / np.where(spread > 1e-9, spread, 1.0)
@@ -291,22 +339,23 @@ def _residuals(epochs: Array, network: Law, wind: Array) -> Array:
     return epochs[:, BODY_VELOCITY:VELOCITY] - network.predict(inputs(epochs)) - _in_body(epochs, wind)
 
 
-def _unseen_residuals(
-    epochs: Array, blocks: Sequence[NDArray[np.intp]], rules: int, windless: bool, weigh: Weigh
-) -> Array:
+def _unseen_residuals(epochs: Array, blocks: Sequence[NDArray[np.intp]], fit: Fit) -> Array:
     residual = np.empty((len(epochs), 3))
     for block in blocks:
         others = np.setdiff1d(np.arange(len(epochs)), block)
-        residual[block] = _residuals(epochs[block], *_fit(epochs[others], rules, windless, weigh))
+        residual[block] = _residuals(epochs[block], *fit(epochs[others]))
     return residual
 
 
-def _with_noise(model: AirVelocityModel, epochs: Array, unseen: Array) -> AirVelocityModel:
-    """The model with its wind of today and with the noise that is left when the wind is followed."""
+def _with_noise(model: AirVelocityModel, epochs: Array, unseen: Array, unknown_wind: float = 0.0) -> AirVelocityModel:
+    """The model with its wind of today and with the noise that is left when the wind is followed.
+
+    ``unknown_wind``: variance of the wind at the start beyond that of its change [m^2/s^2].
+    """
     seen = _residuals(epochs, model.network, model.wind_mean)
     density = np.maximum(_low_frequency_density(unseen), _FLOOR)
     C = attitude(epochs)
-    nothing, unknown = np.zeros(2), model.wind_spread * np.eye(2)
+    nothing, unknown = np.zeros(2), (model.wind_spread + unknown_wind) * np.eye(2)
     wind, cov, expected = track(C, seen, density, model.wind_spread, nothing, unknown)
     white = seen - np.einsum("nij,ni->nj", C[:, :2], expected)
     optimism = np.maximum(np.square(unseen).mean(axis=0) / np.maximum(np.square(seen).mean(axis=0), 1e-9), 1.0)

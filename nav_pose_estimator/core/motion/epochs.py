@@ -45,6 +45,12 @@ def attitude(epochs: np.ndarray) -> np.ndarray:
     return epochs[:, ATTITUDE:BODY_VELOCITY].reshape(-1, 3, 3)
 
 
+def inputs(epochs: np.ndarray) -> np.ndarray:
+    """What a law of motion goes by, (N, 9 + K) of epochs (N, COLUMNS + K): specific force, angular rate, upward
+    direction in b, and what the method adds to an epoch."""
+    return np.concatenate([epochs[:, FORCE:POSITION], attitude(epochs)[:, 2], epochs[:, COLUMNS:]], axis=1)
+
+
 def horizontal_acceleration(epochs: np.ndarray) -> np.ndarray:
     """East and North of the specific force in n, (N, 2) [m/s^2]: without a tilt error, the acceleration over ground."""
     return np.einsum("nij,nj->ni", attitude(epochs)[:, :2], epochs[:, FORCE:RATE])

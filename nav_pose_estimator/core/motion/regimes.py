@@ -36,14 +36,17 @@ class MotionRegimes:
     hover_probability: float
 
 
-def learn_regimes(epochs: np.ndarray) -> MotionRegimes:
-    """Statistics of aided epochs (N, COLUMNS) in order of time; N may be zero."""
+def learn_regimes(epochs: np.ndarray, can_hover: bool | None = None) -> MotionRegimes:
+    """Statistics of aided epochs (N, COLUMNS) in order of time; N may be zero.
+
+    ``can_hover``: what the class of the vehicle says; None where it is unknown and the flight has to show it.
+    """
     square = np.square(epochs[:, VELOCITY : VELOCITY + 2]).sum(axis=1)
     hovers = square < SLOW**2
     active = activity(epochs) if len(epochs) else np.zeros(0)
     recent = float(hovers[-_RECENT:].mean()) if len(hovers) else 0.5
     return MotionRegimes(
-        can_hover=_slow_speed(np.sqrt(square)) < _ABLE,
+        can_hover=_slow_speed(np.sqrt(square)) < _ABLE if can_hover is None else can_hover,
         travel_var=_shrunk_variance(square[~hovers], _USUAL_TRAVEL),
         hover_var=_shrunk_variance(square[hovers], _USUAL_HOVER),
         travel_activity=_shrunk_moments(active[~hovers], *_USUAL_ACTIVITY[0]),

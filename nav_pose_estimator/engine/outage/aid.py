@@ -15,16 +15,18 @@ from nav_pose_estimator.engine.samples import Sample, VelocityError
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 
 _LARGEST_SPEED = 1e3  # m/s
-_ENOUGH = 20.0  # s of flight below which nothing is known of the motion
+_REHEARSE_AFTER = 20.0  # s of flight: a rehearsal that begins sooner says little of later ones
 
 
 class OutageAid:
     """Learns while GNSS is good, rehearses outages, and helps when GNSS is lost."""
 
-    def __init__(self, parameters: LearnerParameters, train: Train | None = None) -> None:
+    def __init__(
+        self, parameters: LearnerParameters, train: Train | None = None, pilot: OutagePilot | None = None
+    ) -> None:
         """``train`` carries out a job and hands its result to ``accept``; by default here and now."""
         self._parameters, self._train = parameters, train
-        self._pilot = OutagePilot(parameters, train)
+        self._pilot = pilot or OutagePilot(parameters, train)
         self.rehearsals = Rehearsals(self.learner.method.rehearsal)
         self._external: VelocityError | None = None
 
@@ -38,8 +40,8 @@ class OutageAid:
 
     def copy(self) -> OutageAid:
         """An independent copy."""
-        twin = OutageAid(self._parameters, self._train)
-        twin._pilot, twin.rehearsals = self._pilot.copy(), self.rehearsals.copy()
+        twin = OutageAid(self._parameters, self._train, self._pilot.copy())
+        twin.rehearsals = self.rehearsals.copy()
         twin._external = self._external
         return twin
 
@@ -72,7 +74,7 @@ class OutageAid:
         if finished is None:
             return OutageHelp()
         stamp = last_stamp(output)
-        if self.rehearsals.is_due(stamp, sins) and (flight := self._flight()) is not None:
+        if self.rehearsals.is_due(stamp, sins) and (flight := self._flight(_REHEARSE_AFTER)) is not None:
             self.rehearsals.start(stamp, sins, self._pilot.state.collector, self.learner.method.ways(flight))
         self._pilot.learn(finished)
         if output.mode not in DENIED:
@@ -81,11 +83,11 @@ class OutageAid:
 
     def choose(self) -> Guide | None:
         """What to go by in an outage that begins now."""
-        flight = self._flight()
+        flight = self._flight(self.learner.method.least_flight)
         return None if flight is None else self.learner.method.choose(flight, self.rehearsals)
 
-    def _flight(self) -> Flight | None:
-        return self._pilot.flight(_ENOUGH, self.rehearsals.drift_variance)
+    def _flight(self, least: float) -> Flight | None:
+        return self._pilot.flight(least, self.rehearsals.drift_variance)
 
     def status(self) -> dict[str, float]:
         """Numbers for diagnostics."""

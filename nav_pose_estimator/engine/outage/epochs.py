@@ -34,6 +34,7 @@ class EpochCollector:
     method: OutageMethod = field(default_factory=OutageMethod, metadata=SHARED)
     epochs: deque[np.ndarray] = field(default_factory=deque)  # the last ones, whatever the mode
     rows: list[np.ndarray] = field(default_factory=list)  # of the epoch to come
+    before: np.ndarray = field(default_factory=lambda: np.empty((0, at.OUT_COLUMNS)))  # rows of the last epoch
     period: int = 0  # number of the epoch to come, counted from the zero of the stamps
     usual: float = 0.0  # rows in an epoch
     is_aided: bool = True  # so far, throughout the epoch to come
@@ -59,12 +60,14 @@ class EpochCollector:
         rows = np.concatenate(self.rows)
         is_aided, count = self.is_aided, len(rows)
         self.rows, self.is_aided = [], True
+        before, self.before = self.before, rows if is_consecutive else rows[:0]
         if not is_consecutive:
             self.usual = 0.0
             return None
         is_good = is_aided and count >= _LEAST_SHARE * self.usual and rows[-1, at.OUT_VAR + 2] < _GOOD_HEADING**2
         self.usual = count if self.usual == 0.0 else self.usual + 0.05 * (count - self.usual)
-        finished = np.append(epoch(stamp * 1e-9, rows), self.method.columns(output))
+        added = self.method.columns(output, np.concatenate([before, rows]))
+        finished = np.append(epoch(stamp * 1e-9, rows), added)
         self.epochs.append(finished)
         if len(self.epochs) > self.method.history:
             self.epochs.popleft()

@@ -12,10 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.motion.airframe import UNKNOWN, Beforehand
 from nav_pose_estimator.core.numerics.snapshot import snapshot
+from nav_pose_estimator.engine.outage.airframe_file import load_airframe
 from nav_pose_estimator.engine.outage.epochs import FlightMemory
 from nav_pose_estimator.engine.outage.methods.method import (
     Model,
+    OutageMethod,
     TrainingJob,
     TrainingPlan,
     TrainingResult,
@@ -26,7 +29,6 @@ from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.errors import UserError
 
 TAKE_OVER = 5.0  # s between the end of the data and the use of what was learned from them
-_LEAST = 20.0  # s of flight
 _YOUNG = 0.5  # a young flight is learned from again when it has grown by this part
 
 
@@ -46,17 +48,20 @@ class LearnerState:
 class OutageLearner:
     """Schedules trainings on the flight's memory and keeps the model that is in use."""
 
-    def __init__(self, parameters: LearnerParameters, model: Model | None = None) -> None:
-        """``model`` comes from an earlier flight; the next training replaces it."""
+    def __init__(
+        self, parameters: LearnerParameters, model: Model | None = None, method: OutageMethod | None = None
+    ) -> None:
+        """``model`` comes from an earlier flight; the next training replaces it. ``method``: that of the parameters,
+        where it is at hand; else it is made, for which the airframe file is read. ``UserError`` for a bad file."""
         self._parameters = parameters
-        self.method = estimators()[parameters.method]
+        self.method = method or estimators()[parameters.method].knowing(_beforehand(parameters))
         self.state = LearnerState(model=model)
         if not self.method.trains:
             self.state.reason = f"the method {self.method.name} learns no model"
 
     def copy(self) -> OutageLearner:
         """An independent copy."""
-        twin = OutageLearner(self._parameters)
+        twin = OutageLearner(self._parameters, method=self.method)
         twin.state = snapshot(self.state)
         return twin
 
@@ -83,8 +88,9 @@ class OutageLearner:
         state = self.state
         epochs = state.memory.last(self._parameters.window)
         seconds = len(epochs) * me.PERIOD
-        if seconds < _LEAST:
-            state.reason = f"only {seconds:.0f} s of flight with GNSS have been seen, {_LEAST:.0f} are needed"
+        if seconds < self.method.least_training:
+            needed = f"{self.method.least_training:.0f} are needed"
+            state.reason = f"only {seconds:.0f} s of flight with GNSS have been seen, {needed}"
             return None
         job = self.method.job(epochs, TrainingPlan(self._parameters.rules, state.begun, state.model))
         state.next_s = newest_time(epochs) + min(self._parameters.period, _YOUNG * seconds)
@@ -129,3 +135,17 @@ class OutageLearner:
         except KeyError as error:
             raise UserError(f"this is not an outage model: {error} is missing") from None
         self.state.reason = ""
+
+
+def _beforehand(parameters: LearnerParameters) -> Beforehand:
+    """What the parameters know before the flight."""
+    vehicle_class = parameters.vehicle_class
+    if not parameters.airframe:
+        return Beforehand(vehicle_class)
+    airframe = load_airframe(parameters.airframe)
+    if vehicle_class not in (UNKNOWN, airframe.vehicle_class):
+        raise UserError(
+            f"learner.vehicle_class is {vehicle_class}, but {parameters.airframe} is of a {airframe.vehicle_class}: "
+            "leave the parameter out, or choose another file"
+        )
+    return Beforehand(airframe.vehicle_class, airframe, parameters.airframe_seconds, parameters.airframe_fades)

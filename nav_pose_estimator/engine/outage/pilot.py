@@ -40,21 +40,23 @@ class PilotState:
 class OutagePilot:
     """Follows the solutions of one navigator, of this process or of another."""
 
-    def __init__(self, parameters: LearnerParameters, train: Train | None = None) -> None:
+    def __init__(
+        self, parameters: LearnerParameters, train: Train | None = None, learner: OutageLearner | None = None
+    ) -> None:
         """``train`` carries out a job and hands its result to ``accept``; by default here and now."""
         self._parameters, self._elsewhere = parameters, train
-        self.learner = OutageLearner(parameters)
+        self.learner = learner or OutageLearner(parameters)
         self.state = PilotState(EpochCollector(self.learner.method))
 
     def copy(self) -> OutagePilot:
         """An independent copy."""
-        twin = OutagePilot(self._parameters, self._elsewhere)
-        twin.learner, twin.state = self.learner.copy(), snapshot(self.state)
+        twin = OutagePilot(self._parameters, self._elsewhere, self.learner.copy())
+        twin.state = snapshot(self.state)
         return twin
 
     def reset(self) -> None:
         """Forget the flight; the model stays, the next training replaces it."""
-        self.learner = OutageLearner(self._parameters, self.learner.state.model)
+        self.learner = OutageLearner(self._parameters, self.learner.state.model, self.learner.method)
         self.state = PilotState(EpochCollector(self.learner.method))
 
     def collect(self, output: NavBlock | NavSolution) -> FinishedEpoch | None:

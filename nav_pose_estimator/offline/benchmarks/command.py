@@ -48,6 +48,7 @@ def _add_outage(part: argparse.ArgumentParser) -> None:
     add("--methods", default="best,coast,hold,const_velocity", metavar="M,...", help="methods to compare")
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto (default: NAME.json, else auto)")
     add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
+    add("--airframe", type=Path, metavar="FILE", help="what is known before the flight: a file of train")
     add("--cross-validate", action="store_true", help="group flights by airframe and day: intervals and selection")
     add("--groups", default="", metavar="GLOB,...", help='flights that are one group, as in "p4rtk_*,px4_3dr*"')
     add(
@@ -77,6 +78,8 @@ def run(arguments: argparse.Namespace) -> int:
     tasks = [task for config in candidates for task in _tasks(arguments, config)]
     for bag in arguments.bags:
         check_readable(bag)  # a mistyped name ends the command now, not after an hour
+    if arguments.airframe is not None:
+        _note_known_flights(arguments.airframe, arguments.bags)
     inputs = [*arguments.bags, *(config for config in candidates if config is not None)]
     with OutputFolder(arguments.out, "outage benchmark", inputs) as folder:
         flights = _run_all(tasks, arguments.jobs)
@@ -99,6 +102,19 @@ def run(arguments: argparse.Namespace) -> int:
             _print_verdicts(summaries)
     print(f"report: {arguments.out / REPORT}")
     return 0
+
+
+def _note_known_flights(airframe: Path, bags: list[Path]) -> None:
+    """Say which flights the file was made of: what is measured on them is no test."""
+    from nav_pose_estimator.engine.outage.airframe_file import load_airframe
+    from nav_pose_estimator.offline.training.flights import digest_of
+
+    known = {flight.digest for flight in load_airframe(airframe).flights}
+    for bag in bags:
+        if digest_of(bag) in known:
+            print(
+                f"note: {airframe} was made of {bag}, among others: its errors are no test of the file", file=sys.stderr
+            )
 
 
 def _candidates(arguments: argparse.Namespace) -> list[Path | None]:
@@ -142,6 +158,7 @@ def _tasks(arguments: argparse.Namespace, config: Path | None) -> list:
     if not 0.0 < arguments.every < math.inf or arguments.jobs < 1:
         raise UserError("--every and --jobs must be positive")
     shared = {"lengths": lengths, "every": arguments.every, "first": arguments.first, "config": config}
+    shared["airframe"] = arguments.airframe
     first = FIRST_OF_SHORT if arguments.first is None else arguments.first  # no outage of any flight begins sooner
     shared["log"] = options_of(arguments, load_parameters(config).imu.max_gap, first)
     return [

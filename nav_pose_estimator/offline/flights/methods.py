@@ -1,6 +1,7 @@
 """Ways through an outage by name, for replay and benchmark: estimator passes, and what goes on without an estimator."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from nav_pose_estimator.engine.outage.methods.best import Best
 from nav_pose_estimator.engine.outage.methods.coast import Coast
@@ -10,7 +11,7 @@ from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.errors import UserError
 
 BEST, COAST = Best.name, Coast.name
-METHOD_PARAMETER = "learner.method"
+METHOD_PARAMETER, AIRFRAME_PARAMETER = "learner.method", "learner.airframe"
 
 
 def available() -> list[str]:
@@ -42,7 +43,8 @@ def passes(names: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
     return [(name, without if name == COAST else ()) for name in flown]
 
 
-def apply(parameters: Parameters, name: str) -> Parameters:
-    """``parameters`` with the method ``name``."""
+def apply(parameters: Parameters, name: str, airframe: Path | None = None) -> Parameters:
+    """``parameters`` with the method ``name`` and, where it is given, the file of an airframe."""
     check([name], allow_extrapolations=False)
-    return update(parameters, {"learner.enabled": True, METHOD_PARAMETER: name})
+    values = {"learner.enabled": True, METHOD_PARAMETER: name}
+    return update(parameters, values if airframe is None else values | {AIRFRAME_PARAMETER: str(airframe)})

@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--outage-every", metavar="PERIOD:LENGTH", help="outages throughout the flight")
     add("--aid", metavar="NAME,...", help="use exactly these aids besides IMU and GNSS; none for no aid")
     add("--method", metavar="NAME", default="best", help="how to get through an outage (default: best)")
+    add("--airframe", type=Path, metavar="FILE", help="what is known before the flight: a file of train")
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto to estimate it from the bag")
     add("--estimate-latency", action="store_true", help="estimate the latency of the fixes, print it and stop")
     add("--origin", metavar="LAT,LON,HEIGHT", help="zero of the local frame: degrees, metres above the ellipsoid")
@@ -55,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError("--rate must lie between 0 and 1000 Hz")
     wanted = [outages.parse_outage(text) for text in arguments.outage]
     every = outages.parse_outage_every(arguments.outage_every) if arguments.outage_every else None
-    parameters = methods.apply(load_parameters(arguments.config), arguments.method)
+    parameters = methods.apply(load_parameters(arguments.config), arguments.method, arguments.airframe)
     if arguments.aid is not None:
         parameters = with_aids(parameters, arguments.aid)
     if arguments.origin is not None:

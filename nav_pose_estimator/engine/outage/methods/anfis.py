@@ -9,6 +9,7 @@ import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity
+from nav_pose_estimator.core.motion.prior import MotionPrior
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import AirVelocityGuide
 from nav_pose_estimator.engine.outage.methods.method import (
     Array,
@@ -30,10 +31,14 @@ _EXPLAINS = 0.9  # a model must leave less than this part of what it was to lear
 
 @dataclass(frozen=True)
 class NetworkTraining:
-    """Train the network on ``epochs`` (N, COLUMNS) of aided flight with each of these numbers of ``rules``."""
+    """Train the network on ``epochs`` (N, COLUMNS) of aided flight with each of these numbers of ``rules``.
+
+    As long as the ``prior`` counts, the law is linear.
+    """
 
     epochs: Array
     rules: tuple[int, ...]
+    prior: MotionPrior | None = None
 
     @property
     def until(self) -> float:
@@ -42,7 +47,7 @@ class NetworkTraining:
 
     def run(self) -> TrainingResult:
         """Train. Takes milliseconds with one rule, longer with more."""
-        return TrainingResult(learn_air_velocity(self.epochs, self.rules), self.until)
+        return TrainingResult(learn_air_velocity(self.epochs, self.rules, prior=self.prior), self.until)
 
 
 class Anfis(OutageMethod):
@@ -61,12 +66,16 @@ class Anfis(OutageMethod):
         model.predict(epochs[-1])
 
     def job(self, epochs: Array, plan: TrainingPlan) -> TrainingJob:
-        """Train with the numbers of rules to try: all of them now and then, else the one in use and one rule."""
+        """Train with the numbers of rules to try."""
+        return NetworkTraining(epochs, self.rules(plan), self.beforehand.prior)
+
+    def rules(self, plan: TrainingPlan) -> tuple[int, ...]:
+        """Numbers of rules to try: all of them now and then, else the one in use and one rule."""
         if plan.rules == 1:
-            return NetworkTraining(epochs, (1,))
+            return (1,)
         if plan.trainings % _SEARCH_EVERY == 0:
-            return NetworkTraining(epochs, tuple(range(1, plan.rules + 1)))
-        return NetworkTraining(epochs, (1,) if plan.model is None or plan.model.rules == 1 else (1, plan.model.rules))
+            return tuple(range(1, plan.rules + 1))
+        return (1,) if plan.model is None or plan.model.rules == 1 else (1, plan.model.rules)
 
     def refusal(self, model: AirVelocityModel) -> str:
         """A model that explains next to nothing is not flown with."""

@@ -1,7 +1,7 @@
 """The network with one rule: ridge regression, the least that can be learned."""
 
-from nav_pose_estimator.engine.outage.methods.anfis import Anfis, NetworkTraining
-from nav_pose_estimator.engine.outage.methods.method import Array, TrainingJob, TrainingPlan
+from nav_pose_estimator.engine.outage.methods.anfis import Anfis
+from nav_pose_estimator.engine.outage.methods.method import TrainingPlan
 
 
 class AnfisLinear(Anfis):
@@ -10,6 +10,6 @@ class AnfisLinear(Anfis):
     name = "anfis_linear"
     summary = "the network with one rule"
 
-    def job(self, epochs: Array, plan: TrainingPlan) -> TrainingJob:
-        """Train one rule."""
-        return NetworkTraining(epochs, (1,))
+    def rules(self, plan: TrainingPlan) -> tuple[int, ...]:
+        """One."""
+        return (1,)

@@ -77,7 +77,7 @@ class Best(Anfis):
 
     def ways(self, flight: Flight) -> dict[str, Guide]:
         """The regimes alone, and with the network as soon as there is one."""
-        regimes = learn_regimes(flight.epochs)
+        regimes = learn_regimes(flight.epochs, self.beforehand.can_hover)
         ways: dict[str, Guide] = {REGIMES: RegimesGuide(None, flight.drift_variance, regimes=regimes)}
         if flight.model is not None:
             ways[NETWORK] = RegimesGuide(flight.model, flight.drift_variance, regimes=regimes)
@@ -85,9 +85,12 @@ class Best(Anfis):
 
     def choose(self, flight: Flight, scores: RehearsalScores) -> Guide | None:
         """The network unless it was worse than the regimes alone; nothing that erred far more than coasting."""
-        ways = self.ways(flight)
-        use_network = NETWORK in ways and not scores.is_worse(NETWORK, REGIMES, _DRAW)
-        best = NETWORK if use_network else REGIMES
+        return self.chosen(self.ways(flight), NETWORK, scores)
+
+    def chosen(self, ways: dict[str, Guide], network: str, scores: RehearsalScores) -> Guide | None:
+        """Of ``ways`` the one named ``network`` unless rehearsals speak against it."""
+        use_network = network in ways and not scores.is_worse(network, REGIMES, _DRAW)
+        best = network if use_network else REGIMES
         return None if scores.is_worse(best, Coast.name, _CLEARLY) else ways[best]
 
 

@@ -1,23 +1,27 @@
 """What a way through an outage has to offer: the interface between ``learner.method`` and its users.
 
 A method is one file in this folder and one line in ``registry``. It holds no state: what it learns is kept by
-the learner, so that a snapshot of the estimator is complete and a replay learns what the node learned.
+the learner, so that a snapshot of the estimator is complete and a replay learns what the node learned. What was known
+before the flight is no state: ``beforehand`` stays as it is.
 """
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.motion.airframe import Beforehand
 from nav_pose_estimator.engine.samples import Sample, VelocityError
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 
 Array = NDArray[np.float64]
+_ENOUGH, _ENOUGH_BEFOREHAND = 20.0, 4.0  # s of flight below which nothing can be told; with knowledge from before
 Model = Any
 """What a method's training gives: a frozen dataclass that only the method looks into. The learner calls its
 ``follow(epoch)`` for the model brought up to date by one more epoch of aided flight, and ``state()`` for its arrays."""
@@ -127,12 +131,33 @@ class OutageMethod(Method):
     history = me.ACTIVITY_EPOCHS
     """Number of epochs that a guide gets to see."""
     rehearsal = RehearsalRules()
+    beforehand = Beforehand()
+
+    def knowing(self, beforehand: Beforehand) -> Self:
+        """The method of a flight that begins with this knowledge. ``UserError`` where the method needs more."""
+        twin = copy.copy(self)
+        twin.beforehand = beforehand
+        return twin
+
+    @property
+    def least_flight(self) -> float:
+        """Seconds of flight from which on there may be something to go by in an outage."""
+        return _ENOUGH_BEFOREHAND if self.beforehand.is_class_known else _ENOUGH
+
+    @property
+    def least_training(self) -> float:
+        """Seconds of flight from which on a training is possible."""
+        return _ENOUGH if self.beforehand.prior is None else _ENOUGH_BEFOREHAND
 
     def warm_up(self) -> None:
         """Call once what training and model compile."""
 
-    def columns(self, output: NavBlock | NavSolution) -> Array:
-        """What to add to the COLUMNS of an epoch, from the ``output`` that ended it: (K,), K fixed."""
+    def columns(self, output: NavBlock | NavSolution, rows: Array) -> Array:
+        """What to add to the COLUMNS of an epoch: (K,), K fixed.
+
+        ``output`` ended it; ``rows`` (N, OUT_COLUMNS) are those of the epoch and of the one before it, if that was
+        consecutive.
+        """
         return np.empty(0)
 
     def job(self, epochs: Array, plan: TrainingPlan) -> TrainingJob:

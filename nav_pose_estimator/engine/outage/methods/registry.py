@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from nav_pose_estimator.engine.outage.methods.anfis import Anfis
 from nav_pose_estimator.engine.outage.methods.anfis_linear import AnfisLinear
 from nav_pose_estimator.engine.outage.methods.best import Best
+from nav_pose_estimator.engine.outage.methods.cnn_lstm import CnnLstm, Untrained
 from nav_pose_estimator.engine.outage.methods.coast import Coast
 from nav_pose_estimator.engine.outage.methods.const_velocity import ConstVelocity
 from nav_pose_estimator.engine.outage.methods.drag import Drag
@@ -26,6 +27,8 @@ _METHODS: dict[str, Method] = {
         Anfis(),
         AnfisLinear(),
         Best(),
+        CnnLstm(),
+        Untrained(),
     )
 }
 

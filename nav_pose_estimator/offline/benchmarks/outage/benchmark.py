@@ -44,6 +44,7 @@ class Task:
     first: float | None = None
     gnss_delay: str | None = None
     config: Path | None = None
+    airframe: Path | None = None
     log: LogOptions = field(default_factory=LogOptions)  # which part, if it is a flight log
 
 
@@ -76,7 +77,7 @@ class _Start:
 
 def run_task(task: Task, advanced: Callable[[float], None] | None = None) -> FlightResult:
     """Carry out one pass. ``advanced`` is called with the share done since the last call."""
-    parameters = methods.apply(load_parameters(task.config), task.method)
+    parameters = methods.apply(load_parameters(task.config), task.method, task.airframe)
     recording = open_recording(task.bag, task.log, parameters=parameters)
     window = flight_window(recording)
     planned = outage_starts(window, list(task.lengths), task.every, task.first)

@@ -1,0 +1,135 @@
+"""What is known of an aircraft before it takes off: its class, an archive of flights, and a network trained on them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.learning.conv_lstm import ConvLstm, untrained
+from nav_pose_estimator.core.motion.prior import MotionPrior
+from nav_pose_estimator.core.motion.windows import SECONDS
+
+Array = NDArray[np.float64]
+
+MULTIROTOR, FIXED_WING, WHEELS = "multirotor", "fixed_wing", "wheels"
+CLASSES = (MULTIROTOR, FIXED_WING, WHEELS)
+UNKNOWN = "unknown"
+VELOCITY, INCREMENTS = "velocity", "increments"
+FORMS = (VELOCITY, INCREMENTS)
+"""What a network says of a second: velocity through the air and its log variance, or the increments of the source."""
+CONTROL_SEED = 1
+_FASTEST = 100.0  # m/s
+
+
+@dataclass(frozen=True)
+class Archive:
+    """Normal equations of ``prior`` eq. (1) over ``seconds`` of flight, with what is left on flights not used for it.
+
+    ``gram`` (n + 1, n + 1), ``moment`` (n + 1, 3), ``noise`` (3,) and ``wind_spread`` as in ``MotionPrior``.
+    """
+
+    gram: Array
+    moment: Array
+    noise: Array
+    wind_spread: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class TrainedNetwork:
+    """A network and what its output is worth: archives of ten inputs more than its own three outputs.
+
+    ``archive`` is made with the outputs of networks that had not seen the flight, ``control`` with those of a network
+    of random weights.
+    """
+
+    form: str
+    weights: ConvLstm
+    archive: Archive
+    control: Archive
+
+    def velocity(self, window: Array) -> Array:
+        """Air velocity in b (3,) [m/s] by the last second, ``windows.window``."""
+        return air_velocity(self.weights, self.form, window)
+
+    @property
+    def untrained(self) -> "TrainedNetwork":
+        """The control: the same shape and scales, weights by chance."""
+        return TrainedNetwork(self.form, control_of(self.weights), self.control, self.control)
+
+
+def air_velocity(weights: ConvLstm, form: str, window: Array) -> Array:
+    """What a network of this ``form`` says of the air velocity in b (3,) [m/s]; no more than any aircraft flies."""
+    said = weights.predict(window[:, : weights.channels])[:3]
+    return np.clip(said if form == VELOCITY else said / SECONDS, -_FASTEST, _FASTEST)
+
+
+def control_of(weights: ConvLstm) -> ConvLstm:
+    """A network of the same shape and scales that has learned nothing."""
+    scales = {name: getattr(weights, name) for name in ("input_mean", "input_scale", "output_mean", "output_scale")}
+    return untrained(scales, CONTROL_SEED)
+
+
+@dataclass(frozen=True)
+class PastFlight:
+    """A recording that went into an archive: its name, the SHA-256 of what it was read from, seconds of flight."""
+
+    name: str
+    digest: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Airframe:
+    """The content of an airframe file. ``is_one_aircraft``: all flights are of the one that flies with the file."""
+
+    vehicle_class: str
+    is_one_aircraft: bool
+    archive: Archive
+    network: TrainedNetwork | None
+    flights: tuple[PastFlight, ...]
+
+
+@dataclass(frozen=True)
+class Beforehand:
+    """What a flight begins with: the class of the vehicle and, perhaps, an airframe; how much the archive is worth."""
+
+    vehicle_class: str = UNKNOWN
+    airframe: Airframe | None = None
+    worth: float = 30.0  # s of flight
+    fades: float = 150.0  # s of motion
+
+    @property
+    def is_class_known(self) -> bool:
+        """Whether the regimes of motion can be told from the first seconds on."""
+        return self.vehicle_class != UNKNOWN
+
+    @property
+    def can_hover(self) -> bool | None:
+        """What the class says of hovering; None where the flight has to show it."""
+        return {MULTIROTOR: True, FIXED_WING: False}.get(self.vehicle_class)
+
+    @property
+    def prior(self) -> MotionPrior | None:
+        """The archive as a prior.
+
+        None for multirotors unless they are the same aircraft: frames, propellers and loads differ too much.
+        """
+        return None if self.airframe is None else self.prior_of(self.airframe.archive)
+
+    def prior_of(self, archive: Archive) -> MotionPrior | None:
+        """The same of another ``archive`` of the airframe."""
+        airframe = self.airframe
+        if airframe is None or self.worth <= 0.0:
+            return None
+        if self.vehicle_class == MULTIROTOR and not airframe.is_one_aircraft:
+            return None
+        return MotionPrior(
+            archive.gram,
+            archive.moment,
+            archive.noise,
+            archive.wind_spread,
+            self.vehicle_class == WHEELS,
+            self.worth,
+            self.fades,
+        )

@@ -1,0 +1,138 @@
+"""NAME.airframe: what flights of the past say of an aircraft, as data only, kept as ``array_file`` keeps it.
+
+    about                       JSON in bytes: class, whether all flights are of one aircraft, form, the flights
+    archive.*                   normal equations of nine inputs
+    network.*                   weights of a network, if there is one; with it
+    stacked.*, control.*        normal equations with its outputs, and with those of a network of random weights
+
+Such a file is shared between people. So what it says is checked against what a vehicle can do before anything flies
+with it, in ``load_airframe`` and nowhere else.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nav_pose_estimator.core.learning.conv_lstm import ConvLstm
+from nav_pose_estimator.core.motion import airframe as known
+from nav_pose_estimator.core.motion.airframe import Airframe, Archive, PastFlight, TrainedNetwork
+from nav_pose_estimator.core.motion.windows import CHANNELS
+from nav_pose_estimator.core.motion.windows import INCREMENTS as INCREMENT_COUNT
+from nav_pose_estimator.engine import array_file
+from nav_pose_estimator.errors import UserError
+
+KIND = array_file.Kind("airframe", 1)
+_INPUTS, _ADDED = 9, 3
+_SHAPES = {known.VELOCITY: (CHANNELS, 6), known.INCREMENTS: (6, INCREMENT_COUNT)}
+"""Channels and outputs of a network of each form."""
+_LARGEST_SQUARE = 1e4  # of an input in its fixed scale, in the mean
+_FASTEST = 150.0  # m/s
+_BOUNDS = {"noise": (1e-4, 1e4), "wind_spread": (0.0, 60.0**2), "seconds": (1.0, 1e9)}  # m^2/s^2, m^2/s^2, s
+_MOST_FLIGHTS, _LONGEST_NAME = 100_000, 200
+
+
+def save_airframe(path: str | Path, airframe: Airframe) -> None:
+    """Write ``airframe`` to ``path``, all of it or nothing. ``UserError`` when that is impossible."""
+    network = airframe.network
+    about = {
+        "class": airframe.vehicle_class,
+        "one_aircraft": airframe.is_one_aircraft,
+        "form": network.form if network else None,
+        "flights": [[flight.name, flight.digest, round(flight.seconds, 1)] for flight in airframe.flights],
+    }
+    arrays = {"about": np.frombuffer(json.dumps(about).encode(), np.uint8)}
+    arrays |= _named("archive", vars(airframe.archive))
+    if network is not None:
+        arrays |= _named("network", network.weights.state())
+        arrays |= _named("stacked", vars(network.archive)) | _named("control", vars(network.control))
+    array_file.save(path, KIND, arrays)
+
+
+def load_airframe(path: str | Path) -> Airframe:
+    """The content of the file. ``UserError``, one sentence, for one that is damaged, foreign, newer or implausible."""
+    arrays = array_file.load(path, KIND)
+    try:
+        return _airframe(arrays)
+    except UserError as error:
+        raise UserError(f"{path}: {error}; the file is not used") from None
+    except KeyError as error:
+        raise UserError(f"{path} is not a whole airframe file: {error} is missing") from None
+
+
+def _airframe(arrays: Mapping[str, np.ndarray]) -> Airframe:
+    about = _about(arrays["about"])
+    form, network = about.get("form"), None
+    if form is not None:
+        weights = ConvLstm.from_state(_part(arrays, "network"))
+        if (weights.channels, weights.outputs) != _SHAPES.get(form):
+            raise UserError(f"its network does not fit the form {form!r}")
+        stacked, control = (_archive(_part(arrays, name), _INPUTS + _ADDED) for name in ("stacked", "control"))
+        network = TrainedNetwork(form, weights, stacked, control)
+    flights = tuple(_flight(item) for item in about["flights"])
+    archive = _archive(_part(arrays, "archive"), _INPUTS)
+    return Airframe(about["class"], about["one_aircraft"], archive, network, flights)
+
+
+def _about(content: np.ndarray) -> dict[str, Any]:
+    try:
+        about = json.loads(content.astype(np.uint8).tobytes())
+    except (ValueError, RecursionError):
+        raise UserError("what it says about itself is not JSON") from None
+    if not isinstance(about, dict) or about.get("class") not in known.CLASSES:
+        raise UserError(f"it must name one of the classes {', '.join(known.CLASSES)}")
+    flights = about.get("flights")
+    if not isinstance(about.get("one_aircraft"), bool) or not isinstance(flights, list):
+        raise UserError("what it says about its flights does not fit")
+    if len(flights) > _MOST_FLIGHTS or about.get("form") not in (None, *known.FORMS):
+        raise UserError("what it says about its flights or its network does not fit")
+    return about
+
+
+def _flight(item: Any) -> PastFlight:
+    if not isinstance(item, list) or [type(value) for value in item[:2]] != [str, str] or len(item) != 3:
+        raise UserError("its list of flights does not fit")
+    name, digest, seconds = item
+    is_number = isinstance(seconds, (int, float)) and 0.0 <= seconds < _BOUNDS["seconds"][1]
+    if not (is_number and 0 < len(name) <= _LONGEST_NAME and name.isprintable() and len(digest) == 64):
+        raise UserError("its list of flights does not fit")
+    return PastFlight(name, digest, float(seconds))
+
+
+def _archive(part: Mapping[str, np.ndarray], inputs: int) -> Archive:
+    """``UserError`` for numbers that no flights yield."""
+    shapes = {"gram": (inputs + 1, inputs + 1), "moment": (inputs + 1, 3), "noise": (3,)}
+    shapes |= {"wind_spread": (), "seconds": ()}
+    values = {name: np.array(part[name]) for name in shapes}
+    for name, value in values.items():
+        if value.shape != shapes[name] or value.dtype.kind != "f" or not np.isfinite(value).all():
+            raise UserError(f"its {name} is not what an archive holds")
+        low, high = _BOUNDS.get(name, (-np.inf, np.inf))
+        if not ((value >= low) & (value <= high)).all():
+            raise UserError(f"its {name} is beyond what a vehicle can do")
+    gram, moment = values["gram"], values["moment"]
+    if not np.allclose(gram, gram.T, atol=1e-9) or np.diag(gram).max() > _LARGEST_SQUARE or gram[-1, -1] != 1.0:
+        raise UserError("its gram is not a matrix of normal equations")
+    if np.linalg.eigvalsh(gram)[0] < -1e-9 * _LARGEST_SQUARE:
+        raise UserError("its gram is not a matrix of normal equations")
+    archive = Archive(gram, moment, values["noise"], float(values["wind_spread"]), float(values["seconds"]))
+    speed = float(np.sqrt(np.abs(np.sum(moment * _law(archive)))))
+    if not speed <= _FASTEST or not np.abs(moment).max() <= _FASTEST * np.sqrt(_LARGEST_SQUARE):
+        raise UserError(f"its law predicts {speed:.3g} m/s, beyond what a vehicle can do")
+    return archive
+
+
+def _law(archive: Archive) -> np.ndarray:
+    from nav_pose_estimator.core.motion.prior import MotionPrior
+
+    return MotionPrior(archive.gram, archive.moment, archive.noise, archive.wind_spread).coefficients
+
+
+def _named(prefix: str, arrays: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    return {f"{prefix}.{name}": np.asarray(value) for name, value in arrays.items()}
+
+
+def _part(arrays: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+    return {name.removeprefix(f"{prefix}."): value for name, value in arrays.items() if name.startswith(f"{prefix}.")}

@@ -1,0 +1,1 @@
+"""What recordings of past flights teach before the next one: ``train``."""

@@ -1,0 +1,224 @@
+"""From flown recordings to the content of an airframe file, and to the table of what it would have been worth."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.learning.conv_lstm import ConvLstm
+from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity, with_law
+from nav_pose_estimator.core.motion.airframe import (
+    MULTIROTOR,
+    WHEELS,
+    Airframe,
+    Archive,
+    PastFlight,
+    TrainedNetwork,
+    air_velocity,
+    control_of,
+)
+from nav_pose_estimator.core.motion.windows import SECONDS
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.training import archive as sums
+from nav_pose_estimator.offline.training import left_out, network
+from nav_pose_estimator.offline.training.archive import NormalEquations
+from nav_pose_estimator.offline.training.flights import FlightData
+
+Array = NDArray[np.float64]
+Merged = Sequence[tuple[Path, Airframe]]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What to make: the class (None: as the flights show), the ``form`` of a network (None: without one)."""
+
+    vehicle_class: str | None = None
+    is_one_aircraft: bool = False
+    form: str | None = None
+    steps: int = 2500
+    folds: int = 4
+
+
+@dataclass(frozen=True)
+class Member:
+    """A recording in the archive: where it lies, and its normal equations."""
+
+    part: Path
+    past: PastFlight
+    shown_class: str
+    equations: NormalEquations
+
+    def data(self) -> FlightData:
+        """The flight itself, from disk: however many there are, one is in memory at a time."""
+        data = FlightData.load(self.part)
+        if data is None:
+            raise UserError(f"{self.part} is damaged: run the command again")
+        return data
+
+
+def make_airframe(parts: Sequence[Path], merged: Merged, order: Order) -> tuple[Airframe, list[str]]:
+    """The airframe of flown recordings (their ``parts``) and of files to merge, and the table, line by line."""
+    in_files = _flights_of(merged)
+    members = [member for member in map(_member, parts) if not _is_double(member, in_files)]
+    if not members and not merged:
+        raise UserError("none of the recordings can be used, see the notes above")
+    vehicle_class = choose_class(members, merged, order.vehicle_class)
+    from_files = [NormalEquations.from_archive(airframe.archive) for _, airframe in merged]
+    total = reduce(add, [*(member.equations for member in members), *from_files])
+    scores, judged = [], []
+    for member in members:
+        score, model = _left_out(member, total, vehicle_class)
+        scores.append(score)
+        judged.append((model, member.past.seconds))
+    noise, spread = _noise(judged, merged)
+    trained = None
+    if order.form is not None:
+        trained, more = _network(members, vehicle_class, order, (noise, spread))
+        scores = [replace(a, errors={**a.errors, **b}) for a, b in zip(scores, more, strict=True)]
+    flights = (*(member.past for member in members), *in_files.values())
+    airframe = Airframe(vehicle_class, order.is_one_aircraft, total.archive(noise, spread), trained, flights)
+    return airframe, _lines(scores)
+
+
+def choose_class(members: Sequence[Member], merged: Merged, given: str | None) -> str:
+    """The class of all flights. ``UserError`` where they are of several: one law for all would be wrong for each.
+
+    What the user says holds against how a flight looks, a wing that waits on the runway, say; but not against a file.
+    """
+    shown = [(member.past.name, member.shown_class) for member in members]
+    stated = [(path.name, airframe.vehicle_class) for path, airframe in merged]
+    if given is None:
+        found = {kind: name for name, kind in reversed([*stated, *shown])}
+    else:
+        found = {given: "--class", **{kind: name for name, kind in stated}}
+        for name, kind in shown:
+            if kind != given:
+                print(f"note: {name} moves like a {kind}; taken as a {given} because --class says so", file=sys.stderr)
+    if len(found) > 1:
+        sides = " and ".join(f"{kind} ({name})" for kind, name in found.items())
+        raise UserError(f"the flights are of several classes, {sides}: train each by itself, or name it with --class")
+    return next(iter(found))
+
+
+def _member(part: Path) -> Member:
+    data = FlightData.load(part)
+    if data is None:
+        raise UserError(f"{part} is damaged: run the command again")
+    equations = NormalEquations.of(data.epochs, sums.air_velocity(data.epochs))
+    return Member(part, data.past, data.shown_class, equations)
+
+
+def _flights_of(merged: Merged) -> dict[str, PastFlight]:
+    """Digest -> flight of all files. ``UserError`` where two files hold the same one, which would count twice."""
+    found: dict[str, PastFlight] = {}
+    for path, airframe in merged:
+        for flight in airframe.flights:
+            if flight.digest in found:
+                raise UserError(f"{path} holds the flight {flight.name}, as another file does: it would count twice")
+            found[flight.digest] = flight
+        if airframe.network is not None:
+            print(f"note: the network of {path} is not merged: networks cannot be added up", file=sys.stderr)
+    return found
+
+
+def _is_double(member: Member, in_files: dict[str, PastFlight]) -> bool:
+    is_double = member.past.digest in in_files
+    if is_double:
+        print(f"note: {member.past.name} is in a file that is merged: it counts once", file=sys.stderr)
+    return is_double
+
+
+def _left_out(member: Member, total: NormalEquations, vehicle_class: str) -> tuple[left_out.Score, AirVelocityModel]:
+    """How the flight fares with an archive of all others, and what their law leaves on it; alone, its own law."""
+    epochs, others = member.data().epochs, total - member.equations
+    if others.seconds < 1.0:
+        ways = left_out.linear_ways(None, None, vehicle_class)
+        return left_out.Score(member.past.name, left_out.judge(epochs, ways)), learn_air_velocity(epochs)
+    model = with_law(epochs, others.law(), vehicle_class == WHEELS)
+    ways = left_out.linear_ways(others.law(), others.archive(model.noise, model.wind_spread), vehicle_class)
+    return left_out.Score(member.past.name, left_out.judge(epochs, ways)), model
+
+
+def _noise(judged: list[tuple[AirVelocityModel, float]], merged: Merged) -> tuple[Array, float]:
+    """Noise and spread of the wind: means by time over recordings and files."""
+    seconds = [time for _, time in judged] + [airframe.archive.seconds for _, airframe in merged]
+    noise = [model.noise for model, _ in judged] + [airframe.archive.noise for _, airframe in merged]
+    spread = [model.wind_spread for model, _ in judged] + [airframe.archive.wind_spread for _, airframe in merged]
+    return np.average(noise, axis=0, weights=seconds), float(np.average(spread, weights=seconds))
+
+
+def _network(
+    members: Sequence[Member], vehicle_class: str, order: Order, noise: tuple[Array, float]
+) -> tuple[TrainedNetwork, list[dict[str, Array]]]:
+    """A network of all recordings, and what networks of the other folds say of each flight, beside the control."""
+    if len(members) < 2:
+        raise UserError(
+            "--network needs two recordings or more: what it is worth shows on a flight that it has not seen"
+        )
+    form = order.form or ""
+    recipe = network.Recipe(form, order.steps, turned=vehicle_class == MULTIROTOR)
+    folds = [list(range(i, len(members), order.folds)) for i in range(min(order.folds, len(members)))]
+    weights = network.with_progress("all flights", _examples(members), recipe)
+    control = control_of(weights)
+    stacked: list[Array] = [np.empty(0)] * len(members)
+    for number, fold in enumerate(folds, 1):
+        others = [member for i, member in enumerate(members) if i not in fold]
+        trained = network.with_progress(f"fold {number} of {len(folds)}", _examples(others), recipe)
+        for i in fold:
+            stacked[i] = _with_outputs(members[i].data(), trained, form)
+    by_chance = [_with_outputs(member.data(), control, form) for member in members]
+    archives, scores = [], []
+    for way, flights in ((left_out.STACKED, stacked), (left_out.UNTRAINED, by_chance)):
+        archive, errors = _stacked(flights, vehicle_class, way, noise)
+        archives.append(archive)
+        scores.append(errors)
+    return TrainedNetwork(form, weights, *archives), [a | b for a, b in zip(*scores, strict=True)]
+
+
+def _stacked(
+    flights: Sequence[Array], vehicle_class: str, way: str, noise: tuple[Array, float]
+) -> tuple[Archive, list[dict[str, Array]]]:
+    """The archive with a network's outputs, and how each flight fares with that of the others."""
+    equations = [NormalEquations.of(epochs, sums.air_velocity(epochs[:, : me.COLUMNS])) for epochs in flights]
+    total = reduce(add, equations)
+    scores = []
+    for epochs, own in zip(flights, equations, strict=True):
+        ways = {way: left_out.stacked_way((total - own).archive(*noise), vehicle_class)}
+        if way == left_out.STACKED:
+            ways[left_out.NETWORK] = lambda seen: with_law(seen, left_out.OutputLaw(), vehicle_class == WHEELS)
+        scores.append(left_out.judge(epochs, ways))
+    return total.archive(*noise), scores
+
+
+def _with_outputs(data: FlightData, weights: ConvLstm, form: str) -> Array:
+    said = np.array([air_velocity(weights, form, window) for window in data.windows.astype(float)])
+    return np.column_stack([data.epochs, said])
+
+
+def _examples(members: Sequence[Member]) -> network.Examples:
+    """All flights at once, 4 MB for ten minutes; velocities and dp less the wind of each flight."""
+    windows, velocity, increments = [], [], []
+    for member in members:
+        data = member.data()
+        through_air = sums.air_velocity(data.epochs)
+        wind = data.epochs[:, me.BODY_VELOCITY : me.VELOCITY] - through_air
+        windows.append(data.windows)
+        velocity.append(through_air.astype(np.float32))
+        increments.append(data.increments - np.column_stack([SECONDS * wind, np.zeros((len(wind), 6))]))
+    return network.Examples(*(np.concatenate(parts).astype(np.float32) for parts in (windows, velocity, increments)))
+
+
+def _lines(scores: Sequence[left_out.Score]) -> list[str]:
+    if not scores:
+        return []
+    head = (
+        f"dead reckoning over {left_out.LENGTH:.0f} s from {left_out.FIRST:.0f} to {left_out.LAST:.0f} s of flight, "
+        "median / RMS m, each flight left out of the archive:"
+    )
+    return [head, *left_out.table(scores)]

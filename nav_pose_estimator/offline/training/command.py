@@ -1,0 +1,87 @@
+"""``train RECORDING ... --out NAME.airframe``: what flights of the past say of an aircraft, in one file."""
+
+import argparse
+import math
+import shutil
+from pathlib import Path
+
+from nav_pose_estimator.core.motion.airframe import CLASSES, FORMS
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.logs.options import add_options, options_of
+
+DESCRIPTION = (
+    "Learn from recorded flights of an aircraft, or of others like it, what helps in the first minutes of the next. "
+    "Prints what the file would have been worth to each of the flights, left out of it."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of ``train``."""
+    parser.description = DESCRIPTION
+    parser.add_argument(
+        "recordings",
+        nargs="+",
+        metavar="RECORDING",
+        help="bags, PX4 .ulg, ArduPilot .bin; folders and patterns of them; .airframe files to merge",
+    )
+    add = parser.add_argument
+    add("--out", type=Path, required=True, metavar="FILE", help="file to write, NAME.airframe")
+    add("--class", dest="vehicle_class", choices=CLASSES, help="what the vehicles are (default: as the flights show)")
+    add("--one-aircraft", action="store_true", help="all flights are of the aircraft that will fly with the file")
+    add("--network", action="store_true", help="train a network, too (make train-setup)")
+    add("--form", choices=FORMS, default=FORMS[0], help="what the network says of a second (default: velocity)")
+    add("--steps", type=int, default=2500, metavar="N", help="steps of each training (default: 2500)")
+    add("--folds", type=int, default=4, metavar="N", help="networks trained without a part of the flights (default: 4)")
+    add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto (default: NAME.json, else auto)")
+    add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
+    add_options(parser)
+    add("--jobs", type=int, default=1, metavar="N", help="processes that fly recordings (default: 1)")
+    add("--force", action="store_true", help="replace an existing file")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Carry the command out. Raises ``UserError`` for what the user can mend."""
+    from nav_pose_estimator.engine.outage.airframe_file import load_airframe, save_airframe
+    from nav_pose_estimator.offline.flights.config_file import load_parameters
+    from nav_pose_estimator.offline.training import network, work
+    from nav_pose_estimator.offline.training.airframe import Order, make_airframe
+    from nav_pose_estimator.offline.training.flights import Reading
+
+    _check(arguments, work.AIRFRAME)
+    if arguments.network:
+        network.check_available()
+    log = options_of(arguments, load_parameters(arguments.config).imu.max_gap, math.inf)
+    reading = Reading(arguments.config, log, arguments.gnss_delay)
+    recordings, files = work.find_recordings(arguments.recordings)
+    merged = [(path, load_airframe(path)) for path in files]
+    parts = arguments.out.with_name(f"{arguments.out.name}.parts")
+    flown = work.fly_all(work.identify(recordings, reading), parts, arguments.jobs)
+    order = Order(
+        vehicle_class=arguments.vehicle_class,
+        is_one_aircraft=arguments.one_aircraft,
+        form=arguments.form if arguments.network else None,
+        steps=arguments.steps,
+        folds=arguments.folds,
+    )
+    airframe, lines = make_airframe(flown, merged, order)
+    save_airframe(arguments.out, airframe)
+    shutil.rmtree(parts)
+    print("\n".join(lines))
+    minutes = airframe.archive.seconds / 60.0
+    print(
+        f"{arguments.out}: {airframe.vehicle_class}, {len(airframe.flights)} flights, {minutes:.0f} minutes"
+        f"{', with a network' if airframe.network else ''}; name it in learner.airframe"
+    )
+    return 0
+
+
+def _check(arguments: argparse.Namespace, ending: str) -> None:
+    out = arguments.out
+    if out.suffix != ending:
+        raise UserError(f"--out {out}: the name of the file must end in {ending}")
+    if out.exists() and not arguments.force:
+        raise UserError(f"{out} exists already; choose another name or give --force")
+    if not out.parent.is_dir():
+        raise UserError(f"{out.parent} is no folder to write {out.name} into")
+    if arguments.jobs < 1 or arguments.steps < 1 or arguments.folds < 2:
+        raise UserError("--jobs and --steps must be at least 1, --folds at least 2")

@@ -1,0 +1,159 @@
+"""A recording as what an archive is made of: aided epochs, and the second of IMU data before each of them."""
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator import __version__
+from nav_pose_estimator.core.learning.conv_lstm import STEPS
+from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.motion.air_velocity import is_guided
+from nav_pose_estimator.core.motion.airframe import FIXED_WING, MULTIROTOR, WHEELS, PastFlight
+from nav_pose_estimator.core.motion.prior import MOVES
+from nav_pose_estimator.core.motion.regimes import learn_regimes
+from nav_pose_estimator.core.motion.windows import CHANNELS, INCREMENTS, increments, window
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.outage.epochs import EpochCollector
+from nav_pose_estimator.engine.outage.methods.method import OutageMethod
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.flights import latency
+from nav_pose_estimator.offline.flights.config_file import load_parameters
+from nav_pose_estimator.offline.flights.recording import Recording
+from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
+from nav_pose_estimator.offline.logs.options import LogOptions
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+LEAST = 60.0
+"""Seconds of aided flight below which a recording says too little of its wind to be used."""
+_CLIMBS = 0.5  # m/s
+_CHUNK = 1 << 20
+
+
+@dataclass(frozen=True)
+class FlightData:
+    """``epochs`` (N, COLUMNS) of aided flight; ``windows`` (N, STEPS, CHANNELS) and ``increments`` (N, INCREMENTS) of
+    the second before each, as ``core.motion.windows`` has them."""
+
+    name: str
+    digest: str
+    epochs: Array
+    windows: Floats
+    increments: Floats
+
+    @property
+    def seconds(self) -> float:
+        """How much flight."""
+        return len(self.epochs) * me.PERIOD
+
+    @property
+    def past(self) -> PastFlight:
+        """For the file's list of flights."""
+        return PastFlight(self.name, self.digest, self.seconds)
+
+    @property
+    def shown_class(self) -> str:
+        """What the vehicle is by how it moves: a car does not slip, and a wing does not hover."""
+        if is_guided(self.epochs):
+            return WHEELS
+        return MULTIROTOR if learn_regimes(self.epochs).can_hover else FIXED_WING
+
+    def save(self, path: Path) -> None:
+        """Write for ``load``, whole or not at all."""
+        temporary = path.with_suffix(".begun")
+        with temporary.open("wb") as file:
+            arrays: dict[str, Any] = {name: np.asarray(value) for name, value in vars(self).items()}
+            np.savez(file, **arrays)
+        temporary.replace(path)
+
+    @classmethod
+    def load(cls, path: Path) -> "FlightData | None":
+        """What ``save`` has written; None where that is missing or damaged."""
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                data = cls(*(file[name] for name in ("name", "digest", "epochs", "windows", "increments")))
+        except Exception:  # whatever the bytes lead numpy to: then the recording is flown again
+            return None
+        return replace(data, name=str(data.name), digest=str(data.digest))
+
+
+class Recorder(OutageMethod):
+    """Adds the last second to every epoch."""
+
+    name = "recorder"
+
+    def columns(self, output: NavBlock | NavSolution, rows: Array) -> Array:
+        """The window row by row, and the increments."""
+        return np.concatenate([window(rows).ravel(), increments(rows)])
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of a recording, hexadecimal: of a file its content, of a folder names and contents of its files."""
+    digest = hashlib.sha256()
+    files = [path] if path.is_file() else sorted(item for item in path.rglob("*") if item.is_file())
+    for file in files:
+        if file != path:
+            digest.update(f"{file.relative_to(path).as_posix()}\n".encode())
+        with file.open("rb") as content:
+            while chunk := content.read(_CHUNK):
+                digest.update(chunk)
+    return digest.hexdigest()
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How recordings are read: parameter file, part of a log, latency of the fixes as ``--gnss-delay`` has it."""
+
+    config: Path | None = None
+    log: LogOptions = field(default_factory=LogOptions)
+    gnss_delay: str | None = None
+
+    @property
+    def key(self) -> bytes:
+        """Differs where the same recording would give something else."""
+        content = b"" if self.config is None else self.config.read_bytes()
+        return repr((__version__, self.log, self.gnss_delay)).encode() + content
+
+
+def fly(path: Path, digest: str, reading: Reading) -> FlightData:
+    """Replay a recording with GNSS. ``UserError`` where it holds less than ``LEAST`` seconds of aided flight."""
+    parameters = update(load_parameters(reading.config), {"learner.enabled": False})
+    recording = prepared(open_recording(path, reading.log, parameters=parameters), parameters, np.inf)
+    parameters, _ = latency.choose(recording, parameters, reading.gnss_delay, reading.config, np.inf, search=True)
+    found = list(_good_epochs(recording, parameters))
+    rows = np.array(found) if found else np.empty((0, me.COLUMNS + STEPS * CHANNELS + INCREMENTS))
+    rows = rows[_flown(rows)]
+    if len(rows) * me.PERIOD < LEAST:
+        raise UserError(
+            f"{path.name} holds {len(rows) * me.PERIOD:.0f} s of flight with good GNSS and known heading, "
+            f"at least {LEAST:.0f} are needed"
+        )
+    epochs, seen, happened = np.split(rows, [me.COLUMNS, rows.shape[1] - INCREMENTS], axis=1)
+    windows = seen.astype(np.float32).reshape(-1, STEPS, CHANNELS)
+    return FlightData(recording.name, digest, epochs, windows, happened.astype(np.float32))
+
+
+def _good_epochs(recording: Recording, parameters: Parameters) -> Iterator[Array]:
+    engine, collector = PoseEstimator(parameters, attitude=False), EpochCollector(Recorder())
+    for sample in recording.samples:
+        for output in engine.feed(sample):
+            if isinstance(output, (NavBlock, NavSolution)):
+                finished = collector.feed(output)
+                if finished is not None and finished.is_good:
+                    yield finished.values
+
+
+def _flown(rows: Array) -> slice:
+    """From the first epoch in motion to the last: what stands on the ground says nothing of flight."""
+    speed = np.hypot(rows[:, me.VELOCITY], rows[:, me.VELOCITY + 1])
+    moving = np.flatnonzero((speed > MOVES) | (np.abs(rows[:, me.VELOCITY + 2]) > _CLIMBS))
+    return slice(int(moving[0]), int(moving[-1]) + 1) if len(moving) else slice(0)

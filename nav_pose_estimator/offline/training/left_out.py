@@ -1,0 +1,114 @@
+"""Every flight left out once: what an archive of the others would have been worth to it, beside controls.
+
+The measure is dead reckoning of v = C g + wind with the aided attitude over half a minute, from starts early in the
+flight, every law knowing no more than what was flown before the start. It ranks laws; what the filter makes of them,
+``benchmark outage --airframe`` tells.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity, with_law
+from nav_pose_estimator.core.motion.airframe import WHEELS, Archive, Beforehand
+from nav_pose_estimator.core.motion.prior import MotionPrior, PriorLaw
+
+Array = NDArray[np.float64]
+Learn = Callable[[Array], AirVelocityModel]
+
+FIRST, LAST, EVERY, LENGTH = 20.0, 130.0, 10.0, 30.0
+"""Starts from FIRST to LAST seconds of flight, EVERY so many, LENGTH seconds of dead reckoning [s]."""
+OWN, ARCHIVE, BOTH = "own flight", "archive alone", "own + archive"
+NETWORK, STACKED, UNTRAINED = "network alone", "own + network", "own + untrained"
+_DEFAULTS = Beforehand()
+
+
+class OutputLaw:
+    """What a network says, as it is: the last three inputs."""
+
+    rules = 1
+
+    def predict(self, x: Array) -> Array:
+        """Inputs (N, 12) -> air velocity in b (N, 3)."""
+        return x[:, -3:]
+
+    def novelty(self, x: Array) -> Array:
+        """Not asked for here."""
+        return np.zeros(len(x))
+
+
+@dataclass(frozen=True)
+class Score:
+    """Errors after LENGTH seconds [m] by way, one for each start; the ways of a flight have the same starts."""
+
+    name: str
+    errors: Mapping[str, Array]
+
+
+def prior_of(archive: Archive, vehicle_class: str) -> MotionPrior:
+    """An archive as it counts in flight by default."""
+    noise, spread = archive.noise, archive.wind_spread
+    guided = vehicle_class == WHEELS
+    return MotionPrior(archive.gram, archive.moment, noise, spread, guided, _DEFAULTS.worth, _DEFAULTS.fades)
+
+
+def linear_ways(law: PriorLaw | None, archive: Archive | None, vehicle_class: str) -> dict[str, Learn]:
+    """The flight alone and with the archive of the others; the first only where there are no others."""
+    ways: dict[str, Learn] = {OWN: learn_air_velocity}
+    if law is not None and archive is not None:
+        prior = prior_of(archive, vehicle_class)
+        ways[ARCHIVE] = lambda epochs: with_law(epochs, law, vehicle_class == WHEELS)
+        ways[BOTH] = lambda epochs: learn_air_velocity(epochs, prior=prior)
+    return ways
+
+
+def stacked_way(archive: Archive, vehicle_class: str) -> Learn:
+    """The flight with a network's output as input, and what the others say of both."""
+    prior = prior_of(archive, vehicle_class)
+    return lambda epochs: learn_air_velocity(epochs, prior=prior)
+
+
+def judge(epochs: Array, ways: Mapping[str, Learn]) -> dict[str, Array]:
+    """Errors [m] of each of ``ways`` on the starts of a flight of ``epochs`` (N, COLUMNS or more)."""
+    ahead = round(LENGTH / me.PERIOD)
+    starts = np.arange(FIRST, LAST + EVERY / 2, EVERY) / me.PERIOD
+    usable = [int(k) for k in starts if k + ahead <= len(epochs) and _is_whole(epochs[int(k) - 1 : int(k) + ahead])]
+    return {
+        name: np.array([_drift(learn(epochs[:k]), epochs[k : k + ahead]) for k in usable])
+        for name, learn in ways.items()
+    }
+
+
+def table(scores: Sequence[Score]) -> list[str]:
+    """Lines for the terminal: median / RMS [m] by flight and way, and over all starts."""
+    names = list(dict.fromkeys(name for score in scores for name in score.errors))
+    everything = {
+        name: np.concatenate([score.errors[name] for score in scores if name in score.errors]) for name in names
+    }
+    rows = [*scores, Score("all", everything)]
+    cells = [["left out", "n", *names]]
+    for row in rows:
+        count = max((len(errors) for errors in row.errors.values()), default=0)
+        cells.append([row.name, str(count), *(_cell(row.errors.get(name)) for name in names)])
+    widths = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
+    return ["  ".join(text.rjust(width) for text, width in zip(line, widths, strict=True)) for line in cells]
+
+
+def _cell(errors: Array | None) -> str:
+    if errors is None or len(errors) == 0:
+        return "-"
+    return f"{np.median(errors):.1f} / {np.sqrt(np.mean(errors**2)):.1f}"
+
+
+def _is_whole(epochs: Array) -> bool:
+    return bool(np.diff(epochs[:, me.TIME]).max() < 1.5 * me.PERIOD)
+
+
+def _drift(model: AirVelocityModel, ahead: Array) -> float:
+    air = model.network.predict(me.inputs(ahead))
+    over_ground = np.einsum("nij,nj->ni", me.attitude(ahead)[:, :2], air) + model.wind_mean + model.wind
+    missed = over_ground - ahead[:, me.VELOCITY : me.VELOCITY + 2]
+    return float(np.linalg.norm(me.PERIOD * missed.sum(axis=0)))
