@@ -34,7 +34,7 @@ class PoseEstimatorNode(EstimatorNode):
         self._learned, pupil = LearnerOutput(self, self.parameters), self.engine.outage_aid
         model = self.parameters.ros.model
         self.keeper = None if pupil is None else ModelKeeper(self, pupil, trainer, model, self.say)
-        self._state = StateKeeper(self, self.engine, self.parameters.ros.state)
+        self._keeper = StateKeeper(self, self.engine, self.parameters.ros.state)
         self.get_logger().info("ready")
 
     def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
@@ -48,7 +48,7 @@ class PoseEstimatorNode(EstimatorNode):
 
     def destroy_node(self) -> None:
         """Also leave the state behind, and end a training."""
-        self._state.stop()
+        self._keeper.stop()
         if self.keeper is not None:
             self.keeper.stop()
         super().destroy_node()
@@ -69,7 +69,7 @@ class PoseEstimatorNode(EstimatorNode):
         self._navigation.publish_origin(solution.stamp_ns, self.engine.origin)
         self._navigation.publish(solution)
         self._autopilot.publish(solution)
-        self._state.note(solution.stamp_ns)
+        self._keeper.note(solution.stamp_ns)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -33,7 +33,7 @@ class SinsNode(EstimatorNode):
         self.listen(inputs.PREDICTION)
         services.offer_gnss(self)
         services.offer_coordinates(self)
-        self._state = StateKeeper(self, self.engine, self.parameters.ros.state)
+        self._keeper = StateKeeper(self, self.engine, self.parameters.ros.state)
         self.get_logger().info("ready")
 
     def spare(self, flag: bool) -> None:
@@ -46,11 +46,11 @@ class SinsNode(EstimatorNode):
         self._output.publish_origin(solution.stamp_ns, self.engine.origin)
         self._output.publish(solution)
         self._autopilot.publish(solution)
-        self._state.note(solution.stamp_ns)
+        self._keeper.note(solution.stamp_ns)
 
     def destroy_node(self) -> None:
         """Also leave the state behind."""
-        self._state.stop()
+        self._keeper.stop()
         super().destroy_node()
 
 
