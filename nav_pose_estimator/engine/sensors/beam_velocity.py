@@ -49,9 +49,9 @@ class BeamVelocitySensor(Aid):
         beams = parameters.aids.beams
         self._verification = Verification(beams.sign, len(self._given) > 0)
         self._arrangement = Arrangement(rotation_from_rpy(beams.rpy))
-        self._judge, self._was_out = BeamJudge(), np.zeros(BEAMS, bool)
+        self.judge, self._was_out = BeamJudge(), np.zeros(BEAMS, bool)
         self._agreement, self._accusation = Agreement(), Accusation()
-        self._compensator = COMPENSATORS[beams.compensation]()
+        self.compensator = COMPENSATORS[beams.compensation]()
         self._last_used = -math.inf  # s
         self._said: set[str] = set()
         self._states = np.zeros(DVL.size)  # as last estimated
@@ -97,7 +97,7 @@ class BeamVelocitySensor(Aid):
             return LEFT_OUT
         arranged = self._arrangement.arrange(o.measured)
         z, H = self._rows(arranged, f)
-        judged = self._judge.judge(z, H, f.P, arranged.variances, arranged.are_beams)
+        judged = self.judge.judge(z, H, f.P, arranged.variances, arranged.are_beams)
         self._report(o, judged, arranged.are_beams)
         gnss_is_good = self._aiding.gnss_is_good(o.t)
         if gnss_is_good:
@@ -143,14 +143,14 @@ class BeamVelocitySensor(Aid):
 
     def _compensated(self, o: Observation, z: np.ndarray, judged: Judged, gnss_is_good: bool) -> list[Row]:
         """Beams that have been found faulty, less the error that a compensator predicts for them."""
-        if self._compensator is None:
+        if self.compensator is None:
             return []
         flagged = (judged.verdict != USED) & (judged.verdict != LOST)
-        evidence = BeamEvidence(o.t, -z, judged.nis, judged.variance, judged.spread, flagged)
+        evidence = BeamEvidence(o.t, -z, judged.spread, flagged)
         if gnss_is_good:
-            self._compensator.learn(evidence)
+            self.compensator.learn(evidence)
             return []
-        error, variance = self._compensator.predict(evidence)
+        error, variance = self.compensator.predict(evidence)
         answered = flagged & np.isfinite(error) & np.isfinite(variance)
         return [Row(i, float(variance[i]), float(error[i])) for i in np.flatnonzero(answered).tolist()]
 
@@ -178,7 +178,7 @@ class BeamVelocitySensor(Aid):
         for i, verdict in enumerate(judged.verdict.tolist()):
             beam = f"{i + 1}." if are_beams else "points."
             self._journal.count(f"beam_velocity.{beam}{words.VERDICTS[verdict]}")
-        out = self._judge.out
+        out = self.judge.out
         if not np.array_equal(out, self._was_out):
             for i in np.flatnonzero(out != self._was_out).tolist():
                 self._journal.say(o.stamp_ns, *words.latched(i + 1, bool(out[i])))
@@ -193,6 +193,6 @@ class BeamVelocitySensor(Aid):
             figures[f"beam_velocity.mounting_{name}_deg"] = math.degrees(angle)
         for i in range(self._arrangement.count):
             figures[f"beam_velocity.{i + 1}.bias"] = float(self._states[i])
-            figures[f"beam_velocity.{i + 1}.noise_factor"] = float(self._judge.factors[i])
-            figures[f"beam_velocity.{i + 1}.flag_rate"] = float(self._judge.flag_rates[i])
-        return figures | ({} if self._compensator is None else self._compensator.figures())
+            figures[f"beam_velocity.{i + 1}.noise_factor"] = float(self.judge.factors[i])
+            figures[f"beam_velocity.{i + 1}.flag_rate"] = float(self.judge.flag_rates[i])
+        return figures | ({} if self.compensator is None else self.compensator.figures())

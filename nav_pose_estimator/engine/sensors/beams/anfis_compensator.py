@@ -111,13 +111,14 @@ class Reservoir:
 class AnfisCompensator:
     """Learns beam errors while GNSS is good; answers for beams that have been found faulty without it.
 
-    ``optimizer`` and ``rules`` as of ``Anfis``. A training of up to ``_KEPT`` samples happens whenever the number of
+    ``optimizer`` and ``rules`` as of ``Anfis``. ``cautious``: it answers only while more beams are sound than faulty,
+    else it would follow the navigator's own drift, and counts that drift as noise of what it answers. A training of up to ``_KEPT`` samples happens whenever the number of
     samples seen has doubled.
     """
 
-    def __init__(self, optimizer: str = "pso", rules: int = 6, seed: int = 0) -> None:
+    def __init__(self, optimizer: str = "pso", rules: int = 6, seed: int = 0, cautious: bool = True) -> None:
         self._model = Anfis(rules, premise_optimizer=optimizer, iterations=_STEPS, seed=seed)
-        self._seed = seed
+        self._seed, self._is_cautious = seed, cautious
         self._learnt = Reservoir(_KEPT, np.random.default_rng(seed))
         self._held_out = Reservoir(_KEPT_HELD_OUT, np.random.default_rng(seed + 1))
         self._next_fit = _FIRST_FIT
@@ -151,13 +152,15 @@ class AnfisCompensator:
         """Errors (n,) and the variances (n,) of what is left; NaN before the first training and for what is strange."""
         noise = self._follow(evidence)
         error, left = np.full(len(noise), np.nan), np.full(len(noise), np.nan)
-        if not self._model.trained:
+        if not self._model.trained or (self._is_cautious and not _most_are_sound(evidence)):
             return error, left
         for i in np.flatnonzero(evidence.flagged & np.isfinite(noise)).tolist():
             x = np.array(_inputs(evidence.innovation[i], evidence.variance[i], noise[i]))
             if self._model.novelty(x[None])[0] < _STRANGE:
                 error[i] = self._model.predict_one(x)[0]
                 left[i] = self._left[0] + self._left[1] * evidence.innovation[i] ** 2
+                if self._is_cautious:
+                    left[i] += evidence.variance[i]
         return error, left
 
     def figures(self) -> dict[str, float]:
@@ -186,6 +189,10 @@ class AnfisCompensator:
         design = np.column_stack([weight, weight * squared])
         constant, growing = np.linalg.lstsq(design, weight * missed, rcond=None)[0].tolist()
         self._left = max(constant, 0.0), max(growing, 0.0)
+
+
+def _most_are_sound(evidence: BeamEvidence) -> bool:
+    return 2 * int(evidence.flagged.sum()) < int(np.isfinite(evidence.innovation).sum())
 
 
 def _inputs(innovation: float, variance: float, noise: float) -> tuple[float, float, float]:
