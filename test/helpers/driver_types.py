@@ -1,7 +1,8 @@
 """Messages of drivers that are not part of ROS itself, with all their fields, made without the drivers' packages.
 
-The fields are those of px4_msgs (1.15 and, as SensorGps114, 1.14), gps_msgs, ublox_msgs and mavros_msgs: an adapter
-that reads a field that a driver does not send fails here as it would in the air.
+The fields are those of px4_msgs (1.15 and, as SensorGps114, 1.14), gps_msgs, ublox_msgs, mavros_msgs,
+marine_acoustic_msgs and dvl_msgs: an adapter that reads a field that a driver does not send fails here as it would in
+the air.
 """
 
 from typing import Any
@@ -13,6 +14,7 @@ SENSOR_COMBINED, SENSOR_GPS = "px4_msgs/msg/SensorCombined", "px4_msgs/msg/Senso
 AIRSPEED, DIFFERENTIAL_PRESSURE = "px4_msgs/msg/Airspeed", "px4_msgs/msg/DifferentialPressure"
 VEHICLE_ODOMETRY, VEHICLE_LOCAL_POSITION = "px4_msgs/msg/VehicleOdometry", "px4_msgs/msg/VehicleLocalPosition"
 GPSINPUT = "mavros_msgs/msg/GPSINPUT"
+DVL, A50 = "marine_acoustic_msgs/msg/Dvl", "dvl_msgs/msg/DVL"
 GPS_FIX, NAV_PVT, GPSRAW = "gps_msgs/msg/GPSFix", "ublox_msgs/msg/NavPVT", "mavros_msgs/msg/GPSRAW"
 
 _GPS_TAIL = """
@@ -77,6 +79,45 @@ int16 status
 uint16 motion_source
 uint16 orientation_source
 uint16 position_source
+""",
+    DVL: """
+std_msgs/Header header
+uint8 velocity_mode
+uint8 dvl_type
+geometry_msgs/Vector3 velocity
+float64[9] velocity_covar
+float64 altitude
+float64 course_gnd
+float64 speed_gnd
+uint8 num_good_beams
+float32 sound_speed
+bool beam_ranges_valid
+bool beam_velocities_valid
+geometry_msgs/Vector3[4] beam_unit_vec
+float64[4] range
+float32[4] range_covar
+float32[4] beam_quality
+float32[4] beam_velocity
+float32[4] beam_velocity_covar
+""",
+    "dvl_msgs/msg/DVLBeam": """
+int64 id
+float64 velocity
+float64 distance
+float64 rssi
+float64 nsd
+bool valid
+""",
+    A50: """
+std_msgs/Header header
+float64 time
+geometry_msgs/Vector3 velocity
+float64 fom
+float64 altitude
+dvl_msgs/DVLBeam[] beams
+bool velocity_valid
+int64 status
+string form
 """,
     GPS_FIX: """
 std_msgs/Header header
@@ -281,5 +322,7 @@ def _zero(node: Any, description: Any) -> Any:
     if node.name == "BASE":
         name = description[0]
         return "" if name == "string" else False if name == "bool" else 0.0 if name.startswith("float") else 0
-    (_, inner), length = description
+    (kind, inner), length = description
+    if kind.name == "NAME":
+        return [make(inner) for _ in range(length if node.name == "ARRAY" else 0)]
     return np.zeros(length if node.name == "ARRAY" else 0, dtype=np.dtype(inner[0]))

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from beamed import beam_directions, with_beams
+from nav_pose_estimator.core.beams.geometry import with_swapped_angle
 from nav_pose_estimator.core.numerics.rotation import quat_rotate_many
 from nav_pose_estimator.engine.samples import (
     BodyVelocity,
@@ -175,6 +177,17 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "aids.range": False,
         "aids.range_sd": 0.2,
     },
+    "beams": {
+        "aids.beams.directions": tuple(with_swapped_angle(beam_directions()).ravel().tolist()),
+        "aids.beams.sign": -1,
+        "aids.beams.sd": 0.05,
+        "aids.beams.bias_sd": 0.05,
+        "aids.beams.scale_sd": 0.05,
+        "aids.beams.delay": 0.1,
+        "aids.beams.lever": (0.3, 0.3, 0.3),
+        "aids.beams.rpy": (0.03, 0.03, 0.03),
+        "aids.beams.rpy_sd": 0.05,
+    },
     "first_training": {"learner.rules": 1},
     "learning": {
         "learner.enabled": False,
@@ -193,6 +206,7 @@ READ: dict[str, Any] = {
     "ros.input.airspeed": "float32",
     "ros.frames.map": "world",
     "gnss.gate.satellite_source": "none",
+    "aids.beam_velocity_source": "dvl",
 }
 """Parameters that change how messages are read, in a node and from a bag alike."""
 OF_NODES: dict[str, Any] = {
@@ -275,6 +289,7 @@ FLIGHTS: dict[str, Callable[[], list[Sample]]] = {
     "late": lambda: list(generate("late_gnss", 40.0, seed=5, imu_rate=50.0).samples()),
     "wing": lambda: list(generate("fixed_wing_airspeed", 60.0, seed=5, imu_rate=50.0).samples()),
     "ground": lambda: _silent("hover_range", 60.0, *silence(45.0, 10.0)),
+    "beams": lambda: list(with_beams(_base(60.0), own=True)),
     # GNSS jumps in flight and stays there
     "spoof": lambda: _spoiled(90.0, Shift(GnssFix, 40.0, 50.0, (300.0, 0.0, 0.0))),
     # it comes back where the filter cannot be, but the vehicle could

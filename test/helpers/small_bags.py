@@ -82,7 +82,9 @@ def flight(seconds: float = 4.0, rate: int = 100, imu_topic: str = "/imu/data_ra
     return sorted(messages, key=lambda item: item[0])
 
 
-def write_bag(path: Path, messages, storage=StoragePlugin.MCAP, compression: CompressionMode | None = None) -> Path:
+def write_bag(
+    path: Path, messages, storage=StoragePlugin.MCAP, compression: CompressionMode | None = None, store=STORE
+) -> Path:
     writer = Writer(path, version=9, storage_plugin=storage)
     if compression is not None:
         writer.set_compression(compression, CompressionFormat.ZSTD)
@@ -90,6 +92,6 @@ def write_bag(path: Path, messages, storage=StoragePlugin.MCAP, compression: Com
         connections = {}
         for stamp, topic, kind, message in messages:
             if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
-            writer.write(connections[topic], stamp, STORE.serialize_cdr(message, kind))
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(connections[topic], stamp, store.serialize_cdr(message, kind))
     return path

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from driver_types import DVL, make
+from driver_types import STORE as DRIVER_STORE
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import flatten, update
@@ -24,7 +26,7 @@ from nav_pose_estimator.offline.bags.reader import BagReader
 from nav_pose_estimator.ros.messages import message_table
 from parameter_changes import CHANGES, FLIGHTS, OF_NODES, PRESETS, READ
 from pieces import one_by_one
-from small_bags import EPOCH_NS, STORE, TYPES, flight, header, vector, write_bag
+from small_bags import EPOCH_NS, TYPES, flight, header, vector, write_bag
 
 TWIST, POSE = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
 CASES = [pytest.param(name, key, id=key) for name, changes in CHANGES.items() for key in changes]
@@ -95,7 +97,7 @@ def test_a_magnetometer_calibration_reaches_the_navigator(key):
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory) -> Path:
-    """Every sensor of the default types, a pose from outside, and an airspeed."""
+    """Every sensor of the default types, a pose from outside, an airspeed and a Doppler log."""
     twist = TYPES["geometry_msgs/msg/Twist"](linear=vector(15.0, 0.0, 0.0), angular=vector(0.0, 0.0, 0.0))
     pose = TYPES["geometry_msgs/msg/Pose"](
         position=TYPES["geometry_msgs/msg/Point"](x=1.0, y=2.0, z=3.0),
@@ -107,8 +109,10 @@ def bag(tmp_path_factory) -> Path:
         *flight(),
         (time, "/airspeed", TWIST, TYPES[TWIST](header(time), twist)),
         (time, "/set_pose", POSE, TYPES[POSE](header(time, "map"), with_covariance)),
+        (time, "/beam_velocity", DVL, make(DVL, header=header(time), beam_velocity=np.ones(4, np.float32))),
     ]
-    return write_bag(tmp_path_factory.mktemp("reading") / "bag", sorted(messages, key=lambda row: row[0]))
+    rows = sorted(messages, key=lambda row: row[0])
+    return write_bag(tmp_path_factory.mktemp("reading") / "bag", rows, store=DRIVER_STORE)
 
 
 def read_by_replay(bag: Path, parameters: Parameters) -> list[str]:
@@ -129,7 +133,7 @@ def heard_by_a_node(bag: Path, parameters: Parameters) -> list[str]:
                 items += (
                     source.from_bytes(raw)
                     if source.from_bytes
-                    else source.adapter(STORE.deserialize_cdr(raw, connection.msgtype))
+                    else source.adapter(DRIVER_STORE.deserialize_cdr(raw, connection.msgtype))
                 )
     return sorted(map(str, items))
 

@@ -1,6 +1,7 @@
 """One decoder for nodes and bags: whole messages, single fields, columns; and bytes that lie."""
 
 import random
+import re
 import struct
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from driver_types import DEFINITIONS, STORE, make
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import specs, update
 from nav_pose_estimator.engine.samples import DifferentialPressure, ImuBlock
 from nav_pose_estimator.engine.solutions import Event
 from nav_pose_estimator.offline.bags.decoder import Decoder
@@ -32,7 +34,8 @@ def definition(kind: str) -> str:
     """As a bag carries it: the type and, below, those that it is made of."""
     if kind not in DEFINITIONS:
         return ""
-    parts = [name for name in DEFINITIONS if f"{name.replace('/msg', '')} " in DEFINITIONS[kind]]
+    lines = DEFINITIONS[kind].splitlines()
+    parts = [name for name in DEFINITIONS if any(re.match(rf"{name.replace('/msg', '')}[ \[]", line) for line in lines)]
     below = [f"{'=' * 80}\nMSG: {name.replace('/msg', '')}\n{DEFINITIONS[name]}" for name in parts]
     return DEFINITIONS[kind] + "".join(below)
 
@@ -76,7 +79,8 @@ def test_damaged_bytes_give_a_message_or_the_one_error(kind):
 def test_damaged_messages_of_every_type_give_samples_events_or_nothing(one: Input, kind: MessageType):
     """GIVEN mutations of every message of the table WHEN read as a bag reads them THEN nothing else is raised."""
     decoder = Decoder(Topic("/some", kind.name, 1, "cdr", definition(kind.name)))
-    source = one.source(Parameters(), kind.name)
+    parameters = update(Parameters(), {one.parameter: kind.choice}) if one.parameter else Parameters()
+    source = one.source(parameters, kind.name)
     assert source is not None
     expected = (DifferentialPressure,) if "pressure" in kind.choice and one is message_table.AIRSPEED else (one.sample,)
     read = 0
@@ -154,11 +158,9 @@ def test_the_table_names_every_input_type_and_choice_once():
 
 
 def test_the_choices_of_the_parameters_are_those_of_the_table():
-    from nav_pose_estimator.engine.parameters.schema import specs
-
     known = {spec.key: spec for spec in specs(Parameters())}
     for one in INPUTS:
         if one.parameter:
             spec = known[one.parameter]
-            assert spec.default == one.types[0].choice
+            assert spec.default in (one.types[0].choice, message_table.NONE)
             assert set(spec.choices) - {message_table.NONE} == {kind.choice for kind in one.types}

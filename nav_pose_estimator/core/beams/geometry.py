@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 ENOUGH = 20  # messages
 _FIT = 9.0  # mean square of residual over deviation: three deviations
+_MOST = 49.0  # that one residual counts for: a radar also sees what moves
 _CLEAR = 4.0  # the next best reading fits so many times worse
 _SLOW = 5.0  # deviations: slower than that, every reading fits
 
@@ -74,7 +75,8 @@ class GeometryCheck:
         self._beams += int(known.sum())
         for k, reading in enumerate(self.candidates):
             along = reading.directions(directions[known]) @ velocity
-            self._misfit[k] += float(np.square((reading.sign * measured[known] - along) / sd).sum())
+            squares = np.square((reading.sign * measured[known] - along) / sd)
+            self._misfit[k] += float(np.minimum(squares, _MOST).sum())
 
     def decide(self) -> Reading | None:
         """The reading that fits and no other does, after ``ENOUGH`` messages; None before, or where none fits.

@@ -98,22 +98,23 @@ class BeamVelocitySensor(Aid):
         arranged = self._arrangement.arrange(o.measured)
         z, H = self._rows(arranged, f)
         judged = self.judge.judge(z, H, f.P, arranged.variances, arranged.are_beams)
-        self._report(o, judged, arranged.are_beams)
         gnss_is_good = self._aiding.gnss_is_good(o.t)
         if gnss_is_good:
             self._compare(o, judged, f)
         if self._agreement.contradicts:
+            self._refuse("contradicts")
             return LEFT_OUT
+        self._report(o, judged, arranged.are_beams)
         rows = [Row(i, float(judged.variance[i])) for i in np.flatnonzero(judged.verdict == USED).tolist()]
         rows += self._accusing(o, z, judged, gnss_is_good) or self._compensated(o, z, judged, gnss_is_good)
         return Decision(Use.UNGATED, rows=tuple(rows)) if rows else LEFT_OUT
 
     def _verify(self, o: Observation, f: FilterView) -> None:
         """Compare a message with its own 3-D velocity, else with the navigator's while GNSS is good."""
-        outside = None
+        navigator = None
         if self._aiding.gnss_is_good(o.t):
-            outside = velocity_of(f, self._lever), deviation_of(f, self._rpy_sd)
-        said = self._verification.add(o.measured, self._arrangement, outside, math.sqrt(self._floor))
+            navigator = velocity_of(f, self._lever), deviation_of(f, self._rpy_sd)
+        said = self._verification.add(o.measured, self._arrangement, navigator, math.sqrt(self._floor))
         if said is not None:
             self._say_once(o.stamp_ns, *said)
 
@@ -127,9 +128,12 @@ class BeamVelocitySensor(Aid):
         """Hold the whole sensor against the navigator while GNSS is good."""
         refused, present = int((judged.verdict == GATED).sum()), int((judged.verdict != LOST).sum())
         is_moving = math.hypot(*f.nav[VEL : VEL + 3]) > _MOVING
+        if 2 * refused > present:
+            sd = math.hypot(math.sqrt(self._floor), deviation_of(f, self._rpy_sd))
+            self._verification.disagrees(o.measured, velocity_of(f, self._lever), sd)
         if self._agreement.add(refused, present, is_moving):
-            name, level, text = words.CONTRADICTS if self._agreement.contradicts else words.AGREES
-            self._journal.say(o.stamp_ns, name, level, text)
+            said = self._verification.contradiction() if self._agreement.contradicts else words.AGREES
+            self._journal.say(o.stamp_ns, *said)
 
     def _accusing(self, o: Observation, z: np.ndarray, judged: Judged, gnss_is_good: bool) -> list[Row]:
         """Beams that are refused together for long, without GNSS: the navigator follows them, at the gate's edge."""
@@ -180,19 +184,21 @@ class BeamVelocitySensor(Aid):
             self._journal.count(f"beam_velocity.{beam}{words.VERDICTS[verdict]}")
         out = self.judge.out
         if not np.array_equal(out, self._was_out):
-            for i in np.flatnonzero(out != self._was_out).tolist():
-                self._journal.say(o.stamp_ns, *words.latched(i + 1, bool(out[i])))
+            for are_out in (True, False):
+                changed = np.flatnonzero((out != self._was_out) & (out == are_out))
+                if len(changed):
+                    self._journal.say(o.stamp_ns, *words.latched((changed + 1).tolist(), are_out))
             self._was_out = out
 
     def figures(self) -> dict[str, float]:
         """Mounting and scale as estimated, how noisy each beam is, and how often it is flagged."""
         if self._verification.reading is None:
             return {}
-        figures = {"beam_velocity.scale": float(self._states[BEAMS])}
+        figures = {"beams.scale": float(self._states[BEAMS])}
         for name, angle in zip(("roll", "pitch", "yaw"), self._states[BEAMS + 1 :].tolist(), strict=True):
-            figures[f"beam_velocity.mounting_{name}_deg"] = math.degrees(angle)
+            figures[f"beams.mounting_{name}_deg"] = math.degrees(angle)
         for i in range(self._arrangement.count):
-            figures[f"beam_velocity.{i + 1}.bias"] = float(self._states[i])
-            figures[f"beam_velocity.{i + 1}.noise_factor"] = float(self.judge.factors[i])
-            figures[f"beam_velocity.{i + 1}.flag_rate"] = float(self.judge.flag_rates[i])
+            figures[f"beams.{i + 1}.bias"] = float(self._states[i])
+            figures[f"beams.{i + 1}.noise_factor"] = float(self.judge.factors[i])
+            figures[f"beams.{i + 1}.flag_rate"] = float(self.judge.flag_rates[i])
         return figures | ({} if self.compensator is None else self.compensator.figures())

@@ -5,6 +5,29 @@ from typing import Any
 from nav_pose_estimator.offline.bags.raw_messages import BagError, Topic
 from nav_pose_estimator.ros.messages.cdr import LAYOUTS, CdrError, decode
 
+_DEFINITIONS = {
+    "dvl_msgs/msg/DVL": f"""
+std_msgs/Header header
+float64 time
+geometry_msgs/Vector3 velocity
+float64 fom
+float64 altitude
+dvl_msgs/DVLBeam[] beams
+bool velocity_valid
+int64 status
+string form
+{"=" * 80}
+MSG: dvl_msgs/DVLBeam
+int64 id
+float64 velocity
+float64 distance
+float64 rssi
+float64 nsd
+bool valid
+"""
+}
+"""Of types that have been published in several forms: the one that a bag without definitions is taken to hold."""
+
 
 class Decoder:
     """From bytes to messages with attributes, as rclpy would give them."""
@@ -29,10 +52,11 @@ def _typestore(topic: Topic) -> Any:
 
     store = get_typestore(Stores.ROS2_JAZZY)
     if topic.type not in store.types:
-        if not topic.definition:
+        definition = topic.definition or _DEFINITIONS.get(topic.type, "")
+        if not definition:
             raise BagError(f"{topic.name} is of type {topic.type}, which the bag does not describe")
         try:
-            types = get_types_from_msg(topic.definition, topic.type)
+            types = get_types_from_msg(definition, topic.type)
             store.register({name: fields for name, fields in types.items() if name not in store.types})
         except Exception as error:  # whatever the grammar of the definitions stumbles over
             raise BagError(f"{topic.name}: the definition of {topic.type} cannot be read ({error})") from None

@@ -37,6 +37,10 @@ LAYOUTS: dict[str, str] = {
     "geometry_msgs/msg/TwistWithCovarianceStamped": _HEADER + _TWIST,
     "geometry_msgs/msg/PoseWithCovarianceStamped": _HEADER + _POSE,
     "nav_msgs/msg/Odometry": _HEADER + "child_frame_id:str " + _POSE + _TWIST,
+    "marine_acoustic_msgs/msg/Dvl": _HEADER + "velocity_mode:u1 dvl_type:u1 velocity:xyz velocity_covar:f8*9 "
+    "altitude:f8 course_gnd:f8 speed_gnd:f8 num_good_beams:u1 sound_speed:f4 beam_ranges_valid:u1 "
+    "beam_velocities_valid:u1 beam_unit_vec:f8*12 range:f8*4 range_covar:f4*4 beam_quality:f4*4 beam_velocity:f4*4 "
+    "beam_velocity_covar:f4*4",
     "std_msgs/msg/UInt32": "data:u4",
     "std_msgs/msg/Float32": "data:f4",
 }

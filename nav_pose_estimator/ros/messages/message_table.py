@@ -14,6 +14,7 @@ import numpy as np
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import (
     Airspeed,
+    BeamVelocitySample,
     BodyVelocity,
     GnssFix,
     GnssVelocity,
@@ -26,7 +27,7 @@ from nav_pose_estimator.engine.samples import (
     SatelliteCount,
     SetPose,
 )
-from nav_pose_estimator.ros.messages import convert, from_bytes, gps_umd, px4, satellites
+from nav_pose_estimator.ros.messages import beams, convert, from_bytes, gps_umd, px4, satellites
 from nav_pose_estimator.ros.messages.convert import Adapter, Converted
 
 NONE = "none"
@@ -68,7 +69,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Input:
-    """One input topic, relative; the first type is the default.
+    """One input topic, relative; the first type is the default, where one is.
 
     ``parameter`` (dotted) chooses among several types. ``adjust`` fits a converter to further parameters. In a bag
     without ``topic`` another one of these types is taken if it is the only one and its name contains one of ``words``;
@@ -206,6 +207,16 @@ BODY_VELOCITY = Input(
     BodyVelocity,
     (MessageType("twist_with_covariance", "geometry_msgs/msg/TwistWithCovarianceStamped", convert.body_velocity),),
 )
+BEAM_VELOCITY = Input(
+    "beam_velocity",
+    BeamVelocitySample,
+    (
+        MessageType("dvl", "marine_acoustic_msgs/msg/Dvl", beams.dvl),
+        MessageType("a50", "dvl_msgs/msg/DVL", beams.a50),
+        MessageType("pointcloud2", "sensor_msgs/msg/PointCloud2", beams.point_cloud),
+    ),
+    parameter="aids.beam_velocity_source",
+)
 RANGE = Input("range", RangeToGround, (MessageType("range", "sensor_msgs/msg/Range", convert.range_to_ground),))
 SET_POSE = Input(
     "set_pose",
@@ -216,7 +227,7 @@ SET_POSE = Input(
 
 GNSS = (SATELLITES, VELOCITY, FIX)
 """In this order where one message plays several parts: the count judges the fix."""
-INPUTS = (IMU, *GNSS, MAGNETOMETER, AIRSPEED, BAROMETER, BODY_VELOCITY, RANGE, SET_POSE)
+INPUTS = (IMU, *GNSS, MAGNETOMETER, AIRSPEED, BAROMETER, BODY_VELOCITY, BEAM_VELOCITY, RANGE, SET_POSE)
 
 
 def sources(parameters: Parameters, inputs: tuple[Input, ...] = INPUTS) -> list[Source]:

@@ -5,19 +5,25 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nav_pose_estimator.core.beams.geometry import ENOUGH, GeometryCheck, Reading, readings
 from nav_pose_estimator.core.filter.layout import DVEL, PHI, PREV_RATE, QUAT, VEL
+from nav_pose_estimator.core.filter.measurements import BEAMS
 from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
 from nav_pose_estimator.engine.observation import FilterView
 from nav_pose_estimator.engine.sensors.beams.arrangement import Arrangement
 from nav_pose_estimator.engine.sensors.beams.message import Beams
+from nav_pose_estimator.engine.sensors.beams.mounting_guess import MountingGuess
 from nav_pose_estimator.engine.solutions import Level
 
+Array = NDArray[np.float64]
+Said = tuple[str, Level, str] | None
+"""Name, level and text of an event."""
 _OWN_ERROR = 0.01  # of the speed: the sensor's own 3-D velocity against its beams
 
 
-def velocity_of(f: FilterView, lever: np.ndarray) -> np.ndarray:
+def velocity_of(f: FilterView, lever: Array) -> Array:
     """Velocity (3,) over ground in b [m/s] of a point at ``lever`` (3,) [m] from the IMU."""
     swing = np.cross(f.nav[PREV_RATE : PREV_RATE + 3], lever)
     return quat_to_matrix(f.nav[QUAT : QUAT + 4]).T @ f.nav[VEL : VEL + 3] + swing
@@ -35,22 +41,24 @@ class Verification:
     """``reading``: how messages are to be read, None until that is certain."""
 
     def __init__(self, sign: int, directions_are_given: bool) -> None:
-        self._check = GeometryCheck(readings(sign, directions_are_given))
+        self._readings = readings(sign, directions_are_given)
+        self._check = GeometryCheck(self._readings)
+        self._guess = MountingGuess()
         self.reading: Reading | None = None
 
-    def add(
-        self, beams: Beams, arrangement: Arrangement, outside: tuple[np.ndarray, float] | None, sd: float
-    ) -> tuple[str, Level, str] | None:
-        """One message, with the velocity in b known otherwise and its deviation; what is to be said, if anything.
+    def add(self, beams: Beams, arrangement: Arrangement, navigator: tuple[Array, float] | None, sd: float) -> Said:
+        """One message, with the ``navigator``'s velocity (3,) in b [m/s] and its deviation where that is known.
 
-        ``sd`` [m/s]: the least deviation of a beam.
+        ``sd`` [m/s]: the least deviation of a beam. Returns what is to be said, if anything.
         """
         arrangement.meet(beams)
+        if navigator is not None:
+            self._guess.add(beams.directions, beams.velocities, navigator[0], math.hypot(sd, navigator[1]))
         if beams.velocity is not None:
             velocity, whose = np.array(beams.velocity), "the message's own 3-D velocity"
             error = _OWN_ERROR * float(np.linalg.norm(velocity))
-        elif outside is not None:
-            velocity, whose, error = arrangement.axes.T @ outside[0], "the navigator's velocity", outside[1]
+        elif navigator is not None:
+            velocity, whose, error = arrangement.axes.T @ navigator[0], "the navigator's velocity", navigator[1]
         else:
             return None
         refusals = self._check.refusals
@@ -58,19 +66,33 @@ class Verification:
         self.reading = self._check.decide()
         if self.reading is not None:
             arrangement.settle(self.reading)
+            self._guess = MountingGuess()
             return "beam_velocity.geometry", Level.INFO, self._verified(self.reading, arrangement.count, whose)
-        if self._check.refusals > refusals:
-            text = (
-                f"beam velocities not used: no reading of directions and signs agrees with {whose} (the best is off by "
-                f"{self._check.fit:.1f} deviations); check aids.beams.directions, sign, rpy and sd"
-            )
-            return "beam_velocity.geometry.refused", Level.WARN, text
-        return None
+        return self._refused(whose) if self._check.refusals > refusals else None
+
+    def disagrees(self, beams: Beams, in_body: Array, sd: float) -> None:
+        """A message that was verified and yet does not agree with the navigator."""
+        self._guess.add(beams.directions, beams.velocities, in_body, sd)
+
+    def contradiction(self) -> tuple[str, Level, str]:
+        """What is said where most beams contradict the navigator."""
+        assert self.reading is not None
+        cure = self._guess.sentence((self.reading,)) or "check aids.beams.rpy, delay, lever and sd"
+        text = f"beam velocities not used: most beams contradict the navigator while GNSS is good; {cure}"
+        return "beam_velocity.contradicts", Level.WARN, text
+
+    def _refused(self, whose: str) -> tuple[str, Level, str]:
+        cure = self._guess.sentence(self._readings) or "check aids.beams.directions, sign, rpy and sd"
+        text = (
+            f"beam velocities not used: no reading of directions and signs agrees with {whose} "
+            f"(the best is off by {self._check.fit:.1f} deviations); {cure}"
+        )
+        return "beam_velocity.geometry.refused", Level.WARN, text
 
     def _verified(self, reading: Reading, count: int, whose: str) -> str:
         how = "with sine and cosine swapped" if reading.swapped else "as published"
         sense = "along the beam" if reading.sign > 0 else "against the beam"
-        fourth = "" if count != 3 else "; without a fourth beam they cannot check each other"
+        fourth = "; without a fourth beam they cannot check each other" if count == BEAMS - 1 else ""
         kind = f"{count} beams" if count else "points"
         return (
             f"beam velocities: {kind}, directions {how}, positive for motion {sense} "

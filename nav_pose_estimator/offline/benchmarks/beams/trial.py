@@ -153,7 +153,7 @@ class _Outage:
             percent=100.0 * end / travelled,
             velocity_rms=self._velocity_rms(errors),
             heading_deg=math.degrees(errors[-1, 1 + at.PHI + 2]),
-            mounting_deg=figures.get("beam_velocity.mounting_yaw_deg", math.nan) - math.degrees(self._mounting),
+            mounting_deg=figures.get("beams.mounting_yaw_deg", math.nan) - math.degrees(self._mounting),
             nees=float(np.mean(errors[:, -1])),
             refused_healthy=healthy,
             refused_faulty=wrong,
