@@ -58,6 +58,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "offline.benchmarks.outage": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.attitude": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.alignment": {"core", "engine.*", "sim.*", "offline.*"},
+    "offline.benchmarks.beams": {"core", "engine.*", "sim.*", "offline.*"},
     "offline.benchmarks.speed": {"core", "engine.*", "ros.messages", "offline.*"},
     "nodes": {"core", "engine.*", "sim.*", "ros", "ros.autopilot", "ros.messages"},
 }  # fmt: skip

@@ -41,7 +41,9 @@ def follow(survey: Survey, rng: np.random.Generator, duration: float) -> Motion:
     away = minimum_jerk((ticks - survey.rest) / survey.start)[0]
     roll, pitch, yaw, up = (_wobbles(survey, rng)(ticks) * away for _ in range(4))
     mean, swing = 0.5 * sum(survey.speed), 0.5 * (survey.speed[1] - survey.speed[0])
-    speed = CubicSpline(ticks, away * (mean - swing * np.cos(2.0 * np.pi * (ticks - survey.rest) / survey.speed_period)))
+    speed = CubicSpline(
+        ticks, away * (mean - swing * np.cos(2.0 * np.pi * (ticks - survey.rest) / survey.speed_period))
+    )
     course = CubicSpline(ticks, rng.uniform(-np.pi, np.pi) + _turns(survey, ticks) + survey.wobble / 3.0 * yaw)
     rise = CubicSpline(ticks, survey.heave * up)
     roll, pitch = survey.wobble * roll, survey.wobble * pitch

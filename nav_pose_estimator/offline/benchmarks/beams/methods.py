@@ -49,7 +49,7 @@ class EveryBeam(Watched):
 
 @dataclass
 class TextsRule(Watched):
-    """The rule of CN114459477B, step 5: a beam is faulty if the network says so, by a distance with the adapted noise."""
+    """The rule of CN114459477B, step 5: faulty is what the network calls so, by a distance with the adapted noise."""
 
     network: Compensator | None = None
 

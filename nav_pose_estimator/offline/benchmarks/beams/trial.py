@@ -180,9 +180,9 @@ class _Outage:
 
     def _velocity_rms(self, errors: np.ndarray) -> float:
         """While at least one beam is there, and a little after a total loss."""
-        seen = np.array([[_seconds(self._clean, s), np.isfinite(s.velocities).any()] for s in self._messages(self._faulty)])
-        lost = seen[seen[:, 1] == 0.0, 0]
-        gap = errors[:, 0][:, None] - lost[None, :]
+        messages = self._messages(self._faulty)
+        lost = [_seconds(self._faulty, s) for s in messages if not np.isfinite(s.velocities).any()]
+        gap = errors[:, 0][:, None] - np.array(lost)[None, :]
         judged = ~((gap > -1.0) & (gap < _SETTLED)).any(axis=1)
         squared = np.square(errors[judged][:, 1 + at.DVEL : 4 + at.DVEL]).sum(axis=1)
         return float(np.sqrt(squared.mean())) if len(squared) else math.nan
