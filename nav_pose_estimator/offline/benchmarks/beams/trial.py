@@ -76,7 +76,7 @@ def run_seed(
     """
     recording = generate(case.told(length, mounting), seed=seed, imu=case.grade)
     begin_ns = recording.start_ns + round(case.aided * 1e9)
-    recording = _without_gnss(recording, begin_ns)
+    recording = without_gnss(recording, begin_ns)
     trials = []
     for method in methods:
         engine = prepared(SinsEngine(METHODS[method].parameters(case.parameters(change))), method)
@@ -101,7 +101,7 @@ def _fly_with_gnss(engine: SinsEngine, case: Case, recording: Recording, end_ns:
         engine.feed(sample)
 
 
-def _without_gnss(recording: Recording, begin_ns: int) -> Recording:
+def without_gnss(recording: Recording, begin_ns: int) -> Recording:
     """The recording without what GNSS measured from ``begin_ns`` on; a count belongs to the fix ahead of it."""
     kept, is_over = [], False
     for timed in recording.others:
