@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from beamed import Change, beam_directions, with_beams
+from beamed import Change, beam_directions, in_water, with_beams
 from nav_pose_estimator.core.beams.geometry import with_swapped_angle
 from nav_pose_estimator.core.numerics.rotation import quat_rotate_many
 from nav_pose_estimator.engine.samples import (
@@ -179,6 +179,10 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "aids.range": False,
         "aids.range_sd": 0.2,
     },
+    "lake": {
+        "aids.water_density": 1030.0,
+        "aids.depth_sd": 0.3,
+    },
     "beams": {
         "aids.beams.directions": tuple(with_swapped_angle(beam_directions()).ravel().tolist()),
         "aids.beams.sign": -1,
@@ -240,6 +244,7 @@ OF_NODES: dict[str, Any] = {
 PRESETS: dict[str, dict[str, Any]] = {
     "two_stage": {"attitude.filter": "two_stage"},
     "learning": {"learner.enabled": True},
+    "lake": {"aids.water_density": 1000.0},
     "first_training": {"learner.enabled": True},
 }
 """What must be set for the parameters of a flight to matter at all. The learner is on only where it is looked at."""
@@ -303,6 +308,7 @@ FLIGHTS: dict[str, Callable[[], list[Sample]]] = {
     "late": lambda: list(generate("late_gnss", 40.0, seed=5, imu_rate=50.0).samples()),
     "wing": lambda: list(generate("fixed_wing_airspeed", 60.0, seed=5, imu_rate=50.0).samples()),
     "ground": lambda: _silent("hover_range", 60.0, *silence(45.0, 10.0)),
+    "lake": lambda: list(in_water(_base(60.0))),
     "beams": lambda: list(with_beams(_base(60.0), own=True)),
     # the network has been trained when GNSS goes, and a beam with it
     "faulty_beam": lambda: list(

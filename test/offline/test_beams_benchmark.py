@@ -102,7 +102,9 @@ def test_command_writes_tables_and_report(tmp_path: Path, capsys: pytest.Capture
     assert main(["benchmark", "beams", *arguments, "--out", str(tmp_path / "out")]) == 0
     with (tmp_path / "out" / "trials.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert [(row["case"], row["fault"], row["method"], row["seed"]) for row in rows] == [("drone", "none", "fixed", "0")]
+    assert [(row["case"], row["fault"], row["method"], row["seed"]) for row in rows] == [
+        ("drone", "none", "fixed", "0")
+    ]
     assert np.isfinite(float(rows[0]["percent"]))
     content = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert content["goals"] == []  # they hold for ten minutes
