@@ -30,7 +30,7 @@ def trial(seed: int, percent: float, method: str = RECOMMENDED, fault: str = "bi
 @pytest.fixture(scope="module")
 def short() -> dict[tuple[str, str], Trial]:
     """Two minutes without GNSS after four with it, by fault and method."""
-    trials = run_seed(SHORT, 60, ("none", "bias", "all lost"), SHORT_METHODS, 120.0)
+    trials = run_seed(SHORT, 60, ("none", "bias", "all lost", "outliers"), SHORT_METHODS, 120.0)
     return {(t.fault, t.method): t for t in trials}
 
 
@@ -69,7 +69,7 @@ def test_nothing_of_gnss_is_left_after_its_loss():
 
 
 def test_a_faulty_beam_costs_nothing_where_it_is_refused(short: dict[tuple[str, str], Trial]):
-    """GIVEN a fault of 0.3 m/s THEN the judge refuses it, the drift stays, and a filter that believes it drifts away."""
+    """GIVEN a fault of 0.3 m/s THEN the judge refuses it and the drift stays; a filter that believes it drifts away."""
     sound, wrong = short["none", RECOMMENDED], short["bias", RECOMMENDED]
     assert wrong.refused_faulty > 0.97
     assert sound.refused_healthy < 0.02
@@ -77,6 +77,11 @@ def test_a_faulty_beam_costs_nothing_where_it_is_refused(short: dict[tuple[str, 
     assert wrong.end_error_m < sound.end_error_m + 0.5
     assert short["bias", "fixed"].end_error_m > 5.0 * wrong.end_error_m
     assert short["bias", "fixed"].nees > 20.0
+
+
+def test_single_wrong_values_are_refused_and_no_others(short: dict[tuple[str, str], Trial]):
+    assert short["outliers", RECOMMENDED].refused_faulty > 0.97
+    assert short["outliers", RECOMMENDED].refused_healthy < 0.02
 
 
 def test_the_network_on_beams_that_are_flagged_without_it_does_no_harm(short: dict[tuple[str, str], Trial]):
