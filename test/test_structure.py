@@ -33,7 +33,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "engine.parameters": {"core.filter", "core.motion", "engine.outage.methods"},  # their choices
     "engine.imu": {"core", "engine", "engine.parameters"},
     "engine.sensors": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},
-    "engine.sensors.beams": {"core", "engine", "engine.parameters"},
+    "engine.sensors.beams": {"core", "engine", "engine.imu", "engine.parameters"},
     "engine.sensors.gnss": {"core", "engine", "engine.events", "engine.parameters", "engine.sensors"},
     "engine.attitude": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors"},
     "engine.continuation": {"core", "engine", "engine.parameters"},
@@ -65,6 +65,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "offline.benchmarks.outage": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.attitude": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.alignment": {"core", "engine.*", "sim.*", "offline.*"},
+    "offline.benchmarks.beams": {"core", "engine.*", "sim.*", "offline.*"},
     "offline.benchmarks.speed": {"core", "engine.*", "ros.messages", "offline.*"},
     "nodes": {"core", "engine.*", "sim.*", "ros", "ros.autopilot", "ros.continuation", "ros.messages"},
 }  # fmt: skip

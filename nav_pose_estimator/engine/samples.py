@@ -107,6 +107,14 @@ class PressureSample:
 
 
 @dataclass(frozen=True, slots=True)
+class WaterPressure:
+    """Absolute pressure [Pa] of a sensor under water."""
+
+    stamp_ns: int
+    pressure: float
+
+
+@dataclass(frozen=True, slots=True)
 class BodyVelocity:
     """Velocity in the sensor frame [m/s] (DVL, optical flow, wheel). An axis not measured is NaN."""
 
@@ -284,6 +292,7 @@ Sample = (
     | SatelliteCount
     | MagSample
     | PressureSample
+    | WaterPressure
     | BodyVelocity
     | BeamVelocitySample
     | Airspeed

@@ -167,9 +167,8 @@ def _small_bias(where: Stretch, random: np.random.Generator) -> list[BeamFault]:
 
 
 def _outliers(where: Stretch, random: np.random.Generator) -> list[BeamFault]:
-    seed = int(random.integers(2**31))
-    sizes = {"smallest": 0.1 * where.speed, "largest": 0.6 * where.speed}
-    return [BeamOutliers(start=where.start, length=where.length, seed=seed, **sizes)]
+    seed, sizes = int(random.integers(2**31)), (0.1 * where.speed, 0.6 * where.speed)
+    return [BeamOutliers(start=where.start, length=where.length, seed=seed, smallest=sizes[0], largest=sizes[1])]
 
 
 def _mixed(where: Stretch, random: np.random.Generator) -> list[BeamFault]:

@@ -32,7 +32,7 @@ def cone(beams: int, angle: float, first: float) -> tuple[Triple, ...]:
 class Doppler:
     """Beams with noise, a bias each and a common scale; how the sensor sits, and how well that is known.
 
-    Along beam b_i it measures (1 + scale) b_i . v + bias_i + noise, with v the velocity of the sensor's place in its own axes.
+    Along beam b_i it measures (1 + scale) b_i . v + bias_i + noise, v the velocity of its place in its axes.
     """
 
     rate: float = 2.0  # Hz

@@ -202,6 +202,8 @@ AUV = Scenario(
     "An underwater vehicle on lanes of 200 s at 1.5 m/s, Doppler log with four beams (meant for --imu tactical)",
     Surveyor(Survey(heave=0.02)),
     duration=900.0,
+    gnss=Gnss(1.0),
+    magnetometer=Magnetometer(2.0),
     barometer=None,
     doppler=Doppler(lever=(0.4, 0.0, -0.2)),
     imu_rate=50.0,
@@ -211,12 +213,12 @@ DRONE = Scenario(
     "drone_over_water",
     "A drone on lanes of 40 s at 4 to 8 m/s above water, Doppler radar with four beams",
     Surveyor(
-        Survey((4.0, 8.0), lane=40.0, turn=8.0, wobble=math.radians(1.5), heave=0.1, height=15.0, lean=True, drag=0.3)
+        Survey((4.0, 8.0), lane=40.0, turn=8.0, start=4.0, wobble=math.radians(1.5), heave=0.1, lean=True, drag=0.3)
     ),
     duration=900.0,
-    doppler=Doppler(
-        2.5, cone(4, math.radians(25.0), 0.0), 0.08, bias_sd=0.005, scale_sd=0.005, lever=(0.1, 0.0, -0.1)
-    ),
+    magnetometer=Magnetometer(2.0),
+    barometer=Barometer(2.0),
+    doppler=Doppler(2.5, cone(4, math.radians(25.0), 0.0), 0.08, bias_sd=0.005, scale_sd=0.005, lever=(0.1, 0.0, -0.1)),
     imu_rate=100.0,
     origin=SEA,
 )

@@ -7,11 +7,11 @@ from beamed import beam_directions
 from filter_start import plain_constants
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import measurements
-from nav_pose_estimator.core.filter.blocks import DVL, WIND, state_count
+from nav_pose_estimator.core.filter.blocks import DEPTH, DVL, WIND, state_count
 from nav_pose_estimator.core.filter.error_state import inject
 from nav_pose_estimator.core.numerics.rotation import quat_from_euler, quat_from_rotvec, quat_to_matrix
 
-CONSTANTS = plain_constants([WIND, DVL])
+CONSTANTS = plain_constants([WIND, DVL, DEPTH])
 N = state_count(CONSTANTS)
 WIND_STATES, DVL_STATES = WIND.states(CONSTANTS).start, DVL.states(CONSTANTS).start
 LEVER = np.array([0.3, -0.2, 0.5])
@@ -37,6 +37,7 @@ CASES = {
     "gnss_velocity": (measurements.gnss_velocity, (np.array([3.0, -6.0, 1.0]), LEVER)),
     "horizontal_velocity": (measurements.horizontal_velocity, (3.0, -6.0)),
     "height": (measurements.height, (290.0,)),
+    "height_in_water": (measurements.height_in_water, (DEPTH.states(CONSTANTS).start, -12.0)),
     "body_velocity": (measurements.body_velocity, (np.array([3.0, -6.0, 1.0]), LEVER)),
 }
 

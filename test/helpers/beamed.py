@@ -1,4 +1,4 @@
-"""A simulated flight with a Doppler log of four beams, made from the truth."""
+"""A simulated flight with a Doppler log of four beams, or under water, made from the truth."""
 
 from collections.abc import Callable, Iterator
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from nav_pose_estimator.core.numerics.rotation import quat_rotate_many
 from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
-from nav_pose_estimator.engine.samples import BeamVelocitySample, ImuBlock, Sample
+from nav_pose_estimator.engine.samples import BeamVelocitySample, ImuBlock, PressureSample, Sample
 from nav_pose_estimator.sim.recording import Recording
 
 SD = 0.02  # m/s
@@ -52,3 +52,14 @@ def with_beams(
             changed = change(t, message)
             if changed is not None:
                 yield changed
+
+
+def in_water(recording: Recording, density: float = 1000.0, surface: float = 30.0) -> Iterator[Sample]:
+    """The samples of ``recording`` with pressures as ``surface`` [m] below that of water, above where it began."""
+    truth = recording.truth
+    for sample in recording.samples():
+        if isinstance(sample, PressureSample):
+            row = min(round((sample.stamp_ns - recording.start_ns) * 1e-9 / truth.dt), len(truth) - 1)
+            depth = truth.alt[0] + surface - truth.alt[row]
+            sample = PressureSample(sample.stamp_ns, 101_325.0 + density * 9.807 * float(depth))
+        yield sample

@@ -4,14 +4,16 @@ A parameter that stands nowhere here fails ``test_every_parameter_has_its_flight
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from beamed import beam_directions, with_beams
+from beamed import Change, beam_directions, in_water, with_beams
 from nav_pose_estimator.core.beams.geometry import with_swapped_angle
 from nav_pose_estimator.core.numerics.rotation import quat_rotate_many
 from nav_pose_estimator.engine.samples import (
+    BeamVelocitySample,
     BodyVelocity,
     GnssFix,
     GnssVelocity,
@@ -178,6 +180,10 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "aids.range": False,
         "aids.range_sd": 0.2,
     },
+    "lake": {
+        "aids.water_density": 1030.0,
+        "aids.depth_sd": 0.3,
+    },
     "beams": {
         "aids.beams.directions": tuple(with_swapped_angle(beam_directions()).ravel().tolist()),
         "aids.beams.sign": -1,
@@ -193,6 +199,9 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "origin.latitude": 47.5,
         "origin.longitude": 8.5,
         "origin.height": 500.0,
+    },
+    "faulty_beam": {
+        "aids.beams.compensation": "anfis_frcg",
     },
     "first_training": {"learner.rules": 1},
     "learning": {
@@ -245,6 +254,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "origin": {"origin.latitude": 47.4, "origin.longitude": 8.6, "origin.height": 400.0},
     "two_stage": {"attitude.filter": "two_stage"},
     "learning": {"learner.enabled": True},
+    "lake": {"aids.water_density": 1000.0},
     "first_training": {"learner.enabled": True},
 }
 """What must be set for the parameters of a flight to matter at all. The learner is on only where it is looked at."""
@@ -284,6 +294,15 @@ def _with_body_velocity(recording: Recording, faults: tuple[Fault, ...], begin: 
             due = t + 0.2
 
 
+def _off_after(begin: float) -> Change:
+    """The second beam is off by 2 m/s from ``begin`` [s] on."""
+
+    def change(t: float, sample: BeamVelocitySample) -> BeamVelocitySample:
+        return replace(sample, velocities=sample.velocities + np.array([0.0, 2.0 * (t >= begin), 0.0, 0.0]))
+
+    return change
+
+
 def _silent(scenario: str, duration: float, *faults: Fault) -> list[Sample]:
     return list(generate(scenario, duration, seed=5, imu_rate=50.0).with_faults(*faults).samples())
 
@@ -301,7 +320,12 @@ FLIGHTS: dict[str, Callable[[], list[Sample]]] = {
     "late": lambda: list(generate("late_gnss", 40.0, seed=5, imu_rate=50.0).samples()),
     "wing": lambda: list(generate("fixed_wing_airspeed", 60.0, seed=5, imu_rate=50.0).samples()),
     "ground": lambda: _silent("hover_range", 60.0, *silence(45.0, 10.0)),
+    "lake": lambda: list(in_water(_base(60.0))),
     "beams": lambda: list(with_beams(_base(60.0), own=True)),
+    # the network has been trained when GNSS goes, and a beam with it
+    "faulty_beam": lambda: list(
+        with_beams(_base(130.0).with_faults(*silence(110.0, 20.0)), _off_after(112.0), own=True)
+    ),
     # GNSS jumps in flight and stays there
     "spoof": lambda: _spoiled(90.0, Shift(GnssFix, 40.0, 50.0, (300.0, 0.0, 0.0))),
     # it comes back where the filter cannot be, but the vehicle could

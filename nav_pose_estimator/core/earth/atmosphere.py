@@ -1,4 +1,4 @@
-"""Pressure and height in the standard atmosphere (ICAO, ISO 2533), below 11 km. Numbers and arrays alike."""
+"""Pressure and height in the standard atmosphere (ICAO, ISO 2533) below 11 km, and under water: numbers and arrays."""
 
 from typing import TypeVar
 
@@ -27,3 +27,8 @@ def air_density(pressure: Numbers) -> Numbers:
 def height_pressure(height: Numbers) -> Numbers:
     """Static pressure [Pa] at a pressure altitude ``height`` [m]; the inverse of ``pressure_height``."""
     return _SEA_LEVEL_PRESSURE * (1.0 - height * _LAPSE_RATE / _SEA_LEVEL_TEMPERATURE) ** (1.0 / _EXPONENT)
+
+
+def water_height(pressure: Numbers, density: float, gravity: float) -> Numbers:
+    """Height [m] over the surface, below zero, of an absolute ``pressure`` [Pa] in water of ``density`` [kg/m^3]."""
+    return (_SEA_LEVEL_PRESSURE - pressure) / (density * gravity)

@@ -16,6 +16,7 @@ from nav_pose_estimator.core.filter.layout import (
     AIRSPEED,
     ALT,
     D_GYRO_BIAS,
+    DEPTH,
     DPOS,
     DVEL,
     DVL,
@@ -117,6 +118,19 @@ def height(nav, states, alt):
     z = np.array([nav[ALT] - alt])
     H = np.zeros((1, states))
     H[0, DPOS + 2] = 1.0
+    return z, H
+
+
+@kernel
+def height_in_water(nav, states, bias, alt):
+    """Height [m] by the pressure of the water above, whose surface is ``nav[DEPTH]`` higher than taken for ``alt``.
+
+    The state of block ``depth`` is at ``bias``. z = height - bias - alt.
+    """
+    z = np.array([nav[ALT] - nav[DEPTH] - alt])
+    H = np.zeros((1, states))
+    H[0, DPOS + 2] = 1.0
+    H[0, bias] = 1.0  # what is missing from the bias is still in the estimate
     return z, H
 
 

@@ -54,6 +54,12 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("baro.contradicts.ended", "barometer and GNSS heights agree again"),
         Entry("baro.rejected.value", "a pressure outside the atmospheric range", "check the unit: pascal, not hPa"),
+        Entry(
+            "depth.rejected.value",
+            "a pressure of the water that cannot be one",
+            "absolute pressure in pascal; aids.water_density is 0 for a barometer",
+        ),
+        Entry("depth.*", "a height by the pressure of the water was used, given less weight (inflated), or refused"),
         Entry("zero_velocity.rejected", "the IMU was still, but the filter is sure of motion: not rest"),
         Entry(
             "zero_velocity.withheld.rate",

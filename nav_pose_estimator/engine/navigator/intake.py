@@ -35,6 +35,7 @@ from nav_pose_estimator.engine.samples import (
     SetOrigin,
     SetPose,
     VelocityError,
+    WaterPressure,
 )
 from nav_pose_estimator.engine.sensors import barometer
 from nav_pose_estimator.engine.sensors.aids import AIDS
@@ -149,6 +150,12 @@ def _airspeed(run: FilterRun, sample: Airspeed) -> None:
     _aid(run, sample)
 
 
+def _pressure(run: FilterRun, sample: PressureSample) -> None:
+    """Of the air or of the water, as the parameter says."""
+    in_water = run.parameters.aids.water_density > 0.0
+    _aid(run, WaterPressure(sample.stamp_ns, sample.pressure) if in_water else sample)
+
+
 def _differential_pressure(run: FilterRun, sample: DifferentialPressure) -> None:
     """To true airspeed, by the density of the air that the barometer tells, else that of the height."""
     sensor = run.aids[PressureSample]
@@ -250,6 +257,7 @@ _HANDLERS: dict[type, Callable[[FilterRun, Any], None]] = {
     NavigatorVelocity: _not_for_us,
     VelocityError: _not_for_us,
     **{aid.sample: _aid for aid in AIDS},
+    PressureSample: _pressure,
     Airspeed: _airspeed,
     DifferentialPressure: _differential_pressure,
 }

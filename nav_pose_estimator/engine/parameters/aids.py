@@ -31,6 +31,10 @@ class AidParameters:
     barometer_sd: float = param(1.5, "m", "Deviation of a barometric height", 0.05, 50.0, mutable=True)
     barometer_period: float = param(0.2, "s", "Shortest time between two barometric heights", 0.0, 60.0)
     barometer_tau: float = param(60.0, "s", "Time constant of the barometer's reference while GNSS is good", 1.0, 1e5)
+    water_density: float = param(
+        0.0, "kg/m^3", "Density of the water that the pressure is of (sea 1025, fresh 1000); 0: of the air", 0.0, 1300.0
+    )
+    depth_sd: float = param(0.1, "m", "Deviation of a height by the pressure of water", 0.005, 10.0, mutable=True)
     body_velocity: bool = param(True, "", "Use the velocity sensor (DVL, optical flow, wheel)")
     body_velocity_sd: float = param(
         0.1, "m/s", "Lower bound on the deviation of a body velocity", 0.001, 10.0, mutable=True

@@ -1,7 +1,7 @@
 """The sensors besides GNSS. A new one is a file beside this and a line here."""
 
 from nav_pose_estimator.engine.sensors.airspeed import AirspeedSensor
-from nav_pose_estimator.engine.sensors.barometer import Barometer
+from nav_pose_estimator.engine.sensors.barometer import Barometer, DepthSensor
 from nav_pose_estimator.engine.sensors.beam_velocity import BeamVelocitySensor
 from nav_pose_estimator.engine.sensors.body_velocity import BodyVelocitySensor
 from nav_pose_estimator.engine.sensors.ground_range import GroundRange
@@ -11,6 +11,7 @@ from nav_pose_estimator.engine.sensors.sensor import Aid
 AIDS: tuple[type[Aid], ...] = (
     Magnetometer,
     Barometer,
+    DepthSensor,
     BodyVelocitySensor,
     BeamVelocitySensor,
     AirspeedSensor,

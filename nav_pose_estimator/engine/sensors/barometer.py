@@ -1,18 +1,21 @@
-"""Barometer: a height against a reference that is learned while GNSS is good."""
+"""Pressure of the air, a height against a reference that is learned while GNSS is good; and pressure of the water."""
 
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
-from nav_pose_estimator.core.earth.atmosphere import height_pressure, pressure_height
+from nav_pose_estimator.core.earth.atmosphere import height_pressure, pressure_height, water_height
+from nav_pose_estimator.core.earth.ellipsoid import gravity
 from nav_pose_estimator.core.filter import measurements
-from nav_pose_estimator.core.filter.layout import ALT, DPOS
+from nav_pose_estimator.core.filter.blocks import DEPTH, Block, Wander
+from nav_pose_estimator.core.filter.layout import ALT, DPOS, LAT
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, FilterView, Kind, Observation, Use
+from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import PressureSample
+from nav_pose_estimator.engine.samples import PressureSample, WaterPressure
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised, Pacer, shared_error
 from nav_pose_estimator.engine.solutions import Level
@@ -21,6 +24,9 @@ _LOWEST, _HIGHEST = 1_000.0, 120_000.0  # Pa: 31 km up, and below any place on E
 _THICK = 30_000.0  # Pa: a lower pressure belongs to 9 km and above
 _FAR = 2_500.0  # m between barometric height and GNSS: neither weather nor the geoid
 _NEAR = 1_200.0  # m: what they may do
+_ANY_LAKE = 5e3  # m: height of a surface of which nothing is known
+_OF_A_FIX = 0.5  # of the deviation of a fix is an error that lasts
+_THIN, _DEEPEST = 50_000.0, 1.2e8  # Pa: a mountain lake, and below any sea bed
 _UNITS = {"hPa": 100.0, "kPa": 1e3, "bar": 1e5, "mmHg": 133.322, "inHg": 3386.39, "psi": 6894.76}  # Pa
 _VAGUE = 20.0  # m: a height with a larger deviation was never GNSS's
 _UP = DPOS + 2
@@ -141,3 +147,51 @@ class Barometer(Aid):
         """One row, the height."""
         assert o.decision is not None
         return *measurements.height(f.nav, len(f.P), o.measured - o.decision.reference), self._R
+
+
+class DepthSensor(Aid):
+    """The height of a vehicle in water by the pressure above it.
+
+    The height of the surface is a state, known as well as GNSS shows the height while the vehicle is up there. It
+    wanders with tide and weather.
+    """
+
+    kind = Kind("depth", quiet=True)
+    sample, family = WaterPressure, "depth"
+    blocks: ClassVar[dict[Block, Wander]] = {DEPTH: Wander(walk=2e-3)}
+
+    def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
+        super().__init__(parameters, aiding, journal)
+        self._pacer = Pacer()
+        self._unit_told = False
+
+    def set_parameters(self, parameters: Parameters) -> None:
+        """New noise."""
+        aids = parameters.aids
+        self._density, self._period = aids.water_density, aids.barometer_period
+        self._R = np.array([[aids.depth_sd**2 * shared_error(self._period)]])
+        self._surface_sd = _OF_A_FIX * parameters.gnss.vertical_sd
+        self.first_sd = {DEPTH: _ANY_LAKE}
+
+    def observe(self, sample: WaterPressure, t: float) -> Observation | None:
+        """An absolute pressure [Pa], at most every ``aids.barometer_period``."""
+        if not self._pacer.passes(t, self._period):
+            return None
+        if not _THIN < sample.pressure < _DEEPEST:
+            if self._unit_told:
+                return self._refuse()
+            self._unit_told = True
+            text = f"pressure of the water not used: {sample.pressure:.5g} is no absolute pressure in pascal"
+            return self._journal.say(sample.stamp_ns, "depth.rejected.value", Level.WARN, text)
+        return Observation(t, sample.stamp_ns, self.kind, sample.pressure)
+
+    def decide(self, o: Observation, f: FilterView) -> Decision:
+        """Without GNSS the height is known no better than errors of fixes that last let the surface be known."""
+        if self._aiding.gnss_is_good(o.t):
+            return GATED
+        return Decision(Use.GATED, least_sd=(0.0, self._surface_sd))
+
+    def linearise(self, o: Observation, f: FilterView) -> Linearised:
+        """One row, the height and that of the surface."""
+        height = water_height(o.measured, self._density, gravity(f.nav[LAT], f.nav[ALT]))
+        return *measurements.height_in_water(f.nav, len(f.P), DEPTH.states(f.constants).start, height), self._R

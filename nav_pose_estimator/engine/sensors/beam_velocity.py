@@ -26,8 +26,8 @@ from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.beams import words
 from nav_pose_estimator.engine.sensors.beams.agreement import Accusation, Agreement
 from nav_pose_estimator.engine.sensors.beams.arrangement import Arranged, Arrangement
-from nav_pose_estimator.engine.sensors.beams.compensation import COMPENSATORS, BeamEvidence
-from nav_pose_estimator.engine.sensors.beams.message import Flaw, given_directions, read
+from nav_pose_estimator.engine.sensors.beams.compensation import COMPENSATORS, BeamEvidence, Compensator
+from nav_pose_estimator.engine.sensors.beams.message import Flaw, MessageReader, given_directions
 from nav_pose_estimator.engine.sensors.beams.verification import Verification, deviation_of, velocity_of
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised
 from nav_pose_estimator.engine.solutions import Level
@@ -47,9 +47,10 @@ class BeamVelocitySensor(Aid):
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
         super().__init__(parameters, aiding, journal)
         beams = parameters.aids.beams
-        self._verification = Verification(beams.sign, len(self._given) > 0)
+        given = given_directions(beams.directions)
+        self._reader, self._verification = MessageReader(given), Verification(beams.sign, len(given) > 0)
         self._arrangement = Arrangement(rotation_from_rpy(beams.rpy))
-        self.judge, self._was_out = BeamJudge(), np.zeros(BEAMS, bool)
+        self.judge, self._was_out = BeamJudge(), [False] * BEAMS
         self._agreement, self._accusation = Agreement(), Accusation()
         self.compensator = COMPENSATORS[beams.compensation]()
         self._last_used = -math.inf  # s
@@ -61,23 +62,20 @@ class BeamVelocitySensor(Aid):
         beams = parameters.aids.beams
         self._floor, self._delay, self._rpy_sd = beams.sd**2, beams.delay, beams.rpy_sd
         self._lever = np.array(beams.lever)
-        self._given = given_directions(beams.directions)
         self.first_sd = {DVL: (beams.bias_sd,) * BEAMS + (beams.scale_sd,) + (beams.rpy_sd,) * 3}
 
     # --- on arrival --------------------------------------------------------------------------------------------------
 
     def observe(self, sample: BeamVelocitySample, t: float) -> Observation | None:
         """The beams of a message of which at least one has a velocity."""
-        beams = read(sample, self._given)
+        beams = self._reader.read(sample, self._floor)
         if isinstance(beams, Flaw):
             name = f"{self.family}.rejected.{beams.reason}"
             self._say_once(sample.stamp_ns, name, Level.WARN, f"beam velocities not used: {beams.text}")
             return None
-        if not np.isfinite(beams.velocities).any():
+        if np.isnan(beams.velocities).all():
             return self._refuse("lost")
-        # a variance that is unknown (NaN), negative or tiny is the floor
-        variances = np.fmax(beams.variances, self._floor)
-        return Observation(t - self._delay, sample.stamp_ns, self.kind, beams._replace(variances=variances))
+        return Observation(t - self._delay, sample.stamp_ns, self.kind, beams)
 
     def _say_once(self, stamp_ns: int, name: str, level: Level, text: str) -> None:
         """Say it the first time, then count."""
@@ -98,15 +96,20 @@ class BeamVelocitySensor(Aid):
         arranged = self._arrangement.arrange(o.measured)
         z, H = self._rows(arranged, f)
         judged = self.judge.judge(z, H, f.P, arranged.variances, arranged.are_beams)
-        gnss_is_good = self._aiding.gnss_is_good(o.t)
+        verdicts, gnss_is_good = judged.verdict.tolist(), self._aiding.gnss_is_good(o.t)
         if gnss_is_good:
-            self._compare(o, judged, f)
+            self._compare(o, verdicts, f)
         if self._agreement.contradicts:
             self._refuse("contradicts")
             return LEFT_OUT
-        self._report(o, judged, arranged.are_beams)
-        rows = [Row(i, float(judged.variance[i])) for i in np.flatnonzero(judged.verdict == USED).tolist()]
-        rows += self._accusing(o, z, judged, gnss_is_good) or self._compensated(o, z, judged, gnss_is_good)
+        self._report(o, verdicts, arranged.are_beams)
+        variances = judged.variance.tolist()
+        rows = [Row(i, variances[i]) for i, verdict in enumerate(verdicts) if verdict == USED]
+        gated = [i for i, verdict in enumerate(verdicts) if verdict == GATED]
+        if self._accusation.add(o.t, 0 if gnss_is_good else len(gated)) and self._agreement.is_proven:
+            rows += self._accusing(gated, z, judged)
+        elif self.compensator is not None:
+            rows += self._compensated(self.compensator, o, z, judged)
         return Decision(Use.UNGATED, rows=tuple(rows)) if rows else LEFT_OUT
 
     def _verify(self, o: Observation, f: FilterView) -> None:
@@ -124,9 +127,9 @@ class BeamVelocitySensor(Aid):
             f.nav, len(f.P), first, arranged.directions, arranged.measured, self._lever, arranged.are_beams
         )
 
-    def _compare(self, o: Observation, judged: Judged, f: FilterView) -> None:
+    def _compare(self, o: Observation, verdicts: list[int], f: FilterView) -> None:
         """Hold the whole sensor against the navigator while GNSS is good."""
-        refused, present = int((judged.verdict == GATED).sum()), int((judged.verdict != LOST).sum())
+        refused, present = verdicts.count(GATED), len(verdicts) - verdicts.count(LOST)
         is_moving = math.hypot(*f.nav[VEL : VEL + 3]) > _MOVING
         if 2 * refused > present:
             sd = math.hypot(math.sqrt(self._floor), deviation_of(f, self._rpy_sd))
@@ -135,26 +138,20 @@ class BeamVelocitySensor(Aid):
             said = self._verification.contradiction() if self._agreement.contradicts else words.AGREES
             self._journal.say(o.stamp_ns, *said)
 
-    def _accusing(self, o: Observation, z: np.ndarray, judged: Judged, gnss_is_good: bool) -> list[Row]:
+    def _accusing(self, gated: list[int], z: np.ndarray, judged: Judged) -> list[Row]:
         """Beams that are refused together for long, without GNSS: the navigator follows them, at the gate's edge."""
-        gated = judged.verdict == GATED
-        accuse = self._accusation.add(o.t, 0 if gnss_is_good else int(gated.sum()))
-        if not (accuse and self._agreement.is_proven):
-            return []
         self._journal.count("beam_velocity.accusation")
         variance = judged.nominal + z**2 / GATE - judged.spread  # which makes their NIS that of the gate
-        return [Row(i, float(variance[i])) for i in np.flatnonzero(gated).tolist()]
+        return [Row(i, float(variance[i])) for i in gated]
 
-    def _compensated(self, o: Observation, z: np.ndarray, judged: Judged, gnss_is_good: bool) -> list[Row]:
-        """Beams that have been found faulty, less the error that a compensator predicts for them."""
-        if self.compensator is None:
-            return []
+    def _compensated(self, compensator: Compensator, o: Observation, z: np.ndarray, judged: Judged) -> list[Row]:
+        """Without GNSS: beams that have been found faulty, less the error that is predicted for them."""
         flagged = (judged.verdict != USED) & (judged.verdict != LOST)
-        evidence = BeamEvidence(o.t, -z, judged.nis, judged.variance, judged.spread, flagged)
-        if gnss_is_good:
-            self.compensator.learn(evidence)
+        evidence = BeamEvidence(o.t, -z, judged.spread, flagged)
+        if self._aiding.gnss_is_good(o.t):
+            compensator.learn(evidence)
             return []
-        error, variance = self.compensator.predict(evidence)
+        error, variance = compensator.predict(evidence)
         answered = flagged & np.isfinite(error) & np.isfinite(variance)
         return [Row(i, float(variance[i]), float(error[i])) for i in np.flatnonzero(answered).tolist()]
 
@@ -177,17 +174,17 @@ class BeamVelocitySensor(Aid):
         """Whether beams have bounded the drift at ``t`` [s]."""
         return t - self._last_used < _HOLDS
 
-    def _report(self, o: Observation, judged: Judged, are_beams: bool) -> None:
+    def _report(self, o: Observation, verdicts: list[int], are_beams: bool) -> None:
         """Count what became of each beam, and say which is left out for good, or is back."""
-        for i, verdict in enumerate(judged.verdict.tolist()):
+        for i, verdict in enumerate(verdicts):
             beam = f"{i + 1}." if are_beams else "points."
             self._journal.count(f"beam_velocity.{beam}{words.VERDICTS[verdict]}")
-        out = self.judge.out
-        if not np.array_equal(out, self._was_out):
+        out = self.judge.out.tolist()
+        if out != self._was_out:
             for are_out in (True, False):
-                changed = np.flatnonzero((out != self._was_out) & (out == are_out))
-                if len(changed):
-                    self._journal.say(o.stamp_ns, *words.latched((changed + 1).tolist(), are_out))
+                changed = [i + 1 for i in range(BEAMS) if out[i] is are_out is not self._was_out[i]]
+                if changed:
+                    self._journal.say(o.stamp_ns, *words.latched(changed, are_out))
             self._was_out = out
 
     def figures(self) -> dict[str, float]:

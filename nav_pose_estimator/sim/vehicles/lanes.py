@@ -1,6 +1,6 @@
 """Lanes up and down a field, as survey vehicles swim and fly them: straight, a half turn, straight back.
 
-Course, speed, height and lean are smooth splines over time; all derivatives are theirs, so that the IMU is exact.
+Course, speed, heave and lean are smooth splines over time; all derivatives are theirs, so that the IMU is exact.
 """
 
 import math
@@ -14,8 +14,6 @@ from nav_pose_estimator.sim.vehicles.motions import G, Harmonics, attitude_from_
 
 _TICK = 0.1
 """s: grid of the splines."""
-_START = 10.0
-"""s that the vehicle takes to its speed."""
 _WOBBLES = 3
 """Sines that roll, pitch, course and heave are made of."""
 
@@ -29,10 +27,10 @@ class Survey:
     lane: float = 200.0  # s between the beginnings of two turns
     turn: float = 25.0  # s for a half turn
     rest: float = 20.0  # s before it sets off
+    start: float = 10.0  # s that it takes to its speed
     wobble: float = math.radians(1.0)  # rad, deviation of roll and pitch; a third of it in the course
     wobble_period: tuple[float, float] = (4.0, 9.0)  # s, shortest and longest
     heave: float = 0.0  # m/s, deviation of the vertical velocity
-    height: float = 0.0  # m that it climbs when it sets off
     lean: bool = False  # thrust along body z carries it, as a multirotor
     drag: float = 0.0  # 1/s, of the air that it leans against
 
@@ -40,13 +38,14 @@ class Survey:
 def follow(survey: Survey, rng: np.random.Generator, duration: float) -> Motion:
     """A survey of ``duration`` [s] or a little longer; ``rng`` draws the first course and the wobbles."""
     ticks = np.arange(-2.0, duration + 10.0, _TICK)
-    away = minimum_jerk((ticks - survey.rest) / _START)[0]
+    away = minimum_jerk((ticks - survey.rest) / survey.start)[0]
     roll, pitch, yaw, up = (_wobbles(survey, rng)(ticks) * away for _ in range(4))
     mean, swing = 0.5 * sum(survey.speed), 0.5 * (survey.speed[1] - survey.speed[0])
-    speed = CubicSpline(ticks, away * (mean - swing * np.cos(2.0 * np.pi * (ticks - survey.rest) / survey.speed_period)))
+    speed = CubicSpline(
+        ticks, away * (mean - swing * np.cos(2.0 * np.pi * (ticks - survey.rest) / survey.speed_period))
+    )
     course = CubicSpline(ticks, rng.uniform(-np.pi, np.pi) + _turns(survey, ticks) + survey.wobble / 3.0 * yaw)
-    climb = survey.height / _START * minimum_jerk((ticks - survey.rest) / _START)[1]
-    rise = CubicSpline(ticks, climb + survey.heave * up)
+    rise = CubicSpline(ticks, survey.heave * up)
     roll, pitch = survey.wobble * roll, survey.wobble * pitch
     if survey.lean:
         roll = roll - np.arctan(speed(ticks) * course(ticks, 1) / G)

@@ -6,7 +6,7 @@ are also rehearsed: a known error is put on the innovation of a healthy beam, fo
 the filter. The premises are found by particle swarm as in the text, or by conjugate gradient; one rule is ridge
 regression.
 
-All inputs are functions of the innovation, and in an outage the innovation is beam error and navigator's error together:
+All inputs are functions of the innovation, and in an outage the innovation is beam error and navigator's error in one:
 the network is an influence function that cannot tell them apart.
 """
 
@@ -111,13 +111,15 @@ class Reservoir:
 class AnfisCompensator:
     """Learns beam errors while GNSS is good; answers for beams that have been found faulty without it.
 
-    ``optimizer`` and ``rules`` as of ``Anfis``. A training of up to ``_KEPT`` samples happens whenever the number of
-    samples seen has doubled.
+    ``optimizer`` and ``rules`` as of ``Anfis``. ``cautious``: it answers only while more beams are sound than faulty,
+    else it would follow the navigator's own drift; it counts that drift as noise of what it answers, and a whole fault
+    as one answer, since it is wrong by the same for as long as that lasts. It is trained on up to ``_KEPT`` samples
+    whenever the number of samples seen has doubled.
     """
 
-    def __init__(self, optimizer: str = "pso", rules: int = 6, seed: int = 0) -> None:
-        self._model = Anfis(rules, premise_optimizer=optimizer, iterations=_STEPS, seed=seed)
-        self._seed = seed
+    def __init__(self, optimizer: str = "pso", rules: int = 6, seed: int = 0, cautious: bool = True) -> None:
+        self.model = Anfis(rules, premise_optimizer=optimizer, iterations=_STEPS, seed=seed)
+        self._seed, self._is_cautious = seed, cautious
         self._learnt = Reservoir(_KEPT, np.random.default_rng(seed))
         self._held_out = Reservoir(_KEPT_HELD_OUT, np.random.default_rng(seed + 1))
         self._next_fit = _FIRST_FIT
@@ -151,13 +153,15 @@ class AnfisCompensator:
         """Errors (n,) and the variances (n,) of what is left; NaN before the first training and for what is strange."""
         noise = self._follow(evidence)
         error, left = np.full(len(noise), np.nan), np.full(len(noise), np.nan)
-        if not self._model.trained:
+        if not self.model.trained or (self._is_cautious and not _most_are_sound(evidence)):
             return error, left
         for i in np.flatnonzero(evidence.flagged & np.isfinite(noise)).tolist():
             x = np.array(_inputs(evidence.innovation[i], evidence.variance[i], noise[i]))
-            if self._model.novelty(x[None])[0] < _STRANGE:
-                error[i] = self._model.predict_one(x)[0]
+            if self.model.novelty(x[None])[0] < _STRANGE:
+                error[i] = self.model.predict_one(x)[0]
                 left[i] = self._left[0] + self._left[1] * evidence.innovation[i] ** 2
+                if self._is_cautious:
+                    left[i] = _LONGEST * (left[i] + evidence.variance[i])
         return error, left
 
     def figures(self) -> dict[str, float]:
@@ -177,15 +181,19 @@ class AnfisCompensator:
     def _fit(self) -> None:
         self._next_fit = 2 * self._learnt.offered
         held_out = self._held_out.samples()
-        self._model.fit(*self._learnt.samples(), *held_out)
+        self.model.fit(*self._learnt.samples(), *held_out)
         x, y = held_out
-        missed = np.square(y - self._model.predict(x))[:, 0]
+        missed = np.square(y - self.model.predict(x))[:, 0]
         self._error = float(np.sqrt(missed.mean()))
         squared = x[:, 0] ** 2
         weight = 1.0 / (np.median(squared) + squared)
         design = np.column_stack([weight, weight * squared])
         constant, growing = np.linalg.lstsq(design, weight * missed, rcond=None)[0].tolist()
         self._left = max(constant, 0.0), max(growing, 0.0)
+
+
+def _most_are_sound(evidence: BeamEvidence) -> bool:
+    return 2 * int(evidence.flagged.sum()) < int(np.isfinite(evidence.innovation).sum())
 
 
 def _inputs(innovation: float, variance: float, noise: float) -> tuple[float, float, float]:

@@ -32,7 +32,7 @@ FLAWS = {
 class Beams(NamedTuple):
     """``directions`` (n, 3) in the sensor frame and ``velocities`` (n,) [m/s], both as published, NaN for a lost beam.
 
-    ``variances`` (n,) [m^2/s^2], NaN where unknown; ``velocity`` the sensor's own 3-D one or None.
+    ``variances`` (n,) [m^2/s^2] to go by; ``velocity`` the sensor's own 3-D one or None.
     """
 
     directions: Array
@@ -55,26 +55,42 @@ def given_directions(numbers: tuple[float, ...]) -> Array:
     return vectors[lengths > 0.0] / lengths[lengths > 0.0, None]
 
 
-def read(sample: BeamVelocitySample, given: Array) -> Beams | Flaw:
-    """The beams of a message, whose directions are ``given`` (k, 3) where there are any."""
-    velocities = np.array(sample.velocities, float)
-    count = len(velocities)
-    directions = given if len(given) else np.asarray(sample.directions, float)
-    if count == 0 or (directions.shape != (count, 3) and not len(given)):
-        return _flaw("empty")
-    if len(directions) != count:
-        return _flaw("count", found=count, given=len(given))
-    if not np.isfinite(directions).all():
-        return _flaw("geometry")
-    variances = np.full(count, math.nan) if sample.variances is None else np.array(sample.variances, float)
-    chosen = np.linspace(0, count - 1, min(count, MOST_POINTS)).astype(int)
-    flaw = _flaw_of_directions(directions[chosen])
-    if flaw is not None:
+class MessageReader:
+    """From samples to beams, whose directions are those ``given`` (k, 3) where there are any."""
+
+    def __init__(self, given: Array) -> None:
+        self._given = given
+        self._sound = np.zeros((0, 3))  # directions of the last message that had any, checked
+
+    def read(self, sample: BeamVelocitySample, floor: float) -> Beams | Flaw:
+        """The beams of a message; ``floor`` [m^2/s^2]: the least variance."""
+        velocities = np.array(sample.velocities, float)
+        directions = self._given if len(self._given) else np.asarray(sample.directions, float)
+        flaw = self._flaw_of(directions, len(velocities))
+        if flaw is not None:
+            return flaw
+        if not velocities.any():
+            return _flaw("zero")
+        velocities[_is_lost(sample, velocities)] = math.nan
+        variances = np.full(len(velocities), floor)
+        if sample.variances is not None:  # one that is unknown (NaN), negative or tiny is the floor
+            np.fmax(variances, sample.variances, out=variances)
+        if len(velocities) <= MOST_POINTS:
+            return Beams(directions, velocities, variances, sample.velocity)
+        chosen = np.linspace(0, len(velocities) - 1, MOST_POINTS).astype(int)
+        return Beams(directions[chosen], velocities[chosen], variances[chosen], sample.velocity)
+
+    def _flaw_of(self, directions: Array, count: int) -> Flaw | None:
+        """What is wrong with ``directions`` for so many velocities; those that were sound before still are."""
+        if count == len(self._sound) and (directions is self._sound or np.array_equal(directions, self._sound)):
+            return None
+        if count == 0 or (directions.shape != (count, 3) and not len(self._given)):
+            return _flaw("empty")
+        if len(directions) != count:
+            return _flaw("count", found=count, given=len(self._given))
+        flaw = _flaw_of_directions(directions)
+        self._sound = directions if flaw is None else self._sound
         return flaw
-    if not velocities.any():
-        return _flaw("zero")
-    velocities[_is_lost(sample, velocities) | np.isposinf(variances)] = math.nan
-    return Beams(directions[chosen], velocities[chosen], variances[chosen], sample.velocity)
 
 
 def _flaw(reason: str, **facts: float) -> Flaw:
@@ -82,6 +98,8 @@ def _flaw(reason: str, **facts: float) -> Flaw:
 
 
 def _flaw_of_directions(directions: Array) -> Flaw | None:
+    if not np.isfinite(directions).all():
+        return _flaw("geometry")
     lengths = np.sqrt(np.square(directions).sum(axis=1))
     wrong = np.flatnonzero(np.abs(lengths - 1.0) > _LENGTH)
     if len(wrong):
@@ -97,6 +115,8 @@ def _flaw_of_directions(directions: Array) -> Flaw | None:
 def _is_lost(sample: BeamVelocitySample, velocities: Array) -> NDArray[np.bool_]:
     """Which beams (n,) met nothing, by all that the message says of them."""
     lost = ~(np.abs(velocities) < _FASTEST)
+    if sample.variances is not None:
+        lost |= np.isposinf(sample.variances)
     if sample.ranges is not None:
         lost |= ~(np.asarray(sample.ranges) > 0.0)
     if sample.valid is not None:

@@ -47,7 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--cases", default="all", metavar="C,...", help=f"of {', '.join(CASES)} (default: all)")
     add("--faults", default="all", metavar="F,...", help=f"of {', '.join(PLANS)} (default: all)")
-    add("--methods", default=",".join(TABLE), metavar="M,...", help=f"of {', '.join(METHODS)} (default: {','.join(TABLE)})")
+    table = ",".join(TABLE)
+    add("--methods", default=table, metavar="M,...", help=f"of {', '.join(METHODS)} (default: {table})")
     add("--seeds", type=int, default=10, metavar="N", help="simulated outages of each (default: 10)")
     add("--first-seed", type=int, default=0, metavar="N", help="seed of the first one (default: 0)")
     add("--length", type=float, default=GOAL_LENGTH, metavar="S", help="time without GNSS (default: 600)")

@@ -82,8 +82,8 @@ CASES = {
     for case in (
         Case(
             "auv",
-            "lanes of 200 s at 1.5 m/s, 0.5 deg/h; beams x at 30 deg, 2 Hz, 1 cm/s; 900 s with GNSS",
-            scenarios.AUV,
+            "lanes of 200 s at 1.5 m/s, 0.5 deg/h, no magnetometer; beams x at 30 deg, 2 Hz, 1 cm/s; 900 s with GNSS",
+            replace(scenarios.AUV, magnetometer=None),
             "tactical",
             900.0,
             1.5,

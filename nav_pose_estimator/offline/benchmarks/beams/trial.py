@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from nav_pose_estimator.engine.samples import (
     SatelliteCount,
     stamp_of,
 )
+from nav_pose_estimator.offline.benchmarks.alignment.cases import start_deviations
+from nav_pose_estimator.offline.benchmarks.alignment.trial import begin, true_nav
 from nav_pose_estimator.offline.benchmarks.beams.cases import Case
 from nav_pose_estimator.offline.benchmarks.beams.methods import METHODS, Watched, prepared
 from nav_pose_estimator.sim import beam_faults
@@ -31,6 +33,7 @@ from nav_pose_estimator.sim.scenarios import generate
 from nav_pose_estimator.sim.trajectories import Truth
 
 _GNSS = (GnssFix, GnssVelocity, SatelliteCount)
+_START_SD, _START_VELOCITY_SD = (0.2, 0.2, 2.0), 0.1  # deg about East, North, Up; m/s
 _EVERY = 1.0  # s between two looks at the errors
 _LARGE = 5.0  # deviations of a beam's noise: a larger error is a fault that should be refused
 _SETTLED = 2.0  # s after a total loss from which on the velocity is judged again
@@ -73,11 +76,11 @@ def run_seed(
     """
     recording = generate(case.told(length, mounting), seed=seed, imu=case.grade)
     begin_ns = recording.start_ns + round(case.aided * 1e9)
+    recording = without_gnss(recording, begin_ns)
     trials = []
     for method in methods:
         engine = prepared(SinsEngine(METHODS[method].parameters(case.parameters(change))), method)
-        for sample in _until(recording, begin_ns):
-            engine.feed(sample)
+        _fly_with_gnss(engine, case, recording, begin_ns)
         for fault in faults:
             plan = beam_faults.plan(fault, case.stretch(length), seed)
             trial = _Outage(case, recording, recording.with_faults(*plan), begin_ns, deepcopy(engine), mounting)
@@ -85,22 +88,38 @@ def run_seed(
     return trials
 
 
-def _until(recording: Recording, end_ns: int) -> Iterator[Sample]:
-    """What arrives before ``end_ns``."""
+def _fly_with_gnss(engine: SinsEngine, case: Case, recording: Recording, end_ns: int) -> None:
+    """Everything that arrives before ``end_ns``, after a start with known deviations: alignment is not the question."""
+    assert case.scenario.gnss is not None
+    sd = start_deviations(_START_SD, _START_VELOCITY_SD, case.grade, case.scenario.gnss)
     for sample in recording.samples():
         stamp = stamp_of(sample)
         if stamp is not None and stamp >= end_ns:
             return
-        yield sample
+        if isinstance(sample, ImuBlock) and not engine.run.timeline.running:
+            sample = begin(engine, recording, sample, sd)
+        engine.feed(sample)
+
+
+def without_gnss(recording: Recording, begin_ns: int) -> Recording:
+    """The recording without what GNSS measured from ``begin_ns`` on; a count belongs to the fix ahead of it."""
+    kept, is_over = [], False
+    for timed in recording.others:
+        is_gnss = isinstance(timed.sample, _GNSS)
+        stamp = stamp_of(timed.sample)
+        is_over = is_over or (is_gnss and stamp is not None and stamp >= begin_ns)
+        if not (is_gnss and is_over):
+            kept.append(timed)
+    return replace(recording, others=kept)
 
 
 def _after(recording: Recording, begin_ns: int) -> Iterator[Sample]:
-    """What arrives from ``begin_ns`` on, without GNSS."""
+    """What arrives from ``begin_ns`` on."""
     began = False
     for sample in recording.samples():
         stamp = stamp_of(sample)
         began = began or (stamp is not None and stamp >= begin_ns)
-        if began and not isinstance(sample, _GNSS):
+        if began:
             yield sample
 
 
@@ -116,8 +135,7 @@ class _Outage:
     def run(self, fault: str, method: str) -> Trial:
         """Play it and judge it."""
         judge = METHODS[method].judge_of(self._engine)
-        judge.verdicts.clear()
-        errors = self._errors()
+        errors = self._errors(judge)
         truth = self._clean.truth
         flown = truth.t > self._case.aided
         travelled = float(np.hypot(*truth.v_n[flown, :2].T).sum() * truth.dt)
@@ -134,17 +152,23 @@ class _Outage:
             percent=100.0 * end / travelled,
             velocity_rms=self._velocity_rms(errors),
             heading_deg=math.degrees(errors[-1, 1 + at.PHI + 2]),
-            mounting_deg=figures.get("beam_velocity.mounting_yaw_deg", math.nan) - math.degrees(self._mounting),
+            mounting_deg=figures.get("beams.mounting_yaw_deg", math.nan) - math.degrees(self._mounting),
             nees=float(np.mean(errors[:, -1])),
             refused_healthy=healthy,
             refused_faulty=wrong,
         )
 
-    def _errors(self) -> np.ndarray:
-        """Rows (N, 11): time [s], errors of attitude, velocity, position (9), NEES per degree of freedom."""
+    def _errors(self, judge: Watched) -> np.ndarray:
+        """Rows (N, 11): time [s], errors of attitude, velocity, position (9), NEES per degree of freedom.
+
+        The verdicts of ``judge`` begin with the first message: those before it have been given by then.
+        """
         rows: list[np.ndarray] = []
-        due = self._case.aided
+        due, is_first = self._case.aided, True
         for sample in _after(self._faulty, self._begin_ns):
+            if is_first and isinstance(sample, BeamVelocitySample):
+                judge.verdicts.clear()
+                is_first = False
             self._engine.feed(sample)
             if isinstance(sample, ImuBlock) and self._engine.run.now >= due:
                 rows.append(self._look(self._clean.truth))
@@ -154,31 +178,27 @@ class _Outage:
     def _look(self, truth: Truth) -> np.ndarray:
         estimate, t = self._engine.run.settled, self._engine.run.now
         row = round((t - truth.t[0]) / truth.dt)
-        nav = estimate.nav.copy()
-        nav[at.LAT : at.VEL] = truth.lat[row], truth.lon[row], truth.alt[row]
-        nav[at.VEL : at.QUAT] = truth.v_n[row]
-        nav[at.QUAT : at.GYRO_BIAS] = truth.q_nb[row]
-        error = error_between(nav, estimate.nav, estimate.constants)
+        error = error_between(true_nav(truth, row), estimate.nav, estimate.constants)
         judged = error[_JUDGED]
         nees = float(judged @ np.linalg.solve(estimate.P[np.ix_(_JUDGED, _JUDGED)], judged)) / len(judged)
         return np.r_[t, error[: at.DPOS + 3], nees]
 
     def _velocity_rms(self, errors: np.ndarray) -> float:
         """While at least one beam is there, and a little after a total loss."""
-        seen = np.array([[_seconds(self._clean, s), np.isfinite(s.velocities).any()] for s in self._messages()])
-        lost = seen[seen[:, 1] == 0.0, 0]
-        gap = errors[:, 0][:, None] - lost[None, :]
+        messages = self._messages(self._faulty)
+        lost = [_seconds(self._faulty, s) for s in messages if not np.isfinite(s.velocities).any()]
+        gap = errors[:, 0][:, None] - np.array(lost)[None, :]
         judged = ~((gap > -1.0) & (gap < _SETTLED)).any(axis=1)
         squared = np.square(errors[judged][:, 1 + at.DVEL : 4 + at.DVEL]).sum(axis=1)
         return float(np.sqrt(squared.mean())) if len(squared) else math.nan
 
-    def _messages(self) -> list[BeamVelocitySample]:
-        return [s for s in _after(self._faulty, self._begin_ns) if isinstance(s, BeamVelocitySample)]
+    def _messages(self, recording: Recording) -> list[BeamVelocitySample]:
+        samples = [timed.sample for timed in recording.others]
+        return [s for s in samples if isinstance(s, BeamVelocitySample) and s.stamp_ns >= self._begin_ns]
 
     def _refused(self, judge: Watched) -> tuple[float, float]:
         """Shares of the healthy and of the clearly wrong beam velocities that were refused."""
-        clean = [s for s in _after(self._clean, self._begin_ns) if isinstance(s, BeamVelocitySample)]
-        pairs = zip(clean, self._messages(), strict=True)
+        pairs = zip(self._messages(self._clean), self._messages(self._faulty), strict=True)
         wrong = [b.velocities - a.velocities for a, b in pairs if np.isfinite(b.velocities).any()]
         count = min(len(wrong), len(judge.verdicts))
         if count < len(wrong) - 2:  # the last one may still be on its way
