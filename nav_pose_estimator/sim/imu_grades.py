@@ -106,9 +106,23 @@ _NAVIGATION = ImuGrade(
     accel_turn_on_sd=1e-2 * MG,
 )
 """That of a ship's inertial navigation system."""
+_TACTICAL = ImuGrade(
+    "tactical",
+    gyro_noise=0.05 * DEG / 60.0,
+    accel_noise=0.02 * MG,
+    gyro_bias_sd=0.5 * DEG_PER_HOUR,
+    accel_bias_sd=0.1 * MG,
+    gyro_bias_tau=1000.0,
+    accel_bias_tau=1000.0,
+    gyro_turn_on_sd=0.5 * DEG_PER_HOUR,
+    accel_turn_on_sd=0.1 * MG,
+    gyro_matrix_sd=1e-4,
+    accel_matrix_sd=1e-4,
+)
+"""A fibre-optic gyroscope in an underwater vehicle: 0.5 deg/h, 0.05 deg/sqrt(h), 0.1 mg."""
 PERFECT = ImuGrade("perfect")
 _SOLD = (_ICM42688, _BMI088, _MPU6000)
-IMU_GRADES = {grade.name: grade for grade in (*_SOLD, *map(calibrated, _SOLD), _NAVIGATION, PERFECT)}
+IMU_GRADES = {grade.name: grade for grade in (*_SOLD, *map(calibrated, _SOLD), _TACTICAL, _NAVIGATION, PERFECT)}
 
 
 def imu_grade(name: str | ImuGrade) -> ImuGrade:

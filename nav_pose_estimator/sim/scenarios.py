@@ -2,11 +2,13 @@
 
 import difflib
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.sim import sensors
+from nav_pose_estimator.sim import beam_faults, sensors
+from nav_pose_estimator.sim.doppler import Doppler, cone, doppler
 from nav_pose_estimator.sim.faults import Fault, Shift
 from nav_pose_estimator.sim.imu_grades import ImuGrade, imu_grade
 from nav_pose_estimator.sim.noise import stream
@@ -14,14 +16,17 @@ from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.sensors import Barometer, Gnss, Magnetometer, Pitot, Rangefinder
 from nav_pose_estimator.sim.trajectories import Origin, sample_times
 from nav_pose_estimator.sim.vehicles import motions
+from nav_pose_estimator.sim.vehicles.lanes import Survey
 from nav_pose_estimator.sim.vehicles.missions import Mission
-from nav_pose_estimator.sim.vehicles.models import FixedWing, Multirotor, Prescribed, RoadVehicle, Vehicle
+from nav_pose_estimator.sim.vehicles.models import FixedWing, Multirotor, Prescribed, RoadVehicle, Surveyor, Vehicle
 from nav_pose_estimator.sim.wind import CALM, DRIFTING, LIGHT, MODERATE, Wind
 
 START_NS = 1_700_000_000_000_000_000
 """Stamp of time zero."""
 HOME = Origin(math.radians(47.3977), math.radians(8.5456), 488.0)
 """Where the stories begin, if they do not say otherwise."""
+SEA = Origin(math.radians(43.2), math.radians(5.2), 0.0)
+"""Where those begin that go on, in or above water."""
 MAX_DURATION = 6.0 * 3600.0
 """s: an hour at 200 Hz takes about 1 GB of memory."""
 
@@ -40,6 +45,7 @@ class Scenario:
     barometer: Barometer | None = field(default_factory=Barometer)
     airspeed: Pitot | None = None
     ground_range: Rangefinder | None = None
+    doppler: Doppler | None = None
     faults: tuple[Fault, ...] = ()
     imu_rate: float = 200.0  # Hz
     origin: Origin = HOME
@@ -56,7 +62,7 @@ _WHITE = Gnss(
 )
 _LOST_300 = Gnss(drops=((120.0, 60.0, 0),))
 
-_ALL = (
+_ALL: tuple[Scenario, ...] = (
     Scenario(
         "multirotor_outage",
         "A quadrotor between waypoints in light wind, meant for replay with a GNSS outage",
@@ -191,6 +197,54 @@ _ALL = (
     ),
     Scenario("no_magnetometer", "Heading has to come from GNSS velocity", _TRAVEL, LIGHT, 300.0, magnetometer=None),
 )
+AUV = Scenario(
+    "auv_lanes",
+    "An underwater vehicle on lanes of 200 s at 1.5 m/s, Doppler log with four beams (meant for --imu tactical)",
+    Surveyor(Survey(heave=0.02)),
+    duration=900.0,
+    gnss=Gnss(1.0),
+    magnetometer=Magnetometer(2.0),
+    barometer=None,
+    doppler=Doppler(lever=(0.4, 0.0, -0.2)),
+    imu_rate=50.0,
+    origin=SEA,
+)
+DRONE = Scenario(
+    "drone_over_water",
+    "A drone on lanes of 40 s at 4 to 8 m/s above water, Doppler radar with four beams",
+    Surveyor(
+        Survey((4.0, 8.0), lane=40.0, turn=8.0, start=4.0, wobble=math.radians(1.5), heave=0.1, lean=True, drag=0.3)
+    ),
+    duration=900.0,
+    magnetometer=Magnetometer(2.0),
+    barometer=Barometer(2.0),
+    doppler=Doppler(2.5, cone(4, math.radians(25.0), 0.0), 0.08, bias_sd=0.005, scale_sd=0.005, lever=(0.1, 0.0, -0.1)),
+    imu_rate=100.0,
+    origin=SEA,
+)
+FAULTY_FROM, FAULTY_FOR = 300.0, 600.0
+"""s: where beams fail in the scenarios AUV_... and DRONE_..., meant for replay with an outage there."""
+
+
+def _with_faulty_beams(healthy: Scenario, prefix: str, speed: float) -> Iterator[Scenario]:
+    """A scenario for every plan of ``beam_faults``."""
+    assert healthy.doppler is not None
+    model = healthy.doppler
+    where = beam_faults.Stretch(FAULTY_FROM, FAULTY_FOR, speed, model.noise, model.rate, len(model.directions))
+    for name in beam_faults.PLANS:
+        if name != "none":
+            what = f"{healthy.name}, where beams fail from {FAULTY_FROM:g} s on: {name}"
+            faults = beam_faults.plan(name, where, seed=0)
+            yield replace(healthy, name=f"{prefix}_{name.replace(' ', '_')}", description=what, faults=faults)
+
+
+_ALL += (
+    AUV,
+    replace(AUV, name="auv_heave", description="auv_lanes in waves", vehicle=Surveyor(Survey(heave=0.3))),
+    *_with_faulty_beams(AUV, "auv", 1.5),
+    DRONE,
+    *_with_faulty_beams(DRONE, "drone", 6.0),
+)
 SCENARIOS = {scenario.name: scenario for scenario in _ALL}
 
 
@@ -234,6 +288,8 @@ def generate(
     ):
         if model is not None:
             others += getattr(sensors, name)(truth, model, stream(seed, name), START_NS)
+    if scenario.doppler is not None:
+        others += doppler(truth, scenario.doppler, stream(seed, "doppler"), START_NS)
     others.sort(key=lambda timed: timed.arrival_ns)
     block = imu_data.block
     recording = Recording(

@@ -75,6 +75,26 @@ def test_swarm_learns_too():
     assert model.curve.training[-1] < 0.8 * model.curve.training[0]
 
 
+def test_swarm_against_conjugate_gradient_and_ridge():
+    """GIVEN the same start THEN both fit what they have not seen far better than ridge, the gradient in fewer steps."""
+    x, y = product_of_sines(150)
+    ridge = Anfis(1).fit(x, y)
+    swarm = Anfis(6, premise_optimizer="pso", iterations=25).fit(x, y)
+    gradient = Anfis(6, iterations=25).fit(x, y)
+    assert swarm.curve.training[0] == gradient.curve.training[0]
+    other = product_of_sines(400, seed=2)
+    errors = [relative_error(model, *other) for model in (gradient, swarm, ridge)]
+    assert errors[0] < errors[1] < 0.5 * errors[2]
+    assert gradient.curve.evaluations < 0.1 * swarm.curve.evaluations
+
+
+def test_swarm_is_the_same_for_the_same_seed():
+    x, y = product_of_sines(100)
+    first, again, other = (Anfis(4, premise_optimizer="pso", iterations=5, seed=s).fit(x, y) for s in (1, 1, 2))
+    np.testing.assert_array_equal(first.predict(x), again.predict(x))
+    assert not np.array_equal(first.predict(x), other.predict(x))
+
+
 def test_one_rule_is_ridge_regression():
     x, y = product_of_sines(100, noise=0.3)
     model = Anfis(1, ridge=0.01).fit(x, y)

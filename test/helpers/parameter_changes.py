@@ -4,14 +4,16 @@ A parameter that stands nowhere here fails ``test_every_parameter_has_its_flight
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from beamed import beam_directions, in_water, with_beams
+from beamed import Change, beam_directions, in_water, with_beams
 from nav_pose_estimator.core.beams.geometry import with_swapped_angle
 from nav_pose_estimator.core.numerics.rotation import quat_rotate_many
 from nav_pose_estimator.engine.samples import (
+    BeamVelocitySample,
     BodyVelocity,
     GnssFix,
     GnssVelocity,
@@ -192,6 +194,9 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "aids.beams.rpy": (0.03, 0.03, 0.03),
         "aids.beams.rpy_sd": 0.05,
     },
+    "faulty_beam": {
+        "aids.beams.compensation": "anfis_frcg",
+    },
     "first_training": {"learner.rules": 1},
     "learning": {
         "learner.enabled": False,
@@ -279,6 +284,15 @@ def _with_body_velocity(recording: Recording, faults: tuple[Fault, ...], begin: 
             due = t + 0.2
 
 
+def _off_after(begin: float) -> Change:
+    """The second beam is off by 2 m/s from ``begin`` [s] on."""
+
+    def change(t: float, sample: BeamVelocitySample) -> BeamVelocitySample:
+        return replace(sample, velocities=sample.velocities + np.array([0.0, 2.0 * (t >= begin), 0.0, 0.0]))
+
+    return change
+
+
 def _silent(scenario: str, duration: float, *faults: Fault) -> list[Sample]:
     return list(generate(scenario, duration, seed=5, imu_rate=50.0).with_faults(*faults).samples())
 
@@ -296,6 +310,10 @@ FLIGHTS: dict[str, Callable[[], list[Sample]]] = {
     "ground": lambda: _silent("hover_range", 60.0, *silence(45.0, 10.0)),
     "lake": lambda: list(in_water(_base(60.0))),
     "beams": lambda: list(with_beams(_base(60.0), own=True)),
+    # the network has been trained when GNSS goes, and a beam with it
+    "faulty_beam": lambda: list(
+        with_beams(_base(130.0).with_faults(*silence(110.0, 20.0)), _off_after(112.0), own=True)
+    ),
     # GNSS jumps in flight and stays there
     "spoof": lambda: _spoiled(90.0, Shift(GnssFix, 40.0, 50.0, (300.0, 0.0, 0.0))),
     # it comes back where the filter cannot be, but the vehicle could

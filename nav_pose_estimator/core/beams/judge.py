@@ -63,10 +63,23 @@ def _new_memory() -> Array:
     return memory
 
 
+class Parts(NamedTuple):
+    """Which of the tests are made; without ``noise`` each beam has its nominal one."""
+
+    gate: bool = True
+    parity: bool = True
+    latch: bool = True
+    noise: bool = True
+
+
+ALL_PARTS = Parts()
+
+
 @dataclass
 class BeamJudge:
     """What is remembered of each of up to ``BEAMS`` beams. Points of a cloud have no history: the gate judges them."""
 
+    parts: Parts = ALL_PARTS
     memory: Array = field(default_factory=_new_memory)
 
     def judge(self, z: Array, H: Array, P: Array, nominal: Array, are_beams: bool) -> Judged:
@@ -74,7 +87,7 @@ class BeamJudge:
 
         ``are_beams``: row i is always the same beam, and there are at most ``BEAMS``; else they are points.
         """
-        return Judged(*_judge(z, H, P, nominal, self.memory, are_beams))
+        return Judged(*_judge(z, H, P, nominal, self.memory, are_beams, self.parts))
 
     @property
     def factors(self) -> Array:
@@ -93,7 +106,7 @@ class BeamJudge:
 
 
 @kernel
-def _judge(z, H, P, nominal, memory, has_history):
+def _judge(z, H, P, nominal, memory, has_history, parts):
     """See ``Judged``; ``memory`` (BEAMS, _COLUMNS) is brought up to date where the beams have a history."""
     n = len(z)
     A = _spread(H, P)
@@ -104,16 +117,18 @@ def _judge(z, H, P, nominal, memory, has_history):
         nis[i] = z[i] * z[i] / spread[i]
         if not nis[i] < math.inf:
             verdict[i] = LOST
-        elif nis[i] > GATE:
+        elif nis[i] > GATE and parts.gate:
             verdict[i] = GATED
     if has_history:
-        _check_parity(z, H, A, nominal, memory, verdict)
+        if parts.parity:
+            _check_parity(z, H, A, nominal, memory, verdict)
         for i in range(n):
-            if verdict[i] != LOST:
+            if verdict[i] != LOST and parts.latch:
                 _remember(memory[i], verdict[i] != USED, nis[i] > _MILD)
                 if memory[i, _IS_OUT] > 0.0 and verdict[i] == USED:
                     verdict[i] = OUT
-        _adapt(z, A, nominal, memory, verdict, variance)
+        if parts.noise:
+            _adapt(z, A, nominal, memory, verdict, variance)
     return verdict, variance, nis, nominal, spread
 
 

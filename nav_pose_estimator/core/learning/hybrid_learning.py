@@ -159,6 +159,11 @@ class ReducedObjective:
         gradient = np.einsum("ajik,ik->aji", last.slopes, push).ravel() + self.prior / len(move) * move
         return self._value(last.residual, last.consequents, move), gradient
 
+    def value(self, vector: np.ndarray) -> float:
+        """The value at ``vector`` alone: what a swarm asks for."""
+        last = self._at(vector)
+        return np.inf if last is None else self._value(last.residual, last.consequents, vector - self.start)
+
     def _value(self, residual: np.ndarray, consequents: np.ndarray, move: np.ndarray) -> float:
         fit = np.vdot(residual, residual) / residual.shape[1]
         return 0.5 * float(
@@ -283,7 +288,7 @@ def swarm_steps(
     reach = np.repeat([1.0, 1.0, 2.0], len(objective.start) // 3)
 
     def fitness(vector: np.ndarray) -> float:
-        value, _ = objective(vector)
+        value = objective.value(vector)
         if validation is None or not np.isfinite(value):
             return value
         return validation.rmse(objective.premises.with_vector(vector), objective.consequents(vector))

@@ -147,7 +147,7 @@ class BeamVelocitySensor(Aid):
     def _compensated(self, compensator: Compensator, o: Observation, z: np.ndarray, judged: Judged) -> list[Row]:
         """Without GNSS: beams that have been found faulty, less the error that is predicted for them."""
         flagged = (judged.verdict != USED) & (judged.verdict != LOST)
-        evidence = BeamEvidence(o.t, -z, judged.nis, judged.variance, judged.spread, flagged)
+        evidence = BeamEvidence(o.t, -z, judged.spread, flagged)
         if self._aiding.gnss_is_good(o.t):
             compensator.learn(evidence)
             return []

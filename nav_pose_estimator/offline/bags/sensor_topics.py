@@ -7,6 +7,7 @@ import numpy as np
 
 from nav_pose_estimator.engine.samples import (
     Airspeed,
+    BeamVelocitySample,
     DifferentialPressure,
     GnssFix,
     GnssVelocity,
@@ -17,10 +18,11 @@ from nav_pose_estimator.engine.samples import (
     Sample,
     SatelliteCount,
 )
+from nav_pose_estimator.offline.bags import point_clouds
 from nav_pose_estimator.offline.bags.cdr_packing import STAMP, pack
 from nav_pose_estimator.offline.bags.writer import Messages
 
-MAP_FRAME, BASE_FRAME, IMU_FRAME, GPS_FRAME = "map", "base_link", "imu_link", "gps_link"
+MAP_FRAME, BASE_FRAME, IMU_FRAME, GPS_FRAME, DVL_FRAME = "map", "base_link", "imu_link", "gps_link", "dvl_link"
 _UNKNOWN_COUNT = 255  # MAVLink's word for it
 _COV_UNKNOWN, _COV_KNOWN = 0, 3  # sensor_msgs/NavSatFix
 
@@ -125,6 +127,12 @@ def _ranges(kind: str, samples: list[RangeToGround]) -> np.ndarray:
     return pack(kind, len(samples), fields)
 
 
+def _beams(kind: str, samples: list[BeamVelocitySample]) -> np.ndarray:
+    directions = np.array([sample.directions for sample in samples])
+    velocities = np.array([sample.velocities for sample in samples])
+    return point_clouds.pack_beams([sample.stamp_ns for sample in samples], directions, velocities, DVL_FRAME)
+
+
 def _header(samples: list, frame: str) -> dict:
     return {STAMP: [sample.stamp_ns for sample in samples], "header.frame_id": frame}
 
@@ -139,4 +147,5 @@ _SENSORS: tuple[tuple[type[Sample], str, str, _Packer], ...] = (
     (Airspeed, "/airspeed", "geometry_msgs/msg/TwistStamped", _airspeeds),
     (DifferentialPressure, "/differential_pressure", "sensor_msgs/msg/FluidPressure", _differential_pressures),
     (RangeToGround, "/range", "sensor_msgs/msg/Range", _ranges),
+    (BeamVelocitySample, "/beam_velocity", point_clouds.KIND, _beams),
 )

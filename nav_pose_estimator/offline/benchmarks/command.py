@@ -1,4 +1,4 @@
-"""``benchmark outage | attitude | alignment | speed``."""
+"""``benchmark outage | attitude | alignment | beams | speed``."""
 
 import argparse
 import csv
@@ -20,6 +20,7 @@ PARTS = {
     "outage": "forced GNSS outages over many bags and methods",
     "attitude": "attitude errors on recorded motions with optical truth",
     "alignment": "fine alignment in simulation, by model of the measurement noise",
+    "beams": "drift without GNSS while beams of a Doppler sensor fail, in simulation",
     "speed": "what everything costs on this machine",
 }
 OUTAGES, SUMMARY_CSV, SUMMARY_JSON, REPORT = "outages.csv", "summary.csv", "summary.json", "report.html"
@@ -27,10 +28,10 @@ OUTAGES, SUMMARY_CSV, SUMMARY_JSON, REPORT = "outages.csv", "summary.csv", "summ
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the benchmarks."""
-    parser.description = "Measure the package: drift in GNSS outages, attitude, alignment, speed."
+    parser.description = "Measure the package: drift in GNSS outages, attitude, alignment, beams, speed."
     parts = parser.add_subparsers(dest="part", required=True, metavar=f"{{{','.join(PARTS)}}}")
     _add_outage(parts.add_parser("outage", help=PARTS["outage"], description=PARTS["outage"]))
-    for name in ("attitude", "alignment", "speed"):
+    for name in ("attitude", "alignment", "beams", "speed"):
         module = f"nav_pose_estimator.offline.benchmarks.{name}.benchmark"
         if find_spec(module) is not None:
             part = parts.add_parser(name, help=PARTS[name], description=PARTS[name])

@@ -7,7 +7,7 @@ import numpy as np
 
 from nav_pose_estimator.sim.noise import stream
 from nav_pose_estimator.sim.trajectories import Motion, Origin, Truth, truth_of_motion
-from nav_pose_estimator.sim.vehicles import fixed_wing, multirotor, road_vehicle
+from nav_pose_estimator.sim.vehicles import fixed_wing, lanes, multirotor, road_vehicle
 from nav_pose_estimator.sim.vehicles.missions import Mission
 from nav_pose_estimator.sim.vehicles.multirotor import Airframe
 from nav_pose_estimator.sim.wind import Wind
@@ -52,6 +52,16 @@ class RoadVehicle:
 
     def move(self, times: np.ndarray, origin: Origin, wind: Wind, seed: int) -> Truth:
         return truth_of_motion(road_vehicle.drive(self.drive, stream(seed, "mission"), float(times[-1])), times, origin)
+
+
+@dataclass(frozen=True)
+class Surveyor:
+    """A vehicle that goes up and down lanes, under water or in the air. It does not feel the wind."""
+
+    survey: lanes.Survey = field(default_factory=lanes.Survey)
+
+    def move(self, times: np.ndarray, origin: Origin, wind: Wind, seed: int) -> Truth:
+        return truth_of_motion(lanes.follow(self.survey, stream(seed, "mission"), float(times[-1])), times, origin)
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from nav_pose_estimator.engine.sensors.beams.anfis_compensator import AnfisCompensator
 
 Array = NDArray[np.float64]
 
@@ -20,15 +23,12 @@ Array = NDArray[np.float64]
 class BeamEvidence:
     """What one message says of its n beams, before any of them has corrected the filter. A lost beam is NaN.
 
-    ``innovation`` (n,) measurement minus estimate [m/s]; ``mahalanobis`` (n,) its square over H P H' + R with the
-    nominal R: an adapted R hides the fault; ``noise`` (n,) the variance that was estimated for the beam [m^2/s^2].
-    ``variance`` (n,) of the innovation with the nominal R [m^2/s^2]. ``flagged`` (n,) bool: found faulty.
+    ``innovation`` (n,) measurement minus estimate [m/s]; ``variance`` (n,) of it, H P H' + R [m^2/s^2] with the nominal
+    R: an adapted one hides the fault. ``flagged`` (n,) bool: found faulty.
     """
 
     t: float  # s, engine time of validity
     innovation: Array
-    mahalanobis: Array
-    noise: Array
     variance: Array
     flagged: NDArray[np.bool_]
 
@@ -49,5 +49,10 @@ class Compensator(Protocol):
         """What it shows in the navigator's status, names that begin with ``beams.compensation.``."""
 
 
-COMPENSATORS: dict[str, Callable[[], Compensator | None]] = {"none": lambda: None}
+COMPENSATORS: dict[str, Callable[[], Compensator | None]] = {
+    "none": lambda: None,
+    "anfis": AnfisCompensator,
+    "anfis_frcg": partial(AnfisCompensator, "frcg"),
+    "anfis_linear": partial(AnfisCompensator, rules=1),
+}
 """The compensators by the names that ``aids.beams.compensation`` chooses them by."""

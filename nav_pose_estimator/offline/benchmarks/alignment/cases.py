@@ -123,11 +123,11 @@ CONDITIONS: dict[str, Callable[[Gnss, float], Gnss]] = {
 """By name what happens to a receiver in a recording of the given length [s]; errors as factors on the deviation."""
 
 
-def start_deviations(case: Case, gnss: Gnss) -> np.ndarray:
-    """Deviations (15,) of the start, in the order of the filter's states."""
-    assert case.misalignment_sd is not None
-    grade = case.grade
+def start_deviations(
+    misalignment_sd: tuple[float, float, float], velocity_sd: float, grade: ImuGrade, gnss: Gnss
+) -> np.ndarray:
+    """Deviations (15,) of a start, in the order of the filter's states: [deg] about East, North, Up, then [m/s]."""
     position = np.hypot(gnss.position_sd, gnss.position_noise)
     gyro = math.hypot(grade.gyro_turn_on_sd, grade.gyro_bias_sd, grade.warm_up * grade.gyro_per_kelvin)
     accel = math.hypot(grade.accel_turn_on_sd, grade.accel_bias_sd, grade.warm_up * grade.accel_per_kelvin)
-    return np.r_[np.radians(case.misalignment_sd), [case.velocity_sd] * 3, position, [gyro] * 3, [accel] * 3]
+    return np.r_[np.radians(misalignment_sd), [velocity_sd] * 3, position, [gyro] * 3, [accel] * 3]

@@ -64,7 +64,8 @@ def _errors(engine: SinsEngine, recording: Recording, case: Case, gnss: Gnss) ->
     for sample in recording.samples():
         if isinstance(sample, ImuBlock):
             if case.misalignment_sd is not None and not engine.run.timeline.running:
-                sample = _begin(engine, recording, sample, case, gnss)
+                sd = start_deviations(case.misalignment_sd, case.velocity_sd, case.grade, gnss)
+                sample = begin(engine, recording, sample, sd, case.misalignment)
             engine.feed(sample)
             if engine.run.timeline.running and engine.run.now >= due:
                 rows.append(_look(engine, recording.truth))
@@ -74,23 +75,30 @@ def _errors(engine: SinsEngine, recording: Recording, case: Case, gnss: Gnss) ->
     return np.array(rows).reshape(-1, 11)
 
 
-def _begin(engine: SinsEngine, recording: Recording, block: ImuBlock, case: Case, gnss: Gnss) -> ImuBlock:
-    """Start at the first sample from the truth with errors drawn from the covariance; returns what is left to feed."""
+def begin(
+    engine: SinsEngine,
+    recording: Recording,
+    block: ImuBlock,
+    sd: np.ndarray,
+    misalignment: tuple[float, float, float] | None = None,
+) -> ImuBlock:
+    """Start at the first sample of ``block`` from the truth with errors drawn from ``sd`` (15,), or ``misalignment``
+    [deg] off; returns what is left to feed."""
     first = ImuSample(int(block.stamps_ns[0]), tuple(block.gyro[0].tolist()), tuple(block.accel[0].tolist()))
     engine.feed(first)
-    nav = _true_nav(recording.truth, 0)
+    nav = true_nav(recording.truth, 0)
     nav[at.PREV_RATE : at.PREV_RATE + 3], nav[at.PREV_FORCE : at.PREV_FORCE + 3] = first.gyro, first.accel
-    sd = start_deviations(case, gnss)
     error = stream(recording.seed, "start").standard_normal(at.BASE_STATES) * sd
     error[at.D_GYRO_BIAS :] = 0.0  # the biases are wrong by what the IMU has
-    if case.misalignment is not None:
-        error[: at.DVEL] = np.radians(case.misalignment)
+    if misalignment is not None:
+        error[: at.DVEL] = np.radians(misalignment)
     inject(nav, engine.run.timeline.filter.constants, -error)
     engine.run.begin(Alignment(0.0, nav, np.diag(sd**2), "given"))
     return block.part(1, len(block))
 
 
-def _true_nav(truth: Truth, row: int) -> np.ndarray:
+def true_nav(truth: Truth, row: int) -> np.ndarray:
+    """The nominal state of a navigator that is right, at a row of ``truth``."""
     nav = np.zeros(at.NAV_SIZE)
     nav[at.LAT : at.VEL] = truth.lat[row], truth.lon[row], truth.alt[row]
     nav[at.VEL : at.QUAT] = truth.v_n[row]
@@ -101,7 +109,7 @@ def _true_nav(truth: Truth, row: int) -> np.ndarray:
 
 def _look(engine: SinsEngine, truth: Truth) -> np.ndarray:
     estimate, t = engine.run.settled, engine.run.now
-    true = _true_nav(truth, round((t - truth.t[0]) / truth.dt))
+    true = true_nav(truth, round((t - truth.t[0]) / truth.dt))
     error = error_between(true, estimate.nav, estimate.constants)
     kinematic = error[_KINEMATIC]
     nees = float(kinematic @ np.linalg.solve(estimate.P[_KINEMATIC, _KINEMATIC], kinematic)) / len(kinematic)

@@ -1,0 +1,1 @@
+"""Beam velocities without GNSS while beams fail, in simulation."""

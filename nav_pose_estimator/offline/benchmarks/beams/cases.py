@@ -1,0 +1,125 @@
+"""Which vehicles lose GNSS, what their estimators know of them, and what is to be reached."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.sim import scenarios
+from nav_pose_estimator.sim.beam_faults import Stretch
+from nav_pose_estimator.sim.doppler import Doppler
+from nav_pose_estimator.sim.imu_grades import ImuGrade, imu_grade
+from nav_pose_estimator.sim.scenarios import Scenario
+
+_DOUBTED = 2.0  # noises of the filter over those of the simulation
+
+
+@dataclass(frozen=True)
+class Case:
+    """A vehicle, for how long it has GNSS [s], its typical speed [m/s] and further parameters of its estimator."""
+
+    name: str
+    description: str
+    scenario: Scenario
+    imu: str
+    aided: float
+    speed: float
+    special: tuple[tuple[str, Any], ...] = ()
+
+    @property
+    def grade(self) -> ImuGrade:
+        """The IMU's errors."""
+        return imu_grade(self.imu)
+
+    @property
+    def doppler(self) -> Doppler:
+        """The sensor."""
+        assert self.scenario.doppler is not None
+        return self.scenario.doppler
+
+    def told(self, length: float, mounting: float) -> Scenario:
+        """The scenario with ``length`` [s] after GNSS, the sensor turned by ``mounting`` [rad] about its z axis."""
+        turned = replace(self.doppler, misalignment=(0.0, 0.0, mounting))
+        return replace(self.scenario, duration=self.aided + length, doppler=turned)
+
+    def stretch(self, length: float) -> Stretch:
+        """Where beams fail: all of the time without GNSS."""
+        model = self.doppler
+        return Stretch(self.aided, length, self.speed, model.noise, model.rate, len(model.directions))
+
+    def parameters(self, change: Parameters | None = None) -> Parameters:
+        """Those of a user who knows the data sheets and has measured where the sensor sits."""
+        model = self.doppler
+        values = {
+            "navigator.gyro_matrix_states": False,
+            "aids.beam_velocity_source": "pointcloud2",
+            "aids.beams.sd": model.noise,
+            "aids.beams.bias_sd": _DOUBTED * model.bias_sd,
+            "aids.beams.scale_sd": _DOUBTED * model.scale_sd,
+            "aids.beams.lever": model.lever,
+            "aids.beams.delay": model.latency,
+        }
+        return update(change or Parameters(), values | dict(self.special))
+
+
+def _data_sheet(grade: ImuGrade) -> tuple[tuple[str, Any], ...]:
+    return (
+        ("imu.gyro_noise", grade.gyro_noise),
+        ("imu.accel_noise", grade.accel_noise),
+        ("imu.gyro_bias_sd", math.hypot(grade.gyro_bias_sd, grade.gyro_turn_on_sd)),
+        ("imu.accel_bias_sd", math.hypot(grade.accel_bias_sd, grade.accel_turn_on_sd)),
+        ("imu.gyro_bias_tau", grade.gyro_bias_tau),
+        ("imu.accel_bias_tau", grade.accel_bias_tau),
+        ("imu.learn_gyro_bias_sd", False),
+    )
+
+
+CASES = {
+    case.name: case
+    for case in (
+        Case(
+            "auv",
+            "lanes of 200 s at 1.5 m/s, 0.5 deg/h, no magnetometer; beams x at 30 deg, 2 Hz, 1 cm/s; 900 s with GNSS",
+            replace(scenarios.AUV, magnetometer=None),
+            "tactical",
+            900.0,
+            1.5,
+            _data_sheet(imu_grade("tactical")),
+        ),
+        Case(
+            "drone",
+            "lanes of 40 s at 4 to 8 m/s, calibrated ICM-42688; beams + at 25 deg, 2.5 Hz, 8 cm/s; 300 s with GNSS",
+            scenarios.DRONE,
+            "icm42688_calibrated",
+            300.0,
+            6.0,
+        ),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Limits of the error at the end [% of distance], median and RMS over the seeds, for a fault on a case."""
+
+    median: float
+    rms: float
+
+
+_SINGLE = ("none", "bias", "small bias", "scale", "noise", "outliers", "two neighbours lost")
+GOALS: dict[tuple[str, str], Goal] = (
+    {("auv", fault): Goal(0.07, 0.10) for fault in _SINGLE}
+    | {("drone", fault): Goal(0.12, 0.15) for fault in _SINGLE}
+    | {
+        ("auv", "two opposite lost"): Goal(0.35, 0.50),
+        ("auv", "three lost"): Goal(0.35, 0.50),
+        ("auv", "all lost"): Goal(0.12, 0.16),
+        ("auv", "mixed"): Goal(0.09, 0.13),
+        ("drone", "all lost"): Goal(0.20, 0.25),
+        ("drone", "mixed"): Goal(0.18, 0.25),
+    }
+)
+"""For 600 s without GNSS and the method ``full``."""
