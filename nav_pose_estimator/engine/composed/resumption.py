@@ -32,6 +32,7 @@ def state_of(run: FilterRun) -> SavedState | None:
     if not run.timeline.running or run.origin is None:
         return None
     whole, t = run.settled, run.now
+    east, north, up = run.timeline.shift.tolist()
     nav, base = whole.nav, slice(at.BASE_STATES)
     gate = run.gnss.reception.gate.state
     magnetometer, barometer = run.aids[MagSample], run.aids[PressureSample]
@@ -47,7 +48,7 @@ def state_of(run: FilterRun) -> SavedState | None:
         accel_bias=tuple(nav[at.ACCEL_BIAS : at.ACCEL_BIAS + 3].tolist()),
         cov=whole.P[base, base].copy(),
         unaided=max(t - run.aiding.fix_used, 0.0),
-        correction_enu=tuple(run.timeline.shift.tolist()),
+        correction_enu=(east, north, up),
         resets=run.gnss.position.resets,
         imu_variance=run.noise.imu_variance,
         gnss_variance=run.noise.gnss_variance,
