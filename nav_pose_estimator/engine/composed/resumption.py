@@ -78,8 +78,7 @@ def resumed(saved: SavedState, run: FilterRun, stamp_ns: int) -> FilterRun:
     noise.imu_variance, noise.gnss_variance = saved.imu_variance, saved.gnss_variance
     noise.trials = saved.trials
     origin = run.origin if run.origin_is_fixed else saved.origin
-    use_gnss, biases = run.gnss.reception.enabled, warm_start.known_biases(saved)
-    twin = FilterRun(run.parameters, run.journal, origin, use_gnss, biases, noise)
+    twin = FilterRun(run.parameters, run.journal, origin, run.gnss.reception.enabled, None, noise)
     twin.origin_is_fixed, twin.imu_physics = run.origin_is_fixed, run.imu_physics
     twin.start_up.warm_start = WarmStart(saved, -gap, run.parameters)
     twin.timeline.shift = np.array(saved.correction_enu)
@@ -89,7 +88,7 @@ def resumed(saved: SavedState, run: FilterRun, stamp_ns: int) -> FilterRun:
         sensor = twin.aids[kind]
         if isinstance(sensor, (Magnetometer, Barometer)) and math.isfinite(offset):
             sensor.begin_with(offset)
-    text = f"a state of {gap:.1f} s before is there: origin, biases and noise are kept"
+    text = f"a state of {gap:.1f} s before is there: origin and noise are kept"
     run.journal.say(stamp_ns, "resume.begun", Level.INFO, text)
     return twin
 
