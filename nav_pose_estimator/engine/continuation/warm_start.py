@@ -126,9 +126,10 @@ class WarmStart:
         unlevel = _unlevel(rows, self._biases.accel)
         if unlevel > _STEEPEST:
             return None
+        # an attitude filter that has just started in flight knows the tilt better than it can be sure of
         tilt_sd = max(aligner.settings.tilt_sd, unlevel)
-        q, tilt_sd = aligner.outside.near(there.t, tilt_sd) or (level_in_motion(rows), tilt_sd)
-        tilt_sd = max(tilt_sd, unlevel)
+        outside = aligner.outside.near(there.t, tilt_sd)
+        q = level_in_motion(rows) if outside is None else outside[0]
         yaw, yaw_sd, from_magnetometer = self._heading(there, q, tilt_sd, aligner)
         if yaw_sd > _WIDEST_HEADING and last_fix is None:
             return None
