@@ -36,7 +36,7 @@ _STEEPEST = 0.35  # rad: a vehicle that accelerates by more than a third of grav
 _RETRY = 0.1  # s between two attempts
 _GIVEN_UP = 5.0  # s after which the alignment is left to find everything itself
 _FIELD_WINDOW = 0.15  # s of magnetometer that make a heading of a vehicle that may turn
-_WIDEST_HEADING = 0.6  # rad: beyond, the alignment in motion is quicker than the filter
+_WIDEST_HEADING = 0.7  # rad: beyond, the alignment in motion is quicker than the filter
 _UNKNOWN_HEADING = math.pi / math.sqrt(3.0)  # rad: deviation of a heading that is anything
 
 
@@ -129,8 +129,8 @@ class WarmStart:
         # an attitude filter that has just started in flight knows the tilt better than it can be sure of
         tilt_sd = max(aligner.settings.tilt_sd, unlevel)
         outside = aligner.outside.near(there.t, tilt_sd)
-        q = level_in_motion(rows) if outside is None else outside[0]
-        yaw, yaw_sd, from_magnetometer = self._heading(there, q, tilt_sd, aligner)
+        q, stated_sd = outside or (level_in_motion(rows), tilt_sd)
+        yaw, yaw_sd, from_magnetometer = self._heading(there, q, stated_sd, aligner)
         if yaw_sd > _WIDEST_HEADING and last_fix is None:
             return None
         nav, P = in_motion(turned(q, yaw), tilt_sd, there, self._biases, self._rows.at(there.t), False)
