@@ -26,7 +26,9 @@ PACKAGE = Path(__file__).resolve().parents[1] / "nav_pose_estimator"
 NAMES = [entry.name for entries in SECTIONS.values() for entry in entries]
 TELLS = {"Event", "say", "count", "_event", "_note", "_tell", "_refuse", "Notice", "Decision", "Verdict"}
 DOTTED = re.compile(r"(\*|[a-z_]+)(\.[a-z_0-9*]+)+")
-PREFIXES = re.compile(r"[a-z_]+\.(rejected|position|velocity)|gnss\.(fuse|usable|reset|reacquired)")  # parts of names, no events
+PREFIXES = re.compile(
+    r"[a-z_]+\.(rejected|position|velocity)|gnss\.(fuse|usable|reset|reacquired)"
+)  # parts of names, no events
 
 
 class Texts:
@@ -161,3 +163,13 @@ def test_everything_that_a_bad_flight_counts_is_in_the_catalogue():
     assert len(seen) > 12
     assert [name for name in sorted(seen) if find(name) is None] == []
     assert not in_words("gnss.rejected.age").startswith("gnss.")
+
+
+def test_2_4_every_recommended_echo_shows_the_whole_sentence(repository):
+    """GIVEN the commands of README and docs WHEN ~/status is echoed THEN nothing is cut, and the latched one is heard."""
+    pages = [repository / "README.md", *(repository / "docs").glob("*.md")]
+    text = " ".join(" ".join(page.read_text(encoding="utf-8").split()) for page in pages)
+    echoes = re.findall(r"ros2 topic echo[^`#]*?/status", text)
+    assert len(echoes) >= 3
+    wanted = ("--full-length", "--qos-durability transient_local", "--qos-reliability reliable")
+    assert [echo for echo in echoes if not all(option in echo for option in wanted)] == []

@@ -12,13 +12,17 @@ import pytest
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 from std_srvs.srv import Trigger
-from test_nodes import Played, lost_and_found
+from test_nodes import Played, as_messages_see_them, lost_and_found
 
-from autopilot_consumer import TO_NED, Consumer, GpsInput, Mavros, Px4
+from autopilot_consumer import TO_FRD, TO_NED, Consumer, GpsInput, Mavros, Px4
 from driver_types import VEHICLE_LOCAL_POSITION, make, sent
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuSample, Sample
-from nav_pose_estimator.engine.solutions import Mode
+from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuSample, MagSample, Sample
+from nav_pose_estimator.engine.solutions import Mode, NavSolution
 from nav_pose_estimator.nodes.pose_estimator import PoseEstimatorNode
 from nav_pose_estimator.offline.flights.recording import load
 from nav_pose_estimator.ros import qos
@@ -142,6 +146,56 @@ def test_a_simulated_autopilot_takes_everything_in_an_outage_and_only_then(wired
     if zero is not None:
         sigma = np.sqrt([item.position_var.sum() for item in wire.consumer.taken])
         assert (true_error(flight, wire.consumer, zero) < 3.0 * sigma + 1.0).all()
+
+
+QUARTER = np.pi / 2.0
+SIX_MOUNTINGS = {
+    "as the body": (0.0, 0.0, 0.0),
+    "to the left": (0.0, 0.0, QUARTER),
+    "backwards": (0.0, 0.0, 2.0 * QUARTER),
+    "on its head": (2.0 * QUARTER, 0.0, 0.0),
+    "nose down": (0.0, QUARTER, 0.0),
+    "on its side": (QUARTER, 0.0, 0.0),
+}
+
+
+def as_mounted(samples: Iterable[Sample], rpy: tuple[float, float, float]) -> Iterator[Sample]:
+    """What the same flight looks like to an IMU, and the magnetometer on its board, that are mounted so."""
+    to_sensor = rotation_from_rpy(rpy).T
+    for sample in samples:
+        if isinstance(sample, ImuSample):
+            gyro, accel = (tuple((to_sensor @ np.array(part)).tolist()) for part in (sample.gyro, sample.accel))
+            yield ImuSample(sample.stamp_ns, gyro, accel)
+        elif isinstance(sample, MagSample):
+            yield replace(sample, field=tuple((to_sensor @ np.array(sample.field)).tolist()))
+        else:
+            yield sample
+
+
+@pytest.mark.parametrize("mounting", SIX_MOUNTINGS)
+def test_1_an_autopilot_gets_the_body_however_the_imu_is_mounted(wired, flight, mounting):
+    """GIVEN an IMU mounted in one of six ways, and told so WHEN GNSS is lost THEN what PX4 takes of attitude and
+    velocity, in FRD and NED, is what the estimator makes of an IMU whose axes are the body's."""
+    wire = wired("px4", f"imu.mounting_rpy:={list(SIX_MOUNTINGS[mounting])}")
+    wire.hear_px4(flight, 0.0)
+    wire.played.play(as_mounted(until(flight, LOST + 4.0), SIX_MOUNTINGS[mounting]))
+    assert wire.consumer.refused == []
+    assert len(wire.consumer.taken) > 30
+    engine = PoseEstimator(Parameters())
+    outputs = [o for sample in as_messages_see_them(until(flight, LOST + 4.0)) for o in engine.feed(sample)]
+    plain = {round(o.stamp_ns * 1e-3): o for o in outputs if isinstance(o, NavSolution)}
+    for item in wire.consumer.taken:
+        solution = plain[round(item.t * 1e6)]
+        np.testing.assert_allclose(item.attitude, TO_NED @ quat_to_matrix(solution.q_nb) @ TO_FRD, atol=1e-4)
+        np.testing.assert_allclose(item.velocity, TO_NED @ solution.vel_n, atol=1e-3)
+
+
+def until(flight: Recording, seconds: float) -> Iterator[Sample]:
+    """The flight as far as ``seconds``, without GNSS from ``LOST`` on."""
+    for sample in lost_and_found(flight, LOST, FOUND, 0.0):
+        if isinstance(sample, ImuSample) and sample.stamp_ns - flight.start_ns > seconds * 1e9:
+            return
+        yield sample
 
 
 def px4_zero(flight: Recording) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 import signal
 from pathlib import Path
 
@@ -102,6 +103,45 @@ def test_an_estimator_killed_in_flight_aligns_in_motion(launch, observer) -> Non
     assert off(before[0][-1], before[1][-1], truth) < 10.0
     last = next(m for m in reversed(odometry) if convert.stamp_ns(m) <= convert.stamp_ns(truth[-1]))
     assert off(last, origins[-1], truth) < 10.0
+    assert again.stop(signal.SIGTERM) == 0, again.text()
+    assert "Traceback" not in again.text()
+
+
+def test_2_2_an_estimator_killed_in_flight_goes_on_from_its_state(launch, observer, tmp_path: Path) -> None:
+    """GIVEN an estimator that keeps its state in a file WHEN it is killed in flight and started again
+    THEN it is silent for less than three seconds of its data, in the same axes, and right within sigma at once."""
+    told, file = Told(observer, "pose_estimator"), tmp_path / "drone.state"
+    settings = (*DIAGNOSTICS, "-p", f"ros.state.file:={file}")
+    odometry = observer.listen(Odometry, "/odometry/filtered", DEEP)
+    origins = observer.listen(NavSatFix, "/pose_estimator/origin", LATCHED)
+    truth = observer.listen(Odometry, "/ground_truth/odom", DEEP)
+    node = launch("pose_estimator", *settings)
+    node.wait_for("ready")
+    fly(launch, "multirotor_light")
+
+    def has_seen_the_heading() -> bool:
+        lasted = convert.stamp_ns(odometry[-1]) - convert.stamp_ns(odometry[0]) if odometry else 0
+        return told.mode == "AIDED" and lasted > 45 * 10**9
+
+    observer.until(has_seen_the_heading, "flight")
+    assert node.stop(signal.SIGKILL) == -signal.SIGKILL
+    before = origins[-1]
+    for heard in (odometry, origins):
+        heard.clear()
+    told.forget()
+    again = launch("pose_estimator", *settings)
+    observer.until(lambda: told.mode == "AIDED" and len(odometry) > 100, "AIDED again")
+    text = again.text()
+    gap, silent_until = (
+        float(re.search(words, text)[1]) for words in (r"a state of (\S+) s", r"goes on after (\S+) s")
+    )
+    assert silent_until - gap < 3.0, text
+    assert (before.latitude, before.longitude, before.altitude) == pytest.approx(
+        (origins[-1].latitude, origins[-1].longitude, origins[-1].altitude), abs=1e-9
+    )
+    first = next(m for m in odometry if convert.stamp_ns(m) <= convert.stamp_ns(truth[-1]))
+    sigma = math.sqrt(first.pose.covariance[0] + first.pose.covariance[7])
+    assert off(first, origins[-1], truth) < 3.0 * sigma
     assert again.stop(signal.SIGTERM) == 0, again.text()
     assert "Traceback" not in again.text()
 

@@ -178,9 +178,14 @@ class Compass:
         while self._fields[0][0] < t - _COMPASS_WINDOW:
             self._fields.popleft()
 
-    def yaw(self, now: float, q_level: Array, lat: float | None, lon: float | None) -> float | None:
-        """Yaw [rad] of a body whose attitude at yaw zero is ``q_level``; None when the field cannot be believed."""
-        recent = [field for t, field in self._fields if t >= now - _COMPASS_WINDOW]
+    def yaw(
+        self, now: float, q_level: Array, lat: float | None, lon: float | None, window: float = _COMPASS_WINDOW
+    ) -> float | None:
+        """Yaw [rad] of a body whose attitude at yaw zero is ``q_level``; None when the field cannot be believed.
+
+        It is that of the mean field within ``window`` [s] of ``now``.
+        """
+        recent = [field for t, field in self._fields if abs(t - now) <= window]
         if not recent:
             self.doubt = "no magnetometer"
             return None

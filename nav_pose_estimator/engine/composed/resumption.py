@@ -32,6 +32,7 @@ def state_of(run: FilterRun) -> SavedState | None:
     if not run.timeline.running or run.origin is None:
         return None
     whole, t = run.settled, run.now
+    east, north, up = run.timeline.shift.tolist()
     nav, base = whole.nav, slice(at.BASE_STATES)
     gate = run.gnss.reception.gate.state
     magnetometer, barometer = run.aids[MagSample], run.aids[PressureSample]
@@ -47,7 +48,7 @@ def state_of(run: FilterRun) -> SavedState | None:
         accel_bias=tuple(nav[at.ACCEL_BIAS : at.ACCEL_BIAS + 3].tolist()),
         cov=whole.P[base, base].copy(),
         unaided=max(t - run.aiding.fix_used, 0.0),
-        correction_enu=tuple(run.timeline.shift.tolist()),
+        correction_enu=(east, north, up),
         resets=run.gnss.position.resets,
         imu_variance=run.noise.imu_variance,
         gnss_variance=run.noise.gnss_variance,
@@ -77,8 +78,7 @@ def resumed(saved: SavedState, run: FilterRun, stamp_ns: int) -> FilterRun:
     noise.imu_variance, noise.gnss_variance = saved.imu_variance, saved.gnss_variance
     noise.trials = saved.trials
     origin = run.origin if run.origin_is_fixed else saved.origin
-    use_gnss, biases = run.gnss.reception.enabled, warm_start.known_biases(saved)
-    twin = FilterRun(run.parameters, run.journal, origin, use_gnss, biases, noise)
+    twin = FilterRun(run.parameters, run.journal, origin, run.gnss.reception.enabled, None, noise)
     twin.origin_is_fixed, twin.imu_physics = run.origin_is_fixed, run.imu_physics
     twin.start_up.warm_start = WarmStart(saved, -gap, run.parameters)
     twin.timeline.shift = np.array(saved.correction_enu)
@@ -88,7 +88,7 @@ def resumed(saved: SavedState, run: FilterRun, stamp_ns: int) -> FilterRun:
         sensor = twin.aids[kind]
         if isinstance(sensor, (Magnetometer, Barometer)) and math.isfinite(offset):
             sensor.begin_with(offset)
-    text = f"a state of {gap:.1f} s before is there: origin, biases and noise are kept"
+    text = f"a state of {gap:.1f} s before is there: origin and noise are kept"
     run.journal.say(stamp_ns, "resume.begun", Level.INFO, text)
     return twin
 

@@ -29,7 +29,7 @@ class SavedState:
 
     ``unaided`` [s] since GNSS corrected the position last. ``correction_enu`` [m] and ``resets``: map against odom.
     ``compass_offset`` [rad] and ``baro_offset`` [m] as the sensors have learned them, NaN where they know none.
-    ``is_sound``: attitude and position may be continued, not only origin, biases and noise.
+    ``is_sound``: attitude and position may be continued, not only origin and noise.
     """
 
     stamp_ns: int

@@ -3,8 +3,8 @@
 What happened in the gap nobody has seen. So position and velocity come from the first fix, which must lie where the
 vehicle can have got to, and in an outage from the saved ones with what an unknown acceleration makes of them. Tilt is
 found anew. The heading is the saved one with what an unknown turn makes of it, or that of a magnetometer whose error
-was known; it is on trial like every heading that motion has not shown. Where neither is good enough, the alignment in
-motion finds it, with biases, noise and origin as they were.
+was known; it is on trial like every heading that motion has not shown. Where neither is good enough, or the vehicle
+accelerates too hard to show a level, the alignment in motion finds everything; origin and noise stay.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from nav_pose_estimator.core.alignment.aligner import Aligner
 from nav_pose_estimator.core.alignment.first_states import in_motion
-from nav_pose_estimator.core.alignment.levelling import STANDARD_GRAVITY, level_in_motion, turned
+from nav_pose_estimator.core.alignment.levelling import STANDARD_GRAVITY, dipole_dip, level_in_motion, turned
 from nav_pose_estimator.core.alignment.recent_rows import RecentRows
 from nav_pose_estimator.core.alignment.types import Alignment, Fix, KnownBiases
 from nav_pose_estimator.core.earth.ellipsoid import radii, step_enu
@@ -35,9 +35,9 @@ _PATIENCE = 2.0  # s that a fix may take to come before the start is without one
 _STEEPEST = 0.35  # rad: a vehicle that accelerates by more than a third of gravity shows no level
 _RETRY = 0.1  # s between two attempts
 _GIVEN_UP = 5.0  # s after which the alignment is left to find everything itself
-_WIDEST_HEADING = 0.6  # rad: beyond, the alignment in motion is quicker than the filter
+_FIELD_WINDOW = 0.15  # s of magnetometer that make a heading of a vehicle that may turn
+_WIDEST_HEADING = 0.7  # rad: beyond, the alignment in motion is quicker than the filter
 _UNKNOWN_HEADING = math.pi / math.sqrt(3.0)  # rad: deviation of a heading that is anything
-_KNOWN_GYRO_SD = 0.01  # rad/s: a bias less certain than that tells no turn from rest
 
 
 def refusal(saved: SavedState, gap: float) -> tuple[str, str]:
@@ -47,14 +47,6 @@ def refusal(saved: SavedState, gap: float) -> tuple[str, str]:
     if gap > LONGEST:
         return "old", f"it is {gap:.0f} s old, more than {LONGEST:.0f} s"
     return "", ""
-
-
-def known_biases(saved: SavedState) -> KnownBiases | None:
-    """What is still known of the IMU's biases; None where that was little."""
-    gyro_sd, accel_sd = saved.bias_sd()
-    if 2.0 * gyro_sd > _KNOWN_GYRO_SD:
-        return None
-    return KnownBiases(saved.gyro_bias, saved.accel_bias, 2.0 * gyro_sd, 2.0 * accel_sd)
 
 
 @dataclass(init=False, eq=False)
@@ -134,10 +126,11 @@ class WarmStart:
         unlevel = _unlevel(rows, self._biases.accel)
         if unlevel > _STEEPEST:
             return None
+        # an attitude filter that has just started in flight knows the tilt better than it can be sure of
         tilt_sd = max(aligner.settings.tilt_sd, unlevel)
-        q, tilt_sd = aligner.outside.near(there.t, tilt_sd) or (level_in_motion(rows), tilt_sd)
-        tilt_sd = max(tilt_sd, unlevel)
-        yaw, yaw_sd, from_magnetometer = self._heading(there, q, aligner)
+        outside = aligner.outside.near(there.t, tilt_sd)
+        q, stated_sd = outside or (level_in_motion(rows), tilt_sd)
+        yaw, yaw_sd, from_magnetometer = self._heading(there, q, stated_sd, aligner)
         if yaw_sd > _WIDEST_HEADING and last_fix is None:
             return None
         nav, P = in_motion(turned(q, yaw), tilt_sd, there, self._biases, self._rows.at(there.t), False)
@@ -147,16 +140,20 @@ class WarmStart:
         )
         return Alignment(there.t, nav, P, how, True, from_magnetometer, continues=True, last_fix=last_fix)
 
-    def _heading(self, there: Fix, q_level: Array, aligner: Aligner) -> tuple[float, float, bool]:
-        """Yaw, its deviation [rad], and whether it is the magnetometer's."""
+    def _heading(self, there: Fix, q_level: Array, tilt_sd: float, aligner: Aligner) -> tuple[float, float, bool]:
+        """Yaw, its deviation [rad], and whether it is the magnetometer's.
+
+        A tilt that is wrong turns the vertical field into a horizontal one, and the magnetic heading with it.
+        """
         saved = self.saved
         turn = self._parameters.navigator.gap_rate_sd * (there.t - self._t)
         sd = math.hypot(math.sqrt(saved.cov[PHI + 2, PHI + 2]), turn)
         magnetic_sd = aligner.settings.mag_heading_sd
         if sd > magnetic_sd and math.isfinite(saved.compass_offset):
-            magnetic = aligner.compass.yaw(there.t, q_level, there.position[0], there.position[1])
+            magnetic = aligner.compass.yaw(there.t, q_level, *there.position[:2], window=_FIELD_WINDOW)
             if magnetic is not None:
-                return magnetic - saved.compass_offset, magnetic_sd, True
+                by_tilt = tilt_sd * abs(math.tan(dipole_dip(*there.position[:2])))
+                return magnetic - saved.compass_offset, math.hypot(magnetic_sd, by_tilt), True
         return float(euler_from_quat(np.array(saved.q_nb))[2]), sd, False
 
 

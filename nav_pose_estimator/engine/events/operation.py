@@ -42,7 +42,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("output.withheld.nan", "a solution was not finite and was not published", "please report it with a bag"),
     ),
     "A restart in flight": (
-        Entry("resume.begun", "a saved state is there: origin, biases, noise and, if it can, the pose go on from it"),
+        Entry("resume.begun", "a saved state is there: origin, noise and, if it can, pose and biases go on from it"),
         Entry("resume.refused.file", "the saved state cannot be read, or is none", "nothing; the next one replaces it"),
         Entry("resume.refused.old", "the saved state is more than a minute old"),
         Entry("resume.refused.clock", "the saved state is younger than the IMU: another clock or run", CLOCKS),

@@ -186,7 +186,6 @@ class FilterRun:
         self.noise = NoiseIdentification()
         self.gnss.reception.noise_variance = self.noise.gnss_variance
         self.timeline.shift = np.zeros(3)
-        self.start_up.warm_start, self.start_up.known_biases = None, None
         self.start_up = self.start_up.afresh(self.parameters)
         self.renew_constants()
 

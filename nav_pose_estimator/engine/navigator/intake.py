@@ -210,11 +210,12 @@ def _set_origin(run: FilterRun, sample: SetOrigin) -> None:
         _refuse_origin(run, sample, "value", "it is no latitude, longitude and height")
         return
     if run.timeline.running and run.origin is not None:
-        here = run.settled.nav[at.LAT : at.VEL].tolist()
-        if start_up.is_far(here, place):
+        lat, lon, alt = run.settled.nav[at.LAT : at.VEL].tolist()
+        if start_up.is_far((lat, lon, alt), place):
             _refuse_origin(run, sample, "far", "it lies more than 100 km from the vehicle")
             return
-        run.timeline.shift = run.timeline.shift + lla_to_enu(*here, *place) - lla_to_enu(*here, *run.origin)
+        moved = np.subtract(lla_to_enu(lat, lon, alt, *place), lla_to_enu(lat, lon, alt, *run.origin))
+        run.timeline.shift = run.timeline.shift + moved
         run.timeline.filter.vector[memory.ORIGIN : memory.STATES] = place
         run.gnss.position.resets += 1
     run.origin, run.origin_is_fixed = place, True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -153,9 +154,10 @@ class StartUp:
         self.aligner.gnss(t, fix.lat, fix.lon, height, vel_enu, position_sd, velocity_sd, height_sd)
 
 
-def is_far(place: tuple[float, ...], origin: tuple[float, float, float]) -> bool:
+def is_far(place: Sequence[float], origin: tuple[float, float, float]) -> bool:
     """Whether ``place`` [rad, rad, m] lies so far from an origin that Up of its flat frame is no longer up."""
-    return math.hypot(*lla_to_enu(*place, *origin)[:2]) > _FLAT
+    lat, lon, alt = place
+    return math.hypot(*lla_to_enu(lat, lon, alt, *origin)[:2]) > _FLAT
 
 
 def pose_refusal(sample: SetPose, here: np.ndarray | None, sd: float) -> str:
