@@ -62,6 +62,15 @@ def test_averaged_imu_samples_keep_the_sum() -> None:
     np.testing.assert_allclose(4 * np.sum([(*m.gyro, *m.accel) for m in means], axis=0), rows.sum(axis=0))
 
 
+def test_a_group_that_is_not_complete_when_the_load_ends_loses_nothing() -> None:
+    groups = ImuGroups()
+    assert groups.add(ImuSample(1, (1.0, 0.0, 0.0), (0.0, 0.0, 9.0)), 4) is None
+    assert groups.add(ImuSample(2, (3.0, 0.0, 0.0), (0.0, 0.0, 11.0)), 1) == ImuSample(
+        2, (2.0, 0.0, 0.0), (0.0, 0.0, 10.0)
+    )
+    assert not groups
+
+
 # --- a node with an engine that is too slow ------------------------------------------------------------------------
 class SlowEngine:
     """Needs four times as long for an IMU sample as 400 Hz leave, and remembers what it was fed."""

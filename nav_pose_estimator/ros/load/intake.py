@@ -91,7 +91,9 @@ class Intake:
 
     def grouped(self, sample: Sample) -> Sample | None:
         """``sample``, or while the node is overloaded the mean of some of the IMU's; None until there is one."""
-        return self._groups.add(sample, self.overload.group) if isinstance(sample, ImuSample) else sample
+        if not isinstance(sample, ImuSample) or (self.overload.group == 1 and not self._groups):
+            return sample
+        return self._groups.add(sample, self.overload.group)
 
     def forget(self) -> None:
         """A new run begins."""

@@ -23,15 +23,11 @@ class Overload:
     def __init__(self, on_change: Callable[[int, int], None]) -> None:
         self._on_change = on_change
         self.step = 0
+        self.group = 1  # so many IMU samples are averaged into one
         self.lag = 0.0  # s, as last noted
         self._late_at = 0.0  # when it was last behind
         self._changed, self._lag_then = -_SETTLING, 0.0
         self._patience = _CALM[0]
-
-    @property
-    def group(self) -> int:
-        """So many IMU samples are averaged into one."""
-        return 2 ** max(self.step - 1, 0)
 
     def note(self, lag: float, now: float) -> None:
         """A message had waited for ``lag`` seconds."""
@@ -68,6 +64,7 @@ class Overload:
 
     def _change(self, step: int, lag: float, now: float) -> None:
         before, self.step, self._changed, self._lag_then = self.step, step, now, lag
+        self.group = 2 ** max(step - 1, 0)
         self._on_change(before, step)
 
 
@@ -76,6 +73,10 @@ class ImuGroups:
 
     def __init__(self) -> None:
         self._group: list[ImuSample] = []
+
+    def __bool__(self) -> bool:
+        """Whether samples wait for others of their group."""
+        return bool(self._group)
 
     def add(self, sample: ImuSample, size: int) -> ImuSample | None:
         """The mean of a group of ``size`` that ``sample`` completes, else None."""
