@@ -43,6 +43,16 @@ def test_work_is_left_out_before_samples_and_taken_up_again() -> None:
     assert steps == [(0, 1), (1, 2), (2, 1), (1, 0)]
 
 
+def test_a_single_stall_drops_nothing() -> None:
+    """GIVEN a computer that stood still for five seconds WHEN it goes on THEN what waits is used, however old."""
+    load = Overload(lambda before, step: None)
+    load.note(5.0, 100.0)
+    assert not load.is_hopeless
+    for second in range(1, 5):
+        load.note(5.0, 100.0 + 1.1 * second)
+    assert load.is_hopeless, "nothing is left to leave out"
+
+
 def test_a_step_that_was_taken_back_too_soon_stays_longer_the_next_time() -> None:
     load = Overload(lambda before, step: None)
     lasted = []

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from nav_pose_estimator.engine.samples import ImuSample, Vector3
 from nav_pose_estimator.ros.pace import Pace
 
-HOPELESS = 3.0  # s: a node so far behind drops what waits
+HOPELESS = 3.0  # s: a node that is so far behind with the last step in force drops what waits
 _BEHIND = 0.25  # s: more is no longer a burst
 _SETTLING = 1.0  # s: so long a step is given to take effect
 _CALM = (10.0, 320.0)  # s without a delay until a step is taken back, at first and at most
@@ -44,6 +44,11 @@ class Overload:
             self._change(self.step + 1, lag, now)
         else:
             self._changed, self._lag_then = now, lag
+
+    @property
+    def is_hopeless(self) -> bool:
+        """Whether all that can be left out is, and the node is still far behind."""
+        return self.step == _STEPS and self.lag > HOPELESS
 
     def look_back(self, now: float) -> None:
         """To be called now and then: takes a step back after a while without delay."""
