@@ -1,6 +1,7 @@
 """Pictures of the reports: the one in the README, and a page of all looks.
 
     python tools/docs/pictures.py readme RECORDING --outage 400:30    # docs/outage.png
+    python tools/docs/pictures.py report                              # docs/report.png, of the shipped flight
     python tools/docs/pictures.py gallery --out out/pictures          # of the shipped flight: out/pictures/index.html
 
 Needs Chromium (apt install chromium).
@@ -20,8 +21,11 @@ from nav_pose_estimator.offline.command_line import main as command
 from nav_pose_estimator.offline.page import live
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-_README_SIZE = (1000, 1310)
+_README_SIZE = (1000, 1320)
 _README_STYLE = "<style>.tiles{display:none}</style>"  # how fast this computer was is no part of the picture
+_REPORT_SIZE = (900, 1820)
+_HIDDEN = "main>:is(h1,h2,p,.tiles,.scroll,figure:nth-of-type(1)){display:none}"
+_REPORT_STYLE = f"<style>{_HIDDEN}figure{{margin-bottom:8px}}</style>"
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,11 @@ def report(recording: Path, outage: str, folder: Path) -> Path:
     return folder / "report.html"
 
 
+def styled(page: Path, style: str) -> None:
+    """Add a ``style`` element to a page."""
+    page.write_text(page.read_text(encoding="utf-8").replace("</head>", f"{style}</head>"), encoding="utf-8")
+
+
 def gallery(page: Path, out: Path) -> list[Path]:
     """Pictures of ``page`` in every look, and index.html that shows them; returns the pictures."""
     out.mkdir(parents=True, exist_ok=True)
@@ -79,6 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     readme = commands.add_parser("readme", help="docs/outage.png")
     readme.add_argument("recording", type=Path)
     readme.add_argument("--outage", default="400:30")
+    commands.add_parser("report", help="docs/report.png")
     show = commands.add_parser("gallery", help="a page of pictures")
     show.add_argument("--out", type=Path, default=Path("out/pictures"))
     given = parser.parse_args(arguments)
@@ -88,11 +98,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if given.command == "readme":
             page = report(given.recording, given.outage, Path(folder) / "replay")
             (page.parent / live.SCRIPT).unlink(missing_ok=True)  # the drawing is smaller as a picture
-            text = page.read_text(encoding="utf-8")
-            page.write_text(text.replace("</head>", f"{_README_STYLE}</head>"), encoding="utf-8")
+            styled(page, _README_STYLE)
             picture(page, REPOSITORY / "docs" / "outage.png", _README_SIZE)
+            return 0
+        page = report(REPOSITORY / "bags" / "multirotor_outage", "90:30", Path(folder) / "replay")
+        if given.command == "report":
+            styled(page, _REPORT_STYLE)
+            picture(page, REPOSITORY / "docs" / "report.png", _REPORT_SIZE)
         else:
-            page = report(REPOSITORY / "bags" / "multirotor_outage", "90:30", Path(folder) / "replay")
             gallery(page, given.out)
             print(f"pictures: {given.out / 'index.html'}")
     return 0
