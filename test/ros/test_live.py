@@ -237,7 +237,7 @@ def test_a_signal_ends_a_node_with_code_0(launch, command, how):
 
 
 def test_two_interrupts_at_once_leave_no_traceback(launch):
-    """GIVEN a node under `ros2 launch` WHEN Ctrl-C reaches it from the terminal and from launch THEN it ends quietly."""
+    """GIVEN a node under launch WHEN Ctrl-C reaches it from the terminal and from launch THEN it ends quietly."""
     child = launch("synthetic_sensors", "-p", "duration:=30.0")
     child.wait_for("messages")
     child.process.send_signal(signal.SIGINT)
