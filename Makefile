@@ -9,7 +9,7 @@ OUT := out/demo
 # Kernels are compiled when first called: two workers pay on two cores or more. Add options with ARGS="-k strapdown -x".
 PYTEST := $(IN_ENVIRONMENT) env ROS_PYTHON_CHECK_FIELDS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python -m pytest -n 2 --dist loadfile
 
-.PHONY: help demo setup test lint types test-plain test-all test-jazzy docs clean
+.PHONY: help demo setup test lint types test-plain test-all test-jazzy docs pictures clean
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/^([a-z-]+):[^#]*## /  make \1\t/' | expand -t 18
@@ -45,6 +45,10 @@ test-jazzy: # all that needs no ROS, once more with the NumPy and SciPy that ROS
 
 docs: ## Write config/nav_pose_estimator.yaml, docs/parameters.md and docs/troubleshooting.md from the code
 	@$(IN_ENVIRONMENT) python tools/docs/parameter_docs.py
+
+pictures: ## Screenshots of the report in every look: out/pictures/index.html (needs Chromium)
+	@tools/setup_environment.sh run
+	@$(IN_ENVIRONMENT) python tools/docs/pictures.py gallery --out out/pictures
 
 clean: ## Remove what was built (not .venv)
 	rm -rf build install log out .pytest_cache .ruff_cache .mypy_cache .hypothesis .venv-jazzy/numba_cache *.egg-info

@@ -26,13 +26,12 @@ COMMAND_LINE = f"{NAME}.offline.command_line"
 def executables() -> list[str]:
     """What is installed as a program.
 
-    colcon (``setup.py install`` or ``develop``) puts programs into lib/nav_pose_estimator, where ``ros2 run`` looks: one
-    for each command. pip puts them on the PATH, where names like ``replay`` belong to nobody: one command for all.
+    colcon (``setup.py install`` or ``develop``) puts programs into lib/nav_pose_estimator, where ``ros2 run`` looks:
+    one for each command. pip puts them on the PATH, where names like ``replay`` belong to nobody: one command for all.
     """
     if {"install", "develop"} & set(sys.argv):
         return [f"{command} = {COMMAND_LINE}:{command}" for command in COMMANDS]
     return [f"{NAME} = {COMMAND_LINE}:main"]
-
 
 
 def shared_files(folder: str) -> list[tuple[str, list[str]]]:

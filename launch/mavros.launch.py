@@ -26,9 +26,14 @@ def generate_launch_description() -> LaunchDescription:
     """MAVROS itself is started by its own launch files; see docs/autopilot.md before ``autopilot`` is set."""
     config = [FindPackageShare("nav_pose_estimator"), "config"]
     text = {"value_type": str}
+    frames = {
+        f"ros.frames.{name}": ParameterValue([LaunchConfiguration("frame_prefix"), name], **text)
+        for name in ("map", "odom", "base_link")
+    }
     return LaunchDescription(
         [
             DeclareLaunchArgument("namespace", default_value="", description="Of the vehicle, without a slash"),
+            DeclareLaunchArgument("frame_prefix", default_value="", description="Of map, odom and base_link: drone1/"),
             DeclareLaunchArgument("mavros", default_value="/mavros", description="Where the topics of MAVROS begin"),
             DeclareLaunchArgument("autopilot", default_value="none", description="none, mavros or mavros_gps"),
             DeclareLaunchArgument("autopilot_when", default_value="denied", description="denied or always"),
@@ -43,6 +48,7 @@ def generate_launch_description() -> LaunchDescription:
                     {
                         "ros.output.autopilot": ParameterValue(LaunchConfiguration("autopilot"), **text),
                         "ros.output.autopilot_when": ParameterValue(LaunchConfiguration("autopilot_when"), **text),
+                        **frames,
                     },
                 ],
                 remappings=[(ours, [LaunchConfiguration("mavros"), theirs]) for ours, theirs in _TOPICS.items()],

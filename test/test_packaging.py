@@ -61,7 +61,8 @@ def test_pip_puts_one_program_on_the_path(repository, tmp_path):
     source = tmp_path / "source"
     ignored = shutil.ignore_patterns(".*", "bags", "docs", "test", "build", "out", "*.nbi", "*.nbc", "__pycache__")
     shutil.copytree(repository, source, ignore=ignored)
-    call = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--no-index", "-w", "wheels", "."]
+    options = ("--no-deps", "--no-build-isolation", "--no-index", "-w", "wheels")
+    call = [sys.executable, "-m", "pip", "wheel", *options, "."]
     done = subprocess.run(call, cwd=source, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     (wheel,) = (source / "wheels").glob("*.whl")

@@ -133,6 +133,7 @@ class EstimatorNode(Node):
         """Let the engine start again."""
         self.deliver(self.engine.reset(self.newest_ns, reason))
         self._guard.forget()
+        self.intake.forget()
 
     @property
     def newest_ns(self) -> int:

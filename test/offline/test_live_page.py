@@ -2,13 +2,15 @@
 
 import json
 import re
+import struct
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from browser import ask
+import pictures
+from browser import ask, needs_browser
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.offline.page import live, page
 from nav_pose_estimator.offline.page.svg import Plot
@@ -18,7 +20,8 @@ START, END = 90.0, 120.0
 LOOKS = [(1100, False), (420, True)]
 QUESTION = """(async () => {
   const shown = [...document.querySelectorAll("figure.plot")].map((figure) => figure.querySelector(".live"));
-  const timed = shown.filter((plot) => plot._fullLayout.xaxis && plot._fullLayout.xaxis.title.text.startsWith("s since"));
+  const isTimed = (axis) => axis && axis.title.text.startsWith("s since");
+  const timed = shown.filter((plot) => isTimed(plot._fullLayout.xaxis));
   const before = timed.map((plot) => [...plot._fullLayout.xaxis.range]);
   const name = (plot) => plot.layout.annotations ? plot.layout.annotations[0].text : "track";
   const error = timed.find((plot) => name(plot).startsWith("horizontal error"));
@@ -167,6 +170,20 @@ def test_a_report_without_its_script_beside_it_shows_the_drawings(report, tmp_pa
     drawn = ask(alone, question, 800, False)
     assert len(drawn) >= 10
     assert all(drawn)
+
+
+def test_the_page_of_pictures_has_every_look(report, tmp_path, monkeypatch) -> None:
+    """GIVEN a report WHEN `make pictures` takes its pictures THEN each is a PNG of its size with something in it."""
+    needs_browser()
+    looks = [pictures.Look("wide", "", (900, 1200)), pictures.Look("dark", "", (500, 1200), True, drawn=True)]
+    monkeypatch.setattr(pictures, "LOOKS", looks)
+    made = pictures.gallery(report, tmp_path / "pictures")
+    for look, path in zip(looks, made, strict=True):
+        data = path.read_bytes()
+        assert data.startswith(b"\x89PNG")
+        assert struct.unpack(">II", data[16:24]) == look.size
+        assert len(data) > 20_000, "an empty page takes a tenth of it"
+        assert f'src="{path.name}"' in (path.parent / "index.html").read_text()
 
 
 def test_nothing_in_a_report_is_from_elsewhere(report) -> None:

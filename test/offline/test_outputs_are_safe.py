@@ -16,9 +16,12 @@ from nav_pose_estimator.offline import output_folder
 from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.offline.output_folder import MARK, OutputFolder
+from nav_pose_estimator.offline.page import live
 from nav_pose_estimator.offline.replay import command, files, solution_bag
 
 FILES = {"summary.json", "trajectory.tum", "estimate.csv", "report.html", "solution", MARK}
+BESIDE = {live.SCRIPT} if live.script() else set()  # where plotly is installed
+FILES |= BESIDE
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +125,14 @@ def test_results_of_another_command_are_not_replaced(tmp_path, bag, finished, ca
     out = tmp_path / "benchmark"
     for _ in range(2):
         assert main(["benchmark", "outage", str(bag), *options, "--out", str(out)]) == 0
-    assert {p.name for p in out.iterdir()} == {"outages.csv", "summary.csv", "summary.json", "report.html", MARK}
+    assert {p.name for p in out.iterdir()} == {
+        "outages.csv",
+        "summary.csv",
+        "summary.json",
+        "report.html",
+        MARK,
+        *BESIDE,
+    }
 
 
 def test_force_deletes_only_what_simulate_has_written(tmp_path, capsys):

@@ -236,6 +236,15 @@ def test_a_signal_ends_a_node_with_code_0(launch, command, how):
     assert "Traceback" not in child.text()
 
 
+def test_two_interrupts_at_once_leave_no_traceback(launch):
+    """GIVEN a node under launch WHEN Ctrl-C reaches it from the terminal and from launch THEN it ends quietly."""
+    child = launch("synthetic_sensors", "-p", "duration:=30.0")
+    child.wait_for("messages")
+    child.process.send_signal(signal.SIGINT)
+    assert child.stop(signal.SIGINT) == 0, child.text()
+    assert "Traceback" not in child.text()
+
+
 def test_a_file_with_a_wrong_value_ends_a_node_with_code_2(launch, tmp_path):
     file = tmp_path / "wrong.yaml"
     file.write_text("/**:\n  ros__parameters:\n    gnss:\n      delay: 9.0\n")

@@ -43,6 +43,16 @@ def test_work_is_left_out_before_samples_and_taken_up_again() -> None:
     assert steps == [(0, 1), (1, 2), (2, 1), (1, 0)]
 
 
+def test_a_single_stall_drops_nothing() -> None:
+    """GIVEN a computer that stood still for five seconds WHEN it goes on THEN what waits is used, however old."""
+    load = Overload(lambda before, step: None)
+    load.note(5.0, 100.0)
+    assert not load.is_hopeless
+    for second in range(1, 5):
+        load.note(5.0, 100.0 + 1.1 * second)
+    assert load.is_hopeless, "nothing is left to leave out"
+
+
 def test_a_step_that_was_taken_back_too_soon_stays_longer_the_next_time() -> None:
     load = Overload(lambda before, step: None)
     lasted = []
@@ -60,6 +70,15 @@ def test_averaged_imu_samples_keep_the_sum() -> None:
     means = [mean for sample in samples if (mean := groups.add(sample, 4)) is not None]
     assert [mean.stamp_ns for mean in means] == [4 * STEP_NS * (i + 1) for i in range(10)]
     np.testing.assert_allclose(4 * np.sum([(*m.gyro, *m.accel) for m in means], axis=0), rows.sum(axis=0))
+
+
+def test_a_group_that_is_not_complete_when_the_load_ends_loses_nothing() -> None:
+    groups = ImuGroups()
+    assert groups.add(ImuSample(1, (1.0, 0.0, 0.0), (0.0, 0.0, 9.0)), 4) is None
+    assert groups.add(ImuSample(2, (3.0, 0.0, 0.0), (0.0, 0.0, 11.0)), 1) == ImuSample(
+        2, (2.0, 0.0, 0.0), (0.0, 0.0, 10.0)
+    )
+    assert not groups
 
 
 # --- a node with an engine that is too slow ------------------------------------------------------------------------

@@ -80,12 +80,15 @@
   const figures = [...document.querySelectorAll("figure.plot")].map((figure) => ({
     figure, target: figure.querySelector(".live"), plot: JSON.parse(figure.querySelector("script").textContent),
   }));
+  const times = figures.filter(({ plot }) => plot.time)
+    .flatMap(({ plot }) => plot.lines.flatMap(({ x }) => [...numbers(x)])).filter(Number.isFinite);
+  const flight = times.reduce(([low, high], t) => [Math.min(low, t), Math.max(high, t)], [Infinity, -Infinity]);
   const draw = () => figures.forEach(({ figure, target, plot }) => {
     figure.hidden = false;
     figure.classList.add("is-live");
     const { traces, layout } = plot.kind === "track" ? solid(plot) : flat(plot);
     const range = target.layout && target.layout.xaxis && !target.layout.xaxis.autorange && target.layout.xaxis.range;
-    if (range) layout.xaxis.range = range;
+    if (range || plot.time) layout.xaxis.range = range || flight;
     Plotly.react(target, traces, layout, {
       responsive: true, displaylogo: false, displayModeBar: "hover", scrollZoom: plot.equal || plot.kind === "track",
       modeBarButtons: plot.kind === "track" ? [["toImage", "zoom3d", "pan3d", "orbitRotation", "resetCameraDefault3d"]]

@@ -56,7 +56,7 @@ def as_json(plot: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Track:
-    """Paths in space, ``lines`` of (ENU (N, 3) [m], style, label). There is no drawing of it on a page without script."""
+    """Paths in space, ``lines`` of (ENU (N, 3) [m], style, label). A page without script has no drawing of it."""
 
     lines: Sequence[tuple[Array, str, str]]
     height: int = 520

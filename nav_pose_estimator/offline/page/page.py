@@ -32,7 +32,8 @@ th:first-child,td:first-child,td.text,th.text{text-align:left}td.text{white-spac
 .band.f{fill:var(--f)}.dot{fill:var(--ink)}.dash{stroke-dasharray:4 3}.thick{stroke-width:3}.grid{stroke:var(--rule);
 stroke-width:1}.outage{fill:var(--shade);opacity:.6}.tick,.axis,.mark{font-size:11.5px;fill:var(--soft)}
 .mark{fill:var(--ink)}.mode-good{fill:var(--good)}.mode-bad{fill:var(--bad)}.mode-mid{fill:var(--e)}
-.mode-wait{fill:var(--f)}figure[hidden],.is-live .drawn,figure:not(.is-live) .live{display:none}details{margin:6px 0}summary{cursor:pointer;color:var(--soft)}
+.mode-wait{fill:var(--f)}figure[hidden],.is-live .drawn,figure:not(.is-live) .live{display:none}
+details{margin:6px 0}summary{cursor:pointer;color:var(--soft)}
 """
 
 

@@ -115,7 +115,7 @@ class Plot:
             "time": self.time,
             "y_range": np.log10(limits).tolist() if self.log else limits,
             "spans": [span[:2] for span in self._spans],
-            "marks": [{"x": x, "y": y, "text": text} for x, y, _, text in self._marks],
+            "marks": [{"x": x, "y": y, "text": text} for x, y, _, text in self._marks if math.isfinite(x + y)],
             "lines": [],
             "bands": [],
         }

@@ -39,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(parser)
     add("--list", action="store_true", help="say what the recording holds, replay nothing")
     add("--rate", type=float, default=20.0, metavar="HZ", help="rows per second in the output files (default: 20)")
+    add("--rerun", type=Path, metavar="FILE.rrd", help="also write a file for the Rerun viewer (needs rerun-sdk)")
     add("--out", type=Path, metavar="DIR", help="folder for report and data (default: NAME_replay)")
 
 
@@ -48,6 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     from nav_pose_estimator.offline.flights import latency, methods, outages
     from nav_pose_estimator.offline.flights.config_file import load_parameters
     from nav_pose_estimator.offline.output_folder import OutputFolder
+    from nav_pose_estimator.offline.replay import rerun_file
     from nav_pose_estimator.offline.replay.aid_option import with_aids
     from nav_pose_estimator.offline.replay.files import REPORT
     from nav_pose_estimator.offline.replay.origin_option import with_origin
@@ -71,6 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
         recording = plan.load()
         print(latency.describe(latency.estimate(recording, parameters, _first(plan.outages(recording)))))
         return 0
+    if arguments.rerun is not None:
+        rerun_file.check(arguments.rerun)
     folder = arguments.out or Path(f"{arguments.bag.resolve().stem.removesuffix('_bag')}_replay")
     inputs = [path for path in (arguments.bag, arguments.config) if path is not None]
     with OutputFolder(folder, "replay", inputs) as work:  # before the work, should it be impossible
@@ -79,7 +83,9 @@ def run(arguments: argparse.Namespace) -> int:
         parameters, how = latency.choose(recording, parameters, arguments.gnss_delay, arguments.config, _first(wanted))
         print(printable(how))
         work.mkdir()
-        _replay(recording, parameters, wanted, work, arguments.rate)
+        result = _replay(recording, parameters, wanted, work, arguments.rate)
+        if arguments.rerun is not None:
+            rerun_file.write_rerun(arguments.rerun, result)
     print(f"report: {printable(str(folder / REPORT))}")
     return 0
 
@@ -138,7 +144,8 @@ def _first(wanted: list) -> float:
     return min((outage.start for outage in wanted), default=math.inf)
 
 
-def _replay(recording, parameters, wanted, folder: Path, rate: float) -> None:
+def _replay(recording, parameters, wanted, folder: Path, rate: float) -> Any:
+    """Replay and write every file; returns the result."""
     from nav_pose_estimator.offline.replay import files
     from nav_pose_estimator.offline.replay.replay import replay
     from nav_pose_estimator.offline.replay.report import write_report
@@ -155,6 +162,7 @@ def _replay(recording, parameters, wanted, folder: Path, rate: float) -> None:
         from nav_pose_estimator.offline.replay.solution_bag import write_solution
 
         write_solution(folder / files.SOLUTION, result, min(rate, 10.0))
+    return result
 
 
 def _tell(result, wall: float) -> None:

@@ -18,7 +18,10 @@ Adapter = Callable[[Any], tuple[Any, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A message, what makes samples of it, and when the middleware received it (wall clock)."""
+    """A message, what makes samples of it, and when the middleware received it (wall clock).
+
+    Where a middleware does not tell that, the time of publication stands for it.
+    """
 
     received_ns: int
     watch: InputWatch
@@ -55,7 +58,8 @@ class Inbox:
         for watch, adapter, subscription in self._inputs:
             for message, info in _taken(subscription):
                 watch.taken(info["publication_sequence_number"])
-                found.append(Arrival(info["received_timestamp"] or time.time_ns(), watch, adapter, message))
+                received = info["received_timestamp"] or info["source_timestamp"] or time.time_ns()
+                found.append(Arrival(received, watch, adapter, message))
         self._waiting.extend(sorted(found, key=attrgetter("received_ns")))
 
     def next(self) -> Arrival:

@@ -69,20 +69,26 @@ class Intake:
             self.catch_up()
 
     def catch_up(self) -> None:
-        """Handle what waits, as long as a turn lasts."""
+        """Handle what waits, as long as a turn lasts. Whatever goes wrong, the node lives on."""
+        try:
+            self._catch_up()
+        except Exception as error:
+            self._node.note_failure("inbox", error)
+        self._look_at = time.monotonic() + _LOOK
+
+    def _catch_up(self) -> None:
         give_up, count = time.monotonic() + _TURN, 0
         self._inbox.collect()
         while self._inbox and (now := time.monotonic()) < give_up:
             arrival = self._inbox.next()
             self.overload.note(arrival.lag, now)
-            if arrival.lag > HOPELESS:
+            if self.overload.is_hopeless:
                 self._give_up()
                 break
             self._handle(arrival.watch, arrival.adapter, arrival.message)
             count += 1
             if count % _FEW == 0 or not self._inbox:
                 self._inbox.collect()
-        self._look_at = time.monotonic() + _LOOK
 
     def look_back(self) -> None:
         """To be called now and then, also while nothing arrives."""
@@ -91,7 +97,9 @@ class Intake:
 
     def grouped(self, sample: Sample) -> Sample | None:
         """``sample``, or while the node is overloaded the mean of some of the IMU's; None until there is one."""
-        return self._groups.add(sample, self.overload.group) if isinstance(sample, ImuSample) else sample
+        if not isinstance(sample, ImuSample) or (self.overload.group == 1 and not self._groups):
+            return sample
+        return self._groups.add(sample, self.overload.group)
 
     def forget(self) -> None:
         """A new run begins."""

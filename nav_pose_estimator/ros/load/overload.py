@@ -9,7 +9,7 @@ from collections.abc import Callable
 from nav_pose_estimator.engine.samples import ImuSample, Vector3
 from nav_pose_estimator.ros.pace import Pace
 
-HOPELESS = 3.0  # s: a node so far behind drops what waits
+HOPELESS = 3.0  # s: a node that is so far behind with the last step in force drops what waits
 _BEHIND = 0.25  # s: more is no longer a burst
 _SETTLING = 1.0  # s: so long a step is given to take effect
 _CALM = (10.0, 320.0)  # s without a delay until a step is taken back, at first and at most
@@ -23,15 +23,11 @@ class Overload:
     def __init__(self, on_change: Callable[[int, int], None]) -> None:
         self._on_change = on_change
         self.step = 0
+        self.group = 1  # so many IMU samples are averaged into one
         self.lag = 0.0  # s, as last noted
         self._late_at = 0.0  # when it was last behind
         self._changed, self._lag_then = -_SETTLING, 0.0
         self._patience = _CALM[0]
-
-    @property
-    def group(self) -> int:
-        """So many IMU samples are averaged into one."""
-        return 2 ** max(self.step - 1, 0)
 
     def note(self, lag: float, now: float) -> None:
         """A message had waited for ``lag`` seconds."""
@@ -48,6 +44,11 @@ class Overload:
             self._change(self.step + 1, lag, now)
         else:
             self._changed, self._lag_then = now, lag
+
+    @property
+    def is_hopeless(self) -> bool:
+        """Whether all that can be left out is, and the node is still far behind."""
+        return self.step == _STEPS and self.lag > HOPELESS
 
     def look_back(self, now: float) -> None:
         """To be called now and then: takes a step back after a while without delay."""
@@ -68,6 +69,7 @@ class Overload:
 
     def _change(self, step: int, lag: float, now: float) -> None:
         before, self.step, self._changed, self._lag_then = self.step, step, now, lag
+        self.group = 2 ** max(step - 1, 0)
         self._on_change(before, step)
 
 
@@ -76,6 +78,10 @@ class ImuGroups:
 
     def __init__(self) -> None:
         self._group: list[ImuSample] = []
+
+    def __bool__(self) -> bool:
+        """Whether samples wait for others of their group."""
+        return bool(self._group)
 
     def add(self, sample: ImuSample, size: int) -> ImuSample | None:
         """The mean of a group of ``size`` that ``sample`` completes, else None."""
