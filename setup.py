@@ -17,6 +17,7 @@ COMMANDS = (
     "convert",
     "calibrate",
     "benchmark",
+    "warm_up",
 )
 
 
