@@ -18,8 +18,9 @@ demo: ## Replay a shipped flight with a 30 s GNSS outage and show what the pose 
 	@tools/setup_environment.sh run
 	@$(IN_ENVIRONMENT) python -m nav_pose_estimator replay $(DEMO_BAG) --outage 90:30 --out $(OUT)
 
-setup: ## Everything for the nodes, in .venv
+setup: ## Everything for the nodes, in .venv, kernels compiled
 	@tools/setup_environment.sh run ros
+	@$(IN_ENVIRONMENT) python -m nav_pose_estimator warm_up
 
 test: ## Lint, types, and every test (plain Python, compiled, and with the NumPy and SciPy of Ubuntu 24.04)
 	@tools/setup_environment.sh run ros dev peers

@@ -19,6 +19,7 @@ COMMANDS = (
     "calibrate",
     "train",
     "benchmark",
+    "warm_up",
 )
 COMMAND_LINE = f"{NAME}.offline.command_line"
 

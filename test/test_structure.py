@@ -57,7 +57,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "offline.bags": {"core", "engine", "engine.parameters", "ros.messages", "offline"},
     "offline.flights": {"core", "engine.*", "sim.*", "ros.messages", "offline", "offline.bags"},
     "offline.logs.formats": {"offline", "offline.bags"},
-    "offline.logs": {"core", "engine.*", "offline", "offline.archive", "offline.bags", "offline.flights", "offline.logs.formats"},
+    "offline.logs": {
+        "core", "engine.*", "offline", "offline.archive", "offline.bags", "offline.flights", "offline.logs.formats"
+    },
     "offline.replay": {"core", "engine.*", "offline.*"},
     "offline.calibration": {"core", "engine", "offline", "offline.flights", "offline.logs"},
     "offline.training": {"core", "engine.*", "offline", "offline.bags", "offline.flights", "offline.logs"},

@@ -82,6 +82,11 @@ COMMANDS = {
             "benchmark speed --out out/speed",
         ),
     ),
+    "warm_up": Command(
+        "offline.replay.warm_up_command",
+        "compile the numeric kernels now instead of at the first start",
+        ("warm_up",),
+    ),
     "attitude_node": Command(
         "nodes.attitude_node", "node: orientation from gyroscope, accelerometer, magnetometer", (_ROS_EXAMPLE,)
     ),
@@ -238,3 +243,4 @@ convert = partial(run_command, "convert")
 calibrate = partial(run_command, "calibrate")
 train = partial(run_command, "train")
 benchmark = partial(run_command, "benchmark")
+warm_up = partial(run_command, "warm_up")

@@ -1,6 +1,7 @@
 """Many recordings at once: what is found, and what becomes of jobs that fail, die or are interrupted."""
 
 import os
+import shutil
 import signal
 from pathlib import Path
 
@@ -10,6 +11,10 @@ from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive.jobs import Failure, carry_out
 from nav_pose_estimator.offline.archive.kept import KeptResults, key_of
 from nav_pose_estimator.offline.archive.recordings import find
+from nav_pose_estimator.offline.benchmarks.outage import many_flights
+from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task, run_flight
+from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
+from nav_pose_estimator.offline.command_line import main
 
 
 def square(number: int) -> int:
@@ -67,3 +72,53 @@ def test_kept_results_outlive_the_run_and_belong_to_their_input(tmp_path: Path):
     assert later.take(key_of(("outage", 30.0), [recording])) is None
     later.forget()
     assert later.take(key) is None
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory) -> Path:
+    """Two short flights and a folder that only looks like a bag."""
+    folder = tmp_path_factory.mktemp("archive")
+    write_flight_bag(folder / "one_bag", 90.0, imu_hz=50.0)
+    shutil.copytree(folder / "one_bag", folder / "two_bag")
+    (folder / "broken_bag").mkdir()
+    (folder / "broken_bag" / "metadata.yaml").write_text("no bag\n", encoding="utf-8")
+    return folder
+
+
+def measure(archive: Path, out: Path) -> int:
+    options = ["--lengths", "10", "--every", "10", "--methods", "coast", "--gnss-delay", "0", "--out", str(out)]
+    return main(["benchmark", "outage", str(archive), *options])
+
+
+def test_a_folder_with_a_broken_recording_is_measured_without_it(archive, tmp_path, capsys):
+    assert measure(archive, tmp_path / "out") == 0
+    assert "broken_bag is left out" in capsys.readouterr().err
+    table = (tmp_path / "out" / "outages.csv").read_text(encoding="utf-8")
+    assert {line.split(",")[0] for line in table.splitlines()[1:]} == {"one_bag", "two_bag"}
+
+
+def test_an_interrupted_run_goes_on_where_it_was(archive, tmp_path, capsys, monkeypatch):
+    """GIVEN a run that ends after its second job WHEN it is started again THEN only the rest is done."""
+
+    def interrupted(work, jobs, processes, scheduler):
+        for number, outcome in carry_out(work, jobs, processes, scheduler):
+            yield number, outcome
+            if number == 1:
+                raise KeyboardInterrupt
+
+    monkeypatch.setattr(many_flights, "carry_out", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        many_flights.run_all(tasks_on(find([archive])), 1, "local", tmp_path / "out")
+    monkeypatch.undo()
+
+    left: list[Path] = []
+    monkeypatch.setattr(many_flights, "run_flight", lambda tasks: left.append(tasks[0].bag) or run_flight(tasks))
+    results = many_flights.run_all(tasks_on(find([archive])), 1, "local", tmp_path / "out")
+    assert "1 of 3 jobs were finished" in capsys.readouterr().err
+    assert [path.name for path in left] == ["broken_bag", "two_bag"]
+    assert [result.bag for result in results] == ["one_bag", "two_bag"]
+    assert not list(tmp_path.glob(".out*"))
+
+
+def tasks_on(bags: list[Path]) -> list[Task]:
+    return [Task(bag, "coast", (), (10.0,), every=10.0, gnss_delay="0") for bag in bags]

@@ -19,6 +19,7 @@ from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.outage.aid import OutageAid
 from nav_pose_estimator.engine.outage.methods.registry import estimators
 from nav_pose_estimator.engine.outage.pilot import Train
+from nav_pose_estimator.engine.outage.rehearsals import Elsewhere
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import (
     AttitudeSample,
@@ -59,17 +60,23 @@ class Snapshot:
 class PoseEstimator:
     """The three estimators with direct calls between them: the same exchanges that the nodes make over topics."""
 
-    def __init__(self, parameters: Parameters | None = None, attitude: bool = True, train: Train | None = None) -> None:
+    def __init__(
+        self,
+        parameters: Parameters | None = None,
+        attitude: bool = True,
+        train: Train | None = None,
+        rehearse: Elsewhere | None = None,
+    ) -> None:
         """``attitude`` False leaves the attitude filter out (benchmarks that look at the position only).
 
-        ``train`` carries out training jobs elsewhere (``OutageAid``); by default they run here, at once.
+        ``train`` and ``rehearse`` carry out trainings and rehearsals elsewhere (``OutageAid``); by default it is here.
         """
         self.parameters = parameters or Parameters()
         self.sins = SinsEngine(self.parameters)
         self.attitude = AttitudeEngine(self.parameters) if attitude else None
         learner = self.parameters.learner
         helps = learner.enabled and estimators()[learner.method].helps
-        self.outage_aid = OutageAid(learner, train) if helps else None
+        self.outage_aid = OutageAid(learner, train, rehearse) if helps else None
         self._clock = ExchangeClock()
 
     def feed(self, sample: Sample) -> list[Output]:

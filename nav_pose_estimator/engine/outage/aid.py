@@ -9,7 +9,7 @@ from nav_pose_estimator.engine.outage.epochs import last_stamp
 from nav_pose_estimator.engine.outage.learner import OutageLearner
 from nav_pose_estimator.engine.outage.methods.method import Flight, Guide, TrainingResult
 from nav_pose_estimator.engine.outage.pilot import OutageHelp, OutagePilot, Train
-from nav_pose_estimator.engine.outage.rehearsals import Rehearsals
+from nav_pose_estimator.engine.outage.rehearsals import Elsewhere, Rehearsals
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.engine.samples import Sample, VelocityError
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
@@ -22,25 +22,32 @@ class OutageAid:
     """Learns while GNSS is good, rehearses outages, and helps when GNSS is lost."""
 
     def __init__(
-        self, parameters: LearnerParameters, train: Train | None = None, pilot: OutagePilot | None = None
+        self,
+        parameters: LearnerParameters,
+        train: Train | None = None,
+        rehearse: Elsewhere | None = None,
+        pilot: OutagePilot | None = None,
     ) -> None:
-        """``train`` carries out a job and hands its result to ``accept``; by default here and now."""
-        self._parameters, self._train = parameters, train
+        """``train`` carries out a job and hands its result to ``accept``; by default here and now.
+
+        ``rehearse`` flies rehearsals in another process.
+        """
+        self._parameters, self._train, self._rehearse = parameters, train, rehearse
         self._pilot = pilot or OutagePilot(parameters, train)
-        self.rehearsals = Rehearsals(self.learner.method.rehearsal)
+        self.rehearsals = Rehearsals(self.learner.method.rehearsal, self._rehearse)
         self._external: VelocityError | None = None
 
     def reset(self) -> None:
         """Forget the flight; the model stays, the next training replaces it."""
         self._pilot.reset()
         rests = self.rehearsals.rests
-        self.rehearsals = Rehearsals(self.learner.method.rehearsal)
+        self.rehearsals = Rehearsals(self.learner.method.rehearsal, self._rehearse)
         self.rehearsals.rests = rests
         self._external = None
 
     def copy(self) -> OutageAid:
         """An independent copy."""
-        twin = OutageAid(self._parameters, self._train, self._pilot.copy())
+        twin = OutageAid(self._parameters, self._train, self._rehearse, self._pilot.copy())
         twin.rehearsals = self.rehearsals.copy()
         twin._external = self._external
         return twin

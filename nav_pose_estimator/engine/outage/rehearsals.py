@@ -8,8 +8,9 @@ by then, so its outage is held back from the learning. Only the past decides abo
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -64,11 +65,46 @@ class Contestant:
                     self.sins.feed(said)
 
 
+class Outcome(NamedTuple):
+    """Squared errors [m^2] at the end of one rehearsal, and that of coasting over its stated variance."""
+
+    squares: dict[str, float]
+    surprise: float
+
+
+@dataclass
+class Rehearsal:
+    """A rehearsal that has ended, with all that its contestants still have to fly, epoch by epoch."""
+
+    contestants: dict[str, Contestant]
+    epochs: list[list[Sample]]
+    truth: np.ndarray  # ``nav`` of the aided navigator at the end
+    known: float  # m, its horizontal deviation
+
+    def run(self) -> Outcome | None:
+        """Fly it and judge it; None where a copy had to align again, for which it lacks GNSS."""
+        for epoch in self.epochs:
+            _fly(self.contestants, epoch)
+            if _has_restarted(self.contestants):
+                return None
+        squares = {}
+        for name, contestant in self.contestants.items():
+            east, north, _ = step_enu(self.truth[at.LAT : at.VEL], contestant.sins.run.settled.nav[at.LAT : at.VEL])
+            squares[name] = float(east**2 + north**2)
+        stated = horizontal_deviation(self.contestants[COAST].sins.run) ** 2 - self.known**2
+        return Outcome(squares, squares[COAST] / max(stated, 1.0))
+
+
+Elsewhere = Callable[[Callable[[], Outcome | None]], Callable[[], Outcome | None]]
+"""Begins a piece of work in another process; what it returns waits for the result."""
+
+
 @dataclass
 class RehearsalState:
     """What the contestants still have to fly, when the rehearsal ends, and what the last ones have shown."""
 
     waiting: list[Sample] = field(default_factory=list)  # what the copies get at the end of the epoch
+    epochs: list[list[Sample]] = field(default_factory=list)  # the same of earlier epochs, where it is flown elsewhere
     waiting_since: int = 0  # ns, IMU stamp
     next_ns: int = 0
     until_ns: int = 0
@@ -79,8 +115,10 @@ class RehearsalState:
 class Rehearsals:
     """Rehearsals of an outage and what they say about each kind of help."""
 
-    def __init__(self, rules: RehearsalRules | None = None) -> None:
-        self._rules = rules or RehearsalRules()
+    def __init__(self, rules: RehearsalRules | None = None, elsewhere: Elsewhere | None = None) -> None:
+        """``elsewhere`` flies whole rehearsals when they have ended; by default they are flown here, as data come."""
+        self._rules, self._elsewhere = rules or RehearsalRules(), elsewhere
+        self._under_way: list[Callable[[], Outcome | None]] = []
         kept = self._rules.kept
         self.contestants: dict[str, Contestant] = {}
         self.rests = False  # True: no rehearsal begins, and the one that runs is broken off
@@ -88,7 +126,8 @@ class Rehearsals:
 
     def copy(self) -> Rehearsals:
         """An independent copy, running rehearsals included."""
-        twin = Rehearsals(self._rules)
+        self._collect()
+        twin = Rehearsals(self._rules, self._elsewhere)
         twin.contestants = {name: contestant.copy() for name, contestant in self.contestants.items()}
         twin.state, twin.rests = snapshot(self.state), self.rests
         return twin
@@ -96,21 +135,25 @@ class Rehearsals:
     @property
     def count(self) -> int:
         """Number of finished rehearsals that count."""
+        self._collect()
         return len(self.state.squares)
 
     def rms(self, name: str) -> float | None:
         """RMS error [m] at the end of the rehearsals that ``name`` flew; None without one."""
+        self._collect()
         squares = [errors[name] for errors in self.state.squares if name in errors]
         return float(np.sqrt(np.mean(squares))) if squares else None
 
     def scores(self) -> dict[str, float]:
         """What diagnostics show: RMS errors [m] of every way, how many rehearsals count, and ``drift_variance``."""
+        self._collect()
         names = dict.fromkeys(name for errors in self.state.squares for name in errors)
         scores = {f"rehearsal.rms_30_s.{name}": rms for name in names if (rms := self.rms(name)) is not None}
         return scores | {"rehearsal.count": float(self.count), "rehearsal.drift_variance": self.drift_variance}
 
     def is_worse(self, name: str, rival: str, ratio: float) -> bool:
         """True when three or more rehearsals that both flew say: ``name`` errs more than ``ratio`` times ``rival``."""
+        self._collect()
         both = [errors for errors in self.state.squares if name in errors and rival in errors]
         return len(both) >= self._rules.least and sum(e[name] for e in both) > ratio**2 * sum(e[rival] for e in both)
 
@@ -121,6 +164,7 @@ class Rehearsals:
         A filter that expects a poor receiver states a large error of its own attitude, however good the receiver is.
         Then it would believe what was learned of the motion more than itself.
         """
+        self._collect()
         stated, surprises = self._rules.stated, self.state.surprises
         fraction = (stated + sum(surprises)) / (stated + len(surprises))
         return min(max(fraction, self._rules.smallest_variance), 1.0)
@@ -142,7 +186,7 @@ class Rehearsals:
             self._stop()
             return False
         self._catch_up()
-        if sins.mode is not Mode.AIDED or self._has_restarted():
+        if sins.mode is not Mode.AIDED or _has_restarted(self.contestants):
             self._stop()
         elif self.contestants:
             if stamp_ns >= self.state.until_ns:
@@ -160,37 +204,48 @@ class Rehearsals:
         self.state.until_ns, self.state.next_ns = stamp_ns + _LENGTH_NS, stamp_ns + _PERIOD_NS
 
     def _judge(self, sins: SinsEngine) -> None:
-        errors = {}
-        truth, known = sins.run.settled.nav, horizontal_deviation(sins.run)
-        for name, contestant in self.contestants.items():
-            east, north, _ = step_enu(truth[at.LAT : at.VEL], contestant.sins.run.settled.nav[at.LAT : at.VEL])
-            errors[name] = float(east**2 + north**2)
-        stated = horizontal_deviation(self.contestants[COAST].sins.run) ** 2 - known**2
-        self.state.surprises.append(errors[COAST] / max(stated, 1.0))
-        self.state.squares.append(errors)
+        truth, known = sins.run.settled.nav.copy(), horizontal_deviation(sins.run)
+        ended = Rehearsal(dict(self.contestants), self.state.epochs, truth, known)
+        self._under_way.append(ended.run if self._elsewhere is None else self._elsewhere(ended.run))
+        if self._elsewhere is None:
+            self._collect()
 
-    def _has_restarted(self) -> bool:
-        """A gap in the IMU data makes the copies align again, for which they lack GNSS."""
-        return any(one.sins.mode not in (*DENIED, Mode.AIDED) for one in self.contestants.values())
+    def _collect(self) -> None:
+        """Take the results of what has ended; wherever they were made, they count from the same moment on."""
+        under_way, self._under_way = self._under_way, []
+        for result in under_way:
+            outcome = result()
+            if outcome is not None:
+                self.state.surprises.append(outcome.surprise)
+                self.state.squares.append(outcome.squares)
 
     def _catch_up(self) -> None:
-        """Fly the copies up to the last IMU sample: a quarter of the work that each sample by itself would be.
-
-        The other samples go ahead of the IMU's: an observation acts at its own time, however early it is known.
-        """
+        """What the copies get up to the last IMU sample: a quarter of the work that each sample by itself would be."""
         waiting, self.state.waiting, self.state.waiting_since = self.state.waiting, [], 0
-        imu = [sample for sample in waiting if isinstance(sample, (ImuSample, ImuBlock))]
-        for sample in waiting:
-            if not isinstance(sample, (ImuSample, ImuBlock)):
-                self._fly(sample)
-        if imu:
-            self._fly(joined(imu))
-
-    def _fly(self, sample: Sample) -> None:
-        for contestant in self.contestants.values():
-            contestant.feed(sample)
+        if self._elsewhere is None:
+            _fly(self.contestants, waiting)
+        elif self.contestants:
+            self.state.epochs.append(waiting)
 
     def _stop(self) -> None:
         self.contestants.clear()
         self.state.waiting.clear()
+        self.state.epochs = []
         self.state.waiting_since = 0
+
+
+def _fly(contestants: dict[str, Contestant], samples: list[Sample]) -> None:
+    """Fly the copies on.
+
+    The other samples go ahead of the IMU's: an observation acts at its own time, however early it is known.
+    """
+    imu = [sample for sample in samples if isinstance(sample, (ImuSample, ImuBlock))]
+    ahead: list[Sample] = [sample for sample in samples if not isinstance(sample, (ImuSample, ImuBlock))]
+    for sample in [*ahead, joined(imu)] if imu else ahead:
+        for contestant in contestants.values():
+            contestant.feed(sample)
+
+
+def _has_restarted(contestants: dict[str, Contestant]) -> bool:
+    """A gap in the IMU data makes the copies align again, for which they lack GNSS."""
+    return any(one.sins.mode not in (*DENIED, Mode.AIDED) for one in contestants.values())

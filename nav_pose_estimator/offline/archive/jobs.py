@@ -1,4 +1,5 @@
-"""Independent jobs on the cores of this machine: one that fails, or whose process dies, costs its own result only.
+"""Independent jobs on the cores of this machine or of several: one that fails, or whose process dies, costs its own
+result only.
 
     for number, outcome in carry_out(work, jobs, processes=4):
         if isinstance(outcome, Failure): ...
@@ -19,6 +20,7 @@ from nav_pose_estimator.errors import UserError
 
 LOCAL = "local"
 _ATTEMPTS = 2  # a job under way when a process died is tried once more: it may have been another's fault
+_PATIENCE = 10.0  # s to find a scheduler
 _DIED = "its process was killed {} times, probably for want of memory: fewer processes at a time may help"
 
 
@@ -31,12 +33,16 @@ class Failure:
 
 
 def carry_out(
-    work: Callable[[Any], Any], jobs: Sequence[Any], processes: int = 1
+    work: Callable[[Any], Any], jobs: Sequence[Any], processes: int = 1, scheduler: str = LOCAL
 ) -> Iterator[tuple[int, Any | Failure]]:
     """Do ``work`` on each of ``jobs``; yields (number of the job, its result or ``Failure``) in any order.
 
-    One process is this one. A program error becomes a ``Failure`` as well: of an archive, the rest goes on.
+    One process is this one. ``scheduler``: the address of a Dask scheduler instead of processes of this machine. A
+    program error becomes a ``Failure`` as well: of an archive, the rest goes on.
     """
+    if scheduler != LOCAL:
+        yield from _on_cluster(work, jobs, scheduler)
+        return
     if processes <= 1 or len(jobs) <= 1:
         yield from ((number, _attempt(work, job)) for number, job in enumerate(jobs))
         return
@@ -78,6 +84,24 @@ def _until_one_dies(
                 waiting.append(number)
             else:
                 yield number, Failure(_DIED.format(_ATTEMPTS), expected=False)
+
+
+def _on_cluster(work: Callable[[Any], Any], jobs: Sequence[Any], address: str) -> Iterator[tuple[int, Any | Failure]]:
+    """On the workers of a Dask scheduler, which takes a job elsewhere when its worker dies."""
+    try:
+        from distributed import Client, as_completed
+    except ImportError:
+        raise UserError("--scheduler needs Dask: pip install -r requirements-cluster.txt") from None
+    try:
+        client = Client(address, timeout=_PATIENCE)
+    except (OSError, ValueError) as error:
+        raise UserError(f"there is no Dask scheduler at {address} ({error})") from None
+    with client:
+        waiting = {client.submit(_attempt, work, job, pure=False): number for number, job in enumerate(jobs)}
+        for future in as_completed(list(waiting)):
+            lost = future.exception()  # of the cluster: those of the work are outcomes
+            yield waiting[future], Failure(f"{type(lost).__name__}: {lost}", False) if lost else future.result()
+            future.release()
 
 
 def _attempt(work: Callable[[Any], Any], job: Any) -> Any | Failure:

@@ -169,11 +169,20 @@ class McapFile:
     def _chunk_data(self, chunk: mcap.Chunk) -> bytes:
         """The records of a chunk; nothing of a damaged one."""
         try:
-            return chunk.records(self._map)
+            data = chunk.records(self._map)
+            _release(self._map, chunk)
+            return data
         except DamagedError as error:
             seconds = (chunk.end_ns - chunk.start_ns) * 1e-9
             self._left_out[chunk.offset] = str(error), seconds if 0.0 <= seconds < _LONGEST else 0.0
             return b""
+
+
+def _release(pages: mmap.mmap, chunk: mcap.Chunk) -> None:
+    """What has been read need not stay in memory; whoever wants it again reads it again."""
+    if hasattr(pages, "madvise"):  # not on every system
+        start = chunk.offset - chunk.offset % mmap.PAGESIZE
+        pages.madvise(mmap.MADV_DONTNEED, start, chunk.offset + chunk.size - start)
 
 
 def _batch(rows: list[tuple[int, int, int, int]], wanted: dict[int, int], data: bytes) -> RawBatch:

@@ -4,15 +4,13 @@ import argparse
 import csv
 import json
 import math
-import multiprocessing
-import os
 import sys
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable
 from dataclasses import asdict, fields
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from nav_pose_estimator.errors import UserError
 
@@ -29,20 +27,39 @@ OUTAGES, SUMMARY_CSV, SUMMARY_JSON, REPORT = "outages.csv", "summary.csv", "summ
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the benchmarks."""
     parser.description = "Measure the package: drift in GNSS outages, attitude, alignment, beams, speed."
-    parts = parser.add_subparsers(dest="part", required=True, metavar=f"{{{','.join(PARTS)}}}")
-    _add_outage(parts.add_parser("outage", help=PARTS["outage"], description=PARTS["outage"]))
-    for name in ("attitude", "alignment", "beams", "speed"):
+    kind = type("_Part", (_WithLateArguments, type(parser)), {})
+    parts: Any = parser.add_subparsers(dest="part", required=True, metavar=f"{{{','.join(PARTS)}}}", parser_class=kind)
+    for name, what in PARTS.items():
         module = f"nav_pose_estimator.offline.benchmarks.{name}.benchmark"
-        if find_spec(module) is not None:
-            part = parts.add_parser(name, help=PARTS[name], description=PARTS[name])
-            import_module(module).add_arguments(part)
+        add = _add_outage if name == "outage" else _options_of(module)
+        parts.add_parser(name, help=what, description=what).arguments_by(add)
+
+
+class _WithLateArguments(argparse.ArgumentParser):
+    """Knows its arguments when it is asked to parse: a benchmark is loaded only where it is chosen."""
+
+    def arguments_by(self, add: Callable[[argparse.ArgumentParser], None]) -> None:
+        """``add`` adds them."""
+        self._add: Callable[[argparse.ArgumentParser], None] | None = add
+
+    def parse_known_args(self, args=None, namespace=None):  # type: ignore[override]
+        """As always."""
+        add, self._add = self._add, None
+        if add is not None:
+            add(self)
+        return super().parse_known_args(args, namespace)
+
+
+def _options_of(module: str) -> Callable[[argparse.ArgumentParser], None]:
+    return lambda parser: import_module(module).add_arguments(parser)
 
 
 def _add_outage(part: argparse.ArgumentParser) -> None:
     from nav_pose_estimator.offline.logs.options import add_options
 
     add = part.add_argument
-    add("bags", nargs="+", type=Path, metavar="BAG|LOG", help="bags or flight logs; NAME.json beside NAME_bag is read")
+    what = "bags, flight logs, folders or lists (.txt) of them, patterns; NAME.json beside NAME_bag is read"
+    add("bags", nargs="+", type=Path, metavar="BAG|LOG", help=what)
     add("--lengths", default="10,30,60", metavar="S,...", help="lengths of the outages (default: 10,30,60)")
     add("--every", type=float, default=5.0, metavar="S", help="an outage starts every S seconds (default: 5)")
     add("--first", type=float, metavar="S", help="first start after the flight begins (default: 160, short flights 60)")
@@ -62,6 +79,9 @@ def _add_outage(part: argparse.ArgumentParser) -> None:
     )
     add_options(part)
     add("--jobs", type=int, default=1, metavar="N", help="processes (default: 1)")
+    add(
+        "--scheduler", default="local", metavar="local|tcp://...", help="processes of this machine, or a Dask scheduler"
+    )
     add("--out", type=Path, default=Path("outage_benchmark"), metavar="DIR", help="folder for tables and report")
 
 
@@ -69,21 +89,25 @@ def run(arguments: argparse.Namespace) -> int:
     """Carry one of the benchmarks out."""
     if arguments.part != "outage":
         return import_module(f"nav_pose_estimator.offline.benchmarks.{arguments.part}.benchmark").run(arguments)
+    from nav_pose_estimator.offline.archive.recordings import find
     from nav_pose_estimator.offline.benchmarks.outage import cross_validation
+    from nav_pose_estimator.offline.benchmarks.outage.many_flights import run_all
     from nav_pose_estimator.offline.benchmarks.outage.report import write_report
     from nav_pose_estimator.offline.benchmarks.outage.statistics import summarise
     from nav_pose_estimator.offline.logs.open_recording import check_readable
     from nav_pose_estimator.offline.output_folder import OutputFolder
 
+    arguments.bags = find(arguments.bags)
     candidates = _candidates(arguments)
     tasks = [task for config in candidates for task in _tasks(arguments, config)]
     for bag in arguments.bags:
-        check_readable(bag)  # a mistyped name ends the command now, not after an hour
+        if len(arguments.bags) == 1 or not bag.exists():
+            check_readable(bag)  # a mistyped name ends the command now, not after an hour
     if arguments.airframe is not None:
         _note_known_flights(arguments.airframe, arguments.bags)
     inputs = [*arguments.bags, *(config for config in candidates if config is not None)]
     with OutputFolder(arguments.out, "outage benchmark", inputs) as folder:
-        flights = _run_all(tasks, arguments.jobs)
+        flights = run_all(tasks, arguments.jobs, arguments.scheduler, arguments.out)
         groups = None
         if arguments.cross_validate:
             patterns = [text.strip() for text in arguments.groups.split(",") if text.strip()]
@@ -173,27 +197,6 @@ def _tasks(arguments: argparse.Namespace, config: Path | None) -> list:
         for bag in arguments.bags
         for name, extrapolated in methods.passes(names)
     ]
-
-
-def _run_all(tasks: list, jobs: int) -> list:
-    from tqdm import tqdm
-
-    from nav_pose_estimator.offline.benchmarks.outage.benchmark import run_task
-
-    with tqdm(total=len(tasks), unit=" pass", disable=not sys.stderr.isatty()) as bar:
-        if jobs == 1:
-            return [run_task(task, bar.update) for task in tasks]
-        # Each process computes on one thread, else the libraries' threads fight for the cores.
-        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-            os.environ.setdefault(name, "1")
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=context) as pool:
-            waiting = {pool.submit(run_task, task): i for i, task in enumerate(tasks)}
-            done: dict[int, object] = {}
-            for future in as_completed(waiting):
-                done[waiting[future]] = future.result()
-                bar.update(1)
-    return [done[i] for i in range(len(tasks))]
 
 
 def _rows(flights: list) -> list:

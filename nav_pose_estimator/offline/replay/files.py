@@ -3,7 +3,7 @@
 import json
 import math
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -24,6 +24,7 @@ from nav_pose_estimator.offline.replay.report import mode_spans
 from nav_pose_estimator.offline.replay.warnings import warnings
 
 SUMMARY, TUM, CSV, REPORT, SOLUTION = "summary.json", "trajectory.tum", "estimate.csv", "report.html", "solution"
+_AT_ONCE = 4096  # rows
 CSV_COLUMNS = (
     "t_s,lat_deg,lon_deg,alt_m,east_m,north_m,up_m,v_east_mps,v_north_mps,v_up_mps,roll_deg,pitch_deg,yaw_deg,"
     "sd_east_m,sd_north_m,sd_up_m,mode"
@@ -84,23 +85,33 @@ def versions() -> dict[str, str]:
 
 def write_tum(path: Path, result: ReplayResult, rate_hz: float) -> None:
     """``stamp x y z qx qy qz qw`` a line, ENU metres from the origin (the form that evo reads)."""
-    track = decimate(result.track, rate_hz)
-    enu = _local(track, result)
-    rows = np.column_stack([enu, track.q_nb[:, [1, 2, 3, 0]]]).tolist()
-    stamps = (np.round(track.t * 1e9).astype(np.int64) + result.recording.epoch_ns).tolist()
     form = "%d.%09d" + " %.6f" * 3 + " %.9f" * 4
-    path.write_text("\n".join([form % (s // 10**9, s % 10**9, *row) for s, row in zip(stamps, rows, strict=True)]))
+    with path.open("w", encoding="utf-8") as file:
+        for number, track in enumerate(_pieces(decimate(result.track, rate_hz))):
+            rows = np.column_stack([_local(track, result), track.q_nb[:, [1, 2, 3, 0]]]).tolist()
+            stamps = (np.round(track.t * 1e9).astype(np.int64) + result.recording.epoch_ns).tolist()
+            lines = [form % (s // 10**9, s % 10**9, *row) for s, row in zip(stamps, rows, strict=True)]
+            file.write("\n" * (number > 0) + "\n".join(lines))
 
 
 def write_csv(path: Path, result: ReplayResult, rate_hz: float) -> None:
     """The estimate as text, columns ``CSV_COLUMNS``; t counts from the bag's first stamp."""
-    track = decimate(result.track, rate_hz)
-    angles = np.degrees(euler_from_quat_many(track.q_nb))
-    position = track.position * np.array([180.0 / math.pi, 180.0 / math.pi, 1.0])
-    parts = [track.t, position, _local(track, result), track.velocity, angles, track.sd("position")]
-    form = "%.4f,%.9f,%.9f" + ",%.4f" * 13
-    rows = zip(np.column_stack(parts).tolist(), modes_at(result, track.t), strict=True)
-    path.write_text("\n".join([CSV_COLUMNS, *(f"{form % tuple(row)},{mode.value}" for row, mode in rows)]) + "\n")
+    form = "%.4f,%.9f,%.9f" + ",%.4f" * 13 + ",%s\n"
+    with path.open("w", encoding="utf-8") as file:
+        file.write(CSV_COLUMNS + "\n")
+        for track in _pieces(decimate(result.track, rate_hz)):
+            angles = np.degrees(euler_from_quat_many(track.q_nb))
+            position = track.position * np.array([180.0 / math.pi, 180.0 / math.pi, 1.0])
+            parts = [track.t, position, _local(track, result), track.velocity, angles, track.sd("position")]
+            rows = zip(np.column_stack(parts).tolist(), modes_at(result, track.t), strict=True)
+            file.writelines(form % (*row, mode.value) for row, mode in rows)
+
+
+def _pieces(track: Track) -> Iterator[Track]:
+    """A track in parts: as text and numbers of Python it would need twenty times its memory."""
+    for start in range(0, len(track), _AT_ONCE):
+        part = slice(start, start + _AT_ONCE)
+        yield Track(track.t[part], track.rows[part])
 
 
 def modes_at(result: ReplayResult, t: np.ndarray) -> list[Mode]:
@@ -110,7 +121,7 @@ def modes_at(result: ReplayResult, t: np.ndarray) -> list[Mode]:
 
 
 def _local(track: Track, result: ReplayResult) -> np.ndarray:
-    origin = result.origin or (tuple(track.position[0]) if len(track) else (0.0, 0.0, 0.0))
+    origin = result.origin or (tuple(result.track.position[0]) if len(track) else (0.0, 0.0, 0.0))
     return np.asarray(lla_to_enu(*track.position.T, *origin)).reshape(-1, 3)
 
 

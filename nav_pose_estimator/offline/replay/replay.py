@@ -15,6 +15,7 @@ from nav_pose_estimator.offline.flights.outage_errors import OutageErrors, judge
 from nav_pose_estimator.offline.flights.outages import GnssRemoval, Outage, OutageProof
 from nav_pose_estimator.offline.flights.recording import Recording
 from nav_pose_estimator.offline.flights.tracks import Reference, Track, TrackRecorder
+from nav_pose_estimator.offline.replay.second_core import SecondCore
 
 STATE_PERIOD_NS = 1_000_000_000
 """Full states (biases, covariance) are kept once a second: the last IMU sample of a block is then fed by itself."""
@@ -94,13 +95,16 @@ def replay(
     recording: Recording, parameters: Parameters, outages: list[Outage], progress: Progress | None = None
 ) -> ReplayResult:
     """Run a recording with GNSS taken away in ``outages``. ``progress`` is called with the IMU samples just done."""
-    engine = PoseEstimator(parameters)  # kernels are loaded as they are called: no flight has to wait for them here
     delay = parameters.gnss.delay
     removal = GnssRemoval(outages, recording.epoch_ns, delay)
     proof = OutageProof(outages, recording.epoch_ns, delay)
     record = Record(recording.epoch_ns, TrackRecorder(recording.epoch_ns))
     began = time.perf_counter()
-    run(engine, removal.filter(recording.samples), record, proof, progress)
+    with SecondCore() as core:
+        # kernels are loaded as they are called: no flight has to wait for them here
+        engine = core.engine = PoseEstimator(parameters, train=core.train, rehearse=core.rehearse)
+        run(engine, removal.filter(recording.samples), record, proof, progress, core.deliver)
+        status = engine.status()
     seconds = time.perf_counter() - began
     reference = recording.reference(delay)
     fix_times = recording.fix_times(delay)
@@ -114,7 +118,7 @@ def replay(
         fix_times=fix_times,
         track=track,
         record=record,
-        status=engine.status(),
+        status=status,
         origin=engine.origin,
         errors=[judge(outage, fix_times, reference, track, lever) for outage in outages],
         proof=proof.summary(),
@@ -133,9 +137,13 @@ def run(
     record: Record,
     proof: OutageProof,
     progress: Progress | None = None,
+    ahead: Callable[[int], None] = lambda stamp_ns: None,
 ) -> None:
-    """Feed ``samples``; every one of them passes the proof that it carries nothing from inside an outage."""
-    next_state = 0
+    """Feed ``samples``; every one of them passes the proof that it carries nothing from inside an outage.
+
+    ``ahead`` is called with the newest stamp of the IMU [ns] that the estimator is about to get.
+    """
+    next_state = last_ns = 0
     waiting: list[Sample] = []
     for sample in samples:
         proof.check(sample)
@@ -147,10 +155,12 @@ def run(
         if not next_state - 2 * STATE_PERIOD_NS < last_ns < next_state:  # also after a clock that went back
             next_state = last_ns + STATE_PERIOD_NS
             waiting[-1:] = [*([_rows(sample, slice(0, -1))] if len(sample) > 1 else []), _last(sample)]
+            ahead(last_ns)
             record.take(engine.feed_all(waiting))
             waiting = []
         if progress is not None:
             progress(len(sample))
+    ahead(last_ns)
     record.take(engine.feed_all(waiting))
 
 

@@ -4,18 +4,21 @@ What the estimator has learned at an outage's start comes from before it: the co
 longest outage; the errors after every shorter one are read off the same run, so that no GNSS returns in between.
 """
 
-from collections.abc import Callable, Iterator
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, OUT_POS, OUT_QUAT, OUT_VEL
-from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator, Snapshot
 from nav_pose_estimator.engine.outage.methods.registry import extrapolations
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
+from nav_pose_estimator.offline.benchmarks.outage.shared_flight import SharedFlight
 from nav_pose_estimator.offline.flights import latency, methods
 from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.offline.flights.flight_window import flight_window, outage_starts
@@ -29,6 +32,7 @@ from nav_pose_estimator.offline.replay.replay import as_block, reference_lever
 
 GRID = 1.0  # s between the points of an error-growth curve
 _AHEAD_NS = 10**9  # a stamp so far ahead of the IMU is damaged: the navigator refuses it
+_BATCH_NS = 10**9
 MARGIN = 0.2  # s: a run goes on so long after the outage's end, still without GNSS, to reach its last fix
 
 
@@ -65,19 +69,40 @@ class FlightResult:
 
 @dataclass(frozen=True)
 class _Start:
-    """An outage's start: the estimator there, and the place in the stream to go on from."""
+    """An outage's start: the estimators there, and the place in the stream to go on from."""
 
     outage: Outage
-    snapshot: object
+    snapshots: list[Snapshot]  # for each method
     index: int
     row: int
     doubt: str  # why the navigator itself would not vouch for its pose; empty where it does
     state: np.ndarray | None  # last row of the solution, OUT_COLUMNS
 
 
+@dataclass(frozen=True)
+class Entrant:
+    """A method that takes part: its parameters, the names that its errors go under, and where they are filed.
+
+    The estimator's errors go under the first of ``names``; the others are predictors.
+    """
+
+    parameters: Parameters
+    names: tuple[str, ...]
+    result: FlightResult
+
+
 def run_task(task: Task, advanced: Callable[[float], None] | None = None) -> FlightResult:
     """Carry out one pass. ``advanced`` is called with the share done since the last call."""
-    parameters = methods.apply(load_parameters(task.config), task.method, task.airframe)
+    return run_flight((task,), advanced)[0]
+
+
+def run_flight(tasks: Sequence[Task], advanced: Callable[[float], None] | None = None) -> list[FlightResult]:
+    """Carry out passes that differ in their methods only: the recording, its latency and the aided flight are shared.
+
+    ``advanced`` as in ``run_task``, with the share of one pass.
+    """
+    task = tasks[0]
+    parameters = load_parameters(task.config)
     recording = open_recording(task.bag, task.log, parameters=parameters)
     window = flight_window(recording)
     planned = outage_starts(window, list(task.lengths), task.every, task.first)
@@ -85,10 +110,19 @@ def run_task(task: Task, advanced: Callable[[float], None] | None = None) -> Fli
     until = min(starts, default=np.inf)
     recording = prepared(recording, parameters, until)
     parameters, how = latency.choose(recording, parameters, task.gnss_delay, task.config, until, search=True)
-    result = FlightResult(task.bag.name, parameters.gnss.delay, window, notices=[how, *recording.notices])
-    run_outages(recording, parameters, planned, (task.method, *task.predictors), result, advanced)
-    _draw(result, recording.reference(parameters.gnss.delay), starts)
-    return result
+    notices = [how, *recording.notices]
+    entrants = [
+        Entrant(
+            methods.apply(parameters, one.method, one.airframe),
+            (one.method, *one.predictors),
+            FlightResult(one.bag.name, parameters.gnss.delay, window, notices=list(notices)),
+        )
+        for one in tasks
+    ]
+    run_entrants(recording, planned, entrants, advanced)
+    for entrant in entrants:
+        _draw(entrant.result, recording.reference(parameters.gnss.delay), starts)
+    return [entrant.result for entrant in entrants]
 
 
 def run_outages(
@@ -97,34 +131,59 @@ def run_outages(
     planned: dict[float, list[Outage]],
     names: tuple[str, ...],
     result: FlightResult,
+) -> None:
+    """The ``planned`` outages (length -> outages) of one recording and one entrant, filed in ``result``."""
+    run_entrants(recording, planned, [Entrant(parameters, names, result)])
+
+
+def run_entrants(
+    recording: Recording,
+    planned: dict[float, list[Outage]],
+    entrants: Sequence[Entrant],
     advanced: Callable[[float], None] | None = None,
 ) -> None:
-    """The ``planned`` outages (length -> outages) of one recording, filed in ``result``.
-
-    The estimator has ``parameters``, its errors go under the first of ``names``; the others are predictors.
-    """
+    """The ``planned`` outages of one recording, filed in the results of ``entrants``."""
     starts = sorted({outage.start for outages in planned.values() for outage in outages})
     runs = [Outage(s, max(n for n, outages in planned.items() if any(o.start == s for o in outages))) for s in starts]
-    reference = recording.reference(parameters.gnss.delay)
-    fix_times = recording.fix_times(parameters.gnss.delay)
-    judge_run = _judge(planned, fix_times, reference, reference_lever(reference, parameters), result)
-    engine = PoseEstimator(parameters, attitude=False)
-    for start in _aided_pass(recording, parameters, runs):
-        track = _outage_run(engine, recording, parameters, start, result)
-        judge_run(names[0], start, track)
-        for name in names[1:]:
-            judge_run(name, start, _predict(name, start))
-        if advanced is not None:
-            advanced(1.0 / len(runs))
+    trials = [_Trial(recording, planned, entrant) for entrant in entrants]
+    while trials:
+        for start in _aided_pass(recording, [trial.entrant.parameters for trial in trials], runs):
+            for trial, snapshot in zip(trials, start.snapshots, strict=False):  # without those that have parted
+                if start.outage.start > trial.done_to:
+                    trial.run(start, snapshot)
+                    if advanced is not None:
+                        advanced(1.0 / len(runs))
+        del trials[0]
+        trials = [trial for trial in trials if runs and trial.done_to < runs[-1].start]
 
 
-def _aided_pass(recording: Recording, parameters: Parameters, runs: list[Outage]) -> Iterator[_Start]:
+class _Trial:
+    """One entrant in the outages of one recording; ``done_to`` is the start [s] of the last one."""
+
+    def __init__(self, recording: Recording, planned: dict[float, list[Outage]], entrant: Entrant) -> None:
+        self.entrant, self._recording, self.done_to = entrant, recording, -np.inf
+        parameters = entrant.parameters
+        self._engine = PoseEstimator(parameters, attitude=False)
+        reference = recording.reference(parameters.gnss.delay)
+        fix_times = recording.fix_times(parameters.gnss.delay)
+        self._file = _judge(planned, fix_times, reference, reference_lever(reference, parameters), entrant.result)
+
+    def run(self, start: _Start, snapshot: Snapshot) -> None:
+        """One outage, flown from its ``start`` on."""
+        self.done_to = start.outage.start
+        own, *predictors = self.entrant.names
+        track = _outage_run(self._engine, self._recording, self.entrant, start, snapshot)
+        self._file(own, start, track)
+        for name in predictors:
+            self._file(name, start, _predict(name, start))
+
+
+def _aided_pass(recording: Recording, parameters: Sequence[Parameters], runs: list[Outage]) -> Iterator[_Start]:
     """Run the whole flight with GNSS and stop at the start of each outage."""
-    engine = PoseEstimator(parameters, attitude=False)
-    engine.warm_up()
+    flight = SharedFlight(parameters)
     state = None
-    waiting = list(runs)
-    delay_ns = round(parameters.gnss.delay * 1e9)
+    waiting, ahead = list(runs), _Batch()
+    delay_ns = round(parameters[0].gnss.delay * 1e9)
     newest_gnss = 0
     next_imu = _next_imu_stamps(recording.samples)
     for index, sample in enumerate(recording.samples):
@@ -140,12 +199,38 @@ def _aided_pass(recording: Recording, parameters: Parameters, runs: list[Outage]
             if newest_gnss >= start_ns:
                 raise GnssLeak("GNSS from inside an outage was used before it")
             if row > done:
-                state = _last_row(engine.feed(_rows(sample, done, row)), state)
+                ahead.add(_rows(sample, done, row))
+            state = _last_row(flight.engine.feed_all(ahead.take()), state)
             done = row
-            yield _Start(waiting.pop(0), engine.snapshot(), index, done, _doubt(engine), state)
-        state = _last_row(engine.feed(_rows(sample, done, None)), state)
+            yield _Start(waiting.pop(0), flight.snapshots(), index, done, _doubt(flight.engine), state)
+        if ahead.add(_rows(sample, done, None)):
+            state = _last_row(flight.engine.feed_all(ahead.take()), state)
         if isinstance(sample, (GnssFix, GnssVelocity)) and sample.stamp_ns <= next_imu[index] + _AHEAD_NS:
             newest_gnss = max(newest_gnss, sample.stamp_ns - delay_ns)
+
+
+class _Batch:
+    """Samples that wait to be fed together: the estimator takes long blocks at less cost, and with the same result."""
+
+    def __init__(self) -> None:
+        self._samples: list[Sample] = []
+        self._until = 0  # ns
+
+    def add(self, sample: Sample) -> bool:
+        """True when about a second is together and ``take`` is due."""
+        self._samples.append(sample)
+        if not isinstance(sample, ImuBlock) or not len(sample):
+            return False
+        last = int(sample.stamps_ns[-1])
+        if not self._until - 2 * _BATCH_NS < last < self._until:  # also after a clock that went back
+            self._until = last + _BATCH_NS
+            return True
+        return False
+
+    def take(self) -> list[Sample]:
+        """All that waits."""
+        samples, self._samples = self._samples, []
+        return samples
 
 
 def _doubt(engine: PoseEstimator) -> str:
@@ -196,30 +281,38 @@ def _last_row(outputs: list, before: np.ndarray | None) -> np.ndarray | None:
 
 
 def _outage_run(
-    engine: PoseEstimator, recording: Recording, parameters: Parameters, start: _Start, result: FlightResult
+    engine: PoseEstimator, recording: Recording, entrant: Entrant, start: _Start, snapshot: Snapshot
 ) -> Track:
     """The estimator from ``start`` on without GNSS until a little after the outage's end."""
-    engine.restore(start.snapshot)
+    engine.restore(snapshot)
+    delay = entrant.parameters.gnss.delay
     without = [Outage(start.outage.start, start.outage.length + MARGIN)]
-    removal = GnssRemoval(without, recording.epoch_ns, parameters.gnss.delay)
-    proof = OutageProof([start.outage], recording.epoch_ns, parameters.gnss.delay)
+    removal = GnssRemoval(without, recording.epoch_ns, delay)
+    proof = OutageProof([start.outage], recording.epoch_ns, delay)
     tracks = TrackRecorder(recording.epoch_ns)
     if start.state is not None:
         # the state in which GNSS was lost, so that the first fixes find an estimate on both sides
         stamp = recording.epoch_ns + round(start.outage.start * 1e9) - 1
         tracks.add(NavBlock(np.array([stamp]), start.state[None, :], Mode.AIDED, 0, np.zeros(3)))
     end_ns = recording.epoch_ns + round((without[0].end) * 1e9)
+    ahead = _Batch()
+
+    def fly() -> None:
+        for output in engine.feed_all(ahead.take()):
+            if isinstance(output, NavBlock):
+                tracks.add(output)
+
     for i in range(start.index, len(recording.samples)):
         sample = _rows(recording.samples[i], start.row if i == start.index else 0, None)
         if not removal.keep(sample):
             continue
         proof.check(sample)
-        for output in engine.feed(sample):
-            if isinstance(output, NavBlock):
-                tracks.add(output)
+        if ahead.add(sample):
+            fly()
         if isinstance(sample, ImuBlock) and sample.stamps_ns[-1] >= end_ns:
             break
-    result.proof += proof.seen
+    fly()
+    entrant.result.proof += proof.seen
     return tracks.track()
 
 

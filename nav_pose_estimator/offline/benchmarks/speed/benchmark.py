@@ -41,7 +41,7 @@ def _measure() -> list[Figure]:
     from nav_pose_estimator.offline.benchmarks.speed import figures as speed_figures
     from nav_pose_estimator.offline.benchmarks.speed import processes
 
-    flight = speed_figures.flight()
+    flight, full = speed_figures.flight(), speed_figures.full_flight()
     figures: list[Figure] = []
 
     def note(more: list[Figure]) -> None:
@@ -49,14 +49,15 @@ def _measure() -> list[Figure]:
             print(line(figure), flush=True)
         figures.extend(more)
 
-    note(speed_figures.navigator(flight))
+    note(speed_figures.navigator(flight, full))
     note(processes.without_numba())
-    note(speed_figures.whole_estimator(flight))
+    note(speed_figures.whole_estimator(flight, full))
     note(speed_figures.attitude(flight))
     note(speed_figures.learner())
     with TemporaryDirectory(prefix="nav_pose_estimator_") as scratch:
         note(processes.bags(Path(scratch), flight))
         note(processes.replays(Path(scratch)))
+        note(processes.outage_benchmark(Path(scratch)))
     note(processes.start_up())
     return figures
 

@@ -46,6 +46,13 @@ def flight() -> list[Sample]:
     return samples(SECONDS, IMU_HZ)
 
 
+def full_flight() -> list[Sample]:
+    """The same with the full set of sensors, whose stamps are the IMU's."""
+    from nav_pose_estimator.offline.benchmarks.speed.plain_flight import full_set
+
+    return full_set(SECONDS, IMU_HZ)
+
+
 def best_time(
     action: Callable[[], object], repeat: int = REPEAT, prepare: Callable[[], object] = lambda: None
 ) -> float:
@@ -99,8 +106,8 @@ def aligned(flight: list[Sample], seconds: float):
     return engine, []
 
 
-def navigator(flight: list[Sample]) -> list[Figure]:
-    """The strapdown navigator with its filter."""
+def navigator(flight: list[Sample], full: list[Sample]) -> list[Figure]:
+    """The strapdown navigator with its filter, on the plain flight and with the full set of sensors."""
     from nav_pose_estimator.ros.messages import from_bytes
 
     engine, rest = aligned(flight, 60.0)
@@ -113,6 +120,12 @@ def navigator(flight: list[Sample]) -> list[Figure]:
     def cost(samples: list, count: int) -> float:
         return 1e6 * best_time(lambda: _feed(engine, samples), prepare=lambda: engine.restore(start)) / count
 
+    all_sensors, rest_of_full = aligned(full, 60.0)
+    fully = all_sensors.snapshot()
+    cost_of_all = best_time(
+        lambda: _feed(all_sensors, rest_of_full), repeat=3, prepare=lambda: all_sensors.restore(fully)
+    )
+
     def call_back() -> None:
         """What a node does with serialized Imu messages, but for rclpy itself."""
         for message in messages:
@@ -123,8 +136,9 @@ def navigator(flight: list[Sample]) -> list[Figure]:
     return [
         Figure("navigator, IMU alone, blocks of 1 s", cost(blocks_of(imu, BLOCK), len(imu)), "us/epoch", 0.4),
         Figure("navigator, IMU and 1 Hz GNSS", cost(with_gnss, len(imu)), "us/epoch"),
-        Figure("navigator, sample by sample", cost(one_by_one, SINGLES), "us/epoch"),
-        Figure("IMU callback of sins_node without rclpy", callback, "us", 10.0),
+        Figure("navigator, full set of sensors", 1e6 * cost_of_all / len(imu_only(rest_of_full)), "us/epoch", 0.4),
+        Figure("navigator, sample by sample", cost(one_by_one, SINGLES), "us/epoch", 2.5),
+        Figure("IMU callback of sins_node without rclpy", callback, "us", 8.0),
     ]
 
 
@@ -145,17 +159,20 @@ def _joined(samples: list[Sample]) -> list[Sample]:
     return out
 
 
-def whole_estimator(flight: list[Sample]) -> list[Figure]:
-    """Attitude filter, navigator and learner together, all sensors of the flight, as a replay runs them."""
+def whole_estimator(flight: list[Sample], full: list[Sample]) -> list[Figure]:
+    """Attitude filter, navigator and learner together, as a replay runs them, with few sensors and with all."""
     from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 
-    count = len(imu_only(flight))
     figures = []
-    for name, enabled in (("off", False), ("on", True)):
-        parameters = update(Parameters(), {"learner.enabled": enabled})
-        PoseEstimator(parameters).warm_up()
-        cost = best_time(partial(_fly, PoseEstimator, parameters, flight), repeat=2)
-        figures.append(Figure(f"pose estimator, all sensors, learner {name}", 1e6 * cost / count, "us/epoch"))
+    for sensors, samples in (("plain flight", flight), ("full set", full)):
+        for method, goal in (("coast", None), ("best", 9.0)):
+            parameters = update(Parameters(), {"learner.method": method})
+            PoseEstimator(parameters).warm_up()
+            cost = best_time(partial(_fly, PoseEstimator, parameters, samples), repeat=2)
+            what = f"pose estimator, {sensors}, {method}"
+            figures.append(
+                Figure(what, 1e6 * cost / len(imu_only(samples)), "us/epoch", goal if samples is full else None)
+            )
     return figures
 
 
@@ -241,6 +258,6 @@ def learner() -> list[Figure]:
     fitting = best_time(lambda: model.fit(X, Y), repeat=1)
     predict = best_time(lambda: [model.predict(X[i : i + 1]) for i in range(2000)]) / 2000
     return [
-        Figure("ANFIS, 16 rules, 3000 samples, training", fitting, "s", 2.0),
+        Figure("ANFIS, 16 rules, 3000 samples, training", fitting, "s", 1.2),
         Figure("ANFIS, one prediction", 1e6 * predict, "us", 10.0),
     ]

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuSample, MagSample, Sample
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuSample, MagSample, PressureSample, Sample
 
 
 def imu_bytes(sample: ImuSample) -> bytes:
@@ -38,6 +38,9 @@ def message_of(sample: Sample, store: Any) -> tuple[str, str, bytes]:
         topic, kind = "/gps/vel", "geometry_msgs/msg/TwistWithCovarianceStamped"
         twist = types["geometry_msgs/msg/Twist"](vector(*sample.vel_enu), vector(0.0, 0.0, 0.0))
         message = types[kind](header, types["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)))
+    elif isinstance(sample, PressureSample):
+        topic, kind = "/baro", "sensor_msgs/msg/FluidPressure"
+        message = types[kind](header, sample.pressure, 0.0)
     else:
         raise TypeError(f"no message is known for {type(sample).__name__}")
     return topic, kind, bytes(store.serialize_cdr(message, kind))

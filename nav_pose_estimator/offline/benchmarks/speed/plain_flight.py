@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
+from nav_pose_estimator.core.earth.atmosphere import height_pressure
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla, gravity_many
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, MagSample, Sample
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, MagSample, PressureSample, Sample
 
 ORIGIN = (math.radians(48.0), math.radians(11.0), 500.0)
 REST, RUN_UP, ACCELERATION, TURN_RATE = 10.0, 5.0, 2.0, 0.2  # s, s, m/s^2, rad/s
@@ -36,18 +37,41 @@ def samples(
 ) -> list[Sample]:
     """The flight as samples in order of arrival: IMU in blocks between the others, fixes ``delay`` [s] late."""
     rng = np.random.default_rng(seed)
+    imu = _imu(seconds, imu_hz, rng, epoch_s)
+    others = [*_gnss(seconds, gnss_hz, delay, rng, epoch_s), *_compass(seconds, rng, epoch_s)]
+    return _in_order(imu, others)
+
+
+def full_set(seconds: float, imu_hz: float = 200.0, seed: int = 1, epoch_s: int = 10**9) -> list[Sample]:
+    """The flight with 5 Hz of fixes and velocities and 10 Hz of magnetometer and barometer, at stamps of the IMU.
+
+    The expensive case: a sample of the time of the IMU's last one acts before the next one, so nothing can be joined.
+    """
+    rng = np.random.default_rng(seed)
+    imu = _imu(seconds, imu_hz, rng, epoch_s)
+    compass = _compass(seconds, rng, epoch_s, behind=0.0)
+    noise = rng.normal(0.0, 3.0, len(compass)).tolist()  # Pa
+    level = height_pressure(ORIGIN[2])
+    pressures = [PressureSample(mag.stamp_ns, level + error) for mag, error in zip(compass, noise, strict=True)]
+    return _in_order(imu, [*_gnss(seconds, 5.0, 0.0, rng, epoch_s), *compass, *pressures])
+
+
+def _imu(seconds: float, imu_hz: float, rng: np.random.Generator, epoch_s: int) -> ImuBlock:
     t = np.arange(1, int(seconds * imu_hz) + 1) / imu_hz
     _, _, _, force, rate = motion(t)
     force += rng.normal(0.0, 0.02, force.shape)
     rate += rng.normal(0.0, 0.001, rate.shape)
-    stamps = np.round(t * 1e9).astype(np.int64) + epoch_s * 10**9
-    others = sorted([*_gnss(seconds, gnss_hz, delay, rng, epoch_s), *_compass(seconds, rng, epoch_s)], key=_stamp)
-    cuts = np.searchsorted(stamps, [sample.stamp_ns for sample in others], side="right")
+    return ImuBlock(np.round(t * 1e9).astype(np.int64) + epoch_s * 10**9, rate, force)
+
+
+def _in_order(imu: ImuBlock, others: list[Sample]) -> list[Sample]:
+    others = sorted(others, key=_stamp)
+    cuts = np.searchsorted(imu.stamps_ns, [sample.stamp_ns for sample in others], side="right")
     out: list[Sample] = []
     done = 0
-    for cut, sample in zip([*cuts.tolist(), len(stamps)], [*others, None], strict=True):
+    for cut, sample in zip([*cuts.tolist(), len(imu)], [*others, None], strict=True):
         if cut > done:
-            out.append(ImuBlock(stamps[done:cut], rate[done:cut], force[done:cut]))
+            out.append(imu.part(done, cut))
             done = cut
         if sample is not None:
             out.append(sample)
@@ -70,8 +94,10 @@ def _gnss(seconds: float, rate_hz: float, delay: float, rng: np.random.Generator
     return out
 
 
-def _compass(seconds: float, rng: np.random.Generator, epoch_s: int, rate_hz: float = 10.0) -> list[Sample]:
-    t = np.arange(1, int(seconds * rate_hz) + 1) / rate_hz + 1e-4
+def _compass(
+    seconds: float, rng: np.random.Generator, epoch_s: int, rate_hz: float = 10.0, behind: float = 1e-4
+) -> list[MagSample]:
+    t = np.arange(1, int(seconds * rate_hz) + 1) / rate_hz + behind
     yaw = motion(t)[2]
     east, north, up = FIELD_EN_U
     field = np.stack([np.cos(yaw) * east + np.sin(yaw) * north, np.cos(yaw) * north - np.sin(yaw) * east], axis=1)

@@ -57,33 +57,49 @@ def _read_with_rosbags(path: Path, count: int) -> None:
 
 
 def replays(scratch: Path) -> list[Figure]:
-    """Replay in a process of its own, as a user starts it: default configuration, learner on, method ``best``.
+    """Replay in a process of its own, as a user starts it, of flights with the full set of sensors.
 
-    All but the first run find the kernels compiled.
+    All but the first run find the kernels compiled. With two cores trainings and rehearsals are on the second.
     """
+    from nav_pose_estimator.offline.benchmarks.speed.plain_flight import full_set
+
     figures = []
-    for seconds, goal, tries in ((SECONDS, 240.0, _TRIES), (_LONG, 600.0, 2)):
+    for seconds, tries, goals in ((SECONDS, _TRIES, (300.0, 400.0)), (_LONG, 1, (600.0, 900.0))):
         bag = scratch / f"flight_{seconds:.0f}"
-        write_flight_bag(bag, seconds)
-        command = [sys.executable, "-m", "nav_pose_estimator", "replay", str(bag), "--outage", "300:30"]
-        command += ["--out", str(scratch / "out")]
-        walls, processor, alone = [], [], []
-        for _ in range(tries):
-            before = os.times()
-            _run(command)
-            after = os.times()
+        write_bag_of(bag, full_set(seconds, IMU_HZ))
+        for method, goal in zip(("best", "coast"), goals, strict=True):
+            options = ["replay", str(bag), "--outage", "300:30", "--method", method, "--out", str(scratch / "out")]
+            runs = [_measured(options) for _ in range(tries)]
             summary = json.loads((scratch / "out" / "summary.json").read_text(encoding="utf-8"))
-            walls.append(summary["wall_seconds"])
-            used = after.children_user + after.children_system - before.children_user - before.children_system
-            processor.append(used)
-            alone.append(summary["times_real_time"])
-        name, unit = f"replay of {seconds:.0f} s", "x real time"
-        figures += [
-            Figure(f"{name}, process start to report", seconds / min(walls), unit, goal, "higher"),
-            Figure(f"  {name}, CPU time of the process", seconds / min(processor), unit),
-            Figure(f"  {name}, estimator alone", max(alone), unit),
-        ]
+            wall, used, memory = np.min(runs, axis=0).tolist()
+            name, unit = f"replay of {seconds:.0f} s, {method}", "x real time"
+            figures += [
+                Figure(f"{name}, process start to report", seconds / wall, unit, goal, "higher"),
+                Figure("  CPU time of all its processes", seconds / used, unit),
+                Figure("  estimator alone", summary["times_real_time"], unit),
+                Figure("  memory", memory, "MB", 250.0),
+            ]
     return figures
+
+
+def outage_benchmark(scratch: Path) -> list[Figure]:
+    """``benchmark outage`` on the flight of ``replays``: seven outages, two methods, the latency given."""
+    options = ["benchmark", "outage", str(scratch / f"flight_{SECONDS:.0f}"), "--first", "100", "--every", "60"]
+    options += ["--lengths", "10,30,60", "--methods", "best,coast", "--gnss-delay", "0"]
+    _, used, _ = _measured([*options, "--out", str(scratch / "outages")])
+    return [Figure("benchmark outage, 7 outages, 2 methods, CPU", used, "s", 5.0)]
+
+
+def _measured(options: list[str]) -> tuple[float, float, float]:
+    """Wall time [s], CPU time of a command and its children [s], and the largest memory of one of them [MB]."""
+    code = (
+        "import os,resource,sys,time;from nav_pose_estimator.offline.command_line import main\n"
+        "from nav_pose_estimator.offline.process_clock import seconds_since_start\n"
+        "code=main(sys.argv[1:]);a=os.times()\n"
+        "print(seconds_since_start(),sum(a[:4]),resource.getrusage(resource.RUSAGE_SELF).ru_maxrss/1024);sys.exit(code)"
+    )
+    wall, used, memory = map(float, _run([sys.executable, "-c", code, *options]).split()[-3:])
+    return wall, used, memory
 
 
 def without_numba() -> list[Figure]:
@@ -112,15 +128,20 @@ def plain_python_cost() -> float:
 
 def write_flight_bag(path: Path, seconds: float, imu_hz: float = IMU_HZ, gnss_hz: float = 5.0) -> None:
     """``plain_flight`` as a rosbag2 (mcap)."""
+    from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
+
+    write_bag_of(path, samples(seconds, imu_hz, gnss_hz))
+
+
+def write_bag_of(path: Path, samples: list[Sample]) -> None:
+    """``samples`` as a rosbag2 (mcap)."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
-
-    from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
 
     store = get_typestore(Stores.ROS2_JAZZY)
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {}
-        for sample in samples(seconds, imu_hz, gnss_hz):
+        for sample in samples:
             parts = singles([sample], len(sample)) if isinstance(sample, ImuBlock) else [sample]
             for part in parts:
                 topic, kind, raw = message_of(part, store)

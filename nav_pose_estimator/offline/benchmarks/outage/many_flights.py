@@ -1,0 +1,64 @@
+"""Many recordings: on many cores, with what an interrupted run has finished, and without those that fail."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.archive.jobs import Failure, carry_out
+from nav_pose_estimator.offline.archive.kept import KeptResults, key_of
+from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, Task, run_flight
+
+
+def run_all(tasks: list[Task], processes: int, scheduler: str, out: Path) -> list[FlightResult]:
+    """The results in the order of ``tasks``, without those of recordings that failed, which are named.
+
+    Results are kept beside ``out`` until all are there. Raises ``UserError`` where no recording has any.
+    """
+    from tqdm import tqdm
+
+    flights = _flights(tasks, processes)
+    with tqdm(total=len(tasks), unit=" pass", disable=not sys.stderr.isatty()) as bar:
+        if len(flights) == 1:
+            return run_flight(flights[0], bar.update)
+        kept, done = KeptResults(out), dict[int, Any]()
+        keys = [key_of(flight, _read_by(flight[0])) for flight in flights]
+        for number, key in enumerate(keys):
+            if (result := kept.take(key)) is not None:
+                done[number] = result
+                bar.update(len(flights[number]))
+        if done:
+            print(f"{len(done)} of {len(flights)} jobs were finished by an earlier run", file=sys.stderr)
+        rest = [number for number in range(len(flights)) if number not in done]
+        for place, outcome in carry_out(run_flight, [flights[i] for i in rest], processes, scheduler):
+            done[rest[place]] = outcome
+            bar.update(len(flights[rest[place]]))
+            if not isinstance(outcome, Failure):
+                kept.keep(keys[rest[place]], outcome)
+    results = _without_failed(flights, done)
+    kept.forget()
+    return results
+
+
+def _without_failed(flights: list[list[Task]], done: dict[int, Any]) -> list[FlightResult]:
+    failed = {flights[i][0].bag: done[i] for i in sorted(done) if isinstance(done[i], Failure)}
+    for bag, failure in failed.items():
+        print(f"note: {bag.name} is left out: {failure.why}", file=sys.stderr)
+    good = [i for i in range(len(flights)) if flights[i][0].bag not in failed]
+    if not good:
+        raise UserError(f"none of the recordings can be used; the first: {next(iter(failed.values())).why}")
+    return [result for i in good for result in done[i]]
+
+
+def _flights(tasks: list[Task], processes: int) -> list[list[Task]]:
+    """Tasks that share a recording together, unless that would leave processes without work."""
+    together: dict[tuple[Path, Path | None], list[Task]] = {}
+    for task in tasks:
+        together.setdefault((task.bag, task.config), []).append(task)
+    return list(together.values()) if len(together) >= processes else [[task] for task in tasks]
+
+
+def _read_by(task: Task) -> list[Path]:
+    """The files that the result of ``task`` depends on."""
+    beside = task.bag.with_name(task.bag.stem.removesuffix("_bag") + ".json")
+    return [path for path in (task.bag, beside, task.config, task.airframe) if path is not None]

@@ -1,0 +1,59 @@
+"""One aided flight on which several methods learn: with GNSS they all have the same navigator."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator, Snapshot
+from nav_pose_estimator.engine.navigator.sins import SinsEngine
+from nav_pose_estimator.engine.outage.aid import OutageAid
+from nav_pose_estimator.engine.outage.pilot import OutageHelp
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import Sample
+from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
+
+
+class SharedFlight:
+    """The estimator of the first method, and what the others have learned meanwhile.
+
+    Where GNSS goes away by itself the methods help the navigator in different ways: from then on the flight is that of
+    the first one alone.
+    """
+
+    def __init__(self, parameters: Sequence[Parameters]) -> None:
+        """``parameters`` differ in the outage method only."""
+        engines = [PoseEstimator(own, attitude=False) for own in parameters]
+        self.engine = engines[0]
+        self._learners = _Learners([engine.outage_aid for engine in engines])
+        self.engine.outage_aid = self._learners
+
+    def snapshots(self) -> list[Snapshot]:
+        """For each method that still takes part an estimator as if it had flown alone."""
+        whole = self.engine.snapshot()
+        return [replace(whole, outage_aid=aid and aid.copy()) for aid in self._learners.aids]
+
+
+class _Learners(OutageAid):
+    """In place of one aid: all hear and learn, the first one helps. None stands for a method that does neither."""
+
+    def __init__(self, aids: Sequence[OutageAid | None]) -> None:
+        self.aids = list(aids)
+
+    def copy(self) -> _Learners:
+        """A placeholder: ``SharedFlight.snapshots`` copies each aid by itself."""
+        return _Learners([])
+
+    def reset(self) -> None:
+        for aid in filter(None, self.aids):
+            aid.reset()
+
+    def hear(self, sample: Sample) -> None:
+        for aid in filter(None, self.aids):
+            aid.hear(sample)
+
+    def step(self, output: NavBlock | NavSolution, sins: SinsEngine) -> OutageHelp:
+        helps = [OutageHelp() if aid is None else aid.step(output, sins) for aid in self.aids]
+        if len(helps) > 1 and any(help_.samples for help_ in helps):
+            del self.aids[1:]
+        return helps[0]

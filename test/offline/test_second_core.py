@@ -1,0 +1,70 @@
+"""Work in a copy of the process: the same results at the same time of flight, whatever becomes of the copy."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.offline.flights import methods
+from nav_pose_estimator.offline.flights.outages import Outage
+from nav_pose_estimator.offline.flights.simulated_flight import in_memory
+from nav_pose_estimator.offline.replay.replay import ReplayResult, replay
+from nav_pose_estimator.offline.replay.second_core import SecondCore
+from nav_pose_estimator.sim.scenarios import generate
+
+
+@pytest.fixture(scope="module")
+def flown_twice() -> list[ReplayResult]:
+    """A flight with trainings, rehearsals and an outage, with copies of the process and without."""
+    flight = in_memory(generate("multirotor_outage", 170.0, 3, "icm42688"))
+    parameters = methods.apply(Parameters(), "best")
+    results = [replay(flight, parameters, [Outage(140.0, 25.0)])]
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(os, "sched_getaffinity", lambda _: {0})
+        results.append(replay(flight, parameters, [Outage(140.0, 25.0)]))
+    return results
+
+
+def test_a_second_core_changes_no_bit(flown_twice):
+    copied, alone = flown_twice
+    assert np.array_equal(copied.track.rows, alone.track.rows)
+    assert copied.status.counters == alone.status.counters
+    assert copied.status.counters["outage.evidence"] > 10
+
+
+def begun_in_a_copy(core: SecondCore, work):
+    core.rehearse(lambda: None)()  # the first one is done here
+    return core.rehearse(work)
+
+
+needs_two_cores = pytest.mark.skipif(
+    not hasattr(os, "sched_getaffinity") or len(os.sched_getaffinity(0)) < 2, reason="there is one core"
+)
+
+
+@needs_two_cores
+def test_work_is_done_in_another_process():
+    with SecondCore() as core:
+        assert begun_in_a_copy(core, os.getpid)() != os.getpid()
+
+
+@needs_two_cores
+def test_work_whose_copy_is_killed_is_done_here():
+    def fatal_elsewhere() -> int:
+        if os.getpid() != here:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return 7
+
+    here = os.getpid()
+    with SecondCore() as core:
+        assert begun_in_a_copy(core, fatal_elsewhere)() == 7
+
+
+@needs_two_cores
+def test_a_replay_that_ends_leaves_no_process_behind():
+    with SecondCore() as core:
+        begun_in_a_copy(core, signal.pause)
+    with pytest.raises(ChildProcessError):
+        os.waitpid(-1, os.WNOHANG)
