@@ -15,6 +15,7 @@ from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity, with_law
 from nav_pose_estimator.core.motion.airframe import (
     MULTIROTOR,
+    UNKNOWN,
     WHEELS,
     Airframe,
     Archive,
@@ -95,10 +96,12 @@ def choose_class(members: Sequence[Member], merged: Merged, given: str | None) -
     stated = [(path.name, airframe.vehicle_class) for path, airframe in merged]
     if given is None:
         found = {kind: name for name, kind in reversed([*stated, *shown])}
+        if UNKNOWN in found:
+            raise UserError(f"{found[UNKNOWN]} does not show by its motion what flew: say it with --class")
     else:
         found = {given: "--class", **{kind: name for name, kind in stated}}
         for name, kind in shown:
-            if kind != given:
+            if kind not in (given, UNKNOWN):
                 print(f"note: {name} moves like a {kind}; taken as a {given} because --class says so", file=sys.stderr)
     if len(found) > 1:
         sides = " and ".join(f"{kind} ({name})" for kind, name in found.items())

@@ -13,7 +13,7 @@ from nav_pose_estimator import __version__
 from nav_pose_estimator.core.learning.conv_lstm import STEPS
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import is_guided
-from nav_pose_estimator.core.motion.airframe import FIXED_WING, MULTIROTOR, WHEELS, PastFlight
+from nav_pose_estimator.core.motion.airframe import FIXED_WING, MULTIROTOR, UNKNOWN, WHEELS, PastFlight
 from nav_pose_estimator.core.motion.prior import MOVES
 from nav_pose_estimator.core.motion.regimes import learn_regimes
 from nav_pose_estimator.core.motion.windows import CHANNELS, INCREMENTS, increments, window
@@ -36,6 +36,7 @@ Floats = NDArray[np.float32]
 LEAST = 60.0
 """Seconds of aided flight below which a recording says too little of its wind to be used."""
 _CLIMBS = 0.5  # m/s
+_STALLS = 12.0  # m/s: few multirotors go faster all the time, few wings fly slower
 _CHUNK = 1 << 20
 
 
@@ -62,10 +63,16 @@ class FlightData:
 
     @property
     def shown_class(self) -> str:
-        """What the vehicle is by how it moves: a car does not slip, and a wing does not hover."""
+        """What the vehicle is by how it moves: a car does not slip, a wing does not hover and stalls when slow.
+
+        ``UNKNOWN`` for what a multirotor does at speed, laps, say: a slow wing would look the same.
+        """
         if is_guided(self.epochs):
             return WHEELS
-        return MULTIROTOR if learn_regimes(self.epochs).can_hover else FIXED_WING
+        if learn_regimes(self.epochs).can_hover:
+            return MULTIROTOR
+        speed = np.hypot(self.epochs[:, me.VELOCITY], self.epochs[:, me.VELOCITY + 1])
+        return FIXED_WING if np.median(speed) > _STALLS else UNKNOWN
 
     def save(self, path: Path) -> None:
         """Write for ``load``, whole or not at all."""

@@ -42,6 +42,7 @@ class Task:
     lengths: tuple[float, ...]
     every: float
     first: float | None = None
+    last: float = np.inf
     gnss_delay: str | None = None
     config: Path | None = None
     airframe: Path | None = None
@@ -80,7 +81,7 @@ def run_task(task: Task, advanced: Callable[[float], None] | None = None) -> Fli
     parameters = methods.apply(load_parameters(task.config), task.method, task.airframe)
     recording = open_recording(task.bag, task.log, parameters=parameters)
     window = flight_window(recording)
-    planned = outage_starts(window, list(task.lengths), task.every, task.first)
+    planned = outage_starts(window, list(task.lengths), task.every, task.first, task.last)
     starts = sorted({outage.start for outages in planned.values() for outage in outages})
     until = min(starts, default=np.inf)
     recording = prepared(recording, parameters, until)
