@@ -3,8 +3,16 @@
 from nav_pose_estimator.engine.sensors.airspeed import AirspeedSensor
 from nav_pose_estimator.engine.sensors.barometer import Barometer
 from nav_pose_estimator.engine.sensors.body_velocity import BodyVelocitySensor
+from nav_pose_estimator.engine.sensors.composed_position import ComposedPositionSensor
 from nav_pose_estimator.engine.sensors.ground_range import GroundRange
 from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 from nav_pose_estimator.engine.sensors.sensor import Aid
 
-AIDS: tuple[type[Aid], ...] = (Magnetometer, Barometer, BodyVelocitySensor, AirspeedSensor, GroundRange)
+AIDS: tuple[type[Aid], ...] = (
+    Magnetometer,
+    Barometer,
+    BodyVelocitySensor,
+    AirspeedSensor,
+    GroundRange,
+    ComposedPositionSensor,
+)
