@@ -57,10 +57,7 @@ class Member:
 
     def data(self) -> FlightData:
         """The flight itself, from disk: however many there are, one is in memory at a time."""
-        data = FlightData.load(self.part)
-        if data is None:
-            raise UserError(f"{self.part} is damaged: run the command again")
-        return data
+        return _load(self.part)
 
 
 def make_airframe(parts: Sequence[Path], merged: Merged, order: Order) -> tuple[Airframe, list[str]]:
@@ -109,10 +106,15 @@ def choose_class(members: Sequence[Member], merged: Merged, given: str | None) -
     return next(iter(found))
 
 
-def _member(part: Path) -> Member:
+def _load(part: Path) -> FlightData:
     data = FlightData.load(part)
     if data is None:
         raise UserError(f"{part} is damaged: run the command again")
+    return data
+
+
+def _member(part: Path) -> Member:
+    data = _load(part)
     equations = NormalEquations.of(data.epochs, sums.air_velocity(data.epochs))
     return Member(part, data.past, data.shown_class, equations)
 

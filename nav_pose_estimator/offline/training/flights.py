@@ -18,6 +18,7 @@ from nav_pose_estimator.core.motion.prior import MOVES
 from nav_pose_estimator.core.motion.regimes import learn_regimes
 from nav_pose_estimator.core.motion.windows import CHANNELS, INCREMENTS, increments, window
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.outage.airframe_file import LONGEST_NAME
 from nav_pose_estimator.engine.outage.epochs import EpochCollector
 from nav_pose_estimator.engine.outage.methods.method import OutageMethod
 from nav_pose_estimator.engine.parameters import Parameters
@@ -29,6 +30,7 @@ from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.offline.flights.recording import Recording
 from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
 from nav_pose_estimator.offline.logs.options import LogOptions
+from nav_pose_estimator.offline.terminal import printable
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -59,7 +61,7 @@ class FlightData:
     @property
     def past(self) -> PastFlight:
         """For the file's list of flights."""
-        return PastFlight(self.name, self.digest, self.seconds)
+        return PastFlight(printable(self.name)[:LONGEST_NAME], self.digest, self.seconds)
 
     @property
     def shown_class(self) -> str:
