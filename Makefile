@@ -9,7 +9,7 @@ OUT := out/demo
 # Kernels are compiled when first called: two workers pay on two cores or more. Add options with ARGS="-k strapdown -x".
 PYTEST := $(IN_ENVIRONMENT) env ROS_PYTHON_CHECK_FIELDS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python -m pytest -n 2 --dist loadfile
 
-.PHONY: help demo setup test lint types test-plain test-all test-jazzy docs pictures clean
+.PHONY: help demo setup train-setup test lint types test-plain test-all test-jazzy docs pictures clean
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/^([a-z-]+):[^#]*## /  make \1\t/' | expand -t 18
@@ -21,6 +21,9 @@ demo: ## Replay a shipped flight with a 30 s GNSS outage and show what the pose 
 setup: ## Everything for the nodes, in .venv, kernels compiled
 	@tools/setup_environment.sh run ros
 	@$(IN_ENVIRONMENT) python -m nav_pose_estimator warm_up
+
+train-setup: ## JAX and optax for `train --network`, in .venv-train
+	@tools/setup_environment.sh run train
 
 test: ## Lint, types, and every test (plain Python, compiled, and with the NumPy and SciPy of Ubuntu 24.04)
 	@tools/setup_environment.sh run ros dev peers

@@ -69,6 +69,7 @@ setup(
         "offline": ["rosbags>=0.11", "tqdm>=4.66"],
         "compiled": ["numba>=0.61"],
         "logs": ["pyulog>=1.1"],
+        "train": ["jax>=0.4.30", "optax>=0.2"],
         "magnetic": ["pygeomag>=1.1"],
     },
     entry_points={"console_scripts": executables()},

@@ -116,6 +116,21 @@ def test_without_ros_the_versions_of_jazzy_get_an_environment_of_their_own(host)
 
 
 @pytest.mark.parametrize("has_ros", [False, True])
+def test_what_trains_networks_gets_an_environment_of_its_own(host, has_ros):
+    """GIVEN a host with or without ROS WHEN training is set up THEN it has the newest NumPy and nothing of the host."""
+    if has_ros:
+        host.ros()
+    host.set_up("train")
+    assert not host.sees_system_packages(".venv-train")
+    assert host.installed() == [
+        f".venv-train {OPTIONS} -r requirements.txt",
+        f".venv-train {PACKAGE}",
+        f".venv-train {OPTIONS} -c requirements.txt -r requirements-train.txt",
+        f".venv-train {OPTIONS} -c requirements.txt -r requirements-test.txt",
+    ]
+
+
+@pytest.mark.parametrize("has_ros", [False, True])
 def test_nothing_is_installed_twice_until_a_requirement_changes(host, has_ros):
     if has_ros:
         host.ros()

@@ -29,7 +29,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "core.motion": {*CORE, "core.filter", "core.learning"},
     "engine": {"core"},  # samples, observations, solutions: what all engines speak of
     "engine.events": set(),
-    "engine.outage.methods": {"core.motion", "engine"},
+    "engine.outage.methods": {"core.earth", "core.motion", "engine"},
     "engine.parameters": {"core.filter", "core.motion", "engine.outage.methods"},  # their choices
     "engine.imu": {"core", "engine", "engine.parameters"},
     "engine.sensors": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},

@@ -143,6 +143,15 @@ class BeamVelocitySample:
 
 
 @dataclass(frozen=True, slots=True)
+class ComposedPosition:
+    """A position composed of predicted motion since GNSS was lost: lat, lon [rad], height [m]; covariance ENU [m^2]."""
+
+    stamp_ns: int
+    position: Vector3
+    cov: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
 class Airspeed:
     """True airspeed along the body's x axis [m/s] and its deviation ``sd`` [m/s], NaN if unknown.
 
@@ -295,6 +304,7 @@ Sample = (
     | WaterPressure
     | BodyVelocity
     | BeamVelocitySample
+    | ComposedPosition
     | Airspeed
     | DifferentialPressure
     | RangeToGround

@@ -5,6 +5,7 @@ A parameter that stands nowhere here fails ``test_every_parameter_has_its_flight
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from nav_pose_estimator.sim.scenarios import generate
 from pieces import one_by_one
 from told import silence
 
+AIRFRAME = str(Path(__file__).resolve().parents[2] / "config" / "sim_multirotor.airframe")
 CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
     "flight": {
         "imu.mounting_rpy": (0.3, 0.3, 0.3),
@@ -111,6 +113,7 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "navigator.memory": 0.15,
         "navigator.gyro_matrix_states": False,
         "navigator.gyro_matrix_sd": 0.02,
+        "navigator.gravity_states": True,
         "navigator.gate_probability": 0.999999,
         "navigator.reject_probability": 0.5,
         "navigator.gap_rate_sd": 0.6,
@@ -203,7 +206,9 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
     "faulty_beam": {
         "aids.beams.compensation": "anfis_frcg",
     },
-    "first_training": {"learner.rules": 1},
+    "first_training": {"learner.rules": 1, "learner.airframe": AIRFRAME, "learner.vehicle_class": "fixed_wing"},
+    "known_before": {"learner.airframe_seconds": 100.0, "learner.airframe_fades": 30.0},
+    "gravity": {"navigator.gravity_sd": 0.001},
     "learning": {
         "learner.enabled": False,
         "learner.method": "coast",
@@ -256,6 +261,8 @@ PRESETS: dict[str, dict[str, Any]] = {
     "learning": {"learner.enabled": True},
     "lake": {"aids.water_density": 1000.0},
     "first_training": {"learner.enabled": True},
+    "known_before": {"learner.enabled": True, "learner.airframe": AIRFRAME},
+    "gravity": {"navigator.gravity_states": True},
 }
 """What must be set for the parameters of a flight to matter at all. The learner is on only where it is looked at."""
 
@@ -341,6 +348,8 @@ FLIGHTS: dict[str, Callable[[], list[Sample]]] = {
     "jolt": lambda: _spoiled(80.0, *silence(45.0, 15.0), Shift(GnssVelocity, 60.3, 0.3, (6.0, 0.0, 0.0))),
     # only the first training and every fifth try more than one rule where one is enough
     "first_training": lambda: _spoiled(60.0),
+    "known_before": lambda: _spoiled(60.0),
+    "gravity": lambda: _spoiled(60.0),
     # long enough to train on more than learner.window at its least
     "learning": lambda: list(
         generate("multirotor_outage", 240.0, seed=5, imu_rate=50.0).with_faults(*silence(205.0, 20.0)).samples()

@@ -243,8 +243,7 @@ def _with_prior(model: AirVelocityModel, epochs: Array, unseen: Array, prior: Mo
     cov = in_raw_inputs(prior.parameter_cov(epochs, seconds))
     model = replace(model, wind_spread=spread, parameter_cov=cov)
     unknown = 0.0 if model.is_guided else UNKNOWN_WIND * seconds / prior.worth
-    model = _with_noise(model, epochs, unseen, unknown)
-    return replace(model, noise=share * prior.noise + (1.0 - share) * model.noise)
+    return _with_noise(model, epochs, unseen, unknown, lambda noise: share * prior.noise + (1.0 - share) * noise)
 
 
 class DragLaw:
@@ -347,19 +346,26 @@ def _unseen_residuals(epochs: Array, blocks: Sequence[NDArray[np.intp]], fit: Fi
     return residual
 
 
-def _with_noise(model: AirVelocityModel, epochs: Array, unseen: Array, unknown_wind: float = 0.0) -> AirVelocityModel:
+def _with_noise(
+    model: AirVelocityModel,
+    epochs: Array,
+    unseen: Array,
+    unknown_wind: float = 0.0,
+    blended: Callable[[Array], Array] = np.asarray,
+) -> AirVelocityModel:
     """The model with its wind of today and with the noise that is left when the wind is followed.
 
-    ``unknown_wind``: variance of the wind at the start beyond that of its change [m^2/s^2].
+    ``unknown_wind``: variance of the wind at the start beyond that of its change [m^2/s^2]. ``blended``: noise (3,) as
+    the flight shows it -> with what was known before.
     """
     seen = _residuals(epochs, model.network, model.wind_mean)
-    density = np.maximum(_low_frequency_density(unseen), _FLOOR)
+    density = blended(np.maximum(_low_frequency_density(unseen), _FLOOR))
     C = attitude(epochs)
     nothing, unknown = np.zeros(2), (model.wind_spread + unknown_wind) * np.eye(2)
     wind, cov, expected = track(C, seen, density, model.wind_spread, nothing, unknown)
     white = seen - np.einsum("nij,ni->nj", C[:, :2], expected)
     optimism = np.maximum(np.square(unseen).mean(axis=0) / np.maximum(np.square(seen).mean(axis=0), 1e-9), 1.0)
-    noise = np.maximum(_low_frequency_density(white) * optimism, _FLOOR)
+    noise = blended(np.maximum(_low_frequency_density(white) * optimism, _FLOOR))
     hover_noise = _hover_noise(epochs, unseen)
     return replace(model, wind=wind, wind_cov=cov, noise=noise, hover_noise=hover_noise)
 

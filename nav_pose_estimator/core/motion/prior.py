@@ -23,7 +23,7 @@ from nav_pose_estimator.core.motion.wind import Weigh, mean_wind
 Array = NDArray[np.float64]
 
 MOVES = 1.0  # m/s over ground: faster is flight that teaches something
-UNKNOWN_WIND = 1.0  # m^2/s^2: variance of the wind at the start, while the prior counts in full
+UNKNOWN_WIND = 5.0**2  # m^2/s^2: variance of the wind at the start, while the prior counts in full: a fresh breeze
 _CENTRE = np.array((0.0, 0.0, 9.8, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
 _SCALE = np.array((1.0, 1.0, 1.0, 0.3, 0.3, 0.3, 0.1, 0.1, 0.05))
 _ADDED_SCALE = 5.0  # m/s: what a method adds to the inputs are velocities

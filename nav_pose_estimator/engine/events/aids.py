@@ -131,6 +131,10 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("airspeed.rejected.value", "an airspeed that is not finite, or impossible", SENSOR),
         Entry("airspeed.rejected.slow", "an airspeed below aids.airspeed_min, where a pitot tube is useless"),
         Entry("airspeed.*", "an airspeed was used, given less weight (inflated), or refused by the filter's gate"),
+        Entry("composed.rejected.value", "a composed position that is not finite, or lacks its covariance"),
+        Entry("composed.used", "a position composed of predictions was used (learner.method pseudo_gnss)"),
+        Entry("composed.inflated", "such a position counted for less: the filter did not expect it"),
+        Entry("composed.rejected", "such a position was refused by the filter's gate"),
         Entry("range.rejected.value", "a distance to the ground that is not finite, or impossible", SENSOR),
         Entry(
             "range.new_ground",

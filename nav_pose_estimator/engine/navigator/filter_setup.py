@@ -6,7 +6,7 @@ import numpy as np
 
 from nav_pose_estimator.core.alignment.types import Alignment
 from nav_pose_estimator.core.filter import bias_noise
-from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX, Wander, enlarged, set_blocks
+from nav_pose_estimator.core.filter.blocks import GRAVITY, GYRO_MATRIX, Block, Wander, enlarged, set_blocks
 from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.gate import chi_square_quantile
 from nav_pose_estimator.engine.parameters import Parameters
@@ -35,7 +35,7 @@ def constants(parameters: Parameters, imu_variance: float = 1.0) -> np.ndarray:
         gap_rate_sd=navigator.gap_rate_sd,
         gap_accel_sd=navigator.gap_force_sd,
         point_sampled=imu.sampling == "point",
-        blocks={GYRO_MATRIX: Wander(walk=1e-6)} if navigator.gyro_matrix_states else None,
+        blocks=_blocks(parameters),
     )
 
 
@@ -46,7 +46,18 @@ def complete_start(start: Alignment, constants: np.ndarray, parameters: Paramete
         bias_noise.begin(nav, constants)
     base = constants.copy()
     set_blocks(base, ())
-    return nav, enlarged(start.P, base, constants, {GYRO_MATRIX: parameters.navigator.gyro_matrix_sd**2})
+    navigator = parameters.navigator
+    first = {GYRO_MATRIX: navigator.gyro_matrix_sd**2, GRAVITY: navigator.gravity_sd**2}
+    return nav, enlarged(start.P, base, constants, first)
+
+
+def _blocks(parameters: Parameters) -> dict[Block, Wander]:
+    """The optional states that are there from the start; gravity is a constant of the place."""
+    chosen = (
+        (parameters.navigator.gyro_matrix_states, GYRO_MATRIX, 1e-6),
+        (parameters.navigator.gravity_states, GRAVITY, 0.0),
+    )
+    return {block: Wander(walk=walk) for is_there, block, walk in chosen if is_there}
 
 
 def gates(parameters: Parameters) -> list[tuple[float, float]]:

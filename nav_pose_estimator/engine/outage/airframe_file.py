@@ -19,6 +19,7 @@ import numpy as np
 from nav_pose_estimator.core.learning.conv_lstm import ConvLstm
 from nav_pose_estimator.core.motion import airframe as known
 from nav_pose_estimator.core.motion.airframe import Airframe, Archive, PastFlight, TrainedNetwork
+from nav_pose_estimator.core.motion.prior import MotionPrior
 from nav_pose_estimator.core.motion.windows import CHANNELS
 from nav_pose_estimator.core.motion.windows import INCREMENTS as INCREMENT_COUNT
 from nav_pose_estimator.engine import array_file
@@ -31,11 +32,16 @@ _SHAPES = {known.VELOCITY: (CHANNELS, 6), known.INCREMENTS: (6, INCREMENT_COUNT)
 _LARGEST_SQUARE = 1e4  # of an input in its fixed scale, in the mean
 _FASTEST = 150.0  # m/s
 _BOUNDS = {"noise": (1e-4, 1e4), "wind_spread": (0.0, 60.0**2), "seconds": (1.0, 1e9)}  # m^2/s^2, m^2/s^2, s
-_MOST_FLIGHTS, _LONGEST_NAME = 100_000, 200
+_MOST_FLIGHTS = 100_000
+LONGEST_NAME = 200
+"""Characters of the name of a flight."""
 
 
 def save_airframe(path: str | Path, airframe: Airframe) -> None:
-    """Write ``airframe`` to ``path``, all of it or nothing. ``UserError`` when that is impossible."""
+    """Write ``airframe`` to ``path``, all of it or nothing.
+
+    ``UserError`` when that is impossible, and for what ``load_airframe`` would refuse.
+    """
     network = airframe.network
     about = {
         "class": airframe.vehicle_class,
@@ -48,6 +54,10 @@ def save_airframe(path: str | Path, airframe: Airframe) -> None:
     if network is not None:
         arrays |= _named("network", network.weights.state())
         arrays |= _named("stacked", vars(network.archive)) | _named("control", vars(network.control))
+    try:
+        _airframe(arrays)
+    except UserError as error:
+        raise UserError(f"{path} is not written: {error}") from None
     array_file.save(path, KIND, arrays)
 
 
@@ -96,7 +106,7 @@ def _flight(item: Any) -> PastFlight:
         raise UserError("its list of flights does not fit")
     name, digest, seconds = item
     is_number = isinstance(seconds, (int, float)) and 0.0 <= seconds < _BOUNDS["seconds"][1]
-    if not (is_number and 0 < len(name) <= _LONGEST_NAME and name.isprintable() and len(digest) == 64):
+    if not (is_number and 0 < len(name) <= LONGEST_NAME and name.isprintable() and len(digest) == 64):
         raise UserError("its list of flights does not fit")
     return PastFlight(name, digest, float(seconds))
 
@@ -125,8 +135,6 @@ def _archive(part: Mapping[str, np.ndarray], inputs: int) -> Archive:
 
 
 def _law(archive: Archive) -> np.ndarray:
-    from nav_pose_estimator.core.motion.prior import MotionPrior
-
     return MotionPrior(archive.gram, archive.moment, archive.noise, archive.wind_spread).coefficients
 
 

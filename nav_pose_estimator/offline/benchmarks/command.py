@@ -63,6 +63,7 @@ def _add_outage(part: argparse.ArgumentParser) -> None:
     add("--lengths", default="10,30,60", metavar="S,...", help="lengths of the outages (default: 10,30,60)")
     add("--every", type=float, default=5.0, metavar="S", help="an outage starts every S seconds (default: 5)")
     add("--first", type=float, metavar="S", help="first start after the flight begins (default: 160, short flights 60)")
+    add("--last", type=float, default=math.inf, metavar="S", help="last start after the flight begins (default: none)")
     add("--methods", default="best,coast,hold,const_velocity", metavar="M,...", help="methods to compare")
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto (default: NAME.json, else auto)")
     add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
@@ -180,10 +181,12 @@ def _tasks(arguments: argparse.Namespace, config: Path | None) -> list:
         raise UserError(f"--lengths {arguments.lengths!r}: write seconds separated by commas, as in 10,30,60") from None
     if not names or not all(0.0 < length < 86400.0 for length in lengths):
         raise UserError("--methods and --lengths must name at least one method and one positive length")
+    if not arguments.last >= (arguments.first or 0.0):
+        raise UserError("--last must not be sooner than --first")
     if not 0.0 < arguments.every < math.inf or arguments.jobs < 1:
         raise UserError("--every and --jobs must be positive")
     shared = {"lengths": lengths, "every": arguments.every, "first": arguments.first, "config": config}
-    shared["airframe"] = arguments.airframe
+    shared |= {"last": arguments.last, "airframe": arguments.airframe}
     first = FIRST_OF_SHORT if arguments.first is None else arguments.first  # no outage of any flight begins sooner
     shared["log"] = options_of(arguments, load_parameters(config).imu.max_gap, first)
     return [

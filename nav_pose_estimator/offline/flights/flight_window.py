@@ -31,12 +31,19 @@ def flight_window(recording: Recording) -> tuple[float, float]:
 
 
 def outage_starts(
-    window: tuple[float, float], lengths: list[float], every: float, first: float | None
+    window: tuple[float, float], lengths: list[float], every: float, first: float | None, last: float = np.inf
 ) -> dict[float, list[Outage]]:
-    """Length -> outages of that length: from ``first`` seconds after the flight begins, all over before it ends."""
+    """Length -> outages of that length that begin from ``first`` to ``last`` seconds after the flight begins.
+
+    All are over before it ends.
+    """
     if first is None:
         first = FIRST_OF_SHORT if window[1] - window[0] < SHORT_FLIGHT else FIRST
-    return {length: periodic(every, length, window[0] + first, window[1]) for length in lengths}
+    latest = window[0] + last
+    return {
+        length: [one for one in periodic(every, length, window[0] + first, window[1]) if one.start <= latest]
+        for length in lengths
+    }
 
 
 def _armed(recording: Recording, seconds: np.ndarray) -> np.ndarray:

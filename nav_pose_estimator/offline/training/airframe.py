@@ -15,6 +15,7 @@ from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity, with_law
 from nav_pose_estimator.core.motion.airframe import (
     MULTIROTOR,
+    UNKNOWN,
     WHEELS,
     Airframe,
     Archive,
@@ -56,10 +57,7 @@ class Member:
 
     def data(self) -> FlightData:
         """The flight itself, from disk: however many there are, one is in memory at a time."""
-        data = FlightData.load(self.part)
-        if data is None:
-            raise UserError(f"{self.part} is damaged: run the command again")
-        return data
+        return _load(self.part)
 
 
 def make_airframe(parts: Sequence[Path], merged: Merged, order: Order) -> tuple[Airframe, list[str]]:
@@ -95,10 +93,12 @@ def choose_class(members: Sequence[Member], merged: Merged, given: str | None) -
     stated = [(path.name, airframe.vehicle_class) for path, airframe in merged]
     if given is None:
         found = {kind: name for name, kind in reversed([*stated, *shown])}
+        if UNKNOWN in found:
+            raise UserError(f"{found[UNKNOWN]} does not show by its motion what flew: say it with --class")
     else:
         found = {given: "--class", **{kind: name for name, kind in stated}}
         for name, kind in shown:
-            if kind != given:
+            if kind not in (given, UNKNOWN):
                 print(f"note: {name} moves like a {kind}; taken as a {given} because --class says so", file=sys.stderr)
     if len(found) > 1:
         sides = " and ".join(f"{kind} ({name})" for kind, name in found.items())
@@ -106,10 +106,15 @@ def choose_class(members: Sequence[Member], merged: Merged, given: str | None) -
     return next(iter(found))
 
 
-def _member(part: Path) -> Member:
+def _load(part: Path) -> FlightData:
     data = FlightData.load(part)
     if data is None:
         raise UserError(f"{part} is damaged: run the command again")
+    return data
+
+
+def _member(part: Path) -> Member:
+    data = _load(part)
     equations = NormalEquations.of(data.epochs, sums.air_velocity(data.epochs))
     return Member(part, data.past, data.shown_class, equations)
 

@@ -13,11 +13,12 @@ from nav_pose_estimator import __version__
 from nav_pose_estimator.core.learning.conv_lstm import STEPS
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import is_guided
-from nav_pose_estimator.core.motion.airframe import FIXED_WING, MULTIROTOR, WHEELS, PastFlight
+from nav_pose_estimator.core.motion.airframe import FIXED_WING, MULTIROTOR, UNKNOWN, WHEELS, PastFlight
 from nav_pose_estimator.core.motion.prior import MOVES
 from nav_pose_estimator.core.motion.regimes import learn_regimes
 from nav_pose_estimator.core.motion.windows import CHANNELS, INCREMENTS, increments, window
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.outage.airframe_file import LONGEST_NAME
 from nav_pose_estimator.engine.outage.epochs import EpochCollector
 from nav_pose_estimator.engine.outage.methods.method import OutageMethod
 from nav_pose_estimator.engine.parameters import Parameters
@@ -29,6 +30,7 @@ from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.offline.flights.recording import Recording
 from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
 from nav_pose_estimator.offline.logs.options import LogOptions
+from nav_pose_estimator.offline.terminal import printable
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -36,6 +38,7 @@ Floats = NDArray[np.float32]
 LEAST = 60.0
 """Seconds of aided flight below which a recording says too little of its wind to be used."""
 _CLIMBS = 0.5  # m/s
+_STALLS = 12.0  # m/s: few multirotors go faster all the time, few wings fly slower
 _CHUNK = 1 << 20
 
 
@@ -58,14 +61,20 @@ class FlightData:
     @property
     def past(self) -> PastFlight:
         """For the file's list of flights."""
-        return PastFlight(self.name, self.digest, self.seconds)
+        return PastFlight(printable(self.name)[:LONGEST_NAME], self.digest, self.seconds)
 
     @property
     def shown_class(self) -> str:
-        """What the vehicle is by how it moves: a car does not slip, and a wing does not hover."""
+        """What the vehicle is by how it moves: a car does not slip, a wing does not hover and stalls when slow.
+
+        ``UNKNOWN`` for what a multirotor does at speed, laps, say: a slow wing would look the same.
+        """
         if is_guided(self.epochs):
             return WHEELS
-        return MULTIROTOR if learn_regimes(self.epochs).can_hover else FIXED_WING
+        if learn_regimes(self.epochs).can_hover:
+            return MULTIROTOR
+        speed = np.hypot(self.epochs[:, me.VELOCITY], self.epochs[:, me.VELOCITY + 1])
+        return FIXED_WING if np.median(speed) > _STALLS else UNKNOWN
 
     def save(self, path: Path) -> None:
         """Write for ``load``, whole or not at all."""

@@ -22,7 +22,7 @@ Learn = Callable[[Array], AirVelocityModel]
 FIRST, LAST, EVERY, LENGTH = 20.0, 130.0, 10.0, 30.0
 """Starts from FIRST to LAST seconds of flight, EVERY so many, LENGTH seconds of dead reckoning [s]."""
 OWN, ARCHIVE, BOTH = "own flight", "archive alone", "own + archive"
-NETWORK, STACKED, UNTRAINED = "network alone", "own + network", "own + untrained"
+NETWORK, STACKED, UNTRAINED = "network alone", "+ network", "+ untrained"
 _DEFAULTS = Beforehand()
 
 

@@ -14,6 +14,7 @@ from nav_pose_estimator.engine.outage.methods.const_velocity import ConstVelocit
 from nav_pose_estimator.engine.outage.methods.drag import Drag
 from nav_pose_estimator.engine.outage.methods.hold import Hold
 from nav_pose_estimator.engine.outage.methods.method import Extrapolation, Method, OutageMethod
+from nav_pose_estimator.engine.outage.methods.pseudo_gnss import PseudoGnss
 from nav_pose_estimator.engine.outage.methods.velocity_prior import VelocityPrior
 
 _METHODS: dict[str, Method] = {
@@ -29,6 +30,7 @@ _METHODS: dict[str, Method] = {
         Best(),
         CnnLstm(),
         Untrained(),
+        PseudoGnss(),
     )
 }
 

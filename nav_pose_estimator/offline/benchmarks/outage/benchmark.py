@@ -46,6 +46,7 @@ class Task:
     lengths: tuple[float, ...]
     every: float
     first: float | None = None
+    last: float = np.inf
     gnss_delay: str | None = None
     config: Path | None = None
     airframe: Path | None = None
@@ -105,7 +106,7 @@ def run_flight(tasks: Sequence[Task], advanced: Callable[[float], None] | None =
     parameters = load_parameters(task.config)
     recording = open_recording(task.bag, task.log, parameters=parameters)
     window = flight_window(recording)
-    planned = outage_starts(window, list(task.lengths), task.every, task.first)
+    planned = outage_starts(window, list(task.lengths), task.every, task.first, task.last)
     starts = sorted({outage.start for outages in planned.values() for outage in outages})
     until = min(starts, default=np.inf)
     recording = prepared(recording, parameters, until)

@@ -1,0 +1,194 @@
+"""``train``: an archive of flights as one file, resumable, honest about what it is worth, and never of two classes."""
+
+import csv
+import shutil
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nav_pose_estimator.core.motion.airframe import FORMS, MULTIROTOR
+from nav_pose_estimator.engine.outage.airframe_file import load_airframe
+from nav_pose_estimator.offline.command_line import main
+from nav_pose_estimator.offline.simulated_bag import write_recording
+from nav_pose_estimator.offline.training import work
+from nav_pose_estimator.offline.training.flights import FlightData, Reading, digest_of
+from nav_pose_estimator.sim.scenarios import generate
+
+SECONDS = {"quad_1": 130.0, "quad_2": 110.0, "wing": 110.0}
+HAS_JAX = find_spec("jax") is not None
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory) -> dict[str, Path]:
+    """Two flights of a multirotor and one of a wing."""
+    folder = tmp_path_factory.mktemp("archive") / "bags"
+    scenarios = {"quad_1": ("multirotor_light", 3), "quad_2": ("laps", 4), "wing": ("fixed_wing", 3)}
+    for name, (scenario, seed) in scenarios.items():
+        write_recording(folder / name, generate(scenario, SECONDS[name], seed, imu_rate=50.0))
+    return {name: folder / name for name in scenarios}
+
+
+@pytest.fixture(scope="module")
+def flown(bags, tmp_path_factory) -> Path:
+    """What the three of them give: a folder to begin with, so that no test flies them again."""
+    folder = tmp_path_factory.mktemp("parts")
+    reading = Reading(gnss_delay="0")
+    found = work.fly_all(work.identify(list(bags.values()), reading), folder, jobs=1)
+    assert len(found) == 3
+    return folder
+
+
+QUADS = ("--class", MULTIROTOR)
+
+
+def train(flown: Path, out: Path, *arguments: object) -> int:
+    """The command, with the parts of all flights in place."""
+    parts = out.with_name(f"{out.name}.parts")
+    if not parts.exists():
+        shutil.copytree(flown, parts)
+    return main(["train", *map(str, arguments), "--out", str(out), "--gnss-delay", "0"])
+
+
+@pytest.mark.compiled
+def test_an_archive_becomes_a_file_and_a_table(bags, flown, tmp_path, capsys) -> None:
+    """GIVEN two flights WHEN trained THEN the file knows class, flights and digests, and the table leaves each flight
+    out and shows it beside its own law."""
+    out = tmp_path / "quad.airframe"
+    assert train(flown, out, bags["quad_1"], bags["quad_2"], "--one-aircraft", *QUADS) == 0
+    airframe = load_airframe(out)
+    assert (airframe.vehicle_class, airframe.is_one_aircraft, airframe.network) == (MULTIROTOR, True, None)
+    assert [(one.name, one.digest) for one in airframe.flights] == [
+        (name, digest_of(bags[name])) for name in ("quad_1", "quad_2")
+    ]
+    assert all(60.0 < one.seconds <= SECONDS[one.name] for one in airframe.flights)
+    assert airframe.archive.seconds == pytest.approx(sum(one.seconds for one in airframe.flights), abs=0.2)
+    said = capsys.readouterr().out
+    assert "own flight" in said
+    assert "own + archive" in said
+    assert [line.split()[0] for line in said.splitlines()[2:5]] == ["quad_1", "quad_2", "all"]
+    assert not out.with_name("quad.airframe.parts").exists()
+
+
+@pytest.mark.compiled
+def test_what_was_flown_is_not_flown_again(bags, flown, tmp_path, monkeypatch) -> None:
+    """GIVEN a run that was killed when one of two flights was done WHEN run again THEN only the other is flown, and one
+    whose result is damaged."""
+    reading = Reading(gnss_delay="0")
+    one, two = work.identify([bags["quad_1"], bags["quad_2"]], reading)
+    parts = tmp_path / "a.airframe.parts"
+    parts.mkdir()
+    shutil.copy(one.part(flown), one.part(parts))
+    shutil.copy(two.part(flown), two.part(parts))
+    two.part(parts).write_bytes(two.part(parts).read_bytes()[:1000])
+    again = []
+    monkeypatch.setattr(work, "fly", lambda path, *rest: again.append(path) or FlightData.load(two.part(flown)))
+    assert train(flown, tmp_path / "a.airframe", bags["quad_1"], bags["quad_2"], *QUADS) == 0
+    assert again == [bags["quad_2"]]
+    changed = Reading(gnss_delay="0.1")
+    assert work.identify([bags["quad_1"]], changed)[0].part(parts) != one.part(parts), (
+        "read otherwise, it is flown anew"
+    )
+
+
+@pytest.mark.compiled
+def test_classes_are_not_mixed(bags, flown, tmp_path, capsys) -> None:
+    """GIVEN a multirotor and a wing WHEN trained together THEN the command names both and writes nothing."""
+    out = tmp_path / "both.airframe"
+    assert train(flown, out, bags["quad_1"], bags["wing"]) == 2
+    said = capsys.readouterr().err
+    assert "multirotor (quad_1)" in said
+    assert "fixed_wing (wing)" in said
+    assert not out.exists()
+    assert train(flown, out, bags["quad_1"], bags["quad_2"]) == 2
+    assert "quad_2 does not show by its motion what flew: say it with --class" in capsys.readouterr().err
+    assert train(flown, out, bags["wing"], "--class", MULTIROTOR) == 0
+    assert "note: wing moves like a fixed_wing" in capsys.readouterr().err
+
+
+@pytest.mark.compiled
+def test_merging_files_is_training_on_all_flights(bags, flown, tmp_path, capsys) -> None:
+    """GIVEN the files of two flights WHEN merged THEN the sums are those of both together; nothing counts twice."""
+    together, one, two, merged = (tmp_path / f"{name}.airframe" for name in ("together", "one", "two", "merged"))
+    assert train(flown, together, bags["quad_1"], bags["quad_2"], *QUADS) == 0
+    assert train(flown, one, bags["quad_1"]) == 0
+    assert train(flown, two, bags["quad_2"], *QUADS) == 0
+    assert train(flown, merged, one, two) == 0
+    for name in ("gram", "moment", "seconds"):
+        expected = getattr(load_airframe(together).archive, name)
+        np.testing.assert_allclose(getattr(load_airframe(merged).archive, name), expected, rtol=1e-9, atol=1e-12)
+    capsys.readouterr()
+    assert train(flown, tmp_path / "twice.airframe", one, merged) == 2
+    assert "would count twice" in capsys.readouterr().err
+    assert train(flown, tmp_path / "same.airframe", one, bags["quad_1"], bags["quad_1"]) == 0
+    assert load_airframe(tmp_path / "same.airframe").archive.seconds == load_airframe(one).archive.seconds
+
+
+@pytest.mark.compiled
+def test_the_benchmark_flies_with_a_file_and_says_what_it_was_made_of(bags, flown, tmp_path, capsys) -> None:
+    """GIVEN a file of one flight WHEN outages begin 20 s after take-off THEN ``best`` with it is not ``best`` without
+    it, and a flight that went into the file is named."""
+    out = tmp_path / "quad.airframe"
+    assert train(flown, out, bags["quad_1"], "--one-aircraft") == 0
+    options = ["--lengths", "30", "--every", "100", "--first", "20", "--methods", "best", "--gnss-delay", "0"]
+    errors = {}
+    for name, more in (("with", ["--airframe", str(out)]), ("without", [])):
+        both = [str(bags["quad_2"]), str(bags["quad_1"])] if more else [str(bags["quad_2"])]
+        assert main(["benchmark", "outage", *both, *options, *more, "--out", str(tmp_path / name)]) == 0
+        with (tmp_path / name / "outages.csv").open() as file:
+            errors[name] = [float(row["end_error_m"]) for row in csv.DictReader(file) if row["bag"] == "quad_2"]
+    said = capsys.readouterr().err
+    assert f"was made of {bags['quad_1']}" in said
+    assert f"was made of {bags['quad_2']}" not in said
+    assert np.isfinite(errors["with"]).all()
+    assert errors["with"] != errors["without"]
+
+
+def test_bad_use_is_one_sentence(tmp_path, capsys) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "there.airframe").touch()
+    wrong = {
+        "must end in .airframe": ["x.ulg", "--out", tmp_path / "a.npz"],
+        "exists already": ["x.ulg", "--out", tmp_path / "there.airframe"],
+        "is no folder": ["x.ulg", "--out", tmp_path / "no" / "a.airframe"],
+        "nothing.ulg": [tmp_path / "nothing.ulg", "--out", tmp_path / "a.airframe"],
+        "holds no recording": [tmp_path / "empty", "--out", tmp_path / "a.airframe"],
+        "there.airframe is not an airframe": [tmp_path / "there.airframe", "--out", tmp_path / "a.airframe"],
+        "--folds at least 2": ["x.ulg", "--folds", 1, "--out", tmp_path / "a.airframe"],
+    }
+    for sentence, arguments in wrong.items():
+        assert main(["train", *map(str, arguments)]) == 2
+        assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.compiled
+def test_recordings_are_found_in_folders_and_by_patterns(bags, tmp_path) -> None:
+    folder = next(iter(bags.values())).parent
+    assert work.find_recordings([str(folder)]) == (sorted(bags.values()), [])
+    assert work.find_recordings([str(folder / "quad_*")]) == ([bags["quad_1"], bags["quad_2"]], [])
+    assert work.find_recordings([str(bags["wing"]), str(folder)])[0][0] == bags["wing"]
+
+
+@pytest.mark.skipif(HAS_JAX, reason="JAX is installed here")
+def test_without_jax_it_is_said_how_to_get_it(tmp_path, capsys) -> None:
+    assert main(["train", "x.ulg", "--network", "--out", str(tmp_path / "a.airframe")]) == 2
+    assert "run 'make train-setup'" in capsys.readouterr().err
+
+
+@pytest.mark.compiled
+@pytest.mark.skipif(not HAS_JAX, reason="JAX is not installed here (make train-setup)")
+@pytest.mark.parametrize("form", FORMS)
+def test_a_network_is_trained_beside_its_control(bags, flown, tmp_path, capsys, form) -> None:
+    """GIVEN two flights and few steps WHEN trained THEN the file flies, and the table has network and control."""
+    out = tmp_path / "quad.airframe"
+    options = ["--network", "--form", form, "--steps", 40, "--folds", 2, *QUADS]
+    assert train(flown, out, bags["quad_1"], bags["quad_2"], *options) == 0
+    said = capsys.readouterr().out
+    assert "+ network" in said
+    assert "+ untrained" in said
+    network = load_airframe(out).network
+    assert network.form == form
+    data = FlightData.load(work.identify([bags["quad_1"]], Reading(gnss_delay="0"))[0].part(flown))
+    window = data.windows[50].astype(float)
+    assert not np.allclose(network.velocity(window), network.untrained.velocity(window))
