@@ -19,10 +19,12 @@ _LEAST_TILT, _LEAST_SPEED = 0.005, 0.2  # less is within the filter's own noise
 
 
 class Doubt(NamedTuple):
-    """Deviations to be added to attitude [rad] and velocity [m/s]."""
+    """Deviations to be added to attitude [rad], velocity [m/s] and the biases [rad/s, m/s^2]."""
 
     tilt: float
     speed: float
+    gyro_bias: float = 0.0
+    accel_bias: float = 0.0
 
 
 class DoubtMeter:

@@ -82,6 +82,8 @@ class SinsEngine:
         self.run = FilterRun(parameters, self.journal, origin, self._gnss_enabled, known, noise)
         self.run.imu_physics = before.imu_physics
         self.run.imu_physics.forget_time()
+        self.run.gnss.reception.velocities = before.gnss.reception.velocities
+        self.run.gnss.reception.velocities.forget_time()
 
     def status(self) -> Status:
         """What a pilot wants to know."""

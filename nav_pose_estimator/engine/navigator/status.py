@@ -38,7 +38,7 @@ def status_of(run: FilterRun) -> Status:
         satellites=reception.satellites,
         counters=dict(run.journal.counters),
         values=values,
-        doubt=run.gnss.position.doubt(t),
+        doubt=run.gnss.position.doubt(t) or run.imu_physics.vibration,
     )
 
 
