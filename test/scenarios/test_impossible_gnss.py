@@ -219,7 +219,7 @@ def test_a_jump_is_taken_with_the_doubt_it_deserves(metres: float) -> None:
 @pytest.mark.parametrize("rate", [1.0, 11.0 / 12.0])
 def test_a_clock_that_runs_slow_is_named_with_the_amount(rate: float) -> None:
     """GIVEN stamps of a clock that counts 11 s in 12 WHEN the vehicle has gone far enough THEN 8.3 % are told."""
-    recording = flight()
+    recording = flight("fixed_wing")
 
     def slow(sample: Any) -> Any:
         since = recording.start_ns

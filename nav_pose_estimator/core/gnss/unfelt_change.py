@@ -109,10 +109,10 @@ def _compare(seconds: Sequence[Second], gap: int) -> tuple[float, Array]:
     return float(np.linalg.norm(change)) / math.sqrt(variance), change
 
 
-def _mean(seconds: list[Second]) -> Array:
+def _mean(seconds: Sequence[Second]) -> Array:
     return np.asarray(np.mean([s.apart for s in seconds], axis=0))
 
 
-def _acceleration(seconds: list[Second]) -> float:
+def _acceleration(seconds: Sequence[Second]) -> float:
     """m/s^2, mean over ``seconds``."""
     return float(np.linalg.norm(seconds[-1].velocity - seconds[0].velocity)) / (len(seconds) - 1)

@@ -32,7 +32,7 @@ _UNFILLED = 10  # samples with a vertical velocity of exactly zero, and none bef
 _STEEPEST = 60.0  # m/s
 _CLIMB = 6.0  # m of height after which vertical sums are compared
 
-_SCALE, _SURE = 0.03, 4.0  # of the way, and deviations, by which a scale has to differ from 1
+_SCALE, _SURE = 0.03, 3.0  # of the way, and deviations, by which a scale has to differ from 1
 
 NED, TURNED, SILENT, DOWN = "ned", "turned", "silent", "down"
 """Wrong axes, by name: North-East-Down; turned by some angle, as body axes are; zero while the vehicle travels.
