@@ -36,6 +36,8 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "imu.mounting_rpy": (0.3, 0.3, 0.3),
         "imu.convention": "frd",
         "imu.sampling": "point",
+        "imu.accel_bias": (0.1, 0.1, 0.1),
+        "imu.accel_scale": (0.01, 0.01, 0.01),
         "imu.gyro_noise": 0.001,
         "imu.accel_noise": 0.04,
         "imu.gyro_bias_sd": 0.008,

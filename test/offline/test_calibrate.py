@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nav_pose_estimator.engine.imu.mounting import Mounting
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.imu import ImuParameters
 from nav_pose_estimator.engine.samples import ImuBlock, MagSample
 from nav_pose_estimator.engine.sensors.field_calibration import FieldCalibration
 from nav_pose_estimator.errors import UserError
@@ -173,6 +175,9 @@ def test_six_sides_show_bias_and_scale_of_the_accelerometer():
     found = accelerometer_errors(rests.sides())
     assert found[0] == pytest.approx(bias, abs=0.02)
     assert found[1] == pytest.approx(scale, abs=0.002)
+    mends = Mounting(ImuParameters(accel_bias=tuple(found[0]), accel_scale=tuple(found[1])))
+    assert mends.force(tuple(accel[0])) == pytest.approx(true[0], abs=0.2)
+    assert mends.force(tuple(accel[:400].mean(axis=0))) == pytest.approx(true[0], abs=0.02)
 
 
 def test_fewer_sides_show_nothing_of_the_accelerometer():

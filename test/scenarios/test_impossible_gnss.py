@@ -1,6 +1,7 @@
 """GNSS and barometer that say what cannot be: noticed before they are trusted, named, and the good half goes on."""
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, PressureSample, Sample, SatelliteCount
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, PressureSample, Sample, SatelliteCount
 from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.sim.faults import Fault, Freeze, Redate, Shift
 from nav_pose_estimator.sim.sensors import Timed
@@ -213,3 +214,26 @@ def test_a_jump_is_taken_with_the_doubt_it_deserves(metres: float) -> None:
     assert told.modes[-1] is Mode.AIDED
     assert np.mean(told.off < 3.0 * told.sigma) > 0.99
     assert "jumped" in told.estimator.status().doubt
+
+
+@pytest.mark.parametrize("rate", [1.0, 11.0 / 12.0])
+def test_a_clock_that_runs_slow_is_named_with_the_amount(rate: float) -> None:
+    """GIVEN stamps of a clock that counts 11 s in 12 WHEN the vehicle has gone far enough THEN 8.3 % are told."""
+    recording = flight("fixed_wing")
+
+    def slow(sample: Any) -> Any:
+        since = recording.start_ns
+        if isinstance(sample, ImuBlock):
+            stamps = (since + rate * (sample.stamps_ns - recording.start_ns)).astype(np.int64)
+            return replace(sample, stamps_ns=stamps)
+        if sample.stamp_ns is None:
+            return sample
+        return replace(sample, stamp_ns=int(since + rate * (sample.stamp_ns - recording.start_ns)))
+
+    told = tell(recording, samples=map(slow, recording.samples()), learner__method="coast")
+    said = [event.text for event in told.events if event.name == "gnss.velocity.scale"]
+    assert len(said) == (rate < 1.0)
+    if said:
+        amount = re.search(r"runs ([\d.]+) % slow", said[0])
+        assert amount is not None
+        assert abs(float(amount.group(1)) - 8.3) < 2.0

@@ -103,6 +103,21 @@ def integrate(nav, constants, t, gyro, accel):
     return nav[SUM_TIME] + 0.5 * dt >= constants[COV_PERIOD]
 
 
+@kernel
+def unaided_velocities(nav, constants, rows, lever, out):
+    """Carry ``nav`` alone over IMU ``rows`` (N, 7); ``out`` (N, 4) receives time and velocity of a point of the body.
+
+    The point lies at ``lever`` (3,) [m] from the IMU. What the covariance would need is summed up and not looked at.
+    """
+    arm = load3(lever, 0)
+    for i in range(len(rows)):
+        integrate(nav, constants, rows[i, IMU_T], load3(rows[i], IMU_GYRO), load3(rows[i], IMU_ACCEL))
+        swing = q_rotate(load4(nav, QUAT), cross(load3(nav, PREV_RATE), arm))
+        out[i, 0] = nav[TIME]
+        for k in range(3):
+            out[i, 1 + k] = nav[VEL + k] + swing[k]
+
+
 @inlined
 def write_output(nav, P, out, row):
     """The state into ``out`` [row] in the order of ``layout``; variances are those of the last covariance step."""

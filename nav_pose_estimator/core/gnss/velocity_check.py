@@ -34,6 +34,8 @@ _UNFILLED = 10  # samples with a vertical velocity of exactly zero, and none bef
 _STEEPEST = 60.0  # m/s
 _CLIMB = 6.0  # m of height after which vertical sums are compared
 
+_SCALE, _SURE = 0.03, 3.0  # of the way, and deviations, by which a scale has to differ from 1
+
 NED, TURNED, SILENT, DOWN = "ned", "turned", "silent", "down"
 """Wrong axes, by name: North-East-Down; turned by some angle, as body axes are; zero while the vehicle travels.
 A vertical velocity alone may be ``SILENT`` or positive ``DOWN``."""
@@ -82,8 +84,30 @@ class VelocityCheck:
     _agreed: bool = field(default=False, init=False)
     _variance: float = field(default=0.0, init=False)  # m^2 of a fix on each axis, by second differences
     _stated: float = field(default=0.0, init=False)  # m: a receiver that still converges drifts by what it states
+    _along: float = field(default=0.0, init=False)  # m^2: ways times sums, and sums squared, of all that agreed
+    _square: float = field(default=0.0, init=False)
     _climb: _Climb | None = field(default=None, init=False)
     _climbs: tuple[str, ...] = field(default=(), init=False)
+
+    @property
+    def scale(self) -> float:
+        """Way between fixes in parts of what velocities say, where that is surely not 1; else 1.0.
+
+        Time is the only thing that all the velocities of a receiver can share an error in: a clock that stamps 8 % too
+        few seconds makes the way 8 % longer.
+        """
+        if self._square == 0.0:
+            return 1.0
+        scale, sd = self._along / self._square, self._scatter / math.sqrt(self._square)
+        return scale if abs(scale - 1.0) > _SCALE + _SURE * sd else 1.0
+
+    def forget_time(self) -> None:
+        """The clock is another one, or the filter starts again: forget samples, keep what they have proved."""
+        self._velocities.clear()
+        self._epochs.clear()
+        self._waiting = self._climb = None
+        if not self.fault:
+            self.suspect, self._verdicts = False, ()
 
     def velocity(self, t: float, east: float, north: float, up: float) -> None:
         """A velocity [m/s] valid at ``t``, as the driver names its axes."""
@@ -128,7 +152,11 @@ class VelocityCheck:
         said = _sum(epochs)
         far = max(_WAY, _WAY_TO_SCATTER * self._scatter, _WAY_TO_STATED * self._stated)
         if max(math.hypot(*way), math.hypot(*said)) >= far:
-            self._conclude(_verdict(way, said, max(self._scatter, self._stated)), math.atan2(way[1], way[0]))
+            verdict = _verdict(way, said, max(self._scatter, self._stated))
+            self._conclude(verdict, math.atan2(way[1], way[0]))
+            if not verdict:
+                self._along += way[0] * said[0] + way[1] * said[1]
+                self._square += said[0] ** 2 + said[1] ** 2
             self.misfit = math.dist(way, said) / seconds
         elif seconds < _LONGEST:
             return

@@ -56,8 +56,8 @@ class AttitudeEngine:
         """Solutions and events that follow from ``sample``, in order. Samples that are of no use here give nothing."""
         if isinstance(sample, ImuSample):
             if self.input.passes(sample):
-                turn = self.input.mounting.vector
-                return [self._step(sample.stamp_ns, turn(sample.gyro), turn(sample.accel))]
+                mounting = self.input.mounting
+                return [self._step(sample.stamp_ns, mounting.vector(sample.gyro), mounting.force(sample.accel))]
             return [self._handle(item) for item in self.input.accept(sample)]
         if isinstance(sample, ImuBlock):
             return [self._handle(item) for item in self.input.accept_block(sample)]

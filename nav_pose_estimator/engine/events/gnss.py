@@ -95,6 +95,12 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "fixes and their own velocities drift apart: the position is being pulled away",
             "do not trust GNSS: spoofing or severe multipath",
         ),
+        Entry(
+            "gnss.pulled",
+            "the receiver's velocity changed without a force that the IMU feels, and its positions follow",
+            "do not trust GNSS: spoofing, or an IMU that errs; accept_return says that GNSS is right",
+        ),
+        Entry("gnss.pulled.ended", "GNSS took back what no force explained"),
         Entry("gnss.drift.ended", "fixes and their velocities agree again"),
         Entry("gnss.drift.fixes", "a fix that came while positions and velocities drifted apart"),
         Entry(
@@ -122,6 +128,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "gnss.velocity.turned",
             "velocities are North-East-Down beyond doubt; they are turned and used",
             "set ros.input.velocity_frame to ned",
+        ),
+        Entry(
+            "gnss.velocity.scale",
+            "positions move farther, or less far, than velocities and stamps say",
+            "compare the clock of the stamps with GNSS time (replay LOG --clock gnss for flight logs)",
         ),
         Entry(
             "gnss.velocity.vertical.silent",

@@ -26,7 +26,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "imu.rejected.duplicate",
             "two samples with the same stamp",
-            "the driver sends samples twice or stamps coarsely",
+            "the driver sends samples twice or stamps coarsely, or two IMUs publish on the topic (ros2 topic info -v)",
         ),
         Entry("imu.rejected.forward", "a stamp far ahead, not yet confirmed by a second one", SENSOR),
         Entry("imu.rejected.force", "a specific force above imu.max_force", "check the unit: m/s^2, not g"),

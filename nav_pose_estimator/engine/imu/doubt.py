@@ -25,10 +25,12 @@ _BOUNDS = (0.99 * _STRUCK_RATE, 0.99 * _STRUCK_FORCE, CLIPPED_RATE, CLIPPED_FORC
 
 
 class Doubt(NamedTuple):
-    """Deviations to be added to attitude [rad] and velocity [m/s]."""
+    """Deviations to be added to attitude [rad], velocity [m/s] and the biases [rad/s, m/s^2]."""
 
     tilt: float
     speed: float
+    gyro_bias: float = 0.0
+    accel_bias: float = 0.0
 
 
 class DoubtMeter:

@@ -1,4 +1,4 @@
-"""From the axes of a sensor to those of the body (forward, left, up)."""
+"""From a sensor as published to the body: its calibration, and its axes (forward, left, up)."""
 
 import math
 from collections.abc import Sequence
@@ -32,11 +32,14 @@ def rotation_from_rpy(rpy: Sequence[float]) -> np.ndarray:
 
 
 class Mounting:
-    """Turns IMU samples as published into body axes; costs nothing where both are the same."""
+    """Calibrates samples as published and turns them into body axes; costs nothing where both change nothing."""
 
     def __init__(self, parameters: ImuParameters) -> None:
         matrix = axes_matrix(parameters)
         self._rows = None if np.array_equal(matrix, np.eye(3)) else [tuple(row) for row in matrix.tolist()]
+        self._bias = parameters.accel_bias
+        self._gain = tuple(1.0 / (1.0 + scale) for scale in parameters.accel_scale)
+        self._calibrated = any(parameters.accel_bias) or any(parameters.accel_scale)
 
     def vector(self, vector: Vector3) -> Vector3:
         """A vector in the sensor's axes, or three columns of vectors."""
@@ -46,16 +49,24 @@ class Mounting:
         a, b, c = self._rows
         return a[0] * x + a[1] * y + a[2] * z, b[0] * x + b[1] * y + b[2] * z, c[0] * x + c[1] * y + c[2] * z
 
+    def force(self, force: Vector3) -> Vector3:
+        """A specific force as published, or three columns of them: calibrated, in body axes."""
+        if self._calibrated:
+            fx, fy, fz = force
+            (bx, by, bz), (gx, gy, gz) = self._bias, self._gain
+            force = (gx * (fx - bx), gy * (fy - by), gz * (fz - bz))
+        return self.vector(force)
+
     def sample(self, sample: ImuSample) -> ImuSample:
         """A sample."""
-        if self._rows is None:
+        if self._rows is None and not self._calibrated:
             return sample
-        return ImuSample(sample.stamp_ns, self.vector(sample.gyro), self.vector(sample.accel))
+        return ImuSample(sample.stamp_ns, self.vector(sample.gyro), self.force(sample.accel))
 
     def block(self, block: ImuBlock) -> ImuBlock:
         """A block, to the bit as its samples."""
-        if self._rows is None:
+        if self._rows is None and not self._calibrated:
             return block
         # Sums of columns round exactly as the scalar form does; a matrix product may not.
         gyro = np.column_stack(self.vector(tuple(block.gyro.T)))
-        return ImuBlock(block.stamps_ns, gyro, np.column_stack(self.vector(tuple(block.accel.T))))
+        return ImuBlock(block.stamps_ns, gyro, np.column_stack(self.force(tuple(block.accel.T))))

@@ -24,6 +24,9 @@ REACH = 1.3
 _WELL = 3  # s in a row without a finding, and with gravity in the mean force, that end one
 _LEAST, _MOST = 0.6 * plausibility.G, 1.6 * plausibility.G  # m/s^2: gravity is in it
 _TWO_IMUS_LAST = 30  # ... but a vehicle at rest hides a second IMU
+_BEARABLE = 5.0  # m/s^2 from sample to sample that the noise of an IMU in flight includes
+_UNRESOLVED = 0.1  # of vibration beyond that which sampling does not resolve: it aliases and rectifies
+_NOTABLE = 0.2  # by which noise has to change to be another one
 _HEAVY = 15.0  # m/s^2 from sample to sample: rectification is likely
 
 
@@ -37,11 +40,14 @@ class ImuPhysics:
         self._finding: Finding | None = None
         self._well = 0
         self._shakes = False
+        self.vibration_noise = 0.0
+        """m/s^2/sqrt(Hz) by which vibration adds to the accelerometer's noise."""
 
     def forget_time(self) -> None:
         """The navigator starts again: forget samples, keep what they have proved."""
         self._seconds.clear()
         self._motion.forget_time()
+        self.vibration_noise = 0.0
 
     @property
     def knows_anything(self) -> bool:
@@ -93,7 +99,18 @@ class ImuPhysics:
             self._finding = None
             journal.say(stamp_ns, "imu.implausible.ended", Level.INFO, "the IMU is plausible again")
 
+    @property
+    def vibration(self) -> str:
+        """Why the solution is less certain, a clause; empty unless the IMU shakes heavily."""
+        if not (self._shakes and self._seconds):
+            return ""
+        return f"the IMU shakes by {self._seconds[-1].vibration:.0f} m/s^2"
+
     def _watch_vibration(self, second: ImuSecond, journal: Journal, stamp_ns: int) -> None:
+        beyond = max(second.vibration**2 - _BEARABLE**2, 0.0)
+        noise = _UNRESOLVED * math.sqrt(beyond / second.samples)
+        if abs(noise - self.vibration_noise) > _NOTABLE * self.vibration_noise:
+            self.vibration_noise = noise
         shakes = second.vibration > (0.7 * _HEAVY if self._shakes else _HEAVY)
         if shakes and not self._shakes:
             text = (

@@ -24,7 +24,7 @@ _RESTING = 5  # s
 _AIRBORNE = 3  # s on its back that a start in the air may not begin with
 _SCALE = 0.15  # of g: accelerometers at rest are better than that
 _LARGE = 6.0 * G  # no vehicle here bears this for seconds
-_INTERLEAVED_OF, _INTERLEAVED = 8, 5  # s, and how many of them
+_INTERLEAVED_OF, _INTERLEAVED = 8, 2  # s, and how many of them: in 3900 s of recorded flights not one
 _AXES = "xyz"
 
 

@@ -19,6 +19,7 @@ SATURATED_GYRO = "imu.saturated.gyroscope"
 SATURATED_ACCEL = "imu.saturated.accelerometer"
 SATURATED_END = "imu.saturated.ended"
 
+_OTHER_RATE, _OTHER_FORCE = 0.2, 2.0  # rad/s, m/s^2 between two samples of one time
 _GAP_RUN = 2  # so many samples in a row that agree on a later time end a gap; one alone is a damaged stamp
 _BACKWARD_RUN = 3  # so many that agree on an earlier time are a clock set back
 _CLIPPED_RUN = 3  # so many equal values in a row on one axis ...
@@ -98,9 +99,19 @@ class ImuRules:
         if last is None or 0 < stamp - last <= self.max_gap_ns:
             return None
         if stamp == last:
-            text = f"two IMU samples have the stamp {stamp * _NS:.6f} s; the second is not used"
-            return self._event(stamp, "imu.rejected.duplicate", text)
+            return self._duplicate(sample)
         return self._elsewhere(sample, last)
+
+    def _duplicate(self, sample: ImuSample) -> Event:
+        """Two samples of one IMU at one time are the same but for noise."""
+        text = f"two IMU samples have the stamp {sample.stamp_ns * _NS:.6f} s; the second is not used"
+        turn, push = math.dist(sample.gyro, self.memory.gyro), math.dist(sample.accel, self.memory.accel)
+        if turn > _OTHER_RATE or push > _OTHER_FORCE:
+            text += (
+                f" and reads otherwise by {turn:.2g} rad/s and {push:.2g} m/s^2: probably a second IMU on the topic, "
+                "remap one of them"
+            )
+        return self._event(sample.stamp_ns, "imu.rejected.duplicate", text)
 
     def _bad_value(self, sample: ImuSample) -> Event:
         values, at = (*sample.gyro, *sample.accel), f"{sample.stamp_ns * _NS:.3f} s"

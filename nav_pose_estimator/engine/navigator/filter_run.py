@@ -101,7 +101,7 @@ class FilterRun:
 
     def renew_constants(self) -> None:
         """Give the filter its constants anew, with the noise that the flight has shown and the states that it has."""
-        constants = filter_setup.constants(self.parameters, self.noise.imu_variance)
+        constants = filter_setup.constants(self.parameters, self.noise.imu_variance, self.imu_physics.vibration_noise)
         keep_blocks(constants, self.timeline.filter.constants)
         self.timeline.filter.constants[:] = constants
 

@@ -15,9 +15,10 @@ MOST_ROWS = 8
 """Of one observation."""
 
 
-def constants(parameters: Parameters, imu_variance: float = 1.0) -> np.ndarray:
-    """The vector of filter constants (``core.filter.layout``); ``imu_variance``: noise in parts of what is set.
+def constants(parameters: Parameters, imu_variance: float = 1.0, vibration: float = 0.0) -> np.ndarray:
+    """The vector of filter constants (``core.filter.layout``).
 
+    ``imu_variance``: noise in parts of what is set; ``vibration`` [m/s^2/sqrt(Hz)] adds to the accelerometer's.
     How much the gyroscope's bias wanders is followed by ``bias_noise`` and not part of that.
     """
     noise = math.sqrt(imu_variance)
@@ -25,7 +26,7 @@ def constants(parameters: Parameters, imu_variance: float = 1.0) -> np.ndarray:
     smallest = math.sqrt(bias_noise.SMALLEST) if imu.learn_gyro_bias_sd else 1.0
     return make_constants(
         gyro_noise=noise * imu.gyro_noise,
-        accel_noise=noise * imu.accel_noise,
+        accel_noise=math.hypot(noise * imu.accel_noise, vibration),
         gyro_bias_sd=smallest * imu.gyro_bias_sd,
         gyro_bias_tau=imu.gyro_bias_tau,
         accel_bias_sd=noise * imu.accel_bias_sd,

@@ -14,6 +14,7 @@ from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import memory
 from nav_pose_estimator.core.filter.blocks import blocks_of, enlarged, set_blocks, set_wander
+from nav_pose_estimator.engine.imu.doubt import Doubt
 from nav_pose_estimator.engine.navigator import heading_trial, start_up, status
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
@@ -44,6 +45,8 @@ from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 from nav_pose_estimator.engine.sensors.sensor import Aid
 from nav_pose_estimator.engine.solutions import Level
 
+_MISLED = Doubt(tilt=0.2, speed=3.0, gyro_bias=0.005, accel_bias=0.3)
+"""What velocities in wrong axes may have done to the filter."""
 _UNEVENTFUL = frozenset((AttitudeSample, NavigatorVelocity, *(aid.sample for aid in AIDS if aid.kind.quiet)))
 """Samples that change neither mode nor GNSS unless an observation comes of them."""
 
@@ -96,8 +99,12 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
     observation = run.gnss.velocity.observe(usable, t)
     assert observation.stated_R is not None
     run.imu_physics.velocity(observation.t, usable.vel_enu)
+    run.gnss.position.pull.velocity(observation.t, usable.vel_enu)
     run.start_up.velocity(observation.t, usable.vel_enu, observation.stated_R)
     if run.timeline.running:
+        if run.gnss.reception.velocities.misled:
+            run.gnss.reception.velocities.misled = False
+            run.observe(run.imu_doubt.observe(_MISLED, run.timeline.filter.time, sample.stamp_ns))
         run.observe(observation)
         if run.trial is not None:
             heading_trial.judge(run, run.trial, sample.stamp_ns)

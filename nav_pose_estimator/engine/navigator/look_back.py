@@ -35,10 +35,21 @@ def _look_at_motion(run: FilterRun) -> None:
         run.timeline.filter,
         run.stillness.add(run.timeline.rows_since(run.timeline.filter.time - Stillness.PERIOD)),
     )
+    _watch_for_a_pull(run)
     if run.parameters.imu.learn_noise:
         _identify_noise(run, rests=mean_rate is not None)
     if mean_rate is not None and run.parameters.aids.zero_velocity:
         run.observe(run.rest.observe(mean_rate, whole.view, run.clock.stamp(whole.time)))
+
+
+def _watch_for_a_pull(run: FilterRun) -> None:
+    """Does GNSS move without a force? Only a filter that it aids can tell."""
+    whole, pull = run.timeline.filter, run.gnss.position.pull
+    if whole.branches is not None or not run.aiding.gnss_is_good(whole.time):
+        pull.interrupt()
+        return
+    rows = run.timeline.rows_since(whole.time - _ROWS)
+    pull.second(whole.view, rows, np.array(run.parameters.gnss.lever_arm), run.clock.stamp(whole.time))
 
 
 def _identify_noise(run: FilterRun, rests: bool) -> None:
@@ -60,8 +71,13 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
     """
     rows, stamp_ns = run.timeline.rows_since(end - physics.REACH), run.clock.stamp(t)
     bias = run.timeline.filter.nav[at.GYRO_BIAS : at.GYRO_BIAS + 3] if run.timeline.running else None
+    shaken = run.imu_physics.vibration_noise
     doubt = run.imu_physics.look(end, rows, bias, run.journal, stamp_ns)
+    if run.timeline.running and run.imu_physics.vibration_noise != shaken:
+        run.renew_constants()
     refusal = run.imu_physics.refusal
+    if refusal or doubt is not None:
+        run.gnss.position.pull.interrupt()
     if not run.timeline.running:
         if refusal:
             run.start_up = run.start_up.afresh(run.parameters)

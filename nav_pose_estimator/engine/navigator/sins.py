@@ -89,6 +89,8 @@ class SinsEngine:
         self.run.origin_is_fixed = before.origin_is_fixed
         self.run.imu_physics = before.imu_physics
         self.run.imu_physics.forget_time()
+        self.run.gnss.reception.velocities = before.gnss.reception.velocities
+        self.run.gnss.reception.velocities.forget_time()
 
     def status(self) -> Status:
         """What a pilot wants to know."""
@@ -118,8 +120,8 @@ class SinsEngine:
         run = self.run
         t = (sample.stamp_ns - run.clock.zero_ns) * NS
         if t < run.quiet_until and self._input.passes(sample):
-            turn = self._input.mounting.vector
-            values = run.timeline.advance_one(t, turn(sample.gyro), turn(sample.accel))
+            mounting = self._input.mounting
+            values = run.timeline.advance_one(t, mounting.vector(sample.gyro), mounting.force(sample.accel))
             return [NavSolution(sample.stamp_ns, run.modes.mode, values, run.timeline.shift, run.gnss.position.resets)]
         solutions: list[NavSolution] = []
         for block in self._carry(self._input.accept(sample)):  # of one sample, at which the filter stands

@@ -45,7 +45,7 @@ def status_of(run: FilterRun) -> Status:
         satellites=reception.satellites,
         counters=dict(run.journal.counters),
         values=values,
-        doubt=run.gnss.position.doubt(t),
+        doubt=run.gnss.position.doubt(t) or run.imu_physics.vibration,
         held_by=" and ".join(_HELPERS.get(name, name.replace("_", " ")) for name in run.aiding.holding(t)),
     )
 

@@ -19,6 +19,12 @@ class ImuParameters:
         "mean: values are means over the interval that ends at the stamp; point: instantaneous values",
         choices=("mean", "point"),
     )
+    accel_bias: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), "m/s^2", "Bias of the accelerometer as published, taken off first (calibrate)", -5.0, 5.0
+    )
+    accel_scale: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), "", "Scale errors s of its axes: published = (1 + s) true + bias (calibrate)", -0.3, 0.3
+    )
     gyro_noise: float = param(5.0e-4, "rad/s/sqrt(Hz)", "Gyroscope noise density in flight", 1e-7, 0.1, mutable=True)
     accel_noise: float = param(
         0.02, "m/s^2/sqrt(Hz)", "Accelerometer noise density in flight", 1e-6, 10.0, mutable=True

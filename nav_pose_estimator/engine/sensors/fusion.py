@@ -17,6 +17,7 @@ from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 
 _RESET_VELOCITY_SD = (0.3, 0.3, 0.5)  # m/s
 _LARGEST_TILT_VAR = math.radians(10.0) ** 2  # rad^2: beyond, an error state is no longer small
+_MOTION = (DPOS, DPOS + 1, DPOS + 2, DVEL, DVEL + 1)
 Gates = list[tuple[float, float]]
 """(soft, hard) bounds of the normalised innovation squared for 1, 2, 3 ... rows."""
 
@@ -44,10 +45,10 @@ class Fusion:
         elif sensor.noise.learns:
             z, H, stated = sensor.linearise(o, f)
             sensor.noise_ahead_of(o).note(o.t, z, None, H @ f.P @ H.T, stated)
-        horizontal, vertical = o.decision.least_sd
-        for axis, sd in enumerate((horizontal, horizontal, vertical)):
+        horizontal, vertical, speed = o.decision.least_sd
+        for state, sd in zip(_MOTION, (horizontal, horizontal, vertical, speed, speed), strict=True):
             if sd > 0.0:
-                f.P[DPOS + axis, DPOS + axis] = max(f.P[DPOS + axis, DPOS + axis], sd**2)
+                f.P[state, state] = max(f.P[state, state], sd**2)
         sensor.settle(o, f)
 
     def _correct(self, sensor: Sensor, o: Observation, decision: Decision, f: FilterView, first: bool) -> None:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from nav_pose_estimator.core.filter.layout import DVEL, PHI
+from nav_pose_estimator.core.filter.layout import D_ACCEL_BIAS, D_GYRO_BIAS, DVEL, PHI
 from nav_pose_estimator.engine.imu.doubt import Doubt
 from nav_pose_estimator.engine.observation import Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.sensors.sensor import Sensor
 
-_STATES = np.r_[PHI : PHI + 3, DVEL : DVEL + 3]
+_STATES = np.r_[PHI : PHI + 3, DVEL : DVEL + 3, D_GYRO_BIAS : D_GYRO_BIAS + 3, D_ACCEL_BIAS : D_ACCEL_BIAS + 3]
 
 
 class ImuDoubt(Sensor):
-    """Corrects nothing: the covariance grows by independent variances of attitude and velocity."""
+    """Corrects nothing: the covariance grows by independent variances."""
 
     kind = Kind("imu_doubt", precedence=0)
 
@@ -32,4 +32,4 @@ class ImuDoubt(Sensor):
 
     def settle(self, o: Observation, f: FilterView) -> None:
         """Add the variances."""
-        f.P[_STATES, _STATES] += np.repeat([o.measured.tilt**2, o.measured.speed**2], 3)
+        f.P[_STATES, _STATES] += np.repeat(np.square(o.measured), 3)

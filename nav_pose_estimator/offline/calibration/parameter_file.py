@@ -95,21 +95,28 @@ def parameter_file(fit: FieldFit, pairs: FieldPairs, rests: Rests, recordings: S
         f"    attitude.hard_iron: {_numbers(np.where(fit.sees_iron, fit.hard_iron, 0.0) * 1e-6, 9)}",
         f"    attitude.soft_iron: {_numbers(soft.ravel(), 5)}",
         f"    aids.magnetometer_rpy: {_numbers(_rpy(rotation), 5)}",
+        *_accelerometer_lines(rests),
     ]
     return "\n".join([*(f"# {one}" for one in comments), *lines]) + "\n"
 
 
 def _imu_comments(rests: Rests) -> list[str]:
-    """What the rests show of the IMU: for the eye, the navigator finds it again at every start."""
+    """What the rests show of the IMU; the gyroscope's bias for the eye, the navigator finds it at every start."""
     bias = rests.gyro_bias
     if bias is None:
         return ["No rest of 2 s: the gyroscope's bias was taken as zero."]
+    sides = len(rests.sides())
+    seen = "below" if accelerometer_errors(rests.sides()) is not None else f"{sides} sides at rest, 6 are needed"
+    force = f"accelerometer: {seen}"
+    return [f"At rest: gyroscope bias {_numbers(bias, 5)} rad/s; {force}."]
+
+
+def _accelerometer_lines(rests: Rests) -> list[str]:
+    """Parameters, where six sides have shown them."""
     found = accelerometer_errors(rests.sides())
     if found is None:
-        force = f"accelerometer: {len(rests.sides())} sides at rest, 6 are needed"
-    else:
-        force = f"accelerometer bias {_numbers(found[0], 3)} m/s^2, scale {_numbers(found[1], 4)}"
-    return [f"At rest: gyroscope bias {_numbers(bias, 5)} rad/s; {force}."]
+        return []
+    return [f"    imu.accel_bias: {_numbers(found[0], 4)}", f"    imu.accel_scale: {_numbers(found[1], 5)}"]
 
 
 def _rpy(C: np.ndarray) -> np.ndarray:

@@ -24,6 +24,7 @@ from nav_pose_estimator.engine.samples import GnssFix
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
 from nav_pose_estimator.engine.sensors.gnss.lasting_jump import LastingJump
+from nav_pose_estimator.engine.sensors.gnss.pull import Pull
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import StatedAccuracy
 from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
@@ -33,6 +34,7 @@ from nav_pose_estimator.engine.solutions import Level
 _SAME_MOTION = 1.0  # s: over this time the navigator knows the change of velocity better than a receiver
 _ANOTHER_PLACE = 5e4  # m: nobody flies that far unseen
 _SAME_STEP = 20.0  # s: a height that is left out later than that is told again
+_EITHER = 0.71  # of the step between two references, as likely one as the other: rms of the error
 _CHANCE = 2.5  # deviations by which two fixes minutes apart may differ
 
 
@@ -66,6 +68,7 @@ class GnssPositionSensor(Sensor):
         self.last_reset_m = math.nan  # size of the last one
         self.despair = ""  # why the filter should start again: what GNSS says cannot be mended by a reset
         self._jump = LastingJump()
+        self.pull = Pull(journal, parameters.gnss.reacquisition.probation)
         self.forsakes_origin = False  # the start was somewhere else on Earth, and with it the origin
         self._velocity_apart = 0.0  # deviations between the two velocities at the last fix
         self.gate_radius = math.nan  # m: how far off a fix may lie and still be taken as it is
@@ -105,12 +108,14 @@ class GnssPositionSensor(Sensor):
         decision = self._ask_the_guard(o, f)
         if self._velocity.doubt.is_hopeless(o.t) and o.t - self._aiding.fix_used < self._despair_gap:
             self.despair = "GNSS was there all the time, yet velocities differ, and positions with them"
-        least_sd = (self._jump.least_sd(o.t), 0.5 * self._heights.span)
+        far, fast = self.pull.least_sd()
+        least_sd = (max(self._jump.least_sd(o.t), far), _EITHER * self._heights.span, fast)
         return replace(decision, widening=widening, least_sd=least_sd)
 
     def doubt(self, t: float) -> str:
         """Why the position at ``t`` is not to be believed as usual, a clause; empty if it is."""
-        return self._jump.reason(t) or (self._velocity.doubt.reason if self._aiding.gnss_is_good(t) else "")
+        told = self._jump.reason(t) or self.pull.reason()
+        return told or (self._velocity.doubt.reason if self._aiding.gnss_is_good(t) else "")
 
     def _doubted(self, o: Observation, f: FilterView) -> float:
         """The factor by which the covariance is too small, as far as refused velocities and positions tell."""
@@ -135,6 +140,7 @@ class GnssPositionSensor(Sensor):
         # what the guard remembers must be the receiver's alone: a filter gone astray would bend it
         fix = _local(o.measured, reference, f, self.origin)
         off, sd = [*z.tolist(), 0.0][:3], [*np.sqrt(R.diagonal()).tolist(), 0.0][:3]
+        self.pull.fix(o.t, (-off[0], -off[1]), o.stamp_ns)
         predicted = [place + difference for place, difference in zip(fix, off, strict=True)]
         predicted_sd = np.sqrt(f.P.diagonal()[DPOS : DPOS + 3]).tolist()
         gap = max(o.t - self._aiding.fix_used, 0.0)
@@ -241,8 +247,8 @@ class GnssPositionSensor(Sensor):
             bias_noise.observe(f.nav, f.P)
 
     def decide_return(self, accept: bool) -> bool:
-        """What the operator says of a return that waits for that; False where none does."""
-        return self._guard.decide(accept)
+        """What the operator says of a return that waits for that, or accepts what no force explains; else False."""
+        return self._guard.decide(accept) or (accept and self.pull.dismiss())
 
 
 def _local(

@@ -41,7 +41,14 @@ class VelocityInput:
         self.repeats = 0
         """How often the last velocity has come again to the last digit, of a vehicle that moves by it."""
         self._said_vertical = ""
-        self._said_turned = False
+        self._said_turned = self._said_scale = False
+        self.misled = False
+        """Whether the filter has been told velocities in wrong axes that are known by now; to be set back."""
+
+    def forget_time(self) -> None:
+        """The navigator starts again: forget samples, keep what they have proved."""
+        self._check.forget_time()
+        self._last, self.repeats, self.misled = (), 0, False
 
     @property
     def doubted(self) -> bool:
@@ -51,6 +58,7 @@ class VelocityInput:
     def fix(self, sample: GnssFix, t: float, sd: float) -> None:
         """A usable fix valid at ``t`` [s], horizontal deviation ``sd`` [m]: what velocities are compared with."""
         self._check.fix(t, sample.lat, sample.lon, sample.alt, sd)
+        self._tell_scale(sample.stamp_ns)
         fault = self._check.fault
         if fault == self._said:
             return
@@ -88,12 +96,26 @@ class VelocityInput:
             self._journal.say(sample.stamp_ns, f"gnss.velocity.vertical.{vertical}", Level.WARN, text)
         return replace(sample, vel_enu=(*sample.vel_enu[:2], math.nan))
 
+    def _tell_scale(self, stamp_ns: int) -> None:
+        scale = self._check.scale
+        if scale == 1.0 or self._said_scale:
+            return
+        self._said_scale = True
+        amount, way = 100.0 * abs(scale - 1.0), "farther" if scale > 1.0 else "less far"
+        clock = f"{100.0 * abs(1.0 - 1.0 / scale):.1f} % {'slow' if scale > 1.0 else 'fast'}"
+        text = (
+            f"GNSS positions move {amount:.1f} % {way} than velocities and stamps say: the clock of the stamps "
+            f"probably runs {clock}, else another unit"
+        )
+        self._journal.say(stamp_ns, "gnss.velocity.scale", Level.WARN, text, scale=scale)
+
     def _turned(self, sample: GnssVelocity) -> GnssVelocity:
         """North-East-Down as East-North-Up."""
         if not self._said_turned:
             self._said_turned = True
             text = "GNSS velocity is North-East-Down beyond doubt: turned and used; set ros.input.velocity_frame to ned"
             self._journal.say(sample.stamp_ns, "gnss.velocity.turned", Level.WARN, text)
+            self.misled = True
         north, east, down = sample.vel_enu
         turn = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
         cov = None if sample.cov_enu is None else turn @ sample.cov_enu @ turn.T

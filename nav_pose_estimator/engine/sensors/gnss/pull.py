@@ -1,0 +1,154 @@
+"""GNSS that moves off without a force: what it says of the position, for as long as that is not taken back."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.strapdown import unaided_velocities
+from nav_pose_estimator.core.gnss.unfelt_change import LASTS, SPANS, Second, UnfeltChange
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.observation import FilterView
+from nav_pose_estimator.engine.samples import Vector3
+from nav_pose_estimator.engine.solutions import Level
+
+_G = 9.8  # m/s^2
+_CREDIBLE = 2.0  # deviations that cover both where GNSS is and where it would be without the change
+_CROSS = 0.01  # of a turn: scale and cross-axis errors of a gyroscope that nobody has calibrated
+_LATE = 1.0  # s: by then the velocities of a second have arrived
+_TAKEN_BACK = 0.5  # of the way that was gone wrong, or of the speed: as much has to be left at most
+_LIFE = 11  # s after which an unaided velocity has seen enough
+_LONGEST_STEP = 1.5  # s between two looks
+
+
+class Unaided:
+    """The IMU's velocity from a state of the filter on, which GNSS corrects no more."""
+
+    def __init__(self, f: FilterView) -> None:
+        self._nav = f.nav.copy()
+        variances = f.P.diagonal()
+        self._tilt, self._heading = float(variances[at.PHI : at.PHI + 2].max()), float(variances[at.PHI + 2])  # rad^2
+        self._turn = float(variances[at.D_GYRO_BIAS : at.D_GYRO_BIAS + 3].max())  # (rad/s)^2
+        self._angle = np.zeros(3)  # rad: integral of the rate
+        self._push = float(variances[at.D_ACCEL_BIAS : at.D_ACCEL_BIAS + 3].max())  # (m/s^2)^2
+        self._trace: list[np.ndarray] = []  # t and velocity of the antenna (N, 4), of the last seconds
+        self.age = 0
+        self.seconds: tuple[Second, ...] = ()
+
+    def carry(self, constants: np.ndarray, rows: np.ndarray, lever: np.ndarray) -> bool:
+        """On over the IMU ``rows`` (N, 7) of another second; False where they do not follow."""
+        rows = rows[rows[:, at.IMU_T] > self._nav[at.TIME]]
+        if len(rows) == 0 or rows[-1, at.IMU_T] - self._nav[at.TIME] > _LONGEST_STEP:
+            return False
+        trace = np.empty((len(rows), 4))
+        unaided_velocities(self._nav, constants, np.ascontiguousarray(rows), lever, trace)
+        self._trace = [*self._trace, trace][-3:]
+        steps = np.diff(rows[:, at.IMU_T], prepend=rows[0, at.IMU_T])
+        self._angle = self._angle + steps @ rows[:, at.IMU_GYRO : at.IMU_ACCEL]
+        self.age += 1
+        return True
+
+    def compare(self, end: float, received: list[tuple[float, Vector3]]) -> None:
+        """With what was ``received`` in the second up to ``end``."""
+        trace = np.concatenate(self._trace)
+        own = [one for one in received if end - 1.0 <= one[0] < end and trace[0, 0] <= one[0]]
+        if not own:
+            self.seconds = ()
+            return
+        t, v = np.array([one[0] for one in own]), np.array([one[1][:2] for one in own])
+        felt = np.column_stack([np.interp(t, trace[:, 0], trace[:, 1 + axis]) for axis in range(2)])
+        wandered = self._turn * self.age**2 + _CROSS**2 * float(self._angle @ self._angle)
+        drift_sd = math.sqrt(_G**2 * (self._tilt + wandered) + self._push)
+        heading_sd = math.sqrt(self._heading + wandered)
+        newest = Second((v - felt).mean(axis=0), len(own), felt.mean(axis=0), heading_sd, drift_sd)
+        self.seconds = (*self.seconds, newest)[-SPANS:]
+
+
+class Pull:
+    """Compares the receiver's velocities with the IMU's, second by second, and keeps account of what differs."""
+
+    def __init__(self, journal: Journal, probation: float) -> None:
+        self._journal, self._probation = journal, probation
+        self._change = UnfeltChange()
+        self._unaided: list[Unaided] = []  # two, of which the older one is old enough most of the time
+        self._received: list[tuple[float, Vector3]] = []
+        self._speed, self._way = np.zeros(2), np.zeros(2)  # m/s, m: what the change comes to
+        self._last = -math.inf  # s: of the last fix
+        self._until = math.inf  # s: when a speed that was taken back is forgotten
+
+    @property
+    def is_on(self) -> bool:
+        """Whether GNSS may be elsewhere than the vehicle."""
+        return bool(self._speed.any() or self._way.any())
+
+    def velocity(self, t: float, velocity: Vector3) -> None:
+        """A GNSS velocity valid at ``t`` [s], of axes that are not in doubt."""
+        self._received.append((t, velocity))
+
+    def interrupt(self) -> None:
+        """The filter has been moved, the IMU is in doubt or GNSS away: nothing can be compared across this."""
+        self._unaided.clear()
+        self._received.clear()
+
+    def second(self, f: FilterView, rows: np.ndarray, lever: np.ndarray, stamp_ns: int) -> None:
+        """The aided filter at a whole second, with the IMU ``rows`` (N, 7) since the last one, or more."""
+        now = float(f.nav[at.TIME])
+        if not all(one.carry(f.constants, rows, lever) for one in self._unaided):
+            self.interrupt()
+        end = math.floor(now + 1e-6) - _LATE
+        for one in self._unaided:
+            one.compare(end, self._received)
+        self._received = [one for one in self._received if one[0] >= end]
+        change = self._change.find(self._unaided[0].seconds) if self._unaided else None
+        if change is not None:
+            self._note(now, change, stamp_ns)
+        if not self._unaided or self._unaided[-1].age >= _LIFE:
+            self._unaided = [*self._unaided[-1:], Unaided(f)]
+
+    def fix(self, t: float, offset: tuple[float, float], stamp_ns: int) -> None:
+        """A fix at ``t`` [s] lies ``offset`` [m] (East, North) from the navigator: is GNSS back where it came from?"""
+        if not self.is_on:
+            return
+        self._way = self._way + self._speed * min(max(t - self._last, 0.0), _LATE)
+        self._last = t
+        away = float(self._way @ self._way)
+        back = -(self._way[0] * offset[0] + self._way[1] * offset[1])
+        returned = away > 0.0 and back > (1.0 - _TAKEN_BACK) * away
+        if returned or t > self._until:
+            self.dismiss()
+            self.interrupt()
+            text = "GNSS is back where the IMU was" if returned else "GNSS moves as the IMU feels, for long enough"
+            self._journal.say(stamp_ns, "gnss.pulled.ended", Level.INFO, text)
+
+    def dismiss(self) -> bool:
+        """The operator says that GNSS is right; False where it is not in doubt."""
+        was_on = self.is_on
+        self._speed, self._way, self._until = np.zeros(2), np.zeros(2), math.inf
+        return was_on
+
+    def least_sd(self) -> tuple[float, float]:
+        """Deviations that cover where the vehicle may be [m] and how it may move [m/s], on each horizontal axis."""
+        return math.hypot(*self._way.tolist()) / _CREDIBLE, math.hypot(*self._speed.tolist()) / _CREDIBLE
+
+    def reason(self) -> str:
+        """Why the position is not to be believed as usual, a clause; empty if it is."""
+        if not self.is_on:
+            return ""
+        return (
+            f"GNSS moved off by {math.hypot(*self._speed.tolist()):.1f} m/s without a force that the IMU feels, "
+            f"{math.hypot(*self._way.tolist()):.0f} m by now: pulled away (spoofing), or the IMU errs"
+        )
+
+    def _note(self, t: float, change: np.ndarray, stamp_ns: int) -> None:
+        was_on, before = self.is_on, self._speed
+        self._speed = before + change
+        self.interrupt()  # what follows is compared with what is the case now
+        if was_on and np.linalg.norm(self._speed) < _TAKEN_BACK * np.linalg.norm(change):
+            self._speed, self._until = np.zeros(2), t + self._probation
+            return
+        self._until, self._last = math.inf, t
+        if not was_on:
+            self._way = change * (_LATE + LASTS)  # since the change began
+        self._journal.say(stamp_ns, "gnss.pulled", Level.WARN, f"{self.reason()}; its sigma grows")
