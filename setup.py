@@ -40,7 +40,7 @@ setup(
     maintainer="The nav_pose_estimator maintainers",
     maintainer_email="maintainers@nav-pose-estimator.example",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"]},
+    package_data={NAME: ["py.typed", "engine/outage/methods/usual_motion.toml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (SHARE, ["package.xml"]),

@@ -4,6 +4,7 @@ A parameter that stands nowhere here fails ``test_every_parameter_has_its_flight
 """
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -180,6 +181,7 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "learner.enabled": False,
         "learner.method": "coast",
         "learner.window": 60.0,
+        "learner.prior": str(Path(__file__).with_name("other_prior.toml")),
         "learner.period": 60.0,
     },
 }

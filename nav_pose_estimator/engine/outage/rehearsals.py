@@ -3,6 +3,9 @@
 Every minute copies of the navigator fly half a minute without GNSS on the live data: one coasts, the others are helped,
 each in its own way. Afterwards all are compared with the aided navigator. A rehearsal begins with what had been learned
 by then, so its outage is held back from the learning. Only the past decides about the next outage.
+
+Rehearsals tell three more things: how large the drift is beside what the filter states; what each way states too
+little; and how often a vehicle that travels is taken to hover.
 """
 
 from __future__ import annotations
@@ -15,11 +18,15 @@ import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import step_enu
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.motion.epochs import PERIOD
+from nav_pose_estimator.core.motion.regimes import Decisions
+from nav_pose_estimator.core.motion.usual import SLOW
 from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.navigator.status import horizontal_deviation
 from nav_pose_estimator.engine.outage.epochs import EpochCollector, last_stamp
+from nav_pose_estimator.engine.outage.methods.air_velocity_guide import HOVER
 from nav_pose_estimator.engine.outage.methods.coast import Coast
 from nav_pose_estimator.engine.outage.methods.method import Guide, RehearsalRules
 from nav_pose_estimator.engine.samples import (
@@ -50,6 +57,11 @@ class Contestant:
     collector: EpochCollector
     guide: Guide | None
 
+    @property
+    def spread_psd(self) -> float:
+        """What earlier rehearsals have added to the deviation of its position [m^2/s]."""
+        return float(getattr(self.guide, "spread_psd", 0.0))
+
     def copy(self) -> Contestant:
         """An independent copy."""
         return Contestant(self.sins.snapshot(), snapshot(self.collector), self.guide)
@@ -74,6 +86,8 @@ class RehearsalState:
     until_ns: int = 0
     squares: deque[dict[str, float]] = field(default_factory=deque)  # errors at the end, m^2
     surprises: deque[float] = field(default_factory=deque)  # squared error of coasting over its stated variance
+    excess: deque[dict[str, float]] = field(default_factory=deque)  # squared errors beyond what was stated, m^2
+    decisions: Decisions = field(default_factory=Decisions)
 
 
 class Rehearsals:
@@ -83,7 +97,7 @@ class Rehearsals:
         self._rules = rules or RehearsalRules()
         kept = self._rules.kept
         self.contestants: dict[str, Contestant] = {}
-        self.state = RehearsalState(squares=deque(maxlen=kept), surprises=deque(maxlen=kept))
+        self.state = RehearsalState(squares=deque(maxlen=kept), surprises=deque(maxlen=kept), excess=deque(maxlen=kept))
 
     def copy(self) -> Rehearsals:
         """An independent copy, running rehearsals included."""
@@ -103,9 +117,12 @@ class Rehearsals:
         return float(np.sqrt(np.mean(squares))) if squares else None
 
     def scores(self) -> dict[str, float]:
-        """What diagnostics show: RMS errors [m] of every way, how many rehearsals count, and ``drift_variance``."""
+        """What diagnostics show: RMS errors [m] and number of rehearsals, ``drift_variance``, motion missed."""
         names = dict.fromkeys(name for errors in self.state.squares for name in errors)
         scores = {f"rehearsal.rms_30_s.{name}": rms for name in names if (rms := self.rms(name)) is not None}
+        decisions = self.state.decisions
+        if decisions.travelled > 0.0:
+            scores["rehearsal.missed"] = decisions.missed / decisions.travelled
         return scores | {"rehearsal.count": float(self.count), "rehearsal.drift_variance": self.drift_variance}
 
     def is_worse(self, name: str, rival: str, ratio: float) -> bool:
@@ -124,6 +141,17 @@ class Rehearsals:
         fraction = (stated + sum(surprises)) / (stated + len(surprises))
         return min(max(fraction, self._rules.smallest_variance), 1.0)
 
+    @property
+    def spread(self) -> dict[str, float]:
+        """Way -> power spectral density [m^2/s] of each horizontal component that its stated position lacks."""
+        names = dict.fromkeys(name for excess in self.state.excess for name in excess)
+        spread = {}
+        for name in names:
+            excess = [one[name] for one in self.state.excess if name in one]
+            lacking = max(sum(excess), 0.0) / (self._rules.stated + len(excess))
+            spread[name] = 0.5 * lacking / (_LENGTH_NS * 1e-9)
+        return spread
+
     def feed(self, sample: Sample) -> None:
         """Hand a sample to the copies; nothing that comes from GNSS reaches them."""
         if not self.contestants or isinstance(sample, _FROM_GNSS):
@@ -138,9 +166,10 @@ class Rehearsals:
     def is_due(self, stamp_ns: int, sins: SinsEngine) -> bool:
         """Called several times a second behind ``feed``; judges what has ended. True when ``start`` is to be called."""
         self._catch_up()
-        if sins.mode is not Mode.AIDED or self._has_restarted():
+        if sins.mode is not Mode.AIDED or _has_restarted(self.contestants):
             self._stop()
         elif self.contestants:
+            self.state.decisions = _tallied(self.state.decisions, sins, self.contestants)
             if stamp_ns >= self.state.until_ns:
                 self._judge(sins)
                 self._stop()
@@ -156,18 +185,19 @@ class Rehearsals:
         self.state.until_ns, self.state.next_ns = stamp_ns + _LENGTH_NS, stamp_ns + _PERIOD_NS
 
     def _judge(self, sins: SinsEngine) -> None:
-        errors = {}
+        errors, excess = {}, {}
         truth, known = sins.run.settled.nav, horizontal_deviation(sins.run)
         for name, contestant in self.contestants.items():
             east, north, _ = step_enu(truth[at.LAT : at.VEL], contestant.sins.run.settled.nav[at.LAT : at.VEL])
             errors[name] = float(east**2 + north**2)
+            # what an earlier finding has added is no finding
+            added = 2.0 * contestant.spread_psd * _LENGTH_NS * 1e-9
+            stated = horizontal_deviation(contestant.sins.run) ** 2 - known**2
+            excess[name] = errors[name] - max(stated - added, 0.0)
         stated = horizontal_deviation(self.contestants[COAST].sins.run) ** 2 - known**2
         self.state.surprises.append(errors[COAST] / max(stated, 1.0))
         self.state.squares.append(errors)
-
-    def _has_restarted(self) -> bool:
-        """A gap in the IMU data makes the copies align again, for which they lack GNSS."""
-        return any(one.sins.mode not in (*DENIED, Mode.AIDED) for one in self.contestants.values())
+        self.state.excess.append(excess)
 
     def _catch_up(self) -> None:
         """Fly the copies up to the last IMU sample: a quarter of the work that each sample by itself would be.
@@ -178,15 +208,35 @@ class Rehearsals:
         imu = [sample for sample in waiting if isinstance(sample, (ImuSample, ImuBlock))]
         for sample in waiting:
             if not isinstance(sample, (ImuSample, ImuBlock)):
-                self._fly(sample)
+                _fly(self.contestants, sample)
         if imu:
-            self._fly(joined(imu))
-
-    def _fly(self, sample: Sample) -> None:
-        for contestant in self.contestants.values():
-            contestant.feed(sample)
+            _fly(self.contestants, joined(imu))
 
     def _stop(self) -> None:
         self.contestants.clear()
         self.state.waiting.clear()
         self.state.waiting_since = 0
+
+
+def _fly(contestants: Mapping[str, Contestant], sample: Sample) -> None:
+    for contestant in contestants.values():
+        contestant.feed(sample)
+
+
+def _has_restarted(contestants: Mapping[str, Contestant]) -> bool:
+    """A gap in the IMU data makes the copies align again, for which they lack GNSS."""
+    return any(one.sins.mode not in (*DENIED, Mode.AIDED) for one in contestants.values())
+
+
+def _tallied(decisions: Decisions, sins: SinsEngine, contestants: Mapping[str, Contestant]) -> Decisions:
+    """``decisions`` with those of one more epoch, by the last of the ``contestants`` that tells regimes apart."""
+    east, north = sins.run.settled.nav[at.VEL : at.VEL + 2].tolist()
+    square = 0.5 * (east**2 + north**2)
+    if 2.0 * square < SLOW**2:
+        return decisions
+    for contestant in reversed(list(contestants.values())):
+        branches = contestant.sins.run.timeline.filter.branches
+        if branches is not None and HOVER in branches.names:
+            missed = decisions.missed + PERIOD * square * branches.probability(HOVER)
+            return Decisions(decisions.travelled + PERIOD * square, missed)
+    return decisions
