@@ -277,9 +277,12 @@ def test_a_method_that_was_asked_for_is_not_second_guessed() -> None:
 
 def test_without_enough_flight_nothing_is_known() -> None:
     aid = OutageAid(LearnerParameters())
-    for one in Flight(seconds=15.0).epochs():
+    for one in Flight(seconds=3.0).epochs():
         aid.learner.learn(one)
     assert aid.choose() is None
+    for one in Flight(seconds=15.0).epochs():
+        aid.learner.learn(one)
+    assert aid.choose() is not None  # how vehicles move is known before the flight
 
 
 def test_the_status_tells_the_rehearsals() -> None:

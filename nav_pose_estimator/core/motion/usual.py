@@ -84,13 +84,18 @@ def departures(epochs: Array) -> int:
 
 
 def displacement_squares(epochs: Array) -> Array:
-    """Squared displacements in ``LOITER_LAG``, mean of both horizontal axes [m^2], (M,) of epochs (N, COLUMNS)."""
+    """Squared displacements in ``LOITER_LAG``, mean of both horizontal axes [m^2], (M,) of epochs (N, COLUMNS).
+
+    Of those half minutes that begin or end under way: what stands on the ground or hovers says nothing of travelling.
+    """
     lag = round(LOITER_LAG / PERIOD)
     if len(epochs) <= lag:
         return np.empty(0)
     consecutive = epochs[lag:, TIME] - epochs[:-lag, TIME] < LOITER_LAG + 0.5 * PERIOD
+    hovers = hovering(epochs)
+    counts = consecutive & ~(hovers[lag:] & hovers[:-lag])
     r_m, r_n = radii(float(epochs[0, POSITION]))
-    steps = (epochs[lag:, POSITION : POSITION + 2] - epochs[:-lag, POSITION : POSITION + 2])[consecutive]
+    steps = (epochs[lag:, POSITION : POSITION + 2] - epochs[:-lag, POSITION : POSITION + 2])[counts]
     east = wrap_angle_many(steps[:, 1]) * r_n * np.cos(epochs[0, POSITION])
     return np.asarray(0.5 * (np.square(east) + np.square(steps[:, 0] * r_m)))
 

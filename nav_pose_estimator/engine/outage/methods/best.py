@@ -21,6 +21,7 @@ from nav_pose_estimator.engine.outage.methods.coast import Coast
 from nav_pose_estimator.engine.outage.methods.method import Array, Flight, Guide, RehearsalScores
 from nav_pose_estimator.engine.samples import Hypothesis
 
+_LEAST_FLIGHT = 4.0  # s
 REGIMES, ALONE = "regimes", "alone"
 _HOVER_TIME = 2.0  # s over which the velocity of a hover counts as one draw
 _DRAW = 1.1  # errors this much larger than the simpler way's are still a draw
@@ -42,14 +43,14 @@ class RegimesGuide(AirVelocityGuide):
         travel = self._travel(active, prediction)
         if self.regimes.can_hover:
             return travel, self._hover(float(recent[-1, me.TIME]), active, prediction)
-        return () if prediction is None else (travel,)
+        return (travel,)
 
     def _travel(self, active: float, prediction: AirPrediction | None) -> Hypothesis:
         regimes = self.regimes
         return Hypothesis(
             name=TRAVEL,
             probability=1.0 - regimes.hover_probability if regimes.can_hover else 1.0,
-            velocity_var=regimes.travel_var,
+            velocity_var=regimes.travel_var if regimes.can_hover else None,  # a wing has no mean velocity of zero
             air_noise=None if prediction is None else per_epoch(prediction.noise),
             log_likelihood=_log_density(active, regimes.travel_activity),
             # the network knows more of a travelling vehicle than its mean speed
@@ -79,6 +80,11 @@ class Best(Anfis):
 
     name = "best"
     summary = "hovering or travelling as in the flight so far, with the network where it has helped"
+
+    @property
+    def least_flight(self) -> float:
+        """What is usual of motion is known before the flight; that the vehicle moves has to be seen."""
+        return _LEAST_FLIGHT
 
     def ways(self, flight: Flight) -> dict[str, Guide]:
         """The regimes alone, and with the network as soon as there is one; then the network alone, too."""
