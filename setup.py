@@ -54,7 +54,7 @@ setup(
     maintainer="The nav_pose_estimator maintainers",
     maintainer_email="maintainers@nav-pose-estimator.example",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed", "offline/page/live.js"]},
+    package_data={NAME: ["py.typed", "offline/page/live.js", "engine/outage/methods/usual_motion.toml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (SHARE, ["package.xml"]),

@@ -253,6 +253,8 @@ class Hypothesis:
     ``probability`` at the loss of GNSS, ``velocity_var`` [m^2/s^2] of each horizontal velocity component about zero, of
     which ``velocity_time`` [s] make one independent draw; without it the velocity tells regimes apart, no more.
     ``air_noise`` (3,) [m^2/s^2] of the predicted air velocity in b, ``log_likelihood`` of all else that was seen.
+    ``place_var`` [m^2] of each horizontal component of the place about where GNSS was lost, of which ``place_time`` [s]
+    make one draw. ``doubt_psd`` [m^2/s]: how the position spreads because the vehicle may do something else.
     """
 
     name: str
@@ -261,6 +263,9 @@ class Hypothesis:
     air_noise: Vector3 | None
     log_likelihood: float = 0.0
     velocity_time: float | None = 1.0
+    place_var: float | None = None
+    place_time: float = 30.0
+    doubt_psd: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,8 @@ import pytest
 from flown import Flight
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.motion import epochs as me
-from nav_pose_estimator.core.motion.regimes import MotionRegimes, learn_regimes
+from nav_pose_estimator.core.motion.regimes import Decisions, MotionRegimes, learn_regimes
+from nav_pose_estimator.core.motion.usual import Hover, Travel, UsualMotion
 from nav_pose_estimator.core.numerics.rotation import quat_from_euler, quat_to_matrix
 
 
@@ -60,6 +61,13 @@ def test_activity_looks_two_seconds_back_and_no_further() -> None:
 # --- regimes ---------------------------------------------------------------------------------------------------------
 
 
+USUAL = UsualMotion(
+    multirotor=Travel(speed=2.0, velocity_time=8.0, loiter=6.0),
+    fixed_wing=Travel(speed=11.0, velocity_time=8.0, loiter=6.0),
+    hover=Hover(speed=0.3, activity=(-1.9, 0.6), travel_activity=(-0.1, 0.9), time=12.0, missed=0.1),
+)
+
+
 def moving(speeds: np.ndarray, jolts: np.ndarray, seed: int = 2) -> np.ndarray:
     """Level epochs of given speed [m/s] in changing directions, with accelerations of ``jolts`` [m/s^2]."""
     random = np.random.default_rng(seed)
@@ -80,7 +88,7 @@ def stop_and_go(minutes: int = 10) -> np.ndarray:
 
 def test_both_regimes_of_a_flight_are_found() -> None:
     """GIVEN ten minutes of dashes and hovers WHEN learned THEN each regime has its own spread and activity."""
-    regimes = learn_regimes(stop_and_go())
+    regimes = learn_regimes(stop_and_go(), USUAL)
     assert regimes.can_hover
     assert regimes.travel_var == pytest.approx(32.0, rel=0.1)  # 8 m/s in two components
     assert regimes.hover_var == pytest.approx(0.02, abs=0.01)
@@ -91,14 +99,14 @@ def test_both_regimes_of_a_flight_are_found() -> None:
 def test_the_last_five_seconds_say_which_regime_the_vehicle_is_in() -> None:
     """GIVEN that flight WHEN it is cut in a hover, in a dash, and between THEN the hover is sure, not, and half so."""
     epochs = stop_and_go()
-    assert learn_regimes(epochs).hover_probability == pytest.approx(0.98)
-    assert learn_regimes(epochs[:-60]).hover_probability == pytest.approx(0.02)
-    assert learn_regimes(epochs[:-55]).hover_probability == pytest.approx(0.5)
+    assert learn_regimes(epochs, USUAL).hover_probability == pytest.approx(0.98)
+    assert learn_regimes(epochs[:-60], USUAL).hover_probability == pytest.approx(0.02)
+    assert learn_regimes(epochs[:-55], USUAL).hover_probability == pytest.approx(0.5)
 
 
 def test_a_fixed_wing_cannot_hover() -> None:
     """GIVEN a vehicle that is never slow WHEN learned THEN there is no hovering; its own speed is the spread."""
-    regimes = learn_regimes(moving(np.full(600, 16.0), np.full(600, 3.0)))
+    regimes = learn_regimes(moving(np.full(600, 16.0), np.full(600, 3.0)), USUAL)
     assert not regimes.can_hover
     assert regimes.travel_var == pytest.approx(128.0, rel=0.1)
     assert regimes.hover_probability == pytest.approx(0.02)
@@ -112,21 +120,51 @@ def finite(regimes: MotionRegimes) -> bool:
 @pytest.mark.parametrize("count", [0, 1, 2, 5])
 def test_of_hardly_any_flight_the_usual_is_known(count: int) -> None:
     """GIVEN no epoch or a few WHEN learned THEN the statistics are the usual ones, finite, and either regime may be."""
-    regimes = learn_regimes(stop_and_go()[:count])
+    regimes = learn_regimes(stop_and_go()[:count], USUAL)
     assert finite(regimes)
     assert regimes.hover_var == pytest.approx(0.3**2)
-    assert regimes.travel_var == pytest.approx(2.0**2, rel=1.0)
+    # at 8 m/s from the first epoch on it may well be a wing
+    usual = USUAL.fixed_wing if count else USUAL.multirotor
+    assert regimes.travel_var == pytest.approx(usual.speed**2, rel=0.1)
     if count == 0:
         assert regimes.can_hover
         assert regimes.hover_probability == 0.5
 
 
 def test_a_vehicle_at_rest_keeps_sensible_statistics_of_travelling() -> None:
-    regimes = learn_regimes(moving(np.zeros(1200), np.zeros(1200)))
+    regimes = learn_regimes(moving(np.zeros(1200), np.zeros(1200)), USUAL)
     assert finite(regimes)
     assert regimes.travel_var == pytest.approx(4.0)
     assert 0.0 < regimes.hover_var < 0.01
 
 
+def test_a_flight_that_only_hovered_expects_the_motion_of_others() -> None:
+    """GIVEN five minutes of hovering WHEN learned THEN the place is that of the usual flight, and the position of a
+    hover spreads the more the longer ago GNSS was lost: it may have ended."""
+    regimes = learn_regimes(moving(np.full(600, 0.2), np.full(600, 0.1)), USUAL)
+    assert regimes.travel_var == pytest.approx(4.0)
+    assert regimes.place_var == pytest.approx(36.0 * 4.0)  # where it hovers says nothing of where it travels to
+    assert regimes.doubt_psd(regimes.until) == 0.0
+    soon, late = (regimes.doubt_psd(regimes.until + after) for after in (10.0, 60.0))
+    assert 0.0 < soon < late < 8.0 * 4.0 * 0.1
+    assert late / soon == pytest.approx(-np.expm1(-60.0 / 162.0) / -np.expm1(-10.0 / 162.0), rel=0.02)
+
+
+def test_rehearsals_that_saw_the_vehicle_travel_take_the_doubt_away() -> None:
+    """GIVEN a flight WHEN rehearsals covered as much motion as the prior is worth THEN half of the doubt is left."""
+    epochs = stop_and_go(2)
+    before = learn_regimes(epochs, USUAL)
+    seen = Decisions(travelled=30.0 * before.travel_var, missed=3.0)
+    assert learn_regimes(epochs, USUAL, seen).unnoticed_psd == pytest.approx(0.5 * before.unnoticed_psd)
+
+
+def test_a_flight_that_goes_far_is_expected_to_go_on() -> None:
+    """GIVEN a flight straight ahead WHEN learned THEN its place varies as far as it went in half a minute."""
+    epochs = moving(np.full(600, 8.0), np.full(600, 2.0))
+    epochs[:, me.POSITION] = 0.8 + 8.0 * epochs[:, me.TIME] / 6.37e6
+    regimes = learn_regimes(epochs, USUAL)
+    assert 100.0 < np.sqrt(regimes.place_var) < 240.0 / np.sqrt(2.0)
+
+
 def test_the_made_up_flight_is_one_that_can_hover() -> None:
-    assert learn_regimes(Flight(hover=0.4).epochs()).can_hover
+    assert learn_regimes(Flight(hover=0.4).epochs(), USUAL).can_hover

@@ -104,12 +104,16 @@ def test_a_method_of_a_network_says_nothing_without_one(epochs, method: str) -> 
 
 
 def test_a_fixed_wing_is_never_said_to_hover(epochs, model) -> None:
-    """GIVEN a flight that was never slow WHEN asked THEN there is one hypothesis with a network and none without."""
+    """GIVEN a flight that was never slow WHEN asked THEN there is one hypothesis; without a network it says that
+    flights are local, and nothing of the velocity."""
     fast = epochs.copy()
     fast[:, me.VELOCITY] += 30.0
     with_network, _ = said(guide_of("best", fast, model), fast[-4:])
     assert [h.name for h in with_network.hypotheses] == ["travel"]
-    assert said(guide_of("best", fast), fast[-4:]) == (None, None)
+    without, error = said(guide_of("best", fast), fast[-4:])
+    (travel,) = without.hypotheses
+    assert (travel.velocity_var, travel.air_noise, error) == (None, None, None)
+    assert travel.place_var > 30.0**2
 
 
 def test_a_guided_vehicle_is_not_said_to_hover_nor_to_have_a_usual_speed(epochs, model) -> None:

@@ -215,6 +215,7 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "learner.enabled": False,
         "learner.method": "coast",
         "learner.window": 60.0,
+        "learner.prior": str(Path(__file__).with_name("other_prior.toml")),
         "learner.period": 60.0,
     },
 }

@@ -7,10 +7,11 @@ import pytest
 
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline.benchmarks.outage.cross_validation import against_classical, choose, groups_of
+from nav_pose_estimator.offline.benchmarks.outage.cross_validation import against_classical, choose
 from nav_pose_estimator.offline.benchmarks.outage.scores import HONEST_RATIO, energy_score, log_score, probability
 from nav_pose_estimator.offline.benchmarks.outage.statistics import Row, bootstrap, clusters, comparable, rms, summarise
 from nav_pose_estimator.offline.flights import methods
+from nav_pose_estimator.offline.flights.groups import groups_of
 
 
 def row(bag: str, method: str, start: float, error: float, sigma: float = math.nan, status: str = "ok") -> Row:

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from nav_pose_estimator.core.learning.anfis import Anfis
 from nav_pose_estimator.core.motion.epochs import BODY_VELOCITY, FORCE, PERIOD, VELOCITY, attitude, inputs
 from nav_pose_estimator.core.motion.prior import UNKNOWN_WIND, MotionPrior, in_raw_inputs
-from nav_pose_estimator.core.motion.regimes import SLOW
+from nav_pose_estimator.core.motion.usual import SLOW
 from nav_pose_estimator.core.motion.wind import Weigh, axis_weights, mean_wind, track, wind_spread
 from nav_pose_estimator.errors import UserError
 

@@ -1,32 +1,56 @@
 """How a vehicle moves, learned from its flight: it hovers or it travels, and each regime has its own statistics.
 
 A multirotor that hovers keeps its velocity near zero and hardly accelerates; one that travels does neither. Velocity
-spread and activity (``motion_epochs.activity``) of both regimes are estimated from the flight so far, shrunk towards
-what is usual, so that a young flight has sensible values, too. A vehicle that never slows down (a fixed wing) has one
-regime only.
+spread, activity (``motion_epochs.activity``) and how local the flight is are estimated from the flight so far, shrunk
+towards what is usual, so that a flight that has not travelled yet expects it like others. A vehicle that never slows
+down (a fixed wing) has one regime only.
 """
+
+from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from nav_pose_estimator.core.motion.epochs import PERIOD, VELOCITY, activity
+from nav_pose_estimator.core.motion.epochs import PERIOD, TIME, VELOCITY, activity
+from nav_pose_estimator.core.motion.usual import Hover, Travel, UsualMotion, departures, displacement_squares, hovering
 
-SLOW = 0.8  # m/s: slower counts as hovering
 _ABLE = 5.0  # m/s: a vehicle that spends a tenth of its flight below this can hover
 _SHARE = 10.0  # percent
 _FLOWN = 20.0  # s since the vehicle was fast for the first time that tell whether it can hover, too
 _RECENT = round(5.0 / PERIOD)  # epochs that say in which regime the vehicle is
-_USUAL_TIME = 20.0  # s of flight that the usual values are worth
-_USUAL_HOVER, _USUAL_TRAVEL = 0.3, 2.0  # m/s, each axis
-_USUAL_ACTIVITY = ((math.log(0.9), 0.9), (math.log(0.15), 0.6))  # travel, hover: mean and deviation of the logarithm
+_USUAL_TIME = 20.0  # s of a regime that the usual values are worth: three draws of a velocity
+_USUAL_PLACE = 60.0  # s of flight that the usual displacement is worth: two draws
+_USUAL_DEPARTURES = 2.0  # ends of a hover that the usual one is worth
+_USUAL_DECISIONS = 30.0  # s of travelling in rehearsals that the usual share of wrong decisions is worth
 _DOUBT = 0.02  # no regime is certain
 
 
 @dataclass(frozen=True)
+class Decisions:
+    """What rehearsals show of the regimes: how much the vehicle ``travelled``, and what of it was ``missed``.
+
+    Both are squares of a velocity component, summed over time [m^2/s]: it is fast motion that must not be missed.
+    """
+
+    travelled: float = 0.0
+    missed: float = 0.0
+
+    def __add__(self, other: Decisions) -> Decisions:
+        """Both together."""
+        return Decisions(self.travelled + other.travelled, self.missed + other.missed)
+
+
+@dataclass(frozen=True)
 class MotionRegimes:
-    """Variance of a velocity component [m^2/s^2] and (mean, variance) of the activity, each for travel and hover."""
+    """Variance of a velocity component [m^2/s^2] and (mean, variance) of the activity, each for travel and hover.
+
+    ``travel_time`` [s]: how much flight makes one independent draw of a travelling vehicle's velocity. ``place_var``
+    [m^2]: variance of a horizontal component of its place about where GNSS was lost. ``unnoticed_psd`` [m^2/s]: by
+    which the position of a vehicle that is said to hover would spread, had the hover ended; ``hover_time`` [s]: how
+    long one lasts. The flight is known up to the time ``until`` [s].
+    """
 
     can_hover: bool
     travel_var: float
@@ -34,25 +58,49 @@ class MotionRegimes:
     travel_activity: tuple[float, float]
     hover_activity: tuple[float, float]
     hover_probability: float
+    travel_time: float
+    place_var: float
+    unnoticed_psd: float
+    hover_time: float
+    until: float
+
+    def doubt_psd(self, time: float) -> float:
+        """By which the position of a hover spreads [m^2/s] at a ``time`` [s]: it may have ended since GNSS was lost."""
+        return self.unnoticed_psd * -math.expm1(-max(time - self.until, 0.0) / self.hover_time)
 
 
-def learn_regimes(epochs: np.ndarray, can_hover: bool | None = None) -> MotionRegimes:
+def learn_regimes(
+    epochs: np.ndarray, usual: UsualMotion, decisions: Decisions | None = None, can_hover: bool | None = None
+) -> MotionRegimes:
     """Statistics of aided epochs (N, COLUMNS) in order of time; N may be zero.
 
     ``can_hover``: what the class of the vehicle says; None where it is unknown and the flight has to show it.
     """
     square = np.square(epochs[:, VELOCITY : VELOCITY + 2]).sum(axis=1)
-    hovers = square < SLOW**2
+    hovers = hovering(epochs)
     active = activity(epochs) if len(epochs) else np.zeros(0)
     recent = float(hovers[-_RECENT:].mean()) if len(hovers) else 0.5
+    can_hover = shows_hovering(epochs) if can_hover is None else can_hover
+    travel, hover = usual.multirotor if can_hover else usual.fixed_wing, usual.hover
+    travel_var = _shrunk_variance(square[~hovers], travel.speed)
     return MotionRegimes(
-        can_hover=_slow_speed(np.sqrt(square)) < _ABLE if can_hover is None else can_hover,
-        travel_var=_shrunk_variance(square[~hovers], _USUAL_TRAVEL),
-        hover_var=_shrunk_variance(square[hovers], _USUAL_HOVER),
-        travel_activity=_shrunk_moments(active[~hovers], *_USUAL_ACTIVITY[0]),
-        hover_activity=_shrunk_moments(active[hovers], *_USUAL_ACTIVITY[1]),
+        can_hover=can_hover,
+        travel_var=travel_var,
+        hover_var=_shrunk_variance(square[hovers], hover.speed),
+        travel_activity=_shrunk_moments(active[~hovers], *hover.travel_activity),
+        hover_activity=_shrunk_moments(active[hovers], *hover.activity),
         hover_probability=_DOUBT + (1.0 - 2.0 * _DOUBT) * recent,
+        travel_time=travel.velocity_time,
+        place_var=_place_variance(epochs, travel_var, travel),
+        unnoticed_psd=travel.velocity_time * _unnoticed(travel_var, hover, decisions or Decisions()),
+        hover_time=_hover_time(epochs, hover),
+        until=float(epochs[-1, TIME]) if len(epochs) else 0.0,
     )
+
+
+def shows_hovering(epochs: np.ndarray) -> bool:
+    """Whether the vehicle of epochs (N, COLUMNS) can hover: it is slow now and then; N may be zero."""
+    return _slow_speed(np.hypot(epochs[:, VELOCITY], epochs[:, VELOCITY + 1])) < _ABLE
 
 
 def _slow_speed(speed: np.ndarray) -> float:
@@ -66,6 +114,28 @@ def _slow_speed(speed: np.ndarray) -> float:
     if len(flown) * PERIOD < _FLOWN:
         flown = speed
     return float(np.percentile(flown, _SHARE)) if len(flown) else 0.0
+
+
+def _unnoticed(travel_var: float, usual: Hover, decisions: Decisions) -> float:
+    """Mean square [m^2/s^2] of a velocity component that may be taken for hovering, as far as no rehearsal has seen it.
+
+    Where the vehicle has travelled in rehearsals, they tell what its stated position lacks.
+    """
+    worth = _USUAL_DECISIONS * travel_var
+    return travel_var * usual.missed * worth / (worth + decisions.travelled)
+
+
+def _hover_time(epochs: np.ndarray, usual: Hover) -> float:
+    """Mean length of a hover [s]: that of a Poisson process with the usual rate as its prior."""
+    hovered = float(hovering(epochs).sum()) * PERIOD
+    return (_USUAL_DEPARTURES * usual.time + hovered) / (_USUAL_DEPARTURES + departures(epochs))
+
+
+def _place_variance(epochs: np.ndarray, travel_var: float, usual: Travel) -> float:
+    squares = displacement_squares(epochs)
+    seconds = len(squares) * PERIOD
+    expected = _USUAL_PLACE * usual.loiter**2 * travel_var
+    return float((expected + squares.sum() * PERIOD) / (_USUAL_PLACE + seconds))
 
 
 def _shrunk_variance(squared_speed: np.ndarray, usual: float) -> float:

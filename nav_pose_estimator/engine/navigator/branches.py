@@ -24,7 +24,8 @@ from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 _LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
 _REMEMBERED = 10.0  # s: the longest that checkpoints reach back
 _DRIVING_NOISE = np.r_[at.GYRO_NOISE_PSD, at.ACCEL_NOISE_PSD, at.GYRO_BIAS_PSD, at.ACCEL_BIAS_PSD, GYRO_MATRIX.psd]
-_PLACE = slice(at.DPOS, at.DPOS + 3)
+_POSITION, _PLACE = slice(at.DPOS, at.DPOS + 3), slice(at.DPOS, at.DPOS + 2)
+_HAS_LEFT = 9.2  # normalised square of two components that one in a hundred exceeds
 
 
 class Branches:
@@ -34,10 +35,12 @@ class Branches:
         """Split the filter of the memory ``trunk`` into the hypotheses of ``evidence``, with its wind."""
         n = int(trunk[memory.STATES])
         self._drift_variance = evidence.drift_variance
+        self._lost_at = trunk[memory.NAV + at.LAT : memory.NAV + at.VEL].copy()  # where GNSS was lost
+        self._left = math.inf  # s: when the vehicle clearly left there
         stated = trunk[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
         known = self._drift_variance * stated
         # nobody has seen how wrong the position was that GNSS left
-        known[_PLACE, _PLACE] += (1.0 - self._drift_variance) * stated[_PLACE, _PLACE]
+        known[_POSITION, _POSITION] += (1.0 - self._drift_variance) * stated[_POSITION, _POSITION]
         constants, P = trunk[memory.CONSTANTS : memory.ORIGIN].copy(), known
         self._wind_is_measured = WIND.is_in(constants)
         if not self._wind_is_measured:
@@ -55,6 +58,7 @@ class Branches:
         memory.add_checkpoint(branch)
         self.memories = np.tile(branch, (len(evidence.hypotheses), 1))
         self.weights = np.array([h.probability for h in evidence.hypotheses])
+        self.names = tuple(h.name for h in evidence.hypotheses)
         self._decisions = [(-math.inf, self.weights)]  # (time, weights from then on), as far back as checkpoints
 
     def copy(self) -> Branches:
@@ -62,8 +66,13 @@ class Branches:
         twin = object.__new__(Branches)
         twin.memories = self.memories.copy()
         twin.weights, twin._decisions = self.weights, list(self._decisions)
+        twin.names, twin._lost_at, twin._left = self.names, self._lost_at, self._left
         twin._drift_variance, twin._wind_is_measured = self._drift_variance, self._wind_is_measured
         return twin
+
+    def probability(self, name: str) -> float:
+        """Of the hypothesis ``name``."""
+        return float(self.weights[self.names.index(name)])
 
     def pairs(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Nominal state and covariance of every branch; writing to them changes the branch."""
@@ -91,6 +100,7 @@ class Branches:
         while len(self._decisions) > 1 and self._decisions[-1][0] > now:
             self._decisions.pop()
         self.weights = self._decisions[-1][1]
+        self._left = math.inf if self._left > now else self._left
         return now
 
     def mix_into(self, trunk: np.ndarray) -> None:
@@ -112,6 +122,8 @@ class Branches:
         navs, Ps = self._stacked()
         count = len(navs)
         after_navs, after_Ps = np.tile(navs, (count, 1, 1)), np.tile(Ps, (count, 1, 1, 1))  # hypothesis, branch, ...
+        if self._leaves(evidence):
+            self._left = min(self._left, float(navs[0, at.TIME]))
         joint = self._joint_weights(after_navs, after_Ps, evidence)
         if not joint.any():
             return
@@ -123,6 +135,18 @@ class Branches:
         self.weights = weights / weights.sum()
         now = float(navs[0, at.TIME])
         self._decisions = [*(d for d in self._decisions if d[0] >= now - _REMEMBERED), (now, self.weights)]
+
+    def _leaves(self, evidence: MotionEvidence) -> bool:
+        """Whether a branch is surely farther from where GNSS was lost than its flight has ever been in that time.
+
+        From then on nothing pulls it back: on a flight straight ahead the drift would soon hide that it has left.
+        """
+        for hypothesis, (nav, P) in zip(evidence.hypotheses, self.pairs(), strict=True):
+            if hypothesis.place_var is not None:
+                z, H, variances = _usual_place(nav, P, self._lost_at, hypothesis.place_var)
+                if innovation(P, z, H, np.diag(variances)) > _HAS_LEFT:
+                    return True
+        return False
 
     def _joint_weights(self, navs: np.ndarray, Ps: np.ndarray, evidence: MotionEvidence) -> np.ndarray:
         """Correct ``navs``, ``Ps`` [j, i] for hypothesis j behind branch i; returns the weights of the pairs, or 0."""
@@ -137,7 +161,8 @@ class Branches:
             for i in range(count):
                 if not self._wind_is_measured:
                     _relax_wind(navs[j, i], evidence)
-                likelihood, entry = _act(navs[j, i], Ps[j, i], self.constants, middle, evidence, hypothesis)
+                places = middle, self._lost_at if math.isinf(self._left) else None
+                likelihood, entry = _act(navs[j, i], Ps[j, i], self.constants, places, evidence, hypothesis)
                 # what is seen while a regime lasts is correlated; that it could begin at all counts once and in full
                 exponent[j, i] = tempered * likelihood + (i != j) * (1.0 - tempered) * entry
         known = np.isfinite(exponent)
@@ -157,12 +182,17 @@ def _act(
     nav: np.ndarray,
     P: np.ndarray,
     constants: np.ndarray,
-    middle: np.ndarray,
+    places: tuple[np.ndarray, np.ndarray | None],
     evidence: MotionEvidence,
     hypothesis: Hypothesis,
 ) -> tuple[float, float]:
-    """Correct one branch; returns logarithms: how likely is what was observed, and that the regime begins here."""
-    n = len(P)
+    """Correct one branch; returns logarithms: how likely is what was observed, and that the regime begins here.
+
+    ``places``: nominal state of the mixture, to which the evidence belongs, and position (3,) where GNSS was lost, None
+    for a vehicle that left there.
+    """
+    n, (middle, lost_at) = len(P), places
+    P[_PLACE, _PLACE] += hypothesis.doubt_psd * evidence.interval * np.eye(2)
     apart = error_between(middle, nav, constants)  # the branch's error were the mixture the truth
     seen, used = [], []  # (z, H, variances): what tells the hypotheses apart, what corrects the branch
     likelihood, entry = hypothesis.log_likelihood, 0.0
@@ -182,11 +212,24 @@ def _act(
         air = z + H[:, base] @ apart[base], H, np.array(hypothesis.air_noise)
         seen.append(air)
         used.append(air)
+    if hypothesis.place_var is not None and lost_at is not None:
+        used.append(_usual_place(nav, P, lost_at, hypothesis.place_var, hypothesis.place_time / evidence.interval))
     if seen:
         likelihood += log_density(P, *_as_one(seen))
     if used and not math.isfinite(correct(nav, P, constants, *_as_one(used))):
         return -math.inf, -math.inf
     return likelihood, entry
+
+
+def _usual_place(
+    nav: np.ndarray, P: np.ndarray, lost_at: np.ndarray, var: float, draws: float = 1.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(z, H, variances) of the observation that flights are local: the vehicle is not far from ``lost_at``.
+
+    ``var`` [m^2] of each horizontal component; so many such observations make one independent draw.
+    """
+    z, H = measurements.gnss_position(nav, len(P), lost_at[0], lost_at[1], nav[at.ALT], np.zeros(3))
+    return z[:2], np.ascontiguousarray(H[:2]), np.full(2, var * draws)
 
 
 def _as_one(observations: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.outage.epochs import last_stamp
 from nav_pose_estimator.engine.outage.learner import OutageLearner
 from nav_pose_estimator.engine.outage.methods.method import Flight, Guide, TrainingResult
+from nav_pose_estimator.engine.outage.methods.usual_file import load_usual_motion
 from nav_pose_estimator.engine.outage.pilot import OutageHelp, OutagePilot, Train
 from nav_pose_estimator.engine.outage.rehearsals import Elsewhere, Rehearsals
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
@@ -32,6 +35,7 @@ class OutageAid:
 
         ``rehearse`` flies rehearsals in another process.
         """
+        load_usual_motion(parameters.prior)  # a wrong file is refused before the flight
         self._parameters, self._train, self._rehearse = parameters, train, rehearse
         self._pilot = pilot or OutagePilot(parameters, train)
         self.rehearsals = Rehearsals(self.learner.method.rehearsal, self._rehearse)
@@ -94,7 +98,12 @@ class OutageAid:
         return None if flight is None else self.learner.method.choose(flight, self.rehearsals)
 
     def _flight(self, least: float) -> Flight | None:
-        return self._pilot.flight(least, self.rehearsals.drift_variance)
+        flight, shown = self._pilot.flight(least), self.rehearsals
+        if flight is None:
+            return None
+        return replace(
+            flight, drift_variance=shown.drift_variance, decisions=shown.decisions, spread=shown.spread
+        )
 
     def status(self) -> dict[str, float]:
         """Numbers for diagnostics."""

@@ -13,6 +13,7 @@ from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.outage.epochs import EpochCollector, FinishedEpoch
 from nav_pose_estimator.engine.outage.learner import OutageLearner
 from nav_pose_estimator.engine.outage.methods.method import Flight, Guide, TrainingJob, TrainingResult
+from nav_pose_estimator.engine.outage.methods.usual_file import load_usual_motion
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.engine.samples import Sample, VelocityError
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution, PredictedDrift
@@ -80,12 +81,12 @@ class OutagePilot:
         """Take the result of a training."""
         self.learner.accept(result)
 
-    def flight(self, least: float = me.PERIOD, drift_variance: float = 1.0) -> Flight | None:
+    def flight(self, least: float = me.PERIOD) -> Flight | None:
         """What the flight has shown; None before ``least`` seconds of it."""
         epochs = self.learner.state.memory.last(self._parameters.window)
         if len(epochs) * me.PERIOD < least:
             return None
-        return Flight(epochs, self.learner.state.model, drift_variance)
+        return Flight(epochs, self.learner.state.model, usual=load_usual_motion(self._parameters.prior))
 
     def advise(self, stamp_ns: int, choose: Choose, external: VelocityError | None = None) -> OutageHelp:
         """Called at the end of every epoch without GNSS.

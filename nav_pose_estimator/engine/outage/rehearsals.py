@@ -3,6 +3,9 @@
 Every minute copies of the navigator fly half a minute without GNSS on the live data: one coasts, the others are helped,
 each in its own way. Afterwards all are compared with the aided navigator. A rehearsal begins with what had been learned
 by then, so its outage is held back from the learning. Only the past decides about the next outage.
+
+Rehearsals tell three more things: how large the drift is beside what the filter states; what each way states too
+little; and how often a vehicle that travels is taken to hover.
 """
 
 from __future__ import annotations
@@ -16,11 +19,15 @@ import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import step_enu
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.motion.epochs import PERIOD
+from nav_pose_estimator.core.motion.regimes import Decisions
+from nav_pose_estimator.core.motion.usual import SLOW
 from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.navigator.status import horizontal_deviation
 from nav_pose_estimator.engine.outage.epochs import EpochCollector, last_stamp
+from nav_pose_estimator.engine.outage.methods.air_velocity_guide import HOVER
 from nav_pose_estimator.engine.outage.methods.coast import Coast
 from nav_pose_estimator.engine.outage.methods.method import Guide, RehearsalRules
 from nav_pose_estimator.engine.samples import (
@@ -51,6 +58,11 @@ class Contestant:
     collector: EpochCollector
     guide: Guide | None
 
+    @property
+    def spread_psd(self) -> float:
+        """What earlier rehearsals have added to the deviation of its position [m^2/s]."""
+        return float(getattr(self.guide, "spread_psd", 0.0))
+
     def copy(self) -> Contestant:
         """An independent copy."""
         return Contestant(self.sins.snapshot(), snapshot(self.collector), self.guide)
@@ -65,11 +77,23 @@ class Contestant:
                     self.sins.feed(said)
 
 
+class Epoch(NamedTuple):
+    """What the copies get at once, and the aided navigator's ``velocity`` then, East and North [m/s], where known."""
+
+    samples: list[Sample]
+    velocity: tuple[float, float] | None
+
+
 class Outcome(NamedTuple):
-    """Squared errors [m^2] at the end of one rehearsal, and that of coasting over its stated variance."""
+    """Squared errors [m^2] at the end of one rehearsal, and that of coasting over its stated variance.
+
+    ``excess``: squared errors [m^2] beyond what was stated; ``decisions`` between regimes on the way.
+    """
 
     squares: dict[str, float]
     surprise: float
+    excess: dict[str, float]
+    decisions: Decisions
 
 
 @dataclass
@@ -77,22 +101,31 @@ class Rehearsal:
     """A rehearsal that has ended, with all that its contestants still have to fly, epoch by epoch."""
 
     contestants: dict[str, Contestant]
-    epochs: list[list[Sample]]
+    epochs: list[Epoch]
     truth: np.ndarray  # ``nav`` of the aided navigator at the end
     known: float  # m, its horizontal deviation
+    tally: Decisions  # of what has been flown already
 
     def run(self) -> Outcome | None:
         """Fly it and judge it; None where a copy had to align again, for which it lacks GNSS."""
+        tally = self.tally
         for epoch in self.epochs:
-            _fly(self.contestants, epoch)
+            tally = _flown(self.contestants, epoch, tally)
             if _has_restarted(self.contestants):
                 return None
-        squares = {}
+        squares, excess = {}, {}
         for name, contestant in self.contestants.items():
             east, north, _ = step_enu(self.truth[at.LAT : at.VEL], contestant.sins.run.settled.nav[at.LAT : at.VEL])
             squares[name] = float(east**2 + north**2)
-        stated = horizontal_deviation(self.contestants[COAST].sins.run) ** 2 - self.known**2
-        return Outcome(squares, squares[COAST] / max(stated, 1.0))
+            # what an earlier finding has added is no finding
+            added = 2.0 * contestant.spread_psd * _LENGTH_NS * 1e-9
+            excess[name] = squares[name] - max(self._stated(contestant) - added, 0.0)
+        surprise = squares[COAST] / max(self._stated(self.contestants[COAST]), 1.0)
+        return Outcome(squares, surprise, excess, tally)
+
+    def _stated(self, contestant: Contestant) -> float:
+        """Variance [m^2] of its horizontal position, beyond that of the aided navigator."""
+        return horizontal_deviation(contestant.sins.run) ** 2 - self.known**2
 
 
 Elsewhere = Callable[[Callable[[], Outcome | None]], Callable[[], Outcome | None]]
@@ -104,12 +137,15 @@ class RehearsalState:
     """What the contestants still have to fly, when the rehearsal ends, and what the last ones have shown."""
 
     waiting: list[Sample] = field(default_factory=list)  # what the copies get at the end of the epoch
-    epochs: list[list[Sample]] = field(default_factory=list)  # the same of earlier epochs, where it is flown elsewhere
+    epochs: list[Epoch] = field(default_factory=list)  # the same of earlier epochs, where it is flown elsewhere
+    tally: Decisions = field(default_factory=Decisions)  # of the rehearsal that runs, where it is flown here
     waiting_since: int = 0  # ns, IMU stamp
     next_ns: int = 0
     until_ns: int = 0
     squares: deque[dict[str, float]] = field(default_factory=deque)  # errors at the end, m^2
     surprises: deque[float] = field(default_factory=deque)  # squared error of coasting over its stated variance
+    excess: deque[dict[str, float]] = field(default_factory=deque)  # squared errors beyond what was stated, m^2
+    decisions: Decisions = field(default_factory=Decisions)  # of all that have ended
 
 
 class Rehearsals:
@@ -122,7 +158,7 @@ class Rehearsals:
         kept = self._rules.kept
         self.contestants: dict[str, Contestant] = {}
         self.rests = False  # True: no rehearsal begins, and the one that runs is broken off
-        self.state = RehearsalState(squares=deque(maxlen=kept), surprises=deque(maxlen=kept))
+        self.state = RehearsalState(squares=deque(maxlen=kept), surprises=deque(maxlen=kept), excess=deque(maxlen=kept))
 
     def copy(self) -> Rehearsals:
         """An independent copy, running rehearsals included."""
@@ -145,10 +181,13 @@ class Rehearsals:
         return float(np.sqrt(np.mean(squares))) if squares else None
 
     def scores(self) -> dict[str, float]:
-        """What diagnostics show: RMS errors [m] of every way, how many rehearsals count, and ``drift_variance``."""
+        """What diagnostics show: RMS errors [m] and number of rehearsals, ``drift_variance``, motion missed."""
         self._collect()
         names = dict.fromkeys(name for errors in self.state.squares for name in errors)
         scores = {f"rehearsal.rms_30_s.{name}": rms for name in names if (rms := self.rms(name)) is not None}
+        decisions = self.decisions
+        if decisions.travelled > 0.0:
+            scores["rehearsal.missed"] = decisions.missed / decisions.travelled
         return scores | {"rehearsal.count": float(self.count), "rehearsal.drift_variance": self.drift_variance}
 
     def is_worse(self, name: str, rival: str, ratio: float) -> bool:
@@ -169,6 +208,24 @@ class Rehearsals:
         fraction = (stated + sum(surprises)) / (stated + len(surprises))
         return min(max(fraction, self._rules.smallest_variance), 1.0)
 
+    @property
+    def decisions(self) -> Decisions:
+        """Those between regimes, of all rehearsals that have ended."""
+        self._collect()
+        return self.state.decisions
+
+    @property
+    def spread(self) -> dict[str, float]:
+        """Way -> power spectral density [m^2/s] of each horizontal component that its stated position lacks."""
+        self._collect()
+        names = dict.fromkeys(name for excess in self.state.excess for name in excess)
+        spread = {}
+        for name in names:
+            excess = [one[name] for one in self.state.excess if name in one]
+            lacking = max(sum(excess), 0.0) / (self._rules.stated + len(excess))
+            spread[name] = 0.5 * lacking / (_LENGTH_NS * 1e-9)
+        return spread
+
     def feed(self, sample: Sample) -> None:
         """Hand a sample to the copies; nothing that comes from GNSS reaches them."""
         if not self.contestants or isinstance(sample, _FROM_GNSS):
@@ -185,7 +242,8 @@ class Rehearsals:
         if self.rests:
             self._stop()
             return False
-        self._catch_up()
+        east, north = sins.run.settled.nav[at.VEL : at.VEL + 2].tolist()
+        self._catch_up((east, north))
         if sins.mode is not Mode.AIDED or _has_restarted(self.contestants):
             self._stop()
         elif self.contestants:
@@ -205,7 +263,7 @@ class Rehearsals:
 
     def _judge(self, sins: SinsEngine) -> None:
         truth, known = sins.run.settled.nav.copy(), horizontal_deviation(sins.run)
-        ended = Rehearsal(dict(self.contestants), self.state.epochs, truth, known)
+        ended = Rehearsal(dict(self.contestants), self.state.epochs, truth, known, self.state.tally)
         self._under_way.append(ended.run if self._elsewhere is None else self._elsewhere(ended.run))
         if self._elsewhere is None:
             self._collect()
@@ -218,34 +276,50 @@ class Rehearsals:
             if outcome is not None:
                 self.state.surprises.append(outcome.surprise)
                 self.state.squares.append(outcome.squares)
+                self.state.excess.append(outcome.excess)
+                self.state.decisions = self.state.decisions + outcome.decisions
 
-    def _catch_up(self) -> None:
+    def _catch_up(self, velocity: tuple[float, float] | None = None) -> None:
         """What the copies get up to the last IMU sample: a quarter of the work that each sample by itself would be."""
         waiting, self.state.waiting, self.state.waiting_since = self.state.waiting, [], 0
+        epoch = Epoch(waiting, velocity)
         if self._elsewhere is None:
-            _fly(self.contestants, waiting)
+            self.state.tally = _flown(self.contestants, epoch, self.state.tally)
         elif self.contestants:
-            self.state.epochs.append(waiting)
+            self.state.epochs.append(epoch)
 
     def _stop(self) -> None:
         self.contestants.clear()
         self.state.waiting.clear()
-        self.state.epochs = []
+        self.state.epochs, self.state.tally = [], Decisions()
         self.state.waiting_since = 0
 
 
-def _fly(contestants: dict[str, Contestant], samples: list[Sample]) -> None:
-    """Fly the copies on.
+def _flown(contestants: Mapping[str, Contestant], epoch: Epoch, tally: Decisions) -> Decisions:
+    """Fly the copies on; returns ``tally`` with the decisions of the epoch.
 
     The other samples go ahead of the IMU's: an observation acts at its own time, however early it is known.
     """
-    imu = [sample for sample in samples if isinstance(sample, (ImuSample, ImuBlock))]
-    ahead: list[Sample] = [sample for sample in samples if not isinstance(sample, (ImuSample, ImuBlock))]
+    imu = [sample for sample in epoch.samples if isinstance(sample, (ImuSample, ImuBlock))]
+    ahead: list[Sample] = [sample for sample in epoch.samples if not isinstance(sample, (ImuSample, ImuBlock))]
     for sample in [*ahead, joined(imu)] if imu else ahead:
         for contestant in contestants.values():
             contestant.feed(sample)
+    return tally + _decided(epoch.velocity, contestants)
 
 
-def _has_restarted(contestants: dict[str, Contestant]) -> bool:
+def _has_restarted(contestants: Mapping[str, Contestant]) -> bool:
     """A gap in the IMU data makes the copies align again, for which they lack GNSS."""
     return any(one.sins.mode not in (*DENIED, Mode.AIDED) for one in contestants.values())
+
+
+def _decided(velocity: tuple[float, float] | None, contestants: Mapping[str, Contestant]) -> Decisions:
+    """Decisions of one epoch at the true ``velocity``, by the last of the copies that tells regimes apart."""
+    square = 0.0 if velocity is None else 0.5 * (velocity[0] ** 2 + velocity[1] ** 2)
+    if 2.0 * square < SLOW**2:
+        return Decisions()
+    for contestant in reversed(list(contestants.values())):
+        branches = contestant.sins.run.timeline.filter.branches
+        if branches is not None and HOVER in branches.names:
+            return Decisions(PERIOD * square, PERIOD * square * branches.probability(HOVER))
+    return Decisions()

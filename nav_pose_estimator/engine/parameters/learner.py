@@ -30,4 +30,5 @@ class LearnerParameters:
         30.0, "s", "How much flight the archive of the file is worth at the start", 0.0, 600.0
     )
     airframe_fades: float = param(150.0, "s", "Motion of this flight after which the archive is not used", 1.0, 1e4)
+    prior: str = param("", "", "File by train prior: how vehicles usually move; empty for the one of the package")
     rules: int = param(2, "", "Largest number of rules tried; more than one is used only where clearly better", 1, 8)

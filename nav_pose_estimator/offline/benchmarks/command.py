@@ -91,10 +91,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.part != "outage":
         return import_module(f"nav_pose_estimator.offline.benchmarks.{arguments.part}.benchmark").run(arguments)
     from nav_pose_estimator.offline.archive.recordings import find
-    from nav_pose_estimator.offline.benchmarks.outage import cross_validation
     from nav_pose_estimator.offline.benchmarks.outage.many_flights import run_all
     from nav_pose_estimator.offline.benchmarks.outage.report import write_report
     from nav_pose_estimator.offline.benchmarks.outage.statistics import summarise
+    from nav_pose_estimator.offline.flights.groups import groups_of, patterns_of
     from nav_pose_estimator.offline.logs.open_recording import check_readable
     from nav_pose_estimator.offline.output_folder import OutputFolder
 
@@ -111,8 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
         flights = run_all(tasks, arguments.jobs, arguments.scheduler, arguments.out)
         groups = None
         if arguments.cross_validate:
-            patterns = [text.strip() for text in arguments.groups.split(",") if text.strip()]
-            groups = cross_validation.groups_of(arguments.bags, patterns)
+            groups = groups_of(arguments.bags, patterns_of(arguments.groups))
             flights = _held_out(flights, groups, candidates)
         rows = _rows(flights)
         if not rows:

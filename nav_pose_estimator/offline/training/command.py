@@ -1,4 +1,4 @@
-"""``train RECORDING ... --out NAME.airframe``: what flights of the past say of an aircraft, in one file."""
+"""``train RECORDING ... --out NAME.airframe``: what flights of the past say of an aircraft; ``train prior``: of all."""
 
 import argparse
 import math
@@ -11,7 +11,8 @@ from nav_pose_estimator.offline.logs.options import add_options, options_of
 
 DESCRIPTION = (
     "Learn from recorded flights of an aircraft, or of others like it, what helps in the first minutes of the next. "
-    "Prints what the file would have been worth to each of the flights, left out of it."
+    "Prints what the file would have been worth to each of the flights, left out of it. "
+    "train prior RECORDING ... --out FILE: how vehicles usually move, from flights of many airframes."
 )
 
 
@@ -35,12 +36,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto (default: NAME.json, else auto)")
     add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
     add_options(parser)
+    add(
+        "--groups", default="", metavar="GLOB,...", help='of a prior: flights of one airframe, as in "p4rtk_*,px4_3dr*"'
+    )
+    add("--leave-out", default="", metavar="NAME", help="of a prior: flight, pattern or airframe not to learn from")
     add("--jobs", type=int, default=1, metavar="N", help="processes that fly recordings (default: 1)")
     add("--force", action="store_true", help="replace an existing file")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Carry the command out. Raises ``UserError`` for what the user can mend."""
+    from nav_pose_estimator.offline.training import prior
+
+    if arguments.recordings[0] == prior.WORD:
+        _check(arguments, prior.ENDING)
+        return prior.run(arguments)
     from nav_pose_estimator.engine.outage.airframe_file import load_airframe, save_airframe
     from nav_pose_estimator.offline.flights.config_file import load_parameters
     from nav_pose_estimator.offline.training import network, work

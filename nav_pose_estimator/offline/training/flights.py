@@ -15,7 +15,7 @@ from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import is_guided
 from nav_pose_estimator.core.motion.airframe import FIXED_WING, MULTIROTOR, UNKNOWN, WHEELS, PastFlight
 from nav_pose_estimator.core.motion.prior import MOVES
-from nav_pose_estimator.core.motion.regimes import learn_regimes
+from nav_pose_estimator.core.motion.regimes import shows_hovering
 from nav_pose_estimator.core.motion.windows import CHANNELS, INCREMENTS, increments, window
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.outage.airframe_file import LONGEST_NAME
@@ -71,7 +71,7 @@ class FlightData:
         """
         if is_guided(self.epochs):
             return WHEELS
-        if learn_regimes(self.epochs).can_hover:
+        if shows_hovering(self.epochs):
             return MULTIROTOR
         speed = np.hypot(self.epochs[:, me.VELOCITY], self.epochs[:, me.VELOCITY + 1])
         return FIXED_WING if np.median(speed) > _STALLS else UNKNOWN
@@ -140,7 +140,7 @@ def fly(path: Path, digest: str, reading: Reading) -> FlightData:
     parameters, _ = latency.choose(recording, parameters, reading.gnss_delay, reading.config, np.inf, search=True)
     found = list(_good_epochs(recording, parameters))
     rows = np.array(found) if found else np.empty((0, me.COLUMNS + STEPS * CHANNELS + INCREMENTS))
-    rows = rows[_flown(rows)]
+    rows = rows[flown(rows)]
     if len(rows) * me.PERIOD < LEAST:
         raise UserError(
             f"{path.name} holds {len(rows) * me.PERIOD:.0f} s of flight with good GNSS and known heading, "
@@ -161,7 +161,7 @@ def _good_epochs(recording: Recording, parameters: Parameters) -> Iterator[Array
                     yield finished.values
 
 
-def _flown(rows: Array) -> slice:
+def flown(rows: Array) -> slice:
     """From the first epoch in motion to the last: what stands on the ground says nothing of flight."""
     speed = np.hypot(rows[:, me.VELOCITY], rows[:, me.VELOCITY + 1])
     moving = np.flatnonzero((speed > MOVES) | (np.abs(rows[:, me.VELOCITY + 2]) > _CLIMBS))

@@ -12,7 +12,7 @@ from nav_pose_estimator.core.motion.wind import WIND_TIME
 from nav_pose_estimator.engine.outage.methods.method import Advice, Array
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence, Vector3, VelocityError
 
-TRAVEL = "travel"
+TRAVEL, HOVER = "travel", "hover"
 _DWELL = 10.0  # s: how long a regime lasts, on average
 _FRESH = 1.0  # s: an older prediction from outside is not used
 
@@ -31,14 +31,18 @@ class AirPrediction:
 
 @dataclass(frozen=True)
 class AirVelocityGuide:
-    """A network as it was when GNSS was lost; without one, what another process predicts."""
+    """A network as it was when GNSS was lost; without one, what another process predicts.
+
+    ``spread_psd`` [m^2/s]: of each horizontal component, what the stated position has lacked in rehearsals.
+    """
 
     model: AirVelocityModel | None
     drift_variance: float = 1.0
+    spread_psd: float = 0.0
 
     def hypotheses(self, recent: Array, prediction: AirPrediction | None) -> tuple[Hypothesis, ...]:
         """What the vehicle may be doing by the ``recent`` epochs; empty where nothing can be said."""
-        return () if prediction is None else (travelling(prediction),)
+        return () if prediction is None else (travelling(prediction, self.spread_psd),)
 
     def advise(self, stamp_ns: int, recent: Array, external: VelocityError | None = None) -> Advice:
         """The evidence of the newest epoch, and the velocity error that the network of this process sees in it."""
@@ -56,9 +60,9 @@ class AirVelocityGuide:
         )
 
 
-def travelling(prediction: AirPrediction) -> Hypothesis:
+def travelling(prediction: AirPrediction, spread_psd: float = 0.0) -> Hypothesis:
     """The vehicle goes as the network says; nothing is expected of its speed."""
-    return Hypothesis(TRAVEL, 1.0, None, per_epoch(prediction.noise))
+    return Hypothesis(TRAVEL, 1.0, None, per_epoch(prediction.noise), doubt_psd=spread_psd)
 
 
 def per_epoch(noise: Array) -> Vector3:

@@ -6,8 +6,10 @@ import math
 from dataclasses import dataclass
 
 from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel
 from nav_pose_estimator.core.motion.regimes import MotionRegimes, learn_regimes
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import (
+    HOVER,
     TRAVEL,
     AirPrediction,
     AirVelocityGuide,
@@ -19,8 +21,9 @@ from nav_pose_estimator.engine.outage.methods.coast import Coast
 from nav_pose_estimator.engine.outage.methods.method import Array, Flight, Guide, RehearsalScores
 from nav_pose_estimator.engine.samples import Hypothesis
 
-REGIMES, HOVER = "regimes", "hover"
-_TRAVEL_TIME, _HOVER_TIME = 2.0, 2.0  # s over which the velocity of a regime counts as one draw
+_LEAST_FLIGHT = 4.0  # s
+REGIMES, ALONE = "regimes", "alone"
+_HOVER_TIME = 2.0  # s over which the velocity of a hover counts as one draw
 _DRAW = 1.1  # errors this much larger than the simpler way's are still a draw
 _CLEARLY = 3.0  # coasting grows with the cube of time: a draw with it at 30 s is a win at 60 s
 
@@ -35,26 +38,28 @@ class RegimesGuide(AirVelocityGuide):
         """Travelling and hovering, or what is left of that for a vehicle that never hovers."""
         # a car at constant speed is as calm as one that has stopped: of a guided vehicle only its nose tells
         if self.model is not None and self.model.is_guided:
-            return () if prediction is None else (travelling(prediction),)
+            return () if prediction is None else (travelling(prediction, self.spread_psd),)
         active = float(me.activity(recent)[-1])
         travel = self._travel(active, prediction)
         if self.regimes.can_hover:
-            return travel, self._hover(active, prediction)
-        return () if prediction is None else (travel,)
+            return travel, self._hover(float(recent[-1, me.TIME]), active, prediction)
+        return (travel,)
 
     def _travel(self, active: float, prediction: AirPrediction | None) -> Hypothesis:
         regimes = self.regimes
         return Hypothesis(
             name=TRAVEL,
             probability=1.0 - regimes.hover_probability if regimes.can_hover else 1.0,
-            velocity_var=regimes.travel_var,
+            velocity_var=regimes.travel_var if regimes.can_hover else None,  # a wing has no mean velocity of zero
             air_noise=None if prediction is None else per_epoch(prediction.noise),
             log_likelihood=_log_density(active, regimes.travel_activity),
             # the network knows more of a travelling vehicle than its mean speed
-            velocity_time=_TRAVEL_TIME if prediction is None else None,
+            velocity_time=regimes.travel_time if prediction is None else None,
+            place_var=regimes.place_var,
+            doubt_psd=self.spread_psd,
         )
 
-    def _hover(self, active: float, prediction: AirPrediction | None) -> Hypothesis:
+    def _hover(self, time: float, active: float, prediction: AirPrediction | None) -> Hypothesis:
         regimes, air_noise = self.regimes, None
         if prediction is not None:
             noise = prediction.hover_noise
@@ -66,6 +71,7 @@ class RegimesGuide(AirVelocityGuide):
             air_noise=air_noise,
             log_likelihood=_log_density(active, regimes.hover_activity),
             velocity_time=_HOVER_TIME,
+            doubt_psd=self.spread_psd + regimes.doubt_psd(time),
         )
 
 
@@ -75,22 +81,33 @@ class Best(Anfis):
     name = "best"
     summary = "hovering or travelling as in the flight so far, with the network where it has helped"
 
+    @property
+    def least_flight(self) -> float:
+        """What is usual of motion is known before the flight; that the vehicle moves has to be seen."""
+        return _LEAST_FLIGHT
+
     def ways(self, flight: Flight) -> dict[str, Guide]:
-        """The regimes alone, and with the network as soon as there is one."""
-        regimes = learn_regimes(flight.epochs, self.beforehand.can_hover)
-        ways: dict[str, Guide] = {REGIMES: RegimesGuide(None, flight.drift_variance, regimes=regimes)}
+        """The regimes alone, and with the network as soon as there is one; then the network alone, too."""
+        ways: dict[str, Guide] = {REGIMES: self.with_regimes(flight, None, REGIMES)}
         if flight.model is not None:
-            ways[NETWORK] = RegimesGuide(flight.model, flight.drift_variance, regimes=regimes)
+            ways[ALONE] = AirVelocityGuide(flight.model, flight.drift_variance, flight.spread.get(ALONE, 0.0))
+            ways[NETWORK] = self.with_regimes(flight, flight.model, NETWORK)
         return ways
 
+    def with_regimes(self, flight: Flight, model: AirVelocityModel | None, name: str) -> RegimesGuide:
+        """The regimes of the flight with ``model``, as the way that rehearsals know by ``name``."""
+        regimes = learn_regimes(flight.epochs, flight.usual, flight.decisions, self.beforehand.can_hover)
+        return RegimesGuide(model, flight.drift_variance, flight.spread.get(name, 0.0), regimes=regimes)
+
     def choose(self, flight: Flight, scores: RehearsalScores) -> Guide | None:
-        """The network unless it was worse than the regimes alone; nothing that erred far more than coasting."""
+        """Regimes with the network unless a part of it was better; nothing that erred far more than coasting."""
         return self.chosen(self.ways(flight), NETWORK, scores)
 
     def chosen(self, ways: dict[str, Guide], network: str, scores: RehearsalScores) -> Guide | None:
         """Of ``ways`` the one named ``network`` unless rehearsals speak against it."""
-        use_network = network in ways and not scores.is_worse(network, REGIMES, _DRAW)
-        best = network if use_network else REGIMES
+        best = REGIMES
+        if network in ways and not scores.is_worse(network, REGIMES, _DRAW):
+            best = ALONE if ALONE in ways and scores.is_worse(network, ALONE, _DRAW) else network
         return None if scores.is_worse(best, Coast.name, _CLEARLY) else ways[best]
 
 

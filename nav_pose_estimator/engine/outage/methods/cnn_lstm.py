@@ -7,18 +7,17 @@ flight, so that the flight decides what it is worth: on blocks of time not train
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity
 from nav_pose_estimator.core.motion.airframe import Beforehand, TrainedNetwork
 from nav_pose_estimator.core.motion.prior import MotionPrior
-from nav_pose_estimator.core.motion.regimes import learn_regimes
 from nav_pose_estimator.core.motion.windows import window
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import AirVelocityGuide
 from nav_pose_estimator.engine.outage.methods.anfis import NETWORK
-from nav_pose_estimator.engine.outage.methods.best import Best, RegimesGuide
+from nav_pose_estimator.engine.outage.methods.best import Best
 from nav_pose_estimator.engine.outage.methods.method import (
     Advice,
     Array,
@@ -94,6 +93,11 @@ class WithoutNetwork:
 
     guide: AirVelocityGuide
 
+    @property
+    def spread_psd(self) -> float:
+        """That of the guide."""
+        return self.guide.spread_psd
+
     def advise(self, stamp_ns: int, recent: Array, external: VelocityError | None = None) -> Advice:
         """What the guide says."""
         return self.guide.advise(stamp_ns, recent[:, : me.COLUMNS], external)
@@ -145,13 +149,11 @@ class CnnLstm(Best):
 
     def ways(self, flight: Flight) -> dict[str, Guide]:
         """Those of ``best``, and the law with the network's output."""
-        regimes = learn_regimes(flight.epochs, self.beforehand.can_hover)
-        drift = flight.drift_variance
-        ways = super().ways(Flight(flight.epochs, None, drift))
+        ways = super().ways(replace(flight, model=None))
         if flight.model is not None:
-            ways[NETWORK] = WithoutNetwork(RegimesGuide(flight.model.plain, drift, regimes=regimes))
+            ways[NETWORK] = WithoutNetwork(self.with_regimes(flight, flight.model.plain, NETWORK))
             if flight.model.stacked is not None:
-                ways[PRETRAINED] = RegimesGuide(flight.model.stacked, drift, regimes=regimes)
+                ways[PRETRAINED] = self.with_regimes(flight, flight.model.stacked, PRETRAINED)
         return ways
 
     def choose(self, flight: Flight, scores: RehearsalScores) -> Guide | None:

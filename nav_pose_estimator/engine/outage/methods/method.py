@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.airframe import Beforehand
+from nav_pose_estimator.core.motion.regimes import Decisions
+from nav_pose_estimator.core.motion.usual import UsualMotion
+from nav_pose_estimator.engine.outage.methods.usual_file import load_usual_motion
 from nav_pose_estimator.engine.samples import Sample, VelocityError
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 
@@ -31,12 +34,17 @@ Model = Any
 class Flight:
     """What a flight has shown so far. ``epochs`` (N, COLUMNS + K) of its aided part in order of time, N > 0.
 
-    ``drift_variance``: squared errors of coasting as a fraction of the variance that the filter states, by rehearsals.
+    ``usual``: how vehicles move of which nothing else is known. By rehearsals: ``drift_variance``, squared errors of
+    coasting as a fraction of the variance that the filter states; ``decisions`` between regimes; ``spread`` [m^2/s],
+    which the stated position of each way lacks.
     """
 
     epochs: Array
     model: Model | None = None
     drift_variance: float = 1.0
+    decisions: Decisions = field(default_factory=Decisions)
+    spread: Mapping[str, float] = field(default_factory=dict)
+    usual: UsualMotion = field(default_factory=load_usual_motion)
 
 
 @dataclass(frozen=True)

@@ -7,32 +7,13 @@ outages of the group that was held out are reported.
 
 import math
 from collections.abc import Mapping, Sequence
-from fnmatch import fnmatchcase
-from pathlib import Path
 
 import numpy as np
 
 from nav_pose_estimator.offline.benchmarks.outage.scores import energy_score
 from nav_pose_estimator.offline.benchmarks.outage.statistics import ALL, Row, Summary, comparable
-from nav_pose_estimator.offline.flights.recording import sidecar
 
 LEAST_OUTAGES = 8
-GROUP_KEY = "group"
-"""Where NAME.json names the group of a recording."""
-
-
-def groups_of(bags: Sequence[Path], patterns: Sequence[str] = ()) -> dict[str, str]:
-    """File name of each bag -> its group: what NAME.json says, else the first of ``patterns`` that fits, else its own.
-
-    A pattern is a shell pattern of flight names, as in ``p4rtk_*``.
-    """
-    found = {}
-    for bag in bags:
-        name = bag.stem.removesuffix("_bag")
-        stated = sidecar(bag).get(GROUP_KEY)
-        fitting = [pattern for pattern in patterns if fnmatchcase(name, pattern)]
-        found[bag.name] = str(stated) if stated else (fitting[0] if fitting else name)
-    return found
 
 
 def choose(results: Sequence[Sequence[Row]], groups: Mapping[str, str], method: str) -> dict[str, int]:

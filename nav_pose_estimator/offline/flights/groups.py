@@ -1,0 +1,33 @@
+"""Recordings that are not independent of each other: one airframe on one day, all IMUs of one flight."""
+
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from nav_pose_estimator.offline.flights.recording import sidecar
+
+GROUP_KEY = "group"
+"""Where NAME.json names the group of a recording."""
+
+
+def flight_name(bag: Path) -> str:
+    """NAME of NAME_bag or NAME.ulg."""
+    return bag.stem.removesuffix("_bag")
+
+
+def groups_of(bags: Sequence[Path], patterns: Sequence[str] = ()) -> dict[str, str]:
+    """File name of each bag -> its group: what NAME.json says, else the first of ``patterns`` that fits, else its own.
+
+    A pattern is a shell pattern of flight names, as in ``p4rtk_*``.
+    """
+    found = {}
+    for bag in bags:
+        stated = sidecar(bag).get(GROUP_KEY)
+        fitting = [pattern for pattern in patterns if fnmatchcase(flight_name(bag), pattern)]
+        found[bag.name] = str(stated) if stated else (fitting[0] if fitting else flight_name(bag))
+    return found
+
+
+def patterns_of(text: str) -> list[str]:
+    """The patterns of ``--groups``, which commas separate."""
+    return [pattern.strip() for pattern in text.split(",") if pattern.strip()]

@@ -1,0 +1,127 @@
+"""``train prior RECORDING ... --out FILE``: how vehicles usually move, learned from flights of many airframes."""
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import numpy as np
+
+from nav_pose_estimator import __version__
+from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.motion.air_velocity import is_guided
+from nav_pose_estimator.core.motion.regimes import Decisions, shows_hovering
+from nav_pose_estimator.core.motion.usual import Shown, UsualMotion, fit_hover, fit_travel
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.outage.epochs import EpochCollector
+from nav_pose_estimator.engine.outage.methods.usual_file import as_toml
+from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.flights import latency, methods
+from nav_pose_estimator.offline.flights.config_file import load_parameters
+from nav_pose_estimator.offline.flights.groups import flight_name, groups_of, patterns_of
+from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
+from nav_pose_estimator.offline.logs.options import options_of
+from nav_pose_estimator.offline.training.flights import Reading, digest_of, flown
+from nav_pose_estimator.offline.training.work import find_recordings
+
+WORD, ENDING = "prior", ".toml"
+_LEAST = 20.0  # s of flight below which a recording says nothing
+_HEAD = """\
+# How vehicles usually move: what a flight begins with, and what it shows replaces (docs/outages.md).
+# Speeds in m/s (RMS of each axis), times in s; activities are mean and deviation of a logarithm.
+# Written by train prior of nav_pose_estimator {version}; the flights stand at the end. Every airframe counts once.
+"""
+
+
+@dataclass(frozen=True)
+class PriorFlight:
+    """One recording: aided ``epochs`` (N, COLUMNS) in flight, and the ``decisions`` of its rehearsals."""
+
+    name: str
+    group: str
+    digest: str
+    epochs: np.ndarray
+    decisions: Decisions
+
+    @property
+    def seconds(self) -> float:
+        """How much flight."""
+        return len(self.epochs) * me.PERIOD
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Carry the command out. Raises ``UserError`` for what the user can mend."""
+    paths, files = find_recordings(arguments.recordings[1:])
+    if files or not paths:
+        raise UserError("train prior takes recordings only, several of different airframes")
+    groups = groups_of(paths, patterns_of(arguments.groups))
+    left_out = [path for path in paths if _fits(path, groups[path.name], arguments.leave_out)]
+    if arguments.leave_out and not left_out:
+        raise UserError(f"--leave-out {arguments.leave_out}: none of the recordings has this name or group")
+    log = options_of(arguments, load_parameters(arguments.config).imu.max_gap, math.inf)
+    reading = Reading(arguments.config, log, arguments.gnss_delay)
+    flights = [fly(path, groups[path.name], reading) for path in paths if path not in left_out]
+    kept = [flight for flight in flights if flight.seconds >= _LEAST]
+    for flight in flights:
+        if flight not in kept:
+            print(f"note: {flight.name} holds {flight.seconds:.0f} s of flight: left out", file=sys.stderr)
+    usual = fit(kept)
+    arguments.out.write_text(text_of(usual, kept), encoding="utf-8")
+    airframes = len({one.group for one in kept})
+    print(f"{arguments.out}: {len(kept)} flights of {airframes} airframes; name it in learner.prior")
+    return 0
+
+
+def fly(path: Path, group: str, reading: Reading) -> PriorFlight:
+    """Replay a recording with GNSS and rehearse outages."""
+    parameters = methods.apply(load_parameters(reading.config), methods.BEST)
+    recording = prepared(open_recording(path, reading.log, parameters=parameters), parameters, np.inf)
+    parameters, _ = latency.choose(recording, parameters, reading.gnss_delay, reading.config, np.inf, search=True)
+    engine, collector, found = PoseEstimator(parameters, attitude=False), EpochCollector(), []
+    for sample in recording.samples:
+        for output in engine.feed(sample):
+            finished = collector.feed(output) if isinstance(output, (NavBlock, NavSolution)) else None
+            if finished is not None and finished.is_good:
+                found.append(finished.values)
+    epochs = np.array(found).reshape(-1, me.COLUMNS)
+    decisions = engine.outage_aid.rehearsals.decisions if engine.outage_aid else Decisions()
+    return PriorFlight(flight_name(path), group, digest_of(path), epochs[flown(epochs)], decisions)
+
+
+def fit(flights: Sequence[PriorFlight]) -> UsualMotion:
+    """The mean over airframes. ``UserError`` where there is none of a kind."""
+    multirotors: list[Shown] = []
+    wings: list[Shown] = []
+    for group in dict.fromkeys(flight.group for flight in flights):
+        members = [flight for flight in flights if flight.group == group]
+        epochs = np.concatenate([flight.epochs for flight in members])
+        travelled, missed = (sum(getattr(one.decisions, name) for one in members) for name in ("travelled", "missed"))
+        if not is_guided(epochs):
+            shown = Shown(tuple(one.epochs for one in members), travelled, missed)
+            (multirotors if shows_hovering(epochs) else wings).append(shown)
+    if not multirotors or not wings:
+        raise UserError("a prior needs flights of at least one multirotor and one fixed wing")
+    return UsualMotion(fit_travel(multirotors), fit_travel(wings), fit_hover(multirotors))
+
+
+def text_of(usual: UsualMotion, flights: Sequence[PriorFlight]) -> str:
+    """The file: numbers, then where they come from."""
+    lines = [_HEAD.format(version=__version__) + as_toml(usual)]
+    for one in flights:
+        lines += [
+            "[[flights]]",
+            f'name = "{one.name}"',
+            f'airframe = "{one.group}"',
+            f"seconds = {one.seconds:.0f}",
+            f'sha256 = "{one.digest}"',
+            "",
+        ]
+    return "\n".join(lines)
+
+
+def _fits(path: Path, group: str, pattern: str) -> bool:
+    return bool(pattern) and (group == pattern or fnmatchcase(flight_name(path), pattern))
