@@ -34,8 +34,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "engine.imu": {"core", "engine", "engine.parameters"},
     "engine.sensors": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},
     "engine.sensors.beams": {"core", "engine", "engine.imu", "engine.parameters"},
+    "engine.sensors.magnetic": {"core", "engine", "engine.imu", "engine.parameters"},
     "engine.sensors.gnss": {"core", "engine", "engine.events", "engine.parameters", "engine.sensors"},
-    "engine.attitude": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors"},
+    "engine.attitude": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},
     "engine.continuation": {"core", "engine", "engine.parameters"},
     "engine.navigator": {
         "core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*", "engine.continuation"

@@ -9,7 +9,7 @@ from std_msgs.msg import Bool
 
 from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
 from nav_pose_estimator.engine.samples import GnssFix, NavigatorVelocity
-from nav_pose_estimator.engine.sensors.declination import located
+from nav_pose_estimator.engine.sensors.magnetic.declination import located
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Status
 from nav_pose_estimator.ros import inputs, qos, spin, wording
 from nav_pose_estimator.ros.estimator_node import EstimatorNode

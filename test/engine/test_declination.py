@@ -15,7 +15,7 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import ImuSample, MagSample
 from nav_pose_estimator.engine.sensors import declination
-from nav_pose_estimator.engine.sensors.declination import model_declination
+from nav_pose_estimator.engine.sensors.magnetic.declination import model_declination
 from nav_pose_estimator.engine.solutions import AttitudeBlock, Event, Level, Mode, NavBlock
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.sim.recording import Recording

@@ -166,13 +166,13 @@ def test_motion_that_is_taken_for_hovering_is_counted() -> None:
 
     rehearsals = Rehearsals()
     fly(rehearsals, Moving([]), 1000.0, 1060.0)
-    decisions = rehearsals.state.decisions
+    decisions = rehearsals.decisions
     assert decisions.travelled == pytest.approx(30.0 * 8.0, rel=0.05)  # half of 16 m^2/s^2 for half a minute
     assert decisions.missed == pytest.approx(0.25 * decisions.travelled)
     assert rehearsals.scores()["rehearsal.missed"] == pytest.approx(0.25)
     Moving.speed = 0.5
     fly(rehearsals, Moving([]), 1060.0, 1120.0)
-    assert rehearsals.state.decisions == decisions
+    assert rehearsals.decisions == decisions
 
 
 def test_old_rehearsals_are_forgotten() -> None:

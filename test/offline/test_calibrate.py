@@ -10,7 +10,7 @@ from nav_pose_estimator.engine.imu.mounting import Mounting
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.imu import ImuParameters
 from nav_pose_estimator.engine.samples import ImuBlock, MagSample
-from nav_pose_estimator.engine.sensors.field_calibration import FieldCalibration
+from nav_pose_estimator.engine.sensors.magnetic.field_calibration import FieldCalibration
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.calibration.field_fit import FieldFit, fit_field
 from nav_pose_estimator.offline.calibration.field_pairs import field_pairs

@@ -26,7 +26,7 @@ from nav_pose_estimator.offline.bags.reader import BagReader
 from nav_pose_estimator.ros.messages import message_table
 from parameter_changes import CHANGES, FLIGHTS, OF_NODES, PRESETS, READ
 from pieces import one_by_one
-from small_bags import EPOCH_NS, FIX, STORE, TYPES, fix, flight, header, vector, write_bag
+from small_bags import EPOCH_NS, FIX, TYPES, fix, flight, header, vector, write_bag
 
 TWIST, POSE = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
 CASES = [pytest.param(name, key, id=key) for name, changes in CHANGES.items() for key in changes]

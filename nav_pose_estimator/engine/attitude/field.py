@@ -9,7 +9,7 @@ from nav_pose_estimator.core.attitude import layout as at
 from nav_pose_estimator.engine.attitude.memory import Memory
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import MagSample
-from nav_pose_estimator.engine.sensors.field_calibration import FieldCalibration
+from nav_pose_estimator.engine.sensors.magnetic.field_calibration import FieldCalibration
 from nav_pose_estimator.engine.solutions import Event, Level
 
 NO_FIELD = np.empty((0, 3))

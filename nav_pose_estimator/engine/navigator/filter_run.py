@@ -27,12 +27,12 @@ from nav_pose_estimator.engine.navigator.timeline import Timeline
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import GnssFix
-from nav_pose_estimator.engine.sensors import declination
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.aids import AIDS
 from nav_pose_estimator.engine.sensors.fusion import Fusion
 from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss
 from nav_pose_estimator.engine.sensors.imu_doubt import ImuDoubt
+from nav_pose_estimator.engine.sensors.magnetic import declination
 from nav_pose_estimator.engine.sensors.rest import Rest
 from nav_pose_estimator.engine.solutions import Level
 

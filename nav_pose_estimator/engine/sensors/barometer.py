@@ -189,7 +189,7 @@ class DepthSensor(Aid):
         """Without GNSS the height is known no better than errors of fixes that last let the surface be known."""
         if self._aiding.gnss_is_good(o.t):
             return GATED
-        return Decision(Use.GATED, least_sd=(0.0, self._surface_sd))
+        return Decision(Use.GATED, least_sd=(0.0, self._surface_sd, 0.0))
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """One row, the height and that of the surface."""

@@ -20,8 +20,8 @@ from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, FilterView
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import MagSample, Vector3
 from nav_pose_estimator.engine.sensors.aiding import Aiding
-from nav_pose_estimator.engine.sensors.compass_check import CURE, CompassCheck, single_cause
-from nav_pose_estimator.engine.sensors.field_calibration import FieldCalibration
+from nav_pose_estimator.engine.sensors.magnetic.compass_check import CURE, CompassCheck, single_cause
+from nav_pose_estimator.engine.sensors.magnetic.field_calibration import FieldCalibration
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised, Pacer, shared_error
 from nav_pose_estimator.engine.solutions import Level
 
