@@ -14,7 +14,7 @@ from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import ImuSample, MagSample
-from nav_pose_estimator.engine.sensors import declination
+from nav_pose_estimator.engine.sensors.magnetic import declination
 from nav_pose_estimator.engine.sensors.magnetic.declination import model_declination
 from nav_pose_estimator.engine.solutions import AttitudeBlock, Event, Level, Mode, NavBlock
 from nav_pose_estimator.errors import UserError
