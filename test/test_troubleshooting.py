@@ -166,7 +166,7 @@ def test_everything_that_a_bad_flight_counts_is_in_the_catalogue():
 
 
 def test_2_4_every_recommended_echo_shows_the_whole_sentence(repository):
-    """GIVEN the commands of README and docs WHEN ~/status is echoed THEN nothing is cut and the latched one heard."""
+    """GIVEN the commands of README and docs WHEN ~/status is echoed THEN nothing of it is cut or missed."""
     pages = [repository / "README.md", *(repository / "docs").glob("*.md")]
     text = " ".join(" ".join(page.read_text(encoding="utf-8").split()) for page in pages)
     echoes = re.findall(r"ros2 topic echo[^`#]*?/status", text)

@@ -75,13 +75,18 @@ def level_in_motion(rows: Array) -> Array:
     The force is averaged in the frame that the gyroscope carries along, so that turns do not blur it. What is left is
     the mean acceleration over the rows, which passes for tilt: 1 m/s^2 is 6 deg.
     """
+    return level_attitude(summed_force(rows))
+
+
+def summed_force(rows: Array) -> Array:
+    """Sum (3,) of the specific forces of IMU ``rows`` (N, 7) in the axes of the last one, carried by the gyroscope."""
     q = np.array([1.0, 0.0, 0.0, 0.0])  # attitude of each row in the frame of the last one
     total = rows[-1, 4:7].copy()
     for i in range(len(rows) - 1, 0, -1):
         step = quat_from_rotvec(-rows[i, 1:4] * (rows[i, 0] - rows[i - 1, 0]))
         q = quat_multiply(q, step)
         total += quat_rotate(q, rows[i - 1, 4:7])
-    return level_attitude(total)
+    return total
 
 
 @dataclass(init=False, eq=False, slots=True)

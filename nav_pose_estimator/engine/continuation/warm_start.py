@@ -17,11 +17,17 @@ from numpy.typing import NDArray
 
 from nav_pose_estimator.core.alignment.aligner import Aligner
 from nav_pose_estimator.core.alignment.first_states import in_motion
-from nav_pose_estimator.core.alignment.levelling import STANDARD_GRAVITY, dipole_dip, level_in_motion, turned
+from nav_pose_estimator.core.alignment.levelling import (
+    STANDARD_GRAVITY,
+    dipole_dip,
+    level_in_motion,
+    summed_force,
+    turned,
+)
 from nav_pose_estimator.core.alignment.recent_rows import RecentRows
 from nav_pose_estimator.core.alignment.types import Alignment, Fix, KnownBiases
-from nav_pose_estimator.core.earth.ellipsoid import radii, step_enu
-from nav_pose_estimator.core.filter.layout import DPOS, DVEL, IMU_ACCEL, IMU_T, PHI
+from nav_pose_estimator.core.earth.ellipsoid import cos_latitude, radii, step_enu
+from nav_pose_estimator.core.filter.layout import DPOS, DVEL, IMU_T, PHI
 from nav_pose_estimator.core.numerics.rotation import euler_from_quat
 from nav_pose_estimator.engine.continuation.saved_state import SavedState
 from nav_pose_estimator.engine.parameters import Parameters
@@ -116,7 +122,7 @@ class WarmStart:
         position_sd = np.sqrt(variances[DPOS : DPOS + 3] + (gap * velocity_sd) ** 2)
         (lat, lon, alt), (east, north, up) = saved.position, (gap * v for v in saved.velocity)
         r_m, r_n = radii(lat)
-        place = (lat + north / (r_m + alt), lon + east / ((r_n + alt) * math.cos(lat)), alt + up)
+        place = (lat + north / (r_m + alt), lon + east / ((r_n + alt) * cos_latitude(lat)), alt + up)
         return Fix(t, place, np.array(saved.velocity), position_sd, velocity_sd)
 
     def _first_state(self, there: Fix, aligner: Aligner, last_fix: float | None) -> Alignment | None:
@@ -162,6 +168,6 @@ def _unlevel(rows: Array, accel_bias: tuple[float, float, float]) -> float:
 
     A horizontal acceleration a adds to gravity at a right angle, |f|^2 = g^2 + a^2, and turns the force by atan(a / g).
     """
-    force = np.linalg.norm(rows[:, IMU_ACCEL:] - np.array(accel_bias), axis=1)
-    excess = float(np.mean(force)) / STANDARD_GRAVITY
+    force = summed_force(rows) / len(rows) - np.array(accel_bias)
+    excess = float(np.linalg.norm(force)) / STANDARD_GRAVITY
     return math.acos(min(max(1.0 / excess, 0.0), 1.0)) if excess > 1.0 else 0.0
