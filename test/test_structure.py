@@ -33,7 +33,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "engine.parameters": {"core.filter", "engine.outage.methods"},  # their choices
     "engine.imu": {"core", "engine", "engine.parameters"},
     "engine.sensors": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},
-    "engine.sensors.beams": {"core", "engine", "engine.imu", "engine.parameters"},
+    "engine.sensors.beams": {"core", "engine", "engine.parameters", "engine.imu"},
     "engine.sensors.gnss": {"core", "engine", "engine.events", "engine.parameters", "engine.sensors"},
     "engine.attitude": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors"},
     "engine.navigator": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},

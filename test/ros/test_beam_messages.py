@@ -1,12 +1,14 @@
 """Velocities along beams as drivers publish them, and what drivers put there that means something else."""
 
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 
 from beamed import beam_directions
 from driver_types import A50, DVL, STORE, make, sent
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.engine.parameters.schema import ParameterError, update
 from nav_pose_estimator.engine.samples import BeamVelocitySample
 from nav_pose_estimator.engine.solutions import Event
 from nav_pose_estimator.offline.bags.decoder import Decoder
@@ -199,3 +201,28 @@ def test_a_bag_without_definitions_is_read_too():
     message = Decoder(Topic("/dvl", A50, 1))(raw)
     np.testing.assert_array_equal(of(beams.a50(message)).velocities, VELOCITIES)
     assert BEAM_VELOCITY.types[1].name == A50
+
+
+def test_messages_of_rclpy_are_read_as_those_of_a_bag():
+    """GIVEN the same point cloud as a message of rclpy, whose data are an ``array`` THEN the same beams come out."""
+    messages = pytest.importorskip("sensor_msgs.msg")
+    ours = cloud(points())
+    fields = [
+        messages.PointField(name=f.name, offset=f.offset, datatype=f.datatype, count=f.count) for f in ours.fields
+    ]
+    theirs = messages.PointCloud2(
+        height=1, width=4, fields=fields, point_step=ours.point_step, row_step=ours.row_step, data=ours.data.tobytes()
+    )
+    theirs.header.stamp.sec = 5
+    sample = of(beams.point_cloud(theirs))
+    np.testing.assert_array_equal(sample.velocities, of(beams.point_cloud(ours)).velocities)
+    assert sample.stamp_ns == 5 * 10**9
+
+
+def test_a_missing_package_is_named_with_its_cure():
+    inputs = pytest.importorskip("nav_pose_estimator.ros.inputs")
+    if find_spec("marine_acoustic_msgs") is not None:
+        pytest.skip("marine_acoustic_msgs is installed here")
+    source = BEAM_VELOCITY.source(update(Parameters(), {"aids.beam_velocity_source": "dvl"}))
+    with pytest.raises(ParameterError, match="marine_acoustic_msgs is not installed here; install ros-jazzy-marine-ac"):
+        inputs.message_class(source)

@@ -82,7 +82,7 @@ class MessageReader:
 
     def _flaw_of(self, directions: Array, count: int) -> Flaw | None:
         """What is wrong with ``directions`` for so many velocities; those that were sound before still are."""
-        if count == len(self._sound) and (directions is self._sound or np.array_equal(directions, self._sound)):
+        if 0 < count == len(self._sound) and (directions is self._sound or np.array_equal(directions, self._sound)):
             return None
         if count == 0 or (directions.shape != (count, 3) and not len(self._given)):
             return _flaw("empty")
