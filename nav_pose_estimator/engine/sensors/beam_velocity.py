@@ -159,9 +159,9 @@ class BeamVelocitySensor(Aid):
         """The rows that were decided on."""
         assert o.decision is not None
         z, H = self._rows(self._arrangement.arrange(o.measured), f)
-        numbers = [row.number for row in o.decision.rows]
-        offsets = np.array([row.offset for row in o.decision.rows])
-        return z[numbers] + offsets, H[numbers], np.diag([row.variance for row in o.decision.rows])
+        numbers, variances, offsets = zip(*o.decision.rows, strict=True)
+        chosen = list(numbers)
+        return z[chosen] + offsets, H[chosen], np.diag(variances)
 
     # --- outcome -----------------------------------------------------------------------------------------------------
 
