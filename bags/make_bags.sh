@@ -12,4 +12,5 @@ simulate() {
 simulate multirotor_outage --scenario multirotor_outage --duration 300 --imu-rate 100 --small
 simulate fixed_wing --scenario fixed_wing --duration 150 --imu-rate 100 --small
 simulate road_vehicle --scenario road_vehicle --duration 150 --imu-rate 100 --small
+simulate drone_over_water --scenario drone_over_water --imu icm42688_calibrated --duration 120 --imu-rate 50 --small
 simulate hover_sqlite3 --scenario hover --duration 20 --imu-rate 50 --storage sqlite3

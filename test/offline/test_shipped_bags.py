@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, MagSample, PressureSample
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.engine.samples import BeamVelocitySample, GnssFix, ImuBlock, MagSample, PressureSample
 from nav_pose_estimator.offline.bags.storage import Bag
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.offline.flights.recording import Recording, load
 
-NAMES = ("multirotor_outage", "fixed_wing", "road_vehicle", "hover_sqlite3")
+NAMES = ("multirotor_outage", "fixed_wing", "road_vehicle", "drone_over_water", "hover_sqlite3")
 
 
 def recipes(repository: Path) -> dict[str, list[str]]:
@@ -33,6 +35,9 @@ def columns(recording: Recording) -> dict[str, np.ndarray]:
     found["velocity"] = np.array([velocity.vel_enu for velocity in recording.velocities])
     found["field"] = np.array([sample.field for sample in recording.samples if isinstance(sample, MagSample)])
     found["pressure"] = np.array([s.pressure for s in recording.samples if isinstance(s, PressureSample)])
+    beams = [sample.velocities for sample in recording.samples if isinstance(sample, BeamVelocitySample)]
+    if beams:
+        found["beams"] = np.array(beams)
     found["truth"] = recording.truth.position
     return found
 
@@ -59,6 +64,7 @@ def test_bag_has_all_topics(repository: Path, name: str) -> None:
         assert not bag.warnings
     assert counts.pop("/ground_truth/origin") == 1
     assert set(counts) == {
+        *(["/beam_velocity"] if name == "drone_over_water" else []),
         *("/imu/data_raw", "/imu/mag", "/baro"),
         *("/gps/fix", "/gps/vel", "/gps/satellites", "/ground_truth/odom"),
     }
@@ -70,7 +76,9 @@ def test_bag_has_all_topics(repository: Path, name: str) -> None:
 def test_recipe_makes_the_bag_again(repository: Path, tmp_path: Path, name: str) -> None:
     recipe = [word for word in recipes(repository)[name] if word != "--small"]
     assert main(["simulate", str(tmp_path / "again"), *recipe]) == 0
-    shipped, made = load(repository / "bags" / name), load(tmp_path / "again")
+    parameters = update(Parameters(), {"aids.beam_velocity_source": "pointcloud2"})
+    shipped, made = (load(path, parameters=parameters) for path in (repository / "bags" / name, tmp_path / "again"))
+    assert ("beams" in columns(shipped)) == (name == "drone_over_water")
     again = columns(made)
     for what, values in columns(shipped).items():
         assert values.shape == again[what].shape

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import FluidPressure, Imu, MagneticField, NavSatFix
+from sensor_msgs.msg import FluidPressure, Imu, MagneticField, NavSatFix, PointCloud2, PointField
 from std_msgs.msg import UInt32
 
 from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
 from nav_pose_estimator.engine.samples import (
+    BeamVelocitySample,
     BodyVelocity,
     GnssFix,
     GnssVelocity,
@@ -88,6 +89,16 @@ def _body_velocity(message: TwistWithCovarianceStamped, sample: BodyVelocity) ->
     _twist(message, sample.velocity, sample.cov)
 
 
+def _beams(message: PointCloud2, sample: BeamVelocitySample) -> None:
+    points = np.column_stack([sample.directions, sample.velocities]).astype(np.float32)
+    message.height, message.width, message.point_step, message.row_step = 1, len(points), 16, 16 * len(points)
+    message.fields = [
+        PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
+        for i, name in enumerate(("x", "y", "z", "velocity"))
+    ]
+    message.data = points.astype("<f4").tobytes()
+
+
 def _count(message: UInt32, sample: SatelliteCount) -> None:
     message.data = MAVLINK_UNKNOWN if sample.count is None else int(sample.count)
 
@@ -108,6 +119,7 @@ _MESSAGES: dict[type, tuple[Any, Callable[[Any, Any], None]]] = {
     SatelliteCount: (UInt32, _count),
     PressureSample: (FluidPressure, _pressure),
     BodyVelocity: (TwistWithCovarianceStamped, _body_velocity),
+    BeamVelocitySample: (PointCloud2, _beams),
 }
 TOPICS: dict[type, tuple[str, Any]] = {
     entry.sample: (entry.topic, _MESSAGES[entry.sample][0]) for entry in INPUTS if entry.sample in _MESSAGES

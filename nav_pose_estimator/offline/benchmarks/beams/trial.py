@@ -76,7 +76,7 @@ def run_seed(
     """
     recording = generate(case.told(length, mounting), seed=seed, imu=case.grade)
     begin_ns = recording.start_ns + round(case.aided * 1e9)
-    recording = _without_gnss(recording, begin_ns)
+    recording = without_gnss(recording, begin_ns)
     trials = []
     for method in methods:
         engine = prepared(SinsEngine(METHODS[method].parameters(case.parameters(change))), method)
@@ -101,7 +101,7 @@ def _fly_with_gnss(engine: SinsEngine, case: Case, recording: Recording, end_ns:
         engine.feed(sample)
 
 
-def _without_gnss(recording: Recording, begin_ns: int) -> Recording:
+def without_gnss(recording: Recording, begin_ns: int) -> Recording:
     """The recording without what GNSS measured from ``begin_ns`` on; a count belongs to the fix ahead of it."""
     kept, is_over = [], False
     for timed in recording.others:
@@ -135,8 +135,7 @@ class _Outage:
     def run(self, fault: str, method: str) -> Trial:
         """Play it and judge it."""
         judge = METHODS[method].judge_of(self._engine)
-        judge.verdicts.clear()
-        errors = self._errors()
+        errors = self._errors(judge)
         truth = self._clean.truth
         flown = truth.t > self._case.aided
         travelled = float(np.hypot(*truth.v_n[flown, :2].T).sum() * truth.dt)
@@ -159,11 +158,17 @@ class _Outage:
             refused_faulty=wrong,
         )
 
-    def _errors(self) -> np.ndarray:
-        """Rows (N, 11): time [s], errors of attitude, velocity, position (9), NEES per degree of freedom."""
+    def _errors(self, judge: Watched) -> np.ndarray:
+        """Rows (N, 11): time [s], errors of attitude, velocity, position (9), NEES per degree of freedom.
+
+        The verdicts of ``judge`` begin with the first message: those before it have been given by then.
+        """
         rows: list[np.ndarray] = []
-        due = self._case.aided
+        due, is_first = self._case.aided, True
         for sample in _after(self._faulty, self._begin_ns):
+            if is_first and isinstance(sample, BeamVelocitySample):
+                judge.verdicts.clear()
+                is_first = False
             self._engine.feed(sample)
             if isinstance(sample, ImuBlock) and self._engine.run.now >= due:
                 rows.append(self._look(self._clean.truth))
