@@ -181,6 +181,16 @@ def test_a_sensor_that_is_turned_over_is_refused_with_the_cure(flight, without, 
     assert cured.error < 0.1 * without.error
 
 
+def test_a_sensor_that_gnss_has_not_confirmed_in_motion_is_not_believed_without_it():
+    """GIVEN GNSS that goes while the drone takes off, and a sensor turned over THEN it holds nothing, and the log says
+    why: a wrong velocity that is said to be good would be worse than none."""
+    recording = generate("multirotor_outage", 60.0, seed=5, imu_rate=50.0).with_faults(*silence(15.0, 45.0))
+    flown = Flown(recording, with_beams(recording, rpy=(math.pi, 0.0, 0.0), own=True), until=50.0)
+    (told,) = flown.said("unproven")
+    assert "before they had agreed with it in motion" in told
+    assert flown.engine.mode is Mode.DEAD_RECKONING
+
+
 def test_directions_that_are_given_win(flight, sound):
     """GIVEN messages without directions THEN one sentence asks for them; with them all is well."""
     bare = lambda t, sample: replace(sample, directions=np.full((4, 3), np.nan))  # noqa: E731

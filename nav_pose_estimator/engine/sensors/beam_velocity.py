@@ -15,7 +15,6 @@ import numpy as np
 from nav_pose_estimator.core.beams.judge import GATE, GATED, LOST, USED, BeamJudge, Judged
 from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.core.filter.blocks import DVL, Block, Wander
-from nav_pose_estimator.core.filter.layout import VEL
 from nav_pose_estimator.core.filter.measurements import BEAMS
 from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
 from nav_pose_estimator.engine.journal import Journal
@@ -33,7 +32,7 @@ from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised
 from nav_pose_estimator.engine.solutions import Level
 
 _HOLDS = 3.0  # s
-_MOVING = 0.3  # m/s
+_TELLING = 5.0  # deviations: a velocity that would show a wrong mounting
 
 
 class BeamVelocitySensor(Aid):
@@ -102,11 +101,14 @@ class BeamVelocitySensor(Aid):
         if self._agreement.contradicts:
             self._refuse("contradicts")
             return LEFT_OUT
+        if not (gnss_is_good or self._agreement.is_proven):
+            self._say_once(o.stamp_ns, *words.UNPROVEN)
+            return LEFT_OUT
         self._report(o, verdicts, arranged.are_beams)
         variances = judged.variance.tolist()
         rows = [Row(i, variances[i]) for i, verdict in enumerate(verdicts) if verdict == USED]
         gated = [i for i, verdict in enumerate(verdicts) if verdict == GATED]
-        if self._accusation.add(o.t, 0 if gnss_is_good else len(gated)) and self._agreement.is_proven:
+        if self._accusation.add(o.t, 0 if gnss_is_good else len(gated)):
             rows += self._accusing(gated, z, judged)
         elif self.compensator is not None:
             rows += self._compensated(self.compensator, o, z, judged)
@@ -130,11 +132,16 @@ class BeamVelocitySensor(Aid):
     def _compare(self, o: Observation, verdicts: list[int], f: FilterView) -> None:
         """Hold the whole sensor against the navigator while GNSS is good."""
         refused, present = verdicts.count(GATED), len(verdicts) - verdicts.count(LOST)
-        is_moving = math.hypot(*f.nav[VEL : VEL + 3]) > _MOVING
-        if 2 * refused > present:
-            sd = math.hypot(math.sqrt(self._floor), deviation_of(f, self._rpy_sd))
-            self._verification.disagrees(o.measured, velocity_of(f, self._lever), sd)
-        if self._agreement.add(refused, present, is_moving):
+        telling = False
+        if 2 * refused > present or not self._agreement.is_proven:
+            sd, velocity = (
+                math.hypot(math.sqrt(self._floor), deviation_of(f, self._rpy_sd)),
+                velocity_of(f, self._lever),
+            )
+            telling = math.hypot(*velocity) > _TELLING * sd
+            if 2 * refused > present:
+                self._verification.disagrees(o.measured, velocity, sd)
+        if self._agreement.add(refused, present, telling):
             said = self._verification.contradiction() if self._agreement.contradicts else words.AGREES
             self._journal.say(o.stamp_ns, *said)
 

@@ -8,6 +8,11 @@ from nav_pose_estimator.engine.solutions import Level
 VERDICTS = {USED: "used", LOST: "lost", GATED: "rejected", PARITY: "rejected.parity", OUT: "rejected.out"}
 """Last words of the counters of a beam."""
 
+UNPROVEN = (
+    "beam_velocity.unproven",
+    Level.WARN,
+    "beam velocities not used: GNSS was lost before they had agreed with it in motion: their mounting is uncertain",
+)
 AGREES = ("beam_velocity.contradicts.ended", Level.INFO, "beam velocities and GNSS agree again: they are used")
 
 
