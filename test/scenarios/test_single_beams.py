@@ -191,6 +191,19 @@ def test_a_sensor_that_gnss_has_not_confirmed_in_motion_is_not_believed_without_
     assert flown.engine.mode is Mode.DEAD_RECKONING
 
 
+@pytest.mark.parametrize("delay", [0.15, 0.3])
+def test_stamps_of_arrival_are_noticed(flight, sound, delay):
+    """GIVEN a driver that stamps messages when they arrive THEN the log says how old they are; set, it is silent."""
+    late = lambda t, sample: replace(sample, stamp_ns=sample.stamp_ns + round(delay * 1e9))  # noqa: E731
+    flown = Flown(flight, with_beams(flight, late), until=LOST)
+    texts = [*flown.said("delayed"), *flown.said("contradicts")]
+    assert any("s old when they are stamped" in text for text in texts), texts
+    cured = Flown(flight, with_beams(flight, late), delay=delay)
+    assert cured.said("delayed") == []
+    assert cured.error < 1.3 * sound.error + 0.2
+    assert sound.said("delayed") == []
+
+
 def test_directions_that_are_given_win(flight, sound):
     """GIVEN messages without directions THEN one sentence asks for them; with them all is well."""
     bare = lambda t, sample: replace(sample, directions=np.full((4, 3), np.nan))  # noqa: E731

@@ -26,6 +26,7 @@ from nav_pose_estimator.engine.sensors.beams import words
 from nav_pose_estimator.engine.sensors.beams.agreement import Accusation, Agreement
 from nav_pose_estimator.engine.sensors.beams.arrangement import Arranged, Arrangement
 from nav_pose_estimator.engine.sensors.beams.compensation import COMPENSATORS, BeamEvidence, Compensator
+from nav_pose_estimator.engine.sensors.beams.delay_watch import DelayWatch
 from nav_pose_estimator.engine.sensors.beams.message import Flaw, MessageReader, given_directions
 from nav_pose_estimator.engine.sensors.beams.verification import Verification, deviation_of, velocity_of
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised
@@ -51,6 +52,7 @@ class BeamVelocitySensor(Aid):
         self._arrangement = Arrangement(rotation_from_rpy(beams.rpy))
         self.judge, self._was_out = BeamJudge(), [False] * BEAMS
         self._agreement, self._accusation = Agreement(), Accusation()
+        self._delays = DelayWatch()
         self.compensator = COMPENSATORS[beams.compensation]()
         self._last_used = -math.inf  # s
         self._said: set[str] = set()
@@ -97,6 +99,7 @@ class BeamVelocitySensor(Aid):
         judged = self.judge.judge(z, H, f.P, arranged.variances, arranged.are_beams)
         verdicts, gnss_is_good = judged.verdict.tolist(), self._aiding.gnss_is_good(o.t)
         if gnss_is_good:
+            self._delays.add(z, H, f)
             self._compare(o, verdicts, f)
         if self._agreement.contradicts:
             self._refuse("contradicts")
@@ -134,16 +137,17 @@ class BeamVelocitySensor(Aid):
         refused, present = verdicts.count(GATED), len(verdicts) - verdicts.count(LOST)
         telling = False
         if 2 * refused > present or not self._agreement.is_proven:
-            sd, velocity = (
-                math.hypot(math.sqrt(self._floor), deviation_of(f, self._rpy_sd)),
-                velocity_of(f, self._lever),
-            )
+            velocity = velocity_of(f, self._lever)
+            sd = math.hypot(math.sqrt(self._floor), deviation_of(f, self._rpy_sd))
             telling = math.hypot(*velocity) > _TELLING * sd
             if 2 * refused > present:
                 self._verification.disagrees(o.measured, velocity, sd)
         if self._agreement.add(refused, present, telling):
-            said = self._verification.contradiction() if self._agreement.contradicts else words.AGREES
+            contradicts, delay = self._agreement.contradicts, self._delay + self._delays.delay
+            said = self._verification.contradiction(delay) if contradicts else words.AGREES
             self._journal.say(o.stamp_ns, *said)
+        elif self._agreement.is_proven and self._delays.delay:
+            self._say_once(o.stamp_ns, *words.delayed(self._delay + self._delays.delay))
 
     def _accusing(self, gated: list[int], z: np.ndarray, judged: Judged) -> list[Row]:
         """Beams that are refused together for long, without GNSS: the navigator follows them, at the gate's edge."""
@@ -175,7 +179,8 @@ class BeamVelocitySensor(Aid):
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count it, and remember when it was good."""
         super().note(o, f, z, status, nis)
-        self._last_used = o.t
+        if len(z) > 1:  # one beam leaves two directions to drift in
+            self._last_used = o.t
 
     def bounds_at(self, t: float) -> bool:
         """Whether beams have bounded the drift at ``t`` [s]."""

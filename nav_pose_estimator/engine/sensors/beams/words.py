@@ -16,6 +16,12 @@ UNPROVEN = (
 AGREES = ("beam_velocity.contradicts.ended", Level.INFO, "beam velocities and GNSS agree again: they are used")
 
 
+def delayed(delay: float) -> tuple[str, Level, str]:
+    """The innovations follow the acceleration: velocities are ``delay`` [s] old, or more."""
+    text = f"beam velocities seem to be {delay:.2f} s old when they are stamped (at arrival?): set aids.beams.delay"
+    return "beam_velocity.delayed", Level.WARN, text
+
+
 def latched(beams: list[int], are_out: bool) -> tuple[str, Level, str]:
     """Beams, counted from 1, are left out until further notice, or back."""
     which = f"beam {beams[0]}" if len(beams) == 1 else f"beams {', '.join(map(str, beams))}"
