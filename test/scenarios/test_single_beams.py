@@ -181,6 +181,29 @@ def test_a_sensor_that_is_turned_over_is_refused_with_the_cure(flight, without, 
     assert cured.error < 0.1 * without.error
 
 
+def test_a_sensor_that_gnss_has_not_confirmed_in_motion_is_not_believed_without_it():
+    """GIVEN GNSS that goes while the drone takes off, and a sensor turned over THEN it holds nothing, and the log says
+    why: a wrong velocity that is said to be good would be worse than none."""
+    recording = generate("multirotor_outage", 60.0, seed=5, imu_rate=50.0).with_faults(*silence(15.0, 45.0))
+    flown = Flown(recording, with_beams(recording, rpy=(math.pi, 0.0, 0.0), own=True), until=50.0)
+    (told,) = flown.said("unproven")
+    assert "before they had agreed with it in motion" in told
+    assert flown.engine.mode is Mode.DEAD_RECKONING
+
+
+@pytest.mark.parametrize("delay", [0.15, 0.3])
+def test_stamps_of_arrival_are_noticed(flight, sound, delay):
+    """GIVEN a driver that stamps messages when they arrive THEN the log says how old they are; set, it is silent."""
+    late = lambda t, sample: replace(sample, stamp_ns=sample.stamp_ns + round(delay * 1e9))  # noqa: E731
+    flown = Flown(flight, with_beams(flight, late), until=LOST)
+    texts = [*flown.said("delayed"), *flown.said("contradicts")]
+    assert any("s old when they are stamped" in text for text in texts), texts
+    cured = Flown(flight, with_beams(flight, late), delay=delay)
+    assert cured.said("delayed") == []
+    assert cured.error < 1.3 * sound.error + 0.2
+    assert sound.said("delayed") == []
+
+
 def test_directions_that_are_given_win(flight, sound):
     """GIVEN messages without directions THEN one sentence asks for them; with them all is well."""
     bare = lambda t, sample: replace(sample, directions=np.full((4, 3), np.nan))  # noqa: E731

@@ -81,6 +81,16 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "most beams contradict the navigator while GNSS is good; no beam is used",
             "the sentence says what would fit; aids.beams.rpy, delay, lever and sd (docs/beams.md)",
         ),
+        Entry(
+            "beam_velocity.delayed",
+            "velocities that follow the acceleration late: their stamps are not those of validity",
+            "set aids.beams.delay to what the sentence says; repeat until it is silent",
+        ),
+        Entry(
+            "beam_velocity.unproven",
+            "GNSS was lost before the beams had agreed with it in motion; they are not used without it",
+            "move for half a minute while GNSS is good",
+        ),
         Entry("beam_velocity.contradicts.ended", "beams and GNSS agree again"),
         Entry(
             "beam_velocity.beam_out",

@@ -15,7 +15,6 @@ import numpy as np
 from nav_pose_estimator.core.beams.judge import GATE, GATED, LOST, USED, BeamJudge, Judged
 from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.core.filter.blocks import DVL, Block, Wander
-from nav_pose_estimator.core.filter.layout import VEL
 from nav_pose_estimator.core.filter.measurements import BEAMS
 from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
 from nav_pose_estimator.engine.journal import Journal
@@ -27,13 +26,14 @@ from nav_pose_estimator.engine.sensors.beams import words
 from nav_pose_estimator.engine.sensors.beams.agreement import Accusation, Agreement
 from nav_pose_estimator.engine.sensors.beams.arrangement import Arranged, Arrangement
 from nav_pose_estimator.engine.sensors.beams.compensation import COMPENSATORS, BeamEvidence, Compensator
+from nav_pose_estimator.engine.sensors.beams.delay_watch import DelayWatch
 from nav_pose_estimator.engine.sensors.beams.message import Flaw, MessageReader, given_directions
 from nav_pose_estimator.engine.sensors.beams.verification import Verification, deviation_of, velocity_of
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised
 from nav_pose_estimator.engine.solutions import Level
 
 _HOLDS = 3.0  # s
-_MOVING = 0.3  # m/s
+_TELLING = 5.0  # deviations: a velocity that would show a wrong mounting
 
 
 class BeamVelocitySensor(Aid):
@@ -52,6 +52,7 @@ class BeamVelocitySensor(Aid):
         self._arrangement = Arrangement(rotation_from_rpy(beams.rpy))
         self.judge, self._was_out = BeamJudge(), [False] * BEAMS
         self._agreement, self._accusation = Agreement(), Accusation()
+        self._delays = DelayWatch()
         self.compensator = COMPENSATORS[beams.compensation]()
         self._last_used = -math.inf  # s
         self._said: set[str] = set()
@@ -98,15 +99,19 @@ class BeamVelocitySensor(Aid):
         judged = self.judge.judge(z, H, f.P, arranged.variances, arranged.are_beams)
         verdicts, gnss_is_good = judged.verdict.tolist(), self._aiding.gnss_is_good(o.t)
         if gnss_is_good:
+            self._delays.add(z, H, f)
             self._compare(o, verdicts, f)
         if self._agreement.contradicts:
             self._refuse("contradicts")
+            return LEFT_OUT
+        if not (gnss_is_good or self._agreement.is_proven):
+            self._say_once(o.stamp_ns, *words.UNPROVEN)
             return LEFT_OUT
         self._report(o, verdicts, arranged.are_beams)
         variances = judged.variance.tolist()
         rows = [Row(i, variances[i]) for i, verdict in enumerate(verdicts) if verdict == USED]
         gated = [i for i, verdict in enumerate(verdicts) if verdict == GATED]
-        if self._accusation.add(o.t, 0 if gnss_is_good else len(gated)) and self._agreement.is_proven:
+        if self._accusation.add(o.t, 0 if gnss_is_good else len(gated)):
             rows += self._accusing(gated, z, judged)
         elif self.compensator is not None:
             rows += self._compensated(self.compensator, o, z, judged)
@@ -130,13 +135,19 @@ class BeamVelocitySensor(Aid):
     def _compare(self, o: Observation, verdicts: list[int], f: FilterView) -> None:
         """Hold the whole sensor against the navigator while GNSS is good."""
         refused, present = verdicts.count(GATED), len(verdicts) - verdicts.count(LOST)
-        is_moving = math.hypot(*f.nav[VEL : VEL + 3]) > _MOVING
-        if 2 * refused > present:
+        telling = False
+        if 2 * refused > present or not self._agreement.is_proven:
+            velocity = velocity_of(f, self._lever)
             sd = math.hypot(math.sqrt(self._floor), deviation_of(f, self._rpy_sd))
-            self._verification.disagrees(o.measured, velocity_of(f, self._lever), sd)
-        if self._agreement.add(refused, present, is_moving):
-            said = self._verification.contradiction() if self._agreement.contradicts else words.AGREES
+            telling = math.hypot(*velocity) > _TELLING * sd
+            if 2 * refused > present:
+                self._verification.disagrees(o.measured, velocity, sd)
+        if self._agreement.add(refused, present, telling):
+            contradicts, delay = self._agreement.contradicts, self._delay + self._delays.delay
+            said = self._verification.contradiction(delay) if contradicts else words.AGREES
             self._journal.say(o.stamp_ns, *said)
+        elif self._agreement.is_proven and self._delays.delay:
+            self._say_once(o.stamp_ns, *words.delayed(self._delay + self._delays.delay))
 
     def _accusing(self, gated: list[int], z: np.ndarray, judged: Judged) -> list[Row]:
         """Beams that are refused together for long, without GNSS: the navigator follows them, at the gate's edge."""
@@ -159,16 +170,17 @@ class BeamVelocitySensor(Aid):
         """The rows that were decided on."""
         assert o.decision is not None
         z, H = self._rows(self._arrangement.arrange(o.measured), f)
-        numbers = [row.number for row in o.decision.rows]
-        offsets = np.array([row.offset for row in o.decision.rows])
-        return z[numbers] + offsets, H[numbers], np.diag([row.variance for row in o.decision.rows])
+        numbers, variances, offsets = zip(*o.decision.rows, strict=True)
+        chosen = list(numbers)
+        return z[chosen] + offsets, H[chosen], np.diag(variances)
 
     # --- outcome -----------------------------------------------------------------------------------------------------
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count it, and remember when it was good."""
         super().note(o, f, z, status, nis)
-        self._last_used = o.t
+        if len(z) > 1:  # one beam leaves two directions to drift in
+            self._last_used = o.t
 
     def bounds_at(self, t: float) -> bool:
         """Whether beams have bounded the drift at ``t`` [s]."""

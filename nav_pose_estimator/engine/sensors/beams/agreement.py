@@ -19,13 +19,16 @@ class Agreement:
 
     contradicts: bool = False
     rate: float = 0.0  # of messages of which more than half of the beams are refused
-    _in_motion: int = 0  # messages that agreed in motion
+    _told: int = 0  # messages that agreed where a wrong sensor would not have
 
-    def add(self, refused: int, present: int, is_moving: bool) -> bool:
-        """A message with ``present`` beams; True where ``contradicts`` has changed."""
+    def add(self, refused: int, present: int, is_telling: bool) -> bool:
+        """A message with ``present`` beams, in a motion that would show a wrong mounting or not.
+
+        True where ``contradicts`` has changed.
+        """
         disagrees = 2 * refused > present
         self.rate = _MEMORY * self.rate + (1.0 - _MEMORY) * disagrees
-        self._in_motion += is_moving and not disagrees
+        self._told += is_telling and not disagrees
         before = self.contradicts
         if self.rate > _CONTRADICTS_ABOVE:
             self.contradicts = True
@@ -35,8 +38,8 @@ class Agreement:
 
     @property
     def is_proven(self) -> bool:
-        """Whether the sensor has agreed in motion for long enough to be believed against the navigator."""
-        return self._in_motion >= _PROVEN and not self.contradicts
+        """Whether the sensor has agreed for long enough to be believed without GNSS."""
+        return self._told >= _PROVEN and not self.contradicts
 
 
 @dataclass

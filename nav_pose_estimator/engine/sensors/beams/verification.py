@@ -74,10 +74,11 @@ class Verification:
         """A message that was verified and yet does not agree with the navigator."""
         self._guess.add(beams.directions, beams.velocities, in_body, sd)
 
-    def contradiction(self) -> tuple[str, Level, str]:
-        """What is said where most beams contradict the navigator."""
+    def contradiction(self, delay: float) -> tuple[str, Level, str]:
+        """What is said where most beams contradict the navigator; ``delay`` [s] that they seem to have, or 0."""
         assert self.reading is not None
-        cure = self._guess.sentence((self.reading,)) or "check aids.beams.rpy, delay, lever and sd"
+        late = f"they seem to be {delay:.2f} s old when they are stamped: aids.beams.delay?" if delay else ""
+        cure = self._guess.sentence((self.reading,)) or late or "check aids.beams.rpy, delay, lever and sd"
         text = f"beam velocities not used: most beams contradict the navigator while GNSS is good; {cure}"
         return "beam_velocity.contradicts", Level.WARN, text
 

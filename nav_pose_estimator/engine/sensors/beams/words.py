@@ -8,7 +8,18 @@ from nav_pose_estimator.engine.solutions import Level
 VERDICTS = {USED: "used", LOST: "lost", GATED: "rejected", PARITY: "rejected.parity", OUT: "rejected.out"}
 """Last words of the counters of a beam."""
 
+UNPROVEN = (
+    "beam_velocity.unproven",
+    Level.WARN,
+    "beam velocities not used: GNSS was lost before they had agreed with it in motion: their mounting is uncertain",
+)
 AGREES = ("beam_velocity.contradicts.ended", Level.INFO, "beam velocities and GNSS agree again: they are used")
+
+
+def delayed(delay: float) -> tuple[str, Level, str]:
+    """The innovations follow the acceleration: velocities are ``delay`` [s] old, or more."""
+    text = f"beam velocities seem to be {delay:.2f} s old when they are stamped (at arrival?): set aids.beams.delay"
+    return "beam_velocity.delayed", Level.WARN, text
 
 
 def latched(beams: list[int], are_out: bool) -> tuple[str, Level, str]:
