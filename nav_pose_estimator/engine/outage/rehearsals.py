@@ -79,11 +79,13 @@ class RehearsalState:
 class Rehearsals:
     """Rehearsals of an outage and what they say about each kind of help."""
 
+    rests = False
+    """True: no rehearsal begins, and the one that runs is broken off."""
+
     def __init__(self, rules: RehearsalRules | None = None) -> None:
         self._rules = rules or RehearsalRules()
         kept = self._rules.kept
         self.contestants: dict[str, Contestant] = {}
-        self.rests = False  # True: no rehearsal begins, and the one that runs is broken off
         self.state = RehearsalState(squares=deque(maxlen=kept), surprises=deque(maxlen=kept))
 
     def copy(self) -> Rehearsals:
