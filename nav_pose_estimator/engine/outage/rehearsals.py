@@ -79,9 +79,6 @@ class RehearsalState:
 class Rehearsals:
     """Rehearsals of an outage and what they say about each kind of help."""
 
-    rests = False
-    """True: no rehearsal begins, and the one that runs is broken off."""
-
     def __init__(self, rules: RehearsalRules | None = None) -> None:
         self._rules = rules or RehearsalRules()
         kept = self._rules.kept
@@ -92,7 +89,7 @@ class Rehearsals:
         """An independent copy, running rehearsals included."""
         twin = Rehearsals(self._rules)
         twin.contestants = {name: contestant.copy() for name, contestant in self.contestants.items()}
-        twin.state, twin.rests = snapshot(self.state), self.rests
+        twin.state = snapshot(self.state)
         return twin
 
     @property
@@ -140,9 +137,6 @@ class Rehearsals:
 
     def is_due(self, stamp_ns: int, sins: SinsEngine) -> bool:
         """Called several times a second behind ``feed``; judges what has ended. True when ``start`` is to be called."""
-        if self.rests:
-            self._stop()
-            return False
         self._catch_up()
         if sins.mode is not Mode.AIDED or self._has_restarted():
             self._stop()
