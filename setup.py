@@ -68,6 +68,7 @@ setup(
         "compiled": ["numba>=0.61"],
         "logs": ["pyulog>=1.1"],
         "magnetic": ["pygeomag>=1.1"],
+        "reports": ["plotly>=6.0"],
     },
     entry_points={"console_scripts": executables()},
 )
