@@ -71,6 +71,7 @@ setup(
         "logs": ["pyulog>=1.1"],
         "train": ["jax>=0.4.30", "optax>=0.2"],
         "magnetic": ["pygeomag>=1.1"],
+        "reports": ["plotly>=6.0"],
     },
     entry_points={"console_scripts": executables()},
 )

@@ -25,8 +25,14 @@ QUESTION = """(async () => {
   const before = timed.map((plot) => [...plot._fullLayout.xaxis.range]);
   const name = (plot) => plot.layout.annotations ? plot.layout.annotations[0].text : "track";
   const error = timed.find((plot) => name(plot).startsWith("horizontal error"));
-  Plotly.Fx.hover(error, { xval: 105 });
+  const field = error.querySelector(".nsewdrag"), box = field.getBoundingClientRect();
+  const [low, high] = error._fullLayout.xaxis.range;
+  field.dispatchEvent(new MouseEvent("mousemove", { bubbles: true, clientY: box.top + box.height / 2,
+    clientX: box.left + box.width * (105 - low) / (high - low) }));
+  await new Promise((done) => setTimeout(done, 500));
   const hover = error.querySelector(".hoverlayer").textContent;
+  const here = shown.map((plot) => plot.data.find((one) => one.name === "here")).filter((one) => one)
+    .map((one) => [one.x[0], one.y[0]]);
   await Plotly.relayout(error, { "xaxis.range[0]": 95, "xaxis.range[1]": 115 });
   await new Promise((done) => setTimeout(done, 500));
   const style = getComputedStyle(document.body);
@@ -36,7 +42,7 @@ QUESTION = """(async () => {
       overflow: plot.scrollWidth - plot.parentElement.clientWidth, top: plot._fullLayout.margin.t,
       traces: plot.data.map((one) => ({ name: one.name || "", type: one.type,
         x: [...one.x], y: [...one.y], z: one.z ? [...one.z] : [] })) })),
-    hover, before, after: timed.map((plot) => plot._fullLayout.xaxis.range),
+    hover, here, before, after: timed.map((plot) => plot._fullLayout.xaxis.range),
     background: style.backgroundColor, ink: style.color,
     tick: getComputedStyle(document.querySelector(".xtick text")).fill,
     tooWide: document.documentElement.scrollWidth - document.documentElement.clientWidth,
@@ -128,6 +134,15 @@ def test_pointing_tells_the_value(seen) -> None:
     nearest = error["y"][np.argmin(np.abs(error["x"] - 105.0))]
     told = [float(value) for value in re.findall(r"\d+\.?\d*", seen["hover"].replace("3 sigma", ""))]
     assert any(value == pytest.approx(nearest, rel=0.02) for value in told), (told, nearest)
+
+
+def test_pointing_at_a_time_shows_the_place(seen, report) -> None:
+    """GIVEN the pointer at 105 s in the plot of the error WHEN it rests THEN map and track mark where that was."""
+    rows = np.genfromtxt(report.parent / "estimate.csv", delimiter=",", names=True, usecols=range(7))
+    there = [np.interp(105.0, rows["t_s"], rows[name]) for name in ("east_m", "north_m")]
+    assert len(seen["here"]) == 2
+    for place in seen["here"]:
+        assert place == pytest.approx(there, abs=1.0)
 
 
 def test_plots_over_time_zoom_together(seen) -> None:

@@ -39,6 +39,7 @@ def status_of(run: FilterRun) -> Status:
         mode=run.modes.mode,
         waiting_for=_waiting_for(run),
         seconds_coasting=run.modes.seconds_unaided(t, run.aiding),
+        held_by=" and ".join(_HELPERS.get(name, name.replace("_", " ")) for name in run.aiding.holding(t)),
         horizontal_sd=sd,
         horizontal_sd_in_30_s=later,
         gnss_refusal=reception.refusal,
@@ -46,7 +47,6 @@ def status_of(run: FilterRun) -> Status:
         counters=dict(run.journal.counters),
         values=values,
         doubt=run.gnss.position.doubt(t) or run.imu_physics.vibration,
-        held_by=" and ".join(_HELPERS.get(name, name.replace("_", " ")) for name in run.aiding.holding(t)),
     )
 
 

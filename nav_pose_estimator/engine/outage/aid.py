@@ -40,20 +40,19 @@ class OutageAid:
         self._pilot = pilot or OutagePilot(parameters, train)
         self.rehearsals = Rehearsals(self.learner.method.rehearsal, self._rehearse)
         self._external: VelocityError | None = None
+        self.rests = False  # True: no rehearsal begins, and the one that runs is broken off
 
     def reset(self) -> None:
         """Forget the flight; the model stays, the next training replaces it."""
         self._pilot.reset()
-        rests = self.rehearsals.rests
         self.rehearsals = Rehearsals(self.learner.method.rehearsal, self._rehearse)
-        self.rehearsals.rests = rests
         self._external = None
 
     def copy(self) -> OutageAid:
         """An independent copy."""
         twin = OutageAid(self._parameters, self._train, self._rehearse, self._pilot.copy())
         twin.rehearsals = self.rehearsals.copy()
-        twin._external = self._external
+        twin._external, twin.rests = self._external, self.rests
         return twin
 
     @property
@@ -85,7 +84,9 @@ class OutageAid:
         if finished is None:
             return OutageHelp()
         stamp = last_stamp(output)
-        if self.rehearsals.is_due(stamp, sins) and (flight := self._flight(_REHEARSE_AFTER)) is not None:
+        if self.rests:
+            self.rehearsals.contestants.clear()
+        elif self.rehearsals.is_due(stamp, sins) and (flight := self._flight(_REHEARSE_AFTER)) is not None:
             self.rehearsals.start(stamp, sins, self._pilot.state.collector, self.learner.method.ways(flight))
         self._pilot.learn(finished)
         if output.mode not in DENIED:

@@ -157,7 +157,6 @@ class Rehearsals:
         self._under_way: list[Callable[[], Outcome | None]] = []
         kept = self._rules.kept
         self.contestants: dict[str, Contestant] = {}
-        self.rests = False  # True: no rehearsal begins, and the one that runs is broken off
         self.state = RehearsalState(squares=deque(maxlen=kept), surprises=deque(maxlen=kept), excess=deque(maxlen=kept))
 
     def copy(self) -> Rehearsals:
@@ -165,7 +164,7 @@ class Rehearsals:
         self._collect()
         twin = Rehearsals(self._rules, self._elsewhere)
         twin.contestants = {name: contestant.copy() for name, contestant in self.contestants.items()}
-        twin.state, twin.rests = snapshot(self.state), self.rests
+        twin.state = snapshot(self.state)
         return twin
 
     @property
@@ -239,9 +238,6 @@ class Rehearsals:
 
     def is_due(self, stamp_ns: int, sins: SinsEngine) -> bool:
         """Called several times a second behind ``feed``; judges what has ended. True when ``start`` is to be called."""
-        if self.rests:
-            self._stop()
-            return False
         east, north = sins.run.settled.nav[at.VEL : at.VEL + 2].tolist()
         self._catch_up((east, north))
         if sins.mode is not Mode.AIDED or _has_restarted(self.contestants):
@@ -256,6 +252,7 @@ class Rehearsals:
 
     def start(self, stamp_ns: int, sins: SinsEngine, collector: EpochCollector, ways: Mapping[str, Guide]) -> None:
         """Begin a rehearsal of coasting and of every way in ``ways``."""
+        self._stop()
         self.contestants = {COAST: Contestant(sins.snapshot(), EpochCollector(), None)}
         for name, guide in ways.items():
             self.contestants[name] = Contestant(sins.snapshot(), snapshot(collector), guide)

@@ -30,6 +30,12 @@
     text: marks.map((m) => m.text), textposition: "middle right", showlegend: false, hoverinfo: "skip",
     marker: { color: color("ink"), size: 8 },
   });
+  // Where the vehicle was at the time that is pointed at in another plot; the last trace of a map and of a track.
+  const here = (plot) => ({
+    type: plot.kind === "track" ? "scatter3d" : "scatter", mode: "markers", name: "here", showlegend: false,
+    hoverinfo: "skip", x: [], y: [], ...(plot.kind === "track" ? { z: [] } : {}),
+    marker: { color: color("e"), size: plot.kind === "track" ? 6 : 11, line: { color: color("ink"), width: 1 } },
+  });
   const axis = (title, more) => ({
     title: { text: title, standoff: 6, font: { size: 12 } }, gridcolor: color("rule"), linecolor: color("rule"),
     zerolinecolor: color("rule"), ...more,
@@ -47,7 +53,8 @@
   const above = (text) => ({ text, x: 0, y: 1, xref: "paper", yref: "paper", xanchor: "left", yanchor: "bottom",
     yshift: 6, xshift: -36, showarrow: false, align: "left" });
   const flat = (plot) => ({
-    traces: [...plot.bands.flatMap(band), ...plot.lines.map(line), ...(plot.marks.length ? [dots(plot.marks)] : [])],
+    traces: [...plot.bands.flatMap(band), ...plot.lines.map(line), ...(plot.marks.length ? [dots(plot.marks)] : []),
+      ...(plot.equal ? [here(plot)] : [])],
     layout: {
       ...common(plot), hovermode: plot.equal ? "closest" : "x unified", dragmode: plot.equal ? "pan" : "zoom",
       xaxis: axis(plot.x_label, plot.equal ? {} : { showspikes: true, spikethickness: 1, spikecolor: color("soft") }),
@@ -64,11 +71,11 @@
   const solid = (plot) => {
     const title = (text) => axis(text, { title: { text }, backgroundcolor: "rgba(0,0,0,0)" });
     return {
-      traces: plot.lines.map((one) => ({
+      traces: [...plot.lines.map((one) => ({
         type: "scatter3d", mode: "lines", x: numbers(one.x), y: numbers(one.y), z: numbers(one.z), name: one.label,
         showlegend: Boolean(one.label), line: { color: color(first(one.style)), width: one.style.includes("thick") ? 7 : 3 },
         hovertemplate: "%{x:.1f} m East, %{y:.1f} m North, %{z:.1f} m up<extra></extra>",
-      })),
+      })), here(plot)],
       layout: {
         ...common(plot), margin: { l: 0, r: 0, t: 60, b: isNarrow() ? 40 : 0 },
         scene: { xaxis: title("East, m"), yaxis: title("North, m"), zaxis: title("Up, m"),
@@ -109,5 +116,18 @@
     Promise.all(timed.filter((other) => other.target !== target).map((other) => Plotly.relayout(other.target, to)))
       .finally(() => { following = false; });
   }));
+  // Pointing at a time shows the place.
+  const track = figures.find(({ plot }) => plot.kind === "track");
+  if (track) {
+    const [t, x, y, z] = ["t", "x", "y", "z"].map((name) => numbers(track.plot.path[name]));
+    const point = (time) => {
+      const found = t.findIndex((one) => one >= time);
+      const i = found < 0 ? t.length - 1 : found;
+      figures.filter(({ plot }) => plot.equal || plot.kind === "track").forEach(({ target, plot }) => Plotly.restyle(
+        target, { x: [[x[i]]], y: [[y[i]]], ...(plot.kind === "track" ? { z: [[z[i]]] } : {}) },
+        [target.data.length - 1]));
+    };
+    timed.forEach(({ target }) => target.on("plotly_hover", ({ xvals, points }) => point(xvals ? xvals[0] : points[0].x)));
+  }
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
 })();

@@ -56,9 +56,14 @@ def as_json(plot: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Track:
-    """Paths in space, ``lines`` of (ENU (N, 3) [m], style, label). A page without script has no drawing of it."""
+    """Paths in space, ``lines`` of (ENU (N, 3) [m], style, label). A page without script has no drawing of it.
+
+    ``t`` (N,) [s], ``path`` (N, 3): where the vehicle was when, for who points at a time in another plot.
+    """
 
     lines: Sequence[tuple[Array, str, str]]
+    t: Array
+    path: Array
     height: int = 520
 
     def data(self) -> dict[str, Any]:
@@ -70,9 +75,11 @@ class Track:
         return {
             "kind": "track",
             "height": self.height,
+            "path": {"t": numbers(self.t), **_axes(self.path)},
             "aspect": {"x": east, "y": north, "z": up},
-            "lines": [
-                {"style": style, "label": label, **{name: numbers(enu[:, i]) for i, name in enumerate("xyz")}}
-                for enu, style, label in self.lines
-            ],
+            "lines": [{"style": style, "label": label, **_axes(enu)} for enu, style, label in self.lines],
         }
+
+
+def _axes(enu: Array) -> dict[str, str]:
+    return {name: numbers(enu[:, i]) for i, name in enumerate("xyz")}

@@ -39,7 +39,8 @@ def of_outages(result: ReplayResult) -> Iterator[str]:
 def track(result: ReplayResult) -> live.Track:
     """Reference and estimate in space, East, North, Up [m] from the origin; outages in bold."""
     origin = np.array(result.origin or result.track.position[0])
-    paths = [(result.track.t, displacement_enu(result.track.position, origin), "a", "b", "estimate")]
+    estimate = displacement_enu(result.track.position, origin)
+    paths = [(result.track.t, estimate, "a", "b", "estimate")]
     if len(result.reference):
         truth = displacement_enu(result.reference.position, origin)
         paths.insert(0, (result.reference.t, truth, "f", "f", result.reference.kind))
@@ -50,7 +51,8 @@ def track(result: ReplayResult) -> live.Track:
             inside = enu[(t >= outage.start) & (t < outage.end)]
             if len(inside):
                 lines.append((inside[:: max(len(inside) // 500, 1)], f"{outage_style} thick", ""))
-    return live.Track(lines)
+    step = max(len(estimate) // live.POINTS, 1)
+    return live.Track(lines, result.track.t[::step], estimate[::step])
 
 
 def prediction(result: ReplayResult) -> Plot | None:
