@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -101,6 +102,25 @@ def test_the_converted_bag_gives_the_same_solution(ulg, replayed, tmp_path, caps
     np.testing.assert_allclose(converted, direct, atol=1e-5)
     assert main(["convert", str(bag), str(tmp_path / "again")]) == 2
     assert "is a bag already" in capsys.readouterr().err
+
+
+def test_a_folder_of_logs_becomes_a_folder_of_bags(ulg, tmp_path, capsys):
+    """GIVEN two logs, a damaged one and a bag WHEN the folder is converted twice THEN two bags are written once."""
+    logs, bags = tmp_path / "logs", tmp_path / "bags"
+    logs.mkdir()
+    shutil.copy(ulg, logs / "one.ulg")
+    shutil.copy(ulg, logs / "two.ulg")
+    (logs / "empty.ulg").touch()
+    (logs / "old_bag").mkdir()
+    (logs / "old_bag" / "metadata.yaml").touch()
+    assert main(["convert", str(logs), str(bags), "--jobs", "2"]) == 0
+    said = capsys.readouterr()
+    assert "2 bags written, 1 logs left out, 0 bags were there already" in said.out
+    assert "empty.ulg is left out" in said.err
+    assert sorted(path.name for path in bags.iterdir()) == ["one.json", "one_bag", "two.json", "two_bag"]
+
+    assert main(["convert", str(logs), str(bags)]) == 2  # nothing is left but the damaged one
+    assert "2 bags were there already" in capsys.readouterr().out
 
 
 def test_every_sample_survives_the_conversion(two_imus, tmp_path):

@@ -3,10 +3,12 @@
 import argparse
 import json
 import sys
+from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline.logs.options import add_options, options_of
+from nav_pose_estimator.offline.logs.options import LogOptions, add_options, options_of
 
 DESCRIPTION = "Write a flight log (PX4 ULog, ArduPilot DataFlash) as a rosbag2 (mcap), which every tool of ROS reads."
 
@@ -14,32 +16,86 @@ DESCRIPTION = "Write a flight log (PX4 ULog, ArduPilot DataFlash) as a rosbag2 (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of ``convert``."""
     parser.description = DESCRIPTION
-    parser.add_argument("log", type=Path, metavar="LOG", help="PX4 .ulg, or ArduPilot .bin or .log")
-    parser.add_argument("bag", type=Path, metavar="OUT_BAG", help="folder of the new bag")
+    what = "PX4 .ulg, or ArduPilot .bin or .log; a folder, list (.txt) or pattern stands for many"
+    parser.add_argument("log", type=Path, metavar="LOG", help=what)
+    parser.add_argument("bag", type=Path, metavar="OUT_BAG", help="folder of the new bag; of many: that holds them")
     add_options(parser)
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes for many logs (default: 1)")
     parser.add_argument("--force", action="store_true", help="replace an existing bag")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Carry the command out. Raises ``UserError`` for what the user can mend."""
+    from nav_pose_estimator.offline.archive.recordings import find
+
+    logs = find([arguments.log])
+    if logs != [arguments.log]:
+        return _convert_all(logs, arguments)
+    print(_convert(_Job(arguments.log, arguments.bag, options_of(arguments), arguments.force)))
+    return 0
+
+
+@dataclass(frozen=True)
+class _Job:
+    log: Path
+    bag: Path
+    options: LogOptions
+    force: bool
+
+
+def _convert_all(logs: list[Path], arguments: argparse.Namespace) -> int:
+    """Logs into bags NAME_bag below one folder; bags that are there already are of an earlier run, and stay."""
+    from nav_pose_estimator.offline.archive.jobs import Failure, carry_out
+
+    jobs = [
+        _Job(log, arguments.bag / f"{log.stem}_bag", options_of(arguments), arguments.force)
+        for log in logs
+        if not _is_bag(log)
+    ]
+    names = Counter(job.bag for job in jobs)
+    if twins := [job.log.name for job in jobs if names[job.bag] > 1]:
+        raise UserError(f"{twins[0]} and another log would become the same bag: convert them one by one")
+    due = [job for job in jobs if job.force or not job.bag.exists()]
+    failed = 0
+    for number, outcome in carry_out(_convert, due, arguments.jobs):
+        if isinstance(outcome, Failure):
+            failed += 1
+            print(f"note: {due[number].log.name} is left out: {outcome.why}", file=sys.stderr)
+        else:
+            print(outcome, flush=True)
+    print(f"{len(due) - failed} bags written, {failed} logs left out, {len(jobs) - len(due)} bags were there already")
+    return 0 if failed < len(due) or not due else 2
+
+
+def _is_bag(path: Path) -> bool:
+    """False for what is damaged as well: it is told when its turn comes."""
+    from nav_pose_estimator.offline.logs.open_recording import log_form
+
+    try:
+        return log_form(path) is None
+    except UserError:
+        return False
+
+
+def _convert(job: _Job) -> str:
+    """Write one bag; returns what to tell. Raises ``UserError``."""
     from nav_pose_estimator.engine.parameters import Parameters
     from nav_pose_estimator.offline.bags.writer import check_room
     from nav_pose_estimator.offline.logs.log_flight import LogRecording
     from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
 
-    beside = sidecar_path(arguments.bag)
-    check_room(arguments.bag, arguments.force)
-    if beside.exists() and not arguments.force:
+    beside = sidecar_path(job.bag)
+    check_room(job.bag, job.force)
+    if beside.exists() and not job.force:
         raise UserError(f"{beside} exists already; choose another name or give --force")
-    recording = open_recording(arguments.log, options_of(arguments))
+    recording = open_recording(job.log, job.options)
     if not isinstance(recording, LogRecording):
-        raise UserError(f"{arguments.log} is a bag already")
+        raise UserError(f"{job.log} is a bag already")
     recording = prepared(recording, Parameters(), float("inf"))
-    count = write_log_bag(arguments.bag, recording, arguments.force)
+    count = write_log_bag(job.bag, recording, job.force)
     for text in recording.notices:
         print(f"note: {text}", file=sys.stderr)
-    print(f"{arguments.bag}: {recording.duration:.1f} s, {count} sensor messages")
-    return 0
+    return f"{job.bag}: {recording.duration:.1f} s, {count} sensor messages"
 
 
 def sidecar_path(bag: Path) -> Path:
