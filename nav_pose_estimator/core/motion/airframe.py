@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.learning.conv_lstm import ConvLstm, untrained
+from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.prior import MotionPrior
 from nav_pose_estimator.core.motion.windows import SECONDS
 
@@ -19,6 +20,7 @@ FORMS = (VELOCITY, INCREMENTS)
 """What a network says of a second: velocity through the air and its log variance, or the increments of the source."""
 CONTROL_SEED = 1
 _FASTEST = 100.0  # m/s
+_FLIES = 5.0  # m/s: a wing that has once been faster has taken off, or is about to
 
 
 @dataclass(frozen=True)
@@ -116,6 +118,17 @@ class Beforehand:
         None for multirotors unless they are the same aircraft: frames, propellers and loads differ too much.
         """
         return None if self.airframe is None else self.prior_of(self.airframe.archive)
+
+    def flown(self, epochs: Array) -> Array:
+        """Those of ``epochs`` (N, COLUMNS or more) that the archive's law can hold for, while it counts.
+
+        A wing at rest on the runway feels what it feels in cruise: its law would take the difference for wind.
+        """
+        prior = self.prior
+        if prior is None or self.vehicle_class != FIXED_WING or prior.seconds(epochs) == 0.0:
+            return epochs
+        fast = np.hypot(epochs[:, me.VELOCITY], epochs[:, me.VELOCITY + 1]) > _FLIES
+        return epochs[np.argmax(fast) if fast.any() else len(epochs) :]
 
     def prior_of(self, archive: Archive) -> MotionPrior | None:
         """The same of another ``archive`` of the airframe."""
