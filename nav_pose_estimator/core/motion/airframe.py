@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from nav_pose_estimator.core.learning.conv_lstm import ConvLstm, untrained
 from nav_pose_estimator.core.motion import epochs as me
-from nav_pose_estimator.core.motion.prior import MotionPrior
+from nav_pose_estimator.core.motion.prior import MOVES, MotionPrior
 from nav_pose_estimator.core.motion.windows import SECONDS
 
 Array = NDArray[np.float64]
@@ -20,7 +20,6 @@ FORMS = (VELOCITY, INCREMENTS)
 """What a network says of a second: velocity through the air and its log variance, or the increments of the source."""
 CONTROL_SEED = 1
 _FASTEST = 100.0  # m/s
-_FLIES = 5.0  # m/s: a wing that has once been faster has taken off, or is about to
 
 
 @dataclass(frozen=True)
@@ -127,8 +126,8 @@ class Beforehand:
         prior = self.prior
         if prior is None or self.vehicle_class != FIXED_WING or prior.seconds(epochs) == 0.0:
             return epochs
-        fast = np.hypot(epochs[:, me.VELOCITY], epochs[:, me.VELOCITY + 1]) > _FLIES
-        return epochs[np.argmax(fast) if fast.any() else len(epochs) :]
+        stands = np.hypot(epochs[:, me.VELOCITY], epochs[:, me.VELOCITY + 1]) < MOVES
+        return epochs[np.flatnonzero(stands)[-1] + 1 :] if stands.any() else epochs
 
     def prior_of(self, archive: Archive) -> MotionPrior | None:
         """The same of another ``archive`` of the airframe."""
