@@ -153,6 +153,18 @@ def test_a_wing_that_taxies_does_not_hover() -> None:
     assert Best().choose(FlightSoFar(still), Told()).advise(NOW, still).samples != ()
 
 
+def test_a_wing_at_rest_is_not_learned_from_while_the_archive_counts() -> None:
+    """GIVEN a minute on the runway and ten seconds of flight WHEN trained THEN only the flight counts, or the archive's
+    law would take the speed of its cruise for wind; without an archive, and once it has faded, everything counts."""
+    epochs = Flight(seconds=300.0, speed=15.0).epochs()
+    epochs[1:120, me.BODY_VELOCITY : me.FORCE] = 0.0  # behind the first, in which the filter was still settling
+    known = Beforehand(FIXED_WING, airframe(FIXED_WING))
+    np.testing.assert_array_equal(known.flown(epochs[:140]), epochs[120:140])
+    assert len(known.flown(epochs[:120])) == 0
+    assert len(Beforehand(FIXED_WING).flown(epochs[:140])) == 140
+    assert len(known.flown(epochs)) == len(epochs)
+
+
 @pytest.mark.parametrize(("vehicle_class", "is_one", "expected"), [
     (FIXED_WING, False, True), (FIXED_WING, True, True), (MULTIROTOR, False, False), (MULTIROTOR, True, True),
 ])  # fmt: skip

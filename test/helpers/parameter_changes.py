@@ -208,12 +208,13 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
     "faulty_beam": {
         "aids.beams.compensation": "anfis_frcg",
     },
-    "first_training": {"learner.rules": 1, "learner.airframe": AIRFRAME, "learner.vehicle_class": "fixed_wing"},
+    "first_training": {"learner.rules": 1, "learner.airframe": AIRFRAME},
     "known_before": {"learner.airframe_seconds": 100.0, "learner.airframe_fades": 30.0},
     "gravity": {"navigator.gravity_sd": 0.001},
     "learning": {
         "learner.enabled": False,
         "learner.method": "coast",
+        "learner.vehicle_class": "fixed_wing",
         "learner.window": 60.0,
         "learner.prior": str(Path(__file__).with_name("other_prior.toml")),
         "learner.period": 60.0,

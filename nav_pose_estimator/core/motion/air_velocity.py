@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from nav_pose_estimator.core.learning.anfis import Anfis
 from nav_pose_estimator.core.motion.epochs import BODY_VELOCITY, FORCE, PERIOD, VELOCITY, attitude, inputs
-from nav_pose_estimator.core.motion.prior import UNKNOWN_WIND, MotionPrior, in_raw_inputs
+from nav_pose_estimator.core.motion.prior import ALONE, UNKNOWN_WIND, Blend, MotionPrior, in_raw_inputs
 from nav_pose_estimator.core.motion.usual import SLOW
 from nav_pose_estimator.core.motion.wind import Weigh, axis_weights, mean_wind, track, wind_spread
 from nav_pose_estimator.errors import UserError
@@ -237,13 +237,18 @@ def _begun(
 
 def _with_prior(model: AirVelocityModel, epochs: Array, unseen: Array, prior: MotionPrior) -> AirVelocityModel:
     """The model with noise, wind and doubt as flight and prior show them, each by its seconds."""
-    seconds, flown = prior.seconds(epochs), len(epochs) * PERIOD
-    share = seconds / (seconds + flown)
+    seconds = prior.seconds(epochs)
+    share = seconds / (seconds + len(epochs) * PERIOD)
     spread = 0.0 if model.is_guided else share * prior.wind_spread + (1.0 - share) * model.wind_spread
     cov = in_raw_inputs(prior.parameter_cov(epochs, seconds))
-    model = replace(model, wind_spread=spread, parameter_cov=cov)
-    unknown = 0.0 if model.is_guided else UNKNOWN_WIND * seconds / prior.worth
-    return _with_noise(model, epochs, unseen, unknown, lambda noise: share * prior.noise + (1.0 - share) * noise)
+    z = np.column_stack([inputs(epochs), np.ones(len(epochs))])
+    blend = Blend(
+        unknown_wind=0.0 if model.is_guided else UNKNOWN_WIND * seconds / prior.worth,
+        doubt=1.0 + _LASTING * float(np.einsum("ni,ij,nj->n", z, cov, z).mean()),
+        noise=prior.noise,
+        share=share,
+    )
+    return _with_noise(replace(model, wind_spread=spread, parameter_cov=cov), epochs, unseen, blend)
 
 
 class DragLaw:
@@ -346,26 +351,16 @@ def _unseen_residuals(epochs: Array, blocks: Sequence[NDArray[np.intp]], fit: Fi
     return residual
 
 
-def _with_noise(
-    model: AirVelocityModel,
-    epochs: Array,
-    unseen: Array,
-    unknown_wind: float = 0.0,
-    blended: Callable[[Array], Array] = np.asarray,
-) -> AirVelocityModel:
-    """The model with its wind of today and with the noise that is left when the wind is followed.
-
-    ``unknown_wind``: variance of the wind at the start beyond that of its change [m^2/s^2]. ``blended``: noise (3,) as
-    the flight shows it -> with what was known before.
-    """
+def _with_noise(model: AirVelocityModel, epochs: Array, unseen: Array, blend: Blend = ALONE) -> AirVelocityModel:
+    """The model with its wind of today and with the noise that is left when the wind is followed."""
     seen = _residuals(epochs, model.network, model.wind_mean)
-    density = blended(np.maximum(_low_frequency_density(unseen), _FLOOR))
+    density = blend.doubt * blend.of(np.maximum(_low_frequency_density(unseen), _FLOOR))
     C = attitude(epochs)
-    nothing, unknown = np.zeros(2), (model.wind_spread + unknown_wind) * np.eye(2)
+    nothing, unknown = np.zeros(2), (model.wind_spread + blend.unknown_wind) * np.eye(2)
     wind, cov, expected = track(C, seen, density, model.wind_spread, nothing, unknown)
     white = seen - np.einsum("nij,ni->nj", C[:, :2], expected)
     optimism = np.maximum(np.square(unseen).mean(axis=0) / np.maximum(np.square(seen).mean(axis=0), 1e-9), 1.0)
-    noise = blended(np.maximum(_low_frequency_density(white) * optimism, _FLOOR))
+    noise = blend.of(np.maximum(_low_frequency_density(white) * optimism, _FLOOR))
     hover_noise = _hover_noise(epochs, unseen)
     return replace(model, wind=wind, wind_cov=cov, noise=noise, hover_noise=hover_noise)
 

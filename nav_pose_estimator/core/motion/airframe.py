@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.learning.conv_lstm import ConvLstm, untrained
-from nav_pose_estimator.core.motion.prior import MotionPrior
+from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.motion.prior import MOVES, MotionPrior
 from nav_pose_estimator.core.motion.windows import SECONDS
 
 Array = NDArray[np.float64]
@@ -116,6 +117,17 @@ class Beforehand:
         None for multirotors unless they are the same aircraft: frames, propellers and loads differ too much.
         """
         return None if self.airframe is None else self.prior_of(self.airframe.archive)
+
+    def flown(self, epochs: Array) -> Array:
+        """Those of ``epochs`` (N, COLUMNS or more) that the archive's law can hold for, while it counts.
+
+        A wing at rest on the runway feels what it feels in cruise: its law would take the difference for wind.
+        """
+        prior = self.prior
+        if prior is None or self.vehicle_class != FIXED_WING or prior.seconds(epochs) == 0.0:
+            return epochs
+        stands = np.hypot(epochs[:, me.VELOCITY], epochs[:, me.VELOCITY + 1]) < MOVES
+        return epochs[np.flatnonzero(stands)[-1] + 1 :] if stands.any() else epochs
 
     def prior_of(self, archive: Archive) -> MotionPrior | None:
         """The same of another ``archive`` of the airframe."""

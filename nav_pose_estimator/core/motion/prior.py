@@ -112,6 +112,29 @@ class PriorLaw:
         return np.column_stack([(x - centre) / scale, np.ones(len(x))])
 
 
+@dataclass(frozen=True)
+class Blend:
+    """What a prior adds to the noise that a flight shows: ``noise`` (3,) by a ``share``.
+
+    ``unknown_wind``: variance of the wind at the start beyond that of its change [m^2/s^2]. ``doubt``: factor on the
+    noise with which residuals tell of the wind; a law that is not known yet errs in the same way for a while, and what
+    it errs would pass for wind.
+    """
+
+    unknown_wind: float
+    doubt: float
+    noise: Array
+    share: float
+
+    def of(self, noise: Array) -> Array:
+        """``noise`` (3,) of the flight with that of the prior."""
+        return noise if self.share == 0.0 else self.share * self.noise + (1.0 - self.share) * noise
+
+
+ALONE = Blend(0.0, 1.0, np.zeros(3), 0.0)
+"""No prior."""
+
+
 def in_raw_inputs(cov: Array) -> Array:
     """A covariance (n + 1, n + 1) of coefficients for z as that of coefficients for (inputs, 1)."""
     centre, scale = _scaling(len(cov) - 1)

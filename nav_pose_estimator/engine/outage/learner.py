@@ -86,7 +86,7 @@ class OutageLearner:
         if not self.method.trains:
             return None
         state = self.state
-        epochs = state.memory.last(self._parameters.window)
+        epochs = self.method.beforehand.flown(state.memory.last(self._parameters.window))
         seconds = len(epochs) * me.PERIOD
         if seconds < self.method.least_training:
             needed = f"{self.method.least_training:.0f} are needed"
