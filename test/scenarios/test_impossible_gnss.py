@@ -237,3 +237,18 @@ def test_a_clock_that_runs_slow_is_named_with_the_amount(rate: float) -> None:
         amount = re.search(r"runs ([\d.]+) % slow", said[0])
         assert amount is not None
         assert abs(float(amount.group(1)) - 8.3) < 2.0
+
+
+@pytest.mark.parametrize(("numbers", "unit"), [(1.944, "knots"), (3.6, "km/h")])
+def test_a_velocity_in_another_unit_is_named_and_not_used(numbers: float, unit: str) -> None:
+    """GIVEN velocities in knots or km/h THEN the unit is named and the positions go on without them."""
+
+    def converted(sample: GnssVelocity, _number: int) -> GnssVelocity:
+        return replace(sample, vel_enu=tuple(numbers * v for v in sample.vel_enu))
+
+    told = tell(flight(), Rewrite(GnssVelocity, change=converted), learner__method="coast")
+    assert f"looks like {unit}" in told.event("gnss.velocity.axes.unit").text
+    late = told.between(60.0, 120.0)
+    assert late.any()
+    assert np.mean(told.off[late] < 3.0 * told.sigma[late]) > 0.97
+    assert told.off[late].max() < 6.0

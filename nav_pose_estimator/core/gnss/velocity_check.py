@@ -36,8 +36,14 @@ _CLIMB = 6.0  # m of height after which vertical sums are compared
 
 _SCALE, _SURE = 0.03, 3.0  # of the way, and deviations, by which a scale has to differ from 1
 
-NED, TURNED, SILENT, DOWN = "ned", "turned", "silent", "down"
-"""Wrong axes, by name: North-East-Down; turned by some angle, as body axes are; zero while the vehicle travels.
+_UNITS = {"knots": 1.944, "mph": 2.237, "ft/s": 3.281, "km/h": 3.6, "cm/s": 100.0, "mm/s": 1000.0}
+"""Numbers in that unit for 1 m/s."""
+_LIKE = 0.12  # of the logarithm, by which a ratio may differ from a unit's
+_ALONG = 0.9  # cosine: sum and way point the same way
+
+NED, TURNED, SILENT, DOWN, UNIT = "ned", "turned", "silent", "down", "unit"
+"""Wrong axes, by name: North-East-Down; turned by some angle, as body axes are; zero while the vehicle travels; right
+axes, but another unit than m/s.
 A vertical velocity alone may be ``SILENT`` or positive ``DOWN``."""
 
 
@@ -72,6 +78,8 @@ class VelocityCheck:
     vertical_fault: str = field(default="", init=False)
     vertical_suspect: bool = field(default=False, init=False)
     """Whether the vertical velocity has been exactly zero from the beginning while the others were not."""
+    unit: str = field(default="", init=False)
+    """That fits where the fault is ``UNIT``."""
     misfit: float = field(default=0.0, init=False)
     """Speed [m/s] by which sums and ways differed in the last stretch."""
     _velocities: deque[tuple[float, float, float, float]] = field(default_factory=lambda: deque(maxlen=40), init=False)
@@ -150,9 +158,11 @@ class VelocityCheck:
             return
         way = epoch.place[0] - epochs[0].place[0], epoch.place[1] - epochs[0].place[1]
         said = _sum(epochs)
-        far = max(_WAY, _WAY_TO_SCATTER * self._scatter, _WAY_TO_STATED * self._stated)
-        if max(math.hypot(*way), math.hypot(*said)) >= far:
+        least = max(_WAY, _WAY_TO_SCATTER * self._scatter, _WAY_TO_STATED * self._stated)
+        went = math.hypot(*way)
+        if went >= least or (math.hypot(*said) >= least and (seconds >= _LONGEST or not _may_be_unit(way, said))):
             verdict = _verdict(way, said, max(self._scatter, self._stated))
+            self.unit = _unit(way, said) or self.unit
             self._conclude(verdict, math.atan2(way[1], way[0]))
             if not verdict:
                 self._along += way[0] * said[0] + way[1] * said[1]
@@ -242,7 +252,24 @@ def _verdict(way: tuple[float, float], said: tuple[float, float], scatter: float
         return NED
     if summed < 0.1 * went:
         return SILENT
+    if _unit(way, said):
+        return UNIT
     return TURNED if abs(went - summed) <= tolerance else "?"
+
+
+def _may_be_unit(way: tuple[float, float], said: tuple[float, float]) -> bool:
+    """Whether the sum is so much longer that only a longer way tells why."""
+    return math.hypot(*said) > 1.5 * math.hypot(*way)
+
+
+def _unit(way: tuple[float, float], said: tuple[float, float]) -> str:
+    """The unit that makes the sum the way, empty if none does."""
+    went, summed, along = math.hypot(*way), math.hypot(*said), way[0] * said[0] + way[1] * said[1]
+    if went == 0.0 or along < _ALONG * went * summed:
+        return ""
+    off = {name: abs(math.log(along / went**2 / numbers)) for name, numbers in _UNITS.items()}
+    best = min(off, key=lambda name: off[name])
+    return best if off[best] < _LIKE else ""
 
 
 def _vertical_verdict(gained: float, summed: float, scatter: float) -> str:

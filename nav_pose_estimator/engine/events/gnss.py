@@ -123,6 +123,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "velocities stay zero while the positions move and are not used",
             "set ros.input.velocity to none",
         ),
+        Entry(
+            "gnss.velocity.axes.unit",
+            "velocities point where the positions go, but are too large; they are not used",
+            "let the driver send m/s",
+        ),
         Entry("gnss.velocity.axes.ended", "velocities agree with the way between fixes again"),
         Entry(
             "gnss.velocity.turned",

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nav_pose_estimator.core.gnss.velocity_check import DOWN, NED, SILENT, TURNED, VelocityCheck
+from nav_pose_estimator.core.gnss.velocity_check import DOWN, NED, SILENT, TURNED, UNIT, VelocityCheck
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_within
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
@@ -20,6 +20,7 @@ _FAULTS = {
     TURNED: "it is as fast as the positions move, but in another direction: its axes look like the vehicle's own, "
     "not East-North-Up",
     SILENT: "it stays zero while the positions move: the driver does not fill it",
+    UNIT: "it points where the positions go, but is too fast for them: it looks like {unit} instead of m/s",
 }
 _VERTICAL_FAULTS = {
     SILENT: "it stays zero while the height changes: the driver does not fill it (ros.input.vertical_velocity: false)",
@@ -43,7 +44,7 @@ class VelocityInput:
         self._said_vertical = ""
         self._said_turned = self._said_scale = False
         self.misled = False
-        """Whether the filter has been told velocities in wrong axes that are known by now; to be set back."""
+        """Whether it has just been found out that the filter was told wrong velocities; to be set back."""
 
     def forget_time(self) -> None:
         """The navigator starts again: forget samples, keep what they have proved."""
@@ -64,7 +65,9 @@ class VelocityInput:
             return
         self._said = fault
         if fault:
-            text = f"GNSS velocity not used: {_FAULTS[fault]} ({self._check.misfit:.1f} m/s apart)"
+            self.misled = True
+            why = _FAULTS[fault].format(unit=self._check.unit)
+            text = f"GNSS velocity not used: {why} ({self._check.misfit:.1f} m/s apart)"
             self._journal.say(sample.stamp_ns, f"gnss.velocity.axes.{fault}", Level.ERROR, text)
         else:
             text = "GNSS velocity agrees with the way between fixes again and is used"
