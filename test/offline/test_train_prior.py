@@ -1,5 +1,6 @@
 """``train prior``: how vehicles usually move, from flights of several airframes, each of which counts once."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,14 @@ def test_every_airframe_counts_once() -> None:
     assert once.hover.missed == pytest.approx(0.2)
     alone = fit([slow, wing]).multirotor.speed, fit([fast, wing]).multirotor.speed
     assert once.multirotor.speed == pytest.approx(np.sqrt(np.mean(np.square(alone))))
+
+
+def test_a_wing_that_waited_on_the_ground_can_be_named() -> None:
+    """GIVEN a wing that stood about WHEN it is named as one THEN it does not count as a multirotor."""
+    slow, wing, waiting = flight("a", "a", 3.0, 0.3), flight("w", "w", 30.0, 0.0), flight("v", "v", 20.0, 0.5)
+    wing.epochs[:, me.VELOCITY] += 20.0
+    assert fit([slow, wing, replace(waiting, is_wing=True)]).multirotor == fit([slow, wing]).multirotor
+    assert fit([slow, wing, waiting]).multirotor != fit([slow, wing]).multirotor
 
 
 def test_both_kinds_are_needed() -> None:

@@ -39,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--groups", default="", metavar="GLOB,...", help='of a prior: flights of one airframe, as in "p4rtk_*,px4_3dr*"'
     )
+    add("--wings", default="", metavar="GLOB,...", help="of a prior: fixed wings that a start by hand or taxiing hides")
     add("--leave-out", default="", metavar="NAME", help="of a prior: flight, pattern or airframe not to learn from")
     add("--jobs", type=int, default=1, metavar="N", help="processes that fly recordings (default: 1)")
     add("--force", action="store_true", help="replace an existing file")

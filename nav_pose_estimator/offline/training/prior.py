@@ -4,7 +4,7 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -39,13 +39,17 @@ _HEAD = """\
 
 @dataclass(frozen=True)
 class PriorFlight:
-    """One recording: aided ``epochs`` (N, COLUMNS) in flight, and the ``decisions`` of its rehearsals."""
+    """One recording: aided ``epochs`` (N, COLUMNS) in flight, and the ``decisions`` of its rehearsals.
+
+    ``is_wing``: it is said to be a fixed wing; else the flight tells.
+    """
 
     name: str
     group: str
     digest: str
     epochs: np.ndarray
     decisions: Decisions
+    is_wing: bool = False
 
     @property
     def seconds(self) -> float:
@@ -64,7 +68,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(f"--leave-out {arguments.leave_out}: none of the recordings has this name or group")
     log = options_of(arguments, load_parameters(arguments.config).imu.max_gap, math.inf)
     reading = Reading(arguments.config, log, arguments.gnss_delay)
-    flights = [fly(path, groups[path.name], reading) for path in paths if path not in left_out]
+    wings = patterns_of(arguments.wings)
+    flights = [
+        replace(fly(path, groups[path.name], reading), is_wing=_fits_any(path, wings))
+        for path in paths
+        if path not in left_out
+    ]
     kept = [flight for flight in flights if flight.seconds >= _LEAST]
     for flight in flights:
         if flight not in kept:
@@ -102,7 +111,8 @@ def fit(flights: Sequence[PriorFlight]) -> UsualMotion:
         travelled, missed = (sum(getattr(one.decisions, name) for one in members) for name in ("travelled", "missed"))
         if not is_guided(epochs):
             shown = Shown(tuple(one.epochs for one in members), travelled, missed)
-            (multirotors if shows_hovering(epochs) else wings).append(shown)
+            is_wing = any(one.is_wing for one in members) or not shows_hovering(epochs)
+            (wings if is_wing else multirotors).append(shown)
     if not multirotors or not wings:
         raise UserError("a prior needs flights of at least one multirotor and one fixed wing")
     return UsualMotion(fit_travel(multirotors), fit_travel(wings), fit_hover(multirotors))
@@ -124,4 +134,8 @@ def text_of(usual: UsualMotion, flights: Sequence[PriorFlight]) -> str:
 
 
 def _fits(path: Path, group: str, pattern: str) -> bool:
-    return bool(pattern) and (group == pattern or fnmatchcase(flight_name(path), pattern))
+    return bool(pattern) and (group == pattern or _fits_any(path, [pattern]))
+
+
+def _fits_any(path: Path, patterns: Sequence[str]) -> bool:
+    return any(fnmatchcase(flight_name(path), pattern) for pattern in patterns)
