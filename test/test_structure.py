@@ -41,7 +41,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "engine.composed": {"core", "engine.*"},
     "ros.messages": {"core", "engine", "engine.parameters"},
     "ros": {"core", "engine.*", "ros.messages", "ros.load"},
-    "ros.load": {"engine", "ros", "ros.messages"},
+    "ros.load": {"engine", "engine.parameters", "ros", "ros.messages"},
     "ros.autopilot": {"core", "engine", "engine.parameters", "engine.navigator", "ros", "ros.messages"},
     "sim": {"core", "engine", "sim.vehicles"},
     "sim.vehicles": {"core", "sim"},
