@@ -47,7 +47,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "engine.composed": {"core", "engine.*"},
     "ros.messages": {"core", "engine", "engine.parameters"},
     "ros": {"core", "engine.*", "ros.messages", "ros.load"},
-    "ros.load": {"engine", "ros", "ros.messages"},
+    "ros.load": {"engine", "engine.parameters", "ros", "ros.messages"},
     "ros.autopilot": {"core", "engine", "engine.parameters", "engine.navigator", "ros", "ros.messages"},
     "ros.continuation": {"core", "engine", "engine.parameters", "engine.composed", "ros"},
     "sim": {"core", "engine", "sim.vehicles"},

@@ -42,7 +42,7 @@ class EstimatorNode(Node):
         self._live = LiveParameters(self, self.parameters, self._set_parameters)
         self._guard = TimeGuard(round(self.parameters.ros.input.max_stamp_regression * 1e9))
         self._mode: Mode | None = None
-        self.intake = Intake(self, self.parameters.ros.input.queue)
+        self.intake = Intake(self, self.parameters.ros.input)
         self._diagnostics = Diagnostics(self)
         # a steady clock: diagnostics must speak up when /clock is what is missing
         period = self.parameters.ros.output.diagnostics_period

@@ -236,6 +236,7 @@ READ: dict[str, Any] = {
 """Parameters that change how messages are read, in a node and from a bag alike."""
 OF_NODES: dict[str, Any] = {
     "ros.input.queue": 7,
+    "ros.input.relieve": False,
     "ros.input.max_stamp_regression": 5.0,
     "ros.frames.map": "world",
     "ros.frames.odom": "start",

@@ -26,6 +26,8 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 RELIABLE = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
 
+LATE = ("-p", "ros.input.relieve:=false")  # where the machine is busy, late with every pose rather than with few
+
 pytestmark = pytest.mark.compiled
 
 
@@ -42,7 +44,7 @@ def test_an_outage_and_the_return_over_topics(launch, observer):
     truth = observer.listen(Odometry, "/drone/ground_truth/odom")
     pose = observer.listen(PoseWithCovarianceStamped, f"{name}/pose")
     names = ("-r", "__ns:=/drone")
-    estimator = launch("pose_estimator", *names, "-r", "odometry/filtered:=odom", "-p", "use_sim_time:=true")
+    estimator = launch("pose_estimator", *names, "-r", "odometry/filtered:=odom", "-p", "use_sim_time:=true", *LATE)
     estimator.wait_for("ready")
     story = ("scenario:=hover", "duration:=120.0", "sim_time:=true", "speed:=2.0", "imu_rate:=100.0", "seed:=4")
     sensors = launch("synthetic_sensors", *names, *(a for s in story for a in ("-p", s)))
@@ -107,7 +109,7 @@ def test_two_processes_equal_the_engine_alone(launch, observer):
         for topic in ("imu/data_raw", "gps/fix", "gps/vel", "gps/satellites", "imu/mag", "baro")
         for setting in ("reliability:=reliable", "depth:=1000")
     ]
-    settings = [a for s in [*reliable, "ros.output.odometry_rate:=0.0"] for a in ("-p", s)]
+    settings = [a for s in [*reliable, "ros.output.odometry_rate:=0.0", "ros.input.relieve:=false"] for a in ("-p", s)]
     launch("sins_node", *settings).wait_for("ready")
     poses = observer.listen(PoseWithCovarianceStamped, "/sins_node/pose", QoSProfile(depth=1000))
     flight = generate("multirotor_outage", duration=20.0, seed=6, imu_rate=100.0)

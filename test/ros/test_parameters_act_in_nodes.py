@@ -1,6 +1,7 @@
 """Parameters of what only nodes have: each is changed, and something else must be seen outside."""
 
 import importlib
+import time
 from collections.abc import Callable
 from functools import partial
 from types import SimpleNamespace
@@ -24,7 +25,9 @@ from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.ros import inputs, outputs, qos
 from nav_pose_estimator.ros.autopilot import link
 from nav_pose_estimator.ros.continuation.state_keeper import StateKeeper
+from nav_pose_estimator.ros.diagnostics import InputWatch
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
+from nav_pose_estimator.ros.load.inbox import Arrival
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.outputs import AttitudeOutput, NavigationOutput
 from nav_pose_estimator.ros.training import Trainer
@@ -146,6 +149,20 @@ def diagnostics(node_of) -> Observe:
 
 
 @pytest.fixture
+def relief(node_of) -> Observe:
+    """The step that is in force when a message has waited for a second."""
+
+    def observe(parameters: Parameters) -> int:
+        node = node_of(parameters)
+        intake, watch = node.intake, InputWatch(node, "imu/data_raw", False)
+        intake._inbox._waiting.append(Arrival(time.time_ns() - 10**9, watch, lambda message: (), None))
+        intake.catch_up()
+        return intake.overload.step
+
+    return observe
+
+
+@pytest.fixture
 def regression(node_of) -> Observe:
     """Whether IMU stamps that go back by two seconds are a new run."""
 
@@ -261,6 +278,7 @@ def _keeper(parameters: ModelParameters, said: list[str], trainer: Trainer) -> M
 
 OBSERVERS = {
     "ros.input.queue": "queue",
+    "ros.input.relieve": "relief",
     "ros.input.max_stamp_regression": "regression",
     "ros.output.diagnostics_period": "diagnostics",
     "ros.output.autopilot": "sent_to_autopilot",

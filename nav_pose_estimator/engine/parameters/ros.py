@@ -44,6 +44,7 @@ class InputParameters:
         choices=("navsatfix", "geopoint"),
     )
     queue: int = param(200, "", "Messages kept per input while the node is busy", 1, 1000)
+    relieve: bool = param(True, "", "Leave out work while the node cannot keep up; false: it is late, whatever comes")
     max_stamp_regression: float = param(
         1.0, "s", "Stamps that go back by more, three times in a row, are a new run (bag loop): reset", 0.1, 3600.0
     )

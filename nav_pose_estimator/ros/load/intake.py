@@ -7,6 +7,7 @@ from typing import Any
 
 from rclpy.serialization import deserialize_message
 
+from nav_pose_estimator.engine.parameters.ros import InputParameters
 from nav_pose_estimator.engine.samples import ImuSample, Sample
 from nav_pose_estimator.engine.solutions import Event, Level
 from nav_pose_estimator.ros import qos
@@ -28,10 +29,10 @@ class Intake:
     work that can wait.
     """
 
-    def __init__(self, node: Any, queue: int) -> None:
+    def __init__(self, node: Any, parameters: InputParameters) -> None:
         self.watches: list[InputWatch] = []
         self.overload = Overload(self._on_step)
-        self._node, self._profile = node, qos.sensor(queue)
+        self._node, self._profile, self._relieve = node, qos.sensor(parameters.queue), parameters.relieve
         self._inbox, self._groups, self._sparse = Inbox(), ImuGroups(), SparseResults()
         self._look_at = 0.0
 
@@ -81,7 +82,8 @@ class Intake:
         self._inbox.collect()
         while self._inbox and (now := time.monotonic()) < give_up:
             arrival = self._inbox.next()
-            self.overload.note(arrival.lag, now)
+            if self._relieve:
+                self.overload.note(arrival.lag, now)
             if self.overload.is_hopeless:
                 self._give_up()
                 break
