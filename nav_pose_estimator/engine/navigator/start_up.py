@@ -10,6 +10,7 @@ import numpy as np
 
 from nav_pose_estimator.core.alignment.aligner import Aligner
 from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, FixNoise, KnownBiases
+from nav_pose_estimator.core.beams.judge import BeamJudge
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
 from nav_pose_estimator.core.filter import bias_noise, measurements
 from nav_pose_estimator.core.filter import layout as at
@@ -182,10 +183,13 @@ def warm_up(constants: np.ndarray) -> None:
         measurements.horizontal_velocity(nav, states, 0.0, 0.0),
         measurements.zero_velocity(nav, states),
         measurements.airspeed(nav, states, 0, 0, 1.0),
+        measurements.height_in_water(nav, states, 0, 0.0),
+        measurements.beam_velocities(nav, states, 0, np.eye(3), zero, zero, True),
     ):
         R = np.eye(len(z))
         gated_correct(nav, P, constants, z, H, R, 10.0, 100.0)
         correct(nav, P, constants, z, H, R)
+    BeamJudge().judge(z, H, P, np.ones(len(z)), True)  # of the beams, the last of them
     gated_height(nav, P, constants, 0.0, 1.0, 10.0, 100.0)
     bias_noise.begin(nav, constants)
     bias_noise.observe(nav, P)
