@@ -167,7 +167,7 @@ def test_there_is_a_scenario_for_every_plan() -> None:
 def test_lanes_go_up_and_down(scenario, slowest: float, fastest: float) -> None:
     truth = generate(scenario, 260.0, seed=2, imu_rate=20.0).truth
     speed = np.hypot(*truth.v_n[:, :2].T)
-    assert speed[truth.t < 20.0].max() < 1e-6
+    assert speed[truth.t < 20.0].max() < 1e-5  # the splines ring a little
     assert speed[truth.t > 35.0].min() > 0.99 * slowest
     assert speed.max() < 1.01 * fastest
     survey = scenario.vehicle.survey
