@@ -147,6 +147,10 @@ class RehearsalState:
     excess: deque[dict[str, float]] = field(default_factory=deque)  # squared errors beyond what was stated, m^2
     decisions: Decisions = field(default_factory=Decisions)  # of all that have ended
 
+    def drop(self) -> None:
+        """Forget what the contestants still have to fly."""
+        self.waiting, self.epochs, self.tally, self.waiting_since = [], [], Decisions(), 0
+
 
 class Rehearsals:
     """Rehearsals of an outage and what they say about each kind of help."""
@@ -240,19 +244,20 @@ class Rehearsals:
         """Called several times a second behind ``feed``; judges what has ended. True when ``start`` is to be called."""
         east, north = sins.run.settled.nav[at.VEL : at.VEL + 2].tolist()
         self._catch_up((east, north))
-        if sins.mode is not Mode.AIDED or _has_restarted(self.contestants):
-            self._stop()
-        elif self.contestants:
-            if stamp_ns >= self.state.until_ns:
-                self._judge(sins)
-                self._stop()
-        else:
+        flies = sins.mode is Mode.AIDED and not _has_restarted(self.contestants)
+        if flies and not self.contestants:
             return stamp_ns >= self.state.next_ns or stamp_ns < self.state.next_ns - _PERIOD_NS
+        if flies and stamp_ns < self.state.until_ns:
+            return False
+        if flies:
+            self._judge(sins)
+        self.contestants.clear()
+        self.state.drop()
         return False
 
     def start(self, stamp_ns: int, sins: SinsEngine, collector: EpochCollector, ways: Mapping[str, Guide]) -> None:
         """Begin a rehearsal of coasting and of every way in ``ways``."""
-        self._stop()
+        self.state.drop()
         self.contestants = {COAST: Contestant(sins.snapshot(), EpochCollector(), None)}
         for name, guide in ways.items():
             self.contestants[name] = Contestant(sins.snapshot(), snapshot(collector), guide)
@@ -284,12 +289,6 @@ class Rehearsals:
             self.state.tally = _flown(self.contestants, epoch, self.state.tally)
         elif self.contestants:
             self.state.epochs.append(epoch)
-
-    def _stop(self) -> None:
-        self.contestants.clear()
-        self.state.waiting.clear()
-        self.state.epochs, self.state.tally = [], Decisions()
-        self.state.waiting_since = 0
 
 
 def _flown(contestants: Mapping[str, Contestant], epoch: Epoch, tally: Decisions) -> Decisions:
