@@ -74,7 +74,11 @@ def test_the_parameter_files_of_the_commands_in_the_docs_exist(install, reposito
     ``ros2 pkg prefix`` prints the folder that the ament index gives, here ``install/PACKAGE``.
     """
     prefix, named = str(install / NAME), []
-    for path in [repository / "README.md", *(repository / "docs").glob("*.md"), *(repository / "config").iterdir()]:
+    for path in [
+        repository / "README.md",
+        *(repository / "docs").glob("*.md"),
+        *(repository / "config").glob("*.yaml"),
+    ]:
         text = path.read_text(encoding="utf-8")
         folder = re.search(r"C=(\$\(ros2 pkg prefix \w+\)\S+)", text)
         files = re.findall(r"--params-file\s+(\$C/\S+)", text)

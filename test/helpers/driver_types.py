@@ -1,8 +1,8 @@
 """Messages of drivers that are not part of ROS itself, with all their fields, made without the drivers' packages.
 
 The fields are those of px4_msgs (1.15 and, as SensorGps114, 1.14), gps_msgs, ublox_msgs, mavros_msgs,
-marine_acoustic_msgs and dvl_msgs: an adapter that reads a field that a driver does not send fails here as it would in
-the air.
+marine_acoustic_msgs, dvl_msgs and geographic_msgs: an adapter that reads a field that a driver does not send fails here
+as it would in the air.
 """
 
 from typing import Any
@@ -15,6 +15,7 @@ AIRSPEED, DIFFERENTIAL_PRESSURE = "px4_msgs/msg/Airspeed", "px4_msgs/msg/Differe
 VEHICLE_ODOMETRY, VEHICLE_LOCAL_POSITION = "px4_msgs/msg/VehicleOdometry", "px4_msgs/msg/VehicleLocalPosition"
 GPSINPUT = "mavros_msgs/msg/GPSINPUT"
 DVL, A50 = "marine_acoustic_msgs/msg/Dvl", "dvl_msgs/msg/DVL"
+GEOPOINT = "geographic_msgs/msg/GeoPointStamped"
 GPS_FIX, NAV_PVT, GPSRAW = "gps_msgs/msg/GPSFix", "ublox_msgs/msg/NavPVT", "mavros_msgs/msg/GPSRAW"
 
 _GPS_TAIL = """
@@ -100,6 +101,8 @@ float32[4] beam_quality
 float32[4] beam_velocity
 float32[4] beam_velocity_covar
 """,
+    "geographic_msgs/msg/GeoPoint": "float64 latitude\nfloat64 longitude\nfloat64 altitude",
+    GEOPOINT: "std_msgs/Header header\ngeographic_msgs/GeoPoint position\n",
     "dvl_msgs/msg/DVLBeam": """
 int64 id
 float64 velocity

@@ -72,6 +72,16 @@ def test_averaged_imu_samples_keep_the_sum() -> None:
     np.testing.assert_allclose(4 * np.sum([(*m.gyro, *m.accel) for m in means], axis=0), rows.sum(axis=0))
 
 
+@pytest.mark.parametrize(("rate", "count"), [(50, 1), (100, 2), (200, 4), (400, 8), (1000, 8)])
+def test_a_mean_is_never_longer_than_a_turn_allows(rate: int, count: int) -> None:
+    """GIVEN an IMU at some rate WHEN eight samples are to be averaged THEN as many are as 20 ms hold."""
+    groups = ImuGroups()
+    stamps = [10**9 + i * 10**9 // rate for i in range(81)]
+    means = [groups.add(ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8)), 8) for stamp in stamps]
+    told = [mean.stamp_ns for mean in means if mean is not None]
+    assert set(np.diff(told)) == {count * 10**9 // rate}
+
+
 def test_a_group_that_is_not_complete_when_the_load_ends_loses_nothing() -> None:
     groups = ImuGroups()
     assert groups.add(ImuSample(1, (1.0, 0.0, 0.0), (0.0, 0.0, 9.0)), 4) is None

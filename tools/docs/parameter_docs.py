@@ -114,7 +114,12 @@ def _summary(group: Any) -> str:
 
 
 def _comment(text: str, margin: str) -> str:
-    return textwrap.fill(text, WIDTH, initial_indent=f"{margin}# ", subsequent_indent=f"{margin}#   ") + "\n"
+    return (
+        textwrap.fill(
+            text, WIDTH, initial_indent=f"{margin}# ", subsequent_indent=f"{margin}#   ", break_on_hyphens=False
+        )
+        + "\n"
+    )
 
 
 def _yaml_value(value: Any) -> str:

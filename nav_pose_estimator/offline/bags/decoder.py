@@ -24,9 +24,18 @@ float64 distance
 float64 rssi
 float64 nsd
 bool valid
-"""
+""",
+    "geographic_msgs/msg/GeoPointStamped": f"""
+std_msgs/Header header
+geographic_msgs/GeoPoint position
+{"=" * 80}
+MSG: geographic_msgs/GeoPoint
+float64 latitude
+float64 longitude
+float64 altitude
+""",
 }
-"""Of types that have been published in several forms: the one that a bag without definitions is taken to hold."""
+"""Of types that are not part of ROS itself: what a bag without definitions is taken to hold."""
 
 
 class Decoder:

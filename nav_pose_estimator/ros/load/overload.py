@@ -13,7 +13,8 @@ HOPELESS = 3.0  # s: a node that is so far behind with the last step in force dr
 _BEHIND = 0.25  # s: more is no longer a burst
 _SETTLING = 1.0  # s: so long a step is given to take effect
 _CALM = (10.0, 320.0)  # s without a delay until a step is taken back, at first and at most
-_STEPS = 4  # the last one averages eight samples
+_LONGEST_MEAN_NS = 20_000_000
+_STEPS = 4  # the last one averages up to eight samples
 _SPARSE_RATE = 20.0  # Hz
 
 
@@ -74,19 +75,26 @@ class Overload:
 
 
 class ImuGroups:
-    """Averages IMU samples in groups; a sample tells of the interval that ends at its stamp, and so does the mean."""
+    """Averages IMU samples in groups; a sample tells of the interval that ends at its stamp, and so does the mean.
+
+    No mean spans more than 20 ms: in a turn the force changes its direction within it, and a mean does not tell.
+    """
 
     def __init__(self) -> None:
         self._group: list[ImuSample] = []
+        self._newest_ns = 0  # stamp of the last sample, 0 before the first
 
     def __bool__(self) -> bool:
         """Whether samples wait for others of their group."""
         return bool(self._group)
 
     def add(self, sample: ImuSample, size: int) -> ImuSample | None:
-        """The mean of a group of ``size`` that ``sample`` completes, else None."""
+        """The mean of a group of ``size`` that ``sample`` completes, or of fewer that span enough; else None."""
+        step_ns = sample.stamp_ns - self._newest_ns if self._newest_ns else 0
+        self._newest_ns = sample.stamp_ns
         self._group.append(sample)
-        if len(self._group) < size:
+        longer_ns = sample.stamp_ns - self._group[0].stamp_ns + 2 * step_ns  # with one more
+        if len(self._group) < size and longer_ns <= _LONGEST_MEAN_NS:
             return None
         group, self._group = self._group, []
         if len(group) == 1:
@@ -95,7 +103,7 @@ class ImuGroups:
 
     def forget(self) -> None:
         """Begin anew."""
-        self._group = []
+        self._group, self._newest_ns = [], 0
 
 
 def _mean(vectors: list[Vector3]) -> Vector3:
