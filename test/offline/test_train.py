@@ -155,6 +155,12 @@ def test_bad_use_is_one_sentence(tmp_path, capsys) -> None:
         "nothing.ulg": [tmp_path / "nothing.ulg", "--out", tmp_path / "a.airframe"],
         "holds no recording": [tmp_path / "empty", "--out", tmp_path / "a.airframe"],
         "there.airframe is not an airframe": [tmp_path / "there.airframe", "--out", tmp_path / "a.airframe"],
+        "there.airframe is one of the files to learn from": [
+            tmp_path / "there.airframe",
+            "--force",
+            "--out",
+            tmp_path / "there.airframe",
+        ],
         "--folds at least 2": ["x.ulg", "--folds", 1, "--out", tmp_path / "a.airframe"],
     }
     for sentence, arguments in wrong.items():

@@ -64,6 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
     log = options_of(arguments, load_parameters(arguments.config).imu.max_gap, math.inf)
     reading = Reading(arguments.config, log, arguments.gnss_delay)
     recordings, files = work.find_recordings(arguments.recordings)
+    if arguments.out.resolve() in [path.resolve() for path in files]:
+        raise UserError(f"{arguments.out} is one of the files to learn from; choose another name for --out")
     merged = [(path, load_airframe(path)) for path in files]
     parts = arguments.out.with_name(f"{arguments.out.name}.parts")
     flown = work.fly_all(work.identify(recordings, reading), parts, arguments.jobs)
