@@ -105,6 +105,8 @@ class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one sentence instead of repeating the whole usage."""
 
     def error(self, message: str) -> NoReturn:
+        if message.endswith("expected one argument"):  # so says argparse of --origin -33.9,151.2,40, too
+            message += "; one that begins with a minus is given as --option=-VALUE"
         raise UserError(f"{message} (see {self.prog} --help)")
 
 

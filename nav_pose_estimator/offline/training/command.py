@@ -92,6 +92,8 @@ def _check(arguments: argparse.Namespace, ending: str) -> None:
     out = arguments.out
     if out.suffix != ending:
         raise UserError(f"--out {out}: the name of the file must end in {ending}")
+    if out.is_dir():
+        raise UserError(f"--out {out} is a folder; choose another name")
     if out.exists() and not arguments.force:
         raise UserError(f"{out} exists already; choose another name or give --force")
     if not out.parent.is_dir():

@@ -54,10 +54,19 @@ def find_recordings(given: Sequence[str]) -> tuple[list[Path], list[Path]]:
             found += inside
     found = list(dict.fromkeys(found))
     files = [path for path in found if path.suffix == AIRFRAME]
-    recordings = [path for path in found if path.suffix != AIRFRAME]
-    for path in recordings:
-        check_readable(path)  # a mistyped name ends the command now, not after an hour
+    recordings = [path for path in found if path.suffix != AIRFRAME and _is_readable(path)]
     return recordings, files
+
+
+def _is_readable(path: Path) -> bool:
+    try:
+        check_readable(path)
+    except UserError as error:
+        if not path.exists():
+            raise  # a mistyped name ends the command now, not after an hour
+        print(f"note: left out: {error}", file=sys.stderr)
+        return False
+    return True
 
 
 def _inside(folder: Path) -> Iterator[Path]:
