@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
+from importlib.util import find_spec
 from typing import NoReturn
 
 from nav_pose_estimator import __version__
@@ -171,8 +172,8 @@ def _run_node(name: str, command: Command, given: list[str]) -> int:
         raise UserError(f"{unknown[0]!r} is not an option of a node; arguments for ROS go after --ros-args")
     try:
         module = import_module(f"{PROGRAM}.{command.module}")
-    except ModuleNotFoundError as error:
-        if error.name != "rclpy":
+    except ModuleNotFoundError:
+        if find_spec("rclpy") is not None:
             raise
         raise UserError(
             "this node needs ROS 2 Jazzy, and rclpy is not there: run 'make setup', or source /opt/ros/jazzy/setup.bash"
