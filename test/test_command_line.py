@@ -112,12 +112,9 @@ def test_debug_shows_the_traceback(fake, capsys, monkeypatch):
 
 @pytest.mark.parametrize("missing", ["rclpy", "std_srvs"])  # whichever is imported first
 def test_without_ros_a_node_says_how_to_get_it(monkeypatch, capsys, missing):
-    def missing(name):
-        raise ModuleNotFoundError(f"No module named {missing!r}", name=missing)
-
     monkeypatch.setitem(sys.modules, "rclpy", None)
-
-    monkeypatch.setattr(command_line, "import_module", missing)
+    error = ModuleNotFoundError(f"No module named {missing!r}", name=missing)
+    monkeypatch.setattr(command_line, "import_module", raising(error))
     assert run_command("sins_node", []) == 2
     assert "make setup" in capsys.readouterr().err
 
