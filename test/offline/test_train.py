@@ -149,6 +149,7 @@ def test_bad_use_is_one_sentence(tmp_path, capsys) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "folder.airframe").mkdir()
     (tmp_path / "there.airframe").touch()
+    (tmp_path / "words.ulg").write_text("no log")
     wrong = {
         "must end in .airframe": ["x.ulg", "--out", tmp_path / "a.npz"],
         "exists already": ["x.ulg", "--out", tmp_path / "there.airframe"],
@@ -163,11 +164,13 @@ def test_bad_use_is_one_sentence(tmp_path, capsys) -> None:
             "--out",
             tmp_path / "there.airframe",
         ],
+        "none of the recordings can be used": [tmp_path / "words.ulg", "--out", tmp_path / "a.airframe"],
         "--folds at least 2": ["x.ulg", "--folds", 1, "--out", tmp_path / "a.airframe"],
     }
     for sentence, arguments in wrong.items():
         assert main(["train", *map(str, arguments)]) == 2
         assert sentence in capsys.readouterr().err
+    assert not list(tmp_path.glob("*.parts"))
 
 
 @pytest.mark.compiled

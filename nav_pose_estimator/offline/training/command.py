@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     airframe, lines = make_airframe(flown, merged, order)
     save_airframe(arguments.out, airframe)
-    shutil.rmtree(parts)
+    shutil.rmtree(parts, ignore_errors=True)  # merged files alone have none
     print("\n".join(lines))
     minutes = airframe.archive.seconds / 60.0
     print(

@@ -104,6 +104,8 @@ def fly_all(recordings: Sequence[Recorded], folder: Path, jobs: int) -> list[Pat
             bar.update(1)
             if outcome.failure:
                 bar.write(f"note: left out: {outcome.failure}", file=sys.stderr)
+    if not any(folder.iterdir()):
+        folder.rmdir()
     return [one.part(folder) for one in recordings if one.part(folder).is_file()]
 
 
