@@ -56,6 +56,13 @@ def test_an_unknown_option_is_one_sentence(fake, capsys):
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
+def test_a_value_with_a_minus_is_told_how_to_give(fake, capsys):
+    fake(lambda _: 0)
+    assert run_command("replay", ["--speed", "-33.9,151.2"]) == 2
+    assert "--option=-VALUE" in capsys.readouterr().err
+    assert run_command("replay", ["--speed=-33.9,151.2"]) == 0
+
+
 def test_options_reach_the_command(fake):
     seen = []
     fake(lambda arguments: seen.append(arguments.speed))
@@ -103,11 +110,11 @@ def test_debug_shows_the_traceback(fake, capsys, monkeypatch):
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_without_ros_a_node_says_how_to_get_it(monkeypatch, capsys):
-    def missing(name):
-        raise ModuleNotFoundError("No module named 'rclpy'", name="rclpy")
-
-    monkeypatch.setattr(command_line, "import_module", missing)
+@pytest.mark.parametrize("missing", ["rclpy", "std_srvs"])  # whichever is imported first
+def test_without_ros_a_node_says_how_to_get_it(monkeypatch, capsys, missing):
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    error = ModuleNotFoundError(f"No module named {missing!r}", name=missing)
+    monkeypatch.setattr(command_line, "import_module", raising(error))
     assert run_command("sins_node", []) == 2
     assert "make setup" in capsys.readouterr().err
 

@@ -165,7 +165,7 @@ def test_everything_that_a_bad_flight_counts_is_in_the_catalogue():
     assert not in_words("gnss.rejected.age").startswith("gnss.")
 
 
-def test_2_4_every_recommended_echo_shows_the_whole_sentence(repository):
+def test_every_recommended_echo_shows_the_whole_sentence(repository):
     """GIVEN the commands of README and docs WHEN ~/status is echoed THEN nothing of it is cut or missed."""
     pages = [repository / "README.md", *(repository / "docs").glob("*.md")]
     text = " ".join(" ".join(page.read_text(encoding="utf-8").split()) for page in pages)

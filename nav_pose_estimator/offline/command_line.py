@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
+from importlib.util import find_spec
 from typing import NoReturn
 
 from nav_pose_estimator import __version__
@@ -105,6 +106,8 @@ class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one sentence instead of repeating the whole usage."""
 
     def error(self, message: str) -> NoReturn:
+        if message.endswith("expected one argument"):  # so says argparse of --origin -33.9,151.2,40, too
+            message += "; one that begins with a minus is given as --option=-VALUE"
         raise UserError(f"{message} (see {self.prog} --help)")
 
 
@@ -169,8 +172,8 @@ def _run_node(name: str, command: Command, given: list[str]) -> int:
         raise UserError(f"{unknown[0]!r} is not an option of a node; arguments for ROS go after --ros-args")
     try:
         module = import_module(f"{PROGRAM}.{command.module}")
-    except ModuleNotFoundError as error:
-        if error.name != "rclpy":
+    except ModuleNotFoundError:
+        if find_spec("rclpy") is not None:
             raise
         raise UserError(
             "this node needs ROS 2 Jazzy, and rclpy is not there: run 'make setup', or source /opt/ros/jazzy/setup.bash"

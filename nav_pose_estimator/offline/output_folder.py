@@ -82,7 +82,7 @@ class OutputFolder:
         if not os.path.lexists(self._path):
             return
         if not self._path.is_dir():
-            raise UserError(f"{self._given} is a file; {self._option} must name a folder")
+            raise UserError(f"{self._given} is a file; choose another {self._option} for the folder")
         entries = sorted(item.name for item in self._path.iterdir())
         if not entries:
             return

@@ -42,7 +42,8 @@ def message_class(source: Source) -> Any:
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError):
+        other = f" or choose another type in {source.parameter}" if source.parameter else ""
         raise ParameterError(
             f"{source.topic} is set to {package}/{name}, but {package} is not installed here; "
-            f"install ros-jazzy-{package.replace('_', '-')} or choose another type in ros.input"
+            f"install ros-jazzy-{package.replace('_', '-')}{other}"
         ) from None

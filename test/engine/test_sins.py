@@ -9,6 +9,7 @@ import pytest
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import (
@@ -133,6 +134,19 @@ def test_the_operator_can_take_gnss_away(flight: Recording) -> None:
         seen.add(engine.mode)
     assert engine.mode in (Mode.COASTING, Mode.DEAD_RECKONING)
     assert engine.status().counters["gnss.rejected.disabled"] > 5
+
+
+@pytest.mark.parametrize("size", [1, 100])
+def test_despair_while_aligning_starts_the_alignment_again(flight: Recording, size: int) -> None:
+    """GIVEN a navigator that aligns WHEN it should start again THEN it does, losing no row, in blocks as by samples."""
+    engine, block = SinsEngine(), flight.imu
+    engine.feed(block.part(0, 500))
+    engine.run.imu_despair = "no IMU"
+    outputs = [o for i in range(500, 4000, size) for o in engine.feed(block.part(i, i + size))]
+    assert [o.text for o in outputs if isinstance(o, Event) and o.name == "reset"] == [
+        "the navigator starts again: no IMU"
+    ]
+    assert engine.run.now == pytest.approx(39.99, abs=0.005)
 
 
 @pytest.mark.parametrize(

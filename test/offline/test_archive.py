@@ -85,6 +85,12 @@ def archive(tmp_path_factory) -> Path:
     return folder
 
 
+def test_a_scheduler_is_asked_for_one_recording_too(archive, tmp_path, capsys):
+    arguments = ["--scheduler", "nowhere", "--gnss-delay", "0", "--lengths", "10", "--out", str(tmp_path / "out")]
+    assert main(["benchmark", "outage", str(archive / "one_bag"), *arguments]) == 2
+    assert "scheduler" in capsys.readouterr().err
+
+
 def measure(archive: Path, out: Path) -> int:
     options = ["--lengths", "10", "--every", "10", "--methods", "coast", "--gnss-delay", "0", "--out", str(out)]
     return main(["benchmark", "outage", str(archive), *options])

@@ -136,6 +136,15 @@ def test_a_file_that_exists_is_not_replaced(tmp_path, capsys):
     assert (tmp_path / "mag.yaml").read_text() == "mine"
 
 
+@pytest.mark.parametrize("out", ["flight", "flight/metadata.yaml"])
+def test_a_recording_is_not_replaced_by_its_calibration(tmp_path, capsys, out):
+    write_recording(tmp_path / "flight", flight("hover", 10.0).with_faults())
+    before = (tmp_path / "flight" / "metadata.yaml").read_bytes()
+    assert main(["calibrate", str(tmp_path / "flight"), "--out", str(tmp_path / out), "--force"]) == 2
+    assert "is part of the recording" in capsys.readouterr().err
+    assert (tmp_path / "flight" / "metadata.yaml").read_bytes() == before
+
+
 def test_gauss_is_named(tmp_path, capsys):
     write_recording(tmp_path / "flight", with_compass(base(), 1e4 * np.eye(3)))
     assert main(["calibrate", str(tmp_path / "flight"), "--out", str(tmp_path / "mag.yaml")]) == 2

@@ -122,6 +122,12 @@ def test_a_folder_of_logs_becomes_a_folder_of_bags(ulg, tmp_path, capsys):
     assert main(["convert", str(logs), str(bags)]) == 2  # nothing is left but the damaged one
     assert "2 bags were there already" in capsys.readouterr().out
 
+    (logs / "list.txt").write_text("gone.ulg\n")
+    assert main(["convert", str(logs / "list.txt"), str(bags)]) == 2
+    assert "gone.ulg is left out: " in capsys.readouterr().err
+    assert main(["convert", str(bags), str(tmp_path / "again")]) == 2
+    assert "holds bags only, no flight log" in capsys.readouterr().err
+
 
 def test_every_sample_survives_the_conversion(two_imus, tmp_path):
     bag = tmp_path / "b_bag"

@@ -47,12 +47,14 @@ def test_a_replay_is_there_to_be_seen(hover, tmp_path) -> None:
     [
         ("flight.bin", "--rerun writes a file that ends with .rrd, not 'flight.bin'"),
         ("nowhere/flight.rrd", "does not exist"),
+        ("folder.rrd", "folder.rrd is a folder"),
     ],
 )
 def test_a_file_that_cannot_be_is_told_before_the_work(hover, tmp_path, capsys, name, sentence) -> None:
+    (tmp_path / "folder.rrd").mkdir()
     assert main(["replay", hover, "--out", str(tmp_path / "out"), "--rerun", str(tmp_path / name)]) == 2
     assert sentence in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["folder.rrd"]
 
 
 def test_without_rerun_the_cure_is_told(hover, tmp_path, capsys, monkeypatch) -> None:

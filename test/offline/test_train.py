@@ -147,27 +147,41 @@ def test_the_benchmark_flies_with_a_file_and_says_what_it_was_made_of(bags, flow
 
 def test_bad_use_is_one_sentence(tmp_path, capsys) -> None:
     (tmp_path / "empty").mkdir()
+    (tmp_path / "folder.airframe").mkdir()
     (tmp_path / "there.airframe").touch()
+    (tmp_path / "words.ulg").write_text("no log")
     wrong = {
         "must end in .airframe": ["x.ulg", "--out", tmp_path / "a.npz"],
         "exists already": ["x.ulg", "--out", tmp_path / "there.airframe"],
+        "is a folder": ["x.ulg", "--force", "--out", tmp_path / "folder.airframe"],
         "is no folder": ["x.ulg", "--out", tmp_path / "no" / "a.airframe"],
         "nothing.ulg": [tmp_path / "nothing.ulg", "--out", tmp_path / "a.airframe"],
         "holds no recording": [tmp_path / "empty", "--out", tmp_path / "a.airframe"],
         "there.airframe is not an airframe": [tmp_path / "there.airframe", "--out", tmp_path / "a.airframe"],
+        "there.airframe is one of the files to learn from": [
+            tmp_path / "there.airframe",
+            "--force",
+            "--out",
+            tmp_path / "there.airframe",
+        ],
+        "none of the recordings can be used": [tmp_path / "words.ulg", "--out", tmp_path / "a.airframe"],
         "--folds at least 2": ["x.ulg", "--folds", 1, "--out", tmp_path / "a.airframe"],
     }
     for sentence, arguments in wrong.items():
         assert main(["train", *map(str, arguments)]) == 2
         assert sentence in capsys.readouterr().err
+    assert not list(tmp_path.glob("*.parts"))
 
 
 @pytest.mark.compiled
-def test_recordings_are_found_in_folders_and_by_patterns(bags, tmp_path) -> None:
+def test_recordings_are_found_in_folders_and_by_patterns(bags, tmp_path, capsys) -> None:
     folder = next(iter(bags.values())).parent
     assert work.find_recordings([str(folder)]) == (sorted(bags.values()), [])
     assert work.find_recordings([str(folder / "quad_*")]) == ([bags["quad_1"], bags["quad_2"]], [])
     assert work.find_recordings([str(bags["wing"]), str(folder)])[0][0] == bags["wing"]
+    (tmp_path / "words.ulg").write_text("no log")
+    assert work.find_recordings([str(tmp_path), str(bags["wing"])]) == ([bags["wing"]], [])
+    assert "left out: " in capsys.readouterr().err
 
 
 @pytest.mark.skipif(HAS_JAX, reason="JAX is installed here")

@@ -173,7 +173,7 @@ def as_mounted(samples: Iterable[Sample], rpy: tuple[float, float, float]) -> It
 
 
 @pytest.mark.parametrize("mounting", SIX_MOUNTINGS)
-def test_1_an_autopilot_gets_the_body_however_the_imu_is_mounted(wired, flight, mounting):
+def test_an_autopilot_gets_the_body_however_the_imu_is_mounted(wired, flight, mounting):
     """GIVEN an IMU mounted in one of six ways, and told so WHEN GNSS is lost THEN what PX4 takes of attitude and
     velocity, in FRD and NED, is what the estimator makes of an IMU whose axes are the body's."""
     wire = wired("px4", f"imu.mounting_rpy:={list(SIX_MOUNTINGS[mounting])}")

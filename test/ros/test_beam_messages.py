@@ -224,5 +224,8 @@ def test_a_missing_package_is_named_with_its_cure():
     if find_spec("marine_acoustic_msgs") is not None:
         pytest.skip("marine_acoustic_msgs is installed here")
     source = BEAM_VELOCITY.source(update(Parameters(), {"aids.beam_velocity_source": "dvl"}))
-    with pytest.raises(ParameterError, match="marine_acoustic_msgs is not installed here; install ros-jazzy-marine-ac"):
+    cure = (
+        "marine_acoustic_msgs is not installed here; install ros-jazzy-marine-acoustic-msgs or choose another type in "
+    )
+    with pytest.raises(ParameterError, match=f"{cure}aids.beam_velocity_source"):
         inputs.message_class(source)

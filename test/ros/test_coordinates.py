@@ -54,7 +54,7 @@ def to_ll(node: Node, x: float, y: float, z: float) -> SimpleNamespace:
     return node.services["~/to_ll"](request, SimpleNamespace(ll_point=SimpleNamespace())).ll_point
 
 
-def test_2_2_from_ll_and_to_ll_are_each_others_inverse(offered):
+def test_from_ll_and_to_ll_are_each_others_inverse(offered):
     """GIVEN an origin WHEN a place goes to map and back THEN it is the same, and North is y."""
     node = offered(ORIGIN)
     point = from_ll(node, 47.01, 8.0, 500.0)
@@ -65,14 +65,14 @@ def test_2_2_from_ll_and_to_ll_are_each_others_inverse(offered):
     assert from_ll(node, 47.0, 8.0, math.nan).z == pytest.approx(0.0, abs=1e-6), "no height: that of the origin"
 
 
-def test_2_2_before_there_is_an_origin_the_answer_is_not_a_number_and_the_log_says_why(offered):
+def test_before_there_is_an_origin_the_answer_is_not_a_number_and_the_log_says_why(offered):
     node = offered(None)
     assert math.isnan(from_ll(node, 47.0, 8.0, 500.0).x)
     assert math.isnan(to_ll(node, 1.0, 2.0, 3.0).latitude)
     assert node.said == ["coordinates.no_origin"] * 2
 
 
-def test_2_2_without_robot_localization_there_are_no_such_services(monkeypatch):
+def test_without_robot_localization_there_are_no_such_services(monkeypatch):
     def missing(name):
         raise ImportError(name)
 
@@ -82,7 +82,7 @@ def test_2_2_without_robot_localization_there_are_no_such_services(monkeypatch):
     assert node.services == {}
 
 
-def test_2_2_both_messages_set_the_same_origin():
+def test_both_messages_set_the_same_origin():
     """GIVEN a NavSatFix and a GeoPointStamped of one place THEN they are one sample, by ros.input.set_origin."""
     fix = NavSatFix(latitude=47.0, longitude=8.0, altitude=500.0)
     stamp = SimpleNamespace(sec=0, nanosec=0)

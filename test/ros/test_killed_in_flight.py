@@ -107,7 +107,7 @@ def test_an_estimator_killed_in_flight_aligns_in_motion(launch, observer) -> Non
     assert "Traceback" not in again.text()
 
 
-def test_2_2_an_estimator_killed_in_flight_goes_on_from_its_state(launch, observer, tmp_path: Path) -> None:
+def test_an_estimator_killed_in_flight_goes_on_from_its_state(launch, observer, tmp_path: Path) -> None:
     """GIVEN an estimator that keeps its state in a file WHEN it is killed in flight and started again
     THEN it is silent for less than three seconds of its data, in the same axes, and right within sigma at once."""
     told, file = Told(observer, "pose_estimator"), tmp_path / "drone.state"

@@ -17,12 +17,14 @@ from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.layout import D_GYRO_BIAS, DPOS, DVEL, PHI
 from nav_pose_estimator.core.numerics.rotation import quat_from_euler, quat_from_rotvec, quat_multiply, quat_to_matrix
 from nav_pose_estimator.engine.samples import (
+    Airspeed,
     BodyVelocity,
     GnssFix,
     GnssVelocity,
     ImuSample,
     MagSample,
     PressureSample,
+    RangeToGround,
     SatelliteCount,
 )
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Mode, NavSolution, Status
@@ -31,7 +33,8 @@ from nav_pose_estimator.ros.logbook import Logbook
 from nav_pose_estimator.ros.messages import convert, from_bytes, satellites
 from nav_pose_estimator.ros.messages import outgoing as messages
 from nav_pose_estimator.ros.messages.cdr import CdrError, peek_stamp_ns
-from nav_pose_estimator.ros.messages.sample_messages import to_message
+from nav_pose_estimator.ros.messages.sample_messages import TOPICS, to_message
+from nav_pose_estimator.sim.scenarios import SCENARIOS, generate
 
 STAMP = 1_700_000_000_123_456_789
 finite = st.floats(-1e9, 1e9)
@@ -83,17 +86,27 @@ def test_damaged_bytes_are_one_kind_of_error(spoil):
         (GnssVelocity(STAMP, (1.0, 2.0, 3.0)), convert.twist_with_covariance),
         (BodyVelocity(STAMP, (1.0, 2.0, 3.0)), convert.body_velocity),
         (PressureSample(STAMP, 95_000.0, 4.0), convert.fluid_pressure),
+        (Airspeed(STAMP, 14.5), convert.airspeed),
+        (RangeToGround(STAMP, 2.5, 0.25, 0.5), convert.range_to_ground),
         (SatelliteCount(None, 12), satellites.from_uint32),
         (SatelliteCount(None, None), satellites.from_uint32),
     ],
 )
 def test_a_sample_survives_the_way_through_a_message(sample, back):
     (result,) = back(to_message(sample))
-    if isinstance(sample, GnssFix):
+    if isinstance(sample, Airspeed):  # its deviation is unknown, and NaN equals nothing
+        assert (result.stamp_ns, result.speed) == (sample.stamp_ns, sample.speed)
+    elif isinstance(sample, GnssFix):
         assert (result.lat, result.lon) == pytest.approx((sample.lat, sample.lon), abs=1e-15)
         assert result.cov_enu is None
     else:
         assert result == sample
+
+
+def test_every_sensor_of_every_scenario_has_a_topic():
+    """GIVEN a few seconds of each scenario THEN synthetic_sensors can publish all that its sensors measure."""
+    kinds = {type(timed.sample) for name in SCENARIOS for timed in generate(name, 5.0, 1, imu_rate=50.0).others}
+    assert {Airspeed, RangeToGround} <= kinds <= set(TOPICS)
 
 
 def test_covariances_survive_too():

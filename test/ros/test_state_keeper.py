@@ -46,7 +46,7 @@ def keeper_of(path: Path, engine: PoseEstimator, node: Node | None = None, **mor
     return StateKeeper(node or Node(), engine, StateParameters(file=str(path), **more))
 
 
-def test_2_2_what_is_written_is_what_is_read(flown, tmp_path):
+def test_what_is_written_is_what_is_read(flown, tmp_path):
     """GIVEN a navigator in flight WHEN its node ends THEN the file holds its state, and the next one begins with it."""
     path = tmp_path / "drone.state"
     keeper_of(path, flown).stop()
@@ -61,7 +61,7 @@ def test_2_2_what_is_written_is_what_is_read(flown, tmp_path):
     assert node.said == []
 
 
-def test_2_2_the_state_is_written_in_flight_and_not_more_often_than_asked(flown, tmp_path):
+def test_the_state_is_written_in_flight_and_not_more_often_than_asked(flown, tmp_path):
     """GIVEN solutions at 100 Hz WHEN ten seconds pass THEN there are about five states with a period of two seconds."""
     path, stamps = tmp_path / "drone.state", []
     keeper = keeper_of(path, flown, period=2.0)
@@ -140,7 +140,7 @@ SPOILED = {
 
 
 @pytest.mark.parametrize("how", SPOILED)
-def test_2_2_a_file_that_is_no_state_is_one_sentence_and_a_cold_start(flown, tmp_path, how):
+def test_a_file_that_is_no_state_is_one_sentence_and_a_cold_start(flown, tmp_path, how):
     """GIVEN a file that is damaged, foreign, newer or impossible WHEN a node starts THEN it says so in one sentence,
     and its estimator is as if there were no file."""
     spoil, word = SPOILED[how]
@@ -154,7 +154,7 @@ def test_2_2_a_file_that_is_no_state_is_one_sentence_and_a_cold_start(flown, tmp
     assert "\n" not in text
 
 
-def test_2_2_a_state_that_cannot_be_written_is_told_once(flown, tmp_path):
+def test_a_state_that_cannot_be_written_is_told_once(flown, tmp_path):
     """GIVEN a path that is a folder by now WHEN the state is due THEN there is one warning, and the next success and
     failure are told again."""
     node, path = Node(), tmp_path / "drone.state"
@@ -167,19 +167,19 @@ def test_2_2_a_state_that_cannot_be_written_is_told_once(flown, tmp_path):
     assert "cannot write the state" in node.said[0][1]
 
 
-def test_2_2_a_folder_that_does_not_exist_is_found_at_the_start(flown, tmp_path):
+def test_a_folder_that_does_not_exist_is_found_at_the_start(flown, tmp_path):
     with pytest.raises(ParameterError, match="there is no folder"):
         keeper_of(tmp_path / "nowhere" / "drone.state", flown)
 
 
-def test_2_2_without_a_file_nothing_happens(flown):
+def test_without_a_file_nothing_happens(flown):
     keeper = StateKeeper(Node(), flown, StateParameters())
     keeper.note(1)
     keeper.stop()
     assert flown.sins.resume is None
 
 
-def test_2_2_before_the_navigator_runs_the_last_state_stays(flown, tmp_path):
+def test_before_the_navigator_runs_the_last_state_stays(flown, tmp_path):
     """GIVEN a node that has not aligned yet WHEN it is stopped THEN the state of the flight before is still there."""
     path = tmp_path / "drone.state"
     good(flown, path)
@@ -190,7 +190,7 @@ def test_2_2_before_the_navigator_runs_the_last_state_stays(flown, tmp_path):
     assert path.read_bytes() == content
 
 
-def test_2_2_a_snapshot_of_a_resumed_estimator_is_the_same_estimator(flown, tmp_path):
+def test_a_snapshot_of_a_resumed_estimator_is_the_same_estimator(flown, tmp_path):
     """GIVEN an estimator that goes on from a file WHEN it is copied THEN both compute the same."""
     arrays, recording = resumption.arrays_of(flown), flight("multirotor_light", 30.0)
     assert arrays is not None

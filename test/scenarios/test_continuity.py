@@ -14,7 +14,7 @@ def outage() -> Told:
     return tell(flight("multirotor_light", END), *silence(LOST, FOUND - LOST))
 
 
-def test_2_4_the_position_in_odom_never_steps(outage):
+def test_the_position_in_odom_never_steps(outage):
     """GIVEN an outage of 30 s WHEN it begins, lasts and ends THEN base_link moves in odom as its velocity says."""
     odom = outage.position - outage.correction
     steps = np.linalg.norm(np.diff(odom, axis=0), axis=1)
@@ -23,7 +23,7 @@ def test_2_4_the_position_in_odom_never_steps(outage):
     assert np.abs(steps - travelled)[flown].max() < 0.05
 
 
-def test_2_4_every_correction_is_in_map_against_odom(outage):
+def test_every_correction_is_in_map_against_odom(outage):
     """GIVEN the same outage THEN what steps is the correction: within it, by what is learned of the motion, and at its
     end; before GNSS was lost by no more than fixes move a position."""
     steps = np.linalg.norm(np.diff(outage.correction, axis=0), axis=1)

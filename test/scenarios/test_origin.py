@@ -30,7 +30,7 @@ def solutions(outputs: list) -> list[NavSolution]:
     return [output for output in outputs if isinstance(output, NavSolution)]
 
 
-def test_2_2_a_fixed_origin_is_the_zero_of_the_pose():
+def test_a_fixed_origin_is_the_zero_of_the_pose():
     """GIVEN an origin by parameter WHEN the vehicle flies THEN poses count from there, and nothing else changes."""
     samples = list(flight("multirotor_light", 30.0).samples())
     engine, fixed = fly(samples, **FIXED)
@@ -42,7 +42,7 @@ def test_2_2_a_fixed_origin_is_the_zero_of_the_pose():
 
 
 @pytest.mark.parametrize("left_out", FIXED)
-def test_2_2_half_an_origin_is_refused(left_out):
+def test_half_an_origin_is_refused(left_out):
     """GIVEN two of the three numbers THEN one sentence says which one is missing."""
     values = {name: value for name, value in FIXED.items() if name != left_out}
     with pytest.raises(ParameterError, match=f"{left_out} is missing"):
@@ -57,7 +57,7 @@ def moved_at(seconds: float, place: tuple[float, float, float]) -> list[Sample]:
     return [*samples[:at], SetOrigin(0, *place), *samples[at:]]
 
 
-def test_2_2_an_origin_set_in_flight_moves_map_and_not_odom():
+def test_an_origin_set_in_flight_moves_map_and_not_odom():
     """GIVEN a flight WHEN set_origin comes THEN the pose counts from there, odom goes on without a step, the vehicle
     stays where it is on Earth, and the reset is counted once."""
     engine, outputs = fly(moved_at(20.0, RADIANS))
@@ -73,7 +73,7 @@ def test_2_2_an_origin_set_in_flight_moves_map_and_not_odom():
     assert [s.values[:26].tolist() for s in path] == [s.values[:26].tolist() for s in solutions(others)]
 
 
-def test_2_2_an_origin_that_was_set_outlives_a_restart():
+def test_an_origin_that_was_set_outlives_a_restart():
     """GIVEN an origin set before the first position WHEN the navigator starts again THEN the axes stay."""
     engine, _ = fly(moved_at(0.5, RADIANS))
     engine.reset(flight("multirotor_light", 30.0).start_ns + 31 * 10**9, "a test")
@@ -84,7 +84,7 @@ def test_2_2_an_origin_that_was_set_outlives_a_restart():
     ("place", "name"),
     [((math.nan, 0.1, 0.0), "value"), ((3.0, 0.1, 0.0), "value"), ((0.1, 0.1, 0.0), "far")],
 )
-def test_2_2_an_origin_that_cannot_be_one_is_refused(place, name):
+def test_an_origin_that_cannot_be_one_is_refused(place, name):
     engine, outputs = fly(moved_at(20.0, place))
     assert [o.name for o in outputs if isinstance(o, Event) and "set_origin" in o.name] == [
         f"set_origin.rejected.{name}"
@@ -93,7 +93,7 @@ def test_2_2_an_origin_that_cannot_be_one_is_refused(place, name):
     assert math.dist(engine.origin[:2], (HOME.lat, HOME.lon)) < 1e-4
 
 
-def test_2_2_a_fixed_origin_on_another_continent_is_told():
+def test_a_fixed_origin_on_another_continent_is_told():
     engine, outputs = fly(list(flight("multirotor_light", 30.0).samples()), **{**FIXED, "origin.longitude": 151.2})
     assert [o.name for o in outputs if isinstance(o, Event)].count("origin.far") == 1
     assert engine.origin is not None

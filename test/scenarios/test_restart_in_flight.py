@@ -82,7 +82,7 @@ def after(recording: Recording, saved: SavedState | None, *left_out: type, **ove
 
 @pytest.mark.parametrize("name", ["multirotor_light", "stop_and_go", "laps", "hover"])
 @pytest.mark.parametrize("seed", [5, 6])
-def test_2_2_a_warm_start_takes_less_than_three_seconds_and_is_where_the_vehicle_is(name, seed):
+def test_a_warm_start_takes_less_than_three_seconds_and_is_where_the_vehicle_is(name, seed):
     """GIVEN a navigator killed in flight WHEN it comes back six seconds later with what it had saved
     THEN it is silent for less than three seconds, its axes are the same, its position is right within sigma from the
     first one on, and it is aided."""
@@ -98,7 +98,7 @@ def test_2_2_a_warm_start_takes_less_than_three_seconds_and_is_where_the_vehicle
     assert "resume.begun" in again.names()
 
 
-def test_2_2_without_a_saved_state_the_same_restart_is_silent_for_ten_seconds_and_moves_the_axes():
+def test_without_a_saved_state_the_same_restart_is_silent_for_ten_seconds_and_moves_the_axes():
     """GIVEN the same kill WHEN nothing was saved THEN this is what a warm start is worth."""
     recording = flight("multirotor_light", END)
     first, saved = before(recording)
@@ -110,7 +110,7 @@ def test_2_2_without_a_saved_state_the_same_restart_is_silent_for_ten_seconds_an
     assert np.linalg.norm(apart) > 20.0
 
 
-def test_2_2_in_aerobatics_the_level_is_not_believed():
+def test_in_aerobatics_the_level_is_not_believed():
     """GIVEN a vehicle in a loop, whose force is not gravity WHEN it comes back THEN it does not go on from a tilt that
     is none: the alignment finds it, in the old axes, and the position is right within sigma."""
     recording = flight("closed_curve", END)
@@ -122,7 +122,7 @@ def test_2_2_in_aerobatics_the_level_is_not_believed():
     assert again.engine.origin == first.engine.origin
 
 
-def test_2_2_odom_goes_on_where_it_was():
+def test_odom_goes_on_where_it_was():
     """GIVEN map moved against odom by a return of GNSS WHEN the process is killed THEN odom goes on within sigma."""
     recording = flight("multirotor_light", END).with_faults(*silence(30.0, 15.0))
     first, saved = before(recording)
@@ -135,7 +135,7 @@ def test_2_2_odom_goes_on_where_it_was():
     assert np.linalg.norm(step[:2]) < 3.0 * math.hypot(first.sigma[-1], again.sigma[0])
 
 
-def test_2_2_without_a_magnetometer_and_after_a_long_gap_it_aligns_in_motion_with_what_it_knew():
+def test_without_a_magnetometer_and_after_a_long_gap_it_aligns_in_motion_with_what_it_knew():
     """GIVEN no magnetometer WHEN six seconds have passed unseen THEN the heading is not believed: the alignment in
     motion finds it, in the old axes."""
     recording = flight("closed_curve", END)
@@ -145,7 +145,7 @@ def test_2_2_without_a_magnetometer_and_after_a_long_gap_it_aligns_in_motion_wit
     assert any("heading from GNSS" in e.text for e in again.events if e.name == "aligned")
 
 
-def test_2_2_a_restart_in_an_outage_goes_on_coasting():
+def test_a_restart_in_an_outage_goes_on_coasting():
     """GIVEN GNSS lost ten seconds before the kill WHEN the process comes back THEN it does not claim to be aided, it
     counts the seconds since the loss, its sigma covers the error, and GNSS is taken again when it returns."""
     recording = flight("multirotor_light", 120.0).with_faults(*silence(50.0, 40.0))
@@ -170,7 +170,7 @@ def moved(saved: SavedState, **changes: Any) -> SavedState:
 @pytest.mark.parametrize(
     ("seconds", "name"), [(7.0, "clock"), (1e6, "clock"), (-3600.0, "old"), (-61.0, "old")], ids=lambda x: str(x)
 )
-def test_2_2_a_state_of_another_time_is_refused_in_one_sentence(seconds, name):
+def test_a_state_of_another_time_is_refused_in_one_sentence(seconds, name):
     """GIVEN a state that is younger than the IMU, or old THEN it says so once and aligns as if there were none."""
     recording = flight("multirotor_light", END)
     _, saved = before(recording)
@@ -182,7 +182,7 @@ def test_2_2_a_state_of_another_time_is_refused_in_one_sentence(seconds, name):
     assert again.engine.origin == cold.engine.origin != saved.origin
 
 
-def test_2_2_a_vehicle_that_was_carried_away_aligns_cold():
+def test_a_vehicle_that_was_carried_away_aligns_cold():
     """GIVEN a state of five kilometres further North WHEN the first fix comes THEN nothing of it counts."""
     recording = flight("multirotor_light", END)
     _, saved = before(recording)
@@ -197,7 +197,7 @@ def test_2_2_a_vehicle_that_was_carried_away_aligns_cold():
 
 
 @pytest.mark.parametrize("turn", [1.5, 3.1])
-def test_2_2_a_vehicle_that_has_turned_unseen_does_not_fly_on_with_the_old_heading(turn):
+def test_a_vehicle_that_has_turned_unseen_does_not_fly_on_with_the_old_heading(turn):
     """GIVEN a state whose heading is wrong by a quarter or half a turn, and no magnetometer to tell
     THEN it is found out within seconds of motion, and the position stays right within sigma."""
     recording = flight("stop_and_go", 110.0)
@@ -217,7 +217,7 @@ def test_2_2_a_vehicle_that_has_turned_unseen_does_not_fly_on_with_the_old_headi
     assert np.mean(off < 3.0 * again.sigma) > 0.95
 
 
-def test_2_2_a_heading_that_nobody_has_confirmed_is_not_handed_on():
+def test_a_heading_that_nobody_has_confirmed_is_not_handed_on():
     """GIVEN a vehicle that has just aligned on its magnetometer WHEN its state is saved THEN it is not to be flown on
     with: what it knows of the heading is what a cold start finds as well."""
     recording = flight("multirotor_light", END)
@@ -226,7 +226,7 @@ def test_2_2_a_heading_that_nobody_has_confirmed_is_not_handed_on():
     assert not state.is_sound
 
 
-def test_2_2_a_continued_heading_stays_on_trial():
+def test_a_continued_heading_stays_on_trial():
     """GIVEN a warm start THEN its heading is on trial: nobody has seen what happened in between."""
     recording = flight("hover", END, 6)
     _, saved = before(recording)
@@ -235,7 +235,7 @@ def test_2_2_a_continued_heading_stays_on_trial():
     assert run.trial is not None
 
 
-def test_2_2_gnss_left_out_of_the_first_second_is_waited_for():
+def test_gnss_left_out_of_the_first_second_is_waited_for():
     """GIVEN an aided state WHEN no fix comes after the restart THEN it goes on without GNSS, and says so."""
     recording = flight("multirotor_light", END)
     _, saved = before(recording)

@@ -12,7 +12,7 @@ from nav_pose_estimator.sim.scenarios import generate
 pytestmark = pytest.mark.compiled
 
 
-def test_2_3_aligning_in_flight_it_does_not_say_that_no_fix_has_arrived():
+def test_aligning_in_flight_it_does_not_say_that_no_fix_has_arrived():
     """GIVEN a vehicle that is in the air from the first second WHEN its fixes help to align
     THEN the status says what is missing, and not that there is no fix."""
     engine, said = SinsEngine(), []
@@ -35,7 +35,7 @@ def without(samples: list[Sample], gaps: tuple[tuple[int, int], ...]) -> list[Sa
     return [sample for sample in samples if stays(sample)]
 
 
-def test_2_3_every_restart_has_its_reason():
+def test_every_restart_has_its_reason():
     """GIVEN an IMU that falls silent three times WHEN the navigator starts again THEN each time it says why."""
     flight = generate("hover", duration=30.0, seed=3, imu_rate=50.0)
     gaps = tuple((flight.start_ns + s * 10**9, flight.start_ns + (s + 2) * 10**9) for s in (8, 14, 20))
@@ -55,7 +55,7 @@ class Lines:
 
 
 @pytest.mark.parametrize("name", ["gnss.reacquired.expected", "gnss.reset.contradiction"])
-def test_2_3_the_log_tells_every_return(name):
+def test_the_log_tells_every_return(name):
     """GIVEN a flight with four outages WHEN GNSS returns THEN the log has four lines: it is what a pilot waits for."""
     lines = Lines()
     book = Logbook(lines)

@@ -57,7 +57,7 @@ _SYMPTOMS = (
     (
         "`... is set to px4_msgs/SensorCombined, but px4_msgs is not installed here`",
         "the message package is missing in this workspace",
-        "install it, source the workspace, or choose another type in `ros.input`",
+        "install it, source the workspace, or choose another type in the parameter that is named",
     ),
     (
         "`there is no parameter '...'; did you mean ...`",

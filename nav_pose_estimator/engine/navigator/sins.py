@@ -153,9 +153,10 @@ class SinsEngine:
                 blocks += ahead
                 if not self.run.despair:
                     break
-                done = int(stamps_ns.searchsorted(ahead[-1].stamps_ns[-1], side="right"))
+                last = int(ahead[-1].stamps_ns[-1] if ahead else stamps_ns[0])  # an alignment stops after one row
+                done = int(stamps_ns.searchsorted(last, side="right"))
                 stamps_ns, rows = stamps_ns[done:], rows[done:]
                 clock = self.run.clock  # the rows that follow count from it
-                self._restart(int(ahead[-1].stamps_ns[-1]), self.run.despair)
+                self._restart(last, self.run.despair)
                 self.run.clock = clock
         return blocks

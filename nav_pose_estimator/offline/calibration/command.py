@@ -38,6 +38,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(f"{arguments.out} exists already; choose another name or give --force")
     if not arguments.out.parent.is_dir():
         raise UserError(f"{arguments.out.parent} is no folder to write {arguments.out.name} into")
+    out = arguments.out.resolve()
+    for path in arguments.recordings:
+        if path.resolve() in (out, out.parent):
+            raise UserError(f"{arguments.out} is part of the recording {path}; choose another name")
     parameters = load_parameters(arguments.config)
     recordings = [
         open_recording(path, options_of(arguments, parameters.imu.max_gap), parameters=parameters)

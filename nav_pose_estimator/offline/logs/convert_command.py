@@ -47,11 +47,15 @@ def _convert_all(logs: list[Path], arguments: argparse.Namespace) -> int:
     """Logs into bags NAME_bag below one folder; bags that are there already are of an earlier run, and stay."""
     from nav_pose_estimator.offline.archive.jobs import Failure, carry_out
 
+    if arguments.jobs < 1:
+        raise UserError("--jobs must be at least 1")
     jobs = [
         _Job(log, arguments.bag / f"{log.stem}_bag", options_of(arguments), arguments.force)
         for log in logs
         if not _is_bag(log)
     ]
+    if not jobs:
+        raise UserError(f"{arguments.log} holds bags only, no flight log")
     names = Counter(job.bag for job in jobs)
     if twins := [job.log.name for job in jobs if names[job.bag] > 1]:
         raise UserError(f"{twins[0]} and another log would become the same bag: convert them one by one")
@@ -68,11 +72,11 @@ def _convert_all(logs: list[Path], arguments: argparse.Namespace) -> int:
 
 
 def _is_bag(path: Path) -> bool:
-    """False for what is damaged as well: it is told when its turn comes."""
+    """False for what is damaged or does not exist as well: it is told when its turn comes."""
     from nav_pose_estimator.offline.logs.open_recording import log_form
 
     try:
-        return log_form(path) is None
+        return path.exists() and log_form(path) is None
     except UserError:
         return False
 

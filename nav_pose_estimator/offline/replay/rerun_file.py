@@ -23,6 +23,8 @@ def check(path: Path) -> None:
     """``UserError`` where the file cannot be written, before the work begins."""
     if path.suffix != ".rrd":
         raise UserError(f"--rerun writes a file that ends with .rrd, not {path.name!r}")
+    if path.is_dir():
+        raise UserError(f"--rerun {path} is a folder; choose another name")
     if not path.absolute().parent.is_dir():
         raise UserError(f"--rerun: the folder {path.absolute().parent} does not exist")
     try:

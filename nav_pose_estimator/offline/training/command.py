@@ -64,6 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
     log = options_of(arguments, load_parameters(arguments.config).imu.max_gap, math.inf)
     reading = Reading(arguments.config, log, arguments.gnss_delay)
     recordings, files = work.find_recordings(arguments.recordings)
+    if arguments.out.resolve() in [path.resolve() for path in files]:
+        raise UserError(f"{arguments.out} is one of the files to learn from; choose another name for --out")
     merged = [(path, load_airframe(path)) for path in files]
     parts = arguments.out.with_name(f"{arguments.out.name}.parts")
     flown = work.fly_all(work.identify(recordings, reading), parts, arguments.jobs)
@@ -76,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     airframe, lines = make_airframe(flown, merged, order)
     save_airframe(arguments.out, airframe)
-    shutil.rmtree(parts)
+    shutil.rmtree(parts, ignore_errors=True)  # merged files alone have none
     print("\n".join(lines))
     minutes = airframe.archive.seconds / 60.0
     print(
@@ -90,6 +92,8 @@ def _check(arguments: argparse.Namespace, ending: str) -> None:
     out = arguments.out
     if out.suffix != ending:
         raise UserError(f"--out {out}: the name of the file must end in {ending}")
+    if out.is_dir():
+        raise UserError(f"--out {out} is a folder; choose another name")
     if out.exists() and not arguments.force:
         raise UserError(f"{out} exists already; choose another name or give --force")
     if not out.parent.is_dir():

@@ -54,10 +54,19 @@ def find_recordings(given: Sequence[str]) -> tuple[list[Path], list[Path]]:
             found += inside
     found = list(dict.fromkeys(found))
     files = [path for path in found if path.suffix == AIRFRAME]
-    recordings = [path for path in found if path.suffix != AIRFRAME]
-    for path in recordings:
-        check_readable(path)  # a mistyped name ends the command now, not after an hour
+    recordings = [path for path in found if path.suffix != AIRFRAME and _is_readable(path)]
     return recordings, files
+
+
+def _is_readable(path: Path) -> bool:
+    try:
+        check_readable(path)
+    except UserError as error:
+        if not path.exists():
+            raise  # a mistyped name ends the command now, not after an hour
+        print(f"note: left out: {error}", file=sys.stderr)
+        return False
+    return True
 
 
 def _inside(folder: Path) -> Iterator[Path]:
@@ -95,6 +104,8 @@ def fly_all(recordings: Sequence[Recorded], folder: Path, jobs: int) -> list[Pat
             bar.update(1)
             if outcome.failure:
                 bar.write(f"note: left out: {outcome.failure}", file=sys.stderr)
+    if not any(folder.iterdir()):
+        folder.rmdir()
     return [one.part(folder) for one in recordings if one.part(folder).is_file()]
 
 

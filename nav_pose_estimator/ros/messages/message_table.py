@@ -58,7 +58,8 @@ class MessageType:
 class Source:
     """One input as the parameters have it: what to listen to, and how to read it.
 
-    ``from_bytes``, where there is one, does on serialized messages what ``adapter`` does on messages.
+    ``from_bytes``, where there is one, does on serialized messages what ``adapter`` does on messages. ``parameter``
+    is the one that chose the type, where there was a choice.
     """
 
     topic: str
@@ -66,6 +67,7 @@ class Source:
     adapter: Callable[[Any], tuple[Any, ...]]  # samples and events
     from_bytes: Callable[[bytes], Converted] | None = None
     columns: Columns | None = None
+    parameter: str = ""
 
 
 @dataclass(frozen=True)
@@ -95,8 +97,8 @@ class Input:
         if kind is None or choice == NONE:
             return None
         if self.adjust is None:
-            return Source(self.topic, kind.name, kind.convert, kind.from_bytes, kind.columns)
-        return Source(self.topic, kind.name, self.adjust(kind.convert, parameters))
+            return Source(self.topic, kind.name, kind.convert, kind.from_bytes, kind.columns, self.parameter)
+        return Source(self.topic, kind.name, self.adjust(kind.convert, parameters), parameter=self.parameter)
 
 
 def _as_the_driver_fills_it(adapter: Adapter, parameters: Parameters) -> Adapter:

@@ -5,13 +5,14 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import TwistWithCovarianceStamped
+from geometry_msgs.msg import TwistStamped, TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import FluidPressure, Imu, MagneticField, NavSatFix, PointCloud2, PointField
+from sensor_msgs.msg import FluidPressure, Imu, MagneticField, NavSatFix, PointCloud2, PointField, Range
 from std_msgs.msg import UInt32
 
 from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
 from nav_pose_estimator.engine.samples import (
+    Airspeed,
     BeamVelocitySample,
     BodyVelocity,
     GnssFix,
@@ -19,6 +20,7 @@ from nav_pose_estimator.engine.samples import (
     ImuSample,
     MagSample,
     PressureSample,
+    RangeToGround,
     Sample,
     SatelliteCount,
     stamp_of,
@@ -107,6 +109,15 @@ def _pressure(message: FluidPressure, sample: PressureSample) -> None:
     message.fluid_pressure, message.variance = float(sample.pressure), float(sample.variance or 0.0)
 
 
+def _airspeed(message: TwistStamped, sample: Airspeed) -> None:
+    message.twist.linear.x = float(sample.speed)
+
+
+def _range(message: Range, sample: RangeToGround) -> None:
+    message.range, message.field_of_view = float(sample.distance), float(sample.field_of_view)
+    message.variance = sample.sd**2 if sample.sd > 0.0 else 0.0
+
+
 def _vector(target: Any, values: Any) -> None:
     target.x, target.y, target.z = map(float, values)
 
@@ -118,6 +129,8 @@ _MESSAGES: dict[type, tuple[Any, Callable[[Any, Any], None]]] = {
     GnssVelocity: (TwistWithCovarianceStamped, _velocity),
     SatelliteCount: (UInt32, _count),
     PressureSample: (FluidPressure, _pressure),
+    Airspeed: (TwistStamped, _airspeed),
+    RangeToGround: (Range, _range),
     BodyVelocity: (TwistWithCovarianceStamped, _body_velocity),
     BeamVelocitySample: (PointCloud2, _beams),
 }

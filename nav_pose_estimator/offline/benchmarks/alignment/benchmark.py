@@ -5,12 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-import multiprocessing
-import sys
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, fields
-from itertools import chain
 from pathlib import Path
 
 from nav_pose_estimator.core.filter.measurement_noise import MODELS
@@ -21,6 +16,7 @@ from nav_pose_estimator.offline.benchmarks.alignment import report
 from nav_pose_estimator.offline.benchmarks.alignment.cases import CASES, CONDITIONS
 from nav_pose_estimator.offline.benchmarks.alignment.summary import Summary, judged, summarise
 from nav_pose_estimator.offline.benchmarks.alignment.trial import Trial, run_trials
+from nav_pose_estimator.offline.benchmarks.simulated import chosen, run_all
 from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.offline.output_folder import OutputFolder
 
@@ -47,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     tasks = _tasks(arguments)
     SinsEngine(tasks[0][-1]).warm_up()
     with OutputFolder(arguments.out, "alignment benchmark", [arguments.config] if arguments.config else []) as folder:
-        trials = list(_run_all(tasks, arguments.jobs))
+        trials = list(run_all(_run_task, tasks, arguments.jobs))
         summaries = summarise(trials)
         folder.mkdir()
         _write_tables(folder, trials, summaries)
@@ -58,35 +54,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _tasks(arguments: argparse.Namespace) -> list[Task]:
-    cases = _chosen(arguments.cases, tuple(CASES), "--cases")
-    conditions = _chosen(arguments.conditions, tuple(CONDITIONS), "--conditions")
-    methods = _chosen(arguments.methods, tuple(MODELS), "--methods")
+    cases = chosen(arguments.cases, tuple(CASES), "--cases")
+    conditions = chosen(arguments.conditions, tuple(CONDITIONS), "--conditions")
+    methods = chosen(arguments.methods, tuple(MODELS), "--methods")
     if arguments.seeds < 1 or arguments.first_seed < 0 or arguments.jobs < 1:
         raise UserError("--seeds and --jobs must be 1 or more, --first-seed 0 or more")
     parameters = load_parameters(arguments.config)
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
     return [(case, name, seed, methods, parameters) for case in cases for name in conditions for seed in seeds]
-
-
-def _chosen(text: str, known: tuple[str, ...], option: str) -> tuple[str, ...]:
-    names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
-    if names == ("all",):
-        return known
-    unknown = [name for name in names if name not in known]
-    if unknown or not names:
-        raise UserError(f"{option} {text!r}: there are {', '.join(known)}, or all")
-    return names
-
-
-def _run_all(tasks: list[Task], jobs: int) -> Iterator[Trial]:
-    from tqdm import tqdm
-
-    if jobs == 1:
-        yield from chain.from_iterable(map(_run_task, tqdm(tasks, unit=" seed", disable=not sys.stderr.isatty())))
-        return
-    with ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=multiprocessing.get_context("spawn")) as pool:
-        results = tqdm(pool.map(_run_task, tasks), total=len(tasks), unit=" seed", disable=not sys.stderr.isatty())
-        yield from chain.from_iterable(results)
 
 
 def _run_task(task: Task) -> list[Trial]:

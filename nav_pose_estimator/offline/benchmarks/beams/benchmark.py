@@ -6,12 +6,7 @@ import argparse
 import csv
 import json
 import math
-import multiprocessing
-import sys
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, fields
-from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,6 +18,7 @@ from nav_pose_estimator.offline.benchmarks.beams.cases import CASES
 from nav_pose_estimator.offline.benchmarks.beams.methods import METHODS, TABLE
 from nav_pose_estimator.offline.benchmarks.beams.summary import GOAL_LENGTH, Summary, judged, summarise
 from nav_pose_estimator.offline.benchmarks.beams.trial import Trial, run_seed
+from nav_pose_estimator.offline.benchmarks.simulated import chosen, run_all
 from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.offline.output_folder import OutputFolder
 from nav_pose_estimator.sim.beam_faults import PLANS
@@ -63,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     tasks = _tasks(arguments)
     SinsEngine(tasks[0].parameters).warm_up()
     with OutputFolder(arguments.out, "beams benchmark", [arguments.config] if arguments.config else []) as folder:
-        trials = list(_run_all(tasks, arguments.jobs))
+        trials = list(run_all(_run_task, tasks, arguments.jobs))
         summaries = summarise(trials)
         goals = judged(summaries) if arguments.length == GOAL_LENGTH and arguments.mounting == 0.0 else []
         folder.mkdir()
@@ -75,9 +71,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _tasks(arguments: argparse.Namespace) -> list[Task]:
-    cases = _chosen(arguments.cases, tuple(CASES), "--cases")
-    faults = _chosen(arguments.faults, tuple(PLANS), "--faults")
-    methods = _chosen(arguments.methods, tuple(METHODS), "--methods")
+    cases = chosen(arguments.cases, tuple(CASES), "--cases")
+    faults = chosen(arguments.faults, tuple(PLANS), "--faults")
+    methods = chosen(arguments.methods, tuple(METHODS), "--methods")
     if arguments.seeds < 1 or arguments.first_seed < 0 or arguments.jobs < 1:
         raise UserError("--seeds and --jobs must be 1 or more, --first-seed 0 or more")
     if not 60.0 <= arguments.length <= 7200.0 or not -10.0 <= arguments.mounting <= 10.0:
@@ -88,27 +84,6 @@ def _tasks(arguments: argparse.Namespace) -> list[Task]:
         for case in cases
         for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds)
     ]
-
-
-def _chosen(text: str, known: tuple[str, ...], option: str) -> tuple[str, ...]:
-    names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
-    if names == ("all",):
-        return known
-    unknown = [name for name in names if name not in known]
-    if unknown or not names:
-        raise UserError(f"{option} {text!r}: there are {', '.join(known)}, or all")
-    return names
-
-
-def _run_all(tasks: list[Task], jobs: int) -> Iterator[Trial]:
-    from tqdm import tqdm
-
-    if jobs == 1:
-        yield from chain.from_iterable(map(_run_task, tqdm(tasks, unit=" seed", disable=not sys.stderr.isatty())))
-        return
-    with ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=multiprocessing.get_context("spawn")) as pool:
-        results = tqdm(pool.map(_run_task, tasks), total=len(tasks), unit=" seed", disable=not sys.stderr.isatty())
-        yield from chain.from_iterable(results)
 
 
 def _run_task(task: Task) -> list[Trial]:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline.archive.jobs import Failure, carry_out
+from nav_pose_estimator.offline.archive.jobs import LOCAL, Failure, carry_out
 from nav_pose_estimator.offline.archive.kept import KeptResults, key_of
 from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, Task, run_flight
 
@@ -19,7 +19,7 @@ def run_all(tasks: list[Task], processes: int, scheduler: str, out: Path) -> lis
 
     flights = _flights(tasks, processes)
     with tqdm(total=len(tasks), unit=" pass", disable=not sys.stderr.isatty()) as bar:
-        if len(flights) == 1:
+        if len(flights) == 1 and scheduler == LOCAL:
             return run_flight(flights[0], bar.update)
         kept, done = KeptResults(out), dict[int, Any]()
         keys = [key_of(flight, _read_by(flight[0])) for flight in flights]
