@@ -184,6 +184,11 @@ class Aligner:
         """Whether heading hypotheses follow GNSS."""
         return self._bank is not None
 
+    @property
+    def nis(self) -> float:
+        """Mean NIS per degree of freedom of the best heading hypothesis; 1 while there are none."""
+        return 1.0 if self._bank is None else self._bank.nis
+
     def is_stale(self, patience: float) -> bool:
         """Whether the last fix is more than ``patience`` [s] older than the IMU."""
         return self.last_fix is not None and self._now - self.last_fix.t > patience
