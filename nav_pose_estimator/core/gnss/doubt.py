@@ -61,7 +61,7 @@ class Doubt:
 
     @property
     def nis(self) -> float:
-        """Mean per row of the last velocities; of a receiver without any, that of the last position if it is far off."""
+        """Mean per row of the last velocities; without any, that of the last position where it is far off."""
         return self._velocity_nis() if self._velocities else max(self._off**2 / 2.0, 1.0)
 
     def is_hopeless(self, t: float) -> bool:
