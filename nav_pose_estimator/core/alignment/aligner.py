@@ -184,11 +184,6 @@ class Aligner:
         """Whether heading hypotheses follow GNSS."""
         return self._bank is not None
 
-    @property
-    def nis(self) -> float:
-        """Mean NIS per degree of freedom of the best heading hypothesis; 1 while there are none."""
-        return 1.0 if self._bank is None else self._bank.nis
-
     def is_stale(self, patience: float) -> bool:
         """Whether the last fix is more than ``patience`` [s] older than the IMU."""
         return self.last_fix is not None and self._now - self.last_fix.t > patience
@@ -279,7 +274,7 @@ class Aligner:
         ):
             nav, P = bank.merged()
             how = "at rest, heading from the first motion" if self._from_rest else "in motion, heading from GNSS"
-            self._done = Alignment(float(fix.t), nav, 0.5 * (P + P.T), how)
+            self._done = Alignment(float(fix.t), nav, 0.5 * (P + P.T), how, nis=bank.nis)
         elif not math.isfinite(sd) or (bank.updates > _LOST_UPDATES and bank.nis > _LOST_NIS):
             self.restarts += 1
             self._bank = self._level = None

@@ -69,7 +69,7 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
         propagate(nav, P, constants, row)
     yaw, sd = _heading(nav, P)
     error = math.remainder(trial.yaw - yaw, 2.0 * math.pi)
-    if abs(error) > _FAR_OFF and (abs(error) <= _SIGNIFICANT * sd or not _navigator_agrees(run, yaw, sd)):
+    if abs(error) > _FAR_OFF and (abs(error) <= _SIGNIFICANT * sd or not _navigator_agrees(run, (yaw, sd), second.nis)):
         run.start_up = run.start_up.afresh(run.parameters)
         return
     run.trial = None
@@ -89,12 +89,16 @@ def _heading(nav: np.ndarray, P: np.ndarray) -> tuple[float, float]:
     return float(euler_from_quat(nav[at.QUAT : at.GYRO_BIAS])[2]), math.sqrt(max(P[at.PHI + 2, at.PHI + 2], 0.0))
 
 
-def _navigator_agrees(run: FilterRun, yaw: float, sd: float) -> bool:
-    """Whether the navigator, which began with the heading on trial, bears out the aligner's ``yaw`` +- ``sd`` [rad]."""
+def _navigator_agrees(run: FilterRun, heading: tuple[float, float], nis: float) -> bool:
+    """Whether the navigator, which began with the heading on trial, bears out the aligner's.
+
+    ``heading``: the aligner's yaw and its deviation [rad]; ``nis``: how well that fitted GNSS, per degree of freedom.
+    """
+    yaw, sd = heading
     own, own_sd = _heading(run.timeline.filter.nav, run.timeline.filter.P)
     if abs(math.remainder(own - yaw, 2.0 * math.pi)) <= _SIGNIFICANT * math.hypot(own_sd, sd):
         return True
-    return run.gnss.velocity.doubt.nis > max(_CONTRADICTED, run.start_up.aligner.nis)
+    return run.gnss.velocity.doubt.nis > max(_CONTRADICTED, nis)
 
 
 def _start_from(run: FilterRun, constants: np.ndarray, start: tuple[np.ndarray, np.ndarray]) -> None:
