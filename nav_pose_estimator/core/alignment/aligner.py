@@ -274,7 +274,7 @@ class Aligner:
         ):
             nav, P = bank.merged()
             how = "at rest, heading from the first motion" if self._from_rest else "in motion, heading from GNSS"
-            self._done = Alignment(float(fix.t), nav, 0.5 * (P + P.T), how)
+            self._done = Alignment(float(fix.t), nav, 0.5 * (P + P.T), how, nis=bank.nis)
         elif not math.isfinite(sd) or (bank.updates > _LOST_UPDATES and bank.nis > _LOST_NIS):
             self.restarts += 1
             self._bank = self._level = None

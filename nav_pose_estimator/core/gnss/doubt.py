@@ -56,13 +56,22 @@ class Doubt:
         if not self.reason or self._times >= _WIDENED or t - self._widened < _PERIOD:
             return 1.0
         self._widened, self._times = t, self._times + 1
-        nis = [one[2] for one in self._velocities if math.isfinite(one[2])]
-        weight = max(sum(nis) / len(nis) if nis else 1.0, self._off**2 / 3.0, 1.0)
+        weight = max(self._velocity_nis(), self._off**2 / 3.0, 1.0)
         return min(weight, _LARGEST_FACTOR)
+
+    @property
+    def nis(self) -> float:
+        """Mean per row of the last velocities; without any, that of the last position where it is far off."""
+        return self._velocity_nis() if self._velocities else max(self._off**2 / 2.0, 1.0)
 
     def is_hopeless(self, t: float) -> bool:
         """Whether velocities and positions have contradicted the filter for so long that widening mends nothing."""
         return t - self._both_since > _HOPELESS
+
+    def _velocity_nis(self) -> float:
+        """Mean per row of the last velocities; 1 without any."""
+        nis = [one[2] for one in self._velocities if math.isfinite(one[2])]
+        return sum(nis) / len(nis) if nis else 1.0
 
     def _refused(self) -> float:
         if len(self._velocities) < _COUNT:

@@ -3,6 +3,11 @@
 The navigator starts with it at once. The aligner goes on beside it, without the magnetometer: at the first motion its
 heading hypotheses follow GNSS, and the heading that wins is compared with the one on trial. One that is far off ends
 there: the navigator goes on from the aligner's state, and the magnetometer steers nothing any more.
+
+The aligner is a witness, not the judge. In slow, smooth motion it takes a gentle turn for rest, and all its hypotheses
+start from a wrong level and wrong gyroscope biases; one of them wins all the same. So the navigator has to say the same
+with what GNSS has shown it: by having turned to the aligner's heading, or by innovations that are larger than expected
+and larger than the aligner's. If neither is so, the trial goes on with an aligner that has seen nothing.
 """
 
 from __future__ import annotations
@@ -25,6 +30,8 @@ from nav_pose_estimator.engine.solutions import Level
 _FAR_OFF = (
     0.6  # rad: more than a declination that nobody has set and the hypotheses' 10 deg; the filter mends less by itself
 )
+_SIGNIFICANT = 3.0  # joint standard deviations
+_CONTRADICTED = 2.0  # mean NIS per row above which GNSS does not bear out the navigator's heading
 _PATIENCE = 5.0  # s without a fix after which the aligner begins anew instead of keeping the IMU
 
 
@@ -54,14 +61,18 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
     if age > run.parameters.navigator.memory or run.gnss.reception.velocities.doubted:
         run.start_up = run.start_up.afresh(run.parameters)
         return
-    run.trial = None
     # without the states that sensors have asked for: they are given them again
     constants = filter_setup.constants(run.parameters, run.noise.imu_variance)
     start = filter_setup.complete_start(second, constants, run.parameters)
     nav, P = start[0].copy(), start[1].copy()
     for row in run.timeline.rows_since(run.timeline.filter.time - age):
         propagate(nav, P, constants, row)
-    error = math.remainder(trial.yaw - float(euler_from_quat(nav[at.QUAT : at.GYRO_BIAS])[2]), 2.0 * math.pi)
+    yaw, sd = _heading(nav, P)
+    error = math.remainder(trial.yaw - yaw, 2.0 * math.pi)
+    if abs(error) > _FAR_OFF and (abs(error) <= _SIGNIFICANT * sd or not _navigator_agrees(run, (yaw, sd), second.nis)):
+        run.start_up = run.start_up.afresh(run.parameters)
+        return
+    run.trial = None
     if abs(error) > _FAR_OFF:
         if trial.from_magnetometer:
             magnetometer = run.aids[MagSample]
@@ -71,6 +82,23 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
             text = f"the heading of before the restart was {math.degrees(abs(error)):.0f} deg off, as motion shows"
             run.journal.say(stamp_ns, "resume.heading.wrong", Level.WARN, text, error_deg=math.degrees(error))
         _start_from(run, constants, start)
+
+
+def _heading(nav: np.ndarray, P: np.ndarray) -> tuple[float, float]:
+    """Yaw and its standard deviation [rad]."""
+    return float(euler_from_quat(nav[at.QUAT : at.GYRO_BIAS])[2]), math.sqrt(max(P[at.PHI + 2, at.PHI + 2], 0.0))
+
+
+def _navigator_agrees(run: FilterRun, heading: tuple[float, float], nis: float) -> bool:
+    """Whether the navigator, which began with the heading on trial, bears out the aligner's.
+
+    ``heading``: the aligner's yaw and its deviation [rad]; ``nis``: how well that fitted GNSS, per degree of freedom.
+    """
+    yaw, sd = heading
+    own, own_sd = _heading(run.timeline.filter.nav, run.timeline.filter.P)
+    if abs(math.remainder(own - yaw, 2.0 * math.pi)) <= _SIGNIFICANT * math.hypot(own_sd, sd):
+        return True
+    return run.gnss.velocity.doubt.nis > max(_CONTRADICTED, nis)
 
 
 def _start_from(run: FilterRun, constants: np.ndarray, start: tuple[np.ndarray, np.ndarray]) -> None:
