@@ -7,7 +7,8 @@ IN_ENVIRONMENT := tools/in_environment.sh
 DEMO_BAG := bags/multirotor_outage
 OUT := out/demo
 # Kernels are compiled when first called: two workers pay on two cores or more. Add options with ARGS="-k strapdown -x".
-PYTEST := $(IN_ENVIRONMENT) env ROS_PYTHON_CHECK_FIELDS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python -m pytest -n 2 --dist loadfile
+# worksteal survives a worker that dies (test/helpers/hang_guard.py); neighbours in a file stay together but for a few.
+PYTEST := $(IN_ENVIRONMENT) env ROS_PYTHON_CHECK_FIELDS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python -m pytest -n 2 --dist worksteal
 
 .PHONY: help demo setup train-setup test lint types test-plain test-all test-jazzy docs pictures clean
 

@@ -1,6 +1,7 @@
 """What the tests share: real flights, ROS domains of their own, environments for child processes, the two kernel modes.
 
-Environment: ``NAV_POSE_SHARED`` names the folder with real data (default: ``shared`` beside the repository).
+Environment: ``NAV_POSE_SHARED`` names the folder with real data (default: ``shared`` beside the repository),
+``NAV_POSE_TEST_LIMIT`` how long a test may take (600 s).
 """
 
 import os
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from hang_guard import pytest_runtest_protocol as pytest_runtest_protocol  # a hook
 from nav_pose_estimator.core.numerics.jit import COMPILED
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -24,6 +26,9 @@ settings.load_profile("repeatable")
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
 os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+# Shared memory of Fast DDS outlives a process that is killed, and its locks with it; some of its ports belong to all
+# domains of the host, so that one test's kill holds up the nodes of every other.
+os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

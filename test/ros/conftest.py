@@ -1,5 +1,6 @@
 """What the tests of the ROS boundary share: nodes in this process, nodes in processes of their own, an observer."""
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -38,6 +39,12 @@ def started(ros_domain: int) -> Iterator[Callable[..., Any]]:
     rclpy.try_shutdown()
 
 
+def _end_with_the_test() -> None:
+    """In the child: a worker that the watchdog ends (``hang_guard``) stops nobody itself."""
+    pr_set_pdeathsig = 1
+    ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
+
+
 class Child:
     """A node in a process of its own; its log is a file."""
 
@@ -47,7 +54,9 @@ class Child:
         if arguments:
             call += ["--ros-args", *arguments]
         with self.log.open("w") as out:
-            self.process = subprocess.Popen(call, env=environment, stdout=out, stderr=subprocess.STDOUT)
+            self.process = subprocess.Popen(
+                call, env=environment, stdout=out, stderr=subprocess.STDOUT, preexec_fn=_end_with_the_test
+            )
 
     def text(self) -> str:
         """Everything it has said so far."""
@@ -79,7 +88,7 @@ def children(environment: dict[str, str], folder: Path) -> Iterator[Callable[...
         for child in running:
             if child.process.poll() is None:
                 child.process.kill()
-                child.process.wait()
+                child.process.wait(timeout=PATIENCE)
 
 
 @pytest.fixture
