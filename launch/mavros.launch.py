@@ -37,6 +37,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument("mavros", default_value="/mavros", description="Where the topics of MAVROS begin"),
             DeclareLaunchArgument("autopilot", default_value="none", description="none, mavros or mavros_gps"),
             DeclareLaunchArgument("autopilot_when", default_value="denied", description="denied or always"),
+            DeclareLaunchArgument("state_file", default_value="", description="Of this vehicle, to go on in flight"),
             DeclareLaunchArgument("respawn", default_value="true", description="Start again when it ends"),
             Node(
                 package="nav_pose_estimator",
@@ -48,13 +49,14 @@ def generate_launch_description() -> LaunchDescription:
                     {
                         "ros.output.autopilot": ParameterValue(LaunchConfiguration("autopilot"), **text),
                         "ros.output.autopilot_when": ParameterValue(LaunchConfiguration("autopilot_when"), **text),
+                        "ros.state.file": ParameterValue(LaunchConfiguration("state_file"), **text),
                         **frames,
                     },
                 ],
                 remappings=[(ours, [LaunchConfiguration("mavros"), theirs]) for ours, theirs in _TOPICS.items()],
                 output="screen",
                 respawn=LaunchConfiguration("respawn"),
-                respawn_delay=2.0,
+                respawn_delay=0.5,
             ),
         ]
     )

@@ -4,16 +4,21 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 
 def generate_launch_description() -> LaunchDescription:
-    """One process; it is started again two seconds after it has ended, whatever the reason."""
+    """One process; it is started again half a second after it has ended, and with a state file it goes on in flight.
+
+    It speaks UDP, not the shared memory of Fast DDS (docs/getting_started.md): nothing to be set here.
+    """
     shipped = PathJoinSubstitution([FindPackageShare("nav_pose_estimator"), "config", "nav_pose_estimator.yaml"])
     return LaunchDescription(
         [
             DeclareLaunchArgument("namespace", default_value="", description="Of the vehicle, without a slash"),
             DeclareLaunchArgument("params_file", default_value=shipped, description="YAML with parameters"),
+            DeclareLaunchArgument("state_file", default_value="", description="Of this vehicle; wins over params_file"),
             DeclareLaunchArgument("use_sim_time", default_value="false", description="Time from /clock"),
             DeclareLaunchArgument("respawn", default_value="true", description="Start again when it ends"),
             DeclareLaunchArgument("imu", default_value="imu/data_raw", description="Topic of the IMU"),
@@ -25,7 +30,10 @@ def generate_launch_description() -> LaunchDescription:
                 namespace=LaunchConfiguration("namespace"),
                 parameters=[
                     LaunchConfiguration("params_file"),
-                    {"use_sim_time": LaunchConfiguration("use_sim_time")},
+                    {
+                        "use_sim_time": LaunchConfiguration("use_sim_time"),
+                        "ros.state.file": ParameterValue(LaunchConfiguration("state_file"), value_type=str),
+                    },
                 ],
                 remappings=[
                     ("imu/data_raw", LaunchConfiguration("imu")),
@@ -34,7 +42,7 @@ def generate_launch_description() -> LaunchDescription:
                 ],
                 output="screen",
                 respawn=LaunchConfiguration("respawn"),
-                respawn_delay=2.0,
+                respawn_delay=0.5,
             ),
         ]
     )

@@ -23,12 +23,14 @@ settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
 # Before any test imports rclpy: stay on this host, let rclpy check the types of message fields, find ROS from wheels.
+# Shared memory of Fast DDS outlives a process that is killed while it starts, and every later one may wait for it for
+# ever; with the range LOCALHOST rmw_fastrtps always adds it. So the range is the profile's, which is this host as well.
+if os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp").startswith("rmw_fastrtps"):
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
+    os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(REPOSITORY / "config" / "fastdds_one_host.xml")
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
 os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
-# Shared memory of Fast DDS outlives a process that is killed, and its locks with it; some of its ports belong to all
-# domains of the host, so that one test's kill holds up the nodes of every other.
-os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

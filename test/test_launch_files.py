@@ -71,6 +71,23 @@ def test_a_launch_file_names_only_what_exists(stand_ins, path):
     assert used == arguments
 
 
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_a_restart_is_quick_and_goes_on_from_the_state_file(stand_ins, path):
+    """GIVEN a launch file WHEN its node dies THEN it is back within a second, with the state of before; one node only,
+    the navigator, writes the file that ``state_file`` names."""
+    found = list(nodes(described(path)))
+    assert all(node.respawn_delay < 1.0 for node in found)
+    keepers = {
+        node.executable
+        for node in found
+        for given in node.parameters
+        if isinstance(given, dict)
+        and "ros.state.file" in given
+        and [thing.given[0] for thing in everything(given["ros.state.file"])][-1] == "state_file"
+    }
+    assert keepers in ({"pose_estimator"}, {"sins_node"})
+
+
 def everything(thing: Any) -> Iterator[Any]:
     """All stand-ins in what a node was given."""
     if isinstance(thing, SimpleNamespace):
