@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from nav_pose_estimator.core.alignment import motion_story
 from nav_pose_estimator.core.alignment.aligner import Aligner
 from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, FixNoise, KnownBiases
 from nav_pose_estimator.core.beams.judge import BeamJudge
@@ -193,7 +194,7 @@ def set_pose(nav: np.ndarray, P: np.ndarray, sample: SetPose, origin: tuple[floa
 
 
 def warm_up(constants: np.ndarray) -> None:
-    """Call every kernel of the observations once on harmless numbers; the warm-up flight calls those of the IMU."""
+    """Call the kernels of observations and checks that the warm-up flight does not reach, once, on harmless numbers."""
     nav = np.zeros(at.NAV_SIZE)
     nav[at.QUAT] = 1.0
     states = state_count(constants)
@@ -216,6 +217,8 @@ def warm_up(constants: np.ndarray) -> None:
         correct(nav, P, constants, z, H, R)
     BeamJudge().judge(z, H, P, np.ones(len(z)), True)  # of the beams, the last of them
     gated_height(nav, P, constants, 0.0, 1.0, 10.0, 100.0)
+    still = np.zeros((motion_story.BINS, 3))
+    motion_story.impulses([motion_story.Second(still, still)], np.eye(3)[None])
     bias_noise.begin(nav, constants)
     bias_noise.observe(nav, P)
     bias_noise.overstatement(nav)
