@@ -14,6 +14,7 @@ from hypothesis import settings
 
 from hang_guard import pytest_runtest_protocol as pytest_runtest_protocol  # a hook
 from nav_pose_estimator.core.numerics.jit import COMPILED
+from nav_pose_estimator.ros.middleware.shared_memory import remove_unfinished
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SHARED = Path(os.environ.get("NAV_POSE_SHARED", REPOSITORY.parent / "shared"))
@@ -23,11 +24,6 @@ settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
 # Before any test imports rclpy: stay on this host, let rclpy check the types of message fields, find ROS from wheels.
-# Shared memory of Fast DDS outlives a process that is killed while it starts, and every later one may wait for it for
-# ever; with the range LOCALHOST rmw_fastrtps always adds it. So the range is the profile's, which is this host as well.
-if os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp").startswith("rmw_fastrtps"):
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
-    os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(REPOSITORY / "config" / "fastdds_one_host.xml")
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
 os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
@@ -61,6 +57,7 @@ def shared_data() -> Path:
 def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A ROS domain that no other test on this machine uses, set in the environment of this test and its children."""
     domain_coordinator = pytest.importorskip("domain_coordinator", reason="needs ROS 2 (make setup)")
+    remove_unfinished()  # what a killed child of another test may have left, for which every later node would wait
     with domain_coordinator.domain_id() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         yield domain

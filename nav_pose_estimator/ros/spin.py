@@ -4,7 +4,6 @@ Ends with exit code 0 on SIGINT and SIGTERM. ``spin_once`` with a time-out works
 ``spin`` misses signals; the events executor, where there is one, halves the cost of a callback.
 """
 
-import os
 import signal
 import threading
 import time
@@ -30,10 +29,9 @@ except ImportError:
     _Executor = SingleThreadedExecutor
 
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.ros.middleware import shared_memory
 
 _TIMEOUT = 0.25  # s: how soon a signal is seen at the latest
-_TRANSPORT = "FASTDDS_BUILTIN_TRANSPORTS"
-_PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")  # these say it, too, and more
 _IMPATIENCE = 1.0  # s: a signal later than this after the first means it; launch repeats the terminal's at once
 
 
@@ -73,23 +71,14 @@ def run(
 
 
 def _init(arguments: Sequence[str] | None) -> None:
-    choose_transport()
+    shared_memory.choose_transport()
+    shared_memory.remove_unfinished()
     try:
         given = None if arguments is None else list(arguments)
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     except RCLError as error:
         reason = " ".join(str(error).split(", at ")[0].split())
         raise UserError(f"ROS does not accept the arguments: {reason}") from None
-
-
-def choose_transport() -> None:
-    """UDP instead of the shared memory of Fast DDS, unless somebody has chosen; other middlewares do not read that.
-
-    What a killed process leaves of it in /dev/shm holds up the next start by seconds (Fast DDS issues 1144, 5469 and
-    6117). Messages here are small, so that it would save nothing, and peers with shared memory speak UDP, too.
-    """
-    if not any(map(os.environ.get, _PROFILES)):
-        os.environ.setdefault(_TRANSPORT, "UDPv4")
 
 
 def _spin(node: Node, is_over: Callable[[], bool]) -> None:

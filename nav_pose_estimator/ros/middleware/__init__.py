@@ -1,0 +1,1 @@
+"""What a node has to know of the middleware below it."""
