@@ -106,7 +106,7 @@ def test_a_bias_that_no_single_message_shows_is_seen_in_the_mean():
 
 
 def test_single_outliers_are_not_taken_for_a_bias():
-    """GIVEN wrong values on 8 % of all, far off or near the gate THEN one sound value in fifty is refused with them at most."""
+    """GIVEN wrong values on 8 % of all, far off or near the gate THEN at most one sound value in fifty is refused."""
     for size in (20.0, 3.0):
         judge, rng = BeamJudge(), np.random.default_rng(11)
         hit = rng.random((2000, BEAMS)) < 0.08

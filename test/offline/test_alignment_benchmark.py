@@ -53,7 +53,7 @@ def test_goals_can_be_missed():
 
 
 def test_a_start_knows_nothing_of_optional_states():
-    """GIVEN a filter with states of the gyroscope's matrix WHEN it begins a few degrees off THEN these begin at zero."""
+    """GIVEN a filter with states of the gyroscope's matrix WHEN it begins some degrees off THEN they begin at zero."""
     case = CASES["drone"]
     recording = generate(case.told("white"), 2.0, seed=1, imu=case.grade)
     engine = SinsEngine(update(case.parameters("fixed"), {"navigator.gyro_matrix_states": True}))

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.engine.samples import BeamVelocitySample, GnssFix, GnssVelocity, SatelliteCount, stamp_of
+from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.benchmarks.beams.cases import CASES, GOALS
 from nav_pose_estimator.offline.benchmarks.beams.methods import METHODS, RECOMMENDED, TABLE
 from nav_pose_estimator.offline.benchmarks.beams.report import text_tables
 from nav_pose_estimator.offline.benchmarks.beams.summary import judged, summarise
 from nav_pose_estimator.offline.benchmarks.beams.trial import Trial, run_seed, without_gnss
+from nav_pose_estimator.offline.benchmarks.simulated import run_all
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.sim.beam_faults import PLANS
 from nav_pose_estimator.sim.scenarios import START_NS, generate
@@ -116,6 +118,20 @@ def test_command_writes_tables_and_report(tmp_path: Path, capsys: pytest.Capture
     assert content["summaries"][0]["trials"] == 1
     assert "<table" in (tmp_path / "out" / "report.html").read_text()
     assert "| none |" in capsys.readouterr().out
+
+
+def twice(task: int) -> list[int]:
+    if task < 0:
+        raise ValueError("a task below zero")
+    return [task, 10 * task]
+
+
+def test_a_simulation_that_fails_costs_itself_and_is_named(capsys: pytest.CaptureFixture[str]):
+    """GIVEN tasks of which one fails THEN the others keep their order; where all fail, that is said."""
+    assert run_all(twice, [3, -1, 2], 1) == [3, 30, 2, 20]
+    assert "note: a simulation is left out: ValueError: a task below zero" in capsys.readouterr().err
+    with pytest.raises(UserError, match="nothing could be simulated: ValueError: a task below zero"):
+        run_all(twice, [-1], 1)
 
 
 @pytest.mark.parametrize(

@@ -190,7 +190,7 @@ def _check_parity(z, H, A, nominal, memory, verdict):
 
 @kernel
 def _odd_one_out(z, A, noise, c, gate):
-    """The beam whose absence explains innovations ``z`` (4,) with covariance A + diag(noise) that contradict each other.
+    """The beam whose absence explains innovations ``z`` (4,), covariance A + diag(noise), that contradict each other.
 
     -1 where ``c`` . z is within its ``gate``, or none stands out.
     """

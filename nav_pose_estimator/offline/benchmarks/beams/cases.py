@@ -97,7 +97,7 @@ CASES = {
     for case in (
         Case(
             "auv",
-            "lanes of 200 s at 1.5 m/s, 0.5 deg/h, no magnetometer; depth; beams x at 30 deg, 2 Hz, 1 cm/s; 900 s with GNSS",
+            "lanes of 200 s at 1.5 m/s, 0.5 deg/h, depth gauge; beams x at 30 deg, 2 Hz, 1 cm/s; 900 s with GNSS",
             replace(scenarios.AUV, magnetometer=None),
             "tactical",
             900.0,
