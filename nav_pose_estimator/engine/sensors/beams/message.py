@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -68,7 +69,8 @@ class MessageReader:
         directions = self._given if len(self._given) else np.asarray(sample.directions, float)
         flaw = self._flaw_of(directions, len(velocities))
         if flaw is not None:
-            return flaw
+            rest = None if len(self._given) else _with_directions(sample, velocities, directions)
+            return flaw if rest is None else self.read(rest, floor)
         if not velocities.any():
             return _flaw("zero")
         velocities[_is_lost(sample, velocities)] = math.nan
@@ -110,6 +112,27 @@ def _flaw_of_directions(directions: Array) -> Flaw | None:
                 if np.abs(directions[i] - directions[j]).max() < _SAME:
                     return _flaw("duplicate", beam=j + 1, other=i + 1)
     return None
+
+
+def _with_directions(sample: BeamVelocitySample, velocities: Array, directions: Array) -> BeamVelocitySample | None:
+    """The sample without beams that are not there: a direction of zeros, or a lost one whose direction is none either.
+
+    None where that changes nothing.
+    """
+    if directions.shape != (len(velocities), 3):
+        return None
+    lengths = np.sqrt(np.square(directions).sum(axis=1))
+    is_unit = np.abs(lengths - 1.0) <= _LENGTH
+    kept = is_unit | ((lengths != 0.0) & ~_is_lost(sample, velocities))
+    if kept.all() or not kept.any():
+        return None
+    parts = {name: getattr(sample, name) for name in ("variances", "ranges", "valid")}
+    return replace(
+        sample,
+        velocities=velocities[kept],
+        directions=directions[kept],
+        **{name: None if part is None else np.asarray(part)[kept] for name, part in parts.items()},
+    )
 
 
 def _is_lost(sample: BeamVelocitySample, velocities: Array) -> NDArray[np.bool_]:
