@@ -223,6 +223,7 @@ def test_directions_that_are_given_win(flight, sound):
         ({"ranges": np.zeros(4)}, "lost", ""),
         ({"valid": np.zeros(4, bool)}, "lost", ""),
         ({"variances": np.full(4, np.inf)}, "lost", ""),
+        ({"velocities": np.array([0.1, -0.2, 0.3, 0.25])}, "stuck", "repeat to the last digit"),
         ({"directions": 2.0 * beam_directions()}, "direction", "beam 1 is no unit vector (its length is 2)"),
         ({"directions": beam_directions()[[0, 1, 2, 1]]}, "duplicate", "beams 2 and 4 have the same direction"),
         ({"directions": beam_directions()[:3]}, "empty", "not as many directions as velocities"),
@@ -267,6 +268,21 @@ def test_a_number_that_is_no_velocity_costs_its_own_beam(flight, sound, wrong):
     assert flown.error < 2.0 * sound.error + 0.2
     assert np.isfinite(flown.nav).all()
     assert flown.counters["beam_velocity.2.lost"] + flown.refused(2) > 150
+
+
+def test_a_sensor_that_gets_stuck_does_not_lead_the_navigator(flight):
+    """GIVEN a Doppler log whose numbers freeze in the outage THEN it is left out, and the drift is honest."""
+    last: list[np.ndarray] = []
+
+    def freeze(t: float, sample: BeamVelocitySample) -> BeamVelocitySample:
+        if t < 65.0:
+            last[:] = [sample.velocities]
+        return replace(sample, velocities=last[0].copy())
+
+    flown = Flown(flight, with_beams(flight, freeze))
+    assert len(flown.said("rejected.stuck")) == 1
+    assert flown.counters["beam_velocity.accusation"] == 0
+    assert flown.error < 3.0 * flown.status.horizontal_sd
 
 
 @pytest.mark.parametrize("stamp_ns", [0, -5, 10**12, 2**62])
