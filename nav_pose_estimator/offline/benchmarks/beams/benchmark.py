@@ -11,9 +11,9 @@ from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.benchmarks.beams import report
-from nav_pose_estimator.offline.benchmarks.beams.cases import CASES
+from nav_pose_estimator.offline.benchmarks.beams.cases import CASES, USUAL_LENGTH
 from nav_pose_estimator.offline.benchmarks.beams.methods import METHODS, TABLE
-from nav_pose_estimator.offline.benchmarks.beams.summary import GOAL_LENGTH, judged, summarise
+from nav_pose_estimator.offline.benchmarks.beams.summary import judged, summarise
 from nav_pose_estimator.offline.benchmarks.beams.trial import Trial, run_seed
 from nav_pose_estimator.offline.benchmarks.simulated import REPORT, add_seeds, chosen, run_all, seeds, write_tables
 from nav_pose_estimator.offline.flights.config_file import load_parameters
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     table = ",".join(TABLE)
     add("--methods", default=table, metavar="M,...", help=f"of {', '.join(METHODS)} (default: {table})")
     add_seeds(parser, "outages")
-    add("--length", type=float, default=GOAL_LENGTH, metavar="S", help="time without GNSS (default: 600)")
+    add("--length", type=float, default=USUAL_LENGTH, metavar="S", help="time without GNSS (default: 600)")
     add("--mounting", type=float, default=0.0, metavar="DEG", help="unknown mounting yaw of the sensor (default: 0)")
     add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them; sensors are the benchmark's")
     add("--out", type=Path, default=Path("beams_benchmark"), metavar="DIR", help="folder for tables and report")
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     with OutputFolder(arguments.out, "beams benchmark", [arguments.config] if arguments.config else []) as folder:
         trials = run_all(_run_task, tasks, arguments.jobs)
         summaries = summarise(trials)
-        goals = judged(summaries) if arguments.length == GOAL_LENGTH and arguments.mounting == 0.0 else []
+        goals = judged(summaries, arguments.length, arguments.mounting != 0.0)
         folder.mkdir()
         write_tables(folder, trials, summaries, goals, _GOAL_NAMES)
         report.write_report(folder / REPORT, summaries, goals)
