@@ -62,10 +62,11 @@ class Row(NamedTuple):
 class Decision:
     """What was decided when an observation first acted; a replay of the past repeats it.
 
-    ``reference`` is what the sensor's zero stood at (offset of a barometer [m], of a compass [rad]). ``velocity`` (3,)
-    [m/s], ENU, is what a reset also puts right, NaN where unknown. ``widening`` multiplies the covariance of the motion
-    first; the deviations of the position [m], horizontal and vertical, and of the horizontal velocity [m/s] are
-    afterwards at least ``least_sd``. ``rows``: those that are used, of a sensor that judges each row on its own.
+    ``reference`` is what the sensor's zero stood at (offset of a barometer [m], of a compass [rad]), or how well it is
+    known (surface of the water [m]). ``velocity`` (3,) [m/s], ENU, is what a reset also puts right, NaN where unknown.
+    ``widening`` multiplies the covariance of the motion first; the deviations of the position [m], horizontal and
+    vertical, and of the horizontal velocity [m/s] are afterwards at least ``least_sd``. ``rows``: those that are used,
+    of a sensor that judges each row on its own.
     """
 
     use: Use

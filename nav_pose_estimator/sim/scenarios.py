@@ -13,7 +13,7 @@ from nav_pose_estimator.sim.faults import Fault, Shift
 from nav_pose_estimator.sim.imu_grades import ImuGrade, imu_grade
 from nav_pose_estimator.sim.noise import stream
 from nav_pose_estimator.sim.recording import Recording
-from nav_pose_estimator.sim.sensors import Barometer, Gnss, Magnetometer, Pitot, Rangefinder
+from nav_pose_estimator.sim.sensors import Barometer, DepthGauge, Gnss, Magnetometer, Pitot, Rangefinder
 from nav_pose_estimator.sim.trajectories import Origin, sample_times
 from nav_pose_estimator.sim.vehicles import motions
 from nav_pose_estimator.sim.vehicles.lanes import Survey
@@ -43,6 +43,7 @@ class Scenario:
     gnss: Gnss | None = field(default_factory=Gnss)
     magnetometer: Magnetometer | None = field(default_factory=Magnetometer)
     barometer: Barometer | None = field(default_factory=Barometer)
+    depth_gauge: DepthGauge | None = None
     airspeed: Pitot | None = None
     ground_range: Rangefinder | None = None
     doppler: Doppler | None = None
@@ -199,12 +200,13 @@ _ALL: tuple[Scenario, ...] = (
 )
 AUV = Scenario(
     "auv_lanes",
-    "An underwater vehicle on lanes of 200 s at 1.5 m/s, Doppler log with four beams (meant for --imu tactical)",
+    "An underwater vehicle on lanes of 200 s at 1.5 m/s, Doppler log with four beams, depth (meant for --imu tactical)",
     Surveyor(Survey(heave=0.02)),
     duration=900.0,
     gnss=Gnss(1.0),
     magnetometer=Magnetometer(2.0),
     barometer=None,
+    depth_gauge=DepthGauge(),
     doppler=Doppler(lever=(0.4, 0.0, -0.2)),
     imu_rate=50.0,
     origin=SEA,
@@ -283,6 +285,7 @@ def generate(
         ("gnss", scenario.gnss),
         ("magnetometer", scenario.magnetometer),
         ("barometer", scenario.barometer),
+        ("depth_gauge", scenario.depth_gauge),
         ("airspeed", scenario.airspeed),
         ("ground_range", scenario.ground_range),
     ):

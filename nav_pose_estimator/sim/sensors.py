@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nav_pose_estimator.core.earth.atmosphere import height_pressure
-from nav_pose_estimator.core.earth.ellipsoid import radii_many
+from nav_pose_estimator.core.earth.ellipsoid import gravity, radii_many
 from nav_pose_estimator.core.numerics.rotation import quat_conjugate_many, quat_rotate_many
 from nav_pose_estimator.engine.samples import (
     Airspeed,
@@ -209,6 +209,31 @@ def barometer(truth: Truth, model: Barometer, rng: np.random.Generator, start_ns
     variance = model.noise**2 if model.variance else None
     rows = zip(arrivals, stamps, pressure.tolist(), strict=True)
     return [Timed(arrival, PressureSample(stamp, value, variance)) for arrival, stamp, value in rows]
+
+
+@dataclass(frozen=True)
+class DepthGauge:
+    """A pressure sensor of a vehicle in water whose surface lies where the motion begins, but for tide and weather."""
+
+    rate: float = 5.0  # Hz
+    density: float = 1025.0  # kg/m^3
+    noise: float = 200.0  # Pa per sample
+    offset_sd: float = 2000.0  # Pa, constant
+    drift: float = 5.0  # Pa/sqrt(s), random walk
+    transport: float = 0.0005  # s: arrival minus stamp
+
+
+def depth_gauge(truth: Truth, model: DepthGauge, rng: np.random.Generator, start_ns: int) -> list[Timed]:
+    """Absolute pressure of the water."""
+    t = sensor_times(truth, model.rate)
+    depth = truth.alt[0] - truth.at(t).alt
+    pressure = height_pressure(0.0) + model.density * gravity(truth.lat[0], truth.alt[0]) * depth
+    pressure += model.offset_sd * rng.standard_normal()
+    pressure += np.cumsum(rng.standard_normal(len(t)) * model.drift / np.sqrt(model.rate))
+    pressure += model.noise * rng.standard_normal(len(t))
+    stamps, arrivals = to_ns(t, start_ns).tolist(), to_ns(t + model.transport, start_ns).tolist()
+    rows = zip(arrivals, stamps, pressure.tolist(), strict=True)
+    return [Timed(arrival, PressureSample(stamp, value)) for arrival, stamp, value in rows]
 
 
 @dataclass(frozen=True)

@@ -88,6 +88,33 @@ def test_a_small_lasting_error_ends_the_trust_in_its_beam():
     assert (sound[80:, 0] == USED).mean() > 0.98
 
 
+def test_a_bias_that_no_single_message_shows_is_seen_in_the_mean():
+    """GIVEN a beam off by 2.2 deviations, which the gate passes six times in seven THEN it is left out within twenty
+    messages, alone; it stays out, and is used again some time after the error is gone."""
+    judge, rng = BeamJudge(), np.random.default_rng(9)
+
+    def verdicts(count: int, error: float) -> np.ndarray:
+        noise = SD * rng.standard_normal((count, BEAMS))
+        return np.array([judged(judge, one + of_beam(3, error)).verdict for one in noise])
+
+    verdicts(50, 0.0)
+    faulty = verdicts(300, 2.2 * SD)
+    assert (faulty[20:, 3] != USED).all()
+    assert (faulty[:, :3] == USED).mean() > 0.995
+    sound = verdicts(200, 0.0)
+    assert (sound[80:, 3] == USED).mean() > 0.98
+
+
+def test_single_outliers_are_not_taken_for_a_bias():
+    """GIVEN wrong values on 8 % of all, far off or near the gate THEN at most one sound value in fifty is refused."""
+    for size in (20.0, 3.0):
+        judge, rng = BeamJudge(), np.random.default_rng(11)
+        hit = rng.random((2000, BEAMS)) < 0.08
+        noise = SD * (rng.standard_normal((2000, BEAMS)) + hit * rng.choice((-size, size), (2000, BEAMS)))
+        verdicts = np.array([judged(judge, one).verdict for one in noise])
+        assert (verdicts[~hit] != USED).mean() < 0.02
+
+
 def test_noise_that_grows_is_found_and_forgotten():
     judge, rng = BeamJudge(), np.random.default_rng(5)
     for _ in range(150):

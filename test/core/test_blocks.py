@@ -90,6 +90,14 @@ def test_an_error_goes_into_the_estimates_of_its_block_and_comes_back(blocks) ->
     np.testing.assert_allclose(other[at.GYRO_BIAS : at.TIME], nav[at.GYRO_BIAS : at.TIME], atol=1e-15)
 
 
+def test_an_error_of_another_size_is_refused() -> None:
+    """GIVEN a filter with a block WHEN an error comes without its states THEN nothing is read behind its end."""
+    nav = survey().nav(1.0)
+    with pytest.raises(ValueError, match="states of the filter"):
+        inject(nav, plain_constants([BLOCKS[1]]), np.zeros(at.BASE_STATES))
+    np.testing.assert_array_equal(nav, survey().nav(1.0))
+
+
 @pytest.mark.parametrize(
     ("blocks", "block"),
     [(blocks, block) for blocks in SUBSETS for block in BLOCKS if block not in blocks],

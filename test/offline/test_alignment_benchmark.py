@@ -8,11 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX
+from nav_pose_estimator.core.filter.error_state import turn_between
+from nav_pose_estimator.core.filter.layout import GYRO_BIAS, QUAT
+from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.engine.samples import ImuBlock
 from nav_pose_estimator.offline.benchmarks.alignment.cases import CASES, CONDITIONS
 from nav_pose_estimator.offline.benchmarks.alignment.summary import judged, summarise
-from nav_pose_estimator.offline.benchmarks.alignment.trial import Trial, run_trials
+from nav_pose_estimator.offline.benchmarks.alignment.trial import Trial, begin, run_trials
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.sim.scenarios import find_scenario, generate
 
@@ -45,6 +50,20 @@ def test_goals_can_be_missed():
     bad = summarise([trial("fixed", 0, 0.20), trial("innovation_adaptive", 0, 0.30)])
     assert [row[-1] for row in judged(good)] == ["met", "met"]
     assert [row[-1] for row in judged(bad)] == ["missed", "met"]
+
+
+def test_a_start_knows_nothing_of_optional_states():
+    """GIVEN a filter with states of the gyroscope's matrix WHEN it begins some degrees off THEN they begin at zero."""
+    case = CASES["drone"]
+    recording = generate(case.told("white"), 2.0, seed=1, imu=case.grade)
+    engine = SinsEngine(update(case.parameters("fixed"), {"navigator.gyro_matrix_states": True}))
+    block = next(sample for sample in recording.samples() if isinstance(sample, ImuBlock))
+    assert len(begin(engine, recording, block, np.full(15, 0.1))) == len(block) - 1
+    filter_ = engine.run.settled
+    assert GYRO_MATRIX.is_in(filter_.constants)
+    assert not filter_.nav[GYRO_MATRIX.estimates].any()
+    turn = np.linalg.norm(turn_between(filter_.nav[QUAT:GYRO_BIAS], recording.truth.q_nb[0]))
+    assert 0.01 < turn < 0.6
 
 
 def test_noise_models_are_honest_where_the_receiver_is_not():

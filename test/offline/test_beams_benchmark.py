@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.engine.samples import BeamVelocitySample, GnssFix, GnssVelocity, SatelliteCount, stamp_of
-from nav_pose_estimator.offline.benchmarks.beams.cases import CASES, GOALS
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.benchmarks.beams.cases import CASES, GOALS, MOUNTING_GOALS
 from nav_pose_estimator.offline.benchmarks.beams.methods import METHODS, RECOMMENDED, TABLE
 from nav_pose_estimator.offline.benchmarks.beams.report import text_tables
 from nav_pose_estimator.offline.benchmarks.beams.summary import judged, summarise
 from nav_pose_estimator.offline.benchmarks.beams.trial import Trial, run_seed, without_gnss
+from nav_pose_estimator.offline.benchmarks.simulated import run_all
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.sim.beam_faults import PLANS
 from nav_pose_estimator.sim.scenarios import START_NS, generate
@@ -49,11 +51,23 @@ def test_goals_can_be_missed():
     bad = {row[2]: row[-1] for row in judged(summarise([trial(0, 0.06, faulty=0.5), trial(1, 0.30, faulty=0.5)]))}
     assert bad == {"median, %": "missed", "RMS, %": "missed", "NEES": "met", "faulty refused": "missed"}
     assert judged(summarise([trial(0, 0.06, "fixed")])) == []
+    assert judged(summarise([trial(0, 0.06)]), 700.0) == []
+
+
+def test_goals_of_a_long_dive_and_of_a_turned_sensor():
+    """GIVEN 0.08 % of the distance THEN it is too much for a long dive, and allowed with a mounting of which nobody
+    told, which is known to 0.05 deg."""
+    rows = summarise([trial(0, 0.08)])
+    assert {row[2]: row[-1] for row in judged(rows, 3000.0)}["median, %"] == "missed"
+    turned = {row[2]: row[-1] for row in judged(rows, is_turned=True)}
+    assert (turned["median, %"], turned["mounting, deg"]) == ("met", "met")
+    mixed = {row[2]: row[-1] for row in judged(summarise([trial(0, 0.08, fault="mixed")]))}
+    assert mixed["velocity, m/s"] == "met"
 
 
 def test_goals_are_for_cases_and_faults_that_exist():
-    assert {case for case, _ in GOALS} <= set(CASES)
-    assert {fault for _, fault in GOALS} <= set(PLANS)
+    assert {case for goals in GOALS.values() for case, _ in goals} <= set(CASES) == set(MOUNTING_GOALS)
+    assert {fault for goals in GOALS.values() for _, fault in goals} <= set(PLANS)
     assert set(TABLE) <= set(METHODS)
 
 
@@ -116,6 +130,20 @@ def test_command_writes_tables_and_report(tmp_path: Path, capsys: pytest.Capture
     assert content["summaries"][0]["trials"] == 1
     assert "<table" in (tmp_path / "out" / "report.html").read_text()
     assert "| none |" in capsys.readouterr().out
+
+
+def twice(task: int) -> list[int]:
+    if task < 0:
+        raise ValueError("a task below zero")
+    return [task, 10 * task]
+
+
+def test_a_simulation_that_fails_costs_itself_and_is_named(capsys: pytest.CaptureFixture[str]):
+    """GIVEN tasks of which one fails THEN the others keep their order; where all fail, that is said."""
+    assert run_all(twice, [3, -1, 2], 1) == [3, 30, 2, 20]
+    assert "note: a simulation is left out: ValueError: a task below zero" in capsys.readouterr().err
+    with pytest.raises(UserError, match="nothing could be simulated: ValueError: a task below zero"):
+        run_all(twice, [-1], 1)
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from beamed import in_water, with_beams
 from nav_pose_estimator.core.filter.blocks import DEPTH
-from nav_pose_estimator.core.filter.layout import ALT, DPOS, TIME
+from nav_pose_estimator.core.filter.layout import ALT, DPOS, DVEL, TIME, VEL
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
@@ -43,6 +44,20 @@ def test_pressure_of_the_water_holds_the_height(recording):
     assert engine.journal.counters["depth.used"] > 200
     assert engine.journal.counters["height.used"] == 0
     assert DEPTH.is_in(engine.run.timeline.filter.constants)
+
+
+def test_pressure_goes_on_telling_the_vertical_velocity(recording):
+    """GIVEN a surface that GNSS has shown to half a fix at best WHEN GNSS is away THEN the height is not said to be
+    better, and the vertical velocity, which needs no surface, is known ten times as well as without the pressure."""
+    _, without, _ = swim(recording, recording.samples(), barometer=False)
+    _, engine, _ = swim(recording, in_water(recording), water_density=1000.0)
+    P, nav, truth = engine.run.settled.P, engine.run.settled.nav, recording.truth
+    assert P[DPOS + 2, DPOS + 2] ** 0.5 >= 0.5 * Parameters().gnss.vertical_sd
+    assert np.linalg.eigvalsh(P).min() > 0.0
+    sd = P[DVEL + 2, DVEL + 2] ** 0.5
+    assert sd < 0.1 * without.run.settled.P[DVEL + 2, DVEL + 2] ** 0.5
+    row = min(round((nav[TIME] + (engine.run.clock.zero_ns - recording.start_ns) * 1e-9) / truth.dt), len(truth) - 1)
+    assert abs(nav[VEL + 2] - truth.v_n[row, 2]) < 3.0 * sd
 
 
 def test_a_pressure_that_is_none_costs_one_sentence(recording):

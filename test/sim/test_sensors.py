@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.earth.atmosphere import pressure_height
+from nav_pose_estimator.core.earth.atmosphere import pressure_height, water_height
+from nav_pose_estimator.core.earth.ellipsoid import gravity
 from nav_pose_estimator.core.numerics.rotation import euler_from_quat_many, quat_rotate_many
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, MagSample, PressureSample, SatelliteCount
 from nav_pose_estimator.errors import UserError
@@ -13,7 +14,7 @@ from nav_pose_estimator.sim import sensors
 from nav_pose_estimator.sim.imu_grades import IMU_GRADES, ImuGrade, calibrated, imu_grade
 from nav_pose_estimator.sim.noise import gauss_markov, random_walk, stream, white_noise
 from nav_pose_estimator.sim.scenarios import HOME, START_NS
-from nav_pose_estimator.sim.sensors import Barometer, Gnss, Magnetometer
+from nav_pose_estimator.sim.sensors import Barometer, DepthGauge, Gnss, Magnetometer
 from nav_pose_estimator.sim.trajectories import Truth, sample_times, truth_of_motion
 from nav_pose_estimator.sim.vehicles import motions
 
@@ -226,6 +227,19 @@ def test_barometer_drifts_but_follows_the_height(tumble: Truth, rest: Truth) -> 
     assert np.std(ends) == pytest.approx(0.3 * np.sqrt(1800.0), rel=0.25)
     assert isinstance(out[0].sample, PressureSample)
     assert out[0].sample.variance == 0.0
+
+
+def test_depth_gauge_measures_the_depth_below_where_the_motion_begins(tumble: Truth, rest: Truth) -> None:
+    steady = DepthGauge(noise=0.0, drift=0.0, offset_sd=0.0, rate=50.0)
+    out = sensors.depth_gauge(tumble, steady, stream(1, "depth_gauge"), START_NS)
+    t = (np.array([timed.sample.stamp_ns for timed in out]) - START_NS) * 1e-9
+    strength = gravity(tumble.lat[0], tumble.alt[0])
+    heights = [water_height(timed.sample.pressure, steady.density, strength) for timed in out]
+    np.testing.assert_allclose(heights, tumble.at(t).alt - tumble.alt[0], atol=1e-6)
+    gauge = DepthGauge(drift=0.0)
+    means = [np.mean([timed.sample.pressure for timed in sensors.depth_gauge(rest, gauge, stream(i, "d"), START_NS)])
+             for i in range(40)]  # fmt: skip
+    assert np.std(means) == pytest.approx(gauge.offset_sd, rel=0.3)
 
 
 def test_attitude_of_the_truth_is_in_ros_axes(rest: Truth) -> None:

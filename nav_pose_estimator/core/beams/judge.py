@@ -4,7 +4,9 @@ Every beam is judged by its own innovation with its nominal noise, so that a fau
 
 * Gate: NIS above ``GATE`` flags a beam.
 * Parity: the null vector c of the directions makes c . z free of the velocity, however badly that is known. Where it is
-  too large for its variance, the beam whose absence explains the others clearly better is flagged.
+  too large for its variance, the beam whose absence explains the others clearly better is flagged. The mean of what
+  the gate has passed of late is looked at in the same way: it shows a bias that no single message does, before the
+  navigator has followed it.
 * Latch: a small fault passes the gate now and then and would drag the state until nothing is flagged. A beam that is
   flagged often is out until it has agreed for a while.
 * Noise: an inverse gamma distribution for each beam, found together with the velocity from the beams that are used.
@@ -38,10 +40,13 @@ _MARGIN = 4.0  # of the NIS of three beams between the best and the second best 
 _OUT_ABOVE, _IN_BELOW = 0.35, 0.2  # flag rates
 _FLAG_MEMORY, _MILD_MEMORY = 0.9, 0.95
 _NOISE_MEMORY = 0.97
+_MEAN_MEMORY = 0.9
+_MEAN_SHARE = (1.0 - _MEAN_MEMORY) / (1.0 + _MEAN_MEMORY)  # variance of that mean over that of one
+_MEAN_GATE = 15.0  # NIS of a mean, of which many in a row are hardly independent
 _TURNS = 4
 _LEAST_FACTOR, _LARGEST_FACTOR = 0.25, 1e4  # of a variance
-_FLAGS, _MILDS, _IS_OUT, _SHAPE, _FACTOR = 0, 1, 2, 3, 4
-_COLUMNS = 5
+_FLAGS, _MILDS, _IS_OUT, _SHAPE, _FACTOR, _MEAN = 0, 1, 2, 3, 4, 5
+_COLUMNS = 6
 
 
 class Judged(NamedTuple):
@@ -124,7 +129,8 @@ def _judge(z, H, P, nominal, memory, has_history, parts):
             _check_parity(z, H, A, nominal, memory, verdict)
         for i in range(n):
             if verdict[i] != LOST and parts.latch:
-                _remember(memory[i], verdict[i] != USED, nis[i] > _MILD)
+                of_mean = memory[i, _MEAN] * memory[i, _MEAN] / (A[i, i] + _MEAN_SHARE * nominal[i])
+                _remember(memory[i], verdict[i] != USED, nis[i] > _MILD, of_mean > _MILD)
                 if memory[i, _IS_OUT] > 0.0 and verdict[i] == USED:
                     verdict[i] = OUT
         if parts.noise:
@@ -153,42 +159,57 @@ def _spread(H, P):
 
 
 @kernel
-def _remember(beam, is_flagged, is_mild):
+def _remember(beam, is_flagged, is_mild, is_biased):
     """Flag rates of one ``beam`` (_COLUMNS,), and whether it is out."""
     beam[_FLAGS] = _FLAG_MEMORY * beam[_FLAGS] + (1.0 - _FLAG_MEMORY) * (1.0 if is_flagged else 0.0)
     beam[_MILDS] = _MILD_MEMORY * beam[_MILDS] + (1.0 - _MILD_MEMORY) * (1.0 if is_mild else 0.0)
     if beam[_FLAGS] > _OUT_ABOVE:
         beam[_IS_OUT] = 1.0
-    elif beam[_FLAGS] < _IN_BELOW and beam[_MILDS] < _IN_BELOW:
+    elif beam[_FLAGS] < _IN_BELOW and beam[_MILDS] < _IN_BELOW and not is_biased:
         beam[_IS_OUT] = 0.0
 
 
 @kernel
 def _check_parity(z, H, A, nominal, memory, verdict):
-    """Flag one of four beams where they contradict each other and its absence explains that."""
+    """Flag one of four beams where they contradict each other, now or in the mean, and its absence explains that."""
+    for i in range(len(z)):
+        if verdict[i] == USED:
+            memory[i, _MEAN] += (1.0 - _MEAN_MEMORY) * (z[i] - memory[i, _MEAN])
     if len(z) != BEAMS:
         return
     for i in range(BEAMS):
         if verdict[i] != USED or memory[i, _IS_OUT] > 0.0:
             return
     c = _null_vector(H)
+    which = _odd_one_out(z, A, nominal, c, GATE)
+    if which < 0:
+        which = _odd_one_out(memory[:, _MEAN], A, _MEAN_SHARE * nominal, c, _MEAN_GATE)
+    if which >= 0:
+        verdict[which] = PARITY
+
+
+@kernel
+def _odd_one_out(z, A, noise, c, gate):
+    """The beam whose absence explains innovations ``z`` (4,), covariance A + diag(noise), that contradict each other.
+
+    -1 where ``c`` . z is within its ``gate``, or none stands out.
+    """
     parity, spread = 0.0, 0.0
     for i in range(BEAMS):
         parity += c[i] * z[i]
-        spread += c[i] * c[i] * nominal[i]
+        spread += c[i] * c[i] * noise[i]
         for j in range(BEAMS):
             spread += c[i] * A[i, j] * c[j]
-    if not parity * parity > GATE * spread:
-        return
-    best, second, which = math.inf, math.inf, 0
+    if not parity * parity > gate * spread:
+        return -1
+    best, second, which = math.inf, math.inf, -1
     for i in range(BEAMS):
-        rest = _nis_without(z, A, nominal, i)
+        rest = _nis_without(z, A, noise, i)
         if rest < best:
             best, second, which = rest, best, i
         elif rest < second:
             second = rest
-    if second - best >= _MARGIN:
-        verdict[which] = PARITY
+    return which if second - best >= _MARGIN else -1
 
 
 @kernel

@@ -28,7 +28,12 @@ def _first_state(constants, index):
 
 @kernel
 def inject(nav, constants, error):
-    """Take an estimated ``error`` (n,) out of ``nav``: C <- Exp(phi) C, v and p less their errors, the rest added."""
+    """Take an estimated ``error`` (n,) out of ``nav``: C <- Exp(phi) C, v and p less their errors, the rest added.
+
+    An error of another size is a ``ValueError``: machine code would read what happens to lie behind it.
+    """
+    if len(error) != state_count(constants):
+        raise ValueError("the error does not have the states of the filter")
     store4(nav, QUAT, q_polish(q_multiply(q_exp(load3(error, PHI)), load4(nav, QUAT))))
     R_M, R_N = radii(nav[LAT])
     nav[LON] = wrap_angle(nav[LON] - error[DPOS] / ((R_N + nav[ALT]) * cos_latitude(nav[LAT])))

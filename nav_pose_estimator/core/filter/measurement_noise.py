@@ -109,24 +109,13 @@ def _unknown() -> Array:
 
 
 @dataclass
-class InnovationAdaptive:
-    """The variance of what changes from one observation to the next, with exponential memory.
-
-    The innovation less the last residual, d = z(k) - (z(k-1) - H x(k-1)), holds the noise of two observations and
-    what the navigator drifted in between, which is little: its own error, and its corrections, cancel. So d^2 over the
-    sum of both stated variances estimates the factor without any trust in P, and also from observations that the filter
-    did not believe: a receiver that states far too little is refused most of the time.
-    """
+class _Learned:
+    """Factors on the stated variances, one for each row, that earlier observations have shown."""
 
     learns: ClassVar[bool] = True
-    _MEMORY: ClassVar[float] = 0.95
-    _MOST: ClassVar[float] = 3.0  # factors that one observation may count for: outliers cannot open R
-    _KEPT: ClassVar[float] = 0.858  # E min(x, 3) of a chi-square x with one degree of freedom
 
     _factors: Array = field(default_factory=_ones, init=False)
     _rows: int = field(default=1, init=False)
-    _residual: Array = field(default_factory=_unknown, init=False)  # of the last observation
-    _variance: Array = field(default_factory=_unknown, init=False)  # that it stated
     _pauses: _Pauses = field(default_factory=_Pauses, init=False)
 
     @property
@@ -137,6 +126,24 @@ class InnovationAdaptive:
     def expected(self, stated: Array) -> Array:
         """``stated`` by the factors that earlier observations have shown."""
         return enlarged(stated, self._factors[: len(stated)])
+
+
+@dataclass
+class InnovationAdaptive(_Learned):
+    """The variance of what changes from one observation to the next, with exponential memory.
+
+    The innovation less the last residual, d = z(k) - (z(k-1) - H x(k-1)), holds the noise of two observations and
+    what the navigator drifted in between, which is little: its own error, and its corrections, cancel. So d^2 over the
+    sum of both stated variances estimates the factor without any trust in P, and also from observations that the filter
+    did not believe: a receiver that states far too little is refused most of the time.
+    """
+
+    _MEMORY: ClassVar[float] = 0.95
+    _MOST: ClassVar[float] = 3.0  # factors that one observation may count for: outliers cannot open R
+    _KEPT: ClassVar[float] = 0.858  # E min(x, 3) of a chi-square x with one degree of freedom
+
+    _residual: Array = field(default_factory=_unknown, init=False)  # of the last observation
+    _variance: Array = field(default_factory=_unknown, init=False)  # that it stated
 
     def covariance(self, z: Array, HPH: Array, stated: Array) -> Array:
         """The same: outliers are for the gate."""
@@ -159,30 +166,17 @@ class InnovationAdaptive:
 
 
 @dataclass
-class Variational:
+class Variational(_Learned):
     """An inverse gamma distribution for the factor of each row, found together with the state (variational Bayes).
 
     Each innovation is explained by state and noise in turns; the state that this takes is not the filter's, which is
     corrected once, with the R that comes out. What is clamped is also remembered clamped, else the scale runs away.
     """
 
-    learns: ClassVar[bool] = True
     _MEMORY: ClassVar[float] = 0.98
     _TURNS: ClassVar[int] = 5
 
     _shape: float = field(default=2.0, init=False)  # half as many observations as are remembered
-    _factors: Array = field(default_factory=_ones, init=False)  # scale over shape
-    _rows: int = field(default=1, init=False)
-    _pauses: _Pauses = field(default_factory=_Pauses, init=False)
-
-    @property
-    def factor(self) -> float:
-        """R over the stated variance, of the row where it is largest."""
-        return float(self._factors[: self._rows].max())
-
-    def expected(self, stated: Array) -> Array:
-        """``stated`` by the factors that earlier observations have shown."""
-        return enlarged(stated, self._factors[: len(stated)])
 
     def covariance(self, z: Array, HPH: Array, stated: Array) -> Array:
         """``stated`` by the factors that this innovation and the earlier ones are best explained with."""

@@ -120,6 +120,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "let the driver send each beam once",
         ),
         Entry("beam_velocity.rejected.zero", "all velocities are exactly zero: no echo", "wait for bottom lock"),
+        Entry(
+            "beam_velocity.rejected.stuck",
+            "all velocities of a message are those of the ones before it, to the last digit",
+            "restart the sensor, or let its driver send each measurement once",
+        ),
         Entry("beam_velocity.rejected.lost", "no beam of a message has a velocity", "wait for bottom lock"),
         Entry("beam_velocity.rejected.contradicts", "a message while the beams contradict GNSS", "as above"),
         Entry(

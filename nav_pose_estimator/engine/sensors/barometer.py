@@ -189,7 +189,21 @@ class DepthSensor(Aid):
         """Without GNSS the height is known no better than errors of fixes that last let the surface be known."""
         if self._aiding.gnss_is_good(o.t):
             return GATED
-        return Decision(Use.GATED, least_sd=(0.0, self._surface_sd, 0.0))
+        return Decision(Use.GATED, reference=self._surface_sd)
+
+    def settle(self, o: Observation, f: FilterView) -> None:
+        """What is not known of the surface is not known of the height: both are off by the same.
+
+        So the pressure goes on telling how the height changes, and with it the vertical velocity.
+        """
+        if o.decision is None or not o.decision.reference > 0.0:
+            return
+        missing, surface = o.decision.reference**2 - float(f.P[_UP, _UP]), DEPTH.states(f.constants).start
+        if missing > 0.0:
+            f.P[_UP, _UP] += missing
+            f.P[surface, surface] += missing
+            f.P[_UP, surface] -= missing  # estimate minus truth, and truth minus estimate
+            f.P[surface, _UP] -= missing
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """One row, the height and that of the surface."""

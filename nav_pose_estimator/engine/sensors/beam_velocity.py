@@ -57,6 +57,7 @@ class BeamVelocitySensor(Aid):
         self._last_used = -math.inf  # s
         self._said: set[str] = set()
         self._states = np.zeros(DVL.size)  # as last estimated
+        self._fresh: tuple[np.ndarray, np.ndarray] | None = None  # of a decision, for the linearisation that follows it
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New noise; mounting, and what is known of the states."""
@@ -115,7 +116,10 @@ class BeamVelocitySensor(Aid):
             rows += self._accusing(gated, z, judged)
         elif self.compensator is not None:
             rows += self._compensated(self.compensator, o, z, judged)
-        return Decision(Use.UNGATED, rows=tuple(rows)) if rows else LEFT_OUT
+        if not rows:
+            return LEFT_OUT
+        self._fresh = z, H
+        return Decision(Use.UNGATED, rows=tuple(rows))
 
     def _verify(self, o: Observation, f: FilterView) -> None:
         """Compare a message with its own 3-D velocity, else with the navigator's while GNSS is good."""
@@ -169,10 +173,15 @@ class BeamVelocitySensor(Aid):
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """The rows that were decided on."""
         assert o.decision is not None
-        z, H = self._rows(self._arrangement.arrange(o.measured), f)
+        z, H = self._fresh or self._rows(self._arrangement.arrange(o.measured), f)
+        self._fresh = None
         numbers, variances, offsets = zip(*o.decision.rows, strict=True)
-        chosen = list(numbers)
-        return z[chosen] + offsets, H[chosen], np.diag(variances)
+        if len(numbers) < len(z):
+            chosen = list(numbers)
+            z, H = z[chosen], H[chosen]
+        R = np.zeros((len(z), len(z)))
+        R.flat[:: len(z) + 1] = variances
+        return z + offsets, H, R
 
     # --- outcome -----------------------------------------------------------------------------------------------------
 
@@ -189,8 +198,7 @@ class BeamVelocitySensor(Aid):
     def _report(self, o: Observation, verdicts: list[int], are_beams: bool) -> None:
         """Count what became of each beam, and say which is left out for good, or is back."""
         for i, verdict in enumerate(verdicts):
-            beam = f"{i + 1}." if are_beams else "points."
-            self._journal.count(f"beam_velocity.{beam}{words.VERDICTS[verdict]}")
+            self._journal.count(words.COUNTERS[i if are_beams else BEAMS][verdict])
         out = self.judge.out.tolist()
         if out != self._was_out:
             for are_out in (True, False):

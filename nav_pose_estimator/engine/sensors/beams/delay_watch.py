@@ -1,20 +1,18 @@
-"""How old velocities are when they are stamped: innovations proportional to the acceleration along the beam."""
+"""Whether velocities are stamped late: says so while GNSS is good."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nav_pose_estimator.core.filter.layout import DVEL, PHI, PREV_ACCEL, PREV_RATE, QUAT
-from nav_pose_estimator.core.numerics.rotation import quat_rotate
+from nav_pose_estimator.core.beams.delay import add_delay
 from nav_pose_estimator.engine.observation import FilterView
 
 Array = NDArray[np.float64]
 
-_MEMORY = 0.998  # of one message
 _SURE = 5.0  # deviations
 _SHORT = 0.03  # s: a delay that costs nothing
 
@@ -26,27 +24,18 @@ class DelayWatch:
     Where the beams are used the filter follows them, and less than the whole delay is seen.
     """
 
-    _product: float = 0.0  # sums of slope times innovation, of slope squared, of innovation squared, of beams
-    _slopes: float = 0.0
-    _squares: float = 0.0
-    _count: float = 0.0
+    sums: Array = field(default_factory=lambda: np.zeros(4))
 
     def add(self, z: Array, H: Array, f: FilterView) -> None:
         """Innovations ``z`` (n,) [m/s], estimate minus measurement, NaN where lost, with their rows ``H``."""
-        known = np.isfinite(z)
-        turning = quat_rotate(f.nav[QUAT : QUAT + 4], f.nav[PREV_RATE : PREV_RATE + 3])
-        slope = H[:, DVEL : DVEL + 3] @ f.nav[PREV_ACCEL : PREV_ACCEL + 3] - H[:, PHI : PHI + 3] @ turning
-        z, slope = z[known], slope[known]
-        self._product = _MEMORY * self._product + float(slope @ z)
-        self._slopes = _MEMORY * self._slopes + float(slope @ slope)
-        self._squares = _MEMORY * self._squares + float(z @ z)
-        self._count = _MEMORY * self._count + len(z)
+        add_delay(self.sums, z, H, f.nav)
 
     @property
     def delay(self) -> float:
         """Stamp minus time of validity [s] that is still missing from ``aids.beams.delay``; 0 where none is certain."""
-        if self._slopes == 0.0:
+        product, slopes, squares, count = self.sums.tolist()
+        if slopes == 0.0:
             return 0.0
-        delay = self._product / self._slopes
-        left = max(self._squares - delay * self._product, 0.0) / max(self._count, 1.0)
-        return delay if abs(delay) > max(_SHORT, _SURE * math.sqrt(left / self._slopes)) else 0.0
+        delay = product / slopes
+        left = max(squares - delay * product, 0.0) / max(count, 1.0)
+        return delay if abs(delay) > max(_SHORT, _SURE * math.sqrt(left / slopes)) else 0.0

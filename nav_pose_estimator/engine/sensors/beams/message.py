@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ MOST_POINTS = 64
 _FASTEST = 100.0  # m/s
 _LENGTH = 0.02  # by which a unit vector may be longer or shorter than one
 _SAME = 1e-6  # between two directions of the same beam
+_STUCK = 5  # repetitions: noise does not repeat, but for that of a sensor at rest with few digits
 
 FLAWS = {
     "empty": "the message holds no beam, or not as many directions as velocities",
@@ -25,6 +27,7 @@ FLAWS = {
     "direction": "the direction of beam {beam} is no unit vector (its length is {length:.3g})",
     "duplicate": "beams {beam} and {other} have the same direction: two messages in one, or a wrong geometry",
     "zero": "all velocities are exactly zero: the sensor has no echo, or does not measure",
+    "stuck": "all velocities repeat to the last digit: the sensor is stuck, or its driver repeats what it has sent",
 }
 """Why a message is not used, by the last word of its counter."""
 
@@ -61,6 +64,7 @@ class MessageReader:
     def __init__(self, given: Array) -> None:
         self._given = given
         self._sound = np.zeros((0, 3))  # directions of the last message that had any, checked
+        self._last, self._repeats = b"", 0  # velocities of the last message, and how often they have been repeated
 
     def read(self, sample: BeamVelocitySample, floor: float) -> Beams | Flaw:
         """The beams of a message; ``floor`` [m^2/s^2]: the least variance."""
@@ -68,10 +72,15 @@ class MessageReader:
         directions = self._given if len(self._given) else np.asarray(sample.directions, float)
         flaw = self._flaw_of(directions, len(velocities))
         if flaw is not None:
-            return flaw
+            rest = None if len(self._given) else _with_directions(sample, velocities, directions)
+            return flaw if rest is None else self.read(rest, floor)
         if not velocities.any():
             return _flaw("zero")
+        numbers = velocities.tobytes()
+        self._last, self._repeats = numbers, self._repeats + 1 if numbers == self._last else 0
         velocities[_is_lost(sample, velocities)] = math.nan
+        if self._repeats >= _STUCK and np.isfinite(velocities).any():
+            return _flaw("stuck")
         variances = np.full(len(velocities), floor)
         if sample.variances is not None:  # one that is unknown (NaN), negative or tiny is the floor
             np.fmax(variances, sample.variances, out=variances)
@@ -110,6 +119,27 @@ def _flaw_of_directions(directions: Array) -> Flaw | None:
                 if np.abs(directions[i] - directions[j]).max() < _SAME:
                     return _flaw("duplicate", beam=j + 1, other=i + 1)
     return None
+
+
+def _with_directions(sample: BeamVelocitySample, velocities: Array, directions: Array) -> BeamVelocitySample | None:
+    """The sample without beams that are not there: a direction of zeros, or a lost one whose direction is none either.
+
+    None where that changes nothing.
+    """
+    if directions.shape != (len(velocities), 3):
+        return None
+    lengths = np.sqrt(np.square(directions).sum(axis=1))
+    is_unit = np.abs(lengths - 1.0) <= _LENGTH
+    kept = is_unit | ((lengths != 0.0) & ~_is_lost(sample, velocities))
+    if kept.all() or not kept.any():
+        return None
+    parts = {name: getattr(sample, name) for name in ("variances", "ranges", "valid")}
+    return replace(
+        sample,
+        velocities=velocities[kept],
+        directions=directions[kept],
+        **{name: None if part is None else np.asarray(part)[kept] for name, part in parts.items()},
+    )
 
 
 def _is_lost(sample: BeamVelocitySample, velocities: Array) -> NDArray[np.bool_]:

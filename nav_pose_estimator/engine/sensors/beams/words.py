@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from nav_pose_estimator.core.beams.judge import GATED, LOST, OUT, PARITY, USED
+from nav_pose_estimator.core.filter.measurements import BEAMS
 from nav_pose_estimator.engine.solutions import Level
 
 VERDICTS = {USED: "used", LOST: "lost", GATED: "rejected", PARITY: "rejected.parity", OUT: "rejected.out"}
 """Last words of the counters of a beam."""
+COUNTERS = tuple(
+    {verdict: f"beam_velocity.{beam}.{word}" for verdict, word in VERDICTS.items()}
+    for beam in (*range(1, BEAMS + 1), "points")
+)
+"""Names of the counters of each beam, then those of points, by verdict."""
 
 UNPROVEN = (
     "beam_velocity.unproven",

@@ -11,6 +11,7 @@ import numpy as np
 from nav_pose_estimator.offline.benchmarks.alignment.cases import CASES
 from nav_pose_estimator.offline.benchmarks.alignment.summary import Summary, judged
 from nav_pose_estimator.offline.benchmarks.alignment.trial import Trial
+from nav_pose_estimator.offline.benchmarks.simulated import markdown
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
 
@@ -61,10 +62,10 @@ def text_table(summaries: list[Summary]) -> str:
     blocks = []
     for case in dict.fromkeys(s.case for s in summaries):
         rows = table_rows([s for s in summaries if s.case == case])
-        blocks.append(f"{case}: {CASES[case].description}\n\n{_markdown(HEADER, rows)}")
+        blocks.append(f"{case}: {CASES[case].description}\n\n{markdown(HEADER, rows)}")
     goals = judged(summaries)
     if goals:
-        blocks.append(_markdown(GOAL_HEADER, goals))
+        blocks.append(markdown(GOAL_HEADER, goals))
     return "\n\n".join(blocks) + "\n"
 
 
@@ -105,8 +106,3 @@ def _plot(trials: list[Trial]) -> Plot:
 
 def _number(value: float, digits: int) -> str:
     return "never" if math.isinf(value) else f"{value:.{digits}f}"
-
-
-def _markdown(header: list[str], rows: list[list[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)

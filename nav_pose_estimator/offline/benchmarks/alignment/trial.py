@@ -9,6 +9,7 @@ import numpy as np
 
 from nav_pose_estimator.core.alignment.types import Alignment
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.blocks import state_count
 from nav_pose_estimator.core.filter.error_state import error_between, inject
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.parameters import Parameters
@@ -88,11 +89,13 @@ def begin(
     engine.feed(first)
     nav = true_nav(recording.truth, 0)
     nav[at.PREV_RATE : at.PREV_RATE + 3], nav[at.PREV_FORCE : at.PREV_FORCE + 3] = first.gyro, first.accel
-    error = stream(recording.seed, "start").standard_normal(at.BASE_STATES) * sd
-    error[at.D_GYRO_BIAS :] = 0.0  # the biases are wrong by what the IMU has
+    constants = engine.run.timeline.filter.constants
+    error = np.zeros(state_count(constants))  # that of biases and optional states is what the IMU has
+    drawn = stream(recording.seed, "start").standard_normal(at.BASE_STATES) * sd
+    error[: at.D_GYRO_BIAS] = drawn[: at.D_GYRO_BIAS]
     if misalignment is not None:
         error[: at.DVEL] = np.radians(misalignment)
-    inject(nav, engine.run.timeline.filter.constants, -error)
+    inject(nav, constants, -error)
     engine.run.begin(Alignment(0.0, nav, np.diag(sd**2), "given"))
     return block.part(1, len(block))
 

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import json
 import math
-from dataclasses import asdict, fields
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,16 +11,16 @@ from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.benchmarks.beams import report
-from nav_pose_estimator.offline.benchmarks.beams.cases import CASES
+from nav_pose_estimator.offline.benchmarks.beams.cases import CASES, USUAL_LENGTH
 from nav_pose_estimator.offline.benchmarks.beams.methods import METHODS, TABLE
-from nav_pose_estimator.offline.benchmarks.beams.summary import GOAL_LENGTH, Summary, judged, summarise
+from nav_pose_estimator.offline.benchmarks.beams.summary import judged, summarise
 from nav_pose_estimator.offline.benchmarks.beams.trial import Trial, run_seed
-from nav_pose_estimator.offline.benchmarks.simulated import chosen, run_all
+from nav_pose_estimator.offline.benchmarks.simulated import REPORT, add_seeds, chosen, run_all, seeds, write_tables
 from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.offline.output_folder import OutputFolder
 from nav_pose_estimator.sim.beam_faults import PLANS
 
-TRIALS, SUMMARY_CSV, SUMMARY_JSON, REPORT = "trials.csv", "summary.csv", "summary.json", "report.html"
+_GOAL_NAMES = ("case", "fault", "goal", "value", "limits", "outcome")
 
 
 class Task(NamedTuple):
@@ -45,12 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--faults", default="all", metavar="F,...", help=f"of {', '.join(PLANS)} (default: all)")
     table = ",".join(TABLE)
     add("--methods", default=table, metavar="M,...", help=f"of {', '.join(METHODS)} (default: {table})")
-    add("--seeds", type=int, default=10, metavar="N", help="simulated outages of each (default: 10)")
-    add("--first-seed", type=int, default=0, metavar="N", help="seed of the first one (default: 0)")
-    add("--length", type=float, default=GOAL_LENGTH, metavar="S", help="time without GNSS (default: 600)")
+    add_seeds(parser, "outages")
+    add("--length", type=float, default=USUAL_LENGTH, metavar="S", help="time without GNSS (default: 600)")
     add("--mounting", type=float, default=0.0, metavar="DEG", help="unknown mounting yaw of the sensor (default: 0)")
     add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them; sensors are the benchmark's")
-    add("--jobs", type=int, default=1, metavar="N", help="processes (default: 1)")
     add("--out", type=Path, default=Path("beams_benchmark"), metavar="DIR", help="folder for tables and report")
 
 
@@ -59,11 +54,11 @@ def run(arguments: argparse.Namespace) -> int:
     tasks = _tasks(arguments)
     SinsEngine(tasks[0].parameters).warm_up()
     with OutputFolder(arguments.out, "beams benchmark", [arguments.config] if arguments.config else []) as folder:
-        trials = list(run_all(_run_task, tasks, arguments.jobs))
+        trials = run_all(_run_task, tasks, arguments.jobs)
         summaries = summarise(trials)
-        goals = judged(summaries) if arguments.length == GOAL_LENGTH and arguments.mounting == 0.0 else []
+        goals = judged(summaries, arguments.length, arguments.mounting != 0.0)
         folder.mkdir()
-        _write_tables(folder, trials, summaries, goals)
+        write_tables(folder, trials, summaries, goals, _GOAL_NAMES)
         report.write_report(folder / REPORT, summaries, goals)
     print(report.text_tables(summaries, goals))
     print(f"report: {arguments.out / REPORT}")
@@ -74,40 +69,15 @@ def _tasks(arguments: argparse.Namespace) -> list[Task]:
     cases = chosen(arguments.cases, tuple(CASES), "--cases")
     faults = chosen(arguments.faults, tuple(PLANS), "--faults")
     methods = chosen(arguments.methods, tuple(METHODS), "--methods")
-    if arguments.seeds < 1 or arguments.first_seed < 0 or arguments.jobs < 1:
-        raise UserError("--seeds and --jobs must be 1 or more, --first-seed 0 or more")
     if not 60.0 <= arguments.length <= 7200.0 or not -10.0 <= arguments.mounting <= 10.0:
         raise UserError("--length must lie between 60 and 7200 s, --mounting between -10 and 10 deg")
     parameters, mounting = load_parameters(arguments.config), math.radians(arguments.mounting)
     return [
         Task(case, seed, faults, methods, arguments.length, mounting, parameters)
         for case in cases
-        for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+        for seed in seeds(arguments)
     ]
 
 
 def _run_task(task: Task) -> list[Trial]:
     return run_seed(CASES[task.case], *task[1:])
-
-
-def _write_tables(folder: Path, trials: list[Trial], summaries: list[Summary], goals: list[list[str]]) -> None:
-    _write_csv(folder / TRIALS, Trial, trials)
-    _write_csv(folder / SUMMARY_CSV, Summary, summaries)
-    from nav_pose_estimator.offline.replay.files import plain
-
-    names = ("case", "fault", "goal", "value", "limits", "outcome")
-    content = {
-        "summaries": [asdict(row) for row in summaries],
-        "goals": [dict(zip(names, row, strict=True)) for row in goals],
-    }
-    (folder / SUMMARY_JSON).write_text(json.dumps(plain(content), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def _write_csv(path: Path, kind: type, rows: list) -> None:
-    names = [item.name for item in fields(kind)]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
-        for row in rows:
-            values = [getattr(row, name) for name in names]
-            writer.writerow([f"{value:.5g}" if isinstance(value, float) else value for value in values])

@@ -9,6 +9,7 @@ from pathlib import Path
 from nav_pose_estimator.offline.benchmarks.beams.cases import CASES
 from nav_pose_estimator.offline.benchmarks.beams.methods import METHODS
 from nav_pose_estimator.offline.benchmarks.beams.summary import Summary
+from nav_pose_estimator.offline.benchmarks.simulated import markdown
 from nav_pose_estimator.offline.page import page
 
 DETAIL = ["fault", "method", "median, %", "RMS, %", "velocity, m/s", "heading, deg", "mounting, deg", "NEES",
@@ -25,10 +26,10 @@ def text_tables(summaries: list[Summary], goals: list[list[str]]) -> str:
     """Markdown: for each case faults by methods, then the details, then the goals."""
     blocks = []
     for case, rows in _by_case(summaries):
-        blocks.append(f"{case}: {CASES[case].description}\n\n{_markdown(*overview(rows))}")
-        blocks.append(_markdown(DETAIL, details(rows)))
+        blocks.append(f"{case}: {CASES[case].description}\n\n{markdown(*overview(rows))}")
+        blocks.append(markdown(DETAIL, details(rows)))
     if goals:
-        blocks.append(_markdown(GOAL_HEADER, goals))
+        blocks.append(markdown(GOAL_HEADER, goals))
     return "\n\n".join(blocks) + "\n"
 
 
@@ -78,11 +79,6 @@ def _body(summaries: list[Summary], goals: list[list[str]]) -> Iterator[str]:
 def _by_case(summaries: list[Summary]) -> Iterator[tuple[str, list[Summary]]]:
     for case in dict.fromkeys(s.case for s in summaries):
         yield case, [s for s in summaries if s.case == case]
-
-
-def _markdown(header: list[str], rows: list[list[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _number(value: float, places: int) -> str:
