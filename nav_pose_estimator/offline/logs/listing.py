@@ -161,7 +161,7 @@ def _of_bag(recording: Recording) -> LogSensors:
     )
 
 
-def _times(samples: list[Sample], kind: type) -> Array:
+def _times(samples: Iterable[Sample], kind: type) -> Array:
     stamps = [getattr(s, "stamp_ns", None) for s in samples if type(s) is kind]
     return np.array([stamp for stamp in stamps if stamp], np.int64) // 1000
 

@@ -26,12 +26,16 @@ def open_recording(
     remaps: dict[str, str] | None = None,
     progress: Callable[[int], None] | None = None,
     parameters: Parameters | None = None,
+    hold: bool = True,
 ) -> Recording:
-    """Read a bag, as ``parameters`` say (``ros.input``), or a log. Raises ``UserError`` for what cannot be read."""
+    """Read a bag, as ``parameters`` say (``ros.input``), or a log. Raises ``UserError`` for what cannot be read.
+
+    ``hold`` as in ``recording.load``; the samples of a log are always held.
+    """
     if log_form(path) is None:
         if options.imu is not None or options.segment is not None:
             raise UserError(f"{path.name} is not a flight log: --imu and --segment are only for those")
-        return load(path, remaps, progress, parameters)
+        return load(path, remaps, progress, parameters, hold)
     if remaps:
         raise BagError(f"{path.name} is a flight log: --remap is for the topics of bags")
     with reading(path):
