@@ -9,31 +9,35 @@ from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.engine.samples import ImuBlock, Sample
-from nav_pose_estimator.offline.benchmarks.speed.figures import IMU_HZ, SECONDS, Figure, best_time, singles
-from nav_pose_estimator.offline.benchmarks.speed.flight_messages import imu_bytes, message_of
+from nav_pose_estimator.engine.samples import Sample
+from nav_pose_estimator.offline.bags.writer import MCAP, SQLITE3
+from nav_pose_estimator.offline.benchmarks.speed.figures import (
+    BLOCK,
+    IMU_HZ,
+    SECONDS,
+    Figure,
+    best_time,
+    blocks_of,
+    imu_only,
+)
+from nav_pose_estimator.offline.benchmarks.speed.flight_messages import write_samples
 
 _LIMIT = 900.0  # s that a process may take
 _TRIES = 3
 _LONG = 3600.0  # s of flight
+_PEAK = "next(int(x.split()[1])/1024 for x in open('/proc/self/status') if x.startswith('VmHWM'))"
+"""Most memory of a process so far [MB]. Not ru_maxrss: that remembers the process it was started from."""
 _PLAIN_SECONDS = 20.0  # s of flight that the navigator is timed over without numba
 
 
 def bags(scratch: Path, flight: list[Sample]) -> list[Figure]:
     """Reading the Imu messages of a bag."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_JAZZY)
-    samples = singles(flight, int(SECONDS * IMU_HZ))
+    imu = imu_only(flight)
     figures = []
-    for name, plugin in (("mcap", StoragePlugin.MCAP), ("sqlite3", StoragePlugin.SQLITE3)):
-        with Writer(scratch / name, version=9, storage_plugin=plugin) as writer:
-            connection = writer.add_connection("/imu/data_raw", "sensor_msgs/msg/Imu", typestore=store)
-            for sample in samples:
-                writer.write(connection, sample.stamp_ns, imu_bytes(sample))
+    for name in (MCAP, SQLITE3):
+        write_samples(scratch / name, blocks_of(imu, BLOCK), name)
         cost = best_time(partial(_read, scratch / name))
-        figures.append(Figure(f"bag reading, {name}", 1e6 * cost / len(samples), "us/message", 4.5))
+        figures.append(Figure(f"bag reading, {name}", 1e6 * cost / len(imu), "us/message", 4.5))
         peer = best_time(partial(_read_with_rosbags, scratch / name, 20000), repeat=1)
         figures.append(Figure(f"  peer rosbags AnyReader, {name}", 1e6 * peer / 20000, "us/message"))
     return figures
@@ -66,7 +70,7 @@ def replays(scratch: Path) -> list[Figure]:
     figures = []
     for seconds, tries, goals in ((SECONDS, _TRIES, (300.0, 400.0)), (_LONG, 1, (600.0, 900.0))):
         bag = scratch / f"flight_{seconds:.0f}"
-        write_bag_of(bag, full_set(seconds, IMU_HZ))
+        write_samples(bag, full_set(seconds, IMU_HZ))
         for method, goal in zip(("best", "coast"), goals, strict=True):
             options = ["replay", str(bag), "--outage", "300:30", "--method", method, "--out", str(scratch / "out")]
             runs = [_measured(options) for _ in range(tries)]
@@ -93,10 +97,10 @@ def outage_benchmark(scratch: Path) -> list[Figure]:
 def _measured(options: list[str]) -> tuple[float, float, float]:
     """Wall time [s], CPU time of a command and its children [s], and the largest memory of one of them [MB]."""
     code = (
-        "import os,resource,sys,time;from nav_pose_estimator.offline.command_line import main\n"
+        "import os,sys;from nav_pose_estimator.offline.command_line import main\n"
         "from nav_pose_estimator.offline.process_clock import seconds_since_start\n"
         "code=main(sys.argv[1:]);a=os.times()\n"
-        "print(seconds_since_start(),sum(a[:4]),resource.getrusage(resource.RUSAGE_SELF).ru_maxrss/1024);sys.exit(code)"
+        f"print(seconds_since_start(),sum(a[:4]),{_PEAK});sys.exit(code)"
     )
     wall, used, memory = map(float, _run([sys.executable, "-c", code, *options]).split()[-3:])
     return wall, used, memory
@@ -130,24 +134,7 @@ def write_flight_bag(path: Path, seconds: float, imu_hz: float = IMU_HZ, gnss_hz
     """``plain_flight`` as a rosbag2 (mcap)."""
     from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
 
-    write_bag_of(path, samples(seconds, imu_hz, gnss_hz))
-
-
-def write_bag_of(path: Path, samples: list[Sample]) -> None:
-    """``samples`` as a rosbag2 (mcap)."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connections = {}
-        for sample in samples:
-            parts = singles([sample], len(sample)) if isinstance(sample, ImuBlock) else [sample]
-            for part in parts:
-                topic, kind, raw = message_of(part, store)
-                if topic not in connections:
-                    connections[topic] = writer.add_connection(topic, kind, typestore=store)
-                writer.write(connections[topic], part.stamp_ns or 0, raw)
+    write_samples(path, samples(seconds, imu_hz, gnss_hz))
 
 
 def start_up() -> list[Figure]:
@@ -163,8 +150,7 @@ def start_up() -> list[Figure]:
 def _loaded(what: str, module: str, name: str, goals: tuple[float | None, float | None]) -> list[Figure]:
     code = (
         f"import time;a=time.perf_counter();from {module} import {name};{name}().warm_up();b=time.perf_counter();"
-        # not ru_maxrss: that remembers the process it was started from
-        "print(b-a,next(int(x.split()[1])/1024 for x in open('/proc/self/status') if x.startswith('VmHWM')))"
+        f"print(b-a,{_PEAK})"
     )
     runs = [[float(text) for text in _run([sys.executable, "-c", code]).split()] for _ in range(_TRIES)]
     seconds, memory = np.min(runs, axis=0).tolist()
