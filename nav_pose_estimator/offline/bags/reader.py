@@ -144,10 +144,8 @@ class BagReader:
         return out
 
     def _samples_of(self, items: Converted) -> tuple[Sample, ...]:
-        if len(items) == 1 and not isinstance(items[0], Event):  # nearly always
-            return items
         self.events += [item for item in items if isinstance(item, Event)]
-        return tuple(item for item in items if not isinstance(item, Event))
+        return tuple([item for item in items if not isinstance(item, Event)])
 
     def _converter(self, topic: Topic, source: Source) -> Convert:
         """A function from a batch of messages of one topic to samples and events."""
