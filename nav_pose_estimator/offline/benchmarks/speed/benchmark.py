@@ -57,6 +57,7 @@ def _measure() -> list[Figure]:
     with TemporaryDirectory(prefix="nav_pose_estimator_") as scratch:
         note(processes.bags(Path(scratch), flight))
         note(processes.replays(Path(scratch)))
+        note(processes.lengths(Path(scratch)))
         note(processes.outage_benchmark(Path(scratch)))
     note(processes.start_up())
     return figures

@@ -65,15 +65,10 @@ def replays(scratch: Path) -> list[Figure]:
 
     All but the first run find the kernels compiled. With two cores trainings and rehearsals are on the second.
     """
-    from nav_pose_estimator.offline.benchmarks.speed.plain_flight import full_set
-
     figures = []
     for seconds, tries, goals in ((SECONDS, _TRIES, (300.0, 400.0)), (_LONG, 1, (600.0, 900.0))):
-        bag = scratch / f"flight_{seconds:.0f}"
-        write_samples(bag, full_set(seconds, IMU_HZ))
         for method, goal in zip(("best", "coast"), goals, strict=True):
-            options = ["replay", str(bag), "--outage", "300:30", "--method", method, "--out", str(scratch / "out")]
-            runs = [_measured(options) for _ in range(tries)]
+            runs = [_replay(scratch, seconds, method) for _ in range(tries)]
             summary = json.loads((scratch / "out" / "summary.json").read_text(encoding="utf-8"))
             wall, used, memory = np.min(runs, axis=0).tolist()
             name, unit = f"replay of {seconds:.0f} s, {method}", "x real time"
@@ -84,6 +79,34 @@ def replays(scratch: Path) -> list[Figure]:
                 Figure("  memory", memory, "MB", 250.0),
             ]
     return figures
+
+
+def lengths(scratch: Path) -> list[Figure]:
+    """How time and memory of a replay grow with the length of the flight, from one minute to two hours."""
+    used, memory = {}, {}
+    for seconds in (60.0, SECONDS, _LONG, 2.0 * _LONG):
+        _, used[seconds], memory[seconds] = _replay(scratch, seconds, "coast")
+    short = (used[SECONDS] - used[60.0]) / (SECONDS - 60.0)
+    long = (used[2.0 * _LONG] - used[_LONG]) / _LONG
+    return [
+        Figure("replay, coast, a further hour: in ten minutes", 3600.0 * short, "s CPU"),
+        Figure("  after one hour", 3600.0 * long, "s CPU"),
+        Figure("  ratio", long / short, "", 1.1),
+        Figure("replay of 60 s, coast, memory", memory[60.0], "MB"),
+        Figure("  of 7200 s", memory[2.0 * _LONG], "MB", 250.0),
+    ]
+
+
+def _replay(scratch: Path, seconds: float, method: str) -> tuple[float, float, float]:
+    """``_measured`` of one replay; its bag is made where it is not there yet."""
+    from nav_pose_estimator.offline.benchmarks.speed.plain_flight import full_set
+
+    bag = scratch / f"flight_{seconds:.0f}"
+    if not bag.exists():
+        write_samples(bag, full_set(seconds, IMU_HZ))
+    start = min(300.0, 0.5 * seconds)
+    options = ["--outage", f"{start:.0f}:{min(30.0, 0.25 * seconds):.0f}", "--method", method]
+    return _measured(["replay", str(bag), *options, "--out", str(scratch / "out")])
 
 
 def outage_benchmark(scratch: Path) -> list[Figure]:
