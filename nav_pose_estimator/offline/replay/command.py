@@ -117,7 +117,7 @@ class _Plan:
 
     def load(self) -> Any:
         """The recording."""
-        from nav_pose_estimator.core.numerics.jit import is_first_run
+        from nav_pose_estimator.engine import first_run
         from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
 
         with _bar("reading", None) as bar:
@@ -129,8 +129,7 @@ class _Plan:
         finally:  # what is wrong with the recording may be the cause of what fails
             for text in recording.notices:
                 print(f"note: {printable(text)}", file=sys.stderr)
-        if is_first_run():
-            print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)
+        first_run.compile_kernels(lambda text: print(f"note: {text}", file=sys.stderr))
         return recording
 
     def outages(self, recording: Any) -> list:
