@@ -59,7 +59,7 @@ def _measure() -> list[Figure]:
         note(processes.replays(Path(scratch)))
         note(processes.lengths(Path(scratch)))
         note(processes.outage_benchmark(Path(scratch)))
-    note(processes.start_up())
+        note(processes.start_up(Path(scratch)))
     return figures
 
 

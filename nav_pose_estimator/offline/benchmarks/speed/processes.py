@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from functools import partial
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+import nav_pose_estimator
 from nav_pose_estimator.engine.samples import Sample
 from nav_pose_estimator.offline.bags.writer import MCAP, SQLITE3
 from nav_pose_estimator.offline.benchmarks.speed.figures import (
@@ -160,22 +162,25 @@ def write_flight_bag(path: Path, seconds: float, imu_hz: float = IMU_HZ, gnss_hz
     write_samples(path, samples(seconds, imu_hz, gnss_hz))
 
 
-def start_up() -> list[Figure]:
-    """Time and memory of a process that loads the navigator and warms it up; only where the system has /proc."""
+def start_up(scratch: Path) -> list[Figure]:
+    """Time and memory of a process until it is ready: with compiled kernels and, in a copy of the package, without.
+
+    Only where the system has /proc.
+    """
     if not Path("/proc/self/status").exists():
         return []
     return [
         *_loaded("navigator", "nav_pose_estimator.engine.navigator.sins", "SinsEngine", (1.5, 170.0)),
-        *_loaded("pose estimator", "nav_pose_estimator.engine.composed.pose_estimator", "PoseEstimator", (None, None)),
+        *_loaded("pose estimator", *_POSE_ESTIMATOR, (2.0, 300.0)),
+        *_first_start(scratch),
     ]
 
 
-def _loaded(what: str, module: str, name: str, goals: tuple[float | None, float | None]) -> list[Figure]:
-    code = (
-        f"import time;a=time.perf_counter();from {module} import {name};{name}().warm_up();b=time.perf_counter();"
-        f"print(b-a,{_PEAK})"
-    )
-    runs = [[float(text) for text in _run([sys.executable, "-c", code]).split()] for _ in range(_TRIES)]
+_POSE_ESTIMATOR = "nav_pose_estimator.engine.composed.pose_estimator", "PoseEstimator"
+
+
+def _loaded(what: str, module: str, name: str, goals: tuple[float, float]) -> list[Figure]:
+    runs = [_ready(module, name) for _ in range(_TRIES)]
     seconds, memory = np.min(runs, axis=0).tolist()
     return [
         Figure(f"import and warm-up, {what}", seconds, "s", goals[0]),
@@ -183,9 +188,30 @@ def _loaded(what: str, module: str, name: str, goals: tuple[float | None, float 
     ]
 
 
-def _run(command: list[str], environment: dict[str, str] | None = None) -> str:
+def _first_start(scratch: Path) -> list[Figure]:
+    package = Path(nav_pose_estimator.__file__).parent
+    shutil.copytree(package, scratch / package.name, ignore=shutil.ignore_patterns("__pycache__"))
+    seconds, memory = _ready(*_POSE_ESTIMATOR, scratch)
+    return [
+        Figure("first start ever, pose estimator", seconds, "s", 20.0),
+        Figure("  memory of the process, without the compiler's", memory, "MB", 300.0),
+    ]
+
+
+def _ready(module: str, name: str, folder: Path | None = None) -> tuple[float, float]:
+    """Wall time [s] from the imports to a warm engine of the package in ``folder``, and memory of the process [MB]."""
+    code = (
+        "import time;a=time.perf_counter();from nav_pose_estimator.engine import first_run;"
+        f"from {module} import {name};first_run.compile_kernels(lambda text:None);{name}().warm_up();"
+        f"print(time.perf_counter()-a,{_PEAK})"
+    )
+    seconds, memory = map(float, _run([sys.executable, "-c", code], folder=folder).split())
+    return seconds, memory
+
+
+def _run(command: list[str], environment: dict[str, str] | None = None, folder: Path | None = None) -> str:
     """What ``command`` prints; ``RuntimeError`` with its last words where it fails."""
-    done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT, env=environment)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT, env=environment, cwd=folder)
     if done.returncode != 0:
         raise RuntimeError(f"{' '.join(command[:4])} said: {done.stderr.strip()[-300:]}")
     return done.stdout
