@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.filter.layout import OUT_COLUMNS
+from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, OUT_QUAT, OUT_VEL
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.solutions import Mode, NavBlock
 from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
-from nav_pose_estimator.offline.flights import methods, row_store
+from nav_pose_estimator.offline.flights import methods, row_store, tracks
 from nav_pose_estimator.offline.flights.outages import Outage
 from nav_pose_estimator.offline.flights.recording import load
 from nav_pose_estimator.offline.flights.row_store import RowStore, pieces, release
@@ -64,9 +64,11 @@ def test_a_track_in_a_file_says_what_one_in_memory_says(monkeypatch, back):
     in_memory = recorded(20.0, back)
     monkeypatch.setattr(row_store, "IN_MEMORY", 100)
     monkeypatch.setattr(row_store, "AT_ONCE", 37)
+    monkeypatch.setattr(tracks, "_TIMES_AT_ONCE", 50)
     in_file = recorded(20.0, back)
     times, lever = np.linspace(-1.0, 21.0, 333), np.array([1.0, 2.0, 3.0])
     np.testing.assert_array_equal(in_file.at(times), in_memory.at(times))
+    np.testing.assert_array_equal(in_file.velocity_at(times), in_memory.at(times)[:, OUT_VEL:OUT_QUAT])
     np.testing.assert_array_equal(in_file.antenna_at(times, lever), in_memory.antenna_at(times, lever))
     for asked in (in_file, in_memory):
         np.testing.assert_array_equal(np.concatenate([piece.rows for piece in asked.pieces()]), in_memory.rows)

@@ -30,7 +30,7 @@ class RowStore:
         """Add ``rows`` (N, columns)."""
         self._parts.append(rows)
         self._held += len(rows)
-        if self._held >= IN_MEMORY:
+        if self._held >= (IN_MEMORY if self._file is None else AT_ONCE):
             self._write()
 
     def table(self) -> Array:
@@ -50,9 +50,10 @@ class RowStore:
         self._parts, self._held = [], 0
 
 
-def pieces(count: int) -> Iterator[slice]:
-    """``count`` rows in slices of ``AT_ONCE``."""
-    return (slice(start, min(start + AT_ONCE, count)) for start in range(0, count, AT_ONCE))
+def pieces(count: int, size: int | None = None) -> Iterator[slice]:
+    """``count`` rows in slices of ``size``, by default ``AT_ONCE``."""
+    size = size or AT_ONCE
+    return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
 def release(table: Array) -> None:

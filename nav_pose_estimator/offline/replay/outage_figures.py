@@ -5,7 +5,6 @@ from statistics import NormalDist
 
 import numpy as np
 
-from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.offline.flights.tracks import Reference, Track, displacement_enu
 from nav_pose_estimator.offline.page import live, page
@@ -62,7 +61,7 @@ def prediction(result: ReplayResult) -> Plot | None:
     if not said or flown is None:
         return None
     t = np.array([(s.stamp_ns - result.recording.epoch_ns) * 1e-9 for s in said]) - me.PERIOD / 2.0
-    velocity = result.track.at(t)[:, at.OUT_VEL : at.OUT_QUAT] - np.array([s.dv_n for s in said])
+    velocity = result.track.velocity_at(t) - np.array([s.dv_n for s in said])
     velocity[np.diff(t, prepend=t[0]) > _GAP] = np.nan  # lift the pen between outages
     plot = Plot("s since the first stamp", "velocity over ground, m/s", time=True, height=300)
     for outage in result.outages:

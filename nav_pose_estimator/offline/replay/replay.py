@@ -20,8 +20,8 @@ from nav_pose_estimator.offline.replay.second_core import SecondCore
 
 STATE_PERIOD_NS = 1_000_000_000
 """Biases are noted once a second: the last IMU sample of a block is then fed by itself."""
-DRAWN = 36_000
-"""Rows of a track from which on not every one is drawn: twelve minutes."""
+DRAWN = 18_000
+"""Rows of a track from which on not every one is drawn: six minutes."""
 RESET = "reset"
 """Event after which the navigator aligns again."""
 Progress = Callable[[int], None]

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.core.filter.layout import OUT_QUAT, OUT_VEL
 from nav_pose_estimator.core.numerics.rotation import euler_from_quat_many
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import flatten
@@ -167,7 +166,7 @@ def _innovations(result: ReplayResult) -> Iterator[Plot]:
     yield plot
     if fixes.velocity is not None:
         plot = _plot(result, "GNSS velocity minus prediction while aided, m/s")
-        difference = fixes.velocity - result.track.at(fixes.t)[:, OUT_VEL:OUT_QUAT]
+        difference = fixes.velocity - result.track.velocity_at(fixes.t)
         _three(plot, fixes.t, _outside(result, fixes.t, difference), ("East", "North", "Up"))
         yield plot
 
