@@ -72,6 +72,7 @@ setup(
         "train": ["jax>=0.4.30", "optax>=0.2"],
         "magnetic": ["pygeomag>=1.1"],
         "reports": ["plotly>=6.0"],
+        "stores": ["fsspec>=2024.2"],
     },
     entry_points={"console_scripts": executables()},
 )

@@ -7,7 +7,7 @@ from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 
-from nav_pose_estimator.core.numerics.jit import is_first_run
+from nav_pose_estimator.engine import first_run
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import stamp_of
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Level, Mode, NavSolution, Status
@@ -34,8 +34,7 @@ class EstimatorNode(Node):
         super().__init__(name)
         self.parameters = declare(self)
         self.logbook = Logbook(self.get_logger())
-        if is_first_run():
-            self.get_logger().info("the first start compiles the numeric kernels, which takes a minute or two")
+        first_run.compile_kernels(self.get_logger().info)
         self.engine = make_engine(self.parameters)
         self.engine.warm_up()
         warm_up()

@@ -11,7 +11,7 @@ from nav_pose_estimator.core.learning.partition import (
     grid_premises,
     subtractive_centres,
 )
-from nav_pose_estimator.core.learning.takagi_sugeno import memberships
+from nav_pose_estimator.core.learning.takagi_sugeno import Premises, log_firing
 
 CENTRES = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 3.0]])
 
@@ -30,8 +30,9 @@ def test_grid_has_every_combination_and_neighbours_cross_at_one_half():
     points = np.array([[0.0, -1.0], [2.0, 1.0], [1.0, 0.5]])
     premises = grid_premises(points, 2, slope=2.0, width=1.0)
     assert {tuple(column) for column in premises.centre.T} == {(0.0, -1.0), (0.0, 1.0), (2.0, -1.0), (2.0, 1.0)}
-    middle = memberships(premises, np.array([[1.0], [0.0]]))[0]
-    np.testing.assert_allclose(np.exp(middle), 0.5, rtol=1e-12)
+    for j, middle in enumerate((1.0, 0.0)):
+        bells = Premises(*(part[j : j + 1] for part in vars(premises).values()))
+        np.testing.assert_allclose(np.exp(log_firing(bells, np.array([[middle]]))), 0.5, rtol=1e-12)
 
 
 def test_fuzzy_c_means_finds_the_blobs(blobs):

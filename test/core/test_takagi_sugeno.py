@@ -9,12 +9,10 @@ from hypothesis.extra.numpy import arrays
 from nav_pose_estimator.core.learning.takagi_sugeno import (
     Premises,
     log_firing,
-    memberships,
     normalise_firing,
     outputs,
     pack,
     predict_row,
-    turn_into_slopes,
 )
 
 N_INPUTS, RULES, OUTPUTS, SAMPLES = 3, 4, 2, 50
@@ -43,9 +41,7 @@ def test_layers_match_their_definitions(premises, inputs, consequents):
     w = mu.prod(axis=0)
     wn = w / w.sum(axis=0)
     h = np.einsum("ijo,jk->oik", consequents.reshape(RULES, -1, OUTPUTS), np.vstack([inputs, np.ones(SAMPLES)]))
-    layer = memberships(premises, inputs)
-    np.testing.assert_allclose(layer[0], np.log(mu), rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(layer[1], 1.0 - mu, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(log_memberships(premises, inputs), np.log(mu), rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(log_firing(premises, inputs), np.log(w), rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(outputs(premises, consequents, inputs), (wn * h).sum(axis=1), rtol=1e-11)
 
@@ -57,25 +53,35 @@ def test_vector_and_back(premises):
 
 
 def test_slopes_of_the_bells_match_central_differences(premises, inputs):
-    layer = memberships(premises, inputs)
-    turn_into_slopes(layer, premises, inputs)
+    slopes = slopes_of(premises, inputs)
     vector, step = premises.vector(), 1e-6
     for index in range(len(vector)):
         change = np.zeros_like(vector)
         change[index] = step
-        above = memberships(premises.with_vector(vector + change), inputs)[0]
-        below = memberships(premises.with_vector(vector - change), inputs)[0]
+        above = log_memberships(premises.with_vector(vector + change), inputs)
+        below = log_memberships(premises.with_vector(vector - change), inputs)
         kind, bell = divmod(index, N_INPUTS * RULES)
         numeric = ((above - below) / (2.0 * step)).reshape(-1, SAMPLES)[bell]
-        np.testing.assert_allclose(layer[kind].reshape(-1, SAMPLES)[bell], numeric, atol=1e-8, rtol=1e-7)
+        np.testing.assert_allclose(slopes[kind].reshape(-1, SAMPLES)[bell], numeric, atol=1e-8, rtol=1e-7)
 
 
 def test_slope_by_the_centre_is_zero_at_the_centre(premises):
     inputs = premises.centre[:, :1].copy()
-    layer = memberships(premises, inputs)
-    turn_into_slopes(layer, premises, inputs)
-    assert np.isfinite(layer).all()
-    np.testing.assert_array_equal(layer[0, :, 0, 0], 0.0)
+    slopes = slopes_of(premises, inputs)
+    assert np.isfinite(slopes).all()
+    np.testing.assert_array_equal(slopes[0, :, 0, 0], 0.0)
+
+
+def log_memberships(premises: Premises, inputs: np.ndarray) -> np.ndarray:
+    """ln mu (n, R, N): the firing strengths of networks with one input each."""
+    one_input = [Premises(*(part[j : j + 1] for part in vars(premises).values())) for j in range(len(inputs))]
+    return np.stack([log_firing(one, inputs[j : j + 1]) for j, one in enumerate(one_input)])
+
+
+def slopes_of(premises: Premises, inputs: np.ndarray) -> np.ndarray:
+    slopes = np.empty((3, *premises.centre.shape, inputs.shape[1]))
+    np.testing.assert_array_equal(log_firing(premises, inputs, slopes), log_firing(premises, inputs))
+    return slopes
 
 
 def test_hundred_memberships_do_not_underflow():

@@ -7,8 +7,10 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
+import mcap_bytes
 from driver_types import STORE
 from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, ImuSample, MagSample, PressureSample, SatelliteCount
+from nav_pose_estimator.offline.bags import mcap_records
 from nav_pose_estimator.offline.bags.raw_messages import BagError
 from nav_pose_estimator.offline.bags.reader import BagReader, read_samples
 from nav_pose_estimator.offline.bags.topic_map import parse_remaps
@@ -317,3 +319,48 @@ def test_overlapping_chunks_are_merged_in_order():
     payloads = [batch.payload(i) for batch in merged for i in range(len(batch))]
     assert times == [1, 4, 5, 6, 9, 12, 13]
     assert payloads == [b"a", b"d", b"bb", b"e", b"c", b"fff", b"g"]
+
+
+# --- the index of an MCAP chunk ---------------------------------------------------------------------------------------
+
+
+def indexed_chunk(between: bytes = b"") -> tuple[bytes, np.ndarray]:
+    """The records of a chunk, with others ``between`` the messages, and where the messages begin."""
+    writer = mcap_bytes.Writer([(EPOCH_NS + i, "/imu/data_raw", IMU, imu(EPOCH_NS + i)) for i in range(5)])
+    data, places = writer.head, []
+    for message in writer.messages:
+        places.append(len(data))
+        data += writer.message(message) + between
+    return data, np.array(places)
+
+
+@pytest.mark.parametrize("between", [b"", mcap_bytes.record(0x0C, b"metadata")], ids=["nothing", "metadata"])
+def test_an_index_finds_what_a_walk_finds(between):
+    data, places = indexed_chunk(between)
+    walked = np.array(list(mcap_records.messages(data, None)), np.uint64)
+    np.testing.assert_array_equal(mcap_records.indexed_messages(data, places[::-1]), walked)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda places: places[:-1],
+        lambda places: places[1:],
+        lambda places: np.delete(places, 2),
+        lambda places: places + 1,
+        lambda places: np.append(places, places[2] + 8),
+        lambda places: np.append(places, 1 << 40),
+        lambda places: np.append(places, -1),
+        lambda places: places[:0],
+    ],
+    ids=["last missing", "first missing", "one missing", "all beside", "one more", "beyond", "negative", "empty"],
+)
+def test_an_index_that_is_wrong_is_not_believed(wrong):
+    """GIVEN an index that leaves out a message or names one that is none THEN the chunk is walked through instead."""
+    data, places = indexed_chunk()
+    assert mcap_records.indexed_messages(data, wrong(places)) is None
+
+
+def test_an_index_of_a_chunk_that_breaks_off_is_not_believed():
+    data, places = indexed_chunk()
+    assert mcap_records.indexed_messages(data[:-1], places) is None

@@ -12,6 +12,7 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import specs, update
 from nav_pose_estimator.engine.samples import DifferentialPressure, ImuBlock
 from nav_pose_estimator.engine.solutions import Event
+from nav_pose_estimator.offline.bags.cdr_packing import STAMP, pack
 from nav_pose_estimator.offline.bags.decoder import Decoder
 from nav_pose_estimator.offline.bags.raw_messages import Topic, from_payloads
 from nav_pose_estimator.offline.bags.reader import UNREADABLE
@@ -153,8 +154,45 @@ def test_the_table_names_every_input_type_and_choice_once():
         assert len(set(choices)) == len(choices)
         assert len(set(names)) == len(names)
         assert one.parameter or len(choices) == 1
-        # converters that a parameter adjusts have no fast way around the adjustment
-        assert one.adjust is None or all(kind.columns is None and kind.from_bytes is None for kind in one.types)
+
+
+@pytest.mark.parametrize("change", [{"ros.input.velocity_frame": "ned"}, {"ros.input.vertical_velocity": False}])
+def test_a_converter_that_is_adjusted_has_no_fast_way_around_the_adjustment(change):
+    plain, adjusted = (message_table.VELOCITY.source(p) for p in (Parameters(), update(Parameters(), change)))
+    assert plain.columns is not None
+    assert adjusted.columns is None
+    assert adjusted.adapter is not plain.adapter
+
+
+COVARIANCES = {
+    "unknown": np.zeros((3, 3)),
+    "absent": -np.eye(3),
+    "diagonal": np.diag([2.0, 3.0, 4.0]),
+    "full": np.array([[2.0, 0.5, 0.0], [0.5, 3.0, 0.1], [0.0, 0.1, 4.0]]),
+    "zero variance": np.diag([2.0, 0.0, 4.0]),
+    "negative": np.diag([2.0, -3.0, 4.0]),
+    "indefinite": np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+    "too large": np.diag([2.0, 3.0, 1e300]),
+    "not finite": np.diag([2.0, np.nan, 4.0]),
+}
+
+
+@pytest.mark.parametrize("one", [message_table.FIX, message_table.VELOCITY], ids=lambda one: one.topic)
+@pytest.mark.parametrize("cov", COVARIANCES.values(), ids=COVARIANCES)
+def test_gnss_in_columns_is_gnss_one_by_one(one: Input, cov):
+    source = one.source(Parameters())
+    if one is message_table.FIX:
+        fields = {"latitude": [47.1, np.nan], "longitude": 8.5, "altitude": [1.0, 2.0], "status.status": [0, -1]}
+        fields |= {"position_covariance": cov.ravel(), "position_covariance_type": [3, 0]}
+    else:
+        whole = np.zeros((6, 6))
+        whole[:3, :3] = cov
+        fields = {"twist.twist.linear": [[1.0, 2.0, 3.0], [4.0, np.nan, 6.0]], "twist.covariance": whole.ravel()}
+    payloads = [row.tobytes() for row in pack(source.type, 2, {STAMP: [EPOCH_NS, EPOCH_NS + 1], **fields})]
+    found = columns(source.type, from_payloads([0, 1], [0, 0], payloads), source.columns.fields)
+    at_once = source.columns.convert(found)
+    one_by_one = [source.adapter(decode(source.type, payload)) for payload in payloads]
+    assert repr(at_once) == repr(one_by_one)
 
 
 def test_the_choices_of_the_parameters_are_those_of_the_table():

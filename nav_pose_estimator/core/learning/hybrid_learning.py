@@ -22,10 +22,8 @@ from nav_pose_estimator.core.learning.takagi_sugeno import (
     Premises,
     design_matrix,
     log_firing,
-    memberships,
     normalise_firing,
     outputs,
-    turn_into_slopes,
     with_one,
 )
 
@@ -102,7 +100,8 @@ class _Pass:
     inputs: np.ndarray  # (n, N)
     extended: np.ndarray  # (n + 1, N)
     targets: np.ndarray  # (m, N)
-    layer: np.ndarray  # (3, n, R, N) ``memberships``, overwritten by ``slopes``
+    buffer: np.ndarray  # (3, n, R, N) for ``slopes``
+    has_slopes: bool  # whether they are in it already
     firing: np.ndarray  # (R, N)
     design: np.ndarray  # (P, N)
     consequents: np.ndarray  # (P, m)
@@ -112,9 +111,10 @@ class _Pass:
     @cached_property
     def slopes(self) -> np.ndarray:
         """d ln mu / d v, (3, n, R, N)."""
-        with np.errstate(all="ignore"):
-            turn_into_slopes(self.layer, self.premises, self.inputs)
-        return self.layer
+        if not self.has_slopes:
+            with np.errstate(all="ignore"):
+                log_firing(self.premises, self.inputs, self.buffer)
+        return self.buffer
 
     @cached_property
     def influence(self) -> np.ndarray:
@@ -142,6 +142,7 @@ class ReducedObjective:
         self.start = premises.vector()
         self.evaluations = self.jittered = 0
         self._last: _Pass | None = None
+        self._slopes = np.empty((3, *premises.centre.shape, self.inputs.shape[1]))  # of the last evaluation
         design = design_matrix(normalise_firing(log_firing(premises, self.inputs)), self.extended)
         self.ridge = choose_ridge(design, self.targets) if ridge is None else ridge
         if prior is None:
@@ -151,7 +152,7 @@ class ReducedObjective:
 
     def __call__(self, vector: np.ndarray) -> tuple[float, np.ndarray]:
         """Value and gradient at ``vector`` (3 n R,); infinite where the numbers leave the range of float64."""
-        last = self._at(vector)
+        last = self._at(vector, with_slopes=True)
         if last is None:
             return np.inf, np.zeros_like(vector)
         push = np.einsum("imk,mk->ik", last.influence, last.residual) / last.residual.shape[1]
@@ -175,26 +176,25 @@ class ReducedObjective:
         assert last is not None
         return last
 
-    def _at(self, vector: np.ndarray) -> _Pass | None:
+    def _at(self, vector: np.ndarray, with_slopes: bool = False) -> _Pass | None:
         """The evaluation at ``vector``, which may be the last one; None where the numbers leave the range."""
         if self._last is None or not np.array_equal(self._last.vector, vector):
-            self._last = self._evaluate(vector)
+            self._last = self._evaluate(vector, with_slopes)
         return self._last
 
-    def _evaluate(self, vector: np.ndarray) -> _Pass | None:
+    def _evaluate(self, vector: np.ndarray, with_slopes: bool) -> _Pass | None:
         self.evaluations += 1
         premises = self.premises.with_vector(vector)
         with np.errstate(all="ignore"):
-            layer = memberships(premises, self.inputs)
-            firing = normalise_firing(layer[0].sum(axis=0))
+            firing = normalise_firing(log_firing(premises, self.inputs, self._slopes if with_slopes else None))
             if not np.isfinite(firing.sum()):
                 return None
             design = design_matrix(firing, self.extended)
             consequents, white, jitter = _ridge(design, self.targets, self.ridge)
         self.jittered += jitter > 0.0
         residual = consequents.T @ design - self.targets
-        linear = design, consequents, white, residual
-        return _Pass(vector.copy(), premises, self.inputs, self.extended, self.targets, layer, firing, *linear)
+        layers = self._slopes, with_slopes, firing, design, consequents, white, residual
+        return _Pass(vector.copy(), premises, self.inputs, self.extended, self.targets, *layers)
 
     def consequents(self, vector: np.ndarray) -> np.ndarray:
         """The best consequents (R (n + 1), m) at ``vector``."""

@@ -49,46 +49,48 @@ class Premises:
         return Premises(centre, np.exp(log_width), 0.5 + np.logaddexp(0.0, raw_slope))
 
 
-def memberships(premises: Premises, inputs: np.ndarray) -> np.ndarray:
-    """Layer 1 in log space, (3, n, R, N): ln mu, 1 - mu, ln u^2. ``inputs`` (n, N)."""
-    n, rules = premises.centre.shape
-    samples = inputs.shape[1]
-    layer = np.empty((3, n, rules, samples))
+def log_firing(premises: Premises, inputs: np.ndarray, slopes: np.ndarray | None = None) -> np.ndarray:
+    """Layers 1 and 2: ln w, (R, N). ``inputs`` (n, N).
+
+    ``slopes`` (3, n, R, N) is filled with the derivatives of ln mu by c, ln a and softplus^-1(b - 1/2); 0 by c at
+    x = c. With u = (x - c) / a they are 2 b (1 - mu) / (x - c), 2 b (1 - mu) and -d b / d raw (1 - mu) ln u^2.
+    """
+    (n, rules), samples = premises.centre.shape, inputs.shape[1]
     centre, slope = premises.centre[:, :, None], premises.slope[:, :, None]
     log_width2 = 2.0 * np.log(premises.width)[:, :, None]
+    factors = 2.0 * slope, np.expm1(0.5 - slope)
+    log_w = np.empty((rules, samples))
     block = max(32, _BLOCK // (n * rules))
     for start in range(0, samples, block):
-        log_mu, complement, log_u2 = layer[..., start : start + block]
-        power = inputs[:, None, start : start + block] - centre
-        np.maximum(np.square(power, out=power), _TINY, out=power)
-        np.subtract(np.log(power, out=power), log_width2, out=log_u2)
-        np.minimum(np.multiply(log_u2, slope, out=power), _HUGE, out=power)
-        np.exp(power, out=power)
+        part = slice(start, start + block)
+        distance = inputs[:, None, part] - centre
+        log_u2 = np.square(distance)
+        np.log(np.maximum(log_u2, _TINY, out=log_u2), out=log_u2)
+        log_u2 -= log_width2
+        power = log_u2 * slope
+        np.exp(np.minimum(power, _HUGE, out=power), out=power)
         total = power + 1.0
-        np.divide(power, total, out=complement)
-        np.negative(np.log(total, out=total), out=log_mu)
-    return layer
+        if slopes is not None:
+            complement = np.divide(power, total, out=power)  # 1 - mu
+            _fill_slopes(slopes[..., part], distance, complement, log_u2, *factors)
+        np.negative(np.log(total, out=total), out=total)
+        np.sum(total, axis=0, out=log_w[:, part])
+    return log_w
 
 
-def turn_into_slopes(layer: np.ndarray, premises: Premises, inputs: np.ndarray) -> None:
-    """Overwrite ``memberships`` with the derivatives of ln mu by c, ln a and softplus^-1(b - 1/2). 0 by c at x = c."""
-    n, rules, samples = layer.shape[1:]
-    centre, slope = premises.centre[:, :, None], premises.slope[:, :, None]
-    by_raw = np.expm1(0.5 - slope)  # - d b / d raw
-    block = max(32, _BLOCK // (n * rules))
-    for start in range(0, samples, block):
-        by_centre, by_width, by_slope = layer[..., start : start + block]
-        by_slope *= by_width
-        by_slope *= by_raw
-        by_width *= 2.0 * slope
-        distance = inputs[:, None, start : start + block] - centre
-        distance[np.abs(distance) <= math.sqrt(_TINY)] = np.inf
-        np.divide(by_width, distance, out=by_centre)
-
-
-def log_firing(premises: Premises, inputs: np.ndarray) -> np.ndarray:
-    """Layer 2: ln w, (R, N). ``inputs`` (n, N)."""
-    return memberships(premises, inputs)[0].sum(axis=0)
+def _fill_slopes(
+    slopes: np.ndarray,
+    distance: np.ndarray,
+    complement: np.ndarray,
+    log_u2: np.ndarray,
+    twice_slope: np.ndarray,
+    by_raw: np.ndarray,
+) -> None:
+    by_centre, by_width, by_slope = slopes
+    np.multiply(np.multiply(log_u2, complement, out=log_u2), by_raw, out=by_slope)
+    np.multiply(complement, twice_slope, out=by_width)
+    distance[np.abs(distance, out=log_u2) <= math.sqrt(_TINY)] = np.inf
+    np.divide(by_width, distance, out=by_centre)
 
 
 def normalise_firing(log_w: np.ndarray) -> np.ndarray:

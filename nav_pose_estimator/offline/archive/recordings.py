@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.remote import is_remote, matches
 
 _ENDINGS = frozenset((".mcap", ".db3", ".ulg", ".ulog", ".bin", ".log"))
 _LIST = ".txt"
@@ -15,8 +16,9 @@ def find(names: Sequence[Path | str]) -> list[Path]:
     """The recordings that ``names`` stand for, each once, in the order of the names and sorted within each.
 
     A name is a recording, a folder (searched with all its folders), a pattern (``flights/**/*.ulg``), or a text file
-    with such names, one a line. Raises ``UserError`` for a folder, a pattern or a list without a recording; whether a
-    named file can be read is found out where it is.
+    with such names, one a line. In an object store (``offline.remote``) it is a recording or a pattern. Raises
+    ``UserError`` for a folder, a pattern or a list without a recording; whether a named file can be read is found out
+    where it is.
     """
     found: dict[Path, None] = {}
     for name in names:
@@ -25,13 +27,15 @@ def find(names: Sequence[Path | str]) -> list[Path]:
 
 
 def _meant_by(name: Path) -> list[Path]:
+    if is_remote(name):
+        return _some(name, matches(name)) if glob.has_magic(str(name)) else [name]
     if _is_folder(name):
         return _some(name, sorted(_inside(name)))
     if name.exists():
         return _listed(name) if name.suffix == _LIST else [name]
     if glob.has_magic(str(name)):
-        matches = sorted(Path(match) for match in glob.glob(str(name), recursive=True))
-        chosen = [one for match in matches for one in (_inside(match) if _is_folder(match) else _known(match))]
+        paths = sorted(Path(match) for match in glob.glob(str(name), recursive=True))
+        chosen = [one for match in paths for one in (_inside(match) if _is_folder(match) else _known(match))]
         return _some(name, chosen)
     return [name]
 
@@ -67,7 +71,11 @@ def _listed(path: Path) -> list[Path]:
     except UnicodeDecodeError:
         raise UserError(f"{path} is not a list of recordings: it is no text") from None
     names = [line.strip() for line in lines if line.strip() and not line.strip().startswith("#")]
-    return _some(path, [one for name in names for one in _meant_by(path.parent / name)])
+    return _some(path, [one for name in map(Path, names) for one in _meant_by(_beside(path, name))])
+
+
+def _beside(path: Path, name: Path) -> Path:
+    return name if is_remote(name) else path.parent / name
 
 
 def _some(name: Path, found: list[Path]) -> list[Path]:

@@ -101,7 +101,10 @@ class McapFile:
     def _chunk_batches(self, wanted: dict[int, int]) -> Iterator[tuple[int, RawBatch]]:
         for chunk in sorted(self._chunks, key=lambda chunk: chunk.start_ns):
             data = self._chunk_data(chunk)
-            yield chunk.start_ns, _batch(list(mcap.messages(data, wanted)), wanted, data)
+            table = mcap.indexed_messages(data, chunk.message_places(self._map)) if chunk.index else None
+            if table is None:
+                table = np.array(list(mcap.messages(data, wanted)), np.uint64).reshape(-1, 4)
+            yield chunk.start_ns, _batch(table[np.isin(table[:, 1], list(wanted))], wanted, data)
 
     def _scan(self, loose: list[tuple[int, int, int, int]]) -> None:
         """Walk over the records of the file and note where everything is."""
@@ -116,6 +119,7 @@ class McapFile:
                 self._told.append(f"{self.path.name} breaks off: {size - position} bytes of an unfinished record")
             try:
                 if opcode == mcap.CHUNK:
+                    _release(data)
                     self._chunks.append(mcap.Chunk.parse(data, start, min(length, size - start), whole))
                 elif whole and opcode == mcap.MESSAGE:
                     loose.append(self._loose_message(position))
@@ -131,7 +135,7 @@ class McapFile:
         if opcode in (mcap.SCHEMA, mcap.CHANNEL, mcap.MESSAGE_INDEX, mcap.STATISTICS):
             self._directory.learn(opcode, self._map[start : start + length])
         if opcode == mcap.MESSAGE_INDEX and self._chunks:
-            self._chunks[-1].indexed = True
+            self._chunks[-1].index.append((start, length))
 
     def _loose_message(self, record: int) -> tuple[int, int, int, int]:
         _, size, channel, _, time = mcap.MESSAGE_HEAD.unpack_from(self._map, record)
@@ -151,7 +155,7 @@ class McapFile:
         directory = self._directory
         blind, counted = directory.is_blind, directory.statistics is not None
         for chunk in self._chunks:
-            count = not (counted or chunk.indexed)
+            count = not (counted or chunk.index)
             if blind or count:
                 self._bad_records += directory.look_into(self._chunk_data(chunk), count)
 
@@ -170,7 +174,7 @@ class McapFile:
         """The records of a chunk; nothing of a damaged one."""
         try:
             data = chunk.records(self._map)
-            _release(self._map, chunk)
+            _release(self._map)
             return data
         except DamagedError as error:
             seconds = (chunk.end_ns - chunk.start_ns) * 1e-9
@@ -178,15 +182,13 @@ class McapFile:
             return b""
 
 
-def _release(pages: mmap.mmap, chunk: mcap.Chunk) -> None:
+def _release(pages: mmap.mmap) -> None:
     """What has been read need not stay in memory; whoever wants it again reads it again."""
     if hasattr(pages, "madvise"):  # not on every system
-        start = chunk.offset - chunk.offset % mmap.PAGESIZE
-        pages.madvise(mmap.MADV_DONTNEED, start, chunk.offset + chunk.size - start)
+        pages.madvise(mmap.MADV_DONTNEED)
 
 
-def _batch(rows: list[tuple[int, int, int, int]], wanted: dict[int, int], data: bytes) -> RawBatch:
-    table = np.array(rows, np.uint64).reshape(-1, 4)
+def _batch(table: np.ndarray, wanted: dict[int, int], data: bytes) -> RawBatch:
     table = table[table[:, 3] >= mcap.MESSAGE_FIXED]
     times = usable_times(table[:, 0])
     channels, offsets, lengths = table[:, 1:].astype(np.int64).T

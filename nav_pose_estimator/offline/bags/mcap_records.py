@@ -8,7 +8,9 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from nav_pose_estimator.offline.bags.raw_messages import Topic
 from nav_pose_estimator.offline.bags.unpacking import LARGEST_CHUNK, DamagedError, unpack
@@ -19,6 +21,14 @@ RECORD_HEAD = struct.Struct("<BQ")
 MESSAGE_HEAD = struct.Struct("<BQHIQ")  # opcode, length, channel, sequence, log time; publish time and data follow
 MESSAGE_DATA = 31  # bytes before the data of a message record
 MESSAGE_FIXED = 22  # bytes of the record's content that are not data
+_HEADS = np.dtype(
+    {
+        "names": ["opcode", "length", "channel", "time"],
+        "formats": ["u1", "<u8", "<u2", "<u8"],
+        "offsets": [0, 1, 9, 15],
+        "itemsize": MESSAGE_HEAD.size,
+    }
+)
 CHUNK_HEAD = struct.Struct("<QQQI")  # start time, end time, uncompressed size, crc
 
 
@@ -34,7 +44,7 @@ class Chunk:
     offset: int
     size: int
     whole: bool  # False: the recording broke off in it
-    indexed: bool = False  # a record after it tells how many messages of which channel it holds
+    index: list[tuple[int, int]] = field(default_factory=list)  # places of the records that say where its messages are
 
     @classmethod
     def parse(cls, data: mmap.mmap, start: int, available: int, whole: bool) -> "Chunk":
@@ -53,6 +63,12 @@ class Chunk:
     def has_times(self) -> bool:
         """Some writers leave the times of a chunk at zero."""
         return 0 < self.start_ns <= self.end_ns < 1 << 63
+
+    def message_places(self, data: mmap.mmap) -> np.ndarray:
+        """(N,) int64 where in its records the messages begin, as the index behind it says."""
+        entries = [data[start + 6 : start + length] for start, length in self.index]
+        pairs = [np.frombuffer(entry[: len(entry) // 16 * 16], "<u8").reshape(-1, 2) for entry in entries]
+        return np.concatenate(pairs)[:, 1].astype(np.int64)
 
     def records(self, data: mmap.mmap) -> bytes:
         """Its records; of one that broke off as many bytes as can be had. Raises ``DamagedError``."""
@@ -146,6 +162,40 @@ def records(data: bytes) -> Iterator[tuple[int, int, int]]:
             return
         yield opcode, position, length
         position += length
+
+
+def indexed_messages(data: bytes, offsets: np.ndarray) -> np.ndarray | None:
+    """(N, 4) uint64 what ``messages`` yields of all channels, from the ``offsets`` that an index has for the messages.
+
+    Only the places are taken from the index, and only if the records there follow one another without a gap up to the
+    end but for records of other kinds; None for an index that is not right.
+    """
+    positions = np.unique(offsets)
+    if not len(positions) or positions[-1] + MESSAGE_DATA > len(data) or positions[0] < 0:
+        return None
+    heads = np.lib.stride_tricks.sliding_window_view(np.frombuffer(data, np.uint8), MESSAGE_HEAD.size)[positions]
+    table = np.ascontiguousarray(heads).view(_HEADS)[:, 0]
+    lengths = table["length"].astype(np.int64)
+    if (table["opcode"] != MESSAGE).any() or (table["length"] > len(data)).any():
+        return None
+    begins, ends = np.append(positions, len(data)), np.append(0, positions + RECORD_HEAD.size + lengths)
+    for gap in np.flatnonzero(begins != ends).tolist():
+        if not _is_without_message(data, int(ends[gap]), int(begins[gap])):
+            return None
+    columns = table["time"], table["channel"], positions + MESSAGE_DATA, lengths
+    return np.column_stack([column.astype(np.uint64) for column in columns])
+
+
+def _is_without_message(data: bytes, position: int, end: int) -> bool:
+    """Whether whole records of other kinds lie between two places, and nothing else."""
+    while position < end:
+        if position + RECORD_HEAD.size > end:
+            return False
+        opcode, length = RECORD_HEAD.unpack_from(data, position)
+        if opcode == MESSAGE:
+            return False
+        position += RECORD_HEAD.size + length
+    return position == end
 
 
 def messages(data: bytes, wanted: dict[int, int] | None) -> Iterator[tuple[int, int, int, int]]:

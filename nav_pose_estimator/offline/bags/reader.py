@@ -6,6 +6,7 @@ decoded many at a time. Header stamps are the samples' stamps; receive time only
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,39 @@ from nav_pose_estimator.ros.messages.message_table import IMU, Source
 Convert = Callable[[RawBatch], list[Converted]]
 UNREADABLE = (BagError, CdrError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 """What damaged bytes lead to, or a definition in the bag unlike the known one."""
+
+
+@dataclass(frozen=True, slots=True)
+class SampleBatch:
+    """A stretch of a recording: its IMU samples in columns, and what came between them.
+
+    ``others[j]`` is what one message turned into; it came behind the first ``before[j]`` rows of ``imu``. ``aside``:
+    messages that are no input.
+    """
+
+    imu: ImuBlock
+    before: list[int]
+    others: list[tuple[Sample, ...]]
+    aside: RawBatch
+
+    def samples(self) -> Iterator[Sample]:
+        """All in order of receipt, the IMU in blocks."""
+        stamps, gyro, accel = self.imu.stamps_ns, self.imu.gyro, self.imu.accel
+        done = 0
+        for count, samples in zip(self.before, self.others, strict=True):
+            if samples:
+                if count > done:
+                    yield ImuBlock(stamps[done:count], gyro[done:count], accel[done:count])
+                    done = count
+                yield from samples
+        if done < len(self.imu):
+            yield ImuBlock(stamps[done:], gyro[done:], accel[done:])
+
+    def pieces(self) -> tuple[np.ndarray, np.ndarray]:
+        """The rows at which the blocks of ``samples`` begin, and those behind their ends."""
+        cuts = {count for count, samples in zip(self.before, self.others, strict=True) if samples}
+        starts = np.array(sorted({0} | cuts - {len(self.imu)}))
+        return starts, np.append(starts[1:], len(self.imu))
 
 
 class BagReader:
@@ -65,12 +99,18 @@ class BagReader:
         return self.topics.imu.count
 
     def samples(self) -> Iterator[Sample]:
-        """All samples in receive-time order; consecutive IMU messages come as one block.
+        """All samples in receive-time order; consecutive IMU messages come as one block. Raises as ``batches``."""
+        return (sample for batch in self.batches() for sample in batch.samples())
+
+    def batches(self, aside: Topic | None = None) -> Iterator[SampleBatch]:
+        """The same, about a chunk of the bag at a time, with the messages of another topic ``aside``.
 
         Raises ``BagError`` at the end of a recording in which the gyroscope never gave a rate.
         """
         topics, gyroscope = self.topics.topics, _GyroscopeWatch()
         names = list(dict.fromkeys(topic.name for topic in topics.values()))
+        inputs = len(names)
+        names += [] if aside is None else [aside.name]
         players: list[list[Convert]] = [[] for _ in names]
         for key, topic in topics.items():
             if key != IMU.topic:
@@ -82,9 +122,9 @@ class BagReader:
             gyroscope.see(block)
             rows = np.zeros(len(batch), np.int64)
             rows[batch.topics == imu] = kept
-            others = np.flatnonzero(batch.topics != imu)
+            others = np.flatnonzero((batch.topics != imu) & (batch.topics < inputs))
             samples = self._convert_others(batch, others, players)
-            yield from _interleave(block, np.cumsum(rows)[others].tolist(), samples)
+            yield SampleBatch(block, np.cumsum(rows)[others].tolist(), samples, batch.select(batch.topics >= inputs))
         if gyroscope.is_missing:
             name = self.topics.imu.name
             raise BagError(f"no message of {name} has an angular velocity (all zero), and half an IMU is no IMU")
@@ -105,7 +145,7 @@ class BagReader:
 
     def _samples_of(self, items: Converted) -> tuple[Sample, ...]:
         self.events += [item for item in items if isinstance(item, Event)]
-        return tuple(item for item in items if not isinstance(item, Event))
+        return tuple([item for item in items if not isinstance(item, Event)])
 
     def _converter(self, topic: Topic, source: Source) -> Convert:
         """A function from a batch of messages of one topic to samples and events."""
@@ -177,20 +217,6 @@ def _convert_many(topic: Topic, source: Source, batch: RawBatch) -> ImuBlock | l
         return None
     found = columns(topic.type, batch, source.columns.fields)
     return None if found is None else source.columns.convert(found)
-
-
-def _interleave(block: ImuBlock, before: list[int], others: list[tuple[Sample, ...]]) -> Iterator[Sample]:
-    """Merge: item j of ``others`` comes after the first ``before[j]`` rows of ``block``."""
-    stamps, gyro, accel = block.stamps_ns, block.gyro, block.accel
-    done = 0
-    for count, samples in zip(before, others, strict=True):
-        if samples:
-            if count > done:
-                yield ImuBlock(stamps[done:count], gyro[done:count], accel[done:count])
-                done = count
-            yield from samples
-    if done < len(block):
-        yield ImuBlock(stamps[done:], gyro[done:], accel[done:])
 
 
 def _block(samples: list[ImuSample]) -> ImuBlock:

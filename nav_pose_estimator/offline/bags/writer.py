@@ -4,7 +4,7 @@ rosbags writes the files; its call per message is replaced by one per chunk, whi
 """
 
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -29,8 +29,8 @@ from nav_pose_estimator.offline.bags.unpacking import zstandard
 from nav_pose_estimator.offline.output_folder import OutputFolder
 
 MCAP, SQLITE3 = "mcap", "sqlite3"
-FAST, SMALL = 3, 19
-"""Levels of zstd: the second takes 15 times as long and saves 10 %."""
+PLAIN, FAST, SMALL = 0, 3, 19
+"""Levels of zstd: none; the third takes 15 times as long as the second and saves 10 %."""
 CHUNK_BYTES = 1 << 20
 METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
 
@@ -50,7 +50,7 @@ LATCHED = Qos(
 
 @dataclass(frozen=True)
 class Messages:
-    """All messages of one topic: ``times_ns`` (N,) of receipt, payloads as a table (N, length) or one by one."""
+    """Messages of one topic: ``times_ns`` (N,) of receipt, payloads as a table (N, length) or one by one."""
 
     topic: str
     kind: str  # package/msg/Name
@@ -69,30 +69,39 @@ def write_bag(
 ) -> None:
     """Write ``topics`` as the rosbag2 ``path`` (a folder), in order of receipt; equal times in the order of ``topics``.
 
-    ``level`` of zstd: ``FAST`` or ``SMALL``. ``notes`` go into metadata.yaml. An existing bag is replaced only with
-    ``force``, and only if this function has written it: a recorded flight is not to be had again. Raises ``UserError``.
+    ``level`` of zstd: ``PLAIN``, ``FAST`` or ``SMALL``. ``notes`` go into metadata.yaml. An existing bag is replaced
+    only with ``force``, and only if this function has written it: a recorded flight is not to be had again. Raises
+    ``UserError``.
     """
     if storage not in (MCAP, SQLITE3):
         raise UserError(f"there is no storage {storage!r}; choose {MCAP} or {SQLITE3}")
     try:
         with _folder(path, force) as work:
-            write_new(work, topics, storage, level, notes)
+            write_new(work, [topics], storage, level, notes)
     except sqlite3.OperationalError as error:  # the disk is full, above all
         raise UserError(f"{path} cannot be written: {error}; nothing was changed") from None
 
 
 def write_new(
     path: Path,
-    topics: Sequence[Messages],
+    stretches: Iterable[Sequence[Messages]],
     storage: str = MCAP,
     level: int = FAST,
     notes: Mapping[str, str] | None = None,
 ) -> None:
-    """``write_bag`` into a folder of results, where there is nothing at ``path`` yet."""
+    """``write_bag`` into a folder of results, where there is nothing at ``path`` yet.
+
+    Each of the ``stretches`` follows in time upon the one before and is written before the next one is asked for.
+    """
     with _Writer(path, storage, level) as writer:
         for key, value in (notes or {}).items():
             writer.set_custom_data(key, value)
-        _write(writer, topics)
+        connections: dict[tuple[str, str], int] = {}
+        for topics in stretches:
+            for item in topics:
+                if (item.topic, item.kind) not in connections:
+                    connections[item.topic, item.kind] = _connect(writer, item)
+            _write(writer, topics, connections)
 
 
 def check_room(path: Path, force: bool) -> None:
@@ -104,15 +113,15 @@ def _folder(path: Path, force: bool) -> OutputFolder:
     return OutputFolder(Path(path), "bag", replace=force, option="name")
 
 
-def _write(writer: "_Writer", topics: Sequence[Messages]) -> None:
-    connections = [
-        writer.add_connection(
-            item.topic, item.kind, typestore=typestore(), offered_qos_profiles=[LATCHED] if item.latched else []
-        )
-        for item in topics
-    ]
+def _connect(writer: "_Writer", item: Messages) -> int:
+    profiles = [LATCHED] if item.latched else []
+    return writer.add_connection(item.topic, item.kind, typestore=typestore(), offered_qos_profiles=profiles).id
+
+
+def _write(writer: "_Writer", topics: Sequence[Messages], connections: Mapping[tuple[str, str], int]) -> None:
     times = np.concatenate([np.asarray(item.times_ns, np.int64) for item in topics] or [np.empty(0, np.int64)])
-    owner = np.repeat([connection.id for connection in connections], [len(item.times_ns) for item in topics])
+    owners = [connections[item.topic, item.kind] for item in topics]
+    owner = np.repeat(owners, [len(item.times_ns) for item in topics])
     payloads = [payload for item in topics for payload in _split(item.payloads)]
     order = np.argsort(times, kind="stable")
     writer.write_sorted(owner[order], times[order], [payloads[i] for i in order.tolist()])
@@ -188,12 +197,12 @@ class _Writer(Writer):
     def __init__(self, path: Path, storage: str, level: int) -> None:
         super().__init__(path, version=METADATA_VERSION, storage_plugin=StoragePlugin[storage.upper()])
         self._level = level
-        if storage == MCAP:
+        if storage == MCAP and level != PLAIN:
             self.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
 
     def open(self) -> None:
         super().open()
-        if isinstance(self.storage, _McapStorage):
+        if isinstance(self.storage, _McapStorage) and self._level != PLAIN:
             self.storage.compressor = partial(zstandard().compress, level=self._level)
 
     def write_sorted(self, owners: np.ndarray, times: np.ndarray, payloads: list[bytes]) -> None:

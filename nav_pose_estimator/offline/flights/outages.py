@@ -6,6 +6,7 @@ from a real receiver; one measured inside that arrives after its end is not.
 """
 
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -109,10 +110,10 @@ class GnssRemoval:
         self._delay_ns = round(delay * 1e9)
         self._last_removed = False
         self._clock = _Clock()
-        self.removed: list[GnssFix | GnssVelocity | SatelliteCount] = []
+        self.removed: Counter[type] = Counter()
 
     def keep(self, sample: Sample) -> bool:
-        """False for a sample that must not be used; it is then in ``removed``."""
+        """False for a sample that must not be used; ``removed`` counts them by type."""
         self._clock.advance(sample)
         if not isinstance(sample, GNSS_SAMPLES):
             return True
@@ -124,7 +125,7 @@ class GnssRemoval:
             if isinstance(sample, GnssFix):
                 self._last_removed = inside
         if inside:
-            self.removed.append(sample)
+            self.removed[type(sample)] += 1
         return not inside
 
     def filter(self, samples: Iterable[Sample]) -> Iterator[Sample]:

@@ -1,41 +1,38 @@
-"""A bag in memory: its samples in order, the withheld truth, and what accompanies it in NAME.json."""
+"""A recording: its samples in order, the withheld truth, and what accompanies it in NAME.json."""
 
 import json
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
-from nav_pose_estimator.core.numerics.rotation import quat_rotate_many
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample, joined
 from nav_pose_estimator.engine.solutions import Event
-from nav_pose_estimator.offline.bags.decoder import Decoder
 from nav_pose_estimator.offline.bags.raw_messages import BagError
 from nav_pose_estimator.offline.bags.reader import BagReader
 from nav_pose_estimator.offline.damaged_input import reading
-from nav_pose_estimator.offline.flights.tracks import Reference, displacement_enu, gnss_reference
-from nav_pose_estimator.ros.messages.cdr import columns
+from nav_pose_estimator.offline.flights.survey import Contents, Survey
+from nav_pose_estimator.offline.flights.tracks import Reference, gnss_reference
+from nav_pose_estimator.offline.flights.truth import TruthRecorder
 
-TRUTH_ORIGIN = "/ground_truth/origin"
 _STANDS = 0.9  # share of IMU samples without a stamp of their own from which on the clock counts as standing
-_ODOMETRY_FIELDS = ("pose.pose.position", "pose.pose.orientation", "twist.twist.linear")
 
 
 @dataclass
 class Recording:
     """One flight. ``epoch_ns`` is its first stamp, from which all seconds count up to ``duration``.
 
+    ``samples`` may be a list in memory, or a ``SampleStream``. ``known``: what a pass over them has found already.
     ``notices`` are sentences for the user, ``events`` what the conversion of single messages had to say. ``opinion``:
     what the autopilot itself estimated, where a flight log tells; for the report, never for an estimator.
     """
 
     path: Path
-    samples: list[Sample]
+    samples: Iterable[Sample]
     epoch_ns: int
     duration: float
     truth: Reference | None = None
@@ -44,6 +41,7 @@ class Recording:
     sidecar: dict = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
     opinion: Reference | None = None
+    known: Contents | None = None
 
     @property
     def name(self) -> str:
@@ -66,22 +64,42 @@ class Recording:
         return joined([s for s in self.samples if isinstance(s, ImuBlock)])
 
     @cached_property
+    def contents(self) -> Contents:
+        """What a pass over the samples finds."""
+        return self.known or Contents.of(self.samples)
+
+    @property
     def imu_count(self) -> int:
         """Number of IMU samples."""
-        return sum(len(s) for s in self.samples if isinstance(s, ImuBlock))
+        return self.contents.imu_count
 
     def reference(self, delay: float) -> Reference:
         """Ground truth where the bag has it, else the fixes at stamp minus ``delay`` [s]."""
-        return self.truth or gnss_reference(self.fixes, self.velocities, self.epoch_ns, delay)
+        return self.truth or self.receiver(delay)
+
+    def receiver(self, delay: float) -> Reference:
+        """The fixes at stamp minus ``delay`` [s]."""
+        return gnss_reference(self.contents.gnss, self.epoch_ns, delay)
 
     def fix_times(self, delay: float) -> np.ndarray:
         """Times of validity (M,) of the fixes, in order."""
-        stamps = sorted({fix.stamp_ns for fix in self.fixes if fix.status >= 0 and fix.stamp_ns > 0})
-        return (np.array(stamps, np.int64) - self.epoch_ns) * 1e-9 - delay
+        stamps, status = self.contents.gnss.fix_ns, self.contents.gnss.fixes[:, 3]
+        return (np.unique(stamps[(status >= 0.0) & (stamps > 0)]) - self.epoch_ns) * 1e-9 - delay
 
     def seconds_of_log(self, log_seconds: float) -> float:
         """Seconds since the first stamp of a time on the clock of the original log (``NAME.json``)."""
         return log_seconds + self.sidecar.get("bag", {}).get("stamp_offset_s", 0.0) - self.epoch_ns * 1e-9
+
+
+class SampleStream:
+    """The samples of a bag, read anew by everyone who goes through them: none of them stays in memory."""
+
+    def __init__(self, path: Path, remaps: dict[str, str] | None, parameters: Parameters | None) -> None:
+        self._path, self._remaps, self._parameters = path, remaps, parameters
+
+    def __iter__(self) -> Iterator[Sample]:
+        with reading(self._path), BagReader(self._path, self._remaps, self._parameters) as reader:
+            yield from reader.samples()
 
 
 def load(
@@ -89,14 +107,16 @@ def load(
     remaps: dict[str, str] | None = None,
     progress: Callable[[int], None] | None = None,
     parameters: Parameters | None = None,
+    hold: bool = True,
 ) -> Recording:
     """Read a bag as ``parameters`` say (``ros.input``). ``progress`` is called with the number of IMU samples read.
 
-    Raises ``UserError``.
+    ``hold`` False leaves the samples where they are: whoever goes through them reads the bag again. Raises
+    ``UserError``.
     """
     path = Path(path)
     with reading(path):
-        return _load_bag(path, remaps, progress, parameters)
+        return _load_bag(path, remaps, progress, parameters, hold)
 
 
 def _load_bag(
@@ -104,23 +124,35 @@ def _load_bag(
     remaps: dict[str, str] | None,
     progress: Callable[[int], None] | None,
     parameters: Parameters | None,
+    hold: bool,
 ) -> Recording:
+    survey, samples = Survey(), list[Sample]()
     with BagReader(path, remaps, parameters) as reader:
-        samples: list[Sample] = []
-        for sample in reader.samples():
-            samples.append(sample)
-            if progress is not None and isinstance(sample, ImuBlock):
-                progress(len(sample))
-        stamps = [(int(s.stamps_ns[0]), int(s.stamps_ns[-1])) for s in samples if isinstance(s, ImuBlock) and len(s)]
-        if not stamps:
-            why = next((f": {event.text}" for event in reader.events if event.text), "")
-            raise BagError(f"{path} holds no readable IMU message{why}")
-        epoch_ns, last_ns = _span(path, samples, stamps)
-        truth, assumed = _truth(reader, samples, epoch_ns)
+        recorder = TruthRecorder(reader.topics.truth)
+        for batch in reader.batches(reader.topics.truth):
+            survey.take(batch)
+            recorder.take(batch.aside)
+            if hold:
+                samples += batch.samples()
+            if progress is not None:
+                progress(len(batch.imu))
+        epoch_ns = _epoch(path, survey, reader)
+        contents = survey.contents()
+        truth, assumed = recorder.reference(reader, contents.gnss, epoch_ns)
         counters = reader.counters + Counter(event.name for event in reader.events)
-        notices, events = reader.notices + assumed + _standing_clock(samples), reader.events
-    duration = (last_ns - epoch_ns) * 1e-9
-    return Recording(path, samples, epoch_ns, duration, truth, notices, counters, sidecar(path), events)
+        notices, events = reader.notices + assumed + _standing_clock(survey), reader.events
+    return Recording(
+        path=path,
+        samples=samples if hold else SampleStream(path, remaps, parameters),
+        epoch_ns=epoch_ns,
+        duration=(survey.last_ns - epoch_ns) * 1e-9,
+        truth=truth,
+        notices=notices,
+        counters=counters,
+        sidecar=sidecar(path),
+        events=events,
+        known=contents,
+    )
 
 
 def sidecar(path: Path) -> dict:
@@ -146,70 +178,17 @@ def sidecar(path: Path) -> dict:
     return content
 
 
-def _span(path: Path, samples: list[Sample], imu: list[tuple[int, int]]) -> tuple[int, int]:
-    others = [s.stamp_ns for s in samples[:1000] if not isinstance(s, ImuBlock) and s.stamp_ns]
-    stamped = [first for first, _ in imu if first > 0]
-    if not stamped:
+def _epoch(path: Path, survey: Survey, reader: BagReader) -> int:
+    if not survey.imu_count:
+        why = next((f": {event.text}" for event in reader.events if event.text), "")
+        raise BagError(f"{path} holds no readable IMU message{why}")
+    if survey.epoch_ns is None:
         raise BagError(f"{path}: every IMU message has the stamp zero; the driver must fill header.stamp")
-    # A fix may be stamped a little before the first IMU message; a stamp far from it is damaged and dates nothing.
-    near = [stamp for stamp in others if 0 <= stamped[0] - stamp < 10**9]
-    return min([stamped[0], *near]), max(last for _, last in imu)
+    return survey.epoch_ns
 
 
-def _standing_clock(samples: list[Sample]) -> list[str]:
+def _standing_clock(survey: Survey) -> list[str]:
     """One sentence where most IMU samples repeat a stamp; a few of them are the estimator's business."""
-    blocks = [s.stamps_ns for s in samples if isinstance(s, ImuBlock) and len(s)]
-    share = 1.0 - len(np.unique(np.concatenate(blocks))) / sum(map(len, blocks))
-    if share < _STANDS:
+    if survey.repeated < _STANDS:
         return []
-    return [f"{100.0 * share:.0f} % of the IMU samples repeat a stamp: the clock of the driver stands still"]
-
-
-def _truth(reader: BagReader, samples: list[Sample], epoch_ns: int) -> tuple[Reference | None, list[str]]:
-    """The ground truth of the bag, and what had to be assumed for it."""
-    topic = reader.topics.truth
-    if topic is None or topic.count == 0:
-        return None, []
-    # one batch at a time: of a batch only these fields stay in memory
-    found = [columns(topic.type, batch, _ODOMETRY_FIELDS) for batch in reader.bag.batches([topic.name]) if len(batch)]
-    parts = [part for part in found if part is not None]
-    if not parts or len(parts) < len(found):
-        return None, [f"the messages on {topic.name} cannot be read or differ in length: judged against GNSS instead"]
-    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    t = (joined["stamp_ns"] - epoch_ns) * 1e-9
-    enu = joined["pose.pose.position"]
-    q_nb = joined["pose.pose.orientation"][:, [3, 0, 1, 2]]
-    origin = _origin(reader)
-    assumed = []
-    if origin is None:
-        origin = _fitted_origin(t, enu, samples, epoch_ns)
-        assumed = [f"{TRUTH_ORIGIN} is not in the bag: the origin of {topic.name} was fitted to the fixes"]
-        if origin is None:
-            return None, [f"{topic.name} has no origin and there are no fixes: nothing to judge against"]
-    position = np.stack(enu_to_lla(enu, *origin), axis=-1)
-    velocity = quat_rotate_many(q_nb, joined["twist.twist.linear"])
-    return Reference("ground truth", t, position, velocity, q_nb), assumed
-
-
-def _origin(reader: BagReader) -> tuple[float, float, float] | None:
-    topic = reader.bag.topics.get(TRUTH_ORIGIN)
-    if topic is None:
-        return None
-    for batch in reader.bag.batches([TRUTH_ORIGIN]):
-        message = Decoder(topic)(batch.payload(0))
-        return float(np.radians(message.latitude)), float(np.radians(message.longitude)), float(message.altitude)
-    return None
-
-
-def _fitted_origin(
-    t: np.ndarray, enu: np.ndarray, samples: list[Sample], epoch_ns: int
-) -> tuple[float, float, float] | None:
-    fixes = [s for s in samples if isinstance(s, GnssFix) and s.status >= 0]
-    if not fixes:
-        return None
-    times = (np.array([fix.stamp_ns for fix in fixes]) - epoch_ns) * 1e-9
-    position = np.array([[fix.lat, fix.lon, fix.alt] for fix in fixes])
-    there = np.stack([np.interp(times, t, enu[:, i]) for i in range(3)], axis=-1)
-    offset = np.median(displacement_enu(position, position[0]) - there, axis=0)
-    lat, lon, alt = enu_to_lla(offset, *position[0].tolist())
-    return float(lat), float(lon), float(alt)
+    return [f"{100.0 * survey.repeated:.0f} % of the IMU samples repeat a stamp: the clock of the driver stands still"]

@@ -3,7 +3,7 @@
 Times are seconds since the bag's first stamp, angles radians, heights metres above the ellipsoid, vectors ENU.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +11,14 @@ import numpy as np
 from nav_pose_estimator.core.earth.ellipsoid import radii_many
 from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, OUT_POS, OUT_QUAT, OUT_VAR, OUT_VEL
 from nav_pose_estimator.core.numerics.rotation import quat_rotate_many
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
 from nav_pose_estimator.engine.solutions import NavBlock
+from nav_pose_estimator.offline.flights.row_store import AT_ONCE, RowStore, pieces, release
+from nav_pose_estimator.offline.flights.survey import GnssColumns
 
 Array = np.ndarray
 _VAR_DVEL, _VAR_DPOS = OUT_VAR + 3, OUT_VAR + 6
 _SAME_EPOCH_NS = 100_000_000
-_AT_ONCE = 4096  # rows
+_TIMES_AT_ONCE = 512  # between which ten times as many rows may lie
 TRACK_HZ = 50.0
 """Rows of the estimate that are kept. Straight lines between them are off by less than 1 mm at 20 m/s^2."""
 
@@ -67,10 +68,36 @@ class Track:
         start = {"attitude": OUT_VAR, "velocity": _VAR_DVEL, "position": _VAR_DPOS}[what]
         return np.sqrt(np.maximum(self.rows[:, start : start + 3], 0.0))
 
+    def pieces(self) -> Iterator["Track"]:
+        """The track in parts; what is done with a part has to be done before the next one is asked for."""
+        for part in pieces(len(self.t)):
+            yield Track(self.t[part], self.rows[part])
+            release(self.rows)
+
+    def thinned(self, largest: int) -> "Track":
+        """Itself, of more than ``largest`` rows every second one, every third one and so on."""
+        step = -(-len(self.t) // largest)
+        return self if step <= 1 else Track(self.t[::step], _every(self.rows, step))
+
     def at(self, times: Array) -> Array:
         """Rows (M, OUT_COLUMNS) at ``times`` (M,), on straight lines; NaN where the track does not reach."""
-        if len(self.t) == 0:
-            return np.full((len(times), OUT_COLUMNS), np.nan)
+        rows = np.full((len(times), OUT_COLUMNS), np.nan)
+        for part, found in self._parts_at(times):
+            rows[part] = found
+        return rows
+
+    def velocity_at(self, times: Array) -> Array:
+        """(M, 3) of ``at``."""
+        velocities = np.full((len(times), 3), np.nan)
+        for part, found in self._parts_at(times):
+            velocities[part] = found[:, OUT_VEL : OUT_VEL + 3]
+        return velocities
+
+    def _parts_at(self, times: Array) -> Iterator[tuple[slice, Array]]:
+        if len(self.t):
+            yield from ((part, self._at(times[part])) for part in pieces(len(times), _TIMES_AT_ONCE))
+
+    def _at(self, times: Array) -> Array:
         i = np.clip(np.searchsorted(self.t, times) - 1, 0, max(len(self.t) - 2, 0))
         j = np.minimum(i + 1, len(self.t) - 1)
         span = np.maximum(self.t[j] - self.t[i], 1e-9)
@@ -79,13 +106,26 @@ class Track:
         slack = 1.5 * span  # the last fixes of an outage may be a little newer than the last IMU sample
         outside = (times < self.t[0] - 1e-9) | (times > self.t[-1] + np.minimum(slack, 0.1))
         rows[outside] = np.nan
+        release(self.rows)
         return rows
 
     def antenna_at(self, times: Array, lever: Array) -> Array:
         """(M, 3) latitude, longitude, height of the antenna at ``times``, ``lever`` (3,) from the IMU in the body."""
-        rows = self.at(times)
-        position = rows[:, OUT_POS : OUT_POS + 3]
-        return position if not np.any(lever) else shift(position, quat_rotate_many(_unit(rows), lever))
+        positions = np.full((len(times), 3), np.nan)
+        for part, rows in self._parts_at(times):
+            position = rows[:, OUT_POS : OUT_POS + 3]
+            positions[part] = shift(position, quat_rotate_many(_unit(rows), lever)) if np.any(lever) else position
+        return positions
+
+
+def _every(rows: Array, step: int) -> Array:
+    """A copy of every ``step``-th row."""
+    chosen = np.arange(0, len(rows), step)
+    out = np.empty((len(chosen), rows.shape[1]))
+    for part in pieces(len(chosen)):
+        out[part] = rows[chosen[part]]
+        release(rows)
+    return out
 
 
 def _unit(rows: Array) -> Array:
@@ -109,7 +149,7 @@ class TrackRecorder:
         self._slot_ns = max(round(1e9 / rate_hz), 1)
         self._last_slot = -(1 << 62)
         self._stamps: list[Array] = []
-        self._rows: list[Array] = []
+        self._rows = RowStore(OUT_COLUMNS)
         self._waiting: list[NavBlock] = []  # thinned out many at a time: blocks may be as short as one sample
         self._waiting_rows = 0
 
@@ -117,7 +157,7 @@ class TrackRecorder:
         """Keep the first row of ``block`` in every time slot."""
         self._waiting.append(block)
         self._waiting_rows += len(block.stamps_ns)
-        if self._waiting_rows >= _AT_ONCE:
+        if self._waiting_rows >= AT_ONCE:
             self._thin_out()
 
     def _thin_out(self) -> None:
@@ -135,10 +175,10 @@ class TrackRecorder:
     def track(self) -> Track:
         """All that was kept, in order of time. After a clock that went back only what followed is in order: sorted."""
         self._thin_out()
-        if not self._rows:
+        if not self._stamps:
             return Track(np.empty(0), np.empty((0, OUT_COLUMNS)))
         t = (np.concatenate(self._stamps) - self._epoch_ns) * 1e-9
-        rows = np.concatenate(self._rows)
+        rows = self._rows.table()
         if np.any(np.diff(t) < 0.0):
             order = np.argsort(t, kind="stable")
             t, rows = t[order], rows[order]
@@ -158,11 +198,22 @@ class Reference:
     def __len__(self) -> int:
         return len(self.t)
 
+    def thinned(self, largest: int) -> "Reference":
+        """Itself, of more than ``largest`` entries every second one, every third one and so on."""
+        step = -(-len(self.t) // largest)
+        if step <= 1:
+            return self
+        velocity, q_nb = (None if part is None else _every(part, step) for part in (self.velocity, self.q_nb))
+        return Reference(self.kind, self.t[::step], _every(self.position, step), velocity, q_nb)
+
     def at(self, times: Array) -> Array:
         """(M, 3) latitude, longitude, height at ``times``; NaN outside."""
         if len(self.t) == 0:
             return np.full((len(times), 3), np.nan)
-        columns = [np.interp(times, self.t, self.position[:, i], left=np.nan, right=np.nan) for i in range(3)]
+        columns = []
+        for i in range(3):
+            columns.append(np.interp(times, self.t, self.position[:, i], left=np.nan, right=np.nan))
+            release(self.position)
         return np.stack(columns, axis=-1)
 
     def travelled(self, start: float, end: float) -> float:
@@ -173,6 +224,7 @@ class Reference:
             return float("nan")
         if self.velocity is not None:
             speed = np.linalg.norm(self.velocity[:, :2], axis=1)
+            release(self.velocity)
             if np.isfinite(speed[inside]).all():
                 known = np.isfinite(speed)
                 at_t = np.interp(t, self.t[known], speed[known])
@@ -182,22 +234,19 @@ class Reference:
         return float(np.linalg.norm(steps, axis=1).sum())
 
 
-def gnss_reference(
-    fixes: Sequence[GnssFix], velocities: Sequence[GnssVelocity], epoch_ns: int, delay: float
-) -> Reference:
+def gnss_reference(gnss: GnssColumns, epoch_ns: int, delay: float) -> Reference:
     """The fixes of a receiver as a reference, each at its time of validity (stamp minus ``delay`` [s])."""
-    rows = np.array([(f.lat, f.lon, f.alt, f.status) for f in fixes], float).reshape(-1, 4)
-    stamps = np.array([f.stamp_ns for f in fixes], np.int64)
+    rows, stamps = gnss.fixes, gnss.fix_ns
     good = np.isfinite(rows).all(axis=1) & (rows[:, 3] >= 0.0) & (stamps > 0)
     stamps, first = np.unique(stamps[good], return_index=True)  # in order of time, repeated fixes once
-    velocity = _velocities_at(stamps, velocities) if velocities else None
+    velocity = _velocities_at(stamps, gnss) if len(gnss.velocity_ns) else None
     return Reference("GNSS", (stamps - epoch_ns) * 1e-9 - delay, rows[good][first, :3], velocity)
 
 
-def _velocities_at(stamps: Array, velocities: Sequence[GnssVelocity]) -> Array:
+def _velocities_at(stamps: Array, gnss: GnssColumns) -> Array:
     """(N, 3) the velocity nearest to each of ``stamps`` (N,), NaN where none is within 0.1 s."""
-    known, first = np.unique(np.array([v.stamp_ns for v in velocities], np.int64), return_index=True)
-    values = np.array([v.vel_enu for v in velocities], float)[first]
+    known, first = np.unique(gnss.velocity_ns, return_index=True)
+    values = gnss.velocities[first]
     after = np.clip(np.searchsorted(known, stamps), 0, len(known) - 1)
     before = np.maximum(after - 1, 0)
     nearest = np.where(np.abs(known[before] - stamps) < np.abs(known[after] - stamps), before, after)

@@ -25,6 +25,7 @@ from nav_pose_estimator.offline.logs.open_recording import log_form, read_sensor
 from nav_pose_estimator.offline.logs.options import LogOptions
 from nav_pose_estimator.offline.logs.segments import find_segments
 from nav_pose_estimator.offline.logs.sensors import Array, Gnss, Imu, LogSensors, Series
+from nav_pose_estimator.offline.remote import at_hand
 
 _SENSORS = (
     ("magnetometer", MagSample),
@@ -39,9 +40,10 @@ def describe(
     path: Path, options: LogOptions, remaps: dict[str, str] | None = None, parameters: Parameters | None = None
 ) -> list[str]:
     """Lines about a log or a bag. Raises ``BagError`` for what is neither."""
-    if log_form(path) is None:
-        return _lines(_of_bag(load(path, remaps)), options, None)
-    return _lines(read_sensors(path), options, parameters or Parameters())
+    with at_hand(path) as here:
+        if log_form(here) is None:
+            return _lines(_of_bag(load(here, remaps)), options, None)
+        return _lines(read_sensors(here), options, parameters or Parameters())
 
 
 def _lines(log: LogSensors, options: LogOptions, parameters: Parameters | None) -> list[str]:
@@ -161,7 +163,7 @@ def _of_bag(recording: Recording) -> LogSensors:
     )
 
 
-def _times(samples: list[Sample], kind: type) -> Array:
+def _times(samples: Iterable[Sample], kind: type) -> Array:
     stamps = [getattr(s, "stamp_ns", None) for s in samples if type(s) is kind]
     return np.array([stamp for stamp in stamps if stamp], np.int64) // 1000
 

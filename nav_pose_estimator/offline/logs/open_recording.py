@@ -1,6 +1,8 @@
 """One way to open whatever a flight was recorded in: rosbag2, PX4 ULog, ArduPilot DataFlash."""
 
+import weakref
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 from nav_pose_estimator.engine.parameters import Parameters
@@ -14,6 +16,7 @@ from nav_pose_estimator.offline.logs.imu_choice import with_best_imu
 from nav_pose_estimator.offline.logs.log_flight import LogRecording, log_recording
 from nav_pose_estimator.offline.logs.options import LogOptions
 from nav_pose_estimator.offline.logs.sensors import LogSensors
+from nav_pose_estimator.offline.remote import at_hand, is_remote
 
 ULOG, BINARY, TEXT = "ULog", "DataFlash", "DataFlash text"
 _ENDINGS = {".ulg": ULOG, ".ulog": ULOG, ".bin": BINARY, ".log": TEXT}
@@ -26,12 +29,32 @@ def open_recording(
     remaps: dict[str, str] | None = None,
     progress: Callable[[int], None] | None = None,
     parameters: Parameters | None = None,
+    hold: bool = True,
 ) -> Recording:
-    """Read a bag, as ``parameters`` say (``ros.input``), or a log. Raises ``UserError`` for what cannot be read."""
+    """Read a bag, as ``parameters`` say (``ros.input``), or a log. Raises ``UserError`` for what cannot be read.
+
+    ``hold`` as in ``recording.load``; the samples of a log are always held.
+    """
+    with ExitStack() as stack:
+        here = stack.enter_context(at_hand(path))
+        recording = _open(here, options, remaps, progress, parameters, hold)
+        if not hold:
+            weakref.finalize(recording, stack.pop_all().close)
+    return recording
+
+
+def _open(
+    path: Path,
+    options: LogOptions,
+    remaps: dict[str, str] | None,
+    progress: Callable[[int], None] | None,
+    parameters: Parameters | None,
+    hold: bool,
+) -> Recording:
     if log_form(path) is None:
         if options.imu is not None or options.segment is not None:
             raise UserError(f"{path.name} is not a flight log: --imu and --segment are only for those")
-        return load(path, remaps, progress, parameters)
+        return load(path, remaps, progress, parameters, hold)
     if remaps:
         raise BagError(f"{path.name} is a flight log: --remap is for the topics of bags")
     with reading(path):
@@ -49,8 +72,11 @@ def prepared(recording: Recording, parameters: Parameters, until: float) -> Reco
 
 
 def check_readable(path: Path) -> None:
-    """Raise ``BagError`` where ``path`` is neither a bag nor a log; reads no more than the beginning."""
-    if log_form(path) is None:
+    """Raise ``BagError`` where ``path`` is neither a bag nor a log; reads no more than the beginning.
+
+    Whether something elsewhere is one is found out when it is fetched.
+    """
+    if not is_remote(path) and log_form(path) is None:
         Bag(path).close()
 
 

@@ -108,20 +108,28 @@ class _Plan:
         until = min(_first(self.wanted), self.every[0] if self.every else math.inf)
         return options_of(self.arguments, self.parameters.imu.max_gap, until)
 
+    @property
+    def _reads_often(self) -> bool:
+        """Whether the samples are worth their memory: an estimate of the latency goes through them several times."""
+        from nav_pose_estimator.offline.flights.latency import AUTO
+
+        return self.arguments.estimate_latency or self.arguments.gnss_delay == AUTO
+
     def load(self) -> Any:
         """The recording."""
-        from nav_pose_estimator.core.numerics.jit import is_first_run
+        from nav_pose_estimator.engine import first_run
         from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
 
         with _bar("reading", None) as bar:
-            recording = open_recording(self.arguments.bag, self.options, self.remaps, bar.update, self.parameters)
+            recording = open_recording(
+                self.arguments.bag, self.options, self.remaps, bar.update, self.parameters, self._reads_often
+            )
         try:
             recording = prepared(recording, self.parameters, _first(self.outages(recording)))
         finally:  # what is wrong with the recording may be the cause of what fails
             for text in recording.notices:
                 print(f"note: {printable(text)}", file=sys.stderr)
-        if is_first_run():
-            print("note: the first run compiles the numeric kernels, which takes a minute or two", file=sys.stderr)
+        first_run.compile_kernels(lambda text: print(f"note: {text}", file=sys.stderr))
         return recording
 
     def outages(self, recording: Any) -> list:

@@ -24,18 +24,20 @@ from nav_pose_estimator.offline.replay.report import mode_spans
 from nav_pose_estimator.offline.replay.warnings import warnings
 
 SUMMARY, TUM, CSV, REPORT, SOLUTION = "summary.json", "trajectory.tum", "estimate.csv", "report.html", "solution"
-_AT_ONCE = 4096  # rows
 CSV_COLUMNS = (
     "t_s,lat_deg,lon_deg,alt_m,east_m,north_m,up_m,v_east_mps,v_north_mps,v_up_mps,roll_deg,pitch_deg,yaw_deg,"
     "sd_east_m,sd_north_m,sd_up_m,mode"
 )
 
 
-def decimate(track: Track, rate_hz: float) -> Track:
-    """At most ``rate_hz`` rows a second."""
-    slots = np.floor(track.t * rate_hz + 1e-6).astype(np.int64)
-    chosen = np.diff(slots, prepend=-(1 << 62)) != 0
-    return Track(track.t[chosen], track.rows[chosen])
+def decimated(track: Track, rate_hz: float) -> Iterator[Track]:
+    """At most ``rate_hz`` rows a second, in parts: as text they need twenty times the memory."""
+    last = -(1 << 62)
+    for piece in track.pieces():
+        slots = np.floor(piece.t * rate_hz + 1e-6).astype(np.int64)
+        chosen = np.diff(slots, prepend=last) != 0
+        last = int(slots[-1])
+        yield Track(piece.t[chosen], piece.rows[chosen])
 
 
 def write_summary(path: Path, result: ReplayResult, wall_seconds: float) -> dict[str, Any]:
@@ -56,7 +58,7 @@ def write_summary(path: Path, result: ReplayResult, wall_seconds: float) -> dict
         ],
         "outage_proof": result.proof,
         "second_opinion": second_opinion.figures(result),
-        "not_finite_rows": int((~np.isfinite(result.track.rows).all(axis=1)).sum()),
+        "not_finite_rows": sum(int((~np.isfinite(p.rows).all(axis=1)).sum()) for p in result.track.pieces()),
         "counters": {**status.counters, **result.recording.counters},
         "values": status.values,
         "notices": recording.notices,
@@ -87,11 +89,11 @@ def write_tum(path: Path, result: ReplayResult, rate_hz: float) -> None:
     """``stamp x y z qx qy qz qw`` a line, ENU metres from the origin (the form that evo reads)."""
     form = "%d.%09d" + " %.6f" * 3 + " %.9f" * 4
     with path.open("w", encoding="utf-8") as file:
-        for number, track in enumerate(_pieces(decimate(result.track, rate_hz))):
+        for track in decimated(result.track, rate_hz):
             rows = np.column_stack([_local(track, result), track.q_nb[:, [1, 2, 3, 0]]]).tolist()
             stamps = (np.round(track.t * 1e9).astype(np.int64) + result.recording.epoch_ns).tolist()
             lines = [form % (s // 10**9, s % 10**9, *row) for s, row in zip(stamps, rows, strict=True)]
-            file.write("\n" * (number > 0) + "\n".join(lines))
+            file.writelines(f"{line}\n" for line in lines)
 
 
 def write_csv(path: Path, result: ReplayResult, rate_hz: float) -> None:
@@ -99,19 +101,12 @@ def write_csv(path: Path, result: ReplayResult, rate_hz: float) -> None:
     form = "%.4f,%.9f,%.9f" + ",%.4f" * 13 + ",%s\n"
     with path.open("w", encoding="utf-8") as file:
         file.write(CSV_COLUMNS + "\n")
-        for track in _pieces(decimate(result.track, rate_hz)):
+        for track in decimated(result.track, rate_hz):
             angles = np.degrees(euler_from_quat_many(track.q_nb))
             position = track.position * np.array([180.0 / math.pi, 180.0 / math.pi, 1.0])
             parts = [track.t, position, _local(track, result), track.velocity, angles, track.sd("position")]
             rows = zip(np.column_stack(parts).tolist(), modes_at(result, track.t), strict=True)
             file.writelines(form % (*row, mode.value) for row, mode in rows)
-
-
-def _pieces(track: Track) -> Iterator[Track]:
-    """A track in parts: as text and numbers of Python it would need twenty times its memory."""
-    for start in range(0, len(track), _AT_ONCE):
-        part = slice(start, start + _AT_ONCE)
-        yield Track(track.t[part], track.rows[part])
 
 
 def modes_at(result: ReplayResult, t: np.ndarray) -> list[Mode]:

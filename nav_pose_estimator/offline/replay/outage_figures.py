@@ -5,7 +5,6 @@ from statistics import NormalDist
 
 import numpy as np
 
-from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.offline.flights.tracks import Reference, Track, displacement_enu
 from nav_pose_estimator.offline.page import live, page
@@ -38,12 +37,12 @@ def of_outages(result: ReplayResult) -> Iterator[str]:
 
 def track(result: ReplayResult) -> live.Track:
     """Reference and estimate in space, East, North, Up [m] from the origin; outages in bold."""
-    origin = np.array(result.origin or result.track.position[0])
-    estimate = displacement_enu(result.track.position, origin)
-    paths = [(result.track.t, estimate, "a", "b", "estimate")]
-    if len(result.reference):
-        truth = displacement_enu(result.reference.position, origin)
-        paths.insert(0, (result.reference.t, truth, "f", "f", result.reference.kind))
+    flown, reference = result.drawn, result.drawn_reference
+    origin = np.array(result.origin or flown.position[0])
+    estimate = displacement_enu(flown.position, origin)
+    paths = [(flown.t, estimate, "a", "b", "estimate")]
+    if len(reference):
+        paths.insert(0, (reference.t, displacement_enu(reference.position, origin), "f", "f", reference.kind))
     lines = []
     for t, enu, style, outage_style, label in paths:
         lines.append((enu[:: max(len(enu) // live.POINTS, 1)], style, label))
@@ -52,17 +51,17 @@ def track(result: ReplayResult) -> live.Track:
             if len(inside):
                 lines.append((inside[:: max(len(inside) // 500, 1)], f"{outage_style} thick", ""))
     step = max(len(estimate) // live.POINTS, 1)
-    return live.Track(lines, result.track.t[::step], estimate[::step])
+    return live.Track(lines, flown.t[::step], estimate[::step])
 
 
 def prediction(result: ReplayResult) -> Plot | None:
     """The network's velocity in the outages beside that of the reference; None where either is missing."""
     said = result.record.predictions
-    flown = _flown(result.reference)
+    flown = _flown(result.drawn_reference)
     if not said or flown is None:
         return None
     t = np.array([(s.stamp_ns - result.recording.epoch_ns) * 1e-9 for s in said]) - me.PERIOD / 2.0
-    velocity = result.track.at(t)[:, at.OUT_VEL : at.OUT_QUAT] - np.array([s.dv_n for s in said])
+    velocity = result.track.velocity_at(t) - np.array([s.dv_n for s in said])
     velocity[np.diff(t, prepend=t[0]) > _GAP] = np.nan  # lift the pen between outages
     plot = Plot("s since the first stamp", "velocity over ground, m/s", time=True, height=300)
     for outage in result.outages:

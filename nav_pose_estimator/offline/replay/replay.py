@@ -3,10 +3,11 @@
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-from nav_pose_estimator.core.filter.layout import OUT_COLUMNS
+from nav_pose_estimator.core.filter.layout import BASE_STATES, D_ACCEL_BIAS, D_GYRO_BIAS, OUT_COLUMNS
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
@@ -18,7 +19,9 @@ from nav_pose_estimator.offline.flights.tracks import Reference, Track, TrackRec
 from nav_pose_estimator.offline.replay.second_core import SecondCore
 
 STATE_PERIOD_NS = 1_000_000_000
-"""Full states (biases, covariance) are kept once a second: the last IMU sample of a block is then fed by itself."""
+"""Biases are noted once a second: the last IMU sample of a block is then fed by itself."""
+DRAWN = 18_000
+"""Rows of a track from which on not every one is drawn: six minutes."""
 RESET = "reset"
 """Event after which the navigator aligns again."""
 Progress = Callable[[int], None]
@@ -30,7 +33,7 @@ class Record:
 
     epoch_ns: int
     tracks: TrackRecorder
-    states: list[NavSolution] = field(default_factory=list)
+    biases: list[np.ndarray] = field(default_factory=list)  # BiasHistory.COLUMNS
     events: list[Event] = field(default_factory=list)
     modes: list[tuple[float, Mode]] = field(default_factory=list)
     predictions: list[PredictedDrift] = field(default_factory=list)
@@ -44,13 +47,18 @@ class Record:
                 self.tracks.add(output)
                 self._note_mode(int(output.stamps_ns[0]), output.mode)
             elif isinstance(output, NavSolution):
-                self.states.append(output)
+                self.biases.append(_biases(output, self.epoch_ns))
                 self.tracks.add(as_block(output))
                 self._note_mode(output.stamp_ns, output.mode)
             elif isinstance(output, PredictedDrift):
                 self.predictions.append(output)
             elif isinstance(output, Event):
                 self._note_event(output)
+
+    @property
+    def bias_history(self) -> "BiasHistory":
+        """The sensor biases in the course of time."""
+        return BiasHistory(np.array(self.biases, float).reshape(-1, BiasHistory.COLUMNS))
 
     def _note_event(self, event: Event) -> None:
         if event.name == RESET:  # until the next solution there is none: the mode before must not seem to last
@@ -66,9 +74,37 @@ class Record:
             self.modes.append(((stamp_ns - self.epoch_ns) * 1e-9, mode))
 
 
+@dataclass(frozen=True)
+class BiasHistory:
+    """``rows`` (N, COLUMNS): time [s], biases of gyroscope [rad/s] and accelerometer [m/s^2], their deviations."""
+
+    COLUMNS = 13
+    rows: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def t(self) -> np.ndarray:
+        """(N,) s since the first stamp."""
+        return self.rows[:, 0]
+
+    def of(self, sensor: int) -> tuple[np.ndarray, np.ndarray]:
+        """Bias (N, 3) and deviation (N, 3) of the gyroscope (0) or the accelerometer (1)."""
+        start = 1 + 3 * sensor
+        return self.rows[:, start : start + 3], self.rows[:, start + 6 : start + 9]
+
+
+def _biases(solution: NavSolution, epoch_ns: int) -> np.ndarray:
+    sd = np.sqrt(np.diag(solution.cov)[:BASE_STATES])
+    spread = sd[D_GYRO_BIAS : D_GYRO_BIAS + 3], sd[D_ACCEL_BIAS : D_ACCEL_BIAS + 3]
+    t = (solution.stamp_ns - epoch_ns) * 1e-9
+    return np.concatenate([[t], solution.gyro_bias, solution.accel_bias, *spread])
+
+
 @dataclass
 class ReplayResult:
-    """A finished replay."""
+    """A finished replay. ``drawn`` and ``drawn_reference`` have at most ``DRAWN`` rows."""
 
     recording: Recording
     parameters: Parameters
@@ -82,6 +118,16 @@ class ReplayResult:
     errors: list[OutageErrors]
     proof: dict[str, float | int | None]
     seconds: float  # spent in the estimator, loading of its kernels included
+
+    @cached_property
+    def drawn(self) -> Track:
+        """The track as far as it is drawn."""
+        return self.track.thinned(DRAWN)
+
+    @cached_property
+    def drawn_reference(self) -> Reference:
+        """The reference as far as it is drawn."""
+        return self.reference.thinned(DRAWN)
 
 
 def as_block(solution: NavSolution) -> NavBlock:

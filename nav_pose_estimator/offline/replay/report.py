@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.core.filter.layout import BASE_STATES, D_ACCEL_BIAS, D_GYRO_BIAS, OUT_QUAT, OUT_VEL
 from nav_pose_estimator.core.numerics.rotation import euler_from_quat_many
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import flatten
 from nav_pose_estimator.engine.solutions import Level, Mode
-from nav_pose_estimator.offline.flights.tracks import displacement_enu, gnss_reference
+from nav_pose_estimator.offline.flights.tracks import displacement_enu
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
 from nav_pose_estimator.offline.replay import outage_figures, second_opinion
@@ -89,7 +88,7 @@ def _body(result: ReplayResult) -> Iterator[str]:
         yield "<h2>Innovations</h2>" + "".join(map(page.figure, _innovations(result)))
         yield "<h2>Attitude</h2>" + page.figure(_attitude(result))
         yield "<h2>Velocity</h2>" + page.figure(_velocity(result))
-    if result.record.states:
+    if result.record.biases:
         yield "<h2>Sensor biases</h2>" + "".join(map(page.figure, _biases(result)))
     yield "<h2>Modes and events</h2>" + page.figure(_modes(result)) + _events(result)
     yield "<h2>Counters</h2>" + _counters(result)
@@ -116,17 +115,18 @@ def _plot(result: ReplayResult, y_label: str, **options) -> Plot:
 
 
 def _map(result: ReplayResult) -> Plot:
-    origin = np.array(result.origin or result.track.position[0])
+    track, reference = result.drawn, result.drawn_reference
+    origin = np.array(result.origin or track.position[0])
     plot = Plot("East, m", "North, m", height=560, equal=True)
-    truth = displacement_enu(result.reference.position, origin) if len(result.reference) else np.empty((0, 3))
-    estimate = displacement_enu(result.track.position, origin)
+    truth = displacement_enu(reference.position, origin) if len(reference) else np.empty((0, 3))
+    estimate = displacement_enu(track.position, origin)
     _thin_line(plot, truth, "f", f"{result.reference.kind}")
     second_opinion.draw_track(plot, result, origin)
     _thin_line(plot, estimate, "a", "estimate")
     for outage in result.outages:
-        for track, t, style in ((truth, result.reference.t, "f"), (estimate, result.track.t, "b")):
+        for enu, t, style in ((truth, reference.t, "f"), (estimate, track.t, "b")):
             inside = (t >= outage.start) & (t < outage.end)
-            _thin_line(plot, track[inside], f"{style} thick")
+            _thin_line(plot, enu[inside], f"{style} thick")
     plot.mark(float(estimate[0, 0]), float(estimate[0, 1]), "dot", "start")
     return plot
 
@@ -140,8 +140,8 @@ def _thin_line(plot: Plot, enu: np.ndarray, style: str, label: str = "") -> None
 def _horizontal_error(result: ReplayResult) -> Plot:
     plot = _plot(result, f"horizontal error against {result.reference.kind}, m", log=True, height=300)
     times, errors = errors_enu(result)
-    three_sigma = 3.0 * result.track.horizontal_sd
-    plot.band(result.track.t, np.full(len(three_sigma), 0.05), three_sigma, "f", "3 sigma")
+    three_sigma = 3.0 * result.drawn.horizontal_sd
+    plot.band(result.drawn.t, np.full(len(three_sigma), 0.05), three_sigma, "f", "3 sigma")
     plot.line(times, np.linalg.norm(errors[:, :2], axis=1), "a", "error")
     return plot
 
@@ -149,15 +149,14 @@ def _horizontal_error(result: ReplayResult) -> Plot:
 def _vertical_error(result: ReplayResult) -> Plot:
     plot = _plot(result, "height error, m")
     times, errors = errors_enu(result)
-    three_sigma = 3.0 * result.track.sd("position")[:, 2]
-    plot.band(result.track.t, -three_sigma, three_sigma, "f", "3 sigma")
+    three_sigma = 3.0 * result.drawn.sd("position")[:, 2]
+    plot.band(result.drawn.t, -three_sigma, three_sigma, "f", "3 sigma")
     plot.line(times, errors[:, 2], "c", "error")
     return plot
 
 
 def _innovations(result: ReplayResult) -> Iterator[Plot]:
-    recording = result.recording
-    fixes = gnss_reference(recording.fixes, recording.velocities, recording.epoch_ns, result.parameters.gnss.delay)
+    fixes = result.recording.receiver(result.parameters.gnss.delay)
     if len(fixes) == 0:
         return
     position = result.track.antenna_at(fixes.t, np.array(result.parameters.gnss.lever_arm))
@@ -167,7 +166,7 @@ def _innovations(result: ReplayResult) -> Iterator[Plot]:
     yield plot
     if fixes.velocity is not None:
         plot = _plot(result, "GNSS velocity minus prediction while aided, m/s")
-        difference = fixes.velocity - result.track.at(fixes.t)[:, OUT_VEL:OUT_QUAT]
+        difference = fixes.velocity - result.track.velocity_at(fixes.t)
         _three(plot, fixes.t, _outside(result, fixes.t, difference), ("East", "North", "Up"))
         yield plot
 
@@ -191,8 +190,8 @@ def _three(plot: Plot, t: np.ndarray, values: np.ndarray, names: tuple[str, ...]
 
 
 def _attitude(result: ReplayResult) -> Plot:
-    step = max(len(result.track) // 4000, 1)
-    t, q = result.track.t[::step], result.track.q_nb[::step]
+    step = max(len(result.drawn) // 4000, 1)
+    t, q = result.drawn.t[::step], result.drawn.q_nb[::step]
     angles = np.degrees(euler_from_quat_many(q))
     yaw = angles[:, 2].copy()
     yaw[1:][np.abs(np.diff(angles[:, 2])) > 180.0] = np.nan  # lift the pen where the angle wraps
@@ -204,25 +203,19 @@ def _attitude(result: ReplayResult) -> Plot:
 
 def _velocity(result: ReplayResult) -> Plot:
     plot = _plot(result, "velocity, m/s")
-    _three(plot, result.track.t, result.track.velocity, ("East", "North", "Up"))
+    _three(plot, result.drawn.t, result.drawn.velocity, ("East", "North", "Up"))
     return plot
 
 
 def _biases(result: ReplayResult) -> Iterator[Plot]:
-    states = result.record.states
-    t = np.array([(s.stamp_ns - result.recording.epoch_ns) * 1e-9 for s in states])
-    sd = np.sqrt(np.array([np.diag(s.cov)[:BASE_STATES] for s in states]))
-    gyro = np.degrees(np.array([s.gyro_bias for s in states]))
-    accel = np.array([s.accel_bias for s in states]) / G * 1e3
-    for values, start, unit, factor in (
-        (gyro, D_GYRO_BIAS, "gyroscope bias, deg/s", math.degrees(1.0)),
-        (accel, D_ACCEL_BIAS, "accelerometer bias, mg", 1e3 / G),
-    ):
+    history = result.record.bias_history
+    units = ("gyroscope bias, deg/s", math.degrees(1.0)), ("accelerometer bias, mg", 1e3 / G)
+    for sensor, (unit, factor) in enumerate(units):
         plot = _plot(result, unit)
-        spread = factor * sd[:, start : start + 3]
+        values, spread = (factor * rows for rows in history.of(sensor))
         for i in range(3):
-            plot.band(t, values[:, i] - spread[:, i], values[:, i] + spread[:, i], _STYLES[i])
-        _three(plot, t, values, ("x forward", "y left", "z up"))
+            plot.band(history.t, values[:, i] - spread[:, i], values[:, i] + spread[:, i], _STYLES[i])
+        _three(plot, history.t, values, ("x forward", "y left", "z up"))
         yield plot
 
 

@@ -1,5 +1,7 @@
 """The solution of a replay as a rosbag2 (mcap), so that every ROS tool can show it."""
 
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,31 +11,51 @@ from nav_pose_estimator.core.numerics.rotation import quat_conjugate_many, quat_
 from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.offline.bags.cdr_packing import pack, typestore
 from nav_pose_estimator.offline.bags.writer import Messages, write_new
-from nav_pose_estimator.offline.flights.tracks import displacement_enu
-from nav_pose_estimator.offline.replay.files import decimate, modes_at
+from nav_pose_estimator.offline.flights.tracks import Track, displacement_enu
+from nav_pose_estimator.offline.replay.files import decimated, modes_at
 from nav_pose_estimator.offline.replay.replay import ReplayResult
 
 ODOMETRY, FIX, STATUS = "/odometry/filtered", "/gps/filtered", "/diagnostics"
 FRAMES = ("map", "base_link")
+FIX_HZ = 5.0
+"""Most fixes a second."""
 _UNKNOWN, _APPROXIMATED = 0, 2  # sensor_msgs/NavSatFix: nothing or the diagonal of the covariance is known
 _STATUS_LEVEL = {"AIDED": 0, "COASTING": 1, "REACQUIRING": 1}
 
 
 def write_solution(path: Path, result: ReplayResult, rate_hz: float) -> None:
     """Write Odometry (map to base_link), NavSatFix and one DiagnosticArray for each change of the mode."""
-    topics = [_odometry(result, rate_hz), *_fixes(result, rate_hz), _status(result)]
-    write_new(path, [topic for topic in topics if len(topic.times_ns)])
+    write_new(path, _stretches(result, rate_hz))
+
+
+def _stretches(result: ReplayResult, rate_hz: float) -> Iterator[list[Messages]]:
+    """The messages in the order of time, some of all topics together."""
+    status, told = _status(result), 0
+    poses, fixes = (decimated(result.track, rate) for rate in (rate_hz, min(rate_hz, FIX_HZ)))
+    for pose, fix in zip(poses, fixes, strict=True):
+        topics = [make(result, part) for make, part in ((_odometry, pose), (_fixes, fix)) if len(part)]
+        if topics:
+            last = max(int(topic.times_ns[-1]) for topic in topics)
+            due = int(np.searchsorted(status.times_ns, last, side="right"))
+            yield [*topics, *_part(status, told, due)]
+            told = due
+    yield _part(status, told, len(status.times_ns))
+
+
+def _part(messages: Messages, begin: int, end: int) -> list[Messages]:
+    """Some of ``messages``, nothing where there are none."""
+    part = replace(messages, times_ns=messages.times_ns[begin:end], payloads=messages.payloads[begin:end])
+    return [part] if end > begin else []
 
 
 def _stamps(result: ReplayResult, t: np.ndarray) -> np.ndarray:
     return np.round(t * 1e9).astype(np.int64) + result.recording.epoch_ns
 
 
-def _odometry(result: ReplayResult, rate_hz: float) -> Messages:
+def _odometry(result: ReplayResult, track: Track) -> Messages:
     """Pose in map, twist in base_link as REP-105 and nav_msgs ask for."""
-    track = decimate(result.track, rate_hz)
     stamps = _stamps(result, track.t)
-    origin = np.array(result.origin or (track.position[0] if len(track) else np.zeros(3)))
+    origin = np.array(result.origin or result.track.position[0])
     velocity = quat_rotate_many(quat_conjugate_many(track.q_nb), track.velocity)
     pose_cov, twist_cov = np.zeros((2, len(track), 36))
     pose_cov[:, :15:7], pose_cov[:, 21::7] = track.sd("position") ** 2, track.sd("attitude") ** 2
@@ -53,8 +75,7 @@ def _odometry(result: ReplayResult, rate_hz: float) -> Messages:
     return Messages(ODOMETRY, kind, stamps, pack(kind, len(track), fields))
 
 
-def _fixes(result: ReplayResult, rate_hz: float) -> list[Messages]:
-    track = decimate(result.track, min(rate_hz, 5.0))
+def _fixes(result: ReplayResult, track: Track) -> Messages:
     stamps, modes = _stamps(result, track.t), modes_at(result, track.t)
     aided = np.array([mode is Mode.AIDED for mode in modes], dtype=bool)
     covariance = np.zeros((len(track), 9))
@@ -71,13 +92,14 @@ def _fixes(result: ReplayResult, rate_hz: float) -> list[Messages]:
         "position_covariance_type": [_UNKNOWN if mode is Mode.EXPIRED else _APPROXIMATED for mode in modes],
     }
     kind = "sensor_msgs/msg/NavSatFix"
-    return [Messages(FIX, kind, stamps, pack(kind, len(track), fields))] if len(track) else []
+    return Messages(FIX, kind, stamps, pack(kind, len(track), fields))
 
 
 def _status(result: ReplayResult) -> Messages:
     store, kind = typestore(), "diagnostic_msgs/msg/DiagnosticArray"
     types, stamps, payloads = store.types, [], []
-    for t, mode in result.record.modes:
+    # in order of time, also after a clock that went back
+    for t, mode in sorted(result.record.modes, key=lambda change: change[0]):
         stamp = round(t * 1e9) + result.recording.epoch_ns
         status = types["diagnostic_msgs/msg/DiagnosticStatus"](
             level=_STATUS_LEVEL.get(mode.value, 2),

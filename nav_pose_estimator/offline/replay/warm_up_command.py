@@ -2,9 +2,12 @@
 
 import argparse
 import compileall
+import multiprocessing
+import os
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 
@@ -17,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compile part by part, and say how far it is."""
+    """Compile the parts side by side, then the whole, and say how far it is."""
     import nav_pose_estimator
     from nav_pose_estimator.core.numerics.jit import COMPILED
 
@@ -26,37 +29,70 @@ def run(arguments: argparse.Namespace) -> int:
     if not COMPILED:
         print("there is no compiler (numba): kernels run as plain Python")
         return 0
-    parts, began = _parts(), time.monotonic()
-    for number, (name, compile_it) in enumerate(parts):
-        print(f"[{number + 1}/{len(parts)}] {name} ...", end=" ", flush=True)
-        before = time.monotonic()
-        compile_it()
-        print(f"{time.monotonic() - before:.0f} s", flush=True)
+    began, count = time.monotonic(), len(_PARTS) + 1
+    with ProcessPoolExecutor(_processes(), multiprocessing.get_context("spawn")) as pool:
+        under_way = [(name, pool.submit(_compile, name)) for name in _PARTS]
+        for number, (name, done) in enumerate(under_way, 1):
+            print(f"[{number}/{count}] {name} ...", end=" ", flush=True)
+            print(f"{done.result():.0f} s", flush=True)
+        print(f"[{count}/{count}] {WHOLE} ...", end=" ", flush=True)
+        print(f"{pool.submit(_compile, WHOLE).result():.0f} s", flush=True)
     print(f"every kernel is compiled ({time.monotonic() - began:.0f} s)", file=sys.stderr)
     return 0
 
 
-def _parts() -> list[tuple[str, Callable[[], object]]]:
-    """(name, what compiles or loads it), the most basic first: the others build on it."""
+def _processes() -> int:
+    """As many as there are cores, and memory for."""
+    if sys.platform != "linux":
+        return 1
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return max(1, min(len(os.sched_getaffinity(0)), len(_PARTS), memory // _MEMORY))
+
+
+def _compile(name: str) -> float:
+    """Compile or load one part in this process; returns the seconds that it took."""
+    began = time.monotonic()
+    {**_PARTS, WHOLE: _whole}[name]()
+    return time.monotonic() - began
+
+
+def _attitude_filters() -> None:
     from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
     from nav_pose_estimator.engine.attitude.filters import KERNELS
-    from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
-    from nav_pose_estimator.engine.navigator.sins import SinsEngine
-    from nav_pose_estimator.engine.outage.methods.registry import estimators
     from nav_pose_estimator.engine.parameters import Parameters
     from nav_pose_estimator.engine.parameters.schema import update
 
-    def attitude_filters() -> None:
-        for name in KERNELS:
-            AttitudeEngine(update(Parameters(), {"attitude.filter": name})).warm_up()
+    for name in KERNELS:
+        AttitudeEngine(update(Parameters(), {"attitude.filter": name})).warm_up()
 
-    def outage_methods() -> None:
-        for method in estimators().values():
-            method.warm_up()
 
-    return [
-        ("attitude filters", attitude_filters),
-        ("navigator", lambda: SinsEngine().warm_up()),
-        ("outage methods", outage_methods),
-        ("the whole estimator", lambda: PoseEstimator().warm_up()),
-    ]
+def _navigator() -> None:
+    from nav_pose_estimator.engine.navigator.sins import SinsEngine
+
+    SinsEngine().warm_up()
+
+
+def _outage_methods() -> None:
+    from nav_pose_estimator.engine.outage.methods.registry import estimators
+
+    for method in estimators().values():
+        method.warm_up()
+
+
+def _whole() -> None:
+    """What is missing yet, because two processes wrote the same index at once, say."""
+    from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+
+    _attitude_filters()
+    _outage_methods()
+    PoseEstimator().warm_up()
+
+
+_PARTS: dict[str, Callable[[], object]] = {
+    "attitude filters": _attitude_filters,
+    "navigator": _navigator,
+    "outage methods": _outage_methods,
+}
+WHOLE = "the whole estimator"
+_MEMORY = 3 << 29
+"""Bytes of memory for each process: the compiler takes about half of that."""

@@ -7,7 +7,7 @@ name.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -88,27 +88,31 @@ def magnetic_field(message: Any) -> Converted:
 
 def nav_sat_fix(message: Any) -> Converted:
     """sensor_msgs/NavSatFix to :class:`GnssFix`. STATUS_UNKNOWN (-2, the default of Jazzy) stays negative: no fix."""
-    stamp = stamp_ns(message)
-    cov = covariance.Reading(Knowledge.UNKNOWN)
-    if message.position_covariance_type != _COVARIANCE_TYPE_UNKNOWN:
-        cov = covariance.read(message.position_covariance, 3)
-    fix = GnssFix(
-        stamp,
-        math.radians(message.latitude),
-        math.radians(message.longitude),
-        float(message.altitude),
-        int(message.status.status),
-        cov.matrix,
-    )
-    return (fix, *_flaw(stamp, "gnss.position", cov.flaw))
+    place = message.latitude, message.longitude, float(message.altitude)
+    error = message.position_covariance_type, message.position_covariance
+    return fix(stamp_ns(message), *place, int(message.status.status), *error)
+
+
+def fix(
+    stamp: int, lat: float, lon: float, alt: float, status: int, cov_type: int, cov: Sequence[float] | np.ndarray
+) -> Converted:
+    """The numbers of a sensor_msgs/NavSatFix to :class:`GnssFix`; ``lat`` and ``lon`` in degrees."""
+    read = covariance.Reading(Knowledge.UNKNOWN)
+    if cov_type != _COVARIANCE_TYPE_UNKNOWN:
+        read = covariance.read(cov, 3)
+    sample = GnssFix(stamp, math.radians(lat), math.radians(lon), alt, status, read.matrix)
+    return (sample, *_flaw(stamp, "gnss.position", read.flaw))
 
 
 def twist_with_covariance(message: Any) -> Converted:
     """geometry_msgs/TwistWithCovarianceStamped, ENU, to :class:`GnssVelocity`. Angular parts are not looked at."""
-    stamp = stamp_ns(message)
-    cov = covariance.read(message.twist.covariance, 6, block=3)
-    velocity = GnssVelocity(stamp, vector(message.twist.twist.linear), cov.matrix)
-    return (velocity, *_flaw(stamp, "gnss.velocity", cov.flaw))
+    return gnss_velocity(stamp_ns(message), vector(message.twist.twist.linear), message.twist.covariance)
+
+
+def gnss_velocity(stamp: int, velocity: Vector3, cov: Sequence[float] | np.ndarray) -> Converted:
+    """The numbers of a geometry_msgs/TwistWithCovarianceStamped to :class:`GnssVelocity`; ``cov`` (36,)."""
+    read = covariance.read(cov, 6, block=3)
+    return (GnssVelocity(stamp, velocity, read.matrix), *_flaw(stamp, "gnss.velocity", read.flaw))
 
 
 def twist(message: Any) -> Converted:

@@ -8,8 +8,10 @@ import numpy as np
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, PressureSample
 from nav_pose_estimator.ros.messages import covariance
 from nav_pose_estimator.ros.messages.cdr import picker
-from nav_pose_estimator.ros.messages.convert import Converted, imu_sample
+from nav_pose_estimator.ros.messages.convert import Converted, fix, gnss_velocity, imu_sample
 
+FIX_FIELDS = "latitude", "longitude", "altitude", "status.status", "position_covariance_type", "position_covariance"
+VELOCITY_FIELDS = "twist.twist.linear", "twist.covariance"
 IMU_FIELDS = (
     "angular_velocity",
     "angular_velocity_covariance[0]",
@@ -35,6 +37,17 @@ def imu_block(found: dict[str, np.ndarray]) -> ImuBlock | None:
     if (halves[0][:, 0] == -1.0).any() or (halves[1][:, 0] == -1.0).any() or not force.any(axis=1).all():
         return None
     return ImuBlock(found["stamp_ns"], found["angular_velocity"], force)
+
+
+def fixes(found: dict[str, np.ndarray]) -> list[Converted]:
+    """Columns of sensor_msgs/NavSatFix."""
+    return [fix(*row) for row in zip(*(found[name].tolist() for name in ("stamp_ns", *FIX_FIELDS)), strict=True)]
+
+
+def gnss_velocities(found: dict[str, np.ndarray]) -> list[Converted]:
+    """Columns of geometry_msgs/TwistWithCovarianceStamped."""
+    numbers = zip(*(found[name].tolist() for name in ("stamp_ns", *VELOCITY_FIELDS)), strict=True)
+    return [gnss_velocity(stamp, tuple(velocity), cov) for stamp, velocity, cov in numbers]
 
 
 def magnetic_fields(found: dict[str, np.ndarray]) -> list[Converted]:

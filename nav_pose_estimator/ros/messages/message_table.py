@@ -96,9 +96,10 @@ class Input:
         kind = next((t for t in self.types if (t.name == type_name if type_name else t.choice == choice)), None)
         if kind is None or choice == NONE:
             return None
-        if self.adjust is None:
-            return Source(self.topic, kind.name, kind.convert, kind.from_bytes, kind.columns, self.parameter)
-        return Source(self.topic, kind.name, self.adjust(kind.convert, parameters), parameter=self.parameter)
+        adapter = kind.convert if self.adjust is None else self.adjust(kind.convert, parameters)
+        if adapter is kind.convert:
+            return Source(self.topic, kind.name, adapter, kind.from_bytes, kind.columns, self.parameter)
+        return Source(self.topic, kind.name, adapter, parameter=self.parameter)
 
 
 def _as_the_driver_fills_it(adapter: Adapter, parameters: Parameters) -> Adapter:
@@ -145,7 +146,10 @@ VELOCITY = Input(
     GnssVelocity,
     (
         MessageType(
-            "twist_with_covariance", "geometry_msgs/msg/TwistWithCovarianceStamped", convert.twist_with_covariance
+            "twist_with_covariance",
+            "geometry_msgs/msg/TwistWithCovarianceStamped",
+            convert.twist_with_covariance,
+            columns=Columns(from_bytes.VELOCITY_FIELDS, from_bytes.gnss_velocities),
         ),
         MessageType("twist", "geometry_msgs/msg/TwistStamped", convert.twist),
         MessageType("gpsfix", "gps_msgs/msg/GPSFix", gps_umd.velocity),
@@ -159,7 +163,12 @@ FIX = Input(
     "gps/fix",
     GnssFix,
     (
-        MessageType("navsatfix", "sensor_msgs/msg/NavSatFix", convert.nav_sat_fix),
+        MessageType(
+            "navsatfix",
+            "sensor_msgs/msg/NavSatFix",
+            convert.nav_sat_fix,
+            columns=Columns(from_bytes.FIX_FIELDS, from_bytes.fixes),
+        ),
         MessageType("gpsfix", "gps_msgs/msg/GPSFix", gps_umd.fix),
         MessageType("px4", "px4_msgs/msg/SensorGps", px4.fix),
     ),

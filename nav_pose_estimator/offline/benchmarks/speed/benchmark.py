@@ -57,8 +57,9 @@ def _measure() -> list[Figure]:
     with TemporaryDirectory(prefix="nav_pose_estimator_") as scratch:
         note(processes.bags(Path(scratch), flight))
         note(processes.replays(Path(scratch)))
+        note(processes.lengths(Path(scratch)))
         note(processes.outage_benchmark(Path(scratch)))
-    note(processes.start_up())
+        note(processes.start_up(Path(scratch)))
     return figures
 
 

@@ -1,11 +1,16 @@
 """Samples of a flight back into serialized messages, for bags that benchmark and tests make."""
 
-import math
-from typing import Any
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuSample, MagSample, PressureSample, Sample
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample, joined
+from nav_pose_estimator.offline.bags.sensor_topics import imu_topic, sensor_topics
+from nav_pose_estimator.offline.bags.writer import MCAP, PLAIN, Messages, write_new
+
+_AT_ONCE = 2000  # samples, IMU blocks among them
 
 
 def imu_bytes(sample: ImuSample) -> bytes:
@@ -18,29 +23,18 @@ def imu_bytes(sample: ImuSample) -> bytes:
     return b"\x00\x01\x00\x00" + head + b"\0" * (-len(head) % 8) + body.tobytes()
 
 
-def message_of(sample: Sample, store: Any) -> tuple[str, str, bytes]:
-    """(topic, type, bytes) of a sample, with rosbags' type ``store``."""
-    if isinstance(sample, ImuSample):
-        return "/imu/data_raw", "sensor_msgs/msg/Imu", imu_bytes(sample)
-    types = store.types
-    stamp = types["builtin_interfaces/msg/Time"](sec=sample.stamp_ns // 10**9, nanosec=sample.stamp_ns % 10**9)
-    header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="base_link")
-    vector = types["geometry_msgs/msg/Vector3"]
-    if isinstance(sample, MagSample):
-        topic, kind = "/imu/mag", "sensor_msgs/msg/MagneticField"
-        message = types[kind](header, vector(*sample.field), np.zeros(9))
-    elif isinstance(sample, GnssFix):
-        topic, kind = "/gps/fix", "sensor_msgs/msg/NavSatFix"
-        status = types["sensor_msgs/msg/NavSatStatus"](status=sample.status, service=1)
-        place = math.degrees(sample.lat), math.degrees(sample.lon), sample.alt
-        message = types[kind](header, status, *place, np.zeros(9), 0)
-    elif isinstance(sample, GnssVelocity):
-        topic, kind = "/gps/vel", "geometry_msgs/msg/TwistWithCovarianceStamped"
-        twist = types["geometry_msgs/msg/Twist"](vector(*sample.vel_enu), vector(0.0, 0.0, 0.0))
-        message = types[kind](header, types["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)))
-    elif isinstance(sample, PressureSample):
-        topic, kind = "/baro", "sensor_msgs/msg/FluidPressure"
-        message = types[kind](header, sample.pressure, 0.0)
-    else:
-        raise TypeError(f"no message is known for {type(sample).__name__}")
-    return topic, kind, bytes(store.serialize_cdr(message, kind))
+def write_samples(path: Path, samples: Iterable[Sample], storage: str = MCAP) -> None:
+    """``samples`` as the rosbag2 ``path``, not compressed; each arrives at its stamp. Some of them at a time."""
+    write_new(path, map(_messages, _parts(iter(samples))), storage, PLAIN)
+
+
+def _parts(samples: Iterator[Sample]) -> Iterator[list[Sample]]:
+    while part := list(islice(samples, _AT_ONCE)):
+        yield part
+
+
+def _messages(samples: list[Sample]) -> list[Messages]:
+    imu = [sample for sample in samples if isinstance(sample, ImuBlock)]
+    others = [(sample.stamp_ns, sample) for sample in samples if not isinstance(sample, ImuBlock)]
+    block = joined(imu) if imu else None
+    return [*([imu_topic(block, block.stamps_ns)] if block else []), *sensor_topics(others)]

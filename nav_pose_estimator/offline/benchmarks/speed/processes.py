@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from functools import partial
@@ -9,31 +10,36 @@ from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.engine.samples import ImuBlock, Sample
-from nav_pose_estimator.offline.benchmarks.speed.figures import IMU_HZ, SECONDS, Figure, best_time, singles
-from nav_pose_estimator.offline.benchmarks.speed.flight_messages import imu_bytes, message_of
+import nav_pose_estimator
+from nav_pose_estimator.engine.samples import Sample
+from nav_pose_estimator.offline.bags.writer import MCAP, SQLITE3
+from nav_pose_estimator.offline.benchmarks.speed.figures import (
+    BLOCK,
+    IMU_HZ,
+    SECONDS,
+    Figure,
+    best_time,
+    blocks_of,
+    imu_only,
+)
+from nav_pose_estimator.offline.benchmarks.speed.flight_messages import write_samples
 
 _LIMIT = 900.0  # s that a process may take
 _TRIES = 3
 _LONG = 3600.0  # s of flight
+_PEAK = "next(int(x.split()[1])/1024 for x in open('/proc/self/status') if x.startswith('VmHWM'))"
+"""Most memory of a process so far [MB]. Not ru_maxrss: that remembers the process it was started from."""
 _PLAIN_SECONDS = 20.0  # s of flight that the navigator is timed over without numba
 
 
 def bags(scratch: Path, flight: list[Sample]) -> list[Figure]:
     """Reading the Imu messages of a bag."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_JAZZY)
-    samples = singles(flight, int(SECONDS * IMU_HZ))
+    imu = imu_only(flight)
     figures = []
-    for name, plugin in (("mcap", StoragePlugin.MCAP), ("sqlite3", StoragePlugin.SQLITE3)):
-        with Writer(scratch / name, version=9, storage_plugin=plugin) as writer:
-            connection = writer.add_connection("/imu/data_raw", "sensor_msgs/msg/Imu", typestore=store)
-            for sample in samples:
-                writer.write(connection, sample.stamp_ns, imu_bytes(sample))
+    for name in (MCAP, SQLITE3):
+        write_samples(scratch / name, blocks_of(imu, BLOCK), name)
         cost = best_time(partial(_read, scratch / name))
-        figures.append(Figure(f"bag reading, {name}", 1e6 * cost / len(samples), "us/message", 4.5))
+        figures.append(Figure(f"bag reading, {name}", 1e6 * cost / len(imu), "us/message", 4.5))
         peer = best_time(partial(_read_with_rosbags, scratch / name, 20000), repeat=1)
         figures.append(Figure(f"  peer rosbags AnyReader, {name}", 1e6 * peer / 20000, "us/message"))
     return figures
@@ -61,15 +67,10 @@ def replays(scratch: Path) -> list[Figure]:
 
     All but the first run find the kernels compiled. With two cores trainings and rehearsals are on the second.
     """
-    from nav_pose_estimator.offline.benchmarks.speed.plain_flight import full_set
-
     figures = []
     for seconds, tries, goals in ((SECONDS, _TRIES, (300.0, 400.0)), (_LONG, 1, (600.0, 900.0))):
-        bag = scratch / f"flight_{seconds:.0f}"
-        write_bag_of(bag, full_set(seconds, IMU_HZ))
         for method, goal in zip(("best", "coast"), goals, strict=True):
-            options = ["replay", str(bag), "--outage", "300:30", "--method", method, "--out", str(scratch / "out")]
-            runs = [_measured(options) for _ in range(tries)]
+            runs = [_replay(scratch, seconds, method) for _ in range(tries)]
             summary = json.loads((scratch / "out" / "summary.json").read_text(encoding="utf-8"))
             wall, used, memory = np.min(runs, axis=0).tolist()
             name, unit = f"replay of {seconds:.0f} s, {method}", "x real time"
@@ -80,6 +81,34 @@ def replays(scratch: Path) -> list[Figure]:
                 Figure("  memory", memory, "MB", 250.0),
             ]
     return figures
+
+
+def lengths(scratch: Path) -> list[Figure]:
+    """How time and memory of a replay grow with the length of the flight, from one minute to two hours."""
+    used, memory = {}, {}
+    for seconds in (60.0, SECONDS, _LONG, 2.0 * _LONG):
+        _, used[seconds], memory[seconds] = _replay(scratch, seconds, "coast")
+    short = (used[SECONDS] - used[60.0]) / (SECONDS - 60.0)
+    long = (used[2.0 * _LONG] - used[_LONG]) / _LONG
+    return [
+        Figure("replay, coast, a further hour: in ten minutes", 3600.0 * short, "s CPU"),
+        Figure("  after one hour", 3600.0 * long, "s CPU"),
+        Figure("  ratio", long / short, "", 1.1),
+        Figure("replay of 60 s, coast, memory", memory[60.0], "MB"),
+        Figure("  of 7200 s", memory[2.0 * _LONG], "MB", 250.0),
+    ]
+
+
+def _replay(scratch: Path, seconds: float, method: str) -> tuple[float, float, float]:
+    """``_measured`` of one replay; its bag is made where it is not there yet."""
+    from nav_pose_estimator.offline.benchmarks.speed.plain_flight import full_set
+
+    bag = scratch / f"flight_{seconds:.0f}"
+    if not bag.exists():
+        write_samples(bag, full_set(seconds, IMU_HZ))
+    start = min(300.0, 0.5 * seconds)
+    options = ["--outage", f"{start:.0f}:{min(30.0, 0.25 * seconds):.0f}", "--method", method]
+    return _measured(["replay", str(bag), *options, "--out", str(scratch / "out")])
 
 
 def outage_benchmark(scratch: Path) -> list[Figure]:
@@ -93,10 +122,10 @@ def outage_benchmark(scratch: Path) -> list[Figure]:
 def _measured(options: list[str]) -> tuple[float, float, float]:
     """Wall time [s], CPU time of a command and its children [s], and the largest memory of one of them [MB]."""
     code = (
-        "import os,resource,sys,time;from nav_pose_estimator.offline.command_line import main\n"
+        "import os,sys;from nav_pose_estimator.offline.command_line import main\n"
         "from nav_pose_estimator.offline.process_clock import seconds_since_start\n"
         "code=main(sys.argv[1:]);a=os.times()\n"
-        "print(seconds_since_start(),sum(a[:4]),resource.getrusage(resource.RUSAGE_SELF).ru_maxrss/1024);sys.exit(code)"
+        f"print(seconds_since_start(),sum(a[:4]),{_PEAK});sys.exit(code)"
     )
     wall, used, memory = map(float, _run([sys.executable, "-c", code, *options]).split()[-3:])
     return wall, used, memory
@@ -130,43 +159,28 @@ def write_flight_bag(path: Path, seconds: float, imu_hz: float = IMU_HZ, gnss_hz
     """``plain_flight`` as a rosbag2 (mcap)."""
     from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
 
-    write_bag_of(path, samples(seconds, imu_hz, gnss_hz))
+    write_samples(path, samples(seconds, imu_hz, gnss_hz))
 
 
-def write_bag_of(path: Path, samples: list[Sample]) -> None:
-    """``samples`` as a rosbag2 (mcap)."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
+def start_up(scratch: Path) -> list[Figure]:
+    """Time and memory of a process until it is ready: with compiled kernels and, in a copy of the package, without.
 
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connections = {}
-        for sample in samples:
-            parts = singles([sample], len(sample)) if isinstance(sample, ImuBlock) else [sample]
-            for part in parts:
-                topic, kind, raw = message_of(part, store)
-                if topic not in connections:
-                    connections[topic] = writer.add_connection(topic, kind, typestore=store)
-                writer.write(connections[topic], part.stamp_ns or 0, raw)
-
-
-def start_up() -> list[Figure]:
-    """Time and memory of a process that loads the navigator and warms it up; only where the system has /proc."""
+    Only where the system has /proc.
+    """
     if not Path("/proc/self/status").exists():
         return []
     return [
         *_loaded("navigator", "nav_pose_estimator.engine.navigator.sins", "SinsEngine", (1.5, 170.0)),
-        *_loaded("pose estimator", "nav_pose_estimator.engine.composed.pose_estimator", "PoseEstimator", (None, None)),
+        *_loaded("pose estimator", *_POSE_ESTIMATOR, (2.0, 300.0)),
+        *_first_start(scratch),
     ]
 
 
-def _loaded(what: str, module: str, name: str, goals: tuple[float | None, float | None]) -> list[Figure]:
-    code = (
-        f"import time;a=time.perf_counter();from {module} import {name};{name}().warm_up();b=time.perf_counter();"
-        # not ru_maxrss: that remembers the process it was started from
-        "print(b-a,next(int(x.split()[1])/1024 for x in open('/proc/self/status') if x.startswith('VmHWM')))"
-    )
-    runs = [[float(text) for text in _run([sys.executable, "-c", code]).split()] for _ in range(_TRIES)]
+_POSE_ESTIMATOR = "nav_pose_estimator.engine.composed.pose_estimator", "PoseEstimator"
+
+
+def _loaded(what: str, module: str, name: str, goals: tuple[float, float]) -> list[Figure]:
+    runs = [_ready(module, name) for _ in range(_TRIES)]
     seconds, memory = np.min(runs, axis=0).tolist()
     return [
         Figure(f"import and warm-up, {what}", seconds, "s", goals[0]),
@@ -174,9 +188,30 @@ def _loaded(what: str, module: str, name: str, goals: tuple[float | None, float 
     ]
 
 
-def _run(command: list[str], environment: dict[str, str] | None = None) -> str:
+def _first_start(scratch: Path) -> list[Figure]:
+    package = Path(nav_pose_estimator.__file__).parent
+    shutil.copytree(package, scratch / package.name, ignore=shutil.ignore_patterns("__pycache__"))
+    seconds, memory = _ready(*_POSE_ESTIMATOR, scratch)
+    return [
+        Figure("first start ever, pose estimator", seconds, "s", 20.0),
+        Figure("  memory of the process, without the compiler's", memory, "MB", 300.0),
+    ]
+
+
+def _ready(module: str, name: str, folder: Path | None = None) -> tuple[float, float]:
+    """Wall time [s] from the imports to a warm engine of the package in ``folder``, and memory of the process [MB]."""
+    code = (
+        "import time;a=time.perf_counter();from nav_pose_estimator.engine import first_run;"
+        f"from {module} import {name};first_run.compile_kernels(lambda text:None);{name}().warm_up();"
+        f"print(time.perf_counter()-a,{_PEAK})"
+    )
+    seconds, memory = map(float, _run([sys.executable, "-c", code], folder=folder).split())
+    return seconds, memory
+
+
+def _run(command: list[str], environment: dict[str, str] | None = None, folder: Path | None = None) -> str:
     """What ``command`` prints; ``RuntimeError`` with its last words where it fails."""
-    done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT, env=environment)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT, env=environment, cwd=folder)
     if done.returncode != 0:
         raise RuntimeError(f"{' '.join(command[:4])} said: {done.stderr.strip()[-300:]}")
     return done.stdout

@@ -1,0 +1,66 @@
+"""Tables of numbers that grow with a flight: in memory while they are short, in an unnamed file from then on.
+
+The pages of a file that have been read can go again, so a flight of hours needs no more memory than one of minutes.
+"""
+
+import mmap
+from collections.abc import Iterator
+from tempfile import TemporaryFile
+from typing import IO
+
+import numpy as np
+
+Array = np.ndarray
+IN_MEMORY = 1 << 15
+"""Rows from which on they go to a file: eleven minutes at 50 Hz."""
+AT_ONCE = 1 << 12
+"""Rows that are worth working on together."""
+
+
+class RowStore:
+    """Rows of ``columns`` doubles, appended many at a time."""
+
+    def __init__(self, columns: int) -> None:
+        self._columns = columns
+        self._parts: list[Array] = []
+        self._held = 0
+        self._file: IO[bytes] | None = None
+
+    def append(self, rows: Array) -> None:
+        """Add ``rows`` (N, columns)."""
+        self._parts.append(rows)
+        self._held += len(rows)
+        if self._held >= (IN_MEMORY if self._file is None else AT_ONCE):
+            self._write()
+
+    def table(self) -> Array:
+        """All rows (N, columns); those of a file cannot be written to. ``OSError`` where the disk is full."""
+        if self._file is None:
+            return np.concatenate([np.empty((0, self._columns)), *self._parts])
+        self._write()
+        self._file.flush()
+        pages = mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)
+        return np.frombuffer(pages, float).reshape(-1, self._columns)
+
+    def _write(self) -> None:
+        if self._file is None:
+            self._file = TemporaryFile(prefix="nav_pose_estimator_")  # noqa: SIM115  it lives as long as its rows
+        for part in self._parts:
+            self._file.write(np.ascontiguousarray(part, float).data)
+        self._parts, self._held = [], 0
+
+
+def pieces(count: int, size: int | None = None) -> Iterator[slice]:
+    """``count`` rows in slices of ``size``, by default ``AT_ONCE``."""
+    size = size or AT_ONCE
+    return (slice(start, min(start + size, count)) for start in range(0, count, size))
+
+
+def release(table: Array) -> None:
+    """Let the pages go that were read of a table in a file, or of part of one; they are read again when needed."""
+    owner: object = table
+    while isinstance(owner, np.ndarray):
+        owner = owner.base
+    pages = owner.obj if isinstance(owner, memoryview) else owner
+    if isinstance(pages, mmap.mmap) and hasattr(pages, "madvise"):  # not on every system
+        pages.madvise(mmap.MADV_DONTNEED)

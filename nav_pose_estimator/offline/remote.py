@@ -1,0 +1,71 @@
+"""Recordings in object stores: ``s3://bucket/flight_bag`` and whatever else fsspec knows, copied before they are read.
+
+fsspec and the package for the store (s3fs, gcsfs, ...) are optional: nothing else needs them.
+"""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from nav_pose_estimator.errors import UserError
+
+_URL = re.compile(r"([a-z][a-z0-9+.-]+):/+(?=[^/])")  # a path has only one of the slashes left; C:/ is a drive
+
+
+def is_remote(path: Path) -> bool:
+    """Whether ``path`` is the URL of something elsewhere."""
+    return _URL.match(str(path)) is not None and not path.exists()
+
+
+def matches(pattern: Path) -> list[Path]:
+    """What a URL with * and ? stands for, sorted. Raises ``UserError``."""
+    with _store(pattern) as (store, place):
+        return sorted(Path(store.unstrip_protocol(found)) for found in store.glob(place))
+
+
+@contextmanager
+def at_hand(path: Path) -> Iterator[Path]:
+    """``path``; of something elsewhere a copy, with NAME.json beside it, that goes at the end. Raises ``UserError``."""
+    if not is_remote(path):
+        yield path
+        return
+    with TemporaryDirectory(prefix="nav_pose_estimator_") as folder:
+        _copy(path, Path(folder, path.name))
+        yield Path(folder, path.name)
+
+
+def _copy(path: Path, here: Path) -> None:
+    with _store(path) as (store, place):
+        if store.isdir(place):
+            here.mkdir()
+            for entry in store.ls(place, detail=True):
+                if entry["type"] == "file":
+                    store.get_file(entry["name"], str(here / PurePosixPath(entry["name"]).name))
+        else:
+            store.get_file(place, str(here))
+        beside = f"{here.stem.removesuffix('_bag')}.json"
+        if store.exists(known := f"{place.rstrip('/').rpartition('/')[0]}/{beside}"):
+            store.get_file(known, str(here.with_name(beside)))
+
+
+@contextmanager
+def _store(path: Path) -> Iterator[tuple[Any, str]]:
+    """The store of a URL and the place in it; whatever goes wrong with it is told in a sentence."""
+    url = _URL.sub(r"\1://", str(path))
+    try:
+        from fsspec.core import url_to_fs
+    except ImportError:
+        raise UserError(
+            f"{url} is in an object store: reading from there needs the Python package fsspec (pip install fsspec)"
+        ) from None
+    try:
+        yield url_to_fs(url)
+    except FileNotFoundError:
+        raise UserError(f"{url} does not exist") from None
+    except UserError:
+        raise
+    except Exception as error:  # whatever the packages of the stores raise
+        raise UserError(f"{url} cannot be fetched ({error})") from error
