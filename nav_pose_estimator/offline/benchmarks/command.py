@@ -22,6 +22,7 @@ PARTS = {
     "speed": "what everything costs on this machine",
 }
 OUTAGES, SUMMARY_CSV, SUMMARY_JSON, REPORT = "outages.csv", "summary.csv", "summary.json", "report.html"
+PRIORS = "priors"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,7 +69,7 @@ def _add_outage(part: argparse.ArgumentParser) -> None:
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto (default: NAME.json, else auto)")
     add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
     add("--airframe", type=Path, metavar="FILE", help="what is known before the flight: a file of train")
-    add("--cross-validate", action="store_true", help="group flights by airframe and day: intervals and selection")
+    add("--cross-validate", action="store_true", help="group flights by airframe: prior, selection, intervals")
     add("--groups", default="", metavar="GLOB,...", help='flights that are one group, as in "p4rtk_*,px4_3dr*"')
     add(
         "--candidates",
@@ -91,7 +92,6 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.part != "outage":
         return import_module(f"nav_pose_estimator.offline.benchmarks.{arguments.part}.benchmark").run(arguments)
     from nav_pose_estimator.offline.archive.recordings import find
-    from nav_pose_estimator.offline.benchmarks.outage.many_flights import run_all
     from nav_pose_estimator.offline.benchmarks.outage.report import write_report
     from nav_pose_estimator.offline.benchmarks.outage.statistics import summarise
     from nav_pose_estimator.offline.flights.groups import groups_of, patterns_of
@@ -107,17 +107,16 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.airframe is not None:
         _note_known_flights(arguments.airframe, arguments.bags)
     inputs = [*arguments.bags, *(config for config in candidates if config is not None)]
+    groups = groups_of(arguments.bags, patterns_of(arguments.groups)) if arguments.cross_validate else None
     with OutputFolder(arguments.out, "outage benchmark", inputs) as folder:
-        flights = run_all(tasks, arguments.jobs, arguments.scheduler, arguments.out)
-        groups = None
-        if arguments.cross_validate:
-            groups = groups_of(arguments.bags, patterns_of(arguments.groups))
+        flights = _flown(arguments, tasks, groups, folder)
+        if groups is not None:
             flights = _held_out(flights, groups, candidates)
         rows = _rows(flights)
         if not rows:
             raise UserError("no outage fits into these flights: try shorter --lengths or an earlier --first")
         summaries = summarise(rows, groups=groups)
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         _write_csv(folder / OUTAGES, [asdict(row) for row in rows])
         _write_csv(folder / SUMMARY_CSV, [asdict(s) for s in summaries])
         _write_json(folder / SUMMARY_JSON, flights, summaries, arguments)
@@ -127,6 +126,17 @@ def run(arguments: argparse.Namespace) -> int:
             _print_verdicts(summaries)
     print(f"report: {arguments.out / REPORT}")
     return 0
+
+
+def _flown(arguments: argparse.Namespace, tasks: list, groups: dict[str, str] | None, folder: Path) -> list:
+    """The results of all passes; where ``groups`` are held out, with priors that have not seen them."""
+    from nav_pose_estimator.offline.benchmarks.outage.held_out_priors import Workers, with_held_out_priors
+    from nav_pose_estimator.offline.benchmarks.outage.many_flights import run_all
+
+    if groups is not None:
+        workers = Workers(arguments.jobs, arguments.scheduler, arguments.out)
+        tasks = with_held_out_priors(tasks, groups, folder / PRIORS, workers)
+    return run_all(tasks, arguments.jobs, arguments.scheduler, arguments.out)
 
 
 def _note_known_flights(airframe: Path, bags: list[Path]) -> None:

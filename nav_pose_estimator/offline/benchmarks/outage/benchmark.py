@@ -50,6 +50,7 @@ class Task:
     gnss_delay: str | None = None
     config: Path | None = None
     airframe: Path | None = None
+    prior: Path | None = None  # in place of learner.prior
     log: LogOptions = field(default_factory=LogOptions)  # which part, if it is a flight log
 
 
@@ -114,7 +115,7 @@ def run_flight(tasks: Sequence[Task], advanced: Callable[[float], None] | None =
     notices = [how, *recording.notices]
     entrants = [
         Entrant(
-            methods.apply(parameters, one.method, one.airframe),
+            methods.apply(parameters, one.method, one.airframe, one.prior),
             (one.method, *one.predictors),
             FlightResult(one.bag.name, parameters.gnss.delay, window, notices=list(notices)),
         )
