@@ -122,6 +122,7 @@ def run(arguments: argparse.Namespace) -> int:
         _write_json(folder / SUMMARY_JSON, flights, summaries, arguments)
         write_report(folder / REPORT, flights, summaries, rows)
         _print(summaries, rows)
+        _print_innovations(flights)
         if groups is not None:
             _print_verdicts(summaries)
     print(f"report: {arguments.out / REPORT}")
@@ -244,6 +245,7 @@ def _write_json(path: Path, flights: list, summaries: list, arguments: argparse.
                 "methods": list(dict.fromkeys(method for method, _ in flight.errors)),
                 "gnss_delay_s": flight.delay,
                 "flight_window_s": flight.window,
+                "innovations_lag_1": flight.white,
                 "gnss_samples_checked_in_outages": flight.proof,
                 "notices": flight.notices,
             }
@@ -271,6 +273,13 @@ def _print(summaries: list, rows: list) -> None:
         print(f"\n{bag}, {length:g} s")
         for row in table:
             print("  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True)))
+
+
+def _print_innovations(flights: list) -> None:
+    """Whether the filter takes from GNSS all that it says: then its innovations are white."""
+    print("\nautocorrelation of GNSS innovations from one to the next, white below 0.2: position, velocity")
+    for bag, white in {flight.bag: flight.white for flight in flights}.items():
+        print(f"{bag}: {white[0]:.2f}, {white[1]:.2f}")
 
 
 def _print_verdicts(summaries: list) -> None:

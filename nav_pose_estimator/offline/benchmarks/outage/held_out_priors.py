@@ -49,9 +49,8 @@ def with_held_out_priors(
     for config in dict.fromkeys(task.config for task in tasks):
         members = [task for task in tasks if task.config == config]
         known = flights_of(load_parameters(config).learner.prior)
-        jobs = [
-            MotionJob(bag, groups[bag.name], _reading(members, bag)) for bag in dict.fromkeys(m.bag for m in members)
-        ]
+        bags = {task.bag: task for task in members}
+        jobs = [MotionJob(bag, groups[bag.name], _reading(task)) for bag, task in bags.items()]
         seen = seen_groups({job.bag: job.group for job in jobs}, known)
         flights = list(_flown(jobs, known, workers)) if seen else []
         files = {group: file for group in seen if (file := _file_without(group, flights, folder)) is not None}
