@@ -257,7 +257,7 @@ def _lag_one(status: Status) -> tuple[float, float]:
 def _doubt(status: Status) -> str:
     """Why no outage can be judged that starts now: what the navigator says of itself, empty where it is aided."""
     if status.mode is Mode.AIDED:
-        return status.gnss_refusal
+        return status.gnss_refusal or status.doubt
     return status.waiting_for or status.gnss_refusal or status.mode.value.lower()
 
 
