@@ -73,6 +73,17 @@ def test_a_stop_in_the_outage_is_followed() -> None:
     assert travel[-1] > 0.95
 
 
+@pytest.mark.parametrize(("acceleration", "goes"), [(0.0, False), (0.25, False), (2.0, True)])
+def test_a_velocity_that_no_hover_explains_counts_at_once(acceleration: float, goes: bool) -> None:
+    """GIVEN a vehicle that has hovered for 20 s WHEN it accelerates for 2 s, calmly or not at all THEN a second later
+    the filter is sure that it travels at 4 m/s, and stays sure of the hover at up to 0.5 m/s."""
+    rows = imu_rows(24.0, lambda t: acceleration if 20.0 <= t < 22.0 else 0.0)
+    t, travel = fly(started(), rows, lambda t: {"activity": -1.0 if t < 20.0 else 0.5}).T
+    assert travel[t < 20.0][-1] < 0.1
+    after = travel[t > 22.9]
+    assert (after > 0.95).all() if goes else (after < 0.2).all()
+
+
 def test_the_mixture_is_as_uncertain_as_the_decision() -> None:
     """GIVEN evidence for neither WHEN both branches drift apart THEN each of them lies within the mixture's sigma."""
     timeline = started(speed=2.0)

@@ -135,6 +135,10 @@ _STATUS = (
         "mean normalised innovation squared: below 1 with the wide defaults; above 1 the noises are too small",
     ),
     ("nis.gnss_position.p99, nis.gnss_velocity.p99", "its 99th percentile over the last observations"),
+    (
+        "innovation.gnss_position.lag_1, innovation.gnss_velocity.lag_1",
+        "autocorrelation of the last innovations from one to the next: white below 0.2; those of receivers last",
+    ),
     ("gnss.gate_radius_m", "how far from the prediction a fix may lie now without being refused"),
     (
         "gnss.noise.position_factor, gnss.noise.velocity_factor, body_velocity.noise.factor",

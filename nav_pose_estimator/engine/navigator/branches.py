@@ -10,6 +10,7 @@ after the hypotheses have been weighed on each of them (generalised pseudo-Bayes
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,19 @@ _REMEMBERED = 10.0  # s: the longest that checkpoints reach back
 _DRIVING_NOISE = np.r_[at.GYRO_NOISE_PSD, at.ACCEL_NOISE_PSD, at.GYRO_BIAS_PSD, at.ACCEL_BIAS_PSD, GYRO_MATRIX.psd]
 _POSITION, _PLACE = slice(at.DPOS, at.DPOS + 3), slice(at.DPOS, at.DPOS + 2)
 _HAS_LEFT = 9.2  # normalised square of two components that one in a hundred exceeds
+_SURPRISING = 4.0  # normalised square of a horizontal velocity (two on average) beyond which it contradicts a regime
+
+
+class _Fit(NamedTuple):
+    """How a hypothesis fits a branch, as logarithms of likelihoods: of all that was observed, of the regime's beginning
+    here, and of that part of the velocity's square that is beyond chance."""
+
+    likelihood: float
+    entry: float
+    contradiction: float
+
+
+_IMPOSSIBLE = _Fit(-math.inf, -math.inf, 0.0)
 
 
 class Branches:
@@ -162,9 +176,13 @@ class Branches:
                 if not self._wind_is_measured:
                     _relax_wind(navs[j, i], evidence)
                 places = middle, self._lost_at if math.isinf(self._left) else None
-                likelihood, entry = _act(navs[j, i], Ps[j, i], self.constants, places, evidence, hypothesis)
+                fit = _act(navs[j, i], Ps[j, i], self.constants, places, evidence, hypothesis)
                 # what is seen while a regime lasts is correlated; that it could begin at all counts once and in full
-                exponent[j, i] = tempered * likelihood + (i != j) * (1.0 - tempered) * entry
+                exponent[j, i] = tempered * fit.likelihood + (i != j) * (1.0 - tempered) * fit.entry
+                if hypothesis.velocity_time is not None:
+                    # calm goes on for long and says little; a velocity that contradicts is news again so much later
+                    sooner = max(evidence.interval / hypothesis.velocity_time - tempered, 0.0)
+                    exponent[j, i] += sooner * fit.contradiction
         known = np.isfinite(exponent)
         if not known.any():
             return np.zeros((count, count))
@@ -185,8 +203,8 @@ def _act(
     places: tuple[np.ndarray, np.ndarray | None],
     evidence: MotionEvidence,
     hypothesis: Hypothesis,
-) -> tuple[float, float]:
-    """Correct one branch; returns logarithms: how likely is what was observed, and that the regime begins here.
+) -> _Fit:
+    """Correct one branch.
 
     ``places``: nominal state of the mixture, to which the evidence belongs, and position (3,) where GNSS was lost, None
     for a vehicle that left there.
@@ -195,12 +213,13 @@ def _act(
     P[_PLACE, _PLACE] += hypothesis.doubt_psd * evidence.interval * np.eye(2)
     apart = error_between(middle, nav, constants)  # the branch's error were the mixture the truth
     seen, used = [], []  # (z, H, variances): what tells the hypotheses apart, what corrects the branch
-    likelihood, entry = hypothesis.log_likelihood, 0.0
+    likelihood, entry, contradiction = hypothesis.log_likelihood, 0.0, 0.0
     if hypothesis.velocity_var is not None:
         _, H = measurements.horizontal_velocity(nav, n, 0.0, 0.0)
         z, variances = np.array(evidence.velocity[:2]) + H @ apart, np.full(2, hypothesis.velocity_var)
         seen.append((z, H, variances))
         entry = -0.5 * innovation(P, z, H, np.diag(variances + evidence.unmodelled_var))
+        contradiction = -0.5 * max(innovation(P, z, H, np.diag(variances)) - _SURPRISING, 0.0)
         if hypothesis.velocity_time is not None:
             # a velocity persists: it tells the regimes apart at once, but corrects the filter little by little
             used.append((z, H, variances * hypothesis.velocity_time / evidence.interval))
@@ -217,8 +236,8 @@ def _act(
     if seen:
         likelihood += log_density(P, *_as_one(seen))
     if used and not math.isfinite(correct(nav, P, constants, *_as_one(used))):
-        return -math.inf, -math.inf
-    return likelihood, entry
+        return _IMPOSSIBLE
+    return _Fit(likelihood, entry, contradiction)
 
 
 def _usual_place(

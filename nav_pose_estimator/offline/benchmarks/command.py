@@ -22,6 +22,7 @@ PARTS = {
     "speed": "what everything costs on this machine",
 }
 OUTAGES, SUMMARY_CSV, SUMMARY_JSON, REPORT = "outages.csv", "summary.csv", "summary.json", "report.html"
+PRIORS = "priors"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,7 +69,7 @@ def _add_outage(part: argparse.ArgumentParser) -> None:
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto (default: NAME.json, else auto)")
     add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
     add("--airframe", type=Path, metavar="FILE", help="what is known before the flight: a file of train")
-    add("--cross-validate", action="store_true", help="group flights by airframe and day: intervals and selection")
+    add("--cross-validate", action="store_true", help="group flights by airframe: prior, selection, intervals")
     add("--groups", default="", metavar="GLOB,...", help='flights that are one group, as in "p4rtk_*,px4_3dr*"')
     add(
         "--candidates",
@@ -91,7 +92,6 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.part != "outage":
         return import_module(f"nav_pose_estimator.offline.benchmarks.{arguments.part}.benchmark").run(arguments)
     from nav_pose_estimator.offline.archive.recordings import find
-    from nav_pose_estimator.offline.benchmarks.outage.many_flights import run_all
     from nav_pose_estimator.offline.benchmarks.outage.report import write_report
     from nav_pose_estimator.offline.benchmarks.outage.statistics import summarise
     from nav_pose_estimator.offline.flights.groups import groups_of, patterns_of
@@ -107,26 +107,37 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.airframe is not None:
         _note_known_flights(arguments.airframe, arguments.bags)
     inputs = [*arguments.bags, *(config for config in candidates if config is not None)]
+    groups = groups_of(arguments.bags, patterns_of(arguments.groups)) if arguments.cross_validate else None
     with OutputFolder(arguments.out, "outage benchmark", inputs) as folder:
-        flights = run_all(tasks, arguments.jobs, arguments.scheduler, arguments.out)
-        groups = None
-        if arguments.cross_validate:
-            groups = groups_of(arguments.bags, patterns_of(arguments.groups))
+        flights = _flown(arguments, tasks, groups, folder)
+        if groups is not None:
             flights = _held_out(flights, groups, candidates)
         rows = _rows(flights)
         if not rows:
             raise UserError("no outage fits into these flights: try shorter --lengths or an earlier --first")
         summaries = summarise(rows, groups=groups)
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         _write_csv(folder / OUTAGES, [asdict(row) for row in rows])
         _write_csv(folder / SUMMARY_CSV, [asdict(s) for s in summaries])
         _write_json(folder / SUMMARY_JSON, flights, summaries, arguments)
         write_report(folder / REPORT, flights, summaries, rows)
         _print(summaries, rows)
+        _print_innovations(flights)
         if groups is not None:
             _print_verdicts(summaries)
     print(f"report: {arguments.out / REPORT}")
     return 0
+
+
+def _flown(arguments: argparse.Namespace, tasks: list, groups: dict[str, str] | None, folder: Path) -> list:
+    """The results of all passes; where ``groups`` are held out, with priors that have not seen them."""
+    from nav_pose_estimator.offline.benchmarks.outage.held_out_priors import Workers, with_held_out_priors
+    from nav_pose_estimator.offline.benchmarks.outage.many_flights import run_all
+
+    if groups is not None:
+        workers = Workers(arguments.jobs, arguments.scheduler, arguments.out)
+        tasks = with_held_out_priors(tasks, groups, folder / PRIORS, workers)
+    return run_all(tasks, arguments.jobs, arguments.scheduler, arguments.out)
 
 
 def _note_known_flights(airframe: Path, bags: list[Path]) -> None:
@@ -234,6 +245,7 @@ def _write_json(path: Path, flights: list, summaries: list, arguments: argparse.
                 "methods": list(dict.fromkeys(method for method, _ in flight.errors)),
                 "gnss_delay_s": flight.delay,
                 "flight_window_s": flight.window,
+                "innovations_lag_1": flight.white,
                 "gnss_samples_checked_in_outages": flight.proof,
                 "notices": flight.notices,
             }
@@ -261,6 +273,13 @@ def _print(summaries: list, rows: list) -> None:
         print(f"\n{bag}, {length:g} s")
         for row in table:
             print("  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True)))
+
+
+def _print_innovations(flights: list) -> None:
+    """Whether the filter takes from GNSS all that it says: then its innovations are white."""
+    print("\nautocorrelation of GNSS innovations from one to the next, white below 0.2: position, velocity")
+    for bag, white in {flight.bag: flight.white for flight in flights}.items():
+        print(f"{bag}: {white[0]:.2f}, {white[1]:.2f}")
 
 
 def _print_verdicts(summaries: list) -> None:

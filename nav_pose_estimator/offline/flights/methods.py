@@ -11,7 +11,7 @@ from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.errors import UserError
 
 BEST, COAST = Best.name, Coast.name
-METHOD_PARAMETER, AIRFRAME_PARAMETER = "learner.method", "learner.airframe"
+METHOD_PARAMETER, AIRFRAME_PARAMETER, PRIOR_PARAMETER = "learner.method", "learner.airframe", "learner.prior"
 
 
 def available() -> list[str]:
@@ -43,8 +43,9 @@ def passes(names: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
     return [(name, without if name == COAST else ()) for name in flown]
 
 
-def apply(parameters: Parameters, name: str, airframe: Path | None = None) -> Parameters:
-    """``parameters`` with the method ``name`` and, where it is given, the file of an airframe."""
+def apply(parameters: Parameters, name: str, airframe: Path | None = None, prior: Path | None = None) -> Parameters:
+    """``parameters`` with the method ``name`` and, where they are given, the files of an airframe and of a prior."""
     check([name], allow_extrapolations=False)
-    values = {"learner.enabled": True, METHOD_PARAMETER: name}
-    return update(parameters, values if airframe is None else values | {AIRFRAME_PARAMETER: str(airframe)})
+    files = {AIRFRAME_PARAMETER: airframe, PRIOR_PARAMETER: prior}
+    named = {key: str(path) for key, path in files.items() if path is not None}
+    return update(parameters, {"learner.enabled": True, METHOD_PARAMETER: name, **named})

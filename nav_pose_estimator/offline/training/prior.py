@@ -29,7 +29,10 @@ from nav_pose_estimator.offline.training.flights import Reading, digest_of, flow
 from nav_pose_estimator.offline.training.work import find_recordings
 
 WORD, ENDING = "prior", ".toml"
-_LEAST = 20.0  # s of flight below which a recording says nothing
+WING, ROTORS, GUIDED = "fixed_wing", "multirotor", "wheels"
+"""Kinds that the file names for every flight; nothing is usual for the last."""
+LEAST = 20.0
+"""Seconds of flight below which a recording says nothing."""
 _HEAD = """\
 # How vehicles usually move: what a flight begins with, and what it shows replaces (docs/outages.md).
 # Speeds in m/s (RMS of each axis), times in s; activities are mean and deviation of a logarithm.
@@ -74,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
         for path in paths
         if path not in left_out
     ]
-    kept = [flight for flight in flights if flight.seconds >= _LEAST]
+    kept = [flight for flight in flights if flight.seconds >= LEAST]
     for flight in flights:
         if flight not in kept:
             print(f"note: {flight.name} holds {flight.seconds:.0f} s of flight: left out", file=sys.stderr)
@@ -103,29 +106,40 @@ def fly(path: Path, group: str, reading: Reading) -> PriorFlight:
 
 def fit(flights: Sequence[PriorFlight]) -> UsualMotion:
     """The mean over airframes. ``UserError`` where there is none of a kind."""
-    multirotors: list[Shown] = []
-    wings: list[Shown] = []
-    for group in dict.fromkeys(flight.group for flight in flights):
-        members = [flight for flight in flights if flight.group == group]
-        epochs = np.concatenate([flight.epochs for flight in members])
+    shown: dict[str, list[Shown]] = {WING: [], ROTORS: [], GUIDED: []}
+    for members in _airframes(flights).values():
         travelled, missed = (sum(getattr(one.decisions, name) for one in members) for name in ("travelled", "missed"))
-        if not is_guided(epochs):
-            shown = Shown(tuple(one.epochs for one in members), travelled, missed)
-            is_wing = any(one.is_wing for one in members) or not shows_hovering(epochs)
-            (wings if is_wing else multirotors).append(shown)
-    if not multirotors or not wings:
+        shown[kind_of(members)].append(Shown(tuple(one.epochs for one in members), travelled, missed))
+    if not shown[ROTORS] or not shown[WING]:
         raise UserError("a prior needs flights of at least one multirotor and one fixed wing")
-    return UsualMotion(fit_travel(multirotors), fit_travel(wings), fit_hover(multirotors))
+    return UsualMotion(fit_travel(shown[ROTORS]), fit_travel(shown[WING]), fit_hover(shown[ROTORS]))
+
+
+def kind_of(members: Sequence[PriorFlight]) -> str:
+    """What the airframe of these flights counts as."""
+    epochs = np.concatenate([flight.epochs for flight in members])
+    if is_guided(epochs):
+        return GUIDED
+    return WING if any(one.is_wing for one in members) or not shows_hovering(epochs) else ROTORS
+
+
+def _airframes(flights: Sequence[PriorFlight]) -> dict[str, list[PriorFlight]]:
+    groups: dict[str, list[PriorFlight]] = {}
+    for flight in flights:
+        groups.setdefault(flight.group, []).append(flight)
+    return groups
 
 
 def text_of(usual: UsualMotion, flights: Sequence[PriorFlight]) -> str:
     """The file: numbers, then where they come from."""
     lines = [_HEAD.format(version=__version__) + as_toml(usual)]
+    kinds = {group: kind_of(members) for group, members in _airframes(flights).items()}
     for one in flights:
         lines += [
             "[[flights]]",
             f'name = "{one.name}"',
             f'airframe = "{one.group}"',
+            f'kind = "{kinds[one.group]}"',
             f"seconds = {one.seconds:.0f}",
             f'sha256 = "{one.digest}"',
             "",

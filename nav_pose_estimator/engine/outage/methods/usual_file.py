@@ -4,7 +4,7 @@ Behind the numbers stands where they come from, flight by flight. A file that sa
 """
 
 import tomllib
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -27,9 +27,31 @@ _MEAN_BOUNDS, _DEVIATION_BOUNDS = (-7.0, 5.0), (0.05, 5.0)  # of the logarithm o
 _Part = TypeVar("_Part", Travel, Hover)
 
 
+@dataclass(frozen=True)
+class KnownFlight:
+    """A flight that a prior was made of: its ``airframe``, the SHA-256 of the recording, and what it counted as."""
+
+    airframe: str
+    digest: str
+    kind: str
+
+
 @lru_cache(maxsize=8)
 def load_usual_motion(path: str = "") -> UsualMotion:
     """The content of the file ``path``, of the shipped one where that is empty. ``UserError`` for any other file."""
+    name, content = _content(path)
+    multirotor, fixed_wing = (_part(name, content, key, Travel) for key in ("multirotor", "fixed_wing"))
+    return UsualMotion(multirotor, fixed_wing, _part(name, content, "hover", Hover))
+
+
+def flights_of(path: str = "") -> list[KnownFlight]:
+    """What the file says of where its numbers come from; the same files and errors as ``load_usual_motion``."""
+    flights = _content(path)[1].get("flights", [])
+    return [KnownFlight(*(str(one.get(key, "")) for key in ("airframe", "sha256", "kind"))) for one in flights]
+
+
+def _content(path: str) -> tuple[str, dict[str, Any]]:
+    """The file's name for messages, and what it holds."""
     name = path or SHIPPED
     try:
         if path and Path(path).stat().st_size > _LARGEST:
@@ -42,8 +64,7 @@ def load_usual_motion(path: str = "") -> UsualMotion:
         raise UserError(f"{name} is not a prior of train prior: {' '.join(str(error).split())}") from None
     if content.get("version") != VERSION:
         raise UserError(f"{name} is not a prior of version {VERSION}: train it anew with train prior")
-    multirotor, fixed_wing = (_part(name, content, key, Travel) for key in ("multirotor", "fixed_wing"))
-    return UsualMotion(multirotor, fixed_wing, _part(name, content, "hover", Hover))
+    return name, content
 
 
 def as_toml(usual: UsualMotion) -> str:

@@ -7,7 +7,7 @@ from collections import deque
 
 import numpy as np
 
-_RECENT = 300  # innovations that the 99th percentile is taken from
+_RECENT = 300  # innovations that the 99th percentile and the autocorrelation are taken from
 _AVERAGED = 10.0  # s over which the mean slides
 _LARGEST = 100.0  # a blunder is no measure of the filter
 
@@ -18,15 +18,27 @@ class InnovationRecord:
     def __init__(self) -> None:
         self.mean = 0.0
         self._recent: deque[float] = deque(maxlen=_RECENT)
+        self._horizontal: deque[tuple[float, float]] = deque(maxlen=_RECENT)
 
-    def add(self, nis: float, dof: int, period: float) -> None:
-        """An innovation of ``dof`` rows; they come every ``period`` [s]."""
+    def add(self, nis: float, z: np.ndarray, period: float) -> None:
+        """An innovation ``z`` of two or more rows, East and North first; they come every ``period`` [s]."""
         if not math.isfinite(nis):
             return
-        self.mean += min(period / _AVERAGED, 0.2) * (min(nis / dof, _LARGEST) - self.mean)
-        self._recent.append(nis / dof)
+        self.mean += min(period / _AVERAGED, 0.2) * (min(nis / len(z), _LARGEST) - self.mean)
+        self._recent.append(nis / len(z))
+        self._horizontal.append((float(z[0]), float(z[1])))
 
     @property
     def p99(self) -> float:
         """99th percentile of the last few hundred, NaN before the first."""
         return float(np.quantile(self._recent, 0.99)) if self._recent else math.nan
+
+    @property
+    def lag_one(self) -> float:
+        """Autocorrelation of the last few hundred horizontal innovations from one to the next, NaN before the second.
+
+        Zero for an optimal filter (Mehra 1970); the errors of a receiver that lasts for seconds show as well.
+        """
+        z = np.array(self._horizontal)
+        power = float(np.square(z).sum())
+        return float((z[1:] * z[:-1]).sum()) / power if len(z) > 1 and power > 0.0 else math.nan

@@ -232,7 +232,7 @@ class GnssPositionSensor(Sensor):
             self.resets += 1
             self.last_reset_m = float(np.linalg.norm(z))
         elif o.decision.use is Use.GATED:
-            self.record.add(nis, len(z), self._reception.fix_period)
+            self.record.add(nis, z, self._reception.fix_period)
             if status == 0:
                 reason = "gnss.rejected.position_innovation"
                 self._reception.refuse(o.stamp_ns, reason, "the position disagrees with the filter")

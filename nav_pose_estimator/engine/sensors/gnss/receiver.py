@@ -80,6 +80,7 @@ class Gnss:
         for sensor in (self.position, self.velocity):
             figures[f"nis.{sensor.kind.name}"] = sensor.record.mean
             figures[f"nis.{sensor.kind.name}.p99"] = sensor.record.p99
+            figures[f"innovation.{sensor.kind.name}.lag_1"] = sensor.record.lag_one
         figures["gnss.noise.position_factor"] = self.position.noise.factor
         figures["gnss.noise.velocity_factor"] = self.velocity.noise.factor
         figures["gnss.gate_radius_m"] = self.position.gate_radius

@@ -79,7 +79,7 @@ class GnssVelocitySensor(Sensor):
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count it; a refusal is told once, for it has no place in ``refusal`` beside the positions."""
-        self.record.add(nis, len(z), self._reception.fix_period)
+        self.record.add(nis, z, self._reception.fix_period)
         self.doubt.velocity(o.t, _REFUSALS[status], nis / len(z))
         if status:
             if status == 2:

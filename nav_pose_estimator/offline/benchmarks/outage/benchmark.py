@@ -17,7 +17,7 @@ from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator, Sna
 from nav_pose_estimator.engine.outage.methods.registry import extrapolations
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
-from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
+from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution, Status
 from nav_pose_estimator.offline.benchmarks.outage.shared_flight import SharedFlight
 from nav_pose_estimator.offline.flights import latency, methods
 from nav_pose_estimator.offline.flights.config_file import load_parameters
@@ -50,6 +50,7 @@ class Task:
     gnss_delay: str | None = None
     config: Path | None = None
     airframe: Path | None = None
+    prior: Path | None = None  # in place of learner.prior
     log: LogOptions = field(default_factory=LogOptions)  # which part, if it is a flight log
 
 
@@ -66,6 +67,17 @@ class FlightResult:
     starts: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # where the outages begin
     notices: list[str] = field(default_factory=list)
     proof: int = 0  # GNSS samples that were looked at on their way into an estimator that runs an outage
+    lag_one: list[tuple[float, float]] = field(default_factory=list)  # of the innovations, as ``white`` has it
+
+    @property
+    def white(self) -> tuple[float, float]:
+        """Autocorrelation of GNSS innovations, position and velocity, from one to the next: median over the starts.
+
+        Below 0.2 they pass for white. NaN where there were none.
+        """
+        known = np.array([pair for pair in self.lag_one if np.isfinite(pair).all()]).reshape(-1, 2)
+        position, velocity = np.median(known, axis=0) if len(known) else (np.nan, np.nan)
+        return float(position), float(velocity)
 
 
 @dataclass(frozen=True)
@@ -78,6 +90,7 @@ class _Start:
     row: int
     doubt: str  # why the navigator itself would not vouch for its pose; empty where it does
     state: np.ndarray | None  # last row of the solution, OUT_COLUMNS
+    lag_one: tuple[float, float]  # autocorrelation of the last innovations, position and velocity
 
 
 @dataclass(frozen=True)
@@ -114,7 +127,7 @@ def run_flight(tasks: Sequence[Task], advanced: Callable[[float], None] | None =
     notices = [how, *recording.notices]
     entrants = [
         Entrant(
-            methods.apply(parameters, one.method, one.airframe),
+            methods.apply(parameters, one.method, one.airframe, one.prior),
             (one.method, *one.predictors),
             FlightResult(one.bag.name, parameters.gnss.delay, window, notices=list(notices)),
         )
@@ -172,6 +185,7 @@ class _Trial:
     def run(self, start: _Start, snapshot: Snapshot) -> None:
         """One outage, flown from its ``start`` on."""
         self.done_to = start.outage.start
+        self.entrant.result.lag_one.append(start.lag_one)
         own, *predictors = self.entrant.names
         track = _outage_run(self._engine, self._recording, self.entrant, start, snapshot)
         self._file(own, start, track)
@@ -203,7 +217,8 @@ def _aided_pass(recording: Recording, parameters: Sequence[Parameters], runs: li
                 ahead.add(_rows(sample, done, row))
             state = _last_row(flight.engine.feed_all(ahead.take()), state)
             done = row
-            yield _Start(waiting.pop(0), flight.snapshots(), index, done, _doubt(flight.engine), state)
+            status = flight.engine.status()
+            yield _Start(waiting.pop(0), flight.snapshots(), index, done, _doubt(status), state, _lag_one(status))
         if ahead.add(_rows(sample, done, None)):
             state = _last_row(flight.engine.feed_all(ahead.take()), state)
         if isinstance(sample, (GnssFix, GnssVelocity)) and sample.stamp_ns <= next_imu[index] + _AHEAD_NS:
@@ -234,11 +249,15 @@ class _Batch:
         return samples
 
 
-def _doubt(engine: PoseEstimator) -> str:
+def _lag_one(status: Status) -> tuple[float, float]:
+    figures = [status.values.get(f"innovation.{name}.lag_1", np.nan) for name in ("gnss_position", "gnss_velocity")]
+    return float(figures[0]), float(figures[1])
+
+
+def _doubt(status: Status) -> str:
     """Why no outage can be judged that starts now: what the navigator says of itself, empty where it is aided."""
-    status = engine.status()
     if status.mode is Mode.AIDED:
-        return status.gnss_refusal
+        return status.gnss_refusal or status.doubt
     return status.waiting_for or status.gnss_refusal or status.mode.value.lower()
 
 

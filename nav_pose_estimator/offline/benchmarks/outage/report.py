@@ -108,7 +108,8 @@ def _flight(passes: list[FlightResult]) -> Iterator[str]:
     begin, end = first.window
     yield f'<p class="soft">Flight from {begin:.0f} to {end:.0f} s, GNSS latency {first.delay:.3f} s. '
     yield f"{sum(p.proof for p in passes)} GNSS samples passed the door of an estimator in an outage, none of them "
-    yield "valid inside it.</p>"
+    yield "valid inside it. Autocorrelation of GNSS innovations from one to the next, position and velocity: "
+    yield f"{_number(first.white[0], 2)} and {_number(first.white[1], 2)} (white: below 0.2).</p>"
     growth = {method: curves for flight in passes for method, curves in flight.growth.items()}
     if growth:
         yield page.figure(_growth(growth), "Median horizontal error; band: 25 to 75 % of the outages, first method.")

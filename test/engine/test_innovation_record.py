@@ -1,0 +1,43 @@
+"""What a sensor's record of its innovations tells: how large they are beside what was stated, and whether they last."""
+
+import math
+
+import numpy as np
+import pytest
+
+from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
+
+
+def record_of(innovations: np.ndarray) -> InnovationRecord:
+    record = InnovationRecord()
+    for z in innovations:
+        record.add(float(z @ z), z, 0.2)
+    return record
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.6, 0.95])
+def test_it_finds_how_alike_consecutive_innovations_are(correlation: float) -> None:
+    """GIVEN innovations of a first-order process THEN their autocorrelation at lag one is the process's own."""
+    random = np.random.default_rng(5)
+    z = np.zeros((300, 3))
+    for i in range(1, len(z)):
+        z[i] = correlation * z[i - 1] + math.sqrt(1.0 - correlation**2) * random.normal(size=3)
+    assert record_of(z).lag_one == pytest.approx(correlation, abs=0.08)
+
+
+def test_the_vertical_does_not_count() -> None:
+    z = np.random.default_rng(6).normal(size=(200, 3))
+    z[:, 2] = 100.0
+    assert abs(record_of(z).lag_one) < 0.1
+
+
+def test_nothing_is_known_of_one_innovation_or_of_none() -> None:
+    assert math.isnan(record_of(np.ones((1, 2))).lag_one)
+    assert math.isnan(InnovationRecord().lag_one)
+    assert math.isnan(record_of(np.zeros((5, 2))).lag_one)
+
+
+def test_an_innovation_that_is_no_number_is_left_out() -> None:
+    record = record_of(np.ones((3, 2)))
+    record.add(math.nan, np.full(2, math.nan), 0.2)
+    assert record.lag_one == pytest.approx(2.0 / 3.0)
