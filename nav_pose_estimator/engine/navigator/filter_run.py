@@ -17,6 +17,7 @@ from nav_pose_estimator.core.alignment.types import Alignment, FixNoise, KnownBi
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import keep_blocks
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
+from nav_pose_estimator.core.numerics.jit import COMPILED
 from nav_pose_estimator.engine.engine_clock import EngineClock
 from nav_pose_estimator.engine.imu.physics import ImuPhysics
 from nav_pose_estimator.engine.journal import Journal
@@ -34,6 +35,8 @@ from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss
 from nav_pose_estimator.engine.sensors.imu_doubt import ImuDoubt
 from nav_pose_estimator.engine.sensors.magnetic import declination
 from nav_pose_estimator.engine.sensors.rest import Rest
+from nav_pose_estimator.engine.sensors.routine.kinds import kinds
+from nav_pose_estimator.engine.sensors.routine.routine import Routine
 from nav_pose_estimator.engine.solutions import Level
 
 Origin = tuple[float, float, float]
@@ -71,7 +74,10 @@ class FilterRun:
         self.noise = noise or NoiseIdentification()
         self.gnss.reception.noise_variance = self.noise.gnss_variance
         constants = filter_setup.constants(parameters, self.noise.imu_variance)
-        self.timeline = Timeline(constants, self._fusion.apply, parameters.navigator.memory)
+        # without a compiler it would be no faster
+        expected = kinds(self.gnss, self.aids.values(), self.aiding)
+        routine = Routine(expected, self.aiding, self._fusion) if COMPILED else None
+        self.timeline = Timeline(constants, self._fusion.apply, parameters.navigator.memory, routine)
         fix_noise = FixNoise(self.gnss.position.noise, self.gnss.velocity.noise)
         self.start_up = start_up.StartUp(parameters, fix_noise, known)
         self.trial: CarriedHeading | None = None  # see ``heading_trial``

@@ -77,11 +77,8 @@ class Pull:
         self._speed, self._way = np.zeros(2), np.zeros(2)  # m/s, m: what the change comes to
         self._last = -math.inf  # s: of the last fix
         self._until = math.inf  # s: when a speed that was taken back is forgotten
-
-    @property
-    def is_on(self) -> bool:
+        self.is_on = False
         """Whether GNSS may be elsewhere than the vehicle."""
-        return bool(self._speed.any() or self._way.any())
 
     def velocity(self, t: float, velocity: Vector3) -> None:
         """A GNSS velocity valid at ``t`` [s], of axes that are not in doubt."""
@@ -111,7 +108,7 @@ class Pull:
         """A fix at ``t`` [s] lies ``offset`` [m] (East, North) from the navigator: is GNSS back where it came from?"""
         if not self.is_on:
             return
-        self._way = self._way + self._speed * min(max(t - self._last, 0.0), _LATE)
+        self._set(self._speed, self._way + self._speed * min(max(t - self._last, 0.0), _LATE))
         self._last = t
         away = float(self._way @ self._way)
         back = -(self._way[0] * offset[0] + self._way[1] * offset[1])
@@ -125,11 +122,18 @@ class Pull:
     def dismiss(self) -> bool:
         """The operator says that GNSS is right; False where it is not in doubt."""
         was_on = self.is_on
-        self._speed, self._way, self._until = np.zeros(2), np.zeros(2), math.inf
+        self._set(np.zeros(2), np.zeros(2))
+        self._until = math.inf
         return was_on
+
+    def _set(self, speed: np.ndarray, way: np.ndarray) -> None:
+        self._speed, self._way = speed, way
+        self.is_on = bool(speed.any() or way.any())
 
     def least_sd(self) -> tuple[float, float]:
         """Deviations that cover where the vehicle may be [m] and how it may move [m/s], on each horizontal axis."""
+        if not self.is_on:
+            return 0.0, 0.0
         return math.hypot(*self._way.tolist()) / _CREDIBLE, math.hypot(*self._speed.tolist()) / _CREDIBLE
 
     def reason(self) -> str:
@@ -143,12 +147,13 @@ class Pull:
 
     def _note(self, t: float, change: np.ndarray, stamp_ns: int) -> None:
         was_on, before = self.is_on, self._speed
-        self._speed = before + change
+        self._set(before + change, self._way)
         self.interrupt()  # what follows is compared with what is the case now
         if was_on and np.linalg.norm(self._speed) < _TAKEN_BACK * np.linalg.norm(change):
-            self._speed, self._until = np.zeros(2), t + self._probation
+            self._set(np.zeros(2), self._way)
+            self._until = t + self._probation
             return
         self._until, self._last = math.inf, t
         if not was_on:
-            self._way = change * (_LATE + LASTS)  # since the change began
+            self._set(self._speed, change * (_LATE + LASTS))  # since the change began
         self._journal.say(stamp_ns, "gnss.pulled", Level.WARN, f"{self.reason()}; its sigma grows")

@@ -38,6 +38,8 @@ class GnssReception:
         self.velocities = VelocityInput(journal)
         self._usable = False  # the last fix
         self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
+        self.fix_period = 1.0
+        """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
         self._repeats, self._last = 0, (math.nan, math.nan, math.nan)
         self._no_height_told = False
         self._told_ahead = math.nan  # s: the clock offset that was told last
@@ -86,6 +88,7 @@ class GnssReception:
             why = self._clocks(sample, t - now) if late else in_words(verdict.reason)
             return self.refuse(sample.stamp_ns, verdict.reason, why)
         self._fix_times = tuple(sorted((*self._fix_times, t))[-_PERIOD_MEMORY:])
+        self.fix_period = min(max(min((b - a for a, b in pairwise(self._fix_times)), default=1.0), 0.02), 5.0)
         self._usable = True
         self._aiding.fix_offered = t
         if math.isnan(sample.alt):
@@ -105,12 +108,6 @@ class GnssReception:
     def velocity_noise(self, sample: GnssVelocity) -> np.ndarray:
         """R (3, 3) [(m/s)^2]: the floor, or what the receiver states where that is larger."""
         return self.noise_variance * _floored(self._known(sample.cov_enu, "velocity"), self._velocity_floor)
-
-    @property
-    def fix_period(self) -> float:
-        """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
-        steps = [b - a for a, b in pairwise(self._fix_times)]
-        return min(max(min(steps, default=1.0), 0.02), 5.0)
 
     def refuse(self, stamp_ns: int, name: str, why: str) -> bool:
         """A fix is not used: said when the reason is a new one, else counted."""
