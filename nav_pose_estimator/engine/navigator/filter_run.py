@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -63,6 +64,9 @@ class FilterRun:
         self.clock = EngineClock()
         # Up to here IMU samples meet nothing: no observation waits, the mode stays. Other input may end it.
         self.quiet_until = -math.inf
+        # While IMU rows wait to be flown (``stretch.Backlog``): the time of the last one, and who takes observations.
+        self.waiting_until: float | None = None
+        self.take_observation: Callable[[Observation], bool] | None = None
         self.aiding = Aiding(parameters.navigator.lost_after)
         self.gnss = Gnss(parameters, self.aiding, journal)
         self.gnss.reception.enabled = use_gnss
@@ -114,6 +118,8 @@ class FilterRun:
     @property
     def now(self) -> float:
         """Engine time of the last IMU sample [s]."""
+        if self.waiting_until is not None:
+            return self.waiting_until
         return self.timeline.filter.time if self.timeline.running else self.start_up.time
 
     @property
@@ -208,6 +214,8 @@ class FilterRun:
         if observation is None:
             return
         self.quiet_until = -math.inf
+        if self.take_observation is not None and self.take_observation(observation):
+            return
         name, stamp_ns = observation.kind.name, observation.stamp_ns
         if observation.t > self.now + 1.0:
             self.journal.say(stamp_ns, f"{name}.rejected.future", Level.WARN, f"{name}: stamp ahead of the IMU's time")

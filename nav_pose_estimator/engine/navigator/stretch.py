@@ -1,16 +1,33 @@
-"""IMU rows through the filter, cut where the mode may change: one block of solutions for each stretch."""
+"""IMU rows through the filter, cut where the mode may change: one block of solutions for each stretch.
+
+While GNSS aids the filter and nothing is unusual, many rows and the observations between them are flown at once.
+"""
 
 from __future__ import annotations
 
+import bisect
 import math
+import operator
+from collections.abc import Callable
 
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.routine import table
 from nav_pose_estimator.engine.navigator import heading_trial
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.look_back import look_back
+from nav_pose_estimator.engine.navigator.timeline import Timeline
+from nav_pose_estimator.engine.observation import Observation
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, MagSample, PressureSample, Sample, SatelliteCount
+from nav_pose_estimator.engine.sensors.routine.routine import Coming, Leg, moved
 from nav_pose_estimator.engine.solutions import Mode, NavBlock
+
+Tell = Callable[[Observation, int, list[float]], None]
+"""Takes an observation that has acted, the number of the row ahead of which it did, and its result."""
+_WAIT = (GnssVelocity, MagSample, PressureSample, SatelliteCount)
+_AHEAD = 1.0  # s: an observation further ahead is refused
+_FIRST = operator.itemgetter(0)
 
 
 def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
@@ -71,3 +88,190 @@ def _blocks(run: FilterRun, stamps_ns: np.ndarray, out: np.ndarray) -> list[NavB
             blocks.append(NavBlock(stamps_ns[done:end], out[done:end], mode, resets, correction))
             done = end
     return blocks
+
+
+class Backlog:
+    """IMU rows that wait to be flown with the observations that arrive between them, for a second at most.
+
+    What arrives in the meantime is judged as if they had been flown. That is right because it waits only while nothing
+    of that depends on the filter: GNSS aids it, no sensor has a doubt, and no fix can change when GNSS counts as lost.
+    The rows are flown ahead of everything else: another kind of sample, a late one, an event, a refusal.
+    """
+
+    def __init__(self, run: FilterRun) -> None:
+        self.run = run
+        self._blocks: list[NavBlock] = []
+        self._stamps: list[np.ndarray] = []
+        self._rows: list[np.ndarray] = []
+        self._left = np.empty(0, np.int64), np.empty((0, at.IMU_COLUMNS))
+        self._count = 0
+        self._periods: list[tuple[int, float]] = []  # first row of each block, and the receiver's period then
+        self._coming: list[Coming] = []
+        self._limit = -math.inf
+
+    def takes_rows(self) -> bool:
+        """Whether IMU rows may wait from now on, or go on to wait."""
+        run = self.run
+        if self._rows:
+            return True
+        routine = run.timeline.routine
+        if routine is None or not _is_routine(run) or run.gnss.reception.refusal:
+            return False
+        if run.parameters.aids.declination_from_model or run.parameters.aids.water_density > 0.0:
+            return False
+        now = run.timeline.filter.time
+        self._limit = min(run.second_due, run.aiding.fix_used + run.aiding.lost_after)
+        return now < self._limit and run.gnss.reception.is_quick and routine.is_calm(now)
+
+    def add(self, stamps_ns: np.ndarray, rows: np.ndarray) -> None:
+        """Let IMU ``rows`` (N, 7) stamped ``stamps_ns`` (N,) wait."""
+        run = self.run
+        if not self._rows:
+            run.take_observation = self._observe
+            run.journal.before_next(self._fly)
+        self._periods.append((self._count, run.gnss.reception.fix_period))
+        self._stamps.append(stamps_ns)
+        self._rows.append(rows)
+        self._count += len(rows)
+        run.waiting_until = float(rows[-1, at.IMU_T])
+
+    @property
+    def is_full(self) -> bool:
+        """Whether it is time to look back, or GNSS may be lost."""
+        until = self.run.waiting_until
+        return until is not None and until >= self._limit
+
+    def may_wait_for(self, sample: Sample) -> bool:
+        """Whether a ``sample`` may be judged before the rows that wait have been flown."""
+        if not self._rows:
+            return False
+        return type(sample) in _WAIT or (type(sample) is GnssFix and self.run.gnss.reception.is_quick)
+
+    def flown(self) -> tuple[list[NavBlock], np.ndarray, np.ndarray]:
+        """All solutions that are new, stamps and rows of the last flight."""
+        self._fly()
+        blocks, self._blocks = self._blocks, []
+        return blocks, *self._left
+
+    def _observe(self, o: Observation) -> bool:
+        """Let an observation wait; False where it cannot: nothing waits any more."""
+        queue, now = self.run.timeline.queue, self.run.now
+        known = [one.observation for one in self._coming if one.behind < self._count] + queue.waiting()
+        if o.t < now or o.t > now + _AHEAD or any(one.t == o.t for one in known):
+            self._fly()
+            return False
+        queue.number(o)
+        self._coming.append(Coming(self._count, o))
+        return True
+
+    def _fly(self) -> None:
+        """Fly what waits."""
+        run = self.run
+        run.take_observation = run.waiting_until = None
+        run.journal.before_next(None)
+        if not self._rows:
+            return
+        stamps, rows = np.concatenate(self._stamps), np.concatenate(self._rows)
+        self._stamps, self._rows, self._left = [], [], (stamps, rows)
+        coming, self._coming = self._coming, []
+        done, count, self._count = 0, self._count, 0
+        while done < count and not run.despair:
+            coming = _hear(run, coming)
+            out, coming = self._leg(rows[done:], coming, done)
+            if len(out):
+                self._blocks += _blocks(run, stamps[done : done + len(out)], out)
+                done += len(out)
+                continue
+            heard = coming[0].behind if coming else count - done
+            further = min(heard, 1) if _is_routine(run) else heard
+            self._blocks += carry(run, stamps[done : done + further], rows[done : done + further])
+            done += further
+            coming = [Coming(one.behind - further, one.observation) for one in coming]
+        self._periods = []
+        _hear(run, coming)
+
+    def _leg(self, rows: np.ndarray, coming: list[Coming], done: int) -> tuple[np.ndarray, list[Coming]]:
+        """As far as the routine goes from row ``done`` on: output rows, and what has not been heard of by then."""
+        run = self.run
+        run.timeline.settle()
+        ahead = int(np.searchsorted(rows[:, at.IMU_T], run.second_due))
+        if not ahead or not _is_routine(run):
+            return rows[:0], coming
+
+        def tell(o: Observation, row: int, result: list[float]) -> None:
+            index = bisect.bisect_right(self._periods, done + row, key=_FIRST) - 1
+            assert run.timeline.routine is not None
+            run.timeline.routine.tell(o, result, self._periods[index][1])
+
+        out, left = fly(run.timeline, rows[:ahead], coming, tell)
+        run.quiet_until = -math.inf
+        return out, left
+
+
+def _is_routine(run: FilterRun) -> bool:
+    """Whether GNSS aids one filter of which nothing is in question."""
+    whole = run.timeline.running and run.timeline.filter.branches is None
+    return whole and run.modes.mode is Mode.AIDED and run.trial is None and not run.despair
+
+
+def _hear(run: FilterRun, coming: list[Coming]) -> list[Coming]:
+    """Observations that have arrived by now, to the time line; the rest is returned."""
+    for one in coming:
+        if one.behind <= 0:
+            run.observe(one.observation)
+    return [one for one in coming if one.behind > 0]
+
+
+def fly(timeline: Timeline, rows: np.ndarray, coming: list[Coming], tell: Tell) -> tuple[np.ndarray, list[Coming]]:
+    """``Timeline.advance`` by routine, with observations that come behind some of the ``rows``, on a settled time line.
+
+    Ends early where something is unusual. Returns output rows (N, OUT_COLUMNS) as far as it went, and what of
+    ``coming`` has not been heard of by then, in order of arrival and counted from there.
+    """
+    imu, queue, routine = timeline.imu, timeline.queue, timeline.routine
+    assert routine is not None
+    imu.append(rows)
+    begin = imu.last - len(rows)
+    events = sorted([*(Coming(0, o) for o in queue.take_waiting()), *coming], key=lambda one: one.observation.key)
+    out = np.empty((len(rows), at.OUT_COLUMNS))
+    leg = routine.fly(timeline.filter.vector, (imu.rows, begin, imu.last), events, out)
+    imu.last = begin + leg.rows
+    acted, rest = events[: len(leg.results)], events[len(leg.results) :]
+    queue.add_acted([one.observation for one in acted])
+    unfinished = _note_moves(timeline, rows, acted, leg)
+    for one, result in zip(acted, leg.results, strict=True):
+        tell(one.observation, int(result[table.RESULT_AHEAD]), result)
+    last, left = rows[leg.rows - 1, at.IMU_T] if leg.rows else -math.inf, []
+    for one in rest:
+        if one.behind <= leg.rows and (leg.within or one.observation.t > last):
+            queue.insert(one.observation)
+        else:
+            left.append(Coming(one.behind - leg.rows, one.observation))
+    if unfinished is not None:
+        before = timeline.shift
+        timeline.finish(np.array(unfinished[table.RESULT_BEFORE : table.RESULT_AFTER]))
+        timeline.moves.append((leg.rows, before))
+    timeline.tidy()
+    return out[: leg.rows], sorted(left, key=lambda one: one.observation.arrival)
+
+
+def _note_moves(timeline: Timeline, rows: np.ndarray, acted: list[Coming], leg: Leg) -> list[float] | None:
+    """What observations did to the position: one by one, or at once where they came behind the row of their time.
+
+    The time line's ``moves`` and ``shift`` become what they are without routine. Returns the first result of those at
+    the time of the last row where others of that time have not acted yet.
+    """
+    timeline.moves, k = [], 0
+    while k < len(acted):
+        first, ahead, t = leg.results[k], int(leg.results[k][table.RESULT_AHEAD]), acted[k].observation.t
+        k += 1
+        if ahead > 0 and t == rows[ahead - 1, at.IMU_T]:
+            while k < len(acted) and acted[k].observation.t == t:
+                k += 1
+            if leg.within and k == len(acted):
+                return first
+        before = timeline.shift
+        timeline.shift = moved(before, first, leg.results[k - 1])
+        if timeline.shift is not before:
+            timeline.moves.append((ahead, before))
+    return None

@@ -64,7 +64,7 @@ class Timeline:
         self.queue.keep_after(self.filter.time)
         self._dirty, self._late = None, False
         self._tidy_at = -math.inf
-        self._catch_up(self.filter.time, math.inf)
+        self._run(*self.imu.between(self.filter.time, math.inf))
 
     def remember(self, rows: np.ndarray) -> None:
         """Keep IMU ``rows`` (N, 7) without a running filter, so that an alignment in the past can catch up."""
@@ -102,8 +102,7 @@ class Timeline:
         self.imu.append(rows)
         out = np.empty((len(rows), OUT_COLUMNS))
         self._run(self.imu.last - len(rows), self.imu.last, out)
-        if self.filter.time >= self._tidy_at:
-            self._forget()
+        self.tidy()
         return out
 
     def advance_one(self, t: float, gyro: Vector3, accel: Vector3) -> np.ndarray:
@@ -115,8 +114,7 @@ class Timeline:
             imu.make_room(1)
         solution = self.filter.carry_one(imu.rows, imu.last, t, gyro, accel)
         imu.last += 1
-        if t >= self._tidy_at:
-            self._forget()
+        self.tidy()
         return solution
 
     def settle(self) -> None:
@@ -130,30 +128,31 @@ class Timeline:
         if late:
             start = self.filter.restore_before(dirty)
             self.queue.rewind(start)
-            self._catch_up(start, now)
+            self._run(*self.imu.between(start, now))
         else:
-            self._act_now(now)
+            # on the filter as it is, and on a checkpoint just made: in numbers as if they had been known before
+            self.filter.carry(self.imu.rows, self.imu.last - 1, self.imu.last, now, np.empty((0, OUT_COLUMNS)))
+            self._observe_up_to(now)
+            self.filter.renew_checkpoints()
         self._replaying = False
         self.shift = self.shift + step_enu(before, self.filter.nav[LAT:VEL])
 
+    def finish(self, place: np.ndarray) -> None:
+        """What ``settle`` does where by routine some observations of the present time have acted, but not all.
+
+        The first of them moved the filter from ``place``: latitude, longitude, height.
+        """
+        self._replaying = True
+        self._observe_up_to(self.filter.time)
+        self.filter.renew_checkpoints()
+        self._replaying = False
+        self.shift = self.shift + step_enu(place, self.filter.nav[LAT:VEL])
+
     # --- inside ------------------------------------------------------------------------------------------------------
 
-    def _catch_up(self, start: float, now: float) -> None:
-        """Process the rows of the buffer that are later than ``start``, where the filter stands, up to ``now``."""
-        begin, end = self.imu.between(start, now)
-        self._run(begin, end, np.empty((end - begin, OUT_COLUMNS)))
-
-    def _act_now(self, now: float) -> None:
-        """Observations of the very time at which the filter stands act on it as it is, and on a checkpoint just made.
-
-        The same in numbers as if they had been known before.
-        """
-        self.filter.carry(self.imu.rows, self.imu.last - 1, self.imu.last, now, np.empty((0, OUT_COLUMNS)))
-        self._observe_up_to(now)
-        self.filter.renew_checkpoints()
-
-    def _run(self, begin: int, end: int, out: np.ndarray) -> None:
+    def _run(self, begin: int, end: int, out: np.ndarray | None = None) -> None:
         """Process rows ``begin`` to ``end`` of the buffer with the observations that fall into them."""
+        out = np.empty((end - begin, OUT_COLUMNS)) if out is None else out
         first, self.moves = end - len(out), []
         while True:
             due = self.queue.due
@@ -185,6 +184,11 @@ class Timeline:
         if restructured:
             # a split or a union is the first place to go back to: with everything that acted at its time
             self.filter.renew_checkpoints()
+
+    def tidy(self) -> None:
+        """Forget what is too old, now and then."""
+        if self.filter.time >= self._tidy_at:
+            self._forget()
 
     def _forget(self) -> float:
         """Drop what lies before the window; returns the time that the memory reaches back to.

@@ -111,12 +111,18 @@ class GnssReception:
 
     def refuse(self, stamp_ns: int, name: str, why: str) -> bool:
         """A fix is not used: said when the reason is a new one, else counted."""
+        self._journal.catch_up()
         if why != self.refusal:
             self._journal.say(stamp_ns, name, Level.INFO, f"GNSS not used: {why}")
         else:
             self._journal.count(name)
         self.refusal = why
         return False
+
+    @property
+    def is_quick(self) -> bool:
+        """Whether the next fix, whenever it comes, leaves it at ``Aiding.patience`` after which GNSS is lost."""
+        return self._aiding.is_quick(max(self.gate.state.steps, default=math.inf))
 
     def use(self, t: float, with_height: bool) -> None:
         """A fix valid at ``t`` has corrected the filter."""
