@@ -107,6 +107,7 @@ class Backlog:
         self._count = 0
         self._periods: list[tuple[int, float]] = []  # first row of each block, and the receiver's period then
         self._coming: list[Coming] = []
+        self._ahead: set[float] = set()  # s: times of observations that have arrived before their time
         self._limit = -math.inf
 
     def takes_rows(self) -> bool:
@@ -127,6 +128,7 @@ class Backlog:
         """Let IMU ``rows`` (N, 7) stamped ``stamps_ns`` (N,) wait."""
         run = self.run
         if not self._rows:
+            self._ahead = {o.t for o in run.timeline.queue.waiting()}
             run.take_observation = self._observe
             run.journal.before_next(self._fly)
         self._periods.append((self._count, run.gnss.reception.fix_period))
@@ -155,12 +157,13 @@ class Backlog:
 
     def _observe(self, o: Observation) -> bool:
         """Let an observation wait; False where it cannot: nothing waits any more."""
-        queue, now = self.run.timeline.queue, self.run.now
-        known = [one.observation for one in self._coming if one.behind < self._count] + queue.waiting()
-        if o.t < now or o.t > now + _AHEAD or any(one.t == o.t for one in known):
+        now = self.run.now
+        if o.t < now or o.t > now + _AHEAD or o.t in self._ahead:
             self._fly()
             return False
-        queue.number(o)
+        if o.t > now:
+            self._ahead.add(o.t)
+        self.run.timeline.queue.number(o)
         self._coming.append(Coming(self._count, o))
         return True
 
@@ -206,6 +209,11 @@ class Backlog:
         out, left = fly(run.timeline, rows[:ahead], coming, tell)
         run.quiet_until = -math.inf
         return out, left
+
+
+def is_uneventful(run: FilterRun) -> bool:
+    """Whether nothing that comes is likely to change more than the filter."""
+    return _is_routine(run) and not run.parameters.aids.declination_from_model
 
 
 def _is_routine(run: FilterRun) -> bool:
