@@ -39,10 +39,10 @@ def is_due(memory, events, k, behind):
 def fly(memory, rows, begin, end, events, settings, out, results):
     """Carry the filter over IMU rows ``begin`` to ``end`` of ``rows`` (N, 7) and let ``events`` (K, ...) act.
 
-    An event that arrived behind as many of these rows as it says acts at its own time, not before it arrived; of the
-    time of the last row ahead of it, it acts on the filter as that row has left it. Those that came behind the last row
-    are left to others. It ends ahead of an event that is not a matter of routine, or of a row at which GNSS counts as
-    lost. ``out`` (end - begin, OUT_COLUMNS) receives the state after each row.
+    There is a row ahead of ``begin``. An event that arrived behind as many of these rows as it says acts at its own
+    time, but not before it arrived; where that is the time of the row ahead of it, on the filter as that row left it.
+    Those that came behind the last row are left to others. It ends ahead of an event that is not a matter of routine,
+    or of a row at which GNSS counts as lost. ``out`` (end - begin, OUT_COLUMNS) receives the state after each row.
 
     Returns how many rows and how many events are done, and where the filter stands (``AT_ROW`` or ``AT_TIME``).
     """
@@ -50,7 +50,8 @@ def fly(memory, rows, begin, end, events, settings, out, results):
     size = end - begin
     while done < size:
         behind = int(events[k, table.EVENT_BEHIND]) if k < count else 0
-        if k < count and behind == done and events[k, table.EVENT_T] <= memory[at.NAV + TIME]:
+        # of the time of the last row, and not of a place between rows at which an earlier flight ended
+        if k < count and behind == done and events[k, table.EVENT_T] <= rows[begin + done - 1, IMU_T]:
             first = k
             at.run_block(memory, rows, begin + done - 1, begin + done, memory[at.NAV + TIME], out[:0])
             k = act_now(memory, events, k, count, done, settings, results)

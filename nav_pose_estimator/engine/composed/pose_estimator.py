@@ -125,8 +125,9 @@ class PoseEstimator:
             if isinstance(sample, ImuBlock):
                 done += 1
                 for a, b in self._clock.pieces(sample):
-                    waiting.append(_part(sample, a, b))
-                    if self._clock.talks_behind(waiting[-1]):
+                    part = _part(sample, a, b)
+                    waiting.append(part)
+                    if self._clock.talks_behind(part):
                         outputs += self._feed(waiting)
                         waiting = []
                 if not waiting:

@@ -63,10 +63,10 @@ class SinsEngine:
             return [*self.journal.drain(), *blocks]
 
         for sample in samples:
-            if isinstance(sample, ImuBlock) and self.resume is None and backlog.takes_rows():
+            if isinstance(sample, ImuBlock) and self.resume is None and backlog.is_open():
                 items = self._input.accept_block(sample)
                 if len(items) == 1 and isinstance(items[0], ImuBlock):
-                    backlog.add(*self.run.clock.imu_rows(items[0]))
+                    backlog.add(items[0])
                 else:
                     outputs += flown(backlog)
                     outputs += self._carry(items)
@@ -79,7 +79,7 @@ class SinsEngine:
                 outputs += flown(backlog)
             if backlog.run is not self.run:
                 backlog = stretch.Backlog(self.run)
-        return [*outputs, *flown(backlog)]
+        return stretch.packed([*outputs, *flown(backlog)])
 
     @property
     def mode(self) -> Mode:

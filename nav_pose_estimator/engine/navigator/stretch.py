@@ -6,9 +6,11 @@ While GNSS aids the filter and nothing is unusual, many rows and the observation
 from __future__ import annotations
 
 import bisect
+import itertools
 import math
 import operator
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,9 +21,18 @@ from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.look_back import look_back
 from nav_pose_estimator.engine.navigator.timeline import Timeline
 from nav_pose_estimator.engine.observation import Observation
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, MagSample, PressureSample, Sample, SatelliteCount
+from nav_pose_estimator.engine.samples import (
+    GnssFix,
+    GnssVelocity,
+    ImuBlock,
+    MagSample,
+    PressureSample,
+    Sample,
+    SatelliteCount,
+    joined,
+)
 from nav_pose_estimator.engine.sensors.routine.routine import Coming, Leg, moved
-from nav_pose_estimator.engine.solutions import Mode, NavBlock
+from nav_pose_estimator.engine.solutions import Mode, NavBlock, Output
 
 Tell = Callable[[Observation, int, list[float]], None]
 """Takes an observation that has acted, the number of the row ahead of which it did, and its result."""
@@ -101,8 +112,8 @@ class Backlog:
     def __init__(self, run: FilterRun) -> None:
         self.run = run
         self._blocks: list[NavBlock] = []
-        self._stamps: list[np.ndarray] = []
-        self._rows: list[np.ndarray] = []
+        self._open = False
+        self._waiting: list[ImuBlock] = []
         self._left = np.empty(0, np.int64), np.empty((0, at.IMU_COLUMNS))
         self._count = 0
         self._periods: list[tuple[int, float]] = []  # first row of each block, and the receiver's period then
@@ -110,10 +121,10 @@ class Backlog:
         self._ahead: set[float] = set()  # s: times of observations that have arrived before their time
         self._limit = -math.inf
 
-    def takes_rows(self) -> bool:
-        """Whether IMU rows may wait from now on, or go on to wait."""
+    def is_open(self) -> bool:
+        """Whether samples may wait from now on, or go on to wait."""
         run = self.run
-        if self._rows:
+        if self._open:
             return True
         routine = run.timeline.routine
         if routine is None or not _is_routine(run) or run.gnss.reception.refusal:
@@ -122,20 +133,20 @@ class Backlog:
             return False
         now = run.timeline.filter.time
         self._limit = min(run.second_due, run.aiding.fix_used + run.aiding.lost_after)
-        return now < self._limit and run.gnss.reception.is_quick and routine.is_calm(now)
-
-    def add(self, stamps_ns: np.ndarray, rows: np.ndarray) -> None:
-        """Let IMU ``rows`` (N, 7) stamped ``stamps_ns`` (N,) wait."""
-        run = self.run
-        if not self._rows:
+        self._open = now < self._limit and routine.is_calm(now)
+        if self._open:
             self._ahead = {o.t for o in run.timeline.queue.waiting()}
             run.take_observation = self._observe
             run.journal.before_next(self._fly)
+        return self._open
+
+    def add(self, block: ImuBlock) -> None:
+        """Let a ``block`` wait that the IMU's input has let pass."""
+        run = self.run
         self._periods.append((self._count, run.gnss.reception.fix_period))
-        self._stamps.append(stamps_ns)
-        self._rows.append(rows)
-        self._count += len(rows)
-        run.waiting_until = float(rows[-1, at.IMU_T])
+        self._waiting.append(block)
+        self._count += len(block)
+        run.waiting_until = run.clock.seconds(int(block.stamps_ns[-1]))
 
     @property
     def is_full(self) -> bool:
@@ -145,7 +156,7 @@ class Backlog:
 
     def may_wait_for(self, sample: Sample) -> bool:
         """Whether a ``sample`` may be judged before the rows that wait have been flown."""
-        if not self._rows:
+        if not self.is_open():
             return False
         return type(sample) in _WAIT or (type(sample) is GnssFix and self.run.gnss.reception.is_quick)
 
@@ -172,13 +183,20 @@ class Backlog:
         run = self.run
         run.take_observation = run.waiting_until = None
         run.journal.before_next(None)
-        if not self._rows:
-            return
-        stamps, rows = np.concatenate(self._stamps), np.concatenate(self._rows)
-        self._stamps, self._rows, self._left = [], [], (stamps, rows)
+        self._open = False
         coming, self._coming = self._coming, []
-        done, count, self._count = 0, self._count, 0
+        if self._waiting:
+            coming = self._fly_rows(*run.clock.imu_rows(joined(self._waiting)), coming)
+        self._waiting, self._periods = [], []
+        _hear(run, coming)
+
+    def _fly_rows(self, stamps: np.ndarray, rows: np.ndarray, coming: list[Coming]) -> list[Coming]:
+        """Fly IMU ``rows`` (N, 7); returns the observations that came behind the last one."""
+        run, self._left = self.run, (stamps, rows)
+        reception, done, count, self._count = run.gnss.reception, 0, self._count, 0
+        period_now = reception.fix_period
         while done < count and not run.despair:
+            reception.fix_period = self._period(done)
             coming = _hear(run, coming)
             out, coming = self._leg(rows[done:], coming, done)
             if len(out):
@@ -190,8 +208,12 @@ class Backlog:
             self._blocks += carry(run, stamps[done : done + further], rows[done : done + further])
             done += further
             coming = [Coming(one.behind - further, one.observation) for one in coming]
-        self._periods = []
-        _hear(run, coming)
+        reception.fix_period = period_now
+        return coming
+
+    def _period(self, row: int) -> float:
+        """Time between fixes [s] when ``row`` arrived."""
+        return self._periods[bisect.bisect_right(self._periods, row, key=_FIRST) - 1][1]
 
     def _leg(self, rows: np.ndarray, coming: list[Coming], done: int) -> tuple[np.ndarray, list[Coming]]:
         """As far as the routine goes from row ``done`` on: output rows, and what has not been heard of by then."""
@@ -202,13 +224,31 @@ class Backlog:
             return rows[:0], coming
 
         def tell(o: Observation, row: int, result: list[float]) -> None:
-            index = bisect.bisect_right(self._periods, done + row, key=_FIRST) - 1
             assert run.timeline.routine is not None
-            run.timeline.routine.tell(o, result, self._periods[index][1])
+            run.timeline.routine.tell(o, result, self._period(done + row))
 
         out, left = fly(run.timeline, rows[:ahead], coming, tell)
         run.quiet_until = -math.inf
         return out, left
+
+
+def packed(outputs: list[Output]) -> list[Output]:
+    """The same with neighbouring blocks made one where their rows share the rest."""
+    out: list[Output] = []
+    for alike, group in itertools.groupby(outputs, _what_rows_share):
+        some = list(group)
+        blocks = [one for one in some if isinstance(one, NavBlock)] if alike is not None else []
+        if len(blocks) > 1:
+            stamps = np.concatenate([one.stamps_ns for one in blocks])
+            some = [replace(blocks[0], stamps_ns=stamps, rows=np.concatenate([one.rows for one in blocks]))]
+        out += some
+    return out
+
+
+def _what_rows_share(output: Output) -> tuple[Mode, int, list[float]] | None:
+    if not isinstance(output, NavBlock):
+        return None
+    return output.mode, output.reset_count, output.correction_enu.tolist()
 
 
 def is_uneventful(run: FilterRun) -> bool:
@@ -246,10 +286,10 @@ def fly(timeline: Timeline, rows: np.ndarray, coming: list[Coming], tell: Tell) 
     imu.last = begin + leg.rows
     acted, rest = events[: len(leg.results)], events[len(leg.results) :]
     queue.add_acted([one.observation for one in acted])
-    unfinished = _note_moves(timeline, rows, acted, leg)
+    unfinished = _note_moves(timeline, begin, acted, leg)
     for one, result in zip(acted, leg.results, strict=True):
         tell(one.observation, int(result[table.RESULT_AHEAD]), result)
-    last, left = rows[leg.rows - 1, at.IMU_T] if leg.rows else -math.inf, []
+    last, left = imu.rows[imu.last - 1, at.IMU_T], []
     for one in rest:
         if one.behind <= leg.rows and (leg.within or one.observation.t > last):
             queue.insert(one.observation)
@@ -263,17 +303,18 @@ def fly(timeline: Timeline, rows: np.ndarray, coming: list[Coming], tell: Tell) 
     return out[: leg.rows], sorted(left, key=lambda one: one.observation.arrival)
 
 
-def _note_moves(timeline: Timeline, rows: np.ndarray, acted: list[Coming], leg: Leg) -> list[float] | None:
+def _note_moves(timeline: Timeline, begin: int, acted: list[Coming], leg: Leg) -> list[float] | None:
     """What observations did to the position: one by one, or at once where they came behind the row of their time.
 
-    The time line's ``moves`` and ``shift`` become what they are without routine. Returns the first result of those at
+    The rows of the flight begin at ``begin`` of the time line's. Its ``moves`` and ``shift`` become what they are
+    without routine. Returns the first result of those at
     the time of the last row where others of that time have not acted yet.
     """
     timeline.moves, k = [], 0
     while k < len(acted):
         first, ahead, t = leg.results[k], int(leg.results[k][table.RESULT_AHEAD]), acted[k].observation.t
         k += 1
-        if ahead > 0 and t == rows[ahead - 1, at.IMU_T]:
+        if t == timeline.imu.rows[begin + ahead - 1, at.IMU_T]:
             while k < len(acted) and acted[k].observation.t == t:
                 k += 1
             if leg.within and k == len(acted):

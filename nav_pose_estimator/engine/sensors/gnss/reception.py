@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -48,8 +49,9 @@ class GnssReception:
         """New thresholds and noises; the gate stays as it stands."""
         self.gate.settings = _gate_settings(parameters)
         self._correlation = parameters.position_correlation
-        self._position_floor = np.array([parameters.position_sd] * 2 + [parameters.vertical_sd]) ** 2
-        self._velocity_floor = np.array([parameters.velocity_sd] * 2 + [parameters.velocity_vertical_sd]) ** 2
+        position = np.array([parameters.position_sd] * 2 + [parameters.vertical_sd])
+        velocity = np.array([parameters.velocity_sd] * 2 + [parameters.velocity_vertical_sd])
+        self._position_floor, self._velocity_floor = (position**2).tolist(), (velocity**2).tolist()
 
     def count(self, sample: SatelliteCount, t: float) -> None:
         """Take a satellite count valid at ``t``."""
@@ -168,12 +170,11 @@ def _horizontal(sample: GnssFix) -> np.ndarray | None:
     return cov
 
 
-def _floored(cov: np.ndarray | None, floor: np.ndarray) -> np.ndarray:
+def _floored(cov: np.ndarray | None, floor: Sequence[float]) -> np.ndarray:
     """``cov`` with at least ``floor`` on its diagonal; the floor alone where the receiver states nothing."""
-    if cov is None:
-        return np.diag(floor)
-    R = np.array(cov, dtype=float)
-    R[np.diag_indices(3)] = np.maximum(np.diag(R), floor)
+    R = np.zeros((3, 3)) if cov is None else np.array(cov, dtype=float)
+    for i, least in enumerate(floor):
+        R[i, i] = max(R[i, i], least)
     return R
 
 
