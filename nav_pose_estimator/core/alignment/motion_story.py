@@ -87,6 +87,20 @@ def _sum_up(rows, start, angle, impulse):
     return True
 
 
+@kernel
+def unrest(parts):
+    """Largest of the standard deviations of three columns (N, 3)."""
+    count, largest = len(parts), 0.0
+    for axis in range(3):
+        mean, square = 0.0, 0.0
+        for i in range(count):
+            mean += parts[i, axis] / count
+        for i in range(count):
+            square += (parts[i, axis] - mean) ** 2
+        largest = max(largest, math.sqrt(square / count))
+    return largest
+
+
 class Fit(NamedTuple):
     """How well hypotheses (H,) fit: ``misfit`` of the forces' norm, and the ``scale`` by which to multiply force."""
 

@@ -69,7 +69,7 @@ class MotionCheck:
         whole = motion_story.second_of(rows, float(k - 1))
         if whole is not None:
             self._seconds[k] = whole
-            motion = float(whole.angle.std(axis=0).max())
+            motion = motion_story.unrest(whole.angle)
             if motion < self._least_motion:
                 self._offset, self._least_motion = whole.angle.sum(axis=0), motion
         if k % _EVERY == 0:

@@ -36,7 +36,7 @@ from nav_pose_estimator.engine.solutions import Mode, NavBlock, Output
 
 Tell = Callable[[Observation, int, list[float]], None]
 """Takes an observation that has acted, the number of the row ahead of which it did, and its result."""
-_WAIT = (GnssVelocity, MagSample, PressureSample, SatelliteCount)
+_WAIT = frozenset((GnssVelocity, MagSample, PressureSample, SatelliteCount))
 _AHEAD = 1.0  # s: an observation further ahead is refused
 _FIRST = operator.itemgetter(0)
 
@@ -123,11 +123,12 @@ class Backlog:
 
     def is_open(self) -> bool:
         """Whether samples may wait from now on, or go on to wait."""
+        return self._open or self._opens()
+
+    def _opens(self) -> bool:
         run = self.run
-        if self._open:
-            return True
         routine = run.timeline.routine
-        if routine is None or not _is_routine(run) or run.gnss.reception.refusal:
+        if routine is None or not _is_routine(run) or run.gnss.reception.refusal or not run.timeline.imu.last:
             return False
         if run.parameters.aids.declination_from_model or run.parameters.aids.water_density > 0.0:
             return False
@@ -156,9 +157,10 @@ class Backlog:
 
     def may_wait_for(self, sample: Sample) -> bool:
         """Whether a ``sample`` may be judged before the rows that wait have been flown."""
-        if not self.is_open():
-            return False
-        return type(sample) in _WAIT or (type(sample) is GnssFix and self.run.gnss.reception.is_quick)
+        kind = type(sample)
+        if kind in _WAIT or (kind is GnssFix and self.run.gnss.reception.is_quick):
+            return self._open or self._opens()
+        return False
 
     def flown(self) -> tuple[list[NavBlock], np.ndarray, np.ndarray]:
         """All solutions that are new, stamps and rows of the last flight."""
@@ -219,7 +221,7 @@ class Backlog:
         """As far as the routine goes from row ``done`` on: output rows, and what has not been heard of by then."""
         run = self.run
         run.timeline.settle()
-        ahead = int(np.searchsorted(rows[:, at.IMU_T], run.second_due))
+        ahead = int(rows[:, at.IMU_T].searchsorted(run.second_due))
         if not ahead or not _is_routine(run):
             return rows[:0], coming
 

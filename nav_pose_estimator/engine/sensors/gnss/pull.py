@@ -50,13 +50,13 @@ class Unaided:
 
     def compare(self, end: float, received: list[tuple[float, Vector3]]) -> None:
         """With what was ``received`` in the second up to ``end``."""
-        trace = np.concatenate(self._trace)
-        begin = float(trace[0, 0])
+        begin = float(self._trace[0][0, 0])
         own = [one for one in received if end - 1.0 <= one[0] < end and begin <= one[0]]
         if not own:
             self.seconds = ()
             return
         t, v = [one[0] for one in own], [one[1] for one in own]
+        trace = np.concatenate(self._trace)
         felt = [np.interp(t, trace[:, 0], trace[:, 1 + axis]).tolist() for axis in range(2)]
         wandered = self._turn * self.age**2 + _CROSS**2 * float(self._angle @ self._angle)
         drift_sd = math.sqrt(_G**2 * (self._tilt + wandered) + self._push)

@@ -75,6 +75,7 @@ class RoutinePosition:
 
     def __init__(self, sensor: GnssPositionSensor, aiding: Aiding) -> None:
         self._sensor, self._aiding = sensor, aiding
+        self._decision = Decision(Use.GATED, 0.0)
 
     def prepare(self, settings: np.ndarray, t: float) -> bool:
         """While neither the guard nor the doubts have anything to say."""
@@ -119,7 +120,9 @@ class RoutinePosition:
         sensor.watch_drift(o, place, None if velocity is None else velocity.velocity, CHANCE * sd)
         sensor.record.add(result[table.RESULT_NIS], 3, period or sensor.reception.fix_period)
         sensor.reception.use(t, with_height=True)
-        o.decision = Decision(Use.GATED, reference)
+        if self._decision.reference != reference:
+            self._decision = Decision(Use.GATED, reference)
+        o.decision = self._decision
 
 
 class RoutineHeight:
