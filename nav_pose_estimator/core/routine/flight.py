@@ -36,20 +36,23 @@ def is_due(memory, events, k, behind):
 
 
 @kernel
-def fly(memory, rows, begin, end, events, settings, out, results):
+def fly(memory, rows, begin, end, is_followed, events, settings, out, results):
     """Carry the filter over IMU rows ``begin`` to ``end`` of ``rows`` (N, 7) and let ``events`` (K, ...) act.
 
     There is a row ahead of ``begin``. An event that arrived behind as many of these rows as it says acts at its own
     time, but not before it arrived; where that is the time of the row ahead of it, on the filter as that row left it.
-    Those that came behind the last row are left to others. It ends ahead of an event that is not a matter of routine,
-    or of a row at which GNSS counts as lost. ``out`` (end - begin, OUT_COLUMNS) receives the state after each row.
+    Those that came behind the last row act only if it ``is_followed`` by another: until then more may come. It ends
+    ahead of an event that is not a matter of routine, or of a row at which GNSS counts as lost. ``out`` (end - begin,
+    OUT_COLUMNS) receives the state after each row.
 
     Returns how many rows and how many events are done, and where the filter stands (``AT_ROW`` or ``AT_TIME``).
     """
     done, k, count = 0, 0, len(events)
     size = end - begin
-    while done < size:
+    while True:
         behind = int(events[k, table.EVENT_BEHIND]) if k < count else 0
+        if done == size and not (is_followed and k < count and behind == done):
+            break
         # of the time of the last row, and not of a place between rows at which an earlier flight ended
         if k < count and behind == done and events[k, table.EVENT_T] <= rows[begin + done - 1, IMU_T]:
             first = k
@@ -59,6 +62,8 @@ def fly(memory, rows, begin, end, events, settings, out, results):
                 return done, k, AT_TIME if k > first else AT_ROW
             at.renew_checkpoint(memory)
             continue
+        if done == size:
+            break
         stop = min(behind, size) if behind > done else size
         stop = _still_aided(rows, begin, done, stop, settings)
         if stop == done:

@@ -229,7 +229,7 @@ class Backlog:
             assert run.timeline.routine is not None
             run.timeline.routine.tell(o, result, self._period(done + row))
 
-        out, left = fly(run.timeline, rows[:ahead], coming, tell)
+        out, left = fly(run.timeline, (rows[:ahead], ahead < len(rows)), coming, tell)
         run.quiet_until = -math.inf
         return out, left
 
@@ -272,19 +272,22 @@ def _hear(run: FilterRun, coming: list[Coming]) -> list[Coming]:
     return [one for one in coming if one.behind > 0]
 
 
-def fly(timeline: Timeline, rows: np.ndarray, coming: list[Coming], tell: Tell) -> tuple[np.ndarray, list[Coming]]:
-    """``Timeline.advance`` by routine, with observations that come behind some of the ``rows``, on a settled time line.
+def fly(
+    timeline: Timeline, stretch: tuple[np.ndarray, bool], coming: list[Coming], tell: Tell
+) -> tuple[np.ndarray, list[Coming]]:
+    """``Timeline.advance`` by routine, with observations that come behind some of the rows, on a settled time line.
 
+    ``stretch``: IMU rows (N, 7), and whether they are followed by others that have arrived.
     Ends early where something is unusual. Returns output rows (N, OUT_COLUMNS) as far as it went, and what of
     ``coming`` has not been heard of by then, in order of arrival and counted from there.
     """
-    imu, queue, routine = timeline.imu, timeline.queue, timeline.routine
+    (rows, is_followed), imu, queue, routine = stretch, timeline.imu, timeline.queue, timeline.routine
     assert routine is not None
     imu.append(rows)
     begin = imu.last - len(rows)
     events = sorted([*(Coming(0, o) for o in queue.take_waiting()), *coming], key=lambda one: one.observation.key)
     out = np.empty((len(rows), at.OUT_COLUMNS))
-    leg = routine.fly(timeline.filter.vector, (imu.rows, begin, imu.last), events, out)
+    leg = routine.fly(timeline.filter.vector, (imu.rows, begin, imu.last, is_followed), events, out)
     imu.last = begin + leg.rows
     acted, rest = events[: len(leg.results)], events[len(leg.results) :]
     queue.add_acted([one.observation for one in acted])

@@ -64,9 +64,9 @@ class Routine:
         return told
 
     def fly(
-        self, vector: np.ndarray, rows: tuple[np.ndarray, int, int], coming: Sequence[Coming], out: np.ndarray
+        self, vector: np.ndarray, rows: tuple[np.ndarray, int, int, bool], coming: Sequence[Coming], out: np.ndarray
     ) -> Leg:
-        """``core.routine.flight.fly``: ``rows`` are all IMU rows, the first and the one behind the last."""
+        """``core.routine.flight.fly``: ``rows`` are all IMU rows, ``begin``, ``end`` and ``is_followed``."""
         settings = self._settings()
         events = self._events(coming, settings, float(vector[memory.NAV + TIME]))
         results = np.empty((len(events), table.RESULT_COLUMNS))
