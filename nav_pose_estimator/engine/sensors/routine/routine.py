@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import step_enu
 from nav_pose_estimator.core.filter import memory
-from nav_pose_estimator.core.filter.layout import TIME
+from nav_pose_estimator.core.filter.layout import IMU_COLUMNS, OUT_COLUMNS, TIME
 from nav_pose_estimator.core.routine import flight, table
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.sensors.aiding import Aiding
@@ -104,6 +105,15 @@ class Routine:
             else:
                 events.append([o.t, kind.number, behind, *kind.values(o)])
         return np.array(events).reshape(len(events), table.EVENT_COLUMNS)
+
+
+def warm_up(constants: np.ndarray) -> None:
+    """Compile the kernels: fly over no row, past no observation."""
+    vector, rows = memory.make(constants, 2, math.inf), np.zeros((1, IMU_COLUMNS))
+    events, results = np.empty((0, table.EVENT_COLUMNS)), np.empty((0, table.RESULT_COLUMNS))
+    settings, out = np.zeros(table.SETTINGS_SIZE), np.empty((0, OUT_COLUMNS))
+    flight.fly(vector, rows, 1, 1, False, events, settings, out, results)
+    flight.act_now(vector, events, 0, 0, 0, settings, results)
 
 
 def moved(shift: np.ndarray, first: list[float], last: list[float]) -> np.ndarray:
