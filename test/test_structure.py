@@ -21,6 +21,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "core.numerics": set(),
     "core.earth": {"core.numerics"},
     "core.filter": CORE,
+    "core.routine": {*CORE, "core.filter"},
     "core.alignment": {*CORE, "core.filter"},
     "core.gnss": {*CORE, "core.filter"},
     "core.attitude": {"core.numerics"},
@@ -36,6 +37,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "engine.sensors.beams": {"core", "engine", "engine.imu", "engine.parameters"},
     "engine.sensors.magnetic": {"core", "engine", "engine.imu", "engine.parameters"},
     "engine.sensors.gnss": {"core", "engine", "engine.events", "engine.parameters", "engine.sensors"},
+    "engine.sensors.routine": {"core", "engine", "engine.parameters", "engine.sensors", "engine.sensors.gnss"},
     "engine.attitude": {"core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*"},
     "engine.continuation": {"core", "engine", "engine.parameters"},
     "engine.navigator": {

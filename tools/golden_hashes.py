@@ -6,7 +6,7 @@
 Flights: the shipped bags, a simulated one with late fixes and a velocity sensor, and a recorded one where the folder
 ``shared`` lies beside the repository. For each a hash of every row of the solution, of the full states, attitudes,
 network outputs, events and counters. A hash holds for one machine and one set of library versions; what counts is that
-it stays the same from one commit to the next.
+it stays the same from one commit to the next. It does not depend on how rows are packed into blocks.
 """
 
 import hashlib
@@ -27,6 +27,7 @@ from nav_pose_estimator.engine.solutions import (
     AttitudeBlock,
     AttitudeSolution,
     Event,
+    Mode,
     NavBlock,
     NavSolution,
     Output,
@@ -43,7 +44,7 @@ SHARED = Path(os.environ.get("NAV_POSE_SHARED", REPOSITORY.parent / "shared"))
 class Fingerprint:
     """One hash for each kind of output."""
 
-    KINDS = ("rows", "states", "attitudes", "network", "events", "counters")
+    KINDS = ("stamps", "rows", "modes", "states", "attitudes", "network", "events", "counters")
 
     def __init__(self) -> None:
         self._hashes = {kind: hashlib.sha256() for kind in self.KINDS}
@@ -52,11 +53,10 @@ class Fingerprint:
         """Add what came out of one call."""
         for output in outputs:
             if isinstance(output, NavBlock):
-                self._add("rows", output.stamps_ns, output.rows, output.correction_enu, output.mode.value)
+                self._add_rows(output.stamps_ns, output.rows, output.correction_enu, output.mode)
             elif isinstance(output, NavSolution):
-                self._add(
-                    "rows", output.stamp_ns, output.values[:OUT_COLUMNS], output.correction_enu, output.mode.value
-                )
+                row = output.values[None, :OUT_COLUMNS]
+                self._add_rows(np.array([output.stamp_ns]), row, output.correction_enu, output.mode)
                 self._add("states", output.values)
             elif isinstance(output, AttitudeBlock):
                 self._add("attitudes", output.rows)
@@ -71,6 +71,11 @@ class Fingerprint:
         """Counters, then the first digits of every hash."""
         self._add("counters", sorted(engine.status().counters.items()))
         return "  ".join(f"{kind} {digest.hexdigest()[:12]}" for kind, digest in self._hashes.items())
+
+    def _add_rows(self, stamps_ns: np.ndarray, rows: np.ndarray, correction: np.ndarray, mode: Mode) -> None:
+        self._add("stamps", stamps_ns)
+        self._add("rows", np.hstack([rows, np.broadcast_to(correction, (len(rows), 3))]))
+        self._add("modes", *[mode.value] * len(rows))
 
     def _add(self, kind: str, *values: object) -> None:
         for value in values:

@@ -1,6 +1,7 @@
 """What an engine reports: events in order, and how often each kind of event happened."""
 
 from collections import Counter
+from collections.abc import Callable
 
 from nav_pose_estimator.engine.solutions import Event, Level
 
@@ -11,6 +12,17 @@ class Journal:
     def __init__(self) -> None:
         self.counters: Counter[str] = Counter()
         self._events: list[Event] = []
+        self._before: Callable[[], object] | None = None
+
+    def before_next(self, action: Callable[[], object] | None) -> None:
+        """Let ``action`` happen once ahead of the next event: what comes earlier may have something to say, too."""
+        self._before = action
+
+    def catch_up(self) -> None:
+        """Something is about to be said that depends on what was said last."""
+        if self._before is not None:
+            action, self._before = self._before, None
+            action()
 
     def count(self, name: str) -> None:
         """Count something that happens too often for words."""
@@ -22,6 +34,7 @@ class Journal:
 
     def add(self, event: Event) -> None:
         """Count an event made elsewhere and hand it on."""
+        self.catch_up()
         self.counters[event.name] += 1
         self._events.append(event)
 

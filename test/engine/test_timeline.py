@@ -133,8 +133,8 @@ def test_memory_stays_bounded() -> None:
         timeline.advance(chunk)
     kept = timeline.filter.vector[memory.NEWEST] - timeline.filter.vector[memory.OLDEST]
     assert kept < 35
-    assert len(timeline._queue) < 8
-    assert len(timeline._imu.rows) < 3000
+    assert len(timeline.queue) < 8
+    assert len(timeline.imu.rows) < 3000
 
 
 @pytest.mark.parametrize("sampling", ["mean", "point"])

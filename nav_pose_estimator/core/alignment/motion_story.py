@@ -13,6 +13,7 @@ costs nothing, because ``-s`` only turns the sign of the smallest singular value
 
 import itertools
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -38,6 +39,7 @@ BINS = 25
 """Parts of a second in which rates and forces are summed before they are integrated."""
 _LONGEST_STEP = 0.25  # s: what one IMU sample may stand for
 DEGREE = math.pi / 180.0
+_AS_PUBLISHED = np.eye(3)[None]
 
 
 def axis_rotations() -> Array:
@@ -58,10 +60,6 @@ class Second:
 
     angle: Array
     impulse: Array
-
-    def without(self, bias: Array) -> "Second":
-        """The same without a ``bias`` (3,) [rad/s] of the gyroscope."""
-        return Second(self.angle - bias / BINS, self.impulse)
 
 
 def second_of(rows: Array, start: float) -> Second | None:
@@ -89,6 +87,20 @@ def _sum_up(rows, start, angle, impulse):
     return True
 
 
+@kernel
+def unrest(parts):
+    """Largest of the standard deviations of three columns (N, 3)."""
+    count, largest = len(parts), 0.0
+    for axis in range(3):
+        mean, square = 0.0, 0.0
+        for i in range(count):
+            mean += parts[i, axis] / count
+        for i in range(count):
+            square += (parts[i, axis] - mean) ** 2
+        largest = max(largest, math.sqrt(square / count))
+    return largest
+
+
 class Fit(NamedTuple):
     """How well hypotheses (H,) fit: ``misfit`` of the forces' norm, and the ``scale`` by which to multiply force."""
 
@@ -109,6 +121,25 @@ def fit(seconds: list[Second], u: Array, gyros: Array) -> Fit:
     traces = [singular[:, 0] + singular[:, 1] + side * sign * singular[:, 2] for side in (1.0, -1.0)]
     misfits = [np.sqrt(np.maximum(1.0 - trace**2 / (own * wanted), 0.0)) for trace in traces]
     return Fit(misfits[0], traces[0] / own, misfits[1], traces[1] / own)
+
+
+def least_misfit(seconds: list[Second], u: Array, biases: Iterable[Array], enough: float) -> float:
+    """The least ``misfit`` of ``fit`` for gyroscopes as published, without one of ``biases`` (3,) [rad/s].
+
+    The first one below ``enough`` will do.
+    """
+    angle, impulse = np.array([one.angle for one in seconds]), np.array([one.impulse for one in seconds])
+    wanted, least, out = float(np.vdot(u, u)), math.inf, np.empty((1, len(seconds), 3))
+    for bias in biases:
+        _integrate(angle - bias / BINS, impulse, _AS_PUBLISHED, out)
+        B = u.T @ out[0]
+        first, second, third = np.linalg.svd(B, compute_uv=False).tolist()
+        trace = first + second + math.copysign(third, dot(B[0], cross(B[1], B[2])))
+        own = float(np.vdot(out, out)) + 1e-12
+        least = min(least, math.sqrt(max(1.0 - trace**2 / (own * wanted), 0.0)))
+        if least < enough:
+            break
+    return least
 
 
 def impulses(seconds: list[Second], gyros: Array) -> Array:

@@ -25,16 +25,19 @@ class CompassSwing:
 
     def __init__(self, memory: float) -> None:
         self._memory = memory
-        self._products = np.zeros((3, 3), dtype=complex)
-        self._fields = np.zeros(3, dtype=complex)
+        self._products = [[0.0j] * 3 for _ in range(3)]
+        self._fields = [0.0j] * 3
         self._seconds = 0.0
 
     def add(self, north: complex, field: complex, seconds: float) -> None:
         """A ``field`` in level body axes, x + iy, that stands for ``seconds``; ``north``: where it should point."""
-        row = np.array([north, north.conjugate(), 1.0])
+        row = (north, north.conjugate(), 1.0 + 0.0j)
         keep = math.exp(-seconds / self._memory)
-        self._products = keep * self._products + seconds * np.outer(row.conj(), row)
-        self._fields = keep * self._fields + seconds * row.conj() * field
+        for i, one in enumerate(row):
+            weight = seconds * one.conjugate()
+            self._fields[i] = keep * self._fields[i] + weight * field
+            products = zip(self._products[i], row, strict=True)
+            self._products[i] = [keep * so_far + weight * other for so_far, other in products]
         self._seconds = keep * self._seconds + seconds
 
     def coefficients(self) -> tuple[complex, complex, complex] | None:

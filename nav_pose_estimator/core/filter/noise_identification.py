@@ -68,7 +68,7 @@ class NoiseIdentification:
             self._begin(nav, P, constants)
             return False
         flying = self._flying
-        rows = rows[np.searchsorted(rows[:, at.IMU_T], flying[memory.NAV + at.TIME], side="right") :]
+        rows = rows[rows[:, at.IMU_T].searchsorted(flying[memory.NAV + at.TIME], side="right") :]
         memory.run_block(flying, rows, 0, len(rows), math.inf, np.empty((len(rows), at.OUT_COLUMNS)))
         self._calls += 1
         if self._calls == RECEIVER_TRIAL:

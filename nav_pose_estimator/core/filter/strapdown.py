@@ -104,13 +104,16 @@ def integrate(nav, constants, t, gyro, accel):
 
 
 @kernel
-def unaided_velocities(nav, constants, rows, lever, out):
+def unaided_velocities(nav, constants, rows, lever, out, angle):
     """Carry ``nav`` alone over IMU ``rows`` (N, 7); ``out`` (N, 4) receives time and velocity of a point of the body.
 
     The point lies at ``lever`` (3,) [m] from the IMU. What the covariance would need is summed up and not looked at.
+    ``angle`` (3,) [rad] grows by the integral of the rate over all rows but the first.
     """
     arm = load3(lever, 0)
     for i in range(len(rows)):
+        for k in range(3):
+            angle[k] += (rows[i, IMU_T] - rows[i - 1, IMU_T]) * rows[i, IMU_GYRO + k] if i > 0 else 0.0
         integrate(nav, constants, rows[i, IMU_T], load3(rows[i], IMU_GYRO), load3(rows[i], IMU_ACCEL))
         swing = q_rotate(load4(nav, QUAT), cross(load3(nav, PREV_RATE), arm))
         out[i, 0] = nav[TIME]

@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 _COUNT = 10  # velocities that are looked at
 _REFUSED = 0.5  # share of them
 _STALE = 12.0  # s: older ones say nothing
-_OFF = 4.0  # deviations of a position
+OFF = 4.0
+"""Deviations of a position from which on it casts doubt."""
 _OFF_TIME = 2.0  # s
 _PERIOD = 1.0  # s between two widenings
 _WIDENED = 4  # times in one doubt: what that does not mend is no matter of the covariance
@@ -43,21 +44,30 @@ class Doubt:
 
     def position(self, t: float, deviations: float) -> float:
         """A position at ``t`` [s] as far off (Mahalanobis distance); the factor that the covariance is to grow by."""
-        self._off_since, self._off = (min(self._off_since, t), deviations) if deviations > _OFF else (math.inf, 0.0)
+        self._off_since, self._off = (min(self._off_since, t), deviations) if deviations > OFF else (math.inf, 0.0)
         refused = self._refused()
         if refused >= _REFUSED:
             self.reason = f"it refuses {100.0 * refused:.0f} % of the GNSS velocities"
         elif t - self._off_since >= _OFF_TIME:
             self.reason = f"GNSS positions lie {deviations:.0f} sigma off for {t - self._off_since:.0f} s"
-        elif refused <= _EASED and deviations <= _OFF:
+        elif refused <= _EASED and deviations <= OFF:
             self.reason, self._times, self._both_since = "", 0, math.inf
-        if refused >= _REFUSED and deviations > _OFF:
+        if refused >= _REFUSED and deviations > OFF:
             self._both_since = min(self._both_since, t)
         if not self.reason or self._times >= _WIDENED or t - self._widened < _PERIOD:
             return 1.0
         self._widened, self._times = t, self._times + 1
         weight = max(self._velocity_nis(), self._off**2 / 3.0, 1.0)
         return min(weight, _LARGEST_FACTOR)
+
+    @property
+    def is_calm(self) -> bool:
+        """Whether no doubt is near: positions within ``OFF`` and velocities that are taken cannot bring one about."""
+        return not self.reason and sum(one[1] for one in self._velocities) < _REFUSED * _COUNT
+
+    def agrees(self) -> None:
+        """``position`` within ``OFF`` where doubt ``is_calm``: it widens nothing."""
+        self._off_since, self._off = math.inf, 0.0
 
     @property
     def nis(self) -> float:

@@ -11,12 +11,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-_STEP = 6.0  # m between two fixes in a row
+STEP = 6.0
+"""m between two fixes in a row."""
 _SAME = 6.0  # m within which heights agree on the new reference
 _PROOF = 5.0  # s for which they do
-_PAUSE = 20.0  # s: over a longer one a height may have changed for many reasons; steps count together
-
-_SWITCHES = 4  # steps within ``_PAUSE`` after which nobody knows which height is which
+PAUSE = 20.0
+"""s: over a longer one a height may have changed for many reasons; steps count together."""
+_SWITCHES = 4  # steps within ``PAUSE`` after which nobody knows which height is which
 
 USED, LEFT_OUT, MOVED = "used", "left out", "moved"
 
@@ -39,6 +40,20 @@ class HeightReference:
     _steps: tuple[float, ...] = field(default=(), init=False)  # times [s] of the last ones
     _candidate: _Candidate | None = field(default=None, init=False)
 
+    @property
+    def last(self) -> tuple[float, float]:
+        """Time [s] of the last height, and how far it was off [m]."""
+        return self._before
+
+    def is_calm(self, t: float) -> bool:
+        """Whether no change of the reference is under way at ``t`` [s]: a height without a step is then ``USED``."""
+        switches = len(self._steps) >= _SWITCHES and t - self._steps[-1] < PAUSE
+        return self._candidate is None and self.span == 0.0 and not switches
+
+    def agrees(self, t: float, off: float) -> None:
+        """``offer`` of a height without a step and within its bound, where all ``is_calm``."""
+        self._before = (t, off)
+
     def offer(self, t: float, off: float, bound: float, scatter: float, known: bool) -> str:
         """What becomes of a height valid at ``t`` [s].
 
@@ -49,9 +64,9 @@ class HeightReference:
             known: whether fixes have corrected the filter's height up to now.
         """
         before, self._before = self._before, (t, off)
-        stepped = t - before[0] < _PAUSE and abs(off - before[1]) > max(scatter, _STEP)
-        self._steps = tuple(at for at in (*self._steps, t) if t - at < _PAUSE) if stepped else self._steps
-        if self._steps and len(self._steps) >= _SWITCHES and t - self._steps[-1] < _PAUSE:
+        stepped = t - before[0] < PAUSE and abs(off - before[1]) > max(scatter, STEP)
+        self._steps = tuple(at for at in (*self._steps, t) if t - at < PAUSE) if stepped else self._steps
+        if self._steps and len(self._steps) >= _SWITCHES and t - self._steps[-1] < PAUSE:
             self._candidate = None
             self.span = max(self.span, abs(off - before[1]))
             return LEFT_OUT
@@ -60,7 +75,7 @@ class HeightReference:
             self._candidate = None
             return USED
         candidate = self._candidate
-        if candidate is not None and t - candidate.last < _PAUSE and abs(off - candidate.step) < _SAME:
+        if candidate is not None and t - candidate.last < PAUSE and abs(off - candidate.step) < _SAME:
             if t - candidate.since < _PROOF:
                 self._candidate = _Candidate(candidate.since, t, candidate.step)
                 return LEFT_OUT

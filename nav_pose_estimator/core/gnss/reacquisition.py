@@ -190,11 +190,11 @@ class Reacquisition:
         offset = _difference(fix.position, _vector(predicted_enu))
         predicted_sd = _vector(predicted_sd)
         sigmas = _sigmas(offset, fix.sd, predicted_sd)
-        self._note_fused(t - gap_s)
         lost = gap_s > self.settings.loss_time
         if not lost and sigmas <= self.settings.sigmas:
-            self.state.approved = fix
+            self.expected(fix, gap_s)
             return Decision("fuse", "gnss.fuse", offset, sigmas)
+        self._note_fused(t - gap_s)
         track = self._weighed(self._follow(fix, _velocity(velocity_enu)), unexplained)
         zone = self._zone(track, sigmas)
         waiting_for = self._waiting_for(track, zone, offset, lost)
@@ -205,6 +205,11 @@ class Reacquisition:
         if waiting_for:
             return Decision("wait" if lost else "reject", waiting_for, offset, sigmas)
         return self._approve(fix, track, zone, offset, sigmas, predicted_sd, gap_s)
+
+    def expected(self, fix: Fix, gap_s: float) -> None:
+        """Let a ``fix`` through that lies where it is expected, while GNSS is fused."""
+        self._note_fused(fix.t - gap_s)
+        self.state.approved = fix
 
     def _note_fused(self, last_fused: float) -> None:
         """Once an approved fix has been fused, rivals start anew and, after probation, the fix becomes the anchor."""

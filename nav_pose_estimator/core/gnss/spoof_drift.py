@@ -7,12 +7,13 @@ position and summed velocity has changed since some seconds ago. Pure Python, wi
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 _PAUSE = 2.0  # s: over a longer one nothing can be summed up
 _MARK_PERIOD = 5.0  # s between the differences that are kept
 _MARKS = 12  # ... which reach back a minute
 _SPEED = 0.5  # m/s: what velocities of honest receivers may be wrong by for long
+_NEARLY = 0.999  # of a square: below, the distance need not be taken exactly
 
 Mark = tuple[float, float, float]  # t [s], difference East and North [m]
 
@@ -56,10 +57,18 @@ class WalkOff:
         x, y = (p + half * (a + b) for p, a, b in zip(s.travelled, s.velocity, v, strict=True))
         here = (t, float(position_enu[0]) - x, float(position_enu[1]) - y)
         marks = s.marks if t - s.marks[-1][0] < _MARK_PERIOD else (*s.marks, here)[-_MARKS:]
-        self.state = replace(s, t=t, velocity=v, travelled=(x, y), marks=marks)
-        return max((_leaving(mark, here, scatter) for mark in marks), default=0.0)
+        self.state = _State(t, v, (x, y), marks)
+        return _leaving(marks, here, scatter)
 
 
-def _leaving(then: Mark, now: Mark, scatter: float) -> float:
-    seconds, apart = now[0] - then[0], math.hypot(now[1] - then[1], now[2] - then[2])
-    return apart / seconds if apart > scatter + _SPEED * seconds > 0.0 and seconds > 0.0 else 0.0
+def _leaving(marks: tuple[Mark, ...], now: Mark, scatter: float) -> float:
+    """The largest speed away from one of ``marks`` that is more than chance; 0.0 where none is."""
+    fastest = 0.0
+    for then in marks:
+        seconds, east, north = now[0] - then[0], now[1] - then[1], now[2] - then[2]
+        bound = scatter + _SPEED * seconds
+        if seconds > 0.0 and bound > 0.0 and east * east + north * north > _NEARLY * bound * bound:
+            apart = math.hypot(east, north)
+            if apart > bound:
+                fastest = max(fastest, apart / seconds)
+    return fastest

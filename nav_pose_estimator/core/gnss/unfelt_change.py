@@ -16,10 +16,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+Vector2 = tuple[float, float]
 
 _SPAN = 4  # s of means before and after a change
 _CHANGE = 1  # s that may lie between them
@@ -39,16 +36,16 @@ _HISTORY = 20  # comparisons before anything is concluded
 _MEMORY = 300.0  # comparisons: what is usual may change with the flight
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Second:
     """Means over one second."""
 
-    apart: Array
-    """(2,) m/s, East and North: the receiver's velocity less the IMU's, up to a constant."""
+    apart: Vector2
+    """m/s, East and North: the receiver's velocity less the IMU's, up to a constant."""
     count: int
     """Velocities that are in it."""
-    velocity: Array
-    """(2,) m/s, the IMU's."""
+    velocity: Vector2
+    """m/s, the IMU's."""
     heading_sd: float
     """rad."""
     drift_sd: float
@@ -66,8 +63,8 @@ class UnfeltChange:
     _compared: int = field(default=0, init=False)
     _fresh: deque[float] = field(default_factory=deque, init=False)  # deviations that may be part of a change
 
-    def find(self, seconds: Sequence[Second]) -> Array | None:
-        """The change (2,) [m/s] of the receiver's velocity in the last of ``seconds`` that no force explains, or None.
+    def find(self, seconds: Sequence[Second]) -> Vector2 | None:
+        """The change [m/s] of the receiver's velocity in the last of ``seconds`` that no force explains, or None.
 
         ``seconds`` follow one another and belong to one IMU velocity that nothing has corrected; ``SPANS`` say enough.
         """
@@ -76,7 +73,7 @@ class UnfeltChange:
             return None
         deviations, change = max(found, key=lambda one: one[0])
         self.ratio = deviations / max(self.usual, _USUAL_AT_LEAST)
-        size = math.hypot(*change.tolist())
+        size = math.hypot(*change)
         if self._compared >= _HISTORY and self.ratio > _RATIO and _LEAST < size < _MOST and _has_settled(seconds, size):
             self._fresh.clear()
             return change
@@ -89,30 +86,34 @@ class UnfeltChange:
 
 
 def _has_settled(seconds: Sequence[Second], size: float) -> bool:
-    apart = math.dist(seconds[-1].apart.tolist(), seconds[-_SPAN].apart.tolist())
+    apart = math.dist(seconds[-1].apart, seconds[-_SPAN].apart)
     return apart < _SETTLED * size + 2.0 * _SHARED
 
 
-def _compare(seconds: Sequence[Second], gap: int) -> tuple[float, Array]:
+def _compare(seconds: Sequence[Second], gap: int) -> tuple[float, Vector2]:
     """The change between the last seconds and those ``gap`` [s] before them, in deviations and in m/s."""
     after, before = seconds[-_SPAN:], seconds[-2 * _SPAN - gap :][:_SPAN]
-    change = _mean(after) - _mean(before)
-    turned = np.mean([s.velocity for s in after], 0) - np.mean([s.velocity for s in before], 0)
+    change = _difference([s.apart for s in after], [s.apart for s in before])
+    turned = _difference([s.velocity for s in after], [s.velocity for s in before])
     heading_sd = max(s.heading_sd for s in seconds)
     variance = (
         2.0 * _VELOCITY_SD**2 * sum(1.0 / sum(s.count for s in part) for part in (before, after))
         + _SHARED**2
         + (max(s.drift_sd for s in seconds) * (_SPAN + gap)) ** 2
-        + (heading_sd**2 + _SCALE**2) * float(turned @ turned)
+        + (heading_sd**2 + _SCALE**2) * (turned[0] ** 2 + turned[1] ** 2)
         + (_TIMING * (_acceleration(after) + _acceleration(before))) ** 2
     )
-    return float(np.linalg.norm(change)) / math.sqrt(variance), change
+    return math.hypot(*change) / math.sqrt(variance), change
 
 
-def _mean(seconds: Sequence[Second]) -> Array:
-    return np.asarray(np.mean([s.apart for s in seconds], axis=0))
+def _difference(after: Sequence[Vector2], before: Sequence[Vector2]) -> Vector2:
+    """Of the means."""
+    east, north = (
+        sum(one[axis] for one in after) / len(after) - sum(one[axis] for one in before) / len(before) for axis in (0, 1)
+    )
+    return east, north
 
 
 def _acceleration(seconds: Sequence[Second]) -> float:
     """m/s^2, mean over ``seconds``."""
-    return float(np.linalg.norm(seconds[-1].velocity - seconds[0].velocity)) / (len(seconds) - 1)
+    return math.dist(seconds[-1].velocity, seconds[0].velocity) / (len(seconds) - 1)

@@ -83,6 +83,7 @@ class VelocityCheck:
     misfit: float = field(default=0.0, init=False)
     """Speed [m/s] by which sums and ways differed in the last stretch."""
     _velocities: deque[tuple[float, float, float, float]] = field(default_factory=lambda: deque(maxlen=40), init=False)
+    _ordered: int = field(default=0, init=False)  # so many of the last ones came in order of time
     _waiting: tuple[float, float, float, float] | None = field(default=None, init=False)
     _zero: tuple[float, float] = field(default=(0.0, 0.0), init=False)  # lat, lon of the stretch's first fix
     _epochs: list[_Epoch] = field(default_factory=list, init=False)
@@ -119,6 +120,7 @@ class VelocityCheck:
 
     def velocity(self, t: float, east: float, north: float, up: float) -> None:
         """A velocity [m/s] valid at ``t``, as the driver names its axes."""
+        self._ordered = self._ordered + 1 if self._velocities and t >= self._velocities[-1][0] else 1
         self._velocities.append((t, east, north, up))
         if up != 0.0:
             self._zeros, self.vertical_suspect = math.inf, False  # it is filled
@@ -135,7 +137,7 @@ class VelocityCheck:
         before, self._waiting = self._waiting, (t, lat, lon, alt)
         if before is None or not before[0] < t:
             return
-        own = min(self._velocities, key=lambda v: abs(v[0] - before[0]), default=None)
+        own = self._nearest_velocity(before[0])
         if own is None or abs(own[0] - before[0]) > _APART:
             self._epochs.clear()
             self._climb = None
@@ -146,6 +148,17 @@ class VelocityCheck:
         lat, lon = self._zero
         east = _EARTH * math.cos(lat) * math.remainder(before[2] - lon, 2.0 * math.pi)
         self._add(_Epoch(before[0], (east, _EARTH * (before[1] - lat)), (own[1], own[2])))
+
+    def _nearest_velocity(self, t: float) -> tuple[float, float, float, float] | None:
+        """The one nearest in time, of two as near the earlier one to arrive; None without any."""
+        best, least = None, math.inf
+        for velocity in reversed(self._velocities):
+            apart = abs(velocity[0] - t)
+            if apart <= least:
+                best, least = velocity, apart
+            elif velocity[0] < t and self._ordered >= len(self._velocities):
+                break  # those that arrived before it are older still
+        return best
 
     def _add(self, epoch: _Epoch) -> None:
         epochs = self._epochs

@@ -35,6 +35,10 @@ class ExchangeClock:
             del cuts[-2]
         return itertools.pairwise(cuts)
 
+    def talks_behind(self, block: ImuBlock) -> bool:
+        """Whether ``is_due`` will be true of it."""
+        return int(block.stamps_ns[-1]) // _PERIOD_NS != self.period
+
     def is_due(self, sample: ImuSample | ImuBlock) -> bool:
         """Whether the estimators talk behind ``sample``."""
         stamp = sample.stamp_ns if isinstance(sample, ImuSample) else int(sample.stamps_ns[-1])

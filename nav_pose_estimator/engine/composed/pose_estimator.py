@@ -14,6 +14,7 @@ from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
 from nav_pose_estimator.engine.composed import sensor_batch
 from nav_pose_estimator.engine.composed.exchange import ExchangeClock, navigator_velocity
 from nav_pose_estimator.engine.composed.sensor_batch import SensorBatch
+from nav_pose_estimator.engine.navigator import stretch
 from nav_pose_estimator.engine.navigator.modes import LEVELLING
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.outage.aid import OutageAid
@@ -24,11 +25,14 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import (
     AttitudeSample,
     GnssFix,
+    GnssVelocity,
     ImuBlock,
     ImuSample,
     MagSample,
     MotionEvidence,
+    PressureSample,
     Sample,
+    SatelliteCount,
     VelocityError,
 )
 from nav_pose_estimator.engine.sensors.magnetometer import WRONG_START
@@ -43,6 +47,8 @@ from nav_pose_estimator.engine.solutions import (
     Status,
 )
 
+_BETWEEN = (GnssFix, GnssVelocity, MagSample, PressureSample, SatelliteCount)
+"""Samples that the navigator takes together with the IMU's."""
 Early = Sequence[tuple[int, Sample]]
 """Samples that came behind so many IMU samples of a block; the navigator hears of them before the block."""
 
@@ -82,27 +88,57 @@ class PoseEstimator:
     def feed(self, sample: Sample) -> list[Output]:
         """Take one sample; returns solutions and events in order: attitude first, then navigation."""
         if isinstance(sample, ImuBlock):
-            return [output for a, b in self._pieces(sample) for output in self._feed(_part(sample, a, b))]
-        return self._feed(sample)
+            return [output for a, b in self._pieces(sample) for output in self._feed([_part(sample, a, b)])]
+        return self._feed([sample])
 
     def feed_all(self, samples: Sequence[Sample]) -> list[Output]:
         """Take samples in the order in which they arrived: the numbers of ``feed``, in fewer and longer blocks.
 
-        Where ``sensor_batch`` allows it, the navigator hears of magnetometer and barometer ahead of a long block
-        instead of between short ones; they act at their own time.
+        While GNSS aids the navigator, it gets all samples between two exchanges at once. Without GNSS, and where
+        ``sensor_batch`` allows it, it hears of magnetometer and barometer ahead of a long block instead of between
+        short ones; they act at their own time.
         """
         outputs: list[Output] = []
         done = 0
         while done < len(samples):
+            if stretch.is_uneventful(self.sins.run):
+                count = self._gather(samples, done, outputs)
+                if count:
+                    done += count
+                    continue
             count = sensor_batch.length(samples, done)
             together, done = samples[done : done + count], done + count
             if count > 1 and self.sins.mode not in LEVELLING:
                 batch = SensorBatch.of(together)
                 for a, b in self._pieces(batch.imu):
-                    outputs += self._feed(_part(batch.imu, a, b), batch.early(a, b))
+                    outputs += self._feed([_part(batch.imu, a, b)], batch.early(a, b))
                 together = batch.after
             outputs += [output for sample in together for output in self.feed(sample)]
         return outputs
+
+    def _gather(self, samples: Sequence[Sample], first: int, outputs: list[Output]) -> int:
+        """Take ``samples`` from ``first`` on up to the next exchange, or to one of another kind; returns how many."""
+        waiting: list[Sample] = []
+        done = first
+        while done < len(samples):
+            sample = samples[done]
+            if isinstance(sample, ImuBlock):
+                done += 1
+                for a, b in self._clock.pieces(sample):
+                    part = _part(sample, a, b)
+                    waiting.append(part)
+                    if self._clock.talks_behind(part):
+                        outputs += self._feed(waiting)
+                        waiting = []
+                if not waiting:
+                    break
+            elif isinstance(sample, _BETWEEN):
+                done += 1
+                waiting.append(sample)
+            else:
+                break
+        outputs += self._feed(waiting) if waiting else []
+        return done - first
 
     def _pieces(self, block: ImuBlock) -> Iterator[tuple[int, int]]:
         """Where to cut a block; a navigator that levels wants every attitude."""
@@ -110,38 +146,29 @@ class PoseEstimator:
             return itertools.pairwise(range(len(block) + 1))
         return self._clock.pieces(block)
 
-    def _feed(self, sample: Sample, early: Early = ()) -> list[Output]:
-        """Take one sample, and ``early`` ones with it."""
-        if isinstance(sample, VelocityError):
+    def _feed(self, samples: Sequence[Sample], early: Early = ()) -> list[Output]:
+        """Take samples between which the estimators do not talk, and ``early`` ones with the only one."""
+        if isinstance(samples[0], VelocityError):
             if self.outage_aid is not None:
-                self.outage_aid.predicted(sample)
+                self.outage_aid.predicted(samples[0])
             return []
-        outputs = [] if self.attitude is None else _attitudes(self.attitude, sample, early)
-        solutions = self._navigate(sample, early, outputs)
+        outputs = [] if self.attitude is None else _attitudes(self.attitude, samples, early)
+        solutions = _navigated(self.sins, samples, early, outputs)
         outputs += solutions
         if self.outage_aid is not None:
             if any(isinstance(one, Event) and one.name == WRONG_START for one in solutions):
                 self.outage_aid.reset()  # what it has learned so far was seen along a wrong heading
-            for _, other in early:
-                self.outage_aid.hear(other)
-            self.outage_aid.hear(sample)
+            for sample in (*(other for _, other in early), *samples):
+                self.outage_aid.hear(sample)
             outputs += _helped(self.outage_aid, self.sins, solutions)
-        is_due = isinstance(sample, (ImuSample, ImuBlock)) and self._clock.is_due(sample)
+        is_due = [self._clock.is_due(sample) for sample in samples if isinstance(sample, (ImuSample, ImuBlock))]
         if self.attitude is not None:
             moved = [one for one in solutions if isinstance(one, (NavBlock, NavSolution))]
-            if is_due and moved:
+            if any(is_due) and moved:
                 self.attitude.feed(navigator_velocity(moved[-1]))
-            if isinstance(sample, GnssFix):
+            if any(isinstance(sample, GnssFix) for sample in samples):
                 self.attitude.set_declination(self.sins.run.parameters.aids.declination)
         return outputs
-
-    def _navigate(self, sample: Sample, early: Early, attitudes: list[Output]) -> list[Output]:
-        """Feed the navigator, which levels by the ``attitudes`` of the filter."""
-        solutions = [event for _, other in early for event in self.sins.feed(other)]
-        solutions += self.sins.feed(sample)
-        if self.sins.mode in LEVELLING:
-            solutions += [event for tilt in _tilts(attitudes) for event in self.sins.feed(tilt)]
-        return solutions
 
     @property
     def mode(self) -> Mode:
@@ -202,15 +229,27 @@ class PoseEstimator:
         self._clock = replace(snapshot.clock)
 
 
-def _attitudes(attitude: AttitudeEngine, sample: Sample, early: Early) -> list[Output]:
-    """What the attitude filter reports on a sample. The navigator reports IMU events too: once is enough."""
-    if isinstance(sample, ImuBlock):
-        parts: Iterator[Sample] = _in_order(sample, early)
-    elif isinstance(sample, (ImuSample, MagSample)):
-        parts = iter((sample,))
-    else:
-        return []
-    return [output for part in parts for output in attitude.feed(part) if not _is_imu_event(output)]
+def _attitudes(attitude: AttitudeEngine, samples: Sequence[Sample], early: Early) -> list[Output]:
+    """What the attitude filter reports on samples. The navigator reports IMU events too: once is enough."""
+    outputs: list[Output] = []
+    for sample in samples:
+        if isinstance(sample, ImuBlock):
+            parts: Iterator[Sample] = _in_order(sample, early)
+        elif isinstance(sample, (ImuSample, MagSample)):
+            parts = iter((sample,))
+        else:
+            continue
+        outputs += [output for part in parts for output in attitude.feed(part) if not _is_imu_event(output)]
+    return outputs
+
+
+def _navigated(sins: SinsEngine, samples: Sequence[Sample], early: Early, attitudes: list[Output]) -> list[Output]:
+    """Feed the navigator, which levels by the ``attitudes`` of the filter."""
+    solutions = [event for _, other in early for event in sins.feed(other)]
+    solutions += sins.feed(samples[0]) if len(samples) == 1 else sins.feed_all(samples)
+    if sins.mode in LEVELLING:
+        solutions += [event for tilt in _tilts(attitudes) for event in sins.feed(tilt)]
+    return solutions
 
 
 def _helped(aid: OutageAid, sins: SinsEngine, solutions: list[Output]) -> list[Output]:

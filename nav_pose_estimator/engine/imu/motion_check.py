@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from nav_pose_estimator.core.alignment.motion_story import DEGREE
 from nav_pose_estimator.engine.imu.plausibility import Finding, G
 from nav_pose_estimator.engine.samples import Vector3
 
+_GRAVITY = np.array([0.0, 0.0, G])  # m/s^2
 _WINDOW = 6  # s that are compared at a time ...
 _EVERY = 3  # s
 _LAG = 2  # s: by then the velocities of a window have arrived
@@ -67,7 +69,7 @@ class MotionCheck:
         whole = motion_story.second_of(rows, float(k - 1))
         if whole is not None:
             self._seconds[k] = whole
-            motion = float(whole.angle.std(axis=0).max())
+            motion = motion_story.unrest(whole.angle)
             if motion < self._least_motion:
                 self._offset, self._least_motion = whole.angle.sum(axis=0), motion
         if k % _EVERY == 0:
@@ -79,7 +81,9 @@ class MotionCheck:
         known = [one for one in seconds if one is not None]
         if forces is None or len(known) < _WINDOW:
             return
-        self.misfit = self._own_misfit(known, forces, gyro_bias)
+        # of the IMU as it is, or without one of the biases that its gyroscope may have; the best of them
+        biases = (np.zeros(3), gyro_bias, self._offset)
+        self.misfit = motion_story.least_misfit(known, forces, biases, enough=_SUSPICIOUS)
         squares = np.full(len(self._sums), self.misfit**2)
         if self.misfit > _SUSPICIOUS or self._blamed is not None:
             all_of_them = motion_story.fit(known, forces, self._gyros)
@@ -90,26 +94,17 @@ class MotionCheck:
         self._calm = self._calm + 1 if self.misfit < _SUSPICIOUS else 0
         self._judge()
 
-    def _own_misfit(self, known: list[motion_story.Second], forces: np.ndarray, gyro_bias: np.ndarray) -> float:
-        """Of the IMU as it is, or without one of the biases that its gyroscope may have; the best of them."""
-        least = math.inf
-        for bias in (np.zeros(3), gyro_bias, self._offset):
-            own = motion_story.fit([one.without(bias) for one in known], forces, self._gyros[:1])
-            least = min(least, float(own.misfit[0]))
-            if least < _SUSPICIOUS:
-                break
-        return least
-
     def _forces(self, end: int) -> np.ndarray | None:
         """(S, 3) m/s: what GNSS says of the specific force in each second of the window; None where it says nothing."""
-        times = np.arange(end - _WINDOW, end + 1, dtype=float)
-        near = [(t, v) for t, v in self._velocities if times[0] - _VELOCITY_GAP < t < times[-1] + _VELOCITY_GAP]
-        t = np.array([one[0] for one in near])
-        if len(t) < 3 or t[0] > times[0] or t[-1] < times[-1] or np.diff(t).max() > _VELOCITY_GAP:
+        begin = float(end - _WINDOW)
+        near = [(t, *v) for t, v in self._velocities if begin - _VELOCITY_GAP < t < end + _VELOCITY_GAP]
+        if len(near) < 3 or near[0][0] > begin or near[-1][0] < end:
             return None
-        v = np.array([one[1] for one in near])
-        at_ends = np.column_stack([np.interp(times, t, v[:, axis]) for axis in range(3)])
-        return np.diff(at_ends, axis=0) + np.array([0.0, 0.0, G])
+        if max(b[0] - a[0] for a, b in pairwise(near)) > _VELOCITY_GAP:
+            return None
+        table, times = np.array(near), np.arange(begin, end + 1.0)
+        at_ends = np.column_stack([np.interp(times, table[:, 0], table[:, axis]) for axis in (1, 2, 3)])
+        return at_ends[1:] - at_ends[:-1] + _GRAVITY
 
     def _judge(self) -> None:
         sums = self._sums

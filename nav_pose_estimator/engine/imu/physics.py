@@ -71,7 +71,7 @@ class ImuPhysics:
         ``gyro_bias`` (3,) [rad/s] that the navigator has found; None where it does not run yet.
         Returns how far it may have led a navigator astray; None where nothing is wrong with it.
         """
-        own = rows[np.searchsorted(rows[:, at.IMU_T], end - SECOND) :]
+        own = rows[rows[:, at.IMU_T].searchsorted(end - SECOND) :]
         with_one_more = rows[max(len(rows) - len(own) - 1, 0) :]
         self._motion.second(round(end), with_one_more, np.zeros(3) if gyro_bias is None else gyro_bias)
         doubt = self._doubt.measure(with_one_more)

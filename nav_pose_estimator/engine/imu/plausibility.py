@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from nav_pose_estimator.engine.imu.seconds import ImuSecond
 
 G = 9.81  # m/s^2
@@ -43,13 +41,13 @@ Check = Callable[[Sequence[ImuSecond], int], "Finding | None"]
 def absent(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
     """A sensor that reads exactly zero while time passes: a message with only one half."""
     last = seconds[-agreed:]
-    if all(not s.spread[3:].any() and not s.force.any() for s in last):
+    if all(not any(s.spread[3:]) and not any(s.force) for s in last):
         text = (
             "the accelerometer reads exactly zero: half of the message is missing, probably gyroscope and "
             "accelerometer come on two topics; let the driver join them"
         )
         return Finding("imu.implausible.no_accelerometer", text)
-    if all(not s.spread[:3].any() and not s.rate.any() and s.spread[3:].all() for s in last):
+    if all(not any(s.spread[:3]) and not any(s.rate) and all(s.spread[3:]) for s in last):
         text = (
             "the gyroscope reads exactly zero while the accelerometer changes: half of the message is missing, "
             "probably they come on two topics; let the driver join them"
@@ -64,10 +62,9 @@ def dead_axis(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
     if len(last) < _CONSTANT:
         return None
     for name, first, moves in (("gyroscope", 0, 0.2), ("accelerometer", 3, 1.0)):
-        spread = np.array([s.spread[first : first + 3] for s in last])
-        for axis in np.flatnonzero(~spread.any(axis=0)).tolist():
-            others = np.delete(spread, axis, axis=1)
-            if (others > moves).all():
+        for axis in range(3):
+            others = {first, first + 1, first + 2} - {first + axis}
+            if not any(s.spread[first + axis] for s in last) and all(s.spread[k] > moves for s in last for k in others):
                 text = f"the {name}'s {_AXES[axis]} axis does not change while the others do: it is dead or not filled"
                 return Finding("imu.implausible.dead_axis", text)
     return None

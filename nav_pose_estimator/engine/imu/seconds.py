@@ -8,69 +8,98 @@ from dataclasses import dataclass
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.jit import inlined, kernel
 
 _COMPLETE = 0.8  # s that a second's samples have to span
 _SETS_APART = 20.0  # deviations of the difference between every other sample and the rest
 _APART_RATE, _APART_FORCE = 0.1, 0.5  # rad/s, m/s^2: the difference itself
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class ImuSecond:
     """What the IMU said over one second, in body axes; ``end`` engine time [s]."""
 
     end: float
     samples: int
-    rate: np.ndarray
+    rate: tuple[float, ...]
     """(3,) rad/s, mean."""
-    force: np.ndarray
+    force: tuple[float, ...]
     """(3,) m/s^2, mean."""
     norm: float
     """m/s^2, mean of the specific force's norm."""
     vibration: float
     """m/s^2: deviation of the specific force from sample to sample."""
-    spread: np.ndarray
+    spread: tuple[float, ...]
     """(6,) largest less smallest value of each axis of rate and force."""
     interleaved: bool
     """Every other sample belongs to another IMU."""
-
-    @property
-    def gravity(self) -> float:
-        """m/s^2, norm of the mean force: vibration, which has no mean, is not in it."""
-        return math.sqrt(float(self.force @ self.force))
-
-    @property
-    def turn(self) -> float:
-        """rad/s, norm of the mean rate."""
-        return math.sqrt(float(self.rate @ self.rate))
+    gravity: float
+    """m/s^2, norm of the mean force: vibration, which has no mean, is not in it."""
+    turn: float
+    """rad/s, norm of the mean rate."""
 
 
 def second_of(rows: np.ndarray, end: float) -> ImuSecond | None:
     """The numbers of IMU rows (N, 7) of one second up to ``end``; None where too much of it is missing."""
     if len(rows) < 5 or rows[-1, at.IMU_T] - rows[0, at.IMU_T] < _COMPLETE:
         return None
-    values = rows[:, at.IMU_GYRO :]
-    mean = values.sum(axis=0) / len(values)
-    force = values[:, 3:]
+    force = rows[:, at.IMU_ACCEL :]
     steps = force[1:] - force[:-1]
+    numbers = np.empty(13)
+    interleaved = _summary(rows, numbers)
+    rate_x, rate_y, rate_z, force_x, force_y, force_z, *spread, norm = numbers.tolist()
     return ImuSecond(
         end=end,
         samples=len(rows),
-        rate=mean[:3],
-        force=mean[3:],
-        norm=float(np.sqrt((force * force).sum(axis=1)).sum()) / len(rows),
+        rate=(rate_x, rate_y, rate_z),
+        force=(force_x, force_y, force_z),
+        norm=norm,
         vibration=math.sqrt(0.5 * float((steps * steps).sum()) / len(steps)),
-        spread=values.max(axis=0) - values.min(axis=0),
-        interleaved=_is_interleaved(values),
+        spread=tuple(spread),
+        interleaved=interleaved,
+        gravity=math.hypot(force_x, force_y, force_z),
+        turn=math.hypot(rate_x, rate_y, rate_z),
     )
 
 
-def _is_interleaved(values: np.ndarray) -> bool:
-    """Whether every other sample lies elsewhere by the same amount, on some axis: demodulated at half the rate."""
-    apart = values[1:-1] - 0.5 * (values[:-2] + values[2:])
-    apart[1::2] *= -1.0
-    count = len(apart)
-    mean = apart.sum(axis=0) / count
-    noise = np.sqrt(((apart - mean) ** 2).sum(axis=0) / count**2)
-    sure = np.abs(mean) > _SETS_APART * noise
-    large = np.abs(mean) > np.repeat((_APART_RATE, _APART_FORCE), 3)
-    return bool((sure & large).any())
+@kernel
+def _summary(rows, out):
+    """Means (6), spreads (6) and the mean norm of the force into ``out`` (13,); True where two IMUs take turns."""
+    count = len(rows)
+    norm = 0.0
+    for i in range(count):
+        x, y, z = rows[i, at.IMU_ACCEL], rows[i, at.IMU_ACCEL + 1], rows[i, at.IMU_ACCEL + 2]
+        norm += math.sqrt(x * x + y * y + z * z)
+    out[12] = norm / count
+    interleaved = False
+    for axis in range(6):
+        total, least, most = 0.0, math.inf, -math.inf
+        for i in range(count):
+            value = rows[i, at.IMU_GYRO + axis]
+            total += value
+            least, most = min(least, value), max(most, value)
+        out[axis], out[6 + axis] = total / count, most - least
+        interleaved = interleaved or _is_interleaved(
+            rows, at.IMU_GYRO + axis, _APART_RATE if axis < 3 else _APART_FORCE
+        )
+    return interleaved
+
+
+@kernel
+def _is_interleaved(rows, column, large):
+    """Whether every other sample lies elsewhere by the same amount: demodulated at half the rate."""
+    count = len(rows) - 2
+    mean = 0.0
+    for i in range(count):
+        mean += _apart(rows, column, i) / count
+    square = 0.0
+    for i in range(count):
+        square += (_apart(rows, column, i) - mean) ** 2
+    return abs(mean) > _SETS_APART * math.sqrt(square / count**2) and abs(mean) > large
+
+
+@inlined
+def _apart(rows, column, i):
+    """Sample ``i`` + 1 less the mean of its neighbours, with alternating sign."""
+    apart = rows[i + 1, column] - 0.5 * (rows[i, column] + rows[i + 2, column])
+    return apart if i % 2 == 0 else -apart

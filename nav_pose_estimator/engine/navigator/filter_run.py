@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from nav_pose_estimator.core.alignment.types import Alignment, FixNoise, KnownBi
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import keep_blocks
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
+from nav_pose_estimator.core.numerics.jit import COMPILED
 from nav_pose_estimator.engine.engine_clock import EngineClock
 from nav_pose_estimator.engine.imu.physics import ImuPhysics
 from nav_pose_estimator.engine.journal import Journal
@@ -34,6 +36,8 @@ from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss
 from nav_pose_estimator.engine.sensors.imu_doubt import ImuDoubt
 from nav_pose_estimator.engine.sensors.magnetic import declination
 from nav_pose_estimator.engine.sensors.rest import Rest
+from nav_pose_estimator.engine.sensors.routine.kinds import kinds
+from nav_pose_estimator.engine.sensors.routine.routine import Routine
 from nav_pose_estimator.engine.solutions import Level
 
 Origin = tuple[float, float, float]
@@ -60,6 +64,9 @@ class FilterRun:
         self.clock = EngineClock()
         # Up to here IMU samples meet nothing: no observation waits, the mode stays. Other input may end it.
         self.quiet_until = -math.inf
+        # While IMU rows wait to be flown (``stretch.Backlog``): the time of the last one, and who takes observations.
+        self.waiting_until: float | None = None
+        self.take_observation: Callable[[Observation], bool] | None = None
         self.aiding = Aiding(parameters.navigator.lost_after)
         self.gnss = Gnss(parameters, self.aiding, journal)
         self.gnss.reception.enabled = use_gnss
@@ -71,7 +78,10 @@ class FilterRun:
         self.noise = noise or NoiseIdentification()
         self.gnss.reception.noise_variance = self.noise.gnss_variance
         constants = filter_setup.constants(parameters, self.noise.imu_variance)
-        self.timeline = Timeline(constants, self._fusion.apply, parameters.navigator.memory)
+        # without a compiler it would be no faster
+        expected = kinds(self.gnss, self.aids.values(), self.aiding)
+        routine = Routine(expected, self.aiding, self._fusion) if COMPILED else None
+        self.timeline = Timeline(constants, self._fusion.apply, parameters.navigator.memory, routine)
         fix_noise = FixNoise(self.gnss.position.noise, self.gnss.velocity.noise)
         self.start_up = start_up.StartUp(parameters, fix_noise, known)
         self.trial: CarriedHeading | None = None  # see ``heading_trial``
@@ -108,6 +118,8 @@ class FilterRun:
     @property
     def now(self) -> float:
         """Engine time of the last IMU sample [s]."""
+        if self.waiting_until is not None:
+            return self.waiting_until
         return self.timeline.filter.time if self.timeline.running else self.start_up.time
 
     @property
@@ -202,6 +214,8 @@ class FilterRun:
         if observation is None:
             return
         self.quiet_until = -math.inf
+        if self.take_observation is not None and self.take_observation(observation):
+            return
         name, stamp_ns = observation.kind.name, observation.stamp_ns
         if observation.t > self.now + 1.0:
             self.journal.say(stamp_ns, f"{name}.rejected.future", Level.WARN, f"{name}: stamp ahead of the IMU's time")

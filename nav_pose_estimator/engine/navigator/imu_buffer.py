@@ -37,14 +37,14 @@ class ImuBuffer:
     def recent(self, since: float) -> np.ndarray:
         """The rows later than ``since`` [s], as far as they are kept; not to be written to."""
         rows = self.live()
-        return rows[np.searchsorted(rows[:, IMU_T], since, side="right") :]
+        return rows[rows[:, IMU_T].searchsorted(since, side="right") :]
 
     def between(self, start: float, end: float) -> tuple[int, int]:
         """The numbers in ``rows`` of those later than ``start``, up to and with ``end`` [s]."""
         times = self.live()[:, IMU_T]
-        begin, stop = (self.first + int(np.searchsorted(times, t, side="right")) for t in (start, end))
+        begin, stop = (self.first + int(times.searchsorted(t, side="right")) for t in (start, end))
         return begin, stop
 
     def drop_before(self, t: float) -> None:
         """Forget what lies before ``t``, but for one row: point-sampled data interpolate from it."""
-        self.first += max(int(np.searchsorted(self.live()[:, IMU_T], t)) - 1, 0)
+        self.first += max(int(self.live()[:, IMU_T].searchsorted(t)) - 1, 0)

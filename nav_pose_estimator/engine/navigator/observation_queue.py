@@ -5,6 +5,7 @@ from __future__ import annotations
 import bisect
 import math
 import operator
+from collections.abc import Sequence
 
 from nav_pose_estimator.engine.observation import Observation
 
@@ -24,8 +25,7 @@ class ObservationQueue:
 
     def insert(self, observation: Observation) -> bool:
         """Put an observation in its place; True when others behind it have acted already."""
-        self._arrivals += 1
-        observation.arrival = self._arrivals
+        self.number(observation)
         index = bisect.bisect(self._sorted, observation.key, key=_KEY)
         self._sorted.insert(index, observation)
         return index < self._done
@@ -35,10 +35,36 @@ class ObservationQueue:
         """Time of the next observation that has not acted [s], infinite without one."""
         return self._sorted[self._done].t if self._done < len(self._sorted) else math.inf
 
+    def number(self, observation: Observation) -> None:
+        """An observation has arrived; what has its number keeps it."""
+        if not observation.arrival:
+            self._arrivals += 1
+            observation.arrival = self._arrivals
+
     def next(self) -> Observation:
         """The next observation; from now on it has acted."""
         self._done += 1
         return self._sorted[self._done - 1]
+
+    def waiting(self, t: float = math.inf) -> list[Observation]:
+        """What has not acted, up to ``t`` [s]."""
+        waiting = self._sorted[self._done :]
+        return waiting if t == math.inf else [o for o in waiting if o.t <= t]
+
+    def take_waiting(self) -> list[Observation]:
+        """``waiting``, which is not here any more."""
+        waiting = self._sorted[self._done :]
+        del self._sorted[self._done :]
+        return waiting
+
+    def add_acted(self, observations: Sequence[Observation]) -> None:
+        """These have acted, behind all the others that have; nothing waits."""
+        self._sorted += observations
+        self._done += len(observations)
+
+    def skip(self, count: int) -> None:
+        """The next ``count`` have acted."""
+        self._done += count
 
     def due_besides_quiet(self) -> float:
         """``due`` of the observations that may change the mode."""

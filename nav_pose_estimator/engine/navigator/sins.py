@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from nav_pose_estimator.core.alignment.types import KnownBiases
 from nav_pose_estimator.engine import warm_up_flight
@@ -45,11 +47,39 @@ class SinsEngine:
         if isinstance(sample, ImuSample):
             outputs += self._on_sample(sample)
         elif isinstance(sample, ImuBlock):
-            outputs += self._on_block(sample)
+            outputs += self._carry(self._input.accept_block(sample))
         else:
             intake.take(self.run, sample)
         events = self.journal.drain()
         return [*events, *outputs] if events else outputs
+
+    def feed_all(self, samples: Sequence[Sample]) -> list[Output]:
+        """Take samples in the order in which they arrived: the numbers of ``feed``, in fewer and longer blocks."""
+        outputs: list[Output] = []
+        backlog = stretch.Backlog(self.run)
+
+        def flown(backlog: stretch.Backlog) -> list[Output]:
+            blocks = self._go_on(*backlog.flown())
+            return [*self.journal.drain(), *blocks]
+
+        for sample in samples:
+            if isinstance(sample, ImuBlock) and self.resume is None and backlog.is_open():
+                items = self._input.accept_block(sample)
+                if len(items) == 1 and isinstance(items[0], ImuBlock):
+                    backlog.add(items[0])
+                else:
+                    outputs += flown(backlog)
+                    outputs += self._carry(items)
+            elif backlog.may_wait_for(sample):
+                intake.take(self.run, sample)
+            else:
+                outputs += flown(backlog)
+                outputs += self.feed(sample)
+            if backlog.is_full:
+                outputs += flown(backlog)
+            if backlog.run is not self.run:
+                backlog = stretch.Backlog(self.run)
+        return stretch.packed([*outputs, *flown(backlog)])
 
     @property
     def mode(self) -> Mode:
@@ -73,24 +103,8 @@ class SinsEngine:
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
         """Forget the solution and align again. The local frame's origin stays."""
         self._input.reset()
-        self._restart(stamp_ns, reason)
+        _start_again(self, stamp_ns, reason)
         return list(self.journal.drain())
-
-    def _restart(self, stamp_ns: int, reason: str, known: KnownBiases | None = None) -> None:
-        """A filter that has seen nothing; counters, origin, declination and the operator's choice stay."""
-        self.journal.say(stamp_ns, "reset", Level.WARN, f"the navigator starts again: {reason}")
-        before, parameters = self.run, self.run.parameters
-        if parameters.aids.declination == self.parameters.aids.declination:
-            parameters = self.parameters  # a field model that said nothing (the clock was not set yet?) is asked again
-        noise = None if known is None else before.noise  # the same flight goes on
-        forsaken = before.gnss.position.forsakes_origin and not before.origin_is_fixed
-        origin = None if forsaken else before.origin
-        self.run = FilterRun(parameters, self.journal, origin, self._gnss_enabled, known, noise)
-        self.run.origin_is_fixed = before.origin_is_fixed
-        self.run.imu_physics = before.imu_physics
-        self.run.imu_physics.forget_time()
-        self.run.gnss.reception.velocities = before.gnss.reception.velocities
-        self.run.gnss.reception.velocities.forget_time()
 
     def status(self) -> Status:
         """What a pilot wants to know."""
@@ -130,9 +144,6 @@ class SinsEngine:
             solutions.append(NavSolution(stamp, block.mode, values, block.correction_enu, block.reset_count))
         return solutions
 
-    def _on_block(self, block: ImuBlock) -> list[NavBlock]:
-        return self._carry(self._input.accept_block(block))
-
     def _carry(self, items: list[ImuSample | Event] | list[ImuBlock | Event]) -> list[NavBlock]:
         """What the IMU's input let pass, in order: events, which may end the run, and samples."""
         blocks: list[NavBlock] = []
@@ -142,21 +153,42 @@ class SinsEngine:
                 if item.name in RESTARTS and self.run.clock.running:
                     # over a short gap the IMU stays as it is; a clock set back may be another flight
                     short = item.name == GAP and item.data["gap_s"] < LONGEST
-                    self._restart(item.stamp_ns, item.text, self.run.known_biases if short else None)
+                    _start_again(self, item.stamp_ns, item.text, self.run.known_biases if short else None)
                 continue
             if self.resume is not None:
                 resume, self.resume = self.resume, None
                 self.run = resume(self.run, item.stamp_ns if isinstance(item, ImuSample) else int(item.stamps_ns[0]))
             stamps_ns, rows = self.run.clock.imu_rows(item)
-            while len(rows):
-                ahead = stretch.carry(self.run, stamps_ns, rows)
-                blocks += ahead
-                if not self.run.despair:
-                    break
-                last = int(ahead[-1].stamps_ns[-1] if ahead else stamps_ns[0])  # an alignment stops after one row
-                done = int(stamps_ns.searchsorted(last, side="right"))
-                stamps_ns, rows = stamps_ns[done:], rows[done:]
-                clock = self.run.clock  # the rows that follow count from it
-                self._restart(last, self.run.despair)
-                self.run.clock = clock
+            blocks += self._go_on(stretch.carry(self.run, stamps_ns, rows), stamps_ns, rows)
         return blocks
+
+    def _go_on(self, ahead: list[NavBlock], stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
+        """``ahead`` is what became of IMU ``rows``; where the filter despaired, the rest is left to the next one."""
+        blocks = ahead
+        while self.run.despair:
+            last = int(ahead[-1].stamps_ns[-1] if ahead else stamps_ns[0])  # an alignment stops after one row
+            done = int(stamps_ns.searchsorted(last, side="right"))
+            stamps_ns, rows = stamps_ns[done:], rows[done:]
+            clock = self.run.clock  # the rows that follow count from it
+            _start_again(self, last, self.run.despair)
+            self.run.clock = clock
+            ahead = stretch.carry(self.run, stamps_ns, rows) if len(rows) else []
+            blocks = [*blocks, *ahead]
+        return blocks
+
+
+def _start_again(engine: SinsEngine, stamp_ns: int, reason: str, known: KnownBiases | None = None) -> None:
+    """A filter that has seen nothing; counters, origin, declination and the operator's choice stay."""
+    engine.journal.say(stamp_ns, "reset", Level.WARN, f"the navigator starts again: {reason}")
+    before, parameters = engine.run, engine.run.parameters
+    if parameters.aids.declination == engine.parameters.aids.declination:
+        parameters = engine.parameters  # a field model that said nothing (the clock was not set yet?) is asked again
+    noise = None if known is None else before.noise  # the same flight goes on
+    forsaken = before.gnss.position.forsakes_origin and not before.origin_is_fixed
+    origin = None if forsaken else before.origin
+    engine.run = FilterRun(parameters, engine.journal, origin, before.gnss.reception.enabled, known, noise)
+    engine.run.origin_is_fixed = before.origin_is_fixed
+    engine.run.imu_physics = before.imu_physics
+    engine.run.imu_physics.forget_time()
+    engine.run.gnss.reception.velocities = before.gnss.reception.velocities
+    engine.run.gnss.reception.velocities.forget_time()

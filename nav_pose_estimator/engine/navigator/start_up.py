@@ -23,6 +23,7 @@ from nav_pose_estimator.engine.continuation.warm_start import WarmStart
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
+from nav_pose_estimator.engine.sensors.routine import routine
 
 _POSE_FLOOR = np.r_[[0.3**2] * 3, [math.radians(0.5) ** 2] * 3]
 _FAR = 1e3  # m
@@ -215,6 +216,7 @@ def warm_up(constants: np.ndarray) -> None:
         R = np.eye(len(z))
         gated_correct(nav, P, constants, z, H, R, 10.0, 100.0)
         correct(nav, P, constants, z, H, R)
+    routine.warm_up(constants)
     BeamJudge().judge(z, H, P, np.ones(len(z)), True)  # of the beams, the last of them
     gated_height(nav, P, constants, 0.0, 1.0, 10.0, 100.0)
     still = np.zeros((motion_story.BINS, 3))

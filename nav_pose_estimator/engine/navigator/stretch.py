@@ -1,16 +1,44 @@
-"""IMU rows through the filter, cut where the mode may change: one block of solutions for each stretch."""
+"""IMU rows through the filter, cut where the mode may change: one block of solutions for each stretch.
+
+While GNSS aids the filter and nothing is unusual, many rows and the observations between them are flown at once.
+"""
 
 from __future__ import annotations
 
+import bisect
+import itertools
 import math
+import operator
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.routine import table
 from nav_pose_estimator.engine.navigator import heading_trial
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.look_back import look_back
-from nav_pose_estimator.engine.solutions import Mode, NavBlock
+from nav_pose_estimator.engine.navigator.timeline import Timeline
+from nav_pose_estimator.engine.observation import Observation
+from nav_pose_estimator.engine.samples import (
+    GnssFix,
+    GnssVelocity,
+    ImuBlock,
+    MagSample,
+    PressureSample,
+    Sample,
+    SatelliteCount,
+    joined,
+)
+from nav_pose_estimator.engine.sensors.routine.routine import Coming, Leg, moved
+from nav_pose_estimator.engine.solutions import Mode, NavBlock, Output
+
+Tell = Callable[[Observation, int, list[float]], None]
+"""Takes an observation that has acted, the number of the row ahead of which it did, and its result."""
+_WAIT = frozenset((GnssVelocity, MagSample, PressureSample, SatelliteCount))
+_AHEAD = 1.0  # s: an observation further ahead is refused
+_FIRST = operator.itemgetter(0)
 
 
 def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
@@ -71,3 +99,233 @@ def _blocks(run: FilterRun, stamps_ns: np.ndarray, out: np.ndarray) -> list[NavB
             blocks.append(NavBlock(stamps_ns[done:end], out[done:end], mode, resets, correction))
             done = end
     return blocks
+
+
+class Backlog:
+    """IMU rows that wait to be flown with the observations that arrive between them, for a second at most.
+
+    What arrives in the meantime is judged as if they had been flown. That is right because it waits only while nothing
+    of that depends on the filter: GNSS aids it, no sensor has a doubt, and no fix can change when GNSS counts as lost.
+    The rows are flown ahead of everything else: another kind of sample, a late one, an event, a refusal.
+    """
+
+    def __init__(self, run: FilterRun) -> None:
+        self.run = run
+        self._blocks: list[NavBlock] = []
+        self._open = False
+        self._waiting: list[ImuBlock] = []
+        self._left = np.empty(0, np.int64), np.empty((0, at.IMU_COLUMNS))
+        self._count = 0
+        self._periods: list[tuple[int, float]] = []  # first row of each block, and the receiver's period then
+        self._coming: list[Coming] = []
+        self._ahead: set[float] = set()  # s: times of observations that have arrived before their time
+        self._limit = -math.inf
+
+    def is_open(self) -> bool:
+        """Whether samples may wait from now on, or go on to wait."""
+        return self._open or self._opens()
+
+    def _opens(self) -> bool:
+        run = self.run
+        routine = run.timeline.routine
+        if routine is None or not _is_routine(run) or run.gnss.reception.refusal or not run.timeline.imu.last:
+            return False
+        if run.parameters.aids.declination_from_model or run.parameters.aids.water_density > 0.0:
+            return False
+        now = run.timeline.filter.time
+        self._limit = min(run.second_due, run.aiding.fix_used + run.aiding.lost_after)
+        self._open = now < self._limit and routine.is_calm(now)
+        if self._open:
+            self._ahead = {o.t for o in run.timeline.queue.waiting()}
+            run.take_observation = self._observe
+            run.journal.before_next(self._fly)
+        return self._open
+
+    def add(self, block: ImuBlock) -> None:
+        """Let a ``block`` wait that the IMU's input has let pass."""
+        run = self.run
+        self._periods.append((self._count, run.gnss.reception.fix_period))
+        self._waiting.append(block)
+        self._count += len(block)
+        run.waiting_until = run.clock.seconds(int(block.stamps_ns[-1]))
+
+    @property
+    def is_full(self) -> bool:
+        """Whether it is time to look back, or GNSS may be lost."""
+        until = self.run.waiting_until
+        return until is not None and until >= self._limit
+
+    def may_wait_for(self, sample: Sample) -> bool:
+        """Whether a ``sample`` may be judged before the rows that wait have been flown."""
+        kind = type(sample)
+        if kind in _WAIT or (kind is GnssFix and self.run.gnss.reception.is_quick):
+            return self._open or self._opens()
+        return False
+
+    def flown(self) -> tuple[list[NavBlock], np.ndarray, np.ndarray]:
+        """All solutions that are new, stamps and rows of the last flight."""
+        self._fly()
+        blocks, self._blocks = self._blocks, []
+        return blocks, *self._left
+
+    def _observe(self, o: Observation) -> bool:
+        """Let an observation wait; False where it cannot: nothing waits any more."""
+        now = self.run.now
+        if o.t < now or o.t > now + _AHEAD or o.t in self._ahead:
+            self._fly()
+            return False
+        if o.t > now:
+            self._ahead.add(o.t)
+        self.run.timeline.queue.number(o)
+        self._coming.append(Coming(self._count, o))
+        return True
+
+    def _fly(self) -> None:
+        """Fly what waits."""
+        run = self.run
+        run.take_observation = run.waiting_until = None
+        run.journal.before_next(None)
+        self._open = False
+        coming, self._coming = self._coming, []
+        if self._waiting:
+            coming = self._fly_rows(*run.clock.imu_rows(joined(self._waiting)), coming)
+        self._waiting, self._periods = [], []
+        _hear(run, coming)
+
+    def _fly_rows(self, stamps: np.ndarray, rows: np.ndarray, coming: list[Coming]) -> list[Coming]:
+        """Fly IMU ``rows`` (N, 7); returns the observations that came behind the last one."""
+        run, self._left = self.run, (stamps, rows)
+        reception, done, count, self._count = run.gnss.reception, 0, self._count, 0
+        period_now = reception.fix_period
+        while done < count and not run.despair:
+            reception.fix_period = self._period(done)
+            coming = _hear(run, coming)
+            out, coming = self._leg(rows[done:], coming, done)
+            if len(out):
+                self._blocks += _blocks(run, stamps[done : done + len(out)], out)
+                done += len(out)
+                continue
+            heard = coming[0].behind if coming else count - done
+            further = min(heard, 1) if _is_routine(run) else heard
+            self._blocks += carry(run, stamps[done : done + further], rows[done : done + further])
+            done += further
+            coming = [Coming(one.behind - further, one.observation) for one in coming]
+        reception.fix_period = period_now
+        return coming
+
+    def _period(self, row: int) -> float:
+        """Time between fixes [s] when ``row`` arrived."""
+        return self._periods[bisect.bisect_right(self._periods, row, key=_FIRST) - 1][1]
+
+    def _leg(self, rows: np.ndarray, coming: list[Coming], done: int) -> tuple[np.ndarray, list[Coming]]:
+        """As far as the routine goes from row ``done`` on: output rows, and what has not been heard of by then."""
+        run = self.run
+        run.timeline.settle()
+        ahead = int(rows[:, at.IMU_T].searchsorted(run.second_due))
+        if not ahead or not _is_routine(run):
+            return rows[:0], coming
+
+        def tell(o: Observation, row: int, result: list[float]) -> None:
+            assert run.timeline.routine is not None
+            run.timeline.routine.tell(o, result, self._period(done + row))
+
+        out, left = fly(run.timeline, (rows[:ahead], ahead < len(rows)), coming, tell)
+        run.quiet_until = -math.inf
+        return out, left
+
+
+def packed(outputs: list[Output]) -> list[Output]:
+    """The same with neighbouring blocks made one where their rows share the rest."""
+    out: list[Output] = []
+    for alike, group in itertools.groupby(outputs, _what_rows_share):
+        some = list(group)
+        blocks = [one for one in some if isinstance(one, NavBlock)] if alike is not None else []
+        if len(blocks) > 1:
+            stamps = np.concatenate([one.stamps_ns for one in blocks])
+            some = [replace(blocks[0], stamps_ns=stamps, rows=np.concatenate([one.rows for one in blocks]))]
+        out += some
+    return out
+
+
+def _what_rows_share(output: Output) -> tuple[Mode, int, list[float]] | None:
+    if not isinstance(output, NavBlock):
+        return None
+    return output.mode, output.reset_count, output.correction_enu.tolist()
+
+
+def is_uneventful(run: FilterRun) -> bool:
+    """Whether nothing that comes is likely to change more than the filter."""
+    return _is_routine(run) and not run.parameters.aids.declination_from_model
+
+
+def _is_routine(run: FilterRun) -> bool:
+    """Whether GNSS aids one filter of which nothing is in question."""
+    whole = run.timeline.running and run.timeline.filter.branches is None
+    return whole and run.modes.mode is Mode.AIDED and run.trial is None and not run.despair
+
+
+def _hear(run: FilterRun, coming: list[Coming]) -> list[Coming]:
+    """Observations that have arrived by now, to the time line; the rest is returned."""
+    for one in coming:
+        if one.behind <= 0:
+            run.observe(one.observation)
+    return [one for one in coming if one.behind > 0]
+
+
+def fly(
+    timeline: Timeline, stretch: tuple[np.ndarray, bool], coming: list[Coming], tell: Tell
+) -> tuple[np.ndarray, list[Coming]]:
+    """``Timeline.advance`` by routine, with observations that come behind some of the rows, on a settled time line.
+
+    ``stretch``: IMU rows (N, 7), and whether they are followed by others that have arrived.
+    Ends early where something is unusual. Returns output rows (N, OUT_COLUMNS) as far as it went, and what of
+    ``coming`` has not been heard of by then, in order of arrival and counted from there.
+    """
+    (rows, is_followed), imu, queue, routine = stretch, timeline.imu, timeline.queue, timeline.routine
+    assert routine is not None
+    imu.append(rows)
+    begin = imu.last - len(rows)
+    events = sorted([*(Coming(0, o) for o in queue.take_waiting()), *coming], key=lambda one: one.observation.key)
+    out = np.empty((len(rows), at.OUT_COLUMNS))
+    leg = routine.fly(timeline.filter.vector, (imu.rows, begin, imu.last, is_followed), events, out)
+    imu.last = begin + leg.rows
+    acted, rest = events[: len(leg.results)], events[len(leg.results) :]
+    queue.add_acted([one.observation for one in acted])
+    unfinished = _note_moves(timeline, begin, acted, leg)
+    for one, result in zip(acted, leg.results, strict=True):
+        tell(one.observation, int(result[table.RESULT_AHEAD]), result)
+    last, left = imu.rows[imu.last - 1, at.IMU_T], []
+    for one in rest:
+        if one.behind <= leg.rows and (leg.within or one.observation.t > last):
+            queue.insert(one.observation)
+        else:
+            left.append(Coming(one.behind - leg.rows, one.observation))
+    if unfinished is not None:
+        before = timeline.shift
+        timeline.finish(np.array(unfinished[table.RESULT_BEFORE : table.RESULT_AFTER]))
+        timeline.moves.append((leg.rows, before))
+    timeline.tidy()
+    return out[: leg.rows], sorted(left, key=lambda one: one.observation.arrival)
+
+
+def _note_moves(timeline: Timeline, begin: int, acted: list[Coming], leg: Leg) -> list[float] | None:
+    """What observations did to the position: one by one, or at once where they came behind the row of their time.
+
+    The rows of the flight begin at ``begin`` of the time line's. Its ``moves`` and ``shift`` become what they are
+    without routine. Returns the first result of those at
+    the time of the last row where others of that time have not acted yet.
+    """
+    timeline.moves, k = [], 0
+    while k < len(acted):
+        first, ahead, t = leg.results[k], int(leg.results[k][table.RESULT_AHEAD]), acted[k].observation.t
+        k += 1
+        if t == timeline.imu.rows[begin + ahead - 1, at.IMU_T]:
+            while k < len(acted) and acted[k].observation.t == t:
+                k += 1
+            if leg.within and k == len(acted):
+                return first
+        before = timeline.shift
+        timeline.shift = moved(before, first, leg.results[k - 1])
+        if timeline.shift is not before:
+            timeline.moves.append((ahead, before))
+    return None

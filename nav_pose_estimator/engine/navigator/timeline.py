@@ -18,6 +18,7 @@ from nav_pose_estimator.engine.navigator.observation_queue import ObservationQue
 from nav_pose_estimator.engine.navigator.split_filter import Apply, SplitFilter
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.samples import Vector3
+from nav_pose_estimator.engine.sensors.routine.routine import Routine, moved
 
 _CHECKPOINT_PERIOD = 0.05  # s: what came after one is done again when an observation is late
 _TIDY_PERIOD = 0.2  # s
@@ -26,13 +27,14 @@ _TIDY_PERIOD = 0.2  # s
 class Timeline:
     """``filter`` stands at the last IMU row and has a memory of ``window`` seconds."""
 
-    def __init__(self, constants: np.ndarray, apply: Apply, window: float) -> None:
-        self._apply = apply
+    def __init__(self, constants: np.ndarray, apply: Apply, window: float, routine: Routine | None = None) -> None:
+        """Observations act by ``routine``, if given, those that it does not expect by ``apply``."""
+        self._apply, self.routine = apply, routine
         self._window = window
         # as many as the window can hold, one before it, and the one being added
         self.filter = SplitFilter(constants, math.ceil(window / _CHECKPOINT_PERIOD) + 2, _CHECKPOINT_PERIOD)
-        self._imu = ImuBuffer()
-        self._queue = ObservationQueue()
+        self.imu = ImuBuffer()
+        self.queue = ObservationQueue()
         self._dirty: float | None = None  # earliest time of an observation that has not acted
         self._late = False  # whether time has passed since then, so that the past must be replayed
         self._started = -math.inf  # what came before can no longer be replayed
@@ -60,23 +62,23 @@ class Timeline:
         """The same with other ``constants``, which may have other states."""
         self.filter.start(constants, nav, P, origin)
         self.running, self._started = True, self.filter.time
-        self._queue.keep_after(self.filter.time)
+        self.queue.keep_after(self.filter.time)
         self._dirty, self._late = None, False
         self._tidy_at = -math.inf
-        self._catch_up(self.filter.time, math.inf)
+        self._run(*self.imu.between(self.filter.time, math.inf))
 
     def remember(self, rows: np.ndarray) -> None:
         """Keep IMU ``rows`` (N, 7) without a running filter, so that an alignment in the past can catch up."""
-        self._imu.append(rows)
-        self._imu.drop_before(rows[-1, IMU_T] - self._window)
+        self.imu.append(rows)
+        self.imu.drop_before(rows[-1, IMU_T] - self._window)
 
     def next_observation(self, quiet: bool = True) -> float:
         """Time of the earliest observation that waits for the future, infinite without one; ``quiet`` ones or not."""
-        return self._queue.due if quiet else self._queue.due_besides_quiet()
+        return self.queue.due if quiet else self.queue.due_besides_quiet()
 
     def rows_since(self, t: float) -> np.ndarray:
         """The IMU rows (N, 7) later than ``t`` [s], as far as the memory reaches; not to be written to."""
-        return self._imu.recent(t)
+        return self.imu.recent(t)
 
     # --- input -------------------------------------------------------------------------------------------------------
 
@@ -89,7 +91,7 @@ class Timeline:
             certain = t > now - self._window and t > self._started
             if not certain and t <= self._forget():
                 return False
-        overtakes = self._queue.insert(observation)
+        overtakes = self.queue.insert(observation)
         if self.running and t <= now:
             self._late = self._late or t < now or overtakes
             self._dirty = t if self._dirty is None else min(self._dirty, t)
@@ -98,24 +100,22 @@ class Timeline:
     def advance(self, rows: np.ndarray) -> np.ndarray:
         """Carry the filter over IMU ``rows`` (N, 7), later than it stands; returns output rows (N, OUT_COLUMNS)."""
         self.settle()
-        self._imu.append(rows)
+        self.imu.append(rows)
         out = np.empty((len(rows), OUT_COLUMNS))
-        self._run(self._imu.last - len(rows), self._imu.last, out)
-        if self.filter.time >= self._tidy_at:
-            self._forget()
+        self._run(self.imu.last - len(rows), self.imu.last, out)
+        self.tidy()
         return out
 
     def advance_one(self, t: float, gyro: Vector3, accel: Vector3) -> np.ndarray:
         """``advance`` by one sample that no observation waits for, on a settled time line; returns (SOLUTION_SIZE,)."""
         if self.filter.branches is not None:
             return self.filter.complete(self.advance(np.array([[t, *gyro, *accel]]))[0])
-        imu = self._imu
+        imu = self.imu
         if imu.last == len(imu.rows):
             imu.make_room(1)
         solution = self.filter.carry_one(imu.rows, imu.last, t, gyro, accel)
         imu.last += 1
-        if t >= self._tidy_at:
-            self._forget()
+        self.tidy()
         return solution
 
     def settle(self) -> None:
@@ -128,35 +128,36 @@ class Timeline:
         self._replaying = True
         if late:
             start = self.filter.restore_before(dirty)
-            self._queue.rewind(start)
-            self._catch_up(start, now)
+            self.queue.rewind(start)
+            self._run(*self.imu.between(start, now))
         else:
-            self._act_now(now)
+            # on the filter as it is, and on a checkpoint just made: in numbers as if they had been known before
+            self.filter.carry(self.imu.rows, self.imu.last - 1, self.imu.last, now, np.empty((0, OUT_COLUMNS)))
+            self._observe_up_to(now)
+            self.filter.renew_checkpoints()
         self._replaying = False
         self.shift = self.shift + step_enu(before, self.filter.nav[LAT:VEL])
 
+    def finish(self, place: np.ndarray) -> None:
+        """What ``settle`` does where by routine some observations of the present time have acted, but not all.
+
+        The first of them moved the filter from ``place``: latitude, longitude, height.
+        """
+        self._replaying = True
+        self._observe_up_to(self.filter.time)
+        self.filter.renew_checkpoints()
+        self._replaying = False
+        self.shift = self.shift + step_enu(place, self.filter.nav[LAT:VEL])
+
     # --- inside ------------------------------------------------------------------------------------------------------
 
-    def _catch_up(self, start: float, now: float) -> None:
-        """Process the rows of the buffer that are later than ``start``, where the filter stands, up to ``now``."""
-        begin, end = self._imu.between(start, now)
-        self._run(begin, end, np.empty((end - begin, OUT_COLUMNS)))
-
-    def _act_now(self, now: float) -> None:
-        """Observations of the very time at which the filter stands act on it as it is, and on a checkpoint just made.
-
-        The same in numbers as if they had been known before.
-        """
-        self.filter.carry(self._imu.rows, self._imu.last - 1, self._imu.last, now, np.empty((0, OUT_COLUMNS)))
-        self._observe_up_to(now)
-        self.filter.renew_checkpoints()
-
-    def _run(self, begin: int, end: int, out: np.ndarray) -> None:
+    def _run(self, begin: int, end: int, out: np.ndarray | None = None) -> None:
         """Process rows ``begin`` to ``end`` of the buffer with the observations that fall into them."""
+        out = np.empty((end - begin, OUT_COLUMNS)) if out is None else out
         first, self.moves = end - len(out), []
         while True:
-            due = self._queue.due
-            begin = self.filter.carry(self._imu.rows, begin, end, due, out)
+            due = self.queue.due
+            begin = self.filter.carry(self.imu.rows, begin, end, due, out)
             if begin == end:
                 return
             before = self.shift
@@ -167,15 +168,28 @@ class Timeline:
     def _observe_up_to(self, due: float) -> None:
         """Let what is due act on the filter, which stands at ``due`` with its covariance up to date."""
         restructured = False
-        while self._queue.due <= due:
+        while self.queue.due <= due:
+            if self.routine is not None and self.filter.branches is None:
+                results = self.routine.act(self.filter.vector, self.queue.waiting(due), self.filter.time)
+                self.queue.skip(len(results))
+                if not self._replaying:
+                    for result in results:
+                        self.shift = moved(self.shift, result, result)
+                if results:
+                    continue
             before = self.filter.nav[LAT:VEL].copy()
-            if self.filter.act(self._queue.next(), self._apply):
+            if self.filter.act(self.queue.next(), self._apply):
                 restructured, self._started = True, self.filter.time
             if not self._replaying and not np.array_equal(before, self.filter.nav[LAT:VEL]):
                 self.shift = self.shift + step_enu(before, self.filter.nav[LAT:VEL])
         if restructured:
             # a split or a union is the first place to go back to: with everything that acted at its time
             self.filter.renew_checkpoints()
+
+    def tidy(self) -> None:
+        """Forget what is too old, now and then."""
+        if self.filter.time >= self._tidy_at:
+            self._forget()
 
     def _forget(self) -> float:
         """Drop what lies before the window; returns the time that the memory reaches back to.
@@ -184,7 +198,7 @@ class Timeline:
         """
         now = self.filter.time
         oldest = self.filter.forget_before(now - self._window)
-        self._queue.forget(oldest)
-        self._imu.drop_before(oldest)
+        self.queue.forget(oldest)
+        self.imu.drop_before(oldest)
         self._tidy_at = now + _TIDY_PERIOD
         return oldest

@@ -26,6 +26,10 @@ class Aiding:
         """Seconds without a used fix after which GNSS counts as lost: a slow receiver is not lost between its fixes."""
         return max(self.patience, _PERIODS * self.fix_period)
 
+    def is_quick(self, period: float) -> bool:
+        """Whether ``lost_after`` of a receiver that fixes every ``period`` [s] is ``patience``."""
+        return _PERIODS * period <= self.patience
+
     def gnss_is_good(self, t: float) -> bool:
         """Whether a fix has been used within ``lost_after`` before ``t``."""
         return t - self.fix_used <= self.lost_after

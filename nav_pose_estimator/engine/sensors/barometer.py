@@ -22,7 +22,8 @@ from nav_pose_estimator.engine.solutions import Level
 
 _LOWEST, _HIGHEST = 1_000.0, 120_000.0  # Pa: 31 km up, and below any place on Earth
 _THICK = 30_000.0  # Pa: a lower pressure belongs to 9 km and above
-_FAR = 2_500.0  # m between barometric height and GNSS: neither weather nor the geoid
+FAR = 2_500.0
+"""m between barometric height and GNSS: neither weather nor the geoid."""
 _NEAR = 1_200.0  # m: what they may do
 _ANY_LAKE = 5e3  # m: height of a surface of which nothing is known
 _OF_A_FIX = 0.5  # of the deviation of a fix is an error that lasts
@@ -89,8 +90,8 @@ class Barometer(Aid):
         """Learn the reference while GNSS is good; without GNSS use it."""
         height = float(f.nav[ALT])
         if self._aiding.gnss_is_good(o.t) and self._aiding.height_is_good(o.t):
-            if abs(o.measured - height) < _FAR:
-                self._learn(o, height, float(f.P[_UP, _UP]))
+            if abs(o.measured - height) < FAR:
+                self.learn(o, height, float(f.P[_UP, _UP]))
             else:
                 pressure = height_pressure(o.measured)
                 self._refuse_unit(o.stamp_ns, pressure, likely_unit(pressure, height))
@@ -128,7 +129,8 @@ class Barometer(Aid):
             self._journal.say(o.stamp_ns, "baro.contradicts.ended", Level.INFO, "barometer and GNSS heights agree")
         self._contradicts = contradicts
 
-    def _learn(self, o: Observation, height: float, variance: float) -> None:
+    def learn(self, o: Observation, height: float, variance: float) -> None:
+        """Compare ``o`` with the filter's ``height`` [m], of which GNSS leaves a ``variance`` [m^2]."""
         self._offset_var = variance
         difference = o.measured - height
         if math.isfinite(self._offset):

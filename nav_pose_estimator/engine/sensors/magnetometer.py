@@ -28,7 +28,8 @@ from nav_pose_estimator.engine.solutions import Level
 WRONG_START = "mag.heading.wrong_start"
 """Event: the navigator goes on from another heading, and what was learned along the old one is worth nothing."""
 _LARGEST_FIELD = 1e6  # in any unit
-_KNOWN_HEADING = 0.2  # rad: a heading that GNSS motion shows no better cannot teach the offset
+KNOWN_HEADING = 0.2
+"""rad: a heading that GNSS motion shows no better cannot teach the offset."""
 _LARGEST_IRON = 1e-3  # T: magnetometers end there
 _OFFSET_MEMORY = 100.0  # s
 _SHORTEST_PERIOD = 0.01  # s
@@ -52,7 +53,7 @@ class Magnetometer(Aid):
     def set_parameters(self, parameters: Parameters) -> None:
         """New noise, period and declination."""
         aids = parameters.aids
-        self._enabled, self._period, self._declination = aids.magnetometer, aids.magnetometer_period, aids.declination
+        self._enabled, self._period, self.declination = aids.magnetometer, aids.magnetometer_period, aids.declination
         self._variance = aids.magnetometer_sd**2 * shared_error(aids.magnetometer_period)
 
     def receive(self, sample: MagSample) -> Vector3:
@@ -82,8 +83,9 @@ class Magnetometer(Aid):
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """While GNSS shows the heading learn the offset; otherwise let the field hold the heading."""
-        if self._aiding.gnss_is_good(o.t) and math.sqrt(f.P[PHI + 2, PHI + 2]) < _KNOWN_HEADING:
-            self._learn(o, f)
+        if self._aiding.gnss_is_good(o.t) and math.sqrt(f.P[PHI + 2, PHI + 2]) < KNOWN_HEADING:
+            z, _ = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self.declination)
+            self.learn(o, float(z[0]), f.nav[QUAT : QUAT + 4])
             return LEFT_OUT
         if self._check.doubted or math.isnan(self._offset):
             return LEFT_OUT
@@ -108,21 +110,19 @@ class Magnetometer(Aid):
         """Start with what was learned before a restart."""
         self._offset, self._since = offset, -_OFFSET_MEMORY
 
-    def _learn(self, o: Observation, f: FilterView) -> None:
-        z, _ = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self._declination)
-        error = float(z[0])
-        self._compare(o, f, error)
+    def learn(self, o: Observation, error: float, q: np.ndarray) -> None:
+        """Compare the heading with the filter's attitude ``q`` (4,), from which it is ``error`` [rad] off."""
+        self._compare(o, q, error)
         if math.isnan(self._offset):
             self._offset, self._since = error, o.t
         share = self._period / min(max(o.t - self._since, 1.0), _OFFSET_MEMORY)
         self._offset += min(share, 1.0) * math.remainder(error - self._offset, 2.0 * math.pi)
 
-    def _compare(self, o: Observation, f: FilterView, error: float) -> None:
+    def _compare(self, o: Observation, q: np.ndarray, error: float) -> None:
         deviation = 0.0 if math.isnan(self._offset) else math.remainder(error - self._offset, 2.0 * math.pi)
-        q = f.nav[QUAT : QUAT + 4]
         east, north, _ = quat_rotate(q, np.array(o.measured))
         to_body = cmath.rect(1.0, -float(euler_from_quat(q)[2]))
-        magnetic_north = cmath.rect(1.0, 0.5 * math.pi - self._declination)
+        magnetic_north = cmath.rect(1.0, 0.5 * math.pi - self.declination)
         offset = error if math.isnan(self._offset) else self._offset
         name, text = self._check.add(
             magnetic_north * to_body,
@@ -143,5 +143,5 @@ class Magnetometer(Aid):
         """One row, phi_z. A tilt that is wrong lets the vertical field pass for a horizontal one."""
         assert o.decision is not None
         tilt_variance = f.P[PHI, PHI] + f.P[PHI + 1, PHI + 1]
-        z, H = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self._declination + o.decision.reference)
+        z, H = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self.declination + o.decision.reference)
         return z, H, np.array([[self._variance + 4.0 * tilt_variance]])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -20,7 +21,7 @@ class InnovationRecord:
         self._recent: deque[float] = deque(maxlen=_RECENT)
         self._horizontal: deque[tuple[float, float]] = deque(maxlen=_RECENT)
 
-    def add(self, nis: float, z: np.ndarray, period: float) -> None:
+    def add(self, nis: float, z: Sequence[float] | np.ndarray, period: float) -> None:
         """An innovation ``z`` of two or more rows, East and North first; they come every ``period`` [s]."""
         if not math.isfinite(nis):
             return

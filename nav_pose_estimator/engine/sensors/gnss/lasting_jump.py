@@ -28,6 +28,10 @@ class LastingJump:
         """The horizontal deviation [m] that covers where the position jumped from."""
         return self._size / _CREDIBLE if t < self._until else 0.0
 
+    def is_over(self, t: float) -> bool:
+        """Whether nothing is doubted any more at ``t`` [s]."""
+        return not t < self._until
+
     def reason(self, t: float) -> str:
         """Why the position at ``t`` is doubted, a clause; empty if it is not."""
         return f"GNSS jumped by {self._size:.0f} m while it was in use, and stayed there" if t < self._until else ""

@@ -20,7 +20,7 @@ from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
-from nav_pose_estimator.engine.samples import GnssFix
+from nav_pose_estimator.engine.samples import GnssFix, Vector3
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
 from nav_pose_estimator.engine.sensors.gnss.lasting_jump import LastingJump
@@ -31,11 +31,11 @@ from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
 
-_SAME_MOTION = 1.0  # s: over this time the navigator knows the change of velocity better than a receiver
 _ANOTHER_PLACE = 5e4  # m: nobody flies that far unseen
 _SAME_STEP = 20.0  # s: a height that is left out later than that is told again
 _EITHER = 0.71  # of the step between two references, as likely one as the other: rms of the error
-_CHANCE = 2.5  # deviations by which two fixes minutes apart may differ
+CHANCE = 2.5
+"""Deviations by which two fixes minutes apart may differ."""
 
 
 class GnssPositionSensor(Sensor):
@@ -54,20 +54,20 @@ class GnssPositionSensor(Sensor):
         reception: GnssReception,
         velocity: GnssVelocitySensor,
     ) -> None:
-        self._guard = Reacquisition(_return_settings(parameters.gnss, aiding))
+        self.guard = Reacquisition(_return_settings(parameters.gnss, aiding))
         super().__init__(parameters, aiding, journal)
-        self._reception, self._velocity = reception, velocity
+        self.reception, self.velocity = reception, velocity
         self.record = InnovationRecord()
         self._accuracy = StatedAccuracy("position")
         self._walk_off = WalkOff()
         self._drifts = False
-        self._heights = HeightReference()
+        self.heights = HeightReference()
         self._height_told = -math.inf  # s: when a height was left out last
         self.origin: tuple[float, float, float] | None = None
         self.resets = 0
         self.last_reset_m = math.nan  # size of the last one
         self.despair = ""  # why the filter should start again: what GNSS says cannot be mended by a reset
-        self._jump = LastingJump()
+        self.jump = LastingJump()
         self.pull = Pull(journal, parameters.gnss.reacquisition.probation)
         self.forsakes_origin = False  # the start was somewhere else on Earth, and with it the origin
         self._velocity_apart = 0.0  # deviations between the two velocities at the last fix
@@ -80,47 +80,47 @@ class GnssPositionSensor(Sensor):
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New lever arm and thresholds; what the guard has seen stays."""
-        self._lever = np.array(parameters.gnss.lever_arm)
+        self.lever = np.array(parameters.gnss.lever_arm)
         self._despair_gap = parameters.gnss.reacquisition.despair_gap
         self._parameters = parameters.gnss
-        self._guard.settings = _return_settings(parameters.gnss, self._aiding)
+        self.guard.settings = _return_settings(parameters.gnss, self._aiding)
 
     def observe(self, sample: GnssFix, t: float) -> Observation:
         """The observation of a fix valid at ``t`` that passed the reception."""
-        if self._guard.settings.loss_time != self._aiding.lost_after:  # the receiver's period has changed
-            self._guard.settings = _return_settings(self._parameters, self._aiding)
-        R = self._reception.position_noise(sample)
+        if self.guard.settings.loss_time != self._aiding.lost_after:  # the receiver's period has changed
+            self.guard.settings = _return_settings(self._parameters, self._aiding)
+        R = self.reception.position_noise(sample)
         return Observation(t, sample.stamp_ns, self.kind, (sample.lat, sample.lon, sample.alt), R)
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """Position of the antenna in metres."""
         assert o.stated_R is not None
-        reference = self._heights.shift if o.decision is None else o.decision.reference
+        reference = self.heights.shift if o.decision is None else o.decision.reference
         lat, lon, alt = o.measured
         height = alt - reference
         rows = 3 if math.isfinite(height) else 2
-        z, H = measurements.gnss_position(f.nav, len(f.P), lat, lon, height if rows == 3 else 0.0, self._lever)
+        z, H = measurements.gnss_position(f.nav, len(f.P), lat, lon, height if rows == 3 else 0.0, self.lever)
         return z[:rows], H[:rows], o.stated_R[:rows, :rows]
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """What the guard of the return says, with the doubt that GNSS casts on the filter."""
         widening = self._doubted(o, f) if self._aiding.gnss_is_good(o.t) else 1.0
         decision = self._ask_the_guard(o, f)
-        if self._velocity.doubt.is_hopeless(o.t) and o.t - self._aiding.fix_used < self._despair_gap:
+        if self.velocity.doubt.is_hopeless(o.t) and o.t - self._aiding.fix_used < self._despair_gap:
             self.despair = "GNSS was there all the time, yet velocities differ, and positions with them"
         far, fast = self.pull.least_sd()
-        least_sd = (max(self._jump.least_sd(o.t), far), _EITHER * self._heights.span, fast)
+        least_sd = (max(self.jump.least_sd(o.t), far), _EITHER * self.heights.span, fast)
         return replace(decision, widening=widening, least_sd=least_sd)
 
     def doubt(self, t: float) -> str:
         """Why the position at ``t`` is not to be believed as usual, a clause; empty if it is."""
-        told = self._jump.reason(t) or self.pull.reason()
-        return told or (self._velocity.doubt.reason if self._aiding.gnss_is_good(t) else "")
+        told = self.jump.reason(t) or self.pull.reason()
+        return told or (self.velocity.doubt.reason if self._aiding.gnss_is_good(t) else "")
 
     def _doubted(self, o: Observation, f: FilterView) -> float:
         """The factor by which the covariance is too small, as far as refused velocities and positions tell."""
         z, H, R = (part[:2] for part in self.linearise(o, f))
-        doubt = self._velocity.doubt
+        doubt = self.velocity.doubt
         was = doubt.reason
         factor = doubt.position(o.t, distance(z, H, f.P, R[:, :2]))
         if doubt.reason and not was:
@@ -138,27 +138,27 @@ class GnssPositionSensor(Sensor):
             z, H, R = z[:2], H[:2], R[:2, :2]
         R = self._accuracy.lasting(o, R, self.noise, self._journal)
         # what the guard remembers must be the receiver's alone: a filter gone astray would bend it
-        fix = _local(o.measured, reference, f, self.origin)
+        fix = local(o.measured, reference, float(f.nav[ALT]), self.origin)
         off, sd = [*z.tolist(), 0.0][:3], [*np.sqrt(R.diagonal()).tolist(), 0.0][:3]
         self.pull.fix(o.t, (-off[0], -off[1]), o.stamp_ns)
         predicted = [place + difference for place, difference in zip(fix, off, strict=True)]
         predicted_sd = np.sqrt(f.P.diagonal()[DPOS : DPOS + 3]).tolist()
         gap = max(o.t - self._aiding.fix_used, 0.0)
-        self.gate_radius = self._guard.settings.sigmas * math.hypot(max(sd[:2]), max(predicted_sd[:2]))
+        self.gate_radius = self.guard.settings.sigmas * math.hypot(max(sd[:2]), max(predicted_sd[:2]))
         velocity, strange = self._velocity_now(o, f, (z, H, R))
-        broken = self._velocity_apart > self._guard.settings.sigmas and gap < self._despair_gap
+        broken = self._velocity_apart > self.guard.settings.sigmas and gap < self._despair_gap
         if broken:  # not GNSS but the filter is what contradicts itself
             strange = 0.0
-        decision = self._guard.offer(o.t, fix, velocity, sd, predicted, predicted_sd, gap, strange)
+        decision = self.guard.offer(o.t, fix, velocity, sd, predicted, predicted_sd, gap, strange)
         if decision.notice is not None:
-            self._reception.tell(o.stamp_ns, decision.notice, offset_m=math.hypot(*decision.offset), gap_s=gap)
+            self.reception.tell(o.stamp_ns, decision.notice, offset_m=math.hypot(*decision.offset), gap_s=gap)
         if decision.action in ("wait", "reject"):
-            self._reception.refuse(o.stamp_ns, decision.reason, in_words(decision.reason))
+            self.reception.refuse(o.stamp_ns, decision.reason, in_words(decision.reason))
             return LEFT_OUT
-        self._watch_drift(o, fix, velocity, _CHANCE * max(sd[:2]))
+        self.watch_drift(o, fix, velocity, CHANCE * max(sd[:2]))
         if decision.action == "fuse":
             return Decision(Use.GATED if decision.gated else Use.UNGATED, reference)
-        self._jump.note(o.t, gap, decision, self._guard.settings)
+        self.jump.note(o.t, gap, decision, self.guard.settings)
         if math.hypot(*decision.offset) > _ANOTHER_PLACE:
             self.forsakes_origin = True
             self.despair = f"GNSS is {1e-3 * math.hypot(*decision.offset):.0f} km from where the navigator started"
@@ -171,19 +171,19 @@ class GnssPositionSensor(Sensor):
         z, _, R = self.linearise(o, f)
         if len(z) < 3:
             return math.nan
-        sigmas, variances = self._guard.settings.sigmas, R.diagonal() + f.P.diagonal()[DPOS : DPOS + 3]
+        sigmas, variances = self.guard.settings.sigmas, R.diagonal() + f.P.diagonal()[DPOS : DPOS + 3]
         if np.any(np.abs(z[:2]) > sigmas * np.sqrt(variances[:2])):
-            return self._heights.shift
-        off, known = -float(z[2]), self._aiding.height_is_good(o.t) and not self._velocity.doubt.reason
-        outcome = self._heights.offer(
+            return self.heights.shift
+        off, known = -float(z[2]), self._aiding.height_is_good(o.t) and not self.velocity.doubt.reason
+        outcome = self.heights.offer(
             o.t, off, sigmas * math.sqrt(variances[2]), 0.5 * sigmas * math.sqrt(R[2, 2]), known
         )
         if outcome == height_reference.USED:
-            return self._heights.shift
+            return self.heights.shift
         if outcome == height_reference.MOVED:
             text = f"GNSS heights stay {off:+.1f} m off: taken as another reference (geoid, ellipsoid) and shifted back"
-            self._journal.say(o.stamp_ns, "gnss.height.moved", Level.WARN, text, shift_m=self._heights.shift)
-            return self._heights.shift
+            self._journal.say(o.stamp_ns, "gnss.height.moved", Level.WARN, text, shift_m=self.heights.shift)
+            return self.heights.shift
         told, self._height_told = self._height_told, o.t
         if o.t - told < _SAME_STEP:
             self._journal.count("gnss.rejected.height")
@@ -194,7 +194,7 @@ class GnssPositionSensor(Sensor):
             self._journal.say(o.stamp_ns, "gnss.rejected.height", Level.WARN, text)
         return math.nan
 
-    def _watch_drift(self, o: Observation, fix: list[float], velocity: list[float] | None, scatter: float) -> None:
+    def watch_drift(self, o: Observation, fix: Vector3, velocity: list[float] | None, scatter: float) -> None:
         """Tell when positions leave the receiver's own velocities, and when they agree again."""
         speed = self._walk_off.update(o.t, fix, velocity, scatter)
         if speed > 0.0:
@@ -211,13 +211,13 @@ class GnssPositionSensor(Sensor):
 
     def _velocity_now(self, o: Observation, f: FilterView, position: Linearised) -> tuple[list[float] | None, float]:
         """The receiver's last velocity, and what of it and the fix together no drift explains; None without one."""
-        last = self._velocity.misfit
-        if last is None or not 0.0 <= o.t - last.t <= _SAME_MOTION:
+        last = self.velocity.misfit_at(o.t)
+        if last is None:
             self._velocity_apart = 0.0
             return None, 0.0
         z, H, position_R = position
         placed, rows = len(z), len(last.difference)
-        _, velocity_H = measurements.gnss_velocity(f.nav, len(f.P), np.zeros(3), self._lever)
+        _, velocity_H = measurements.gnss_velocity(f.nav, len(f.P), np.zeros(3), self.lever)
         R = np.zeros((placed + rows, placed + rows))
         R[:placed, :placed], R[placed:, placed:] = position_R, last.R
         self._velocity_apart = distance(last.difference, velocity_H[:rows], f.P, last.R)
@@ -232,14 +232,14 @@ class GnssPositionSensor(Sensor):
             self.resets += 1
             self.last_reset_m = float(np.linalg.norm(z))
         elif o.decision.use is Use.GATED:
-            self.record.add(nis, z, self._reception.fix_period)
+            self.record.add(nis, z, self.reception.fix_period)
             if status == 0:
                 reason = "gnss.rejected.position_innovation"
-                self._reception.refuse(o.stamp_ns, reason, "the position disagrees with the filter")
+                self.reception.refuse(o.stamp_ns, reason, "the position disagrees with the filter")
                 return
             if status == 2:
                 self._journal.count("gnss.inflated.position")
-        self._reception.use(o.t, with_height=len(z) == 3)
+        self.reception.use(o.t, with_height=len(z) == 3)
 
     def settle(self, o: Observation, f: FilterView) -> None:
         """GNSS shows how far the gyroscope's bias moves."""
@@ -248,20 +248,20 @@ class GnssPositionSensor(Sensor):
 
     def decide_return(self, accept: bool) -> bool:
         """What the operator says of a return that waits for that, or accepts what no force explains; else False."""
-        return self._guard.decide(accept) or (accept and self.pull.dismiss())
+        return self.guard.decide(accept) or (accept and self.pull.dismiss())
 
 
-def _local(
-    place: tuple[float, float, float], reference: float, f: FilterView, origin: tuple[float, float, float] | None
-) -> list[float]:
-    """A fix in the local frame [m], its height less ``reference``, or the filter's where it has none."""
+def local(
+    place: tuple[float, float, float], reference: float, height: float, origin: tuple[float, float, float] | None
+) -> Vector3:
+    """A fix in the local frame [m], its height less ``reference``, or ``height`` where it has none."""
     lat, lon, alt = place[0], place[1], place[2] - reference
     if math.isnan(alt):
-        alt = float(f.nav[ALT])
+        alt = height
     lat0, lon0, alt0 = origin or (lat, lon, alt)
     r_m, r_n = radii(lat0)
     east = math.remainder(lon - lon0, 2.0 * math.pi) * (r_n + alt0) * math.cos(lat0)
-    return [east, (lat - lat0) * (r_m + alt0), alt - alt0]
+    return east, (lat - lat0) * (r_m + alt0), alt - alt0
 
 
 def _return_settings(parameters: GnssParameters, aiding: Aiding) -> ReacquisitionSettings:

@@ -39,30 +39,30 @@ class Unaided:
 
     def carry(self, constants: np.ndarray, rows: np.ndarray, lever: np.ndarray) -> bool:
         """On over the IMU ``rows`` (N, 7) of another second; False where they do not follow."""
-        rows = rows[rows[:, at.IMU_T] > self._nav[at.TIME]]
+        rows = rows[rows[:, at.IMU_T].searchsorted(self._nav[at.TIME], side="right") :]
         if len(rows) == 0 or rows[-1, at.IMU_T] - self._nav[at.TIME] > _LONGEST_STEP:
             return False
         trace = np.empty((len(rows), 4))
-        unaided_velocities(self._nav, constants, np.ascontiguousarray(rows), lever, trace)
+        unaided_velocities(self._nav, constants, rows, lever, trace, self._angle)
         self._trace = [*self._trace, trace][-3:]
-        steps = np.diff(rows[:, at.IMU_T], prepend=rows[0, at.IMU_T])
-        self._angle = self._angle + steps @ rows[:, at.IMU_GYRO : at.IMU_ACCEL]
         self.age += 1
         return True
 
     def compare(self, end: float, received: list[tuple[float, Vector3]]) -> None:
         """With what was ``received`` in the second up to ``end``."""
-        trace = np.concatenate(self._trace)
-        own = [one for one in received if end - 1.0 <= one[0] < end and trace[0, 0] <= one[0]]
+        begin = float(self._trace[0][0, 0])
+        own = [one for one in received if end - 1.0 <= one[0] < end and begin <= one[0]]
         if not own:
             self.seconds = ()
             return
-        t, v = np.array([one[0] for one in own]), np.array([one[1][:2] for one in own])
-        felt = np.column_stack([np.interp(t, trace[:, 0], trace[:, 1 + axis]) for axis in range(2)])
+        t, v = [one[0] for one in own], [one[1] for one in own]
+        trace = np.concatenate(self._trace)
+        felt = [np.interp(t, trace[:, 0], trace[:, 1 + axis]).tolist() for axis in range(2)]
         wandered = self._turn * self.age**2 + _CROSS**2 * float(self._angle @ self._angle)
         drift_sd = math.sqrt(_G**2 * (self._tilt + wandered) + self._push)
         heading_sd = math.sqrt(self._heading + wandered)
-        newest = Second((v - felt).mean(axis=0), len(own), felt.mean(axis=0), heading_sd, drift_sd)
+        east, north = (_mean([a[axis] - b for a, b in zip(v, felt[axis], strict=True)]) for axis in range(2))
+        newest = Second((east, north), len(own), (_mean(felt[0]), _mean(felt[1])), heading_sd, drift_sd)
         self.seconds = (*self.seconds, newest)[-SPANS:]
 
 
@@ -77,11 +77,8 @@ class Pull:
         self._speed, self._way = np.zeros(2), np.zeros(2)  # m/s, m: what the change comes to
         self._last = -math.inf  # s: of the last fix
         self._until = math.inf  # s: when a speed that was taken back is forgotten
-
-    @property
-    def is_on(self) -> bool:
+        self.is_on = False
         """Whether GNSS may be elsewhere than the vehicle."""
-        return bool(self._speed.any() or self._way.any())
 
     def velocity(self, t: float, velocity: Vector3) -> None:
         """A GNSS velocity valid at ``t`` [s], of axes that are not in doubt."""
@@ -103,7 +100,7 @@ class Pull:
         self._received = [one for one in self._received if one[0] >= end]
         change = self._change.find(self._unaided[0].seconds) if self._unaided else None
         if change is not None:
-            self._note(now, change, stamp_ns)
+            self._note(now, np.array(change), stamp_ns)
         if not self._unaided or self._unaided[-1].age >= _LIFE:
             self._unaided = [*self._unaided[-1:], Unaided(f)]
 
@@ -111,7 +108,7 @@ class Pull:
         """A fix at ``t`` [s] lies ``offset`` [m] (East, North) from the navigator: is GNSS back where it came from?"""
         if not self.is_on:
             return
-        self._way = self._way + self._speed * min(max(t - self._last, 0.0), _LATE)
+        self._set(self._speed, self._way + self._speed * min(max(t - self._last, 0.0), _LATE))
         self._last = t
         away = float(self._way @ self._way)
         back = -(self._way[0] * offset[0] + self._way[1] * offset[1])
@@ -125,11 +122,18 @@ class Pull:
     def dismiss(self) -> bool:
         """The operator says that GNSS is right; False where it is not in doubt."""
         was_on = self.is_on
-        self._speed, self._way, self._until = np.zeros(2), np.zeros(2), math.inf
+        self._set(np.zeros(2), np.zeros(2))
+        self._until = math.inf
         return was_on
+
+    def _set(self, speed: np.ndarray, way: np.ndarray) -> None:
+        self._speed, self._way = speed, way
+        self.is_on = bool(speed.any() or way.any())
 
     def least_sd(self) -> tuple[float, float]:
         """Deviations that cover where the vehicle may be [m] and how it may move [m/s], on each horizontal axis."""
+        if not self.is_on:
+            return 0.0, 0.0
         return math.hypot(*self._way.tolist()) / _CREDIBLE, math.hypot(*self._speed.tolist()) / _CREDIBLE
 
     def reason(self) -> str:
@@ -143,12 +147,17 @@ class Pull:
 
     def _note(self, t: float, change: np.ndarray, stamp_ns: int) -> None:
         was_on, before = self.is_on, self._speed
-        self._speed = before + change
+        self._set(before + change, self._way)
         self.interrupt()  # what follows is compared with what is the case now
         if was_on and np.linalg.norm(self._speed) < _TAKEN_BACK * np.linalg.norm(change):
-            self._speed, self._until = np.zeros(2), t + self._probation
+            self._set(np.zeros(2), self._way)
+            self._until = t + self._probation
             return
         self._until, self._last = math.inf, t
         if not was_on:
-            self._way = change * (_LATE + LASTS)  # since the change began
+            self._set(self._speed, change * (_LATE + LASTS))  # since the change began
         self._journal.say(stamp_ns, "gnss.pulled", Level.WARN, f"{self.reason()}; its sigma grows")
+
+
+def _mean(values: list[float]) -> float:
+    return sum(values) / len(values)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -38,6 +39,8 @@ class GnssReception:
         self.velocities = VelocityInput(journal)
         self._usable = False  # the last fix
         self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
+        self.fix_period = 1.0
+        """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
         self._repeats, self._last = 0, (math.nan, math.nan, math.nan)
         self._no_height_told = False
         self._told_ahead = math.nan  # s: the clock offset that was told last
@@ -46,8 +49,9 @@ class GnssReception:
         """New thresholds and noises; the gate stays as it stands."""
         self.gate.settings = _gate_settings(parameters)
         self._correlation = parameters.position_correlation
-        self._position_floor = np.array([parameters.position_sd] * 2 + [parameters.vertical_sd]) ** 2
-        self._velocity_floor = np.array([parameters.velocity_sd] * 2 + [parameters.velocity_vertical_sd]) ** 2
+        position = np.array([parameters.position_sd] * 2 + [parameters.vertical_sd])
+        velocity = np.array([parameters.velocity_sd] * 2 + [parameters.velocity_vertical_sd])
+        self._position_floor, self._velocity_floor = (position**2).tolist(), (velocity**2).tolist()
 
     def count(self, sample: SatelliteCount, t: float) -> None:
         """Take a satellite count valid at ``t``."""
@@ -86,6 +90,7 @@ class GnssReception:
             why = self._clocks(sample, t - now) if late else in_words(verdict.reason)
             return self.refuse(sample.stamp_ns, verdict.reason, why)
         self._fix_times = tuple(sorted((*self._fix_times, t))[-_PERIOD_MEMORY:])
+        self.fix_period = min(max(min((b - a for a, b in pairwise(self._fix_times)), default=1.0), 0.02), 5.0)
         self._usable = True
         self._aiding.fix_offered = t
         if math.isnan(sample.alt):
@@ -106,20 +111,20 @@ class GnssReception:
         """R (3, 3) [(m/s)^2]: the floor, or what the receiver states where that is larger."""
         return self.noise_variance * _floored(self._known(sample.cov_enu, "velocity"), self._velocity_floor)
 
-    @property
-    def fix_period(self) -> float:
-        """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
-        steps = [b - a for a, b in pairwise(self._fix_times)]
-        return min(max(min(steps, default=1.0), 0.02), 5.0)
-
     def refuse(self, stamp_ns: int, name: str, why: str) -> bool:
         """A fix is not used: said when the reason is a new one, else counted."""
+        self._journal.catch_up()
         if why != self.refusal:
             self._journal.say(stamp_ns, name, Level.INFO, f"GNSS not used: {why}")
         else:
             self._journal.count(name)
         self.refusal = why
         return False
+
+    @property
+    def is_quick(self) -> bool:
+        """Whether the next fix, whenever it comes, leaves it at ``Aiding.patience`` after which GNSS is lost."""
+        return self._aiding.is_quick(max(self.gate.state.steps, default=math.inf))
 
     def use(self, t: float, with_height: bool) -> None:
         """A fix valid at ``t`` has corrected the filter."""
@@ -165,12 +170,11 @@ def _horizontal(sample: GnssFix) -> np.ndarray | None:
     return cov
 
 
-def _floored(cov: np.ndarray | None, floor: np.ndarray) -> np.ndarray:
+def _floored(cov: np.ndarray | None, floor: Sequence[float]) -> np.ndarray:
     """``cov`` with at least ``floor`` on its diagonal; the floor alone where the receiver states nothing."""
-    if cov is None:
-        return np.diag(floor)
-    R = np.array(cov, dtype=float)
-    R[np.diag_indices(3)] = np.maximum(np.diag(R), floor)
+    R = np.zeros((3, 3)) if cov is None else np.array(cov, dtype=float)
+    for i, least in enumerate(floor):
+        R[i, i] = max(R[i, i], least)
     return R
 
 

@@ -21,6 +21,7 @@ from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import StatedAccurac
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
 
+_SAME_MOTION = 1.0  # s: over this time the navigator knows the change of velocity better than a receiver
 _REFUSALS = (1.0, 0.0, 0.5)
 """By the statuses of ``kalman.gated_correct``: how far a velocity was refused."""
 
@@ -41,7 +42,7 @@ class GnssVelocitySensor(Sensor):
 
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal, reception: GnssReception) -> None:
         super().__init__(parameters, aiding, journal)
-        self._reception = reception
+        self.reception = reception
         self.record = InnovationRecord()
         self._accuracy = StatedAccuracy("velocity")
         self.misfit: Misfit | None = None
@@ -55,11 +56,11 @@ class GnssVelocitySensor(Sensor):
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New lever arm."""
-        self._lever = np.array(parameters.gnss.lever_arm)
+        self.lever = np.array(parameters.gnss.lever_arm)
 
     def observe(self, sample: GnssVelocity, t: float) -> Observation:
         """The observation of a velocity valid at ``t`` that passed the reception."""
-        R = self._reception.velocity_noise(sample)
+        R = self.reception.velocity_noise(sample)
         return Observation(t, sample.stamp_ns, self.kind, np.array(sample.vel_enu), R)
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
@@ -73,13 +74,13 @@ class GnssVelocitySensor(Sensor):
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """Velocity of the antenna."""
         assert o.stated_R is not None
-        z, H = measurements.gnss_velocity(f.nav, len(f.P), o.measured, self._lever)
-        rows = _rows(o)
+        z, H = measurements.gnss_velocity(f.nav, len(f.P), o.measured, self.lever)
+        rows = rows_of(o)
         return z[:rows], H[:rows], o.stated_R[:rows, :rows]
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count it; a refusal is told once, for it has no place in ``refusal`` beside the positions."""
-        self.record.add(nis, z, self._reception.fix_period)
+        self.record.add(nis, z, self.reception.fix_period)
         self.doubt.velocity(o.t, _REFUSALS[status], nis / len(z))
         if status:
             if status == 2:
@@ -94,10 +95,26 @@ class GnssVelocitySensor(Sensor):
             self._is_refused = True
         self._remember(o, f.nav)
 
+    def agrees(self, o: Observation, nis: float, z: list[float], left: list[float], period: float) -> None:
+        """What ``note`` does where ``o`` was taken as it is, with what is ``left`` of its innovation ``z``."""
+        assert o.stated_R is not None
+        rows = rows_of(o)
+        self.record.add(nis, z[:rows], period)
+        self.doubt.velocity(o.t, 0.0, nis / rows)
+        self._is_refused = False
+        self._journal.count("gnss.used.velocity")
+        R = self._accuracy.lasting(o, o.stated_R[:rows, :rows], self.noise, self._journal)
+        self.misfit = Misfit(o.t, np.array(left[:rows]), R, o.measured.tolist())
+
+    def misfit_at(self, t: float) -> Misfit | None:
+        """The last velocity's, where it belongs to a fix at ``t`` [s]; else None."""
+        last = self.misfit
+        return last if last is not None and 0.0 <= t - last.t <= _SAME_MOTION else None
+
     def _remember(self, o: Observation, nav: np.ndarray) -> None:
         assert o.stated_R is not None
-        rows = _rows(o)
-        z, _ = measurements.gnss_velocity(nav, BASE_STATES, o.measured, self._lever)
+        rows = rows_of(o)
+        z, _ = measurements.gnss_velocity(nav, BASE_STATES, o.measured, self.lever)
         R = self._accuracy.lasting(o, o.stated_R[:rows, :rows], self.noise, self._journal)
         self.misfit = Misfit(o.t, z[:rows], R, o.measured.tolist())
 
@@ -107,5 +124,6 @@ class GnssVelocitySensor(Sensor):
             bias_noise.observe(f.nav, f.P)
 
 
-def _rows(o: Observation) -> int:
+def rows_of(o: Observation) -> int:
+    """Two or three: whether the vertical velocity is measured."""
     return 3 if math.isfinite(o.measured[2]) else 2

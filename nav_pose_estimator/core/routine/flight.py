@@ -1,0 +1,89 @@
+"""The loop of routine flight: IMU rows carry the filter on, and the observations between them act at their own time."""
+
+import math
+
+from nav_pose_estimator.core.filter import memory as at
+from nav_pose_estimator.core.filter.layout import IMU_T, TIME
+from nav_pose_estimator.core.numerics.jit import kernel
+from nav_pose_estimator.core.routine import table
+from nav_pose_estimator.core.routine.observations import act
+
+AT_ROW, AT_TIME = 0, 1
+"""Where the filter stands when the routine ends: ahead of a row, or at the time of an observation behind one of which
+others have acted already."""
+
+
+@kernel
+def act_now(memory, events, begin, end, behind, settings, results):
+    """Let ``events`` from ``begin`` on act that are of the time of the filter, and arrived behind row ``behind``.
+
+    Returns the number of the first one that did not: it is later, or no matter of routine (see ``is_due``).
+    """
+    n = int(memory[at.STATES])
+    nav, constants = memory[at.NAV : at.CONSTANTS], memory[at.CONSTANTS : at.ORIGIN]
+    P = memory[at.HEAD : at.HEAD + n * n].reshape(n, n)
+    k = begin
+    while k < end and is_due(memory, events, k, behind) and act(nav, P, constants, events[k], settings, results[k]):
+        results[k, table.RESULT_AHEAD] = behind
+        k += 1
+    return k
+
+
+@kernel
+def is_due(memory, events, k, behind):
+    """Whether event ``k`` has arrived and its time has come."""
+    return events[k, table.EVENT_BEHIND] <= behind and events[k, table.EVENT_T] <= memory[at.NAV + TIME]
+
+
+@kernel
+def fly(memory, rows, begin, end, is_followed, events, settings, out, results):
+    """Carry the filter over IMU rows ``begin`` to ``end`` of ``rows`` (N, 7) and let ``events`` (K, ...) act.
+
+    There is a row ahead of ``begin``. An event that arrived behind as many of these rows as it says acts at its own
+    time, but not before it arrived; where that is the time of the row ahead of it, on the filter as that row left it.
+    Those that came behind the last row act only if it ``is_followed`` by another: until then more may come. It ends
+    ahead of an event that is not a matter of routine, or of a row at which GNSS counts as lost. ``out`` (end - begin,
+    OUT_COLUMNS) receives the state after each row.
+
+    Returns how many rows and how many events are done, and where the filter stands (``AT_ROW`` or ``AT_TIME``).
+    """
+    done, k, count = 0, 0, len(events)
+    size = end - begin
+    while True:
+        behind = int(events[k, table.EVENT_BEHIND]) if k < count else 0
+        if done == size and not (is_followed and k < count and behind == done):
+            break
+        # of the time of the last row, and not of a place between rows at which an earlier flight ended
+        if k < count and behind == done and events[k, table.EVENT_T] <= rows[begin + done - 1, IMU_T]:
+            first = k
+            at.run_block(memory, rows, begin + done - 1, begin + done, memory[at.NAV + TIME], out[:0])
+            k = act_now(memory, events, k, count, done, settings, results)
+            if k < count and is_due(memory, events, k, done):
+                return done, k, AT_TIME if k > first else AT_ROW
+            at.renew_checkpoint(memory)
+            continue
+        if done == size:
+            break
+        stop = min(behind, size) if behind > done else size
+        stop = _still_aided(rows, begin, done, stop, settings)
+        if stop == done:
+            break
+        due = events[k, table.EVENT_T] if k < count and behind <= done else math.inf
+        done = at.run_block(memory, rows, begin + done, begin + stop, due, out[:stop]) - begin
+        if done < stop:
+            k_before, k = k, act_now(memory, events, k, count, done, settings, results)
+            if k == k_before or (k < count and is_due(memory, events, k, done)):
+                break
+    return done, k, AT_ROW
+
+
+@kernel
+def _still_aided(rows, begin, done, stop, settings):
+    """``stop``, or the first row from ``done`` on at which the last fix is too long ago."""
+    used, patience = settings[table.FIX_USED], settings[table.LOST_AFTER]
+    while stop > done:
+        t = rows[begin + stop - 1, IMU_T]
+        if t < used + patience and t - used < patience:
+            break
+        stop -= 1
+    return stop

@@ -1,0 +1,157 @@
+"""Observations about which nothing is unusual: each kind is tested, taken in and answered by one kernel.
+
+Every test is the one that the sensor itself makes (``engine.sensors``), with the same numbers. Where one fails, the
+kernel says so and leaves the filter as it was: the sensor then decides. So these kernels never decide anything but
+that the observation is a matter of routine.
+"""
+
+import math
+
+import numpy as np
+
+from nav_pose_estimator.core.filter import bias_noise, measurements
+from nav_pose_estimator.core.filter.kalman import correct_if_likely, innovation
+from nav_pose_estimator.core.filter.layout import ALT, BASE_STATES, DPOS, LAT, PHI, QUAT
+from nav_pose_estimator.core.numerics.jit import kernel
+from nav_pose_estimator.core.routine import table
+
+_SURE = 1.0 - 1e-6  # of a bound that the sensor computes in another order
+
+
+@kernel
+def act(nav, P, constants, event, settings, result):
+    """Let the observation of one ``event`` act on a filter that stands at its time, with ``P`` up to date.
+
+    False, and nothing has changed, where it is not a matter of routine. Else ``result`` (RESULT_COLUMNS,) tells what
+    came of it.
+    """
+    kind = int(event[table.EVENT_KIND])
+    for i in range(3):
+        result[table.RESULT_BEFORE + i] = nav[LAT + i]
+    if kind == table.VELOCITY:
+        done = _velocity(nav, P, constants, event, settings, result)
+    elif kind == table.POSITION:
+        done = _position(nav, P, constants, event, settings, result)
+    elif kind == table.HEIGHT:
+        done = _height(nav, P, event, settings, result)
+    elif kind == table.HEADING:
+        done = _heading(nav, P, event, settings, result)
+    else:
+        done = False
+    for i in range(3):
+        result[table.RESULT_AFTER + i] = nav[LAT + i]
+    return done
+
+
+@kernel
+def _velocity(nav, P, constants, event, settings, result):
+    """A GNSS velocity that agrees with a filter that GNSS aids."""
+    if not event[table.EVENT_T] - settings[table.FIX_USED] <= settings[table.LOST_AFTER]:
+        return False
+    rows = int(event[table.EVENT_ROWS])
+    value, lever = event[table.EVENT_VALUE : table.EVENT_NOISE], settings[table.LEVER : table.DOUBTFUL]
+    z, H = measurements.gnss_velocity(nav, len(P), value, lever)
+    for i in range(3):
+        result[table.RESULT_INNOVATION + i] = z[i]
+    soft = settings[table.SOFT + rows - 1]
+    nis = correct_if_likely(nav, P, constants, z[:rows], H[:rows], _noise(event, rows), soft)
+    if not nis <= soft:
+        return False
+    left, _ = measurements.gnss_velocity(nav, BASE_STATES, value, lever)
+    result[table.RESULT_NIS] = nis
+    for i in range(3):
+        result[table.RESULT_Z + i] = left[i]
+    bias_noise.observe(nav, P)
+    return True
+
+
+@kernel
+def _position(nav, P, constants, event, settings, result):
+    """A fix with a height, where the filter expects it, while fixes are used."""
+    t, sigmas = event[table.EVENT_T], settings[table.SIGMAS]
+    gap = t - settings[table.FIX_USED]
+    if not (gap <= settings[table.LOST_AFTER] and gap <= settings[table.RETURN_AFTER]):
+        return False
+    lat, lon, alt = event[table.EVENT_VALUE], event[table.EVENT_VALUE + 1], event[table.EVENT_VALUE + 2]
+    lever = settings[table.LEVER : table.DOUBTFUL]
+    z, H = measurements.gnss_position(nav, len(P), lat, lon, alt - settings[table.HEIGHT_SHIFT], lever)
+    R = _noise(event, 3)
+    if not math.sqrt(innovation(P, z[:2], H[:2], _noise(event, 2))) <= settings[table.DOUBTFUL]:
+        return False
+    for i in range(3):
+        result[table.RESULT_Z + i] = z[i]
+        result[table.RESULT_SD + i] = math.sqrt(P[DPOS + i, DPOS + i])
+    if not (_is_expected(z, P, R, sigmas) and _has_usual_height(t, z, P, R, settings)):
+        return False
+    soft = settings[table.SOFT + 2]
+    nis = correct_if_likely(nav, P, constants, z, H, R, soft)
+    if not nis <= soft:
+        return False
+    result[table.RESULT_NIS] = nis
+    settings[table.FIX_USED] = max(settings[table.FIX_USED], t)
+    settings[table.HEIGHT_USED] = max(settings[table.HEIGHT_USED], t)
+    settings[table.LAST_HEIGHT_T], settings[table.LAST_HEIGHT] = t, -result[table.RESULT_Z + 2]
+    bias_noise.observe(nav, P)
+    return True
+
+
+@kernel
+def _is_expected(z, P, R, sigmas):
+    """Whether a fix lies surely within ``sigmas``, horizontally and vertically, and on each horizontal axis."""
+    square = 0.0
+    for i in range(2):
+        variance = R[i, i] + P[DPOS + i, DPOS + i]
+        if not abs(z[i]) <= sigmas * math.sqrt(variance):
+            return False
+        square += z[i] * z[i] / variance
+    vertical = abs(z[2]) / math.sqrt(R[2, 2] + P[DPOS + 2, DPOS + 2])
+    return max(math.sqrt(square), vertical) <= _SURE * sigmas
+
+
+@kernel
+def _has_usual_height(t, z, P, R, settings):
+    """Whether the height neither steps from the last one nor lies far off."""
+    off, sigmas = -z[2], settings[table.SIGMAS]
+    scatter = 0.5 * sigmas * math.sqrt(R[2, 2])
+    is_next = t - settings[table.LAST_HEIGHT_T] < settings[table.HEIGHT_PAUSE]
+    if is_next and abs(off - settings[table.LAST_HEIGHT]) > max(scatter, settings[table.HEIGHT_STEP]):
+        return False
+    return abs(off) <= sigmas * math.sqrt(R[2, 2] + P[DPOS + 2, DPOS + 2])
+
+
+@kernel
+def _height(nav, P, event, settings, result):
+    """A barometric height while GNSS shows the height: it is compared and corrects nothing."""
+    t, variance = event[table.EVENT_T], P[DPOS + 2, DPOS + 2]
+    for used in (settings[table.FIX_USED], settings[table.HEIGHT_USED]):
+        if not t - used <= settings[table.LOST_AFTER]:
+            return False
+    if not abs(event[table.EVENT_VALUE] - nav[ALT]) < settings[table.BARO_APART]:
+        return False
+    result[table.RESULT_HEIGHT], result[table.RESULT_VARIANCE] = nav[ALT], variance
+    return True
+
+
+@kernel
+def _heading(nav, P, event, settings, result):
+    """A magnetic heading while GNSS shows the heading: it is compared and corrects nothing."""
+    if not event[table.EVENT_T] - settings[table.FIX_USED] <= settings[table.LOST_AFTER]:
+        return False
+    if not math.sqrt(P[PHI + 2, PHI + 2]) < settings[table.HEADING_SD]:
+        return False
+    x, y, z = event[table.EVENT_VALUE], event[table.EVENT_VALUE + 1], event[table.EVENT_VALUE + 2]
+    error, _ = measurements.magnetic_heading(nav, len(P), x, y, z, settings[table.DECLINATION])
+    result[table.RESULT_ERROR] = error[0]
+    for i in range(4):
+        result[table.RESULT_QUAT + i] = nav[QUAT + i]
+    return True
+
+
+@kernel
+def _noise(event, rows):
+    """R (rows, rows) of an event."""
+    R = np.empty((rows, rows))
+    for i in range(rows):
+        for j in range(rows):
+            R[i, j] = event[table.EVENT_NOISE + 3 * i + j]
+    return R

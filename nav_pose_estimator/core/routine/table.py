@@ -1,0 +1,44 @@
+"""The place of every number in the tables that routine flight is told, and answers, in.
+
+``settings`` is a float64 vector, ``events`` (K, EVENT_COLUMNS) has a row for each observation in the order in which
+they act, ``results`` (K, RESULT_COLUMNS) receives what came of those that did.
+"""
+
+# --- settings ------------------------------------------------------------------------------------------------------
+FIX_USED = 0  # s: the last fix that corrected the filter; kept up to date
+HEIGHT_USED = 1  # s: ... the height; kept up to date
+LOST_AFTER = 2  # s without a used fix after which GNSS counts as lost
+RETURN_AFTER = 3  # s without one after which a fix has to prove itself
+SIGMAS = 4  # within which a fix is expected, on each axis
+SOFT = 5  # 3: bounds of the normalised innovation squared for 1, 2, 3 rows
+LEVER = 8  # 3: m, from the IMU to the antenna in b
+DOUBTFUL = 11  # Mahalanobis distance of a horizontal position that casts doubt on the filter
+HEIGHT_SHIFT = 12  # m: taken off the heights of fixes
+HEIGHT_STEP, HEIGHT_PAUSE = 13, 14  # m, s: between two fixes in a row a larger step is none of the vehicle's
+LAST_HEIGHT_T, LAST_HEIGHT = 15, 16  # s, m: of the last fix, less the filter's height; kept up to date
+BARO_APART = 17  # m: a barometer farther from the filter's height is in another unit
+HEADING_SD = 18  # rad: a heading less certain is no reference
+DECLINATION = 19  # rad
+SETTINGS_SIZE = 20
+
+# --- events --------------------------------------------------------------------------------------------------------
+EVENT_T, EVENT_KIND = 0, 1  # s, and one of the kinds below
+EVENT_BEHIND = 2  # how many IMU rows had arrived before it
+EVENT_ROWS = 3  # of an observation that corrects the filter
+EVENT_VALUE = 4  # 3: latitude, longitude [rad], height [m]; velocity ENU [m/s]; height [m]; field in b
+EVENT_NOISE = 7  # 9: R (3, 3), row-major
+EVENT_COLUMNS = EVENT_NOISE + 9
+
+UNUSUAL, VELOCITY, POSITION, HEIGHT, HEADING = range(5)
+"""Kinds. What is ``UNUSUAL`` ends the routine."""
+
+# --- results -------------------------------------------------------------------------------------------------------
+RESULT_AHEAD = 0  # number of the IMU row ahead of which it acted
+RESULT_NIS = 1
+RESULT_Z = 2  # 3: innovation of a position, of a velocity what is left of it
+RESULT_SD = 5  # 3: m, deviations of the filter's position ahead of a fix
+RESULT_INNOVATION = 5  # 3: m/s, of a velocity
+RESULT_HEIGHT, RESULT_VARIANCE = 1, 2  # of the filter where a height was compared: m, m^2
+RESULT_ERROR, RESULT_QUAT = 1, 2  # rad, (4,): of a magnetic heading, and the attitude that it was compared with
+RESULT_BEFORE, RESULT_AFTER = 8, 11  # 3, 3: latitude, longitude, height of the filter ahead of it and behind it
+RESULT_COLUMNS = 14

@@ -1,0 +1,1 @@
+"""Observations about which nothing is unusual, on their way through compiled code."""

@@ -1,0 +1,189 @@
+"""What each sensor tells the kernels of routine flight, and how it takes their answer.
+
+An answer does to the sensor what ``decide``, ``note`` and ``settle`` would have done, no more and no less.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from nav_pose_estimator.core.gnss import doubt, height_reference
+from nav_pose_estimator.core.gnss.reacquisition import Fix
+from nav_pose_estimator.core.routine import table
+from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, Observation, Use
+from nav_pose_estimator.engine.sensors import barometer, magnetometer
+from nav_pose_estimator.engine.sensors.aiding import Aiding
+from nav_pose_estimator.engine.sensors.barometer import Barometer
+from nav_pose_estimator.engine.sensors.gnss.position import CHANCE, GnssPositionSensor, local
+from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss
+from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor, rows_of
+from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
+from nav_pose_estimator.engine.sensors.sensor import Aid
+
+_NO_NOISE = [0.0] * (table.EVENT_COLUMNS - table.EVENT_NOISE)
+_VALUES = slice(table.RESULT_Z, table.RESULT_Z + 3)
+_INNOVATION = slice(table.RESULT_INNOVATION, table.RESULT_INNOVATION + 3)
+
+
+class RoutineKind(Protocol):
+    """One kind of observation."""
+
+    number: ClassVar[int]
+    """Of ``core.routine.table``."""
+
+    def prepare(self, settings: np.ndarray, t: float) -> bool:
+        """Write what the kernel has to know from ``t`` [s] on; False while the sensor has to decide itself."""
+
+    def values(self, o: Observation) -> list[float]:
+        """Number of rows, value (3,) and noise (9,) of the event of ``o``."""
+
+    def done(self, o: Observation, result: list[float], period: float | None) -> None:
+        """``o`` has acted with this ``result``, when fixes came every ``period`` [s], None: as now."""
+
+
+class RoutineVelocity:
+    """GNSS velocities that are taken as they are."""
+
+    number: ClassVar[int] = table.VELOCITY
+
+    def __init__(self, sensor: GnssVelocitySensor) -> None:
+        self._sensor = sensor
+
+    def prepare(self, settings: np.ndarray, t: float) -> bool:
+        """While the noise is what is stated."""
+        settings[table.LEVER : table.DOUBTFUL] = self._sensor.lever
+        return not self._sensor.noise.learns
+
+    def values(self, o: Observation) -> list[float]:
+        """Two or three rows."""
+        assert o.stated_R is not None
+        return [rows_of(o), *o.measured.tolist(), *o.stated_R.ravel().tolist()]
+
+    def done(self, o: Observation, result: list[float], period: float | None) -> None:
+        """Taken as it is."""
+        o.decision = GATED
+        period = period or self._sensor.reception.fix_period
+        self._sensor.agrees(o, result[table.RESULT_NIS], result[_INNOVATION], result[_VALUES], period)
+
+
+class RoutinePosition:
+    """Fixes where the filter expects them."""
+
+    number: ClassVar[int] = table.POSITION
+
+    def __init__(self, sensor: GnssPositionSensor, aiding: Aiding) -> None:
+        self._sensor, self._aiding = sensor, aiding
+        self._decision = Decision(Use.GATED, 0.0)
+
+    def prepare(self, settings: np.ndarray, t: float) -> bool:
+        """While neither the guard nor the doubts have anything to say."""
+        sensor, guard = self._sensor, self._sensor.guard.settings
+        heights = sensor.heights
+        settings[table.LEVER : table.DOUBTFUL] = sensor.lever
+        settings[table.RETURN_AFTER], settings[table.SIGMAS] = guard.loss_time, guard.sigmas
+        settings[table.DOUBTFUL] = doubt.OFF
+        settings[table.HEIGHT_SHIFT : table.BARO_APART] = (
+            heights.shift,
+            height_reference.STEP,
+            height_reference.PAUSE,
+            *heights.last,
+        )
+        state = sensor.guard.state
+        return (
+            not (sensor.noise.learns or sensor.pull.is_on or sensor.despair or state.tracks or state.loose)
+            and sensor.velocity.doubt.is_calm
+            and heights.is_calm(t)
+            and sensor.jump.is_over(t)
+        )
+
+    def values(self, o: Observation) -> list[float]:
+        """Three rows; a height that is NaN passes no test of the kernel."""
+        assert o.stated_R is not None
+        return [3.0, *o.measured, *o.stated_R.ravel().tolist()]
+
+    def done(self, o: Observation, result: list[float], period: float | None) -> None:
+        """Where it was expected."""
+        assert o.stated_R is not None
+        sensor, t, z = self._sensor, o.t, result[_VALUES]
+        reference = sensor.heights.shift
+        sensor.velocity.doubt.agrees()
+        sensor.heights.agrees(t, -z[2])
+        place = local(o.measured, reference, math.nan, sensor.origin)
+        east, north, up = (math.sqrt(variance) for variance in o.stated_R.diagonal().tolist())
+        sd = max(east, north)
+        own_sd = max(result[table.RESULT_SD : table.RESULT_SD + 2])
+        sensor.gate_radius = sensor.guard.settings.sigmas * math.hypot(sd, own_sd)
+        sensor.guard.expected(Fix(t, place, (east, north, up)), max(t - self._aiding.fix_used, 0.0))
+        velocity = sensor.velocity.misfit_at(t)
+        sensor.watch_drift(o, place, None if velocity is None else velocity.velocity, CHANCE * sd)
+        sensor.record.add(result[table.RESULT_NIS], z, period or sensor.reception.fix_period)
+        sensor.reception.use(t, with_height=True)
+        if self._decision.reference != reference:
+            self._decision = Decision(Use.GATED, reference)
+        o.decision = self._decision
+
+
+class RoutineHeight:
+    """Barometric heights that are compared with GNSS."""
+
+    number: ClassVar[int] = table.HEIGHT
+
+    def __init__(self, sensor: Barometer) -> None:
+        self._sensor = sensor
+
+    def prepare(self, settings: np.ndarray, t: float) -> bool:
+        """They correct nothing."""
+        settings[table.BARO_APART] = barometer.FAR
+        return True
+
+    def values(self, o: Observation) -> list[float]:
+        """The height."""
+        return [1.0, o.measured, 0.0, 0.0, *_NO_NOISE]
+
+    def done(self, o: Observation, result: list[float], period: float | None) -> None:
+        """Compared."""
+        o.decision = LEFT_OUT
+        self._sensor.learn(o, result[table.RESULT_HEIGHT], result[table.RESULT_VARIANCE])
+
+
+class RoutineHeading:
+    """Magnetic headings that are compared with the filter's."""
+
+    number: ClassVar[int] = table.HEADING
+
+    def __init__(self, sensor: Magnetometer) -> None:
+        self._sensor = sensor
+
+    def prepare(self, settings: np.ndarray, t: float) -> bool:
+        """They correct nothing."""
+        settings[table.HEADING_SD] = magnetometer.KNOWN_HEADING
+        settings[table.DECLINATION] = self._sensor.declination
+        return True
+
+    def values(self, o: Observation) -> list[float]:
+        """The field in b."""
+        return [1.0, *o.measured, *_NO_NOISE]
+
+    def done(self, o: Observation, result: list[float], period: float | None) -> None:
+        """Compared."""
+        o.decision = LEFT_OUT
+        q = np.array(result[table.RESULT_QUAT : table.RESULT_QUAT + 4])
+        self._sensor.learn(o, result[table.RESULT_ERROR], q)
+
+
+def kinds(gnss: Gnss, aids: Iterable[Aid], aiding: Aiding) -> dict[str, RoutineKind]:
+    """By the names of their observations."""
+    found: dict[str, RoutineKind] = {
+        gnss.velocity.kind.name: RoutineVelocity(gnss.velocity),
+        gnss.position.kind.name: RoutinePosition(gnss.position, aiding),
+    }
+    for aid in aids:
+        if isinstance(aid, Barometer):
+            found[aid.kind.name] = RoutineHeight(aid)
+        elif isinstance(aid, Magnetometer):
+            found[aid.kind.name] = RoutineHeading(aid)
+    return found
