@@ -133,12 +133,16 @@ def _with_directions(sample: BeamVelocitySample, velocities: Array, directions: 
     kept = is_unit | ((lengths != 0.0) & ~_is_lost(sample, velocities))
     if kept.all() or not kept.any():
         return None
-    parts = {name: getattr(sample, name) for name in ("variances", "ranges", "valid")}
+    variances, ranges, valid = (
+        None if part is None else np.asarray(part)[kept] for part in (sample.variances, sample.ranges, sample.valid)
+    )
     return replace(
         sample,
         velocities=velocities[kept],
         directions=directions[kept],
-        **{name: None if part is None else np.asarray(part)[kept] for name, part in parts.items()},
+        variances=variances,
+        ranges=ranges,
+        valid=valid,
     )
 
 
