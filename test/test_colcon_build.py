@@ -159,7 +159,7 @@ def start(install, tmp_path, child_environment):
     for process in running:
         if process.poll() is None:
             process.kill()
-            process.wait()
+            process.wait(timeout=60.0)
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)

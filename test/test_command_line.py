@@ -136,5 +136,7 @@ def test_help_loads_neither_ros_nor_the_compiler():
         "heavy = {'rclpy', 'numba', 'scipy', 'matplotlib', 'numpy'} & set(sys.modules)\n"
         "sys.exit(f'loaded {heavy}' if heavy else 0)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, check=False, timeout=300
+    )
     assert done.returncode == 0, done.stderr

@@ -63,7 +63,7 @@ def test_pip_puts_one_program_on_the_path(repository, tmp_path):
     shutil.copytree(repository, source, ignore=ignored)
     options = ("--no-deps", "--no-build-isolation", "--no-index", "-w", "wheels")
     call = [sys.executable, "-m", "pip", "wheel", *options, "."]
-    done = subprocess.run(call, cwd=source, capture_output=True, text=True, check=False)
+    done = subprocess.run(call, cwd=source, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
     (wheel,) = (source / "wheels").glob("*.whl")
     (programs,) = zipfile.Path(wheel).glob("*.dist-info/entry_points.txt")

@@ -52,7 +52,9 @@ class Host:
         kept = {name: value for name, value in os.environ.items() if name in ("HOME", "LANG", "PATH")}
         own = {"PYTHON": str(self._python), "ROS_PREFIX": str(self.prefix), "PIP_CALLS": str(self._calls)}
         command = [str(self.copy / "tools" / tool), *arguments]
-        return subprocess.run(command, env=kept | own | environment, capture_output=True, text=True, check=False)
+        return subprocess.run(
+            command, env=kept | own | environment, capture_output=True, text=True, check=False, timeout=300
+        )
 
     def set_up(self, *groups: str) -> str:
         """What the set-up says."""

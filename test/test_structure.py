@@ -297,7 +297,9 @@ def test_nothing_spins_forever():
 
 
 def tracked_text_files() -> list[Path]:
-    listing = subprocess.run(["git", "ls-files", "-z"], cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    listing = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=REPOSITORY, capture_output=True, text=True, check=False, timeout=300
+    )
     if listing.returncode != 0:
         pytest.skip("not a git checkout")
     binary = {".mcap", ".db3", ".npz", ".png", ".zstd", ".airframe"}

@@ -34,7 +34,9 @@ def run(folder: Path, before: str = "") -> str:
     environment = os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
     environment["PYTHONPATH"] = os.pathsep.join([str(folder), str(Path(__file__).resolve().parents[2])])
     command = [sys.executable, "-c", f"{before}\nimport user"]
-    return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout.strip()
+    return subprocess.run(
+        command, env=environment, check=True, capture_output=True, text=True, timeout=300
+    ).stdout.strip()
 
 
 @pytest.mark.compiled
@@ -90,7 +92,9 @@ def test_a_number_of_another_room_makes_the_machine_code_stale(tmp_path):
     command = [sys.executable, "-c", STAMP]
 
     def stamp() -> str:
-        return subprocess.run(command, cwd=tmp_path, env=environment, check=True, capture_output=True, text=True).stdout
+        return subprocess.run(
+            command, cwd=tmp_path, env=environment, check=True, capture_output=True, text=True, timeout=300
+        ).stdout
 
     first = stamp()
     for number in CHANGES:

@@ -63,7 +63,7 @@ def test_compiled_and_plain_kernels_agree():
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path}
     program = "import json, test_modes; print(json.dumps(test_modes.fly()))"
     result = subprocess.run(
-        [sys.executable, "-c", program], env=environment, check=True, capture_output=True, text=True
+        [sys.executable, "-c", program], env=environment, check=True, capture_output=True, text=True, timeout=300
     )
     plain, compiled = json.loads(result.stdout), fly()
     # The covariance step takes another form of equal order without a compiler: a few 1e-5 of a deviation.

@@ -21,7 +21,7 @@ def told(path: Path, home: Path, *command: str) -> str:
     """What ``rerun rrd COMMAND`` says of the file. In a home of its own it sends nothing."""
     environment = dict(os.environ, HOME=str(home))
     call = [sys.executable, "-m", "rerun_cli", "rrd", *command, str(path)]
-    return subprocess.run(call, env=environment, capture_output=True, text=True, check=True).stdout
+    return subprocess.run(call, env=environment, capture_output=True, text=True, check=True, timeout=300).stdout
 
 
 @pytest.mark.compiled

@@ -54,7 +54,7 @@ def test_a_training_without_end_is_ended():
 
 def test_the_training_process_knows_nothing_of_ros():
     code = "import sys, nav_pose_estimator.ros.training; print([m for m in sys.modules if m.startswith('rclpy')])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300)
     assert done.stdout.strip() == "[]"
 
 

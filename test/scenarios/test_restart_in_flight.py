@@ -167,19 +167,38 @@ def moved(saved: SavedState, **changes: Any) -> SavedState:
     return replace(saved, **changes)
 
 
-@pytest.mark.parametrize(
-    ("seconds", "name"), [(7.0, "clock"), (1e6, "clock"), (-3600.0, "old"), (-61.0, "old")], ids=lambda x: str(x)
-)
-def test_a_state_of_another_time_is_refused_in_one_sentence(seconds, name):
-    """GIVEN a state that is younger than the IMU, or old THEN it says so once and aligns as if there were none."""
+@pytest.mark.parametrize("seconds", [7.0, 1e6, -61.0, -3600.0, -1e7], ids=lambda x: f"{x:.0f}")
+def test_of_an_old_state_the_origin_is_kept_and_nothing_that_ages(seconds):
+    """GIVEN a state of a minute, an hour or months ago, or of another clock THEN it says so once, aligns as if there
+    were none, and its axes are the old ones; noise counts for an hour."""
     recording = flight("multirotor_light", END)
     _, saved = before(recording)
-    wrong = moved(saved, stamp_ns=saved.stamp_ns + int(seconds * 1e9))
-    again, cold = after(recording, wrong), after(recording, None)
-    assert [n for n in again.names() if n.startswith("resume")] == [f"resume.refused.{name}"]
-    np.testing.assert_array_equal(again.t, cold.t)
-    np.testing.assert_array_equal(again.error, cold.error)
-    assert again.engine.origin == cold.engine.origin != saved.origin
+    old = moved(saved, stamp_ns=saved.stamp_ns + int(seconds * 1e9), imu_variance=2.0, trials=5)
+    again, cold = after(recording, old), after(recording, None)
+    assert [n for n in again.names() if n.startswith("resume")] == ["resume.origin"]
+    assert "aligned" in again.names()
+    assert again.engine.origin == saved.origin != cold.engine.origin
+    assert again.t[0] == pytest.approx(cold.t[0], abs=0.5)
+    off = np.linalg.norm(again.error[:, :2], axis=1)
+    assert np.mean(off < 3.0 * again.sigma) > 0.99
+    assert off.max() < 12.0
+    assert (again.engine.sins.run.noise.trials >= 5) is (seconds == -61.0)
+
+
+@pytest.mark.parametrize("seconds", [-3600.0, 1e6], ids=["old", "another clock"])
+def test_the_origin_of_another_place_is_given_up(seconds):
+    """GIVEN an old state of 150 km further North WHEN the first fix comes THEN the origin is a new one, and it says so;
+    half as far it is kept."""
+    recording = flight("multirotor_light", END)
+    _, saved = before(recording)
+    for km, kept in ((150.0, False), (75.0, True)):
+        (lat, lon, alt), (lat0, lon0, alt0) = saved.position, saved.origin
+        north = 1e3 * km / 6.4e6
+        far = moved(saved, position=(lat + north, lon, alt), origin=(lat0 + north, lon0, alt0))
+        again = after(recording, moved(far, stamp_ns=saved.stamp_ns + int(seconds * 1e9)))
+        assert again.names().count("resume.refused.moved") == (0 if kept else 1)
+        assert (again.engine.origin == far.origin) is kept
+        assert np.linalg.norm(again.error[:, :2], axis=1).max() < 12.0
 
 
 def test_a_vehicle_that_was_carried_away_aligns_cold():

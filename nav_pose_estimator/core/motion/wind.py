@@ -71,6 +71,12 @@ def mean_wind(
     return wind
 
 
+def unseen(wind: Array, cov: Array, spread: float, seconds: float) -> tuple[Array, Array]:
+    """Change of the wind (2,) and its covariance (2, 2) after ``seconds`` without a residual."""
+    decay = math.exp(-seconds / WIND_TIME)
+    return decay * wind, decay**2 * cov + (1.0 - decay**2) * spread * np.eye(2)
+
+
 def track(
     C: Array, residual: Array, noise: Array, spread: float, wind: Array, cov: Array
 ) -> tuple[Array, Array, Array]:

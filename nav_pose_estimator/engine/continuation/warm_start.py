@@ -4,7 +4,8 @@ What happened in the gap nobody has seen. So position and velocity come from the
 vehicle can have got to, and in an outage from the saved ones with what an unknown acceleration makes of them. Tilt is
 found anew. The heading is the saved one with what an unknown turn makes of it, or that of a magnetometer whose error
 was known; it is on trial like every heading that motion has not shown. Where neither is good enough, or the vehicle
-accelerates too hard to show a level, the alignment in motion finds everything; origin and noise stay.
+accelerates too hard to show a level, the alignment in motion finds everything; origin and noise stay. Of an old state
+the origin stays: the vehicle is the same, and so is its map.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from nav_pose_estimator.engine.parameters import Parameters
 Array = NDArray[np.float64]
 
 LONGEST = 60.0  # s without IMU data over which its biases stay known
+_SAME_MAP = 100e3  # m from where an old state was saved: further off, its origin is of no use here
 _LEVEL_TIME = 1.0  # s of IMU that give a level in motion ...
 _LEAST_LEVEL_TIME = 0.7  # ... and what is enough of it
 _PATIENCE = 2.0  # s that a fix may take to come before the start is without one
@@ -46,15 +48,6 @@ _WIDEST_HEADING = 0.7  # rad: beyond, the alignment in motion is quicker than th
 _UNKNOWN_HEADING = math.pi / math.sqrt(3.0)  # rad: deviation of a heading that is anything
 
 
-def refusal(saved: SavedState, gap: float) -> tuple[str, str]:
-    """Why nothing of ``saved`` counts ``gap`` [s] later: the end of an event's name, and a clause; empty if it does."""
-    if gap <= 0.0:
-        return "clock", f"it is {-gap:.1f} s younger than the IMU's first sample: another clock, or another run"
-    if gap > LONGEST:
-        return "old", f"it is {gap:.0f} s old, more than {LONGEST:.0f} s"
-    return "", ""
-
-
 @dataclass(init=False, eq=False)
 class WarmStart:
     """Sees what an alignment sees, from the first IMU sample on. Times are seconds since the engine's epoch."""
@@ -64,6 +57,7 @@ class WarmStart:
     def __init__(self, saved: SavedState, t: float, parameters: Parameters) -> None:
         """``t``: when ``saved`` was true."""
         self.saved, self._t = saved, t
+        self.is_fresh = 0.0 < -t <= LONGEST  # else old, or of another clock: how old nobody knows
         self._parameters = parameters
         self._rows = RecentRows()
         self._begun = math.inf
@@ -83,6 +77,8 @@ class WarmStart:
         limits = self._parameters.gnss.reacquisition
         gap = t - self._t
         apart = math.hypot(*step_enu(np.array(self.saved.position), np.array(place)).tolist())
+        if not self.is_fresh:
+            return f"GNSS is {1e-3 * apart:.0f} km from where it was saved" if apart > _SAME_MAP else ""
         own_sd = math.sqrt(self.saved.cov.diagonal()[DPOS : DPOS + 3].max())
         if apart <= limits.max_speed * gap + limits.sigmas * math.hypot(sd, own_sd):
             return ""
@@ -90,7 +86,7 @@ class WarmStart:
 
     def result(self, aligner: Aligner) -> Alignment | None:
         """The first state, as soon as there is one."""
-        if not self.saved.is_sound or not self._rows.rows:
+        if not (self.is_fresh and self.saved.is_sound and self._rows.rows):
             return None
         now, fix = float(self._rows.rows[-1][IMU_T]), aligner.last_fix
         was_aided = self.saved.unaided <= self._parameters.navigator.lost_after

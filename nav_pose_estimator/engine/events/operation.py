@@ -1,6 +1,6 @@
 """Start, modes, the operator and the autopilot."""
 
-from nav_pose_estimator.engine.events.entry import CLOCKS, Entry
+from nav_pose_estimator.engine.events.entry import Entry
 
 SECTIONS: dict[str, tuple[Entry, ...]] = {
     "Start, modes and operator": (
@@ -44,8 +44,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
     "A restart in flight": (
         Entry("resume.begun", "a saved state is there: origin, noise and, if it can, pose and biases go on from it"),
         Entry("resume.refused.file", "the saved state cannot be read, or is none", "nothing; the next one replaces it"),
-        Entry("resume.refused.old", "the saved state is more than a minute old"),
-        Entry("resume.refused.clock", "the saved state is younger than the IMU: another clock or run", CLOCKS),
+        Entry("resume.origin", "the saved state is over a minute old, or of another clock: only what lasts is kept"),
         Entry("resume.refused.moved", "GNSS is further off than the vehicle can have got since the state was saved"),
         Entry("resume.model.refused", "the saved outage model is of another learner.method"),
         Entry("resume.heading.wrong", "the heading from before the restart was far off; the navigator aligned anew"),

@@ -157,10 +157,12 @@ class FilterRun:
 
     def try_start(self) -> None:
         """Start the filter as soon as attitude and position are known."""
-        start = self.start_up.result()
+        start, warm = self.start_up.result(), self.start_up.warm_start
         if start is not None and (why := self.start_up.contradiction(start)):
             self.forget_saved(why)
-            return
+            if warm is not None and warm.is_fresh:  # the alignment may rest on it
+                self.start_up = self.start_up.afresh(self.parameters)
+                return
         self.modes.note_alignment(self.start_up.has_attitude and not self.imu_physics.refusal)
         if start is None or self.imu_physics.refusal:
             return
@@ -190,15 +192,14 @@ class FilterRun:
         self.update_mode(now)
 
     def forget_saved(self, why: str) -> None:
-        """Nothing of the state before the restart is true of this vehicle: align as if there were none."""
-        text = f"the saved state is not used: {why}; aligning anew"
+        """Nothing of the state before the restart is true of this vehicle."""
+        text = f"the saved state is not used: {why}"
         self.journal.say(self.clock.stamp(self.now), "resume.refused.moved", Level.WARN, text)
         if not self.origin_is_fixed:
             self.origin = None
         self.noise = NoiseIdentification()
         self.gnss.reception.noise_variance = self.noise.gnss_variance
         self.timeline.shift = np.zeros(3)
-        self.start_up = self.start_up.afresh(self.parameters)
         self.renew_constants()
 
     def locate(self, fix: GnssFix) -> None:
