@@ -49,7 +49,7 @@ class Memory:
 def take_velocity(sample: NavigatorVelocity, memory: Memory) -> list[Event]:
     """Give the filter the change of the vehicle's velocity since the last sample: that part is not gravity."""
     stamp, before = sample.stamp_ns, memory.velocity
-    if not all(map(math.isfinite, sample.vel_enu)):
+    if not all(map(math.isfinite, (*sample.vel_enu, *(sample.q_nb or ())))):
         return [Event(stamp, "navigator_velocity.rejected.nan")]
     if memory.last_ns is None:
         return [Event(stamp, "navigator_velocity.rejected.no_attitude_yet")]

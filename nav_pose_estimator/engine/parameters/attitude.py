@@ -89,13 +89,13 @@ class AttitudeParameters:
     max_bias: float = param(0.05, "rad/s", "A larger mean rate is motion, not gyroscope bias", 0.0, 1.0, mutable=True)
     # --- the magnetometer ---
     heading_noise: float = param(
-        0.2, "rad*sqrt(s)", "Root density of the error of a magnetic heading", 1e-3, 100.0, mutable=True
+        0.14, "rad*sqrt(s)", "Root density of the error of a magnetic heading", 1e-3, 100.0, mutable=True
     )
     compass_deviation: float = param(
         0.05, "rad", "Error of a magnetic heading that rest at one place does not average away", 0.0, 1.0, mutable=True
     )
     anomaly_gain: float = param(
-        20.0, "", "Noise per anomaly (squared, relative to the horizontal field)", 0.0, 1e4, mutable=True
+        60.0, "", "Noise per anomaly (squared, relative to the horizontal field)", 0.0, 1e4, mutable=True
     )
     field_tau: float = param(20.0, "s", "Memory of the learned field", 0.1, 1e4, mutable=True)
     new_field_after: float = param(
