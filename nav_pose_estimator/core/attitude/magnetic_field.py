@@ -114,7 +114,7 @@ def _weigh_candidate(s, horizontal, down, window):
     """Follow the field of the last seconds; True when it replaces the reference."""
     gain = min(1.0, window / s[ANOMALY_TAU])
     s[NEW_ANOMALY] += gain * (_distance(s, horizontal, down, s[NEW_H], s[NEW_V]) - s[NEW_ANOMALY])
-    slow = min(1.0, window / s[NEW_TAU])
+    slow = min(1.0, window / min(s[NEW_TAU], max(s[FIELD_SUPPORT], 1.0)))  # as young as what it may replace
     s[NEW_H] += slow * (horizontal - s[NEW_H])
     s[NEW_V] += slow * (down - s[NEW_V])
     differs = _distance(s, s[NEW_H], s[NEW_V], s[FIELD_H], s[FIELD_V]) > s[NEW_LIMIT]

@@ -17,7 +17,7 @@ class TwoStageParameters:
     regulator_p: float = param(0.05, "", "Proportional gain of the regulator of the force's noise", 0.0, 1.0)
     regulator_i: float = param(0.002, "", "Integral gain of the regulator", 0.0, 1.0)
     regulator_band: float = param(1.0, "", "The integral works below this relative mismatch", 0.0, 100.0)
-    heading_noise: float = param(0.15, "rad*sqrt(s)", "Root density of the error of a magnetic heading", 1e-3, 100.0)
+    heading_noise: float = param(0.1, "rad*sqrt(s)", "Root density of the error of a magnetic heading", 1e-3, 100.0)
     bias_tau_start: float = param(25.0, "s", "Time constant of the gyroscope bias in motion at first", 1.0, 1e4)
     bias_tau: float = param(1000.0, "s", "... and later", 1.0, 1e5)
     correction: str = param(
