@@ -228,6 +228,8 @@ class NavigatorVelocity:
     ``valid`` while GNSS or another velocity aids the navigator, or its tilt is still good: a navigator that has lost
     its tilt would feed its own errors back.
     ``q_nb`` is the navigator's attitude: its heading may differ from the filter's. None if unknown.
+    ``heading_sd`` and ``tilt_sd`` [rad] of that attitude, NaN if unknown: a heading that GNSS supports corrects the
+    filter's, and such a tilt tells the bias of the accelerometer.
     """
 
     stamp_ns: int
@@ -235,6 +237,8 @@ class NavigatorVelocity:
     valid: bool = True
     q_nb: tuple[float, float, float, float] | None = None
     drifting: bool = False  # nothing but the IMU carries it: its change means something, its value does not
+    heading_sd: float = math.nan
+    tilt_sd: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ _VELOCITY_RATE = 10.0  # Hz: how often the navigator's velocity is looked at
 
 
 class AttitudeNode(EstimatorNode):
-    """Works alone; with the navigator's odometry it also separates acceleration from gravity."""
+    """Works alone; with the navigator's odometry or a body velocity it also separates acceleration from gravity."""
 
     def __init__(self) -> None:
         super().__init__("attitude_node", AttitudeEngine)
@@ -31,6 +31,7 @@ class AttitudeNode(EstimatorNode):
         self._velocity_pace = Pace(_VELOCITY_RATE)
         self.listen(inputs.imu(self.parameters), needed=True)
         self.listen(inputs.magnetometer(self.parameters))
+        self.listen(inputs.body_velocity(self.parameters))
         odometry = replace(inputs.ODOMETRY, adapter=self._velocity)
         self.listen(odometry, choose=lambda data: self._velocity_pace.is_due(peek_stamp_ns(data)))
         qos.subscribe(self, Bool, "gnss/denied", self._on_denied, qos.latched())

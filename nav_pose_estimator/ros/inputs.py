@@ -36,6 +36,12 @@ def magnetometer(parameters: Parameters) -> Source:
     return source
 
 
+def body_velocity(parameters: Parameters) -> Source:
+    """A velocity measured in the vehicle, for the attitude filter."""
+    (source,) = message_table.sources(parameters, (message_table.BODY_VELOCITY,))
+    return source
+
+
 def message_class(source: Source) -> Any:
     """The rclpy message class of ``source``; ``ParameterError`` where its package is not installed."""
     package, _, name = source.type.split("/")

@@ -13,7 +13,7 @@ from nav_pose_estimator.sim.faults import Fault, Shift
 from nav_pose_estimator.sim.imu_grades import ImuGrade, imu_grade
 from nav_pose_estimator.sim.noise import stream
 from nav_pose_estimator.sim.recording import Recording
-from nav_pose_estimator.sim.sensors import Barometer, DepthGauge, Gnss, Magnetometer, Pitot, Rangefinder
+from nav_pose_estimator.sim.sensors import Barometer, DepthGauge, Gnss, Magnetometer, Pitot, Rangefinder, Wheels
 from nav_pose_estimator.sim.trajectories import Origin, sample_times
 from nav_pose_estimator.sim.vehicles import motions
 from nav_pose_estimator.sim.vehicles.lanes import Survey
@@ -46,6 +46,7 @@ class Scenario:
     depth_gauge: DepthGauge | None = None
     airspeed: Pitot | None = None
     ground_range: Rangefinder | None = None
+    wheels: Wheels | None = None
     doppler: Doppler | None = None
     faults: tuple[Fault, ...] = ()
     imu_rate: float = 200.0  # Hz
@@ -136,6 +137,13 @@ _ALL: tuple[Scenario, ...] = (
         ground_range=Rangefinder(),
     ),
     Scenario("road_vehicle", "A car with bends, slopes and stops", RoadVehicle(), duration=900.0),
+    Scenario(
+        "road_vehicle_wheels",
+        "The car with the speed of its wheels",
+        RoadVehicle(),
+        duration=900.0,
+        wheels=Wheels(),
+    ),
     Scenario("at_rest", "Nothing moves", Prescribed(motions.at_rest(0.02, -0.03, 0.7)), duration=300.0),
     Scenario("coning", "A cone of 3 deg at 5 Hz in place", Prescribed(motions.coning()), duration=120.0),
     Scenario("figure_eight", "A level figure of eight", Prescribed(motions.figure_eight()), duration=300.0),
@@ -288,6 +296,7 @@ def generate(
         ("depth_gauge", scenario.depth_gauge),
         ("airspeed", scenario.airspeed),
         ("ground_range", scenario.ground_range),
+        ("wheels", scenario.wheels),
     ):
         if model is not None:
             others += getattr(sensors, name)(truth, model, stream(seed, name), START_NS)

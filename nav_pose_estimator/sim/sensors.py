@@ -10,6 +10,7 @@ from nav_pose_estimator.core.earth.ellipsoid import gravity, radii_many
 from nav_pose_estimator.core.numerics.rotation import quat_conjugate_many, quat_rotate_many
 from nav_pose_estimator.engine.samples import (
     Airspeed,
+    BodyVelocity,
     GnssFix,
     GnssVelocity,
     ImuBlock,
@@ -280,6 +281,30 @@ def ground_range(truth: Truth, model: Rangefinder, rng: np.random.Generator, sta
     stamps, arrivals = to_ns(t, start_ns), to_ns(t + model.transport, start_ns)
     rows = zip(arrivals[seen].tolist(), stamps[seen].tolist(), distance[seen].tolist(), strict=True)
     return [Timed(arrival, RangeToGround(stamp, value)) for arrival, stamp, value in rows]
+
+
+@dataclass(frozen=True)
+class Wheels:
+    """Speed of the wheels along the body's x axis; what wheels cannot do, sideways and up, is stated as zero."""
+
+    rate: float = 20.0  # Hz
+    noise: float = 0.05  # m/s per sample
+    scale_sd: float = 0.01  # tyres
+    transport: float = 0.0005  # s: arrival minus stamp
+
+
+def wheels(truth: Truth, model: Wheels, rng: np.random.Generator, start_ns: int) -> list[Timed]:
+    """Velocity in the body, as the odometry of a car states it."""
+    t = sensor_times(truth, model.rate)
+    at = truth.at(t)
+    speed = quat_rotate_many(quat_conjugate_many(at.q_nb), at.v_n)[:, 0] * (
+        1.0 + model.scale_sd * rng.standard_normal()
+    )
+    speed = speed + model.noise * rng.standard_normal(len(t))
+    cov = np.diag([model.noise**2, 0.1**2, 0.1**2])
+    stamps, arrivals = to_ns(t, start_ns).tolist(), to_ns(t + model.transport, start_ns).tolist()
+    rows = zip(arrivals, stamps, speed.tolist(), strict=True)
+    return [Timed(arrival, BodyVelocity(stamp, (value, 0.0, 0.0), cov)) for arrival, stamp, value in rows]
 
 
 def sensor_times(truth: Truth, rate: float) -> np.ndarray:

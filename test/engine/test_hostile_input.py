@@ -84,6 +84,8 @@ SAMPLES = {
         st.booleans(),
         st.one_of(st.none(), vector(1.0, 4)),
         st.booleans(),
+        number(0.1),
+        number(0.01),
     ),
     VelocityError: st.builds(VelocityError, st.just(0), vector(5.0), matrix(3, 5.0)),
 }

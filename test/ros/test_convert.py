@@ -358,15 +358,22 @@ def test_velocity_of_odometry_is_turned_into_the_world():
     half = math.sqrt(0.5)
     message = Message(
         header=header(),
-        pose=Message(pose=Message(orientation=unit(half, 0.0, 0.0, half))),
+        pose=Message(
+            pose=Message(orientation=unit(half, 0.0, 0.0, half)),
+            covariance=np.diag([1.0, 1.0, 1.0, 4e-4, 1e-4, 9e-4]).ravel(),
+        ),
         twist=Message(twist=Message(linear=xyz(2.0, 0.0, 1.0)), covariance=np.eye(6).ravel()),
     )
     (sample,) = convert.odometry_velocity(message)
     assert isinstance(sample, NavigatorVelocity)
     assert sample.valid
     np.testing.assert_allclose(sample.vel_enu, (0.0, 2.0, 1.0), atol=1e-15)
-    message.twist.covariance = np.zeros(36)
-    assert not convert.odometry_velocity(message)[0].valid
+    np.testing.assert_allclose((sample.tilt_sd, sample.heading_sd), (0.02, 0.03))
+    message.twist.covariance = message.pose.covariance = np.zeros(36)
+    (sample,) = convert.odometry_velocity(message)
+    assert not sample.valid
+    assert math.isnan(sample.tilt_sd)
+    assert math.isnan(sample.heading_sd)
 
 
 def test_a_message_without_a_stamp_has_stamp_zero():

@@ -11,10 +11,11 @@ from sensor_msgs.msg import NavSatFix
 from std_srvs.srv import SetBool, Trigger
 
 from nav_pose_estimator.core.attitude import layout as attitude_layout
+from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuSample, MagSample, Sample
+from nav_pose_estimator.engine.samples import BodyVelocity, GnssFix, GnssVelocity, ImuSample, MagSample, Sample
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Event, Mode, NavSolution
 from nav_pose_estimator.nodes.attitude_node import AttitudeNode
 from nav_pose_estimator.nodes.pose_estimator import PoseEstimatorNode
@@ -114,6 +115,25 @@ def test_the_attitude_node_takes_the_declination_at_the_origin_of_the_navigator(
     node.callbacks["/sins_node/origin"](message)
     assert math.degrees(node.node.engine._memory.state[attitude_layout.DECLINATION]) == pytest.approx(15.2, abs=0.1)
     assert node.count("mag.declination.model") == 1
+
+
+def test_the_attitude_node_hears_the_wheels(started):
+    """GIVEN attitude_node alone in a car WHEN it drives off THEN it does what its engine does with the wheels."""
+    samples = [
+        s
+        for s in generate("road_vehicle_wheels", duration=40.0, seed=2, imu_rate=50.0).samples(blocks=False)
+        if isinstance(s, (ImuSample, MagSample, BodyVelocity))
+    ]
+    online = Played(started(AttitudeNode)).play(samples)
+    with_wheels, without = (
+        numbers(o for s in samples if isinstance(s, kinds) for o in engine.feed(s) if isinstance(o, AttitudeSolution))
+        for engine, kinds in (
+            (AttitudeEngine(), (ImuSample, MagSample, BodyVelocity)),
+            (AttitudeEngine(), (ImuSample, MagSample)),
+        )
+    )
+    assert numbers(online) == with_wheels
+    assert with_wheels != without
 
 
 def test_a_second_lap_equals_the_first_bit_for_bit(estimator, flight):

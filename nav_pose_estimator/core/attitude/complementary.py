@@ -19,6 +19,7 @@ for bias and matrix. A magnetometer turns the heading and corrects the gyro bias
 
 import math
 
+from nav_pose_estimator.core.attitude.heading import observe_heading
 from nav_pose_estimator.core.attitude.layout import (
     AGE,
     BIAS,
@@ -26,8 +27,6 @@ from nav_pose_estimator.core.attitude.layout import (
     COLUMNS,
     EXTRA_SWAY_PSD,
     FIELD_H,
-    FIELD_TRUST,
-    HEADING_PSD,
     LEARN_AFTER,
     LEARN_PSD,
     LEVEL_AFTER,
@@ -54,11 +53,12 @@ from nav_pose_estimator.core.attitude.layout import (
     SWAY_VAR,
     TRUST,
 )
-from nav_pose_estimator.core.attitude.magnetic_field import FIRST, NOTHING, USUAL, observe_field
+from nav_pose_estimator.core.attitude.magnetic_field import FIRST, NOTHING, USUAL
 from nav_pose_estimator.core.attitude.motion import (
     add_field,
     begin,
     clear_sums,
+    doubt_rest,
     propagate,
     turn_heading,
     turn_in_n,
@@ -80,6 +80,7 @@ CROSS = BODY_TURN + 3 * STATES  # (3, 17): the same in n, as a change of phi
 TILT_VAR, HEADING_VAR, SWAY_START_VAR = CROSS + 51, CROSS + 52, CROSS + 53  # initial variances
 SIZE = SWAY_START_VAR + 1
 
+_SURE = 9.0  # square of the deviations by which rest is doubted
 _LOW_TAU = 2.0  # s: what is left of the sway after this low-pass lasts
 
 
@@ -150,6 +151,7 @@ def _feed_back(s):
     watch_rest(s)
     watch_acceleration(s)
     _propagate_covariance(s, P, window)
+    _doubt_rest(s, P, window)
     noise = _sway_noise(s, window)
     _level(s, P, noise)
     if s[STILL_TIME] > s[LEARN_AFTER]:
@@ -160,6 +162,27 @@ def _feed_back(s):
     write_covariance(s, P)
     s[SWAY + 2] = 0.0
     clear_sums(s)
+
+
+@inlined
+def _doubt_rest(s, P, window):
+    """Believe in rest only what bias and tilt agree with; where it begins, the sway starts anew.
+
+    For the accelerometer rest and steady cruise are the same: nothing accelerates. So no velocity is known from it.
+    """
+    doubt_rest(s, P[D_BIAS, D_BIAS], P[D_BIAS + 1, D_BIAS + 1], P[D_BIAS + 2, D_BIAS + 2])
+    if s[STILL_TIME] <= s[LEVEL_AFTER]:
+        return
+    if s[STILL_TIME] - window <= s[LEVEL_AFTER]:
+        for i in range(2):
+            s[SWAY + i] = s[SWAY_LOW + i] = 0.0
+            for j in range(STATES):
+                P[D_SWAY + i, j] = P[j, D_SWAY + i] = 0.0
+            P[D_SWAY + i, D_SWAY + i] = s[SWAY_START_VAR]
+    for i in range(2):
+        variance = P[D_SWAY + i, D_SWAY + i] + s[STILL_PSD] / window
+        if s[SWAY + i] * s[SWAY + i] > _SURE * variance:
+            s[STILL_TIME] = 0.0
 
 
 @inlined
@@ -278,11 +301,10 @@ def _apply(s, residual):
 
 @kernel
 def _correct_heading(s, P):
-    """Turn heading and bias by the field of the window, with a gain that leaves tilt, sway and matrix alone."""
-    kind, error, window = observe_field(s)
+    """Turn heading, bias and matrix by what is known of the heading, with a gain that leaves tilt and sway alone."""
+    kind, error, noise, least = observe_heading(s)
     if kind == NOTHING:
         return
-    noise = s[HEADING_PSD] / (window * max(s[FIELD_TRUST], 1e-12))
     if kind != USUAL:
         for j in range(STATES):
             P[2, j] = P[j, 2] = 0.0
@@ -290,16 +312,14 @@ def _correct_heading(s, P):
     if kind == FIRST:
         turn_heading(s, error)
         return
+    P[2, 2] = max(P[2, 2], least)
     spread = P[2, 2] + noise
     for i in range(STATES):
-        s[GAIN + i] = P[i, 2] / spread if i == 2 or D_BIAS <= i < D_MATRIX else 0.0
-    for i in range(STATES):
+        s[GAIN + i] = P[i, 2] / spread if i == 2 or i >= D_BIAS else 0.0
         s[CROSS + i] = P[i, 2]
     for i in range(STATES):
         for j in range(i, STATES):
             a, b, x, y = s[GAIN + i], s[GAIN + j], s[CROSS + i], s[CROSS + j]
             P[i, j] += spread * a * b - a * y - x * b  # (I - K H) P (I - K H)' + K R K'
             P[j, i] = P[i, j]
-    turn_in_n(s, (0.0, 0.0, s[GAIN + 2] * error))
-    for i in range(3):
-        s[BIAS + i] += s[GAIN + D_BIAS + i] * error
+    _apply(s, error)

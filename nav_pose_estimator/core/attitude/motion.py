@@ -9,21 +9,25 @@ from nav_pose_estimator.core.attitude.layout import (
     AGE,
     BIAS,
     BIAS_LIMIT,
+    BODY_VELOCITY,
     COLUMNS,
     COV,
     EXTRA_PSD,
     FIELD_COUNT,
     FORCE,
+    FORCE_BIAS,
     FROZEN,
     GAP_DT,
     GAP_RATE_SD,
     GRAVITY,
+    LEARN_PSD,
     LOW_FORCE,
     MATRIX,
     MEAN_FORCE,
     MEAN_RATE,
     MOTION,
     NAV_ACCEL,
+    NAV_HEADING_VAR,
     NAV_HOLD,
     NAV_SPEED,
     POINT,
@@ -41,6 +45,7 @@ from nav_pose_estimator.core.attitude.layout import (
     SUM_FORCE_SQUARE,
     SUM_RATE,
     SUM_RATE_SQUARE,
+    SUM_SWEEP,
     SUM_TIME,
     SUM_TURN,
     SUM_WALK,
@@ -50,6 +55,7 @@ from nav_pose_estimator.core.attitude.layout import (
     SWAY_VAR,
     TIMING_SD,
     TRUST,
+    TURN_PSD,
     WANDER_PSD,
 )
 from nav_pose_estimator.core.numerics.jit import inlined, kernel
@@ -73,6 +79,11 @@ _MEAN_TAU = 0.5  # s: smoothing of rate and force for the rest detector
 _LOW_TAU = 2.0  # s: low-pass of the force in n for the rejection
 _MIN_TRUST = 1e-3
 _MOVING = 0.5  # m/s: a navigator that reports more is not at rest
+_OF_N = (
+    SWAY, SWAY_LOW, LOW_FORCE, SUM_FORCE_N, SUM_FIELD, SUM_SWEEP, NAV_ACCEL, BODY_VELOCITY,
+    COLUMNS, COLUMNS + 3, COLUMNS + 6,
+)  # fmt: skip
+_SURE = 9.0  # square of the deviations by which rest is doubted
 
 
 @kernel
@@ -91,7 +102,7 @@ def begin(s, w, f):
     store3(s, LOW_FORCE, (0.0, 0.0, norm))
     store3(s, SWAY, (0.0, 0.0, 0.0))
     s[AGE], s[STILL_TIME], s[TRUST], s[MOTION] = 0.0, 0.0, 1.0, 0.0
-    s[NAV_HOLD], s[NAV_SPEED] = -1.0, -1.0
+    s[NAV_HOLD], s[NAV_SPEED], s[NAV_HEADING_VAR] = -1.0, -1.0, 0.0
     clear_sums(s)
 
 
@@ -100,6 +111,7 @@ def clear_sums(s):
     """Begin a new window of sums at the present attitude."""
     for i in range(SUM_TIME, COLUMNS):
         s[i] = 0.0
+    store3(s, SUM_SWEEP, (0.0, 0.0, 0.0))
     columns = q_columns(load4(s, QUAT))
     store3(s, COLUMNS, columns[0])
     store3(s, COLUMNS + 3, columns[1])
@@ -116,10 +128,11 @@ def propagate(s, dt, w, f):
         raw[1] - s[MATRIX + 3] * raw[0] - s[MATRIX + 4] * raw[1] - s[MATRIX + 5] * raw[2],
         raw[2] - s[MATRIX + 6] * raw[0] - s[MATRIX + 7] * raw[1] - s[MATRIX + 8] * raw[2],
     )
+    force = add_scaled(f, -1.0, load3(s, FORCE_BIAS))
     if s[POINT] > 0.0:  # trapezoidal rule; the force belongs to the end of the interval
-        turn, at_end = scale(0.5 * dt, add_scaled(rate, 1.0, load3(s, RATE))), f
+        turn, at_end = scale(0.5 * dt, add_scaled(rate, 1.0, load3(s, RATE))), force
     else:  # the mean force belongs to the middle of the interval: seen from its end, half a turn ago
-        turn, at_end = scale(dt, rate), add_scaled(f, -0.5 * dt, cross(rate, f))
+        turn, at_end = scale(dt, rate), add_scaled(force, -0.5 * dt, cross(rate, force))
     q = q_polish(q_multiply(load4(s, QUAT), q_exp(turn)))
     store4(s, QUAT, q)
     store3(s, RATE, rate)
@@ -137,9 +150,10 @@ def propagate(s, dt, w, f):
         s[SUM_FORCE_N + i] += dt * f_n[i]
     s[SWAY + 2] -= dt * s[GRAVITY]
     gap = s[GAP_RATE_SD] * dt if dt > s[GAP_DT] else 0.0
-    s[SUM_WALK] += (s[WANDER_PSD] + s[EXTRA_PSD]) * dt + gap * gap
+    square = dot(w, w)
+    s[SUM_WALK] += (s[WANDER_PSD] + s[EXTRA_PSD] + s[TURN_PSD] * square) * dt + gap * gap
     s[SUM_TIME] += dt
-    s[SUM_RATE_SQUARE] += dt * dot(w, w)
+    s[SUM_RATE_SQUARE] += dt * square
     s[SUM_FORCE_SQUARE] += dt * dot(f, f)
 
 
@@ -163,6 +177,19 @@ def watch_rest(s):
     s[STILL_TIME] = s[STILL_TIME] + window if still else 0.0
     turn = load3(s, SUM_TURN)
     s[MOTION] += window / (1.0 + window) * (math.sqrt(dot(turn, turn)) / window - s[MOTION])
+
+
+@inlined
+def doubt_rest(s, x, y, z):
+    """No rest after all: a mean rate that the bias, with variances ``x``, ``y``, ``z``, does not explain is a turn.
+
+    Smooth flight in a wide circle is as quiet as a parking place.
+    """
+    variances = (x, y, z)
+    for i in range(3):
+        residual = s[MEAN_RATE + i] - s[BIAS + i]
+        if residual * residual > _SURE * (variances[i] + s[LEARN_PSD]):  # of a mean over about one second
+            s[STILL_TIME] = 0.0
 
 
 @inlined
@@ -191,7 +218,7 @@ def turn_heading(s, angle):
     """Turn by ``angle`` [rad] counter-clockwise about the vertical, all that is remembered in n included."""
     turn_in_n(s, (0.0, 0.0, angle))
     c, d = math.cos(angle), math.sin(angle)
-    for i in (SWAY, SWAY_LOW, LOW_FORCE, SUM_FORCE_N, SUM_FIELD, COLUMNS, COLUMNS + 3, COLUMNS + 6):
+    for i in _OF_N:
         x, y = s[i], s[i + 1]
         s[i], s[i + 1] = c * x - d * y, d * x + c * y
 
@@ -236,10 +263,21 @@ def subtract_velocity_change(s, dv, dt, hold, speed):
     s[NAV_HOLD], s[NAV_SPEED] = hold, speed
 
 
+@kernel
+def take_body_velocity(s, x, y, z, dt, hold):
+    """The vehicle moves with (x, y, z) [m/s, b], ``dt`` [s] after the last call; zero or less: that one is too old."""
+    now, before = q_rotate(load4(s, QUAT), (x, y, z)), load3(s, BODY_VELOCITY)
+    store3(s, BODY_VELOCITY, now)
+    if dt > 0.0:
+        subtract_velocity_change(s, add_scaled(now, -1.0, before), dt, hold, math.sqrt(dot(now, now)))
+
+
 @inlined
 def add_field(s, m):
     """Add a magnetic field ``m`` (3) in b, any unit, to the window."""
-    m_n = q_rotate(load4(s, QUAT), m)
+    q = load4(s, QUAT)
+    m_n, sweep = q_rotate(q, m), q_rotate(q, cross(load3(s, RATE), m))
     for i in range(3):
         s[SUM_FIELD + i] += m_n[i]
+        s[SUM_SWEEP + i] += sweep[i]
     s[FIELD_COUNT] += 1.0

@@ -15,13 +15,12 @@ quaternion changes when the heading does; that leaks no heading, whatever the at
 
 import math
 
+from nav_pose_estimator.core.attitude.heading import observe_heading
 from nav_pose_estimator.core.attitude.layout import (
     AGE,
     BIAS,
     FIELD_H,
-    FIELD_TRUST,
     GRAVITY,
-    HEADING_PSD,
     LEARN_AFTER,
     LOW_FORCE,
     NEW_HEADING_VAR,
@@ -35,11 +34,12 @@ from nav_pose_estimator.core.attitude.layout import (
     SUM_WALK,
     TRUST,
 )
-from nav_pose_estimator.core.attitude.magnetic_field import FIRST, NOTHING, USUAL, observe_field
+from nav_pose_estimator.core.attitude.magnetic_field import FIRST, NOTHING, USUAL
 from nav_pose_estimator.core.attitude.motion import (
     add_field,
     begin,
     clear_sums,
+    doubt_rest,
     propagate,
     turn_heading,
     watch_acceleration,
@@ -64,7 +64,8 @@ SHARED = R1_START + 4  # windows that share their noise
 LITERAL = R1_START + 5  # 1: corrections as the source writes them
 BIAS_TAU_START, BIAS_TAU = R1_START + 6, R1_START + 7  # s: smoothing of the bias in motion, at first and later
 TILT_VAR, HEADING_VAR = R1_START + 8, R1_START + 9  # rad^2 at the start
-SIZE = R1_START + 10
+BIAS_VAR = R1_START + 10  # (rad/s)^2 of the gyroscope bias at the start
+SIZE = R1_START + 11
 
 _SCATTER_WINDOWS = 20.0
 _REST_COUNTS = 20.0  # a second at rest tells as much of the bias as so many in motion
@@ -126,6 +127,8 @@ def _start(s, w, f):
 def _feed_back(s, P):
     """End of a window: covariance forward, then the two stages."""
     watch_rest(s)
+    variance = s[BIAS_VAR] / (1.0 + s[BIAS_AGE])
+    doubt_rest(s, variance, variance, variance)
     watch_acceleration(s)
     _propagate_covariance(s, P)
     before = load4(s, QUAT)
@@ -270,10 +273,9 @@ def _update(s, P, residual, variance):
 @kernel
 def _correct_heading(s, P):
     """Stage 2: the heading error of the horizontal field, a turn about Up. False when it was taken as a whole."""
-    kind, error, window = observe_field(s)
+    kind, error, noise, _ = observe_heading(s)
     if kind == NOTHING:
         return True
-    noise = s[HEADING_PSD] / (window * max(s[FIELD_TRUST], 1e-12))
     if kind != USUAL:
         _forget_heading(s, P, noise if kind == FIRST else s[NEW_HEADING_VAR])
     if kind == FIRST:

@@ -1,4 +1,4 @@
-"""Attitude engine: IMU, magnetometer and the navigator's velocity in; attitude with covariance and events out."""
+"""Attitude engine: IMU, magnetometer and a velocity (navigator, wheels) in; attitude with covariance and events out."""
 
 import copy
 import math
@@ -9,6 +9,7 @@ import numpy as np
 
 from nav_pose_estimator.core.attitude import layout as at
 from nav_pose_estimator.core.attitude.motion import turn_heading
+from nav_pose_estimator.engine.attitude.body_velocity import BodyVelocityInput
 from nav_pose_estimator.engine.attitude.field import NO_FIELD, FieldInput
 from nav_pose_estimator.engine.attitude.filters import KERNELS, MAKE_STATE
 from nav_pose_estimator.engine.attitude.memory import Memory, take_velocity
@@ -23,7 +24,15 @@ from nav_pose_estimator.engine.imu.rules import (
     STUCK_END,
 )
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, MagSample, NavigatorVelocity, Sample, Vector3
+from nav_pose_estimator.engine.samples import (
+    BodyVelocity,
+    ImuBlock,
+    ImuSample,
+    MagSample,
+    NavigatorVelocity,
+    Sample,
+    Vector3,
+)
 from nav_pose_estimator.engine.solutions import AttitudeBlock, AttitudeSolution, Event, Level, Mode, Output, Status
 
 _NS = 1e-9
@@ -47,6 +56,7 @@ class AttitudeEngine:
         self._kernels = KERNELS[self._parameters.attitude.filter]
         self.input = ImuInput(self._parameters.imu)
         self.field = FieldInput(self._parameters, self._kernels)
+        self._body_velocity = BodyVelocityInput(self._parameters)
         self._counters: Counter[str] = Counter()
         self._memory = _fresh(self._parameters)
 
@@ -65,6 +75,8 @@ class AttitudeEngine:
             return [self.note(event) for event in self.field.take(sample, self._memory)]
         if isinstance(sample, NavigatorVelocity):
             return [self.note(event) for event in take_velocity(sample, self._memory)]
+        if isinstance(sample, BodyVelocity):
+            return [self.note(event) for event in self._body_velocity.take(sample, self._memory)]
         return []
 
     def _handle(self, item: ImuSample | ImuBlock | Event) -> Output:
@@ -158,6 +170,8 @@ class AttitudeEngine:
         twin.set_declination(0.1)
         twin.feed(NavigatorVelocity(20_000_000, (0.0, 0.0, 0.0)))
         twin.feed(NavigatorVelocity(30_000_000, (0.0, 0.0, 0.0)))
+        for stamp in (20_000_000, 30_000_000):
+            twin.feed(BodyVelocity(stamp, (0.0, 0.0, 0.0)))
 
     # --- IMU -------------------------------------------------------------------------------------------------------
 
@@ -186,7 +200,7 @@ class AttitudeEngine:
             self._memory = _fresh(self._parameters, float(memory.state[at.DECLINATION]))
             return
         memory.state[at.AGE] = -1.0
-        memory.last_ns, memory.velocity = None, None
+        memory.last_ns, memory.velocity, memory.body_velocity_ns = None, None, None
 
 
 def _fresh(parameters: Parameters, declination: float | None = None) -> Memory:

@@ -13,7 +13,7 @@ from nav_pose_estimator.engine.sensors.magnetic.field_calibration import FieldCa
 from nav_pose_estimator.engine.solutions import Event, Level
 
 NO_FIELD = np.empty((0, 3))
-_DISTURBED, _UNDISTURBED = 0.1, 0.5  # trusts of the field at which a disturbance begins and ends
+_DISTURBED, _UNDISTURBED = 0.45, 0.05  # anomalies of the field at which a disturbance begins and ends
 _STALE_NS = 500_000_000
 
 
@@ -50,13 +50,14 @@ class FieldInput:
 
 def _disturbance(stamp: int, memory: Memory) -> list[Event]:
     """Begin and end of a disturbed magnetic field; each refused sample is counted."""
-    trust = memory.state[at.FIELD_TRUST]
-    events = [Event(stamp, "mag.rejected.disturbed")] if trust < _DISTURBED else []
-    if trust < _DISTURBED and not memory.disturbed:
+    state = memory.state
+    anomaly = state[at.FIELD_ANOMALY] if state[at.FIELD_TRUST] > 0.0 else math.inf
+    events = [Event(stamp, "mag.rejected.disturbed")] if anomaly > _DISTURBED else []
+    if anomaly > _DISTURBED and not memory.disturbed:
         memory.disturbed = True
         text = "the magnetic field is disturbed: heading by gyroscope alone"
         return [*events, Event(stamp, "mag.disturbed", Level.WARN, text)]
-    if trust > _UNDISTURBED and memory.disturbed:
+    if anomaly < _UNDISTURBED and memory.disturbed:
         memory.disturbed = False
         return [Event(stamp, "mag.undisturbed", Level.INFO, "the magnetic field is undisturbed again")]
     return events

@@ -18,6 +18,7 @@ _FIXED = {
     at.NEW_TAU: 3.0,
     at.NEW_LIMIT: 0.05,
     at.NEW_HEADING_VAR: 0.5,
+    at.MAG_DELAY_VAR: 0.02**2,
     at.AGE: -1.0,
     at.QUAT: 1.0,
     at.FIELD_TRUST: 1.0,
@@ -36,6 +37,7 @@ def _fill_shared(s: np.ndarray, parameters: Parameters) -> None:
         at.GAP_RATE_SD: navigator.gap_rate_sd,
         at.WANDER_PSD: p.wander**2,
         at.BIAS_PSD: p.bias_walk**2,
+        at.TURN_PSD: p.turn_noise**2,
         at.MATRIX_PSD: p.matrix_walk**2,
         at.SWAY_PSD: p.sway_noise**2,
         at.MOTION_FLOOR: p.motion_floor**2,
@@ -51,6 +53,7 @@ def _fill_shared(s: np.ndarray, parameters: Parameters) -> None:
         at.SWAY_TILT: p.sway_tilt,
         at.DECLINATION: parameters.aids.declination,
         at.HEADING_PSD: p.heading_noise**2,
+        at.PLACE_VAR: p.compass_deviation**2,
         at.ANOMALY_GAIN: p.anomaly_gain,
         at.FIELD_TAU: p.field_tau,
         at.NEW_AFTER: p.new_field_after,
@@ -82,6 +85,7 @@ def two_stage_state(parameters: Parameters) -> np.ndarray:
     s[at.WANDER_PSD], s[at.HEADING_PSD] = p.wander**2, p.heading_noise**2
     s[t.TILT_VAR], s[t.HEADING_VAR] = c.initial_tilt_sd**2, math.pi**2 / 3.0
     s[t.R1_START], s[t.SHARED], s[t.LITERAL] = p.force_sd**2, p.shared_windows, float(p.correction == "literal")
+    s[t.BIAS_VAR] = c.initial_bias_sd**2
     s[t.REGULATOR_P], s[t.REGULATOR_I], s[t.REGULATOR_BAND] = p.regulator_p, p.regulator_i, p.regulator_band
     s[t.BIAS_TAU_START], s[t.BIAS_TAU] = p.bias_tau_start, p.bias_tau
     return s

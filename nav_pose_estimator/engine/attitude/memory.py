@@ -1,6 +1,7 @@
 """What an attitude engine remembers, and what the navigator's velocity does to it."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,11 @@ from nav_pose_estimator.engine.solutions import Event
 
 _NS = 1e-9
 _VELOCITY_GAP_NS = 1_000_000_000
+_GOOD_HEADING = 0.1  # rad: a navigator's heading of this deviation is worth taking
+_GOOD_LEVEL = 0.01  # rad: ... and a tilt of this one
+_LEVEL_TAU = 60.0  # s: learning of the accelerometer bias, slow against the filter's own levelling
+_MOST_BIAS = 0.5  # m/s^2
+_HEADING_TAU = 20.0  # s: how long an error of the navigator's heading lasts while GNSS aids it
 _KNOWN_HEADING = 0.35  # rad: a wider heading cannot turn the navigator's velocity into the filter's axes
 
 
@@ -25,6 +31,7 @@ class Memory:
     mag_ns: int | None = None
     disturbed: bool = False
     velocity: NavigatorVelocity | None = None
+    body_velocity_ns: int | None = None
 
     @property
     def age(self) -> float:
@@ -42,7 +49,7 @@ class Memory:
 def take_velocity(sample: NavigatorVelocity, memory: Memory) -> list[Event]:
     """Give the filter the change of the vehicle's velocity since the last sample: that part is not gravity."""
     stamp, before = sample.stamp_ns, memory.velocity
-    if not all(map(math.isfinite, sample.vel_enu)):
+    if not all(map(math.isfinite, (*sample.vel_enu, *(sample.q_nb or ())))):
         return [Event(stamp, "navigator_velocity.rejected.nan")]
     if memory.last_ns is None:
         return [Event(stamp, "navigator_velocity.rejected.no_attitude_yet")]
@@ -55,11 +62,30 @@ def take_velocity(sample: NavigatorVelocity, memory: Memory) -> list[Event]:
     if turn is None:
         return [Event(stamp, "navigator_velocity.ignored.heading_unknown")]
     dt, c, d = (stamp - before.stamp_ns) * _NS, math.cos(turn), math.sin(turn)
+    if not sample.drifting:
+        _learn_from(sample, memory.state, turn, dt)
     east, north, up = (now - then for now, then in zip(sample.vel_enu, before.vel_enu, strict=True))
     change = (c * east - d * north, d * east + c * north, up)
     speed = -1.0 if sample.drifting else math.hypot(*sample.vel_enu)
     subtract_velocity_change(memory.state, change, dt, 2.0 * dt, speed)
     return []
+
+
+def _learn_from(sample: NavigatorVelocity, s: np.ndarray, turn: float, dt: float) -> None:
+    """Heading and level of a navigator that GNSS aids; after its loss nothing is taken from it, only kept."""
+    if sample.heading_sd < _GOOD_HEADING:
+        s[at.NAV_HEADING], s[at.NAV_HEADING_VAR] = -turn, sample.heading_sd**2 * _HEADING_TAU / dt
+    if sample.q_nb is not None and sample.tilt_sd < _GOOD_LEVEL:
+        # What the accelerometer takes for up, less what is up, is its bias over gravity.
+        change = _up_in_b(s[at.QUAT : at.QUAT + 4]) - _up_in_b(sample.q_nb)
+        bias = s[at.FORCE_BIAS : at.FORCE_BIAS + 3]
+        bias += min(dt / _LEVEL_TAU, 1.0) * s[at.GRAVITY] * change
+        np.clip(bias, -_MOST_BIAS, _MOST_BIAS, out=bias)
+
+
+def _up_in_b(q: Sequence[float] | np.ndarray) -> np.ndarray:
+    w, x, y, z = q
+    return np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
 
 
 def _heading_from(sample: NavigatorVelocity, s: np.ndarray) -> float | None:

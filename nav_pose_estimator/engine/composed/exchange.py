@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -49,11 +50,20 @@ class ExchangeClock:
 def navigator_velocity(output: NavBlock | NavSolution) -> NavigatorVelocity:
     """The navigator's newest velocity and attitude, for the attitude filter."""
     if isinstance(output, NavSolution):
-        stamp, velocity, q_nb, tilt_var = output.stamp_ns, output.vel_n, output.q_nb, np.diag(output.cov)[:2]
+        stamp, velocity, q_nb, variances = output.stamp_ns, output.vel_n, output.q_nb, np.diag(output.cov)[:3]
     else:
         stamp, last = int(output.stamps_ns[-1]), output.rows[-1]
         velocity, q_nb = last[at.OUT_VEL : at.OUT_QUAT], last[at.OUT_QUAT : at.OUT_RATE]
-        tilt_var = last[at.OUT_VAR : at.OUT_VAR + 2]
+        variances = last[at.OUT_VAR : at.OUT_VAR + 3]
     is_aided = output.mode is Mode.AIDED
-    is_valid = is_aided or float(tilt_var.max()) < _GOOD_TILT**2
-    return NavigatorVelocity(stamp, tuple(velocity.tolist()), is_valid, tuple(q_nb.tolist()), drifting=not is_aided)
+    tilt_sd, heading_sd = math.sqrt(max(variances[0], variances[1])), math.sqrt(variances[2])
+    is_valid = is_aided or tilt_sd < _GOOD_TILT
+    return NavigatorVelocity(
+        stamp,
+        tuple(velocity.tolist()),
+        is_valid,
+        tuple(q_nb.tolist()),
+        drifting=not is_aided,
+        heading_sd=heading_sd,
+        tilt_sd=tilt_sd,
+    )

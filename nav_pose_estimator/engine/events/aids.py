@@ -193,6 +193,12 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "correct the driver; until then the noise comes from the parameters",
         ),
         Entry("attitude.rejected.absent", "imu/data has no orientation", "let attitude_node publish imu/data"),
+        Entry(
+            "attitude.body_velocity.incomplete",
+            "a body velocity lacks an axis: the attitude filter cannot tell acceleration from it",
+            "let a driver of wheels publish 0 for what they cannot do",
+        ),
+        Entry("attitude.body_velocity.stamp", "a body velocity not newer than the previous one"),
         Entry("*.used", "an aid was used"),
         Entry("*.inflated", "an aid was unlikely and was given less weight"),
         Entry(

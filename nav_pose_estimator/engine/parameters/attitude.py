@@ -17,7 +17,7 @@ class TwoStageParameters:
     regulator_p: float = param(0.05, "", "Proportional gain of the regulator of the force's noise", 0.0, 1.0)
     regulator_i: float = param(0.002, "", "Integral gain of the regulator", 0.0, 1.0)
     regulator_band: float = param(1.0, "", "The integral works below this relative mismatch", 0.0, 100.0)
-    heading_noise: float = param(0.15, "rad*sqrt(s)", "Root density of the error of a magnetic heading", 1e-3, 100.0)
+    heading_noise: float = param(0.1, "rad*sqrt(s)", "Root density of the error of a magnetic heading", 1e-3, 100.0)
     bias_tau_start: float = param(25.0, "s", "Time constant of the gyroscope bias in motion at first", 1.0, 1e4)
     bias_tau: float = param(1000.0, "s", "... and later", 1.0, 1e5)
     correction: str = param(
@@ -37,10 +37,18 @@ class AttitudeParameters:
     gravity: float = param(9.81, "m/s^2", "Local gravity", 9.7, 9.9, mutable=True)
     # --- the gyroscope ---
     wander: float = param(
-        0.0026, "rad/sqrt(s)", "Random walk of the attitude from gyroscope noise in motion", 1e-6, 0.1, mutable=True
+        0.0005, "rad/sqrt(s)", "Random walk of the attitude from gyroscope noise", 1e-6, 0.1, mutable=True
+    )
+    turn_noise: float = param(
+        0.0007,
+        "sqrt(s)",
+        "... and from errors of the gyroscope that come with motion, per rad/s of rate",
+        0.0,
+        0.1,
+        mutable=True,
     )
     initial_bias_sd: float = param(0.01, "rad/s", "Deviation of the gyroscope bias at power-on", 0.0, 1.0)
-    bias_walk: float = param(3e-5, "rad/s/sqrt(s)", "Random walk of the gyroscope bias", 0.0, 0.01, mutable=True)
+    bias_walk: float = param(1e-5, "rad/s/sqrt(s)", "Random walk of the gyroscope bias", 0.0, 0.01, mutable=True)
     scale_sd: float = param(0.0035, "", "Deviation of the gyroscope's scale factors", 0.0, 0.1, mutable=True)
     misalignment_sd: float = param(0.002, "", "Deviation of the gyroscope's misalignments", 0.0, 0.1, mutable=True)
     matrix_walk: float = param(
@@ -81,10 +89,13 @@ class AttitudeParameters:
     max_bias: float = param(0.05, "rad/s", "A larger mean rate is motion, not gyroscope bias", 0.0, 1.0, mutable=True)
     # --- the magnetometer ---
     heading_noise: float = param(
-        0.32, "rad*sqrt(s)", "Root density of the error of a magnetic heading", 1e-3, 100.0, mutable=True
+        0.14, "rad*sqrt(s)", "Root density of the error of a magnetic heading", 1e-3, 100.0, mutable=True
+    )
+    compass_deviation: float = param(
+        0.05, "rad", "Error of a magnetic heading that rest at one place does not average away", 0.0, 1.0, mutable=True
     )
     anomaly_gain: float = param(
-        20.0, "", "Noise per anomaly (squared, relative to the horizontal field)", 0.0, 1e4, mutable=True
+        60.0, "", "Noise per anomaly (squared, relative to the horizontal field)", 0.0, 1e4, mutable=True
     )
     field_tau: float = param(20.0, "s", "Memory of the learned field", 0.1, 1e4, mutable=True)
     new_field_after: float = param(

@@ -217,8 +217,10 @@ def odometry_velocity(message: Any) -> Converted:
     velocity = quat_to_matrix(np.array(q_nb)) @ np.array(vector(message.twist.twist.linear))
     cov = covariance.read(message.twist.covariance, 6, block=3)
     known = cov.knowledge is Knowledge.KNOWN
+    pose = covariance.read(message.pose.covariance, 6).matrix
+    roll, pitch, yaw = (math.nan,) * 3 if pose is None else np.sqrt(np.diag(pose)[3:]).tolist()
     return (
-        NavigatorVelocity(stamp, tuple(velocity.tolist()), known, q_nb),
+        NavigatorVelocity(stamp, tuple(velocity.tolist()), known, q_nb, heading_sd=yaw, tilt_sd=max(roll, pitch)),
         *_flaw(stamp, "navigator_velocity", cov.flaw),
     )
 
