@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.archive import resumed
 from nav_pose_estimator.offline.archive.jobs import Failure, carry_out
 from nav_pose_estimator.offline.archive.kept import KeptResults, key_of
 from nav_pose_estimator.offline.archive.recordings import find
@@ -112,7 +113,7 @@ def test_an_interrupted_run_goes_on_where_it_was(archive, tmp_path, capsys, monk
             if number == 1:
                 raise KeyboardInterrupt
 
-    monkeypatch.setattr(many_flights, "carry_out", interrupted)
+    monkeypatch.setattr(resumed, "carry_out", interrupted)
     with pytest.raises(KeyboardInterrupt):
         many_flights.run_all(tasks_on(find([archive])), 1, "local", tmp_path / "out")
     monkeypatch.undo()

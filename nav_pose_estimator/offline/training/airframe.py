@@ -26,6 +26,7 @@ from nav_pose_estimator.core.motion.airframe import (
 )
 from nav_pose_estimator.core.motion.windows import SECONDS
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.archive.kept import KeptResults
 from nav_pose_estimator.offline.training import archive as sums
 from nav_pose_estimator.offline.training import left_out, network
 from nav_pose_estimator.offline.training.archive import NormalEquations
@@ -48,22 +49,23 @@ class Order:
 
 @dataclass(frozen=True)
 class Member:
-    """A recording in the archive: where it lies, and its normal equations."""
+    """A recording in the archive: where what it gave is kept, and its normal equations."""
 
-    part: Path
+    kept: KeptResults
+    key: str
     past: PastFlight
     shown_class: str
     equations: NormalEquations
 
     def data(self) -> FlightData:
         """The flight itself, from disk: however many there are, one is in memory at a time."""
-        return _load(self.part)
+        return _load(self.kept, self.key)
 
 
-def make_airframe(parts: Sequence[Path], merged: Merged, order: Order) -> tuple[Airframe, list[str]]:
-    """The airframe of flown recordings (their ``parts``) and of files to merge, and the table, line by line."""
+def make_airframe(kept: KeptResults, keys: Sequence[str], merged: Merged, order: Order) -> tuple[Airframe, list[str]]:
+    """The airframe of flown recordings, ``kept`` by ``keys``, and of files to merge; and the table, line by line."""
     in_files = _flights_of(merged)
-    members = [member for member in map(_member, parts) if not _is_double(member, in_files)]
+    members = [member for member in (_member(kept, key) for key in keys) if not _is_double(member, in_files)]
     if not members and not merged:
         raise UserError("none of the recordings can be used, see the notes above")
     vehicle_class = choose_class(members, merged, order.vehicle_class)
@@ -106,17 +108,17 @@ def choose_class(members: Sequence[Member], merged: Merged, given: str | None) -
     return next(iter(found))
 
 
-def _load(part: Path) -> FlightData:
-    data = FlightData.load(part)
+def _load(kept: KeptResults, key: str) -> FlightData:
+    data = kept.take(key)
     if data is None:
-        raise UserError(f"{part} is damaged: run the command again")
+        raise UserError("what was flown cannot be read any more: run the command again")
     return data
 
 
-def _member(part: Path) -> Member:
-    data = _load(part)
+def _member(kept: KeptResults, key: str) -> Member:
+    data = _load(kept, key)
     equations = NormalEquations.of(data.epochs, sums.air_velocity(data.epochs))
-    return Member(part, data.past, data.shown_class, equations)
+    return Member(kept, key, data.past, data.shown_class, equations)
 
 
 def _flights_of(merged: Merged) -> dict[str, PastFlight]:
