@@ -12,8 +12,8 @@ from nav_pose_estimator.core.motion.windows import SECONDS
 
 Array = NDArray[np.float64]
 
-MULTIROTOR, FIXED_WING, WHEELS = "multirotor", "fixed_wing", "wheels"
-CLASSES = (MULTIROTOR, FIXED_WING, WHEELS)
+MULTIROTOR, FIXED_WING, WHEELS, BOAT = "multirotor", "fixed_wing", "wheels", "boat"
+CLASSES = (MULTIROTOR, FIXED_WING, WHEELS, BOAT)
 UNKNOWN = "unknown"
 VELOCITY, INCREMENTS = "velocity", "increments"
 FORMS = (VELOCITY, INCREMENTS)
@@ -71,6 +71,11 @@ def control_of(weights: ConvLstm) -> ConvLstm:
     return untrained(scales, CONTROL_SEED)
 
 
+def can_hover(vehicle_class: str) -> bool | None:
+    """What a class says of hovering, or lying still; None where the flight has to show it."""
+    return {MULTIROTOR: True, FIXED_WING: False, BOAT: True}.get(vehicle_class)
+
+
 @dataclass(frozen=True)
 class PastFlight:
     """A recording that went into an archive: its name, the SHA-256 of what it was read from, seconds of flight."""
@@ -108,7 +113,7 @@ class Beforehand:
     @property
     def can_hover(self) -> bool | None:
         """What the class says of hovering; None where the flight has to show it."""
-        return {MULTIROTOR: True, FIXED_WING: False}.get(self.vehicle_class)
+        return can_hover(self.vehicle_class)
 
     @property
     def prior(self) -> MotionPrior | None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.airframe import UNKNOWN, Beforehand
+from nav_pose_estimator.core.motion.vehicle_class import tell_class
 from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.outage.airframe_file import load_airframe
 from nav_pose_estimator.engine.outage.epochs import FlightMemory
@@ -43,6 +44,7 @@ class LearnerState:
     begun: int = 0  # trainings
     next_s: float = 0.0  # when the next training is due
     result: TrainingResult | None = None  # waits for its time
+    told: dict[str, float] = field(default_factory=dict)  # probabilities of the vehicle's class, for diagnostics
 
 
 class OutageLearner:
@@ -88,6 +90,8 @@ class OutageLearner:
         state = self.state
         epochs = self.method.beforehand.flown(state.memory.last(self._parameters.window))
         seconds = len(epochs) * me.PERIOD
+        if not self.method.beforehand.is_class_known:
+            state.told = {f"learner.class.{name}": p for name, p in tell_class(epochs).probability.items()}
         if seconds < self.method.least_training:
             needed = f"{self.method.least_training:.0f} are needed"
             state.reason = f"only {seconds:.0f} s of flight with GNSS have been seen, {needed}"
@@ -117,7 +121,7 @@ class OutageLearner:
     def scores(self) -> dict[str, float]:
         """What diagnostics show of the learning."""
         state = self.state
-        scores = {"learner.flight_s": state.memory.seconds, "learner.trainings": float(state.trainings)}
+        scores = {"learner.flight_s": state.memory.seconds, "learner.trainings": float(state.trainings)} | state.told
         return scores if state.model is None else scores | self.method.scores(state.model)
 
     def arrays(self) -> dict[str, np.ndarray]:

@@ -27,8 +27,11 @@ from nav_pose_estimator.offline.benchmarks.archive.watched import run as run_wat
 TRAIN, OUTAGE = "train", "outage"
 _SCENARIO, _IMU_HZ = "multirotor_light", 50.0
 _COMMANDS = {
-    TRAIN: "train --class multirotor --one-aircraft --gnss-delay 0 --force".split(),
-    OUTAGE: "benchmark outage --methods best --lengths 10 --first 60 --every 1000 --gnss-delay 0".split(),
+    TRAIN: ["train", "--class", "multirotor", "--one-aircraft", "--gnss-delay", "0", "--force"],
+    OUTAGE: [
+        *("benchmark", "outage", "--methods", "best", "--gnss-delay", "0"),
+        *("--lengths", "10", "--first", "60", "--every", "1000"),
+    ],
 }
 _RESULTS = {TRAIN: "a.airframe", OUTAGE: "a/outages.csv"}
 
