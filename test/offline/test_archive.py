@@ -86,7 +86,7 @@ def is_alive(pid: int) -> bool:
 
 
 def test_jobs_go_to_the_workers_of_a_scheduler(tmp_path: Path):
-    """GIVEN a Dask scheduler with two workers WHEN a job fails, or a worker is killed, THEN all jobs have an outcome."""
+    """GIVEN a Dask scheduler with two workers WHEN a job fails, or a worker is killed, THEN each has an outcome."""
     pytest.importorskip("distributed", reason="Dask is not installed here (requirements-cluster.txt)")
     for name in ("one", "two"):
         (tmp_path / name).write_text(name)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.motion.airframe import FIXED_WING, MULTIROTOR, UNKNOWN
-from nav_pose_estimator.core.motion.vehicle_class import tell_class
+from nav_pose_estimator.core.motion.vehicle_class import FIXED_WING, MULTIROTOR, UNKNOWN, tell_class
 from nav_pose_estimator.offline.training.flights import Reading, Recorded, fly
 
 FLIGHTS = {
@@ -22,6 +21,6 @@ def test_recorded_flights_are_told_and_never_mistaken(shared_data, name: str) ->
     """GIVEN a recorded flight WHEN asked again and again THEN no other class is ever certain, and its own is soon."""
     vehicle_class, soon = FLIGHTS[name]
     epochs = fly(Recorded(shared_data / "flights" / f"{name}_bag", "", Reading())).epochs
-    told = np.array([tell_class(epochs[:count]).vehicle_class for count in range(2, len(epochs), 2)])
+    told = np.array([tell_class(epochs[:count]) for count in range(2, len(epochs), 2)])
     assert set(told) <= {UNKNOWN, vehicle_class}
     assert set(told[soon:]) == {vehicle_class}

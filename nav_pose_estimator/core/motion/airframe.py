@@ -8,13 +8,19 @@ from numpy.typing import NDArray
 from nav_pose_estimator.core.learning.conv_lstm import ConvLstm, untrained
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.prior import MOVES, MotionPrior
+from nav_pose_estimator.core.motion.vehicle_class import (
+    FIXED_WING,
+    FLYING,
+    MULTIROTOR,
+    UNKNOWN,
+    WHEELS,
+    can_hover,
+    tell_class,
+)
 from nav_pose_estimator.core.motion.windows import SECONDS
 
 Array = NDArray[np.float64]
 
-MULTIROTOR, FIXED_WING, WHEELS, BOAT = "multirotor", "fixed_wing", "wheels", "boat"
-CLASSES = (MULTIROTOR, FIXED_WING, WHEELS, BOAT)
-UNKNOWN = "unknown"
 VELOCITY, INCREMENTS = "velocity", "increments"
 FORMS = (VELOCITY, INCREMENTS)
 """What a network says of a second: velocity through the air and its log variance, or the increments of the source."""
@@ -71,11 +77,6 @@ def control_of(weights: ConvLstm) -> ConvLstm:
     return untrained(scales, CONTROL_SEED)
 
 
-def can_hover(vehicle_class: str) -> bool | None:
-    """What a class says of hovering, or lying still; None where the flight has to show it."""
-    return {MULTIROTOR: True, FIXED_WING: False, BOAT: True}.get(vehicle_class)
-
-
 @dataclass(frozen=True)
 class PastFlight:
     """A recording that went into an archive: its name, the SHA-256 of what it was read from, seconds of flight."""
@@ -109,6 +110,17 @@ class Beforehand:
     def is_class_known(self) -> bool:
         """Whether the regimes of motion can be told from the first seconds on."""
         return self.vehicle_class != UNKNOWN
+
+    def by_flight(self, epochs: Array) -> "Beforehand":
+        """What is left of it when the flight of ``epochs`` (N, COLUMNS or more) has shown what the vehicle is.
+
+        A multirotor that the file, or the user, takes for a fixed wing, or a fixed wing for anything but that, is what
+        it shows. On the ground it shows nothing: a wing taxies, and a multirotor is driven to where it starts.
+        """
+        told = tell_class(epochs)
+        if self.is_class_known and (told not in FLYING or told == self.vehicle_class):
+            return self
+        return Beforehand(told)
 
     @property
     def can_hover(self) -> bool | None:

@@ -10,60 +10,52 @@ direction u in b and the specific force f:
     boat         goes along x with some drift, not up, and is level: it feels what speeds and turns it
 
 Densities of these deviations, normal ones with scales of everyday mechanics, make a likelihood of every epoch under
-way, and Bayes' rule a probability of every class. Half seconds of one manoeuvre say the same: one counts as a tenth of
-a draw. None decides by itself, for a gust or a landing fits no class.
+way, and Bayes' rule a probability of every class. Half seconds of one manoeuvre say the same: one counts as a twentieth
+of a draw. None decides by itself, for a gust or a landing fits no class.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nav_pose_estimator.core.motion.airframe import BOAT, FIXED_WING, MULTIROTOR, UNKNOWN, WHEELS, can_hover
 from nav_pose_estimator.core.motion.epochs import BODY_VELOCITY, FORCE, PERIOD, VELOCITY, attitude
 
 Array = NDArray[np.float64]
 
-CERTAIN = 0.95
-"""Probability from which on a class is taken for told."""
+MULTIROTOR, FIXED_WING, WHEELS, BOAT = "multirotor", "fixed_wing", "wheels", "boat"
+CLASSES = (MULTIROTOR, FIXED_WING, WHEELS, BOAT)
+FLYING = (MULTIROTOR, FIXED_WING)
+UNKNOWN = "unknown"
+_CERTAIN = 0.95
 _UNDER_WAY = 2.0  # m/s: at the pace of a walk it may be carried
-_DRAW = 5.0  # s: so much motion is one draw
+_DRAW = 10.0  # s: so much motion is one draw, for a vehicle keeps its style for a while
 _MOST = 4.0  # logarithm of the most that a class may be more likely than another by one epoch
-_USUAL = {MULTIROTOR: 0.4, FIXED_WING: 0.3, WHEELS: 0.2, BOAT: 0.1}
-"""Probability before the flight has shown anything."""
+_USUAL = {MULTIROTOR: 0.48, FIXED_WING: 0.34, WHEELS: 0.12, BOAT: 0.06}
+"""Probability before the motion has shown anything: drones are what carries this mostly."""
 
 
-@dataclass(frozen=True)
-class Told:
-    """``probability`` of each class."""
-
-    probability: dict[str, float]
-
-    @property
-    def vehicle_class(self) -> str:
-        """The class where it is ``CERTAIN``, else ``UNKNOWN``."""
-        likely = max(self.probability, key=lambda name: self.probability[name])
-        return likely if self.probability[likely] >= CERTAIN else UNKNOWN
-
-    @property
-    def can_hover(self) -> bool | None:
-        """What the class says of hovering; None where it does not, or is not known."""
-        return can_hover(self.vehicle_class)
+def can_hover(vehicle_class: str) -> bool | None:
+    """What a class says of hovering, or lying still; None where the motion has to show it."""
+    return {MULTIROTOR: True, FIXED_WING: False, BOAT: True}.get(vehicle_class)
 
 
-def tell_class(epochs: Array) -> Told:
-    """The class of the vehicle of aided epochs (N, COLUMNS or more); N may be zero."""
+def tell_class(epochs: Array) -> str:
+    """The class of the vehicle of aided epochs (N, COLUMNS or more), N may be zero; ``UNKNOWN`` where in doubt."""
+    probability = class_probabilities(epochs)
+    likely = max(probability, key=lambda name: probability[name])
+    return likely if probability[likely] >= _CERTAIN else UNKNOWN
+
+
+def class_probabilities(epochs: Array) -> dict[str, float]:
+    """Probability of each class after aided epochs (N, COLUMNS or more) in order of time; N may be zero."""
     v = epochs[:, BODY_VELOCITY:VELOCITY]
-    moving = epochs[np.square(v).sum(axis=1) > _UNDER_WAY**2]
-    likelihood = _log_likelihoods(moving)
-    names = list(likelihood)
-    L = np.array([likelihood[name] for name in names])
+    likelihood = _log_likelihoods(epochs[np.square(v).sum(axis=1) > _UNDER_WAY**2])
+    L = np.array([likelihood[name] for name in CLASSES])
     L = np.maximum(L, L.max(axis=0) - _MOST) if L.size else L
-    evidence = np.log([_USUAL[name] for name in names]) + L.sum(axis=1) * PERIOD / _DRAW
+    evidence = np.log([_USUAL[name] for name in CLASSES]) + L.sum(axis=1) * PERIOD / _DRAW
     weight = np.exp(evidence - evidence.max())
-    probability = weight / weight.sum()
-    return Told(dict(zip(names, probability.tolist(), strict=True)))
+    return dict(zip(CLASSES, (weight / weight.sum()).tolist(), strict=True))
 
 
 def _log_likelihoods(epochs: Array) -> dict[str, Array]:
@@ -74,7 +66,7 @@ def _log_likelihoods(epochs: Array) -> dict[str, Array]:
     v = np.sqrt(vx**2 + vy**2 + vz**2)
     level = _normal(ux, 0.07) + _normal(uy, 0.05) + _normal(fx, 1.5) + _normal(fy, 1.5)
     leaning = _normal(ux, 0.2) + _normal(uy, 0.2)
-    leaning += _normal(fx + 0.25 * vx, 0.2 * np.abs(vx) + 0.5) + _normal(fy + 0.25 * vy, 0.2 * np.abs(vy) + 0.5)
+    leaning += _normal(fx + 0.25 * vx, 0.12 * np.abs(vx) + 0.4) + _normal(fy + 0.25 * vy, 0.12 * np.abs(vy) + 0.4)
     banking = _normal(ux - 0.07, 0.15) + _normal(uy, 0.35) + _normal(fx - 0.7, 1.5) + _normal(fy, 0.7)
     any_way = _normal(vx, 7.0) + _normal(vy, 0.7 * v + 0.3) + _normal(vz + ux * vx + uy * vy, 0.15 * v + 0.4)
     fast = _normal(vx - 18.0, 6.0) + _normal(vy, 0.2 * v + 0.3) + _normal(vz + 0.06 * v, 0.08 * v + 0.3)

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
-from nav_pose_estimator.core.motion.airframe import UNKNOWN, Beforehand
-from nav_pose_estimator.core.motion.vehicle_class import tell_class
+from nav_pose_estimator.core.motion.airframe import Beforehand
+from nav_pose_estimator.core.motion.vehicle_class import UNKNOWN, class_probabilities
 from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.outage.airframe_file import load_airframe
 from nav_pose_estimator.engine.outage.epochs import FlightMemory
@@ -88,15 +88,16 @@ class OutageLearner:
         if not self.method.trains:
             return None
         state = self.state
-        epochs = self.method.beforehand.flown(state.memory.last(self._parameters.window))
+        epochs = state.memory.last(self._parameters.window)
+        state.told = {f"learner.class.{name}": p for name, p in class_probabilities(epochs).items()}
+        method = self.method.after(epochs)
+        epochs = method.beforehand.flown(epochs)
         seconds = len(epochs) * me.PERIOD
-        if not self.method.beforehand.is_class_known:
-            state.told = {f"learner.class.{name}": p for name, p in tell_class(epochs).probability.items()}
-        if seconds < self.method.least_training:
-            needed = f"{self.method.least_training:.0f} are needed"
+        if seconds < method.least_training:
+            needed = f"{method.least_training:.0f} are needed"
             state.reason = f"only {seconds:.0f} s of flight with GNSS have been seen, {needed}"
             return None
-        job = self.method.job(epochs, TrainingPlan(self._parameters.rules, state.begun, state.model))
+        job = method.job(epochs, TrainingPlan(self._parameters.rules, state.begun, state.model))
         state.next_s = newest_time(epochs) + min(self._parameters.period, _YOUNG * seconds)
         state.begun += 1
         return job

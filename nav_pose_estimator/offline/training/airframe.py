@@ -14,9 +14,6 @@ from nav_pose_estimator.core.learning.conv_lstm import ConvLstm
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity, with_law
 from nav_pose_estimator.core.motion.airframe import (
-    MULTIROTOR,
-    UNKNOWN,
-    WHEELS,
     Airframe,
     Archive,
     PastFlight,
@@ -24,6 +21,7 @@ from nav_pose_estimator.core.motion.airframe import (
     air_velocity,
     control_of,
 )
+from nav_pose_estimator.core.motion.vehicle_class import MULTIROTOR, UNKNOWN, WHEELS
 from nav_pose_estimator.core.motion.windows import SECONDS
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive.kept import KeptResults

@@ -4,7 +4,8 @@ import argparse
 import math
 from pathlib import Path
 
-from nav_pose_estimator.core.motion.airframe import CLASSES, FORMS
+from nav_pose_estimator.core.motion.airframe import FORMS
+from nav_pose_estimator.core.motion.vehicle_class import CLASSES
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive import jobs
 from nav_pose_estimator.offline.logs.options import add_options, options_of

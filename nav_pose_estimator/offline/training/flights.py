@@ -63,7 +63,7 @@ class FlightData:
     @property
     def shown_class(self) -> str:
         """What the vehicle is by how it moves; ``UNKNOWN`` where that leaves a doubt: it hovers only, say."""
-        return tell_class(self.epochs).vehicle_class
+        return tell_class(self.epochs)
 
 
 class Recorder(OutageMethod):

@@ -13,14 +13,18 @@ from numpy.typing import NDArray
 
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity, with_law
-from nav_pose_estimator.core.motion.airframe import WHEELS, Archive, Beforehand
+from nav_pose_estimator.core.motion.airframe import Archive, Beforehand
 from nav_pose_estimator.core.motion.prior import MotionPrior, PriorLaw
+from nav_pose_estimator.core.motion.vehicle_class import WHEELS
+from nav_pose_estimator.engine.outage.methods.pseudo_gnss import ComposedFixes
 
 Array = NDArray[np.float64]
 Learn = Callable[[Array], AirVelocityModel]
 
 FIRST, LAST, EVERY, LENGTH = 20.0, 130.0, 10.0, 30.0
 """Starts from FIRST to LAST seconds of flight, EVERY so many, LENGTH seconds of dead reckoning [s]."""
+LASTING = 60.0
+"""Seconds of dead reckoning that say how long a law's errors last [s]."""
 OWN, ARCHIVE, BOTH = "own flight", "archive alone", "own + archive"
 NETWORK, STACKED, UNTRAINED = "network alone", "+ network", "+ untrained"
 _DEFAULTS = Beforehand()
@@ -73,13 +77,32 @@ def stacked_way(archive: Archive, vehicle_class: str) -> Learn:
 
 def judge(epochs: Array, ways: Mapping[str, Learn]) -> dict[str, Array]:
     """Errors [m] of each of ``ways`` on the starts of a flight of ``epochs`` (N, COLUMNS or more)."""
-    ahead = round(LENGTH / me.PERIOD)
-    starts = np.arange(FIRST, LAST + EVERY / 2, EVERY) / me.PERIOD
-    usable = [int(k) for k in starts if k + ahead <= len(epochs) and _is_whole(epochs[int(k) - 1 : int(k) + ahead])]
+    ahead, starts = round(LENGTH / me.PERIOD), _starts(epochs, LENGTH)
     return {
-        name: np.array([_drift(learn(epochs[:k]), epochs[k : k + ahead]) for k in usable])
+        name: np.array([_drift(learn(epochs[:k]), epochs[k : k + ahead]) for k in starts])
         for name, learn in ways.items()
     }
+
+
+def _starts(epochs: Array, length: float) -> list[int]:
+    """Numbers of the epochs with which ``length`` s of whole flight begin."""
+    ahead = round(length / me.PERIOD)
+    starts = np.arange(FIRST, LAST + EVERY / 2, EVERY) / me.PERIOD
+    return [int(k) for k in starts if k + ahead <= len(epochs) and _is_whole(epochs[int(k) - 1 : int(k) + ahead])]
+
+
+def surprise(epochs: Array, learn: Learn) -> Array:
+    """Squared drift after LASTING s over its stated variance, mean of both axes: one for each start, one on average.
+
+    What a law errs lasts as long as the vehicle goes on in the same way, longer than residuals of seconds can tell.
+    """
+    found = []
+    for k in _starts(epochs, LASTING):
+        ahead = epochs[k : k + round(LASTING / me.PERIOD)]
+        composed, cov = ComposedFixes(learn(epochs[:k]), epochs[k - 1]).composed(ahead)
+        missed = (composed - me.PERIOD * ahead[:, me.VELOCITY : me.FORCE].sum(axis=0))[:2]
+        found.append(0.5 * float(missed @ np.linalg.solve(cov[:2, :2], missed)))
+    return np.array(found)
 
 
 def table(scores: Sequence[Score]) -> list[str]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel
 from nav_pose_estimator.core.motion.regimes import MotionRegimes, learn_regimes
-from nav_pose_estimator.core.motion.vehicle_class import tell_class
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import (
     HOVER,
     TRAVEL,
@@ -97,8 +96,8 @@ class Best(Anfis):
 
     def with_regimes(self, flight: Flight, model: AirVelocityModel | None, name: str) -> RegimesGuide:
         """The regimes of the flight with ``model``, as the way that rehearsals know by ``name``."""
-        knows = self.beforehand.can_hover if self.beforehand.is_class_known else tell_class(flight.epochs).can_hover
-        regimes = learn_regimes(flight.epochs, flight.usual, flight.decisions, knows)
+        can_hover = self.beforehand.by_flight(flight.epochs).can_hover
+        regimes = learn_regimes(flight.epochs, flight.usual, flight.decisions, can_hover)
         return RegimesGuide(model, flight.drift_variance, flight.spread.get(name, 0.0), regimes=regimes)
 
     def choose(self, flight: Flight, scores: RehearsalScores) -> Guide | None:

@@ -72,7 +72,7 @@ def run(options: Sequence[str], kept: Path, kill: Kill | None = None, workers: S
 
 def _watch(cost: Cost, pid: int, pool: Sequence[int], before: dict[int, float]) -> None:
     with suppress(OSError):
-        cost.main, cost.memory = _cpu(pid), _memory(pid)
+        cost.main, cost.memory = _cpu(pid), max(cost.memory, _memory(pid))
     for worker in pool:
         with suppress(OSError):
             cost.workers[worker] = _cpu(worker) - before.get(worker, 0.0)
