@@ -14,7 +14,6 @@ from nav_pose_estimator.core.motion.vehicle_class import (
     MULTIROTOR,
     UNKNOWN,
     WHEELS,
-    can_hover,
     tell_class,
 )
 from nav_pose_estimator.core.motion.windows import SECONDS
@@ -124,8 +123,8 @@ class Beforehand:
 
     @property
     def can_hover(self) -> bool | None:
-        """What the class says of hovering; None where the flight has to show it."""
-        return can_hover(self.vehicle_class)
+        """False for a fixed wing; None where the flight has to show it: a multirotor on laps might, but does not."""
+        return False if self.vehicle_class == FIXED_WING else None
 
     @property
     def prior(self) -> MotionPrior | None:

@@ -35,11 +35,6 @@ _USUAL = {MULTIROTOR: 0.48, FIXED_WING: 0.34, WHEELS: 0.12, BOAT: 0.06}
 """Probability before the motion has shown anything: drones are what carries this mostly."""
 
 
-def can_hover(vehicle_class: str) -> bool | None:
-    """What a class says of hovering, or lying still; None where the motion has to show it."""
-    return {MULTIROTOR: True, FIXED_WING: False, BOAT: True}.get(vehicle_class)
-
-
 def tell_class(epochs: Array) -> str:
     """The class of the vehicle of aided epochs (N, COLUMNS or more), N may be zero; ``UNKNOWN`` where in doubt."""
     probability = class_probabilities(epochs)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from nav_pose_estimator.core.learning.conv_lstm import ConvLstm
 from nav_pose_estimator.core.motion import epochs as me
-from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity, with_law
+from nav_pose_estimator.core.motion.air_velocity import learn_air_velocity, with_law
 from nav_pose_estimator.core.motion.airframe import (
     Airframe,
     Archive,
@@ -71,10 +71,10 @@ def make_airframe(kept: KeptResults, keys: Sequence[str], merged: Merged, order:
     total = reduce(add, [*(member.equations for member in members), *from_files])
     scores, judged = [], []
     for member in members:
-        score, model = _left_out(member, total, vehicle_class)
+        score, archive = _left_out(member, total, vehicle_class)
         scores.append(score)
-        judged.append((model, member.past.seconds))
-    noise, spread = _noise(judged, merged)
+        judged.append(archive)
+    noise, spread = _noise([*judged, *(airframe.archive for _, airframe in merged)])
     trained = None
     if order.form is not None:
         trained, more = _network(members, vehicle_class, order, (noise, spread))
@@ -139,23 +139,24 @@ def _is_double(member: Member, in_files: dict[str, PastFlight]) -> bool:
     return is_double
 
 
-def _left_out(member: Member, total: NormalEquations, vehicle_class: str) -> tuple[left_out.Score, AirVelocityModel]:
-    """How the flight fares with an archive of all others, and what their law leaves on it; alone, its own law."""
+def _left_out(member: Member, total: NormalEquations, vehicle_class: str) -> tuple[left_out.Score, Archive]:
+    """How the flight fares with an archive of all others, and its own archive with the noise that their law leaves on
+    it; alone, its own law."""
     epochs, others = member.data().epochs, total - member.equations
     if others.seconds < 1.0:
-        ways = left_out.linear_ways(None, None, vehicle_class)
-        return left_out.Score(member.past.name, left_out.judge(epochs, ways)), learn_air_velocity(epochs)
-    model = with_law(epochs, others.law(), vehicle_class == WHEELS)
-    ways = left_out.linear_ways(others.law(), others.archive(model.noise, model.wind_spread), vehicle_class)
-    return left_out.Score(member.past.name, left_out.judge(epochs, ways)), model
+        model, ways = learn_air_velocity(epochs), left_out.linear_ways(None, None, vehicle_class)
+    else:
+        model = with_law(epochs, others.law(), vehicle_class == WHEELS)
+        ways = left_out.linear_ways(others.law(), others.archive(model.noise, model.wind_spread), vehicle_class)
+    archive = member.equations.archive(left_out.lasting_noise(epochs, model), model.wind_spread)
+    return left_out.Score(member.past.name, left_out.judge(epochs, ways)), archive
 
 
-def _noise(judged: list[tuple[AirVelocityModel, float]], merged: Merged) -> tuple[Array, float]:
+def _noise(archives: Sequence[Archive]) -> tuple[Array, float]:
     """Noise and spread of the wind: means by time over recordings and files."""
-    seconds = [time for _, time in judged] + [airframe.archive.seconds for _, airframe in merged]
-    noise = [model.noise for model, _ in judged] + [airframe.archive.noise for _, airframe in merged]
-    spread = [model.wind_spread for model, _ in judged] + [airframe.archive.wind_spread for _, airframe in merged]
-    return np.average(noise, axis=0, weights=seconds), float(np.average(spread, weights=seconds))
+    seconds = [one.seconds for one in archives]
+    noise = np.average([one.noise for one in archives], axis=0, weights=seconds)
+    return noise, float(np.average([one.wind_spread for one in archives], weights=seconds))
 
 
 def _network(

@@ -16,15 +16,13 @@ from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_
 from nav_pose_estimator.core.motion.airframe import Archive, Beforehand
 from nav_pose_estimator.core.motion.prior import MotionPrior, PriorLaw
 from nav_pose_estimator.core.motion.vehicle_class import WHEELS
-from nav_pose_estimator.engine.outage.methods.pseudo_gnss import ComposedFixes
+from nav_pose_estimator.core.motion.wind import WIND_TIME
 
 Array = NDArray[np.float64]
 Learn = Callable[[Array], AirVelocityModel]
 
 FIRST, LAST, EVERY, LENGTH = 20.0, 130.0, 10.0, 30.0
 """Starts from FIRST to LAST seconds of flight, EVERY so many, LENGTH seconds of dead reckoning [s]."""
-LASTING = 60.0
-"""Seconds of dead reckoning that say how long a law's errors last [s]."""
 OWN, ARCHIVE, BOTH = "own flight", "archive alone", "own + archive"
 NETWORK, STACKED, UNTRAINED = "network alone", "+ network", "+ untrained"
 _DEFAULTS = Beforehand()
@@ -91,18 +89,19 @@ def _starts(epochs: Array, length: float) -> list[int]:
     return [int(k) for k in starts if k + ahead <= len(epochs) and _is_whole(epochs[int(k) - 1 : int(k) + ahead])]
 
 
-def surprise(epochs: Array, learn: Learn) -> Array:
-    """Squared drift after LASTING s over its stated variance, mean of both axes: one for each start, one on average.
+def lasting_noise(epochs: Array, model: AirVelocityModel) -> Array:
+    """Variance (3,) of a mean over 1 s, body axes, by what ``model`` leaves in means over WIND_TIME: at least its own.
 
-    What a law errs lasts as long as the vehicle goes on in the same way, longer than residuals of seconds can tell.
+    Of a whole flight more can be told than of a young one: what a law errs lasts as long as the vehicle goes on in the
+    same way, longer than the seconds over which residuals count as correlated. What the wind's change explains is not
+    counted twice: the mean of a first-order Gauss-Markov process over its correlation time has 2/e of its variance.
     """
-    found = []
-    for k in _starts(epochs, LASTING):
-        ahead = epochs[k : k + round(LASTING / me.PERIOD)]
-        composed, cov = ComposedFixes(learn(epochs[:k]), epochs[k - 1]).composed(ahead)
-        missed = (composed - me.PERIOD * ahead[:, me.VELOCITY : me.FORCE].sum(axis=0))[:2]
-        found.append(0.5 * float(missed @ np.linalg.solve(cov[:2, :2], missed)))
-    return np.array(found)
+    count = round(WIND_TIME / me.PERIOD)
+    wind = np.einsum("nij,i->nj", me.attitude(epochs)[:, :2], model.wind_mean)
+    left = epochs[:, me.BODY_VELOCITY : me.VELOCITY] - model.network.predict(me.inputs(epochs)) - wind
+    means = left[: len(left) // count * count].reshape(-1, count, 3).mean(axis=1)
+    by_wind = 2.0 / np.e * model.wind_spread * np.array((1.0, 1.0, 0.0))
+    return np.maximum(WIND_TIME * (np.square(means).mean(axis=0) - by_wind), model.noise)
 
 
 def table(scores: Sequence[Score]) -> list[str]:
