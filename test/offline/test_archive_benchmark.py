@@ -30,7 +30,7 @@ def known_costs(monkeypatch) -> list[bytes]:
 
 
 def figures(out: Path) -> dict:
-    assert main(["benchmark", "archive", "--flights", "4,8", "--seconds", "80", "--out", str(out)]) == 0
+    assert main(["benchmark", "archive", "--flights", "4,8", "--seconds", "120", "--out", str(out)]) == 0
     return json.loads((out / "archive.json").read_text())
 
 

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--what", choices=(TRAIN, OUTAGE), default=TRAIN, help="command to carry out (default: train)")
     add("--flights", default="8,16,32", metavar="N,...", help="how many, more and more (default: 8,16,32)")
-    add("--seconds", type=float, default=90.0, metavar="S", help="length of each flight (default: 90)")
+    add("--seconds", type=float, default=120.0, metavar="S", help="length of each flight (default: 120)")
     add("--workers", type=int, default=2, metavar="N", help="processes at a time (default: 2)")
     add("--dask", action="store_true", help="workers of a Dask scheduler on this machine in place of a pool")
     add("--out", type=Path, default=Path("archive_benchmark"), metavar="DIR", help="folder for archive.json")
@@ -160,8 +160,8 @@ def _counts(arguments: argparse.Namespace) -> list[int]:
         counts = sorted({int(text) for text in arguments.flights.split(",")})
     except ValueError:
         raise UserError(f"--flights {arguments.flights!r}: write numbers separated by commas, as in 8,16,32") from None
-    if counts[0] < 4 or arguments.workers < 2 or not 80.0 <= arguments.seconds <= 3600.0:
-        raise UserError("--flights must be at least 4, --workers at least 2, --seconds between 80 and 3600")
+    if counts[0] < 4 or arguments.workers < 2 or not 110.0 <= arguments.seconds <= 3600.0:
+        raise UserError("--flights must be at least 4, --workers at least 2, --seconds between 110 and 3600")
     if not Path("/proc/self/stat").exists():
         raise UserError("benchmark archive reads what processes cost from /proc, which this system does not have")
     return counts
