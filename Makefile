@@ -10,7 +10,7 @@ OUT := out/demo
 # worksteal survives a worker that dies (test/helpers/hang_guard.py); neighbours in a file stay together but for a few.
 PYTEST := $(IN_ENVIRONMENT) env ROS_PYTHON_CHECK_FIELDS=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python -m pytest -n 2 --dist worksteal
 
-.PHONY: help demo setup train-setup test lint types test-plain test-all test-jazzy docs pictures clean
+.PHONY: help demo setup train-setup test lint types test-plain test-all test-jazzy test-train docs pictures clean
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/^([a-z-]+):[^#]*## /  make \1\t/' | expand -t 18
@@ -47,6 +47,9 @@ test-all:
 test-jazzy: # all that needs no ROS, once more with the NumPy and SciPy that ROS 2 Jazzy has on Ubuntu 24.04
 	@tools/setup_environment.sh jazzy
 	@[ ! -d .venv-jazzy ] || NAV_POSE_VENV=.venv-jazzy $(PYTEST) test/core test/engine test/sim test/offline test/test_structure.py $(ARGS)
+
+test-train: ## The tests of `train --network` and what they stand on, in .venv-train (make train-setup)
+	@NAV_POSE_VENV=.venv-train $(PYTEST) test/core/test_conv_lstm.py test/core/test_windows.py test/offline/test_train.py $(ARGS)
 
 docs: ## Write config/nav_pose_estimator.yaml, docs/parameters.md and docs/troubleshooting.md from the code
 	@$(IN_ENVIRONMENT) python tools/docs/parameter_docs.py

@@ -66,12 +66,15 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     "offline.replay": {"core", "engine.*", "offline.*"},
     "offline.calibration": {"core", "engine", "offline", "offline.flights", "offline.logs"},
-    "offline.training": {"core", "engine.*", "offline", "offline.bags", "offline.flights", "offline.logs"},
+    "offline.training": {
+        "core", "engine.*", "offline", "offline.archive", "offline.bags", "offline.flights", "offline.logs"
+    },
     "offline.benchmarks": {"engine.outage", "offline.*"},
     "offline.benchmarks.outage": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.attitude": {"core", "engine.*", "offline.*"},
     "offline.benchmarks.alignment": {"core", "engine.*", "sim.*", "offline.*"},
     "offline.benchmarks.beams": {"core", "engine.*", "sim.*", "offline.*"},
+    "offline.benchmarks.archive": {"sim", "offline.*"},
     "offline.benchmarks.speed": {"core", "engine.*", "ros.messages", "offline.*"},
     "nodes": {"core", "engine.*", "sim.*", "ros", "ros.autopilot", "ros.continuation", "ros.messages"},
 }  # fmt: skip

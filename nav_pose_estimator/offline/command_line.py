@@ -81,6 +81,7 @@ COMMANDS = {
             "benchmark outage flights/*_bag --lengths 10,30,60 --methods coast,hold,best --out out/outages",
             "benchmark attitude trials/*.npz --methods complementary,two_stage --out out/attitude",
             "benchmark speed --out out/speed",
+            "benchmark archive --what train --flights 8,16,32 --out out/archive",
         ),
     ),
     "warm_up": Command(

@@ -219,6 +219,14 @@ AUV = Scenario(
     imu_rate=50.0,
     origin=SEA,
 )
+BOAT = Scenario(
+    "boat_lanes",
+    "A boat on lanes of 60 s at 3 to 6 m/s, level as a hull is",
+    Surveyor(Survey((3.0, 6.0), lane=60.0, turn=10.0, heave=0.1)),
+    magnetometer=Magnetometer(2.0),
+    imu_rate=100.0,
+    origin=SEA,
+)
 DRONE = Scenario(
     "drone_over_water",
     "A drone on lanes of 40 s at 4 to 8 m/s above water, Doppler radar with four beams",
@@ -252,6 +260,7 @@ _ALL += (
     AUV,
     replace(AUV, name="auv_heave", description="auv_lanes in waves", vehicle=Surveyor(Survey(heave=0.3))),
     *_with_faulty_beams(AUV, "auv", 1.5),
+    BOAT,
     DRONE,
     *_with_faulty_beams(DRONE, "drone", 6.0),
 )

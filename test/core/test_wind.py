@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.core.motion.epochs import PERIOD
-from nav_pose_estimator.core.motion.wind import WIND_TIME, mean_wind, track, wind_spread
+from nav_pose_estimator.core.motion.wind import WIND_TIME, mean_wind, mean_wind_cov, track, wind_spread
 
 STEPS = round(WIND_TIME / PERIOD)
 POOR_AHEAD = np.array([25.0, 0.04, 0.04])  # m^2/s^2: a fixed wing's speed ahead is vague, its sideslip is not
@@ -105,3 +105,22 @@ def test_the_mean_wind_is_found_though_the_speed_ahead_is_vague() -> None:
     velocity = law + felt(C, np.tile([-2.0, 6.0], (len(C), 1)), POOR_AHEAD)
     wind = mean_wind(C, velocity, z, 1e-6 * np.eye(3), 1e-4)
     np.testing.assert_allclose(wind, [-2.0, 6.0], atol=0.3)
+
+
+def test_without_turns_the_wind_is_as_uncertain_as_before() -> None:
+    """GIVEN a law with a constant that is not known WHEN the vehicle goes straight on THEN constant and wind are one
+    number and nothing of the wind is known; WHEN it turns THEN the wind is known as well as noise and time allow."""
+    noise, unknown, count = np.array([0.4, 0.4, 0.1]), 25.0, 4 * STEPS
+    z, ridge = np.ones((count, 1)), 1e-9 * np.eye(1)
+    straight, turned = np.tile(np.eye(3), (count, 1, 1)), turning(count)
+    np.testing.assert_allclose(mean_wind_cov(straight, z, ridge, noise, unknown), unknown * np.eye(2), rtol=1e-3)
+    expected = 0.4 / (count * PERIOD) * np.eye(2)
+    np.testing.assert_allclose(mean_wind_cov(turned, z, ridge, noise, unknown), expected, rtol=0.1, atol=1e-4)
+
+
+def test_a_law_that_is_known_tells_the_wind_without_turns() -> None:
+    """GIVEN a law that a strong penalty holds WHEN the vehicle goes straight on THEN the wind is known."""
+    count = 2 * STEPS
+    straight, z = np.tile(np.eye(3), (count, 1, 1)), np.ones((count, 1))
+    cov = mean_wind_cov(straight, z, 1e9 * np.eye(1), np.full(3, 0.4), 25.0)
+    np.testing.assert_allclose(cov, 0.4 / (count * PERIOD) * np.eye(2), rtol=0.01)

@@ -7,17 +7,15 @@ from formula_network import formula_network
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import learn_air_velocity, wind_along
 from nav_pose_estimator.core.motion.airframe import (
-    FIXED_WING,
     FORMS,
-    MULTIROTOR,
     VELOCITY,
-    WHEELS,
     Airframe,
     Archive,
     PastFlight,
     TrainedNetwork,
 )
 from nav_pose_estimator.core.motion.prior import regressors
+from nav_pose_estimator.core.motion.vehicle_class import FIXED_WING, MULTIROTOR, WHEELS
 
 
 def archive_of(epochs: np.ndarray, added: int = 0) -> Archive:

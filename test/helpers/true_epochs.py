@@ -9,9 +9,9 @@ from nav_pose_estimator.sim.scenarios import generate
 SECONDS = 150.0
 
 
-def epochs_of(scenario: str, seed: int) -> np.ndarray:
+def epochs_of(scenario: str, seed: int, seconds: float = SECONDS) -> np.ndarray:
     """Epochs (N, COLUMNS) of a vehicle under way, its velocity known to 3 cm/s."""
-    truth = generate(scenario, SECONDS, seed, "perfect", imu_rate=50.0).truth
+    truth = generate(scenario, seconds, seed, "perfect", imu_rate=50.0).truth
     rows = np.zeros((len(truth), at.OUT_COLUMNS))
     rows[:, at.OUT_QUAT : at.OUT_QUAT + 4] = truth.q_nb
     rows[:, at.OUT_VEL : at.OUT_VEL + 3] = truth.v_n

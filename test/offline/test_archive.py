@@ -1,20 +1,27 @@
 """Many recordings at once: what is found, and what becomes of jobs that fail, die or are interrupted."""
 
+import multiprocessing
 import os
 import shutil
 import signal
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.archive import resumed
 from nav_pose_estimator.offline.archive.jobs import Failure, carry_out
 from nav_pose_estimator.offline.archive.kept import KeptResults, key_of
 from nav_pose_estimator.offline.archive.recordings import find
+from nav_pose_estimator.offline.benchmarks.archive import cluster
 from nav_pose_estimator.offline.benchmarks.outage import many_flights
 from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task, run_flight
 from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
 from nav_pose_estimator.offline.command_line import main
+from nav_pose_estimator.offline.logs.open_recording import read_sensors
+from nav_pose_estimator.offline.training.flights import digest_of
 
 
 def square(number: int) -> int:
@@ -40,6 +47,58 @@ def test_a_process_that_is_killed_takes_no_other_job_with_it():
     assert [outcomes[i] for i in (0, 2, 3)] == [4, 9, 16]
     assert isinstance(outcomes[1], Failure)
     assert "killed" in outcomes[1].why
+
+
+def note_and_wait(note: Path) -> None:
+    """A job that says which process does it, and takes long."""
+    note.write_text(str(os.getpid()))
+    time.sleep(600.0)
+
+
+def carry_out_notes(notes: list[Path]) -> None:
+    list(carry_out(note_and_wait, notes, processes=2))
+
+
+def test_workers_end_when_the_command_is_killed(tmp_path: Path):
+    """GIVEN two jobs under way WHEN the process that gave them out is killed THEN nobody works on."""
+    notes = [tmp_path / "one", tmp_path / "two"]
+    command = multiprocessing.get_context("spawn").Process(target=carry_out_notes, args=(notes,))
+    command.start()
+    wait_until(lambda: all(note.exists() and note.read_text() for note in notes))
+    command.kill()
+    command.join()
+    wait_until(lambda: not any(is_alive(int(note.read_text())) for note in notes))
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60.0
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def is_alive(pid: int) -> bool:
+    """Whether the process runs; one that has ended and that nobody has asked for its result does not."""
+    try:
+        return " Z " not in Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return False
+
+
+def test_jobs_go_to_the_workers_of_a_scheduler(tmp_path: Path):
+    """GIVEN a Dask scheduler with two workers WHEN a job fails, or a worker is killed, THEN each has an outcome."""
+    pytest.importorskip("distributed", reason="Dask is not installed here (requirements-cluster.txt)")
+    for name in ("one", "two"):
+        (tmp_path / name).write_text(name)
+    jobs = [tmp_path / "one", tmp_path / "two"]
+    with cluster.on_this_machine(2) as (address, pids):
+        assert len(pids) == 2
+        refused = dict(carry_out(read_sensors, jobs[:1], scheduler=address))
+        os.kill(pids[0], signal.SIGKILL)
+        outcomes = dict(carry_out(digest_of, jobs, scheduler=address))
+    assert isinstance(refused[0], Failure)
+    assert refused[0].expected
+    assert outcomes == {number: digest_of(job) for number, job in enumerate(jobs)}
 
 
 def test_folders_patterns_and_lists_stand_for_recordings(tmp_path: Path):
@@ -112,7 +171,7 @@ def test_an_interrupted_run_goes_on_where_it_was(archive, tmp_path, capsys, monk
             if number == 1:
                 raise KeyboardInterrupt
 
-    monkeypatch.setattr(many_flights, "carry_out", interrupted)
+    monkeypatch.setattr(resumed, "carry_out", interrupted)
     with pytest.raises(KeyboardInterrupt):
         many_flights.run_all(tasks_on(find([archive])), 1, "local", tmp_path / "out")
     monkeypatch.undo()

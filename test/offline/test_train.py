@@ -1,19 +1,26 @@
 """``train``: an archive of flights as one file, resumable, honest about what it is worth, and never of two classes."""
 
 import csv
-import shutil
+import os
+import signal
+from contextlib import suppress
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.motion.airframe import FORMS, MULTIROTOR
+from nav_pose_estimator.core.motion import epochs as me
+from nav_pose_estimator.core.motion.airframe import FORMS
+from nav_pose_estimator.core.motion.vehicle_class import MULTIROTOR
 from nav_pose_estimator.engine.outage.airframe_file import load_airframe
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.archive.kept import KeptResults
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.offline.simulated_bag import write_recording
-from nav_pose_estimator.offline.training import work
-from nav_pose_estimator.offline.training.flights import FlightData, Reading, digest_of
+from nav_pose_estimator.offline.training import flights, work
+from nav_pose_estimator.offline.training.flights import FlightData, Reading, Recorded, digest_of, fly
 from nav_pose_estimator.sim.scenarios import generate
 
 SECONDS = {"quad_1": 130.0, "quad_2": 110.0, "wing": 110.0}
@@ -31,24 +38,28 @@ def bags(tmp_path_factory) -> dict[str, Path]:
 
 
 @pytest.fixture(scope="module")
-def flown(bags, tmp_path_factory) -> Path:
-    """What the three of them give: a folder to begin with, so that no test flies them again."""
-    folder = tmp_path_factory.mktemp("parts")
-    reading = Reading(gnss_delay="0")
-    found = work.fly_all(work.identify(list(bags.values()), reading), folder, jobs=1)
-    assert len(found) == 3
-    return folder
+def flown(bags) -> dict[str, FlightData]:
+    """What the three of them give by key, so that no test flies them again."""
+    return {one.key: fly(one) for one in work.identify(list(bags.values()), READING)}
 
 
+READING = Reading(gnss_delay="0")
 QUADS = ("--class", MULTIROTOR)
+HOVERS = np.where((np.arange(me.COLUMNS) >= me.BODY_VELOCITY) & (np.arange(me.COLUMNS) < me.FORCE), 0.1, 1.0)
+"""Factors that leave a tenth of the velocities in an epoch."""
 
 
-def train(flown: Path, out: Path, *arguments: object) -> int:
-    """The command, with the parts of all flights in place."""
-    parts = out.with_name(f"{out.name}.parts")
-    if not parts.exists():
-        shutil.copytree(flown, parts)
+def train(flown: dict[str, FlightData], out: Path, *arguments: object) -> int:
+    """The command, with what all flights give in place."""
+    kept = KeptResults(out)
+    for key, data in flown.items():
+        kept.keep(key, data)
     return main(["train", *map(str, arguments), "--out", str(out), "--gnss-delay", "0"])
+
+
+def left_beside(out: Path) -> list[Path]:
+    """Files of a run that has not ended."""
+    return list(out.parent.glob(f".{out.name}*/*"))
 
 
 @pytest.mark.compiled
@@ -68,28 +79,63 @@ def test_an_archive_becomes_a_file_and_a_table(bags, flown, tmp_path, capsys) ->
     assert "own flight" in said
     assert "own + archive" in said
     assert [line.split()[0] for line in said.splitlines()[2:5]] == ["quad_1", "quad_2", "all"]
-    assert not out.with_name("quad.airframe.parts").exists()
+    assert not left_beside(out)
 
 
 @pytest.mark.compiled
 def test_what_was_flown_is_not_flown_again(bags, flown, tmp_path, monkeypatch) -> None:
     """GIVEN a run that was killed when one of two flights was done WHEN run again THEN only the other is flown, and one
     whose result is damaged."""
-    reading = Reading(gnss_delay="0")
-    one, two = work.identify([bags["quad_1"], bags["quad_2"]], reading)
-    parts = tmp_path / "a.airframe.parts"
-    parts.mkdir()
-    shutil.copy(one.part(flown), one.part(parts))
-    shutil.copy(two.part(flown), two.part(parts))
-    two.part(parts).write_bytes(two.part(parts).read_bytes()[:1000])
+    out = tmp_path / "a.airframe"
+    one, two = work.identify([bags["quad_1"], bags["quad_2"]], READING)
     again = []
-    monkeypatch.setattr(work, "fly", lambda path, *rest: again.append(path) or FlightData.load(two.part(flown)))
-    assert train(flown, tmp_path / "a.airframe", bags["quad_1"], bags["quad_2"], *QUADS) == 0
+    monkeypatch.setattr(flights, "fly", lambda recorded: again.append(recorded.path) or flown[recorded.key])
+    assert train({one.key: flown[one.key]}, out, bags["quad_1"], bags["quad_2"], *QUADS) == 0
     assert again == [bags["quad_2"]]
+
+    KeptResults(out).keep(two.key, flown[two.key])
+    (file,) = left_beside(out)
+    file.write_bytes(file.read_bytes()[:1000])
+    assert train({one.key: flown[one.key]}, out, bags["quad_1"], bags["quad_2"], "--force", *QUADS) == 0
+    assert again == [bags["quad_2"]] * 2
     changed = Reading(gnss_delay="0.1")
-    assert work.identify([bags["quad_1"]], changed)[0].part(parts) != one.part(parts), (
-        "read otherwise, it is flown anew"
-    )
+    assert work.identify([bags["quad_1"]], changed)[0].key != one.key, "read otherwise, it is flown anew"
+
+
+@pytest.mark.compiled
+def test_a_worker_that_is_killed_loses_nothing(bags, flown, tmp_path, monkeypatch, capsys) -> None:
+    """GIVEN two processes WHEN one is killed in the middle of a flight THEN the flight is flown again, and the file is
+    the one of a quiet run."""
+    quiet, disturbed = tmp_path / "quiet.airframe", tmp_path / "disturbed.airframe"
+    assert train(flown, quiet, bags["quad_1"], bags["quad_2"], *QUADS) == 0
+    monkeypatch.setenv(VICTIM, str(tmp_path / "was_killed"))
+    monkeypatch.setattr(flights, "fly", fly_and_die_once)
+    assert train({}, disturbed, bags["quad_1"], bags["quad_2"], *QUADS, "--jobs", 2) == 0
+    assert (tmp_path / "was_killed").exists()
+    assert "left out" not in capsys.readouterr().err
+    assert disturbed.read_bytes() == quiet.read_bytes()
+
+
+VICTIM = "TEST_TRAIN_VICTIM"
+
+
+def fly_and_die_once(recorded: Recorded) -> FlightData:
+    """The first process that gets here is killed."""
+    with suppress(FileExistsError):
+        Path(os.environ[VICTIM]).touch(exist_ok=False)
+        os.kill(os.getpid(), signal.SIGKILL)
+    return fly(recorded)
+
+
+@pytest.mark.compiled
+def test_what_cannot_be_read_is_named_and_left_out(bags, flown, tmp_path, capsys) -> None:
+    """GIVEN a list with a flight and a file that is no log WHEN trained THEN the flight alone is in the file."""
+    out = tmp_path / "quad.airframe"
+    (tmp_path / "words.ulg").write_text("no log")
+    (tmp_path / "flights.txt").write_text(f"{bags['quad_1']}\nwords.ulg\n")
+    assert train(flown, out, tmp_path / "flights.txt", *QUADS) == 0
+    assert "words.ulg is left out: " in capsys.readouterr().err
+    assert [one.name for one in load_airframe(out).flights] == ["quad_1"]
 
 
 @pytest.mark.compiled
@@ -101,8 +147,9 @@ def test_classes_are_not_mixed(bags, flown, tmp_path, capsys) -> None:
     assert "multirotor (quad_1)" in said
     assert "fixed_wing (wing)" in said
     assert not out.exists()
-    assert train(flown, out, bags["quad_1"], bags["quad_2"]) == 2
-    assert "quad_2 does not show by its motion what flew: say it with --class" in capsys.readouterr().err
+    hovers = {key: replace(data, epochs=data.epochs * HOVERS) for key, data in flown.items()}
+    assert train(hovers, out, bags["quad_1"]) == 2
+    assert "quad_1 does not show by its motion what flew: say it with --class" in capsys.readouterr().err
     assert train(flown, out, bags["wing"], "--class", MULTIROTOR) == 0
     assert "note: wing moves like a fixed_wing" in capsys.readouterr().err
 
@@ -170,18 +217,21 @@ def test_bad_use_is_one_sentence(tmp_path, capsys) -> None:
     for sentence, arguments in wrong.items():
         assert main(["train", *map(str, arguments)]) == 2
         assert sentence in capsys.readouterr().err
-    assert not list(tmp_path.glob("*.parts"))
+    assert not left_beside(tmp_path / "a.airframe")
 
 
 @pytest.mark.compiled
-def test_recordings_are_found_in_folders_and_by_patterns(bags, tmp_path, capsys) -> None:
+def test_recordings_are_found_in_folders_and_by_patterns(bags, tmp_path) -> None:
     folder = next(iter(bags.values())).parent
     assert work.find_recordings([str(folder)]) == (sorted(bags.values()), [])
     assert work.find_recordings([str(folder / "quad_*")]) == ([bags["quad_1"], bags["quad_2"]], [])
     assert work.find_recordings([str(bags["wing"]), str(folder)])[0][0] == bags["wing"]
     (tmp_path / "words.ulg").write_text("no log")
-    assert work.find_recordings([str(tmp_path), str(bags["wing"])]) == ([bags["wing"]], [])
-    assert "left out: " in capsys.readouterr().err
+    (tmp_path / "old.airframe").touch()
+    found = work.find_recordings([str(tmp_path), str(bags["wing"])])
+    assert found == ([tmp_path / "words.ulg", bags["wing"]], [tmp_path / "old.airframe"])
+    with pytest.raises(UserError, match=r"missing\.ulg"):
+        work.find_recordings([str(tmp_path / "missing.ulg")])
 
 
 @pytest.mark.skipif(HAS_JAX, reason="JAX is installed here")
@@ -203,6 +253,5 @@ def test_a_network_is_trained_beside_its_control(bags, flown, tmp_path, capsys, 
     assert "+ untrained" in said
     network = load_airframe(out).network
     assert network.form == form
-    data = FlightData.load(work.identify([bags["quad_1"]], Reading(gnss_delay="0"))[0].part(flown))
-    window = data.windows[50].astype(float)
+    window = next(iter(flown.values())).windows[50].astype(float)
     assert not np.allclose(network.velocity(window), network.untrained.velocity(window))

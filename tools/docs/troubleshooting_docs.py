@@ -161,6 +161,10 @@ _STATUS = (
     ("noise.trials", "how many stretches of flight, fading, say so"),
     ("rangefinder.above_ground_m", "height above the ground that the rangefinder saw"),
     ("learner.flight_s, learner.trainings", "flight with GNSS that the learner remembers; trainings adopted"),
+    (
+        "learner.class.NAME",
+        "probability of each class of vehicle, by how it moves",
+    ),
     ("learner.rules, learner.target_rms", "rules of the network; RMS of what it had to learn [m/s]"),
     (
         "learner.error_rms.N, learner.noise.x",

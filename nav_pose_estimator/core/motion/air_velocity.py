@@ -248,7 +248,11 @@ def _with_prior(model: AirVelocityModel, epochs: Array, unseen: Array, prior: Mo
         noise=prior.noise,
         share=share,
     )
-    return _with_noise(replace(model, wind_spread=spread, parameter_cov=cov), epochs, unseen, blend)
+    model = _with_noise(replace(model, wind_spread=spread, parameter_cov=cov), epochs, unseen, blend)
+    if model.is_guided:
+        return model
+    mean_cov = seconds / prior.worth * prior.wind_cov(epochs, seconds, model.noise)
+    return replace(model, wind_cov=model.wind_cov + mean_cov)
 
 
 class DragLaw:

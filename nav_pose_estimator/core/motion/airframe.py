@@ -8,13 +8,18 @@ from numpy.typing import NDArray
 from nav_pose_estimator.core.learning.conv_lstm import ConvLstm, untrained
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.prior import MOVES, MotionPrior
+from nav_pose_estimator.core.motion.vehicle_class import (
+    FIXED_WING,
+    FLYING,
+    MULTIROTOR,
+    UNKNOWN,
+    WHEELS,
+    tell_class,
+)
 from nav_pose_estimator.core.motion.windows import SECONDS
 
 Array = NDArray[np.float64]
 
-MULTIROTOR, FIXED_WING, WHEELS = "multirotor", "fixed_wing", "wheels"
-CLASSES = (MULTIROTOR, FIXED_WING, WHEELS)
-UNKNOWN = "unknown"
 VELOCITY, INCREMENTS = "velocity", "increments"
 FORMS = (VELOCITY, INCREMENTS)
 """What a network says of a second: velocity through the air and its log variance, or the increments of the source."""
@@ -105,10 +110,21 @@ class Beforehand:
         """Whether the regimes of motion can be told from the first seconds on."""
         return self.vehicle_class != UNKNOWN
 
+    def by_flight(self, epochs: Array) -> "Beforehand":
+        """What is left of it when the flight of ``epochs`` (N, COLUMNS or more) has shown what the vehicle is.
+
+        A multirotor that the file, or the user, takes for a fixed wing, or a fixed wing for anything but that, is what
+        it shows. On the ground it shows nothing: a wing taxies, and a multirotor is driven to where it starts.
+        """
+        told = tell_class(epochs)
+        if self.is_class_known and (told not in FLYING or told == self.vehicle_class):
+            return self
+        return Beforehand(told)
+
     @property
     def can_hover(self) -> bool | None:
-        """What the class says of hovering; None where the flight has to show it."""
-        return {MULTIROTOR: True, FIXED_WING: False}.get(self.vehicle_class)
+        """False for a fixed wing; None where the flight has to show it: a multirotor on laps might, but does not."""
+        return False if self.vehicle_class == FIXED_WING else None
 
     @property
     def prior(self) -> MotionPrior | None:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.motion.epochs import BODY_VELOCITY, PERIOD, VELOCITY, attitude, inputs
-from nav_pose_estimator.core.motion.wind import Weigh, mean_wind
+from nav_pose_estimator.core.motion.wind import Weigh, mean_wind, mean_wind_cov
 
 Array = NDArray[np.float64]
 
@@ -83,6 +83,11 @@ class MotionPrior:
         """Covariance (n + 1, n + 1) of the coefficients for z, for a noise of one in one second."""
         z = regressors(epochs)
         return np.linalg.inv(PERIOD * (z.T @ z + self._ridge(len(z), seconds)))
+
+    def wind_cov(self, epochs: Array, seconds: float, noise: Array) -> Array:
+        """Covariance (2, 2) [m^2/s^2] of the mean wind of eq. (2) where its residuals have the ``noise`` (3,)."""
+        z, ridge = regressors(epochs), self._ridge(len(epochs), seconds)
+        return mean_wind_cov(attitude(epochs), z, ridge, noise, UNKNOWN_WIND)
 
     def _ridge(self, count: int, seconds: float) -> Array:
         return np.asarray(seconds / PERIOD * self.gram + _RIDGE * count * np.eye(len(self.gram)))

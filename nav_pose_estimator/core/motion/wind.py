@@ -77,6 +77,20 @@ def unseen(wind: Array, cov: Array, spread: float, seconds: float) -> tuple[Arra
     return decay * wind, decay**2 * cov + (1.0 - decay**2) * spread * np.eye(2)
 
 
+def mean_wind_cov(C: Array, z: Array, ridge: Array, noise: Array, unknown: float) -> Array:
+    """Covariance (2, 2) [m^2/s^2] of what ``mean_wind`` finds, of variance ``unknown`` before, and of the law with it.
+
+    ``noise`` (3,): variance of a mean over 1 s of each axis. Without turns the law explains the wind away: it is as
+    uncertain as the law then, whatever the number of epochs.
+    """
+    gram, information = z.T @ z + ridge, np.eye(2) / unknown
+    for axis in range(3):
+        direction = C[:, :2, axis]
+        left = direction - z @ np.linalg.solve(gram, z.T @ direction)
+        information += PERIOD / noise[axis] * direction.T @ left
+    return np.asarray(np.linalg.inv(information))
+
+
 def track(
     C: Array, residual: Array, noise: Array, spread: float, wind: Array, cov: Array
 ) -> tuple[Array, Array, Array]:

@@ -20,6 +20,7 @@ from nav_pose_estimator.core.learning.conv_lstm import ConvLstm
 from nav_pose_estimator.core.motion import airframe as known
 from nav_pose_estimator.core.motion.airframe import Airframe, Archive, PastFlight, TrainedNetwork
 from nav_pose_estimator.core.motion.prior import MotionPrior
+from nav_pose_estimator.core.motion.vehicle_class import CLASSES
 from nav_pose_estimator.core.motion.windows import CHANNELS
 from nav_pose_estimator.core.motion.windows import INCREMENTS as INCREMENT_COUNT
 from nav_pose_estimator.engine import array_file
@@ -91,8 +92,8 @@ def _about(content: np.ndarray) -> dict[str, Any]:
         about = json.loads(content.astype(np.uint8).tobytes())
     except (ValueError, RecursionError):
         raise UserError("what it says about itself is not JSON") from None
-    if not isinstance(about, dict) or about.get("class") not in known.CLASSES:
-        raise UserError(f"it must name one of the classes {', '.join(known.CLASSES)}")
+    if not isinstance(about, dict) or about.get("class") not in CLASSES:
+        raise UserError(f"it must name one of the classes {', '.join(CLASSES)}")
     flights = about.get("flights")
     if not isinstance(about.get("one_aircraft"), bool) or not isinstance(flights, list):
         raise UserError("what it says about its flights does not fit")

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
-from nav_pose_estimator.core.motion.airframe import UNKNOWN, Beforehand
+from nav_pose_estimator.core.motion.airframe import Beforehand
+from nav_pose_estimator.core.motion.vehicle_class import UNKNOWN, class_probabilities
 from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.outage.airframe_file import load_airframe
 from nav_pose_estimator.engine.outage.epochs import FlightMemory
@@ -43,6 +44,7 @@ class LearnerState:
     begun: int = 0  # trainings
     next_s: float = 0.0  # when the next training is due
     result: TrainingResult | None = None  # waits for its time
+    told: dict[str, float] = field(default_factory=dict)  # probabilities of the vehicle's class, for diagnostics
 
 
 class OutageLearner:
@@ -86,13 +88,16 @@ class OutageLearner:
         if not self.method.trains:
             return None
         state = self.state
-        epochs = self.method.beforehand.flown(state.memory.last(self._parameters.window))
+        epochs = state.memory.last(self._parameters.window)
+        state.told = {f"learner.class.{name}": p for name, p in class_probabilities(epochs).items()}
+        method = self.method.after(epochs)
+        epochs = method.beforehand.flown(epochs)
         seconds = len(epochs) * me.PERIOD
-        if seconds < self.method.least_training:
-            needed = f"{self.method.least_training:.0f} are needed"
+        if seconds < method.least_training:
+            needed = f"{method.least_training:.0f} are needed"
             state.reason = f"only {seconds:.0f} s of flight with GNSS have been seen, {needed}"
             return None
-        job = self.method.job(epochs, TrainingPlan(self._parameters.rules, state.begun, state.model))
+        job = method.job(epochs, TrainingPlan(self._parameters.rules, state.begun, state.model))
         state.next_s = newest_time(epochs) + min(self._parameters.period, _YOUNG * seconds)
         state.begun += 1
         return job
@@ -117,7 +122,7 @@ class OutageLearner:
     def scores(self) -> dict[str, float]:
         """What diagnostics show of the learning."""
         state = self.state
-        scores = {"learner.flight_s": state.memory.seconds, "learner.trainings": float(state.trainings)}
+        scores = {"learner.flight_s": state.memory.seconds, "learner.trainings": float(state.trainings)} | state.told
         return scores if state.model is None else scores | self.method.scores(state.model)
 
     def arrays(self) -> dict[str, np.ndarray]:

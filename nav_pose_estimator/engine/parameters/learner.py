@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from nav_pose_estimator.core.motion.airframe import CLASSES, UNKNOWN
+from nav_pose_estimator.core.motion.vehicle_class import CLASSES, UNKNOWN
 from nav_pose_estimator.engine.outage.methods.registry import estimators
 from nav_pose_estimator.engine.parameters.schema import param
 

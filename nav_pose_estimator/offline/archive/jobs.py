@@ -7,8 +7,10 @@ result only.
 ``work`` is a function of a module, and what goes in and comes out can be pickled. Results come as they are ready.
 """
 
+import argparse
 import multiprocessing
 import os
+import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -22,6 +24,13 @@ LOCAL = "local"
 _ATTEMPTS = 2  # a job under way when a process died is tried once more: it may have been another's fault
 _PATIENCE = 10.0  # s to find a scheduler
 _DIED = "its process was killed {} times, probably for want of memory: fewer processes at a time may help"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """``--jobs`` and ``--scheduler``, as ``carry_out`` takes them."""
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes (default: 1)")
+    where = "processes of this machine, or a Dask scheduler"
+    parser.add_argument("--scheduler", default=LOCAL, metavar="local|tcp://...", help=where)
 
 
 @dataclass(frozen=True)
@@ -52,8 +61,20 @@ def carry_out(
     waiting, attempts = deque(range(len(jobs))), Counter[int]()
     context = multiprocessing.get_context("spawn")
     while waiting:
-        with ProcessPoolExecutor(min(processes, len(waiting)), mp_context=context) as pool:
-            yield from _until_one_dies(pool, min(processes, len(waiting)), (work, jobs), waiting, attempts)
+        count = min(processes, len(waiting))
+        with ProcessPoolExecutor(count, mp_context=context, initializer=_end_with_parent) as pool:
+            yield from _until_one_dies(pool, count, (work, jobs), waiting, attempts)
+
+
+def _end_with_parent() -> None:
+    """A worker whose parent is killed would wait for its next job for ever."""
+
+    def watch() -> None:
+        if (parent := multiprocessing.parent_process()) is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _until_one_dies(

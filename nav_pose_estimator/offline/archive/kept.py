@@ -13,28 +13,28 @@ from nav_pose_estimator import __version__
 
 
 class KeptResults:
-    """Results by key in a hidden folder beside ``beside``, the run's output; only a finished run removes it."""
+    """Results by key in a hidden ``folder`` beside ``beside``, the run's output; only a finished run removes it."""
 
     def __init__(self, beside: Path) -> None:
-        self._folder = beside.absolute().parent / f".{beside.name}.nav_pose_partial"
+        self.folder = beside.absolute().parent / f".{beside.name}.nav_pose_partial"
 
     def take(self, key: str) -> Any | None:
         """The result that an earlier run kept under ``key``, None without one or where it cannot be read any more."""
         with suppress(OSError, EOFError, pickle.UnpicklingError, AttributeError, ImportError):
-            if self._folder.stat().st_uid == os.getuid():  # nobody else's: reading it can run code
-                return pickle.loads((self._folder / key).read_bytes())
+            if self.folder.stat().st_uid == os.getuid():  # nobody else's: reading it can run code
+                return pickle.loads((self.folder / key).read_bytes())
         return None
 
     def keep(self, key: str, result: Any) -> None:
         """Keep a result; a run that ends in the middle of it leaves nothing or all."""
-        self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        unfinished = self._folder / f"{key}.{os.getpid()}"
+        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        unfinished = self.folder / f"{key}.{os.getpid()}"
         unfinished.write_bytes(pickle.dumps(result))
-        unfinished.replace(self._folder / key)
+        unfinished.replace(self.folder / key)
 
     def forget(self) -> None:
         """The run is finished: nothing is kept any more."""
-        shutil.rmtree(self._folder, ignore_errors=True)
+        shutil.rmtree(self.folder, ignore_errors=True)
 
 
 def key_of(job: object, inputs: Iterable[Path]) -> str:

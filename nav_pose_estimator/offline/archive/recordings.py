@@ -1,7 +1,8 @@
 """Which recordings the words of a command line mean: bags and flight logs, folders of them, patterns, lists."""
 
 import glob
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 
 from nav_pose_estimator.errors import UserError
@@ -12,31 +13,31 @@ _LIST = ".txt"
 _METADATA = "metadata.yaml"  # a folder with one is a rosbag2
 
 
-def find(names: Sequence[Path | str]) -> list[Path]:
+def find(names: Sequence[Path | str], also: Collection[str] = ()) -> list[Path]:
     """The recordings that ``names`` stand for, each once, in the order of the names and sorted within each.
 
     A name is a recording, a folder (searched with all its folders), a pattern (``flights/**/*.ulg``), or a text file
-    with such names, one a line. In an object store (``offline.remote``) it is a recording or a pattern. Raises
-    ``UserError`` for a folder, a pattern or a list without a recording; whether a named file can be read is found out
-    where it is.
+    with such names, one a line. In an object store (``offline.remote``) it is a recording or a pattern. ``also``: more
+    endings of files to find. Raises ``UserError`` for a folder, a pattern or a list without a recording; whether a
+    named file can be read is found out where it is.
     """
     found: dict[Path, None] = {}
     for name in names:
-        found.update(dict.fromkeys(_meant_by(Path(name))))
+        found.update(dict.fromkeys(_meant_by(Path(name), _ENDINGS.union(also))))
     return list(found)
 
 
-def _meant_by(name: Path) -> list[Path]:
+def _meant_by(name: Path, endings: Collection[str]) -> list[Path]:
     if is_remote(name):
         return _some(name, matches(name)) if glob.has_magic(str(name)) else [name]
     if _is_folder(name):
-        return _some(name, sorted(_inside(name)))
+        return _some(name, sorted(_inside(name, endings)))
     if name.exists():
-        return _listed(name) if name.suffix == _LIST else [name]
+        return _listed(name, endings) if name.suffix == _LIST else [name]
     if glob.has_magic(str(name)):
         paths = sorted(Path(match) for match in glob.glob(str(name), recursive=True))
-        chosen = [one for match in paths for one in (_inside(match) if _is_folder(match) else _known(match))]
-        return _some(name, chosen)
+        chosen = [_inside(match, endings) if _is_folder(match) else _known(match, endings) for match in paths]
+        return _some(name, list(chain.from_iterable(chosen)))
     return [name]
 
 
@@ -49,29 +50,29 @@ def _files_of_a_bag(folder: Path) -> Iterator[Path]:
     return (path for path in folder.glob(f"{glob.escape(folder.name)}_*") if path.suffix in (".mcap", ".db3"))
 
 
-def _inside(folder: Path) -> Iterator[Path]:
+def _inside(folder: Path, endings: Collection[str]) -> Iterator[Path]:
     """All recordings in a folder; the files of a bag are no recordings of their own."""
     for path in sorted(folder.iterdir()):
         if path.name.startswith("."):
             continue
         if path.is_dir():
-            yield from _inside(path) if _is_folder(path) else [path]
+            yield from _inside(path, endings) if _is_folder(path) else [path]
         else:
-            yield from _known(path)
+            yield from _known(path, endings)
 
 
-def _known(path: Path) -> list[Path]:
-    return [path] if path.is_dir() or path.suffix.lower() in _ENDINGS else []
+def _known(path: Path, endings: Collection[str]) -> list[Path]:
+    return [path] if path.is_dir() or path.suffix.lower() in endings else []
 
 
-def _listed(path: Path) -> list[Path]:
+def _listed(path: Path, endings: Collection[str]) -> list[Path]:
     """The names in a text file, relative to where it lies; empty lines and those that begin with # are none."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError:
         raise UserError(f"{path} is not a list of recordings: it is no text") from None
     names = [line.strip() for line in lines if line.strip() and not line.strip().startswith("#")]
-    return _some(path, [one for name in map(Path, names) for one in _meant_by(_beside(path, name))])
+    return _some(path, [one for name in map(Path, names) for one in _meant_by(_beside(path, name), endings)])
 
 
 def _beside(path: Path, name: Path) -> Path:

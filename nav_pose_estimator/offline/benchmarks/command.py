@@ -1,4 +1,4 @@
-"""``benchmark outage | attitude | alignment | beams | speed``."""
+"""``benchmark outage | attitude | alignment | beams | speed | archive``."""
 
 import argparse
 import csv
@@ -20,6 +20,7 @@ PARTS = {
     "alignment": "fine alignment in simulation, by model of the measurement noise",
     "beams": "drift without GNSS while beams of a Doppler sensor fail, in simulation",
     "speed": "what everything costs on this machine",
+    "archive": "what many recordings cost, and what a killed process loses",
 }
 OUTAGES, SUMMARY_CSV, SUMMARY_JSON, REPORT = "outages.csv", "summary.csv", "summary.json", "report.html"
 PRIORS = "priors"
@@ -56,6 +57,7 @@ def _options_of(module: str) -> Callable[[argparse.ArgumentParser], None]:
 
 
 def _add_outage(part: argparse.ArgumentParser) -> None:
+    from nav_pose_estimator.offline.archive import jobs
     from nav_pose_estimator.offline.logs.options import add_options
 
     add = part.add_argument
@@ -80,10 +82,7 @@ def _add_outage(part: argparse.ArgumentParser) -> None:
         help="parameter files among which --cross-validate chooses for each group on the other groups",
     )
     add_options(part)
-    add("--jobs", type=int, default=1, metavar="N", help="processes (default: 1)")
-    add(
-        "--scheduler", default="local", metavar="local|tcp://...", help="processes of this machine, or a Dask scheduler"
-    )
+    jobs.add_options(part)
     add("--out", type=Path, default=Path("outage_benchmark"), metavar="DIR", help="folder for tables and report")
 
 

@@ -155,9 +155,14 @@ def _load_bag(
     )
 
 
+def sidecar_path(path: Path) -> Path:
+    """NAME.json beside NAME_bag (or NAME.mcap)."""
+    return path.resolve().with_name(path.resolve().stem.removesuffix("_bag") + ".json")
+
+
 def sidecar(path: Path) -> dict:
-    """NAME.json beside NAME_bag (or NAME.mcap), empty where there is none. ``BagError`` if it is not what it should."""
-    beside = path.resolve().with_name(path.resolve().stem.removesuffix("_bag") + ".json")
+    """The content of ``sidecar_path``, empty where there is none. ``BagError`` if it is not what it should."""
+    beside = sidecar_path(path)
     if not beside.is_file():
         return {}
     try:

@@ -12,11 +12,8 @@ from numpy.typing import NDArray
 
 from nav_pose_estimator.core.learning.conv_lstm import ConvLstm
 from nav_pose_estimator.core.motion import epochs as me
-from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity, with_law
+from nav_pose_estimator.core.motion.air_velocity import learn_air_velocity, with_law
 from nav_pose_estimator.core.motion.airframe import (
-    MULTIROTOR,
-    UNKNOWN,
-    WHEELS,
     Airframe,
     Archive,
     PastFlight,
@@ -24,8 +21,10 @@ from nav_pose_estimator.core.motion.airframe import (
     air_velocity,
     control_of,
 )
+from nav_pose_estimator.core.motion.vehicle_class import MULTIROTOR, UNKNOWN, WHEELS
 from nav_pose_estimator.core.motion.windows import SECONDS
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.archive.kept import KeptResults
 from nav_pose_estimator.offline.training import archive as sums
 from nav_pose_estimator.offline.training import left_out, network
 from nav_pose_estimator.offline.training.archive import NormalEquations
@@ -48,22 +47,23 @@ class Order:
 
 @dataclass(frozen=True)
 class Member:
-    """A recording in the archive: where it lies, and its normal equations."""
+    """A recording in the archive: where what it gave is kept, and its normal equations."""
 
-    part: Path
+    kept: KeptResults
+    key: str
     past: PastFlight
     shown_class: str
     equations: NormalEquations
 
     def data(self) -> FlightData:
         """The flight itself, from disk: however many there are, one is in memory at a time."""
-        return _load(self.part)
+        return _load(self.kept, self.key)
 
 
-def make_airframe(parts: Sequence[Path], merged: Merged, order: Order) -> tuple[Airframe, list[str]]:
-    """The airframe of flown recordings (their ``parts``) and of files to merge, and the table, line by line."""
+def make_airframe(kept: KeptResults, keys: Sequence[str], merged: Merged, order: Order) -> tuple[Airframe, list[str]]:
+    """The airframe of flown recordings, ``kept`` by ``keys``, and of files to merge; and the table, line by line."""
     in_files = _flights_of(merged)
-    members = [member for member in map(_member, parts) if not _is_double(member, in_files)]
+    members = [member for member in (_member(kept, key) for key in keys) if not _is_double(member, in_files)]
     if not members and not merged:
         raise UserError("none of the recordings can be used, see the notes above")
     vehicle_class = choose_class(members, merged, order.vehicle_class)
@@ -71,10 +71,10 @@ def make_airframe(parts: Sequence[Path], merged: Merged, order: Order) -> tuple[
     total = reduce(add, [*(member.equations for member in members), *from_files])
     scores, judged = [], []
     for member in members:
-        score, model = _left_out(member, total, vehicle_class)
+        score, archive = _left_out(member, total, vehicle_class)
         scores.append(score)
-        judged.append((model, member.past.seconds))
-    noise, spread = _noise(judged, merged)
+        judged.append(archive)
+    noise, spread = _noise([*judged, *(airframe.archive for _, airframe in merged)])
     trained = None
     if order.form is not None:
         trained, more = _network(members, vehicle_class, order, (noise, spread))
@@ -106,17 +106,17 @@ def choose_class(members: Sequence[Member], merged: Merged, given: str | None) -
     return next(iter(found))
 
 
-def _load(part: Path) -> FlightData:
-    data = FlightData.load(part)
+def _load(kept: KeptResults, key: str) -> FlightData:
+    data = kept.take(key)
     if data is None:
-        raise UserError(f"{part} is damaged: run the command again")
+        raise UserError("what was flown cannot be read any more: run the command again")
     return data
 
 
-def _member(part: Path) -> Member:
-    data = _load(part)
+def _member(kept: KeptResults, key: str) -> Member:
+    data = _load(kept, key)
     equations = NormalEquations.of(data.epochs, sums.air_velocity(data.epochs))
-    return Member(part, data.past, data.shown_class, equations)
+    return Member(kept, key, data.past, data.shown_class, equations)
 
 
 def _flights_of(merged: Merged) -> dict[str, PastFlight]:
@@ -139,23 +139,24 @@ def _is_double(member: Member, in_files: dict[str, PastFlight]) -> bool:
     return is_double
 
 
-def _left_out(member: Member, total: NormalEquations, vehicle_class: str) -> tuple[left_out.Score, AirVelocityModel]:
-    """How the flight fares with an archive of all others, and what their law leaves on it; alone, its own law."""
+def _left_out(member: Member, total: NormalEquations, vehicle_class: str) -> tuple[left_out.Score, Archive]:
+    """How the flight fares with an archive of all others, and its own archive with the noise that their law leaves on
+    it; alone, its own law."""
     epochs, others = member.data().epochs, total - member.equations
     if others.seconds < 1.0:
-        ways = left_out.linear_ways(None, None, vehicle_class)
-        return left_out.Score(member.past.name, left_out.judge(epochs, ways)), learn_air_velocity(epochs)
-    model = with_law(epochs, others.law(), vehicle_class == WHEELS)
-    ways = left_out.linear_ways(others.law(), others.archive(model.noise, model.wind_spread), vehicle_class)
-    return left_out.Score(member.past.name, left_out.judge(epochs, ways)), model
+        model, ways = learn_air_velocity(epochs), left_out.linear_ways(None, None, vehicle_class)
+    else:
+        model = with_law(epochs, others.law(), vehicle_class == WHEELS)
+        ways = left_out.linear_ways(others.law(), others.archive(model.noise, model.wind_spread), vehicle_class)
+    archive = member.equations.archive(left_out.lasting_noise(epochs, model), model.wind_spread)
+    return left_out.Score(member.past.name, left_out.judge(epochs, ways)), archive
 
 
-def _noise(judged: list[tuple[AirVelocityModel, float]], merged: Merged) -> tuple[Array, float]:
+def _noise(archives: Sequence[Archive]) -> tuple[Array, float]:
     """Noise and spread of the wind: means by time over recordings and files."""
-    seconds = [time for _, time in judged] + [airframe.archive.seconds for _, airframe in merged]
-    noise = [model.noise for model, _ in judged] + [airframe.archive.noise for _, airframe in merged]
-    spread = [model.wind_spread for model, _ in judged] + [airframe.archive.wind_spread for _, airframe in merged]
-    return np.average(noise, axis=0, weights=seconds), float(np.average(spread, weights=seconds))
+    seconds = [one.seconds for one in archives]
+    noise = np.average([one.noise for one in archives], axis=0, weights=seconds)
+    return noise, float(np.average([one.wind_spread for one in archives], weights=seconds))
 
 
 def _network(

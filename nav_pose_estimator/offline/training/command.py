@@ -2,11 +2,12 @@
 
 import argparse
 import math
-import shutil
 from pathlib import Path
 
-from nav_pose_estimator.core.motion.airframe import CLASSES, FORMS
+from nav_pose_estimator.core.motion.airframe import FORMS
+from nav_pose_estimator.core.motion.vehicle_class import CLASSES
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.archive import jobs
 from nav_pose_estimator.offline.logs.options import add_options, options_of
 
 DESCRIPTION = (
@@ -23,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "recordings",
         nargs="+",
         metavar="RECORDING",
-        help="bags, PX4 .ulg, ArduPilot .bin; folders and patterns of them; .airframe files to merge",
+        help="bags, PX4 .ulg, ArduPilot .bin; folders, patterns and lists of them; .airframe files to merge",
     )
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="FILE", help="file to write, NAME.airframe")
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--wings", default="", metavar="GLOB,...", help="of a prior: fixed wings that a start by hand or taxiing hides")
     add("--leave-out", default="", metavar="NAME", help="of a prior: flight, pattern or airframe not to learn from")
-    add("--jobs", type=int, default=1, metavar="N", help="processes that fly recordings (default: 1)")
+    jobs.add_options(parser)
     add("--force", action="store_true", help="replace an existing file")
 
 
@@ -53,10 +54,11 @@ def run(arguments: argparse.Namespace) -> int:
         _check(arguments, prior.ENDING)
         return prior.run(arguments)
     from nav_pose_estimator.engine.outage.airframe_file import load_airframe, save_airframe
+    from nav_pose_estimator.offline.archive.kept import KeptResults
     from nav_pose_estimator.offline.flights.config_file import load_parameters
     from nav_pose_estimator.offline.training import network, work
     from nav_pose_estimator.offline.training.airframe import Order, make_airframe
-    from nav_pose_estimator.offline.training.flights import Reading
+    from nav_pose_estimator.offline.training.flights import Reading, fly
 
     _check(arguments, work.AIRFRAME)
     if arguments.network:
@@ -67,8 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out.resolve() in [path.resolve() for path in files]:
         raise UserError(f"{arguments.out} is one of the files to learn from; choose another name for --out")
     merged = [(path, load_airframe(path)) for path in files]
-    parts = arguments.out.with_name(f"{arguments.out.name}.parts")
-    flown = work.fly_all(work.identify(recordings, reading), parts, arguments.jobs)
+    kept = KeptResults(arguments.out)
+    flown = work.fly_all(fly, work.identify(recordings, reading), kept, arguments.jobs, arguments.scheduler)
     order = Order(
         vehicle_class=arguments.vehicle_class,
         is_one_aircraft=arguments.one_aircraft,
@@ -76,9 +78,9 @@ def run(arguments: argparse.Namespace) -> int:
         steps=arguments.steps,
         folds=arguments.folds,
     )
-    airframe, lines = make_airframe(flown, merged, order)
+    airframe, lines = make_airframe(kept, [one.key for one in flown], merged, order)
     save_airframe(arguments.out, airframe)
-    shutil.rmtree(parts, ignore_errors=True)  # merged files alone have none
+    kept.forget()
     print("\n".join(lines))
     minutes = airframe.archive.seconds / 60.0
     print(

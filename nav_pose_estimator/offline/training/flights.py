@@ -2,20 +2,17 @@
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nav_pose_estimator import __version__
 from nav_pose_estimator.core.learning.conv_lstm import STEPS
 from nav_pose_estimator.core.motion import epochs as me
-from nav_pose_estimator.core.motion.air_velocity import is_guided
-from nav_pose_estimator.core.motion.airframe import FIXED_WING, MULTIROTOR, UNKNOWN, WHEELS, PastFlight
+from nav_pose_estimator.core.motion.airframe import PastFlight
 from nav_pose_estimator.core.motion.prior import MOVES
-from nav_pose_estimator.core.motion.regimes import shows_hovering
+from nav_pose_estimator.core.motion.vehicle_class import tell_class
 from nav_pose_estimator.core.motion.windows import CHANNELS, INCREMENTS, increments, window
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.outage.airframe_file import LONGEST_NAME
@@ -25,9 +22,10 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.archive.kept import key_of
 from nav_pose_estimator.offline.flights import latency
 from nav_pose_estimator.offline.flights.config_file import load_parameters
-from nav_pose_estimator.offline.flights.recording import Recording
+from nav_pose_estimator.offline.flights.recording import Recording, sidecar_path
 from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
 from nav_pose_estimator.offline.logs.options import LogOptions
 from nav_pose_estimator.offline.terminal import printable
@@ -38,7 +36,6 @@ Floats = NDArray[np.float32]
 LEAST = 60.0
 """Seconds of aided flight below which a recording says too little of its wind to be used."""
 _CLIMBS = 0.5  # m/s
-_STALLS = 12.0  # m/s: few multirotors go faster all the time, few wings fly slower
 _CHUNK = 1 << 20
 
 
@@ -65,34 +62,8 @@ class FlightData:
 
     @property
     def shown_class(self) -> str:
-        """What the vehicle is by how it moves: a car does not slip, a wing does not hover and stalls when slow.
-
-        ``UNKNOWN`` for what a multirotor does at speed, laps, say: a slow wing would look the same.
-        """
-        if is_guided(self.epochs):
-            return WHEELS
-        if shows_hovering(self.epochs):
-            return MULTIROTOR
-        speed = np.hypot(self.epochs[:, me.VELOCITY], self.epochs[:, me.VELOCITY + 1])
-        return FIXED_WING if np.median(speed) > _STALLS else UNKNOWN
-
-    def save(self, path: Path) -> None:
-        """Write for ``load``, whole or not at all."""
-        temporary = path.with_suffix(".begun")
-        with temporary.open("wb") as file:
-            arrays: dict[str, Any] = {name: np.asarray(value) for name, value in vars(self).items()}
-            np.savez(file, **arrays)
-        temporary.replace(path)
-
-    @classmethod
-    def load(cls, path: Path) -> "FlightData | None":
-        """What ``save`` has written; None where that is missing or damaged."""
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                data = cls(*(file[name] for name in ("name", "digest", "epochs", "windows", "increments")))
-        except Exception:  # whatever the bytes lead numpy to: then the recording is flown again
-            return None
-        return replace(data, name=str(data.name), digest=str(data.digest))
+        """What the vehicle is by how it moves; ``UNKNOWN`` where that leaves a doubt: it hovers only, say."""
+        return tell_class(self.epochs)
 
 
 class Recorder(OutageMethod):
@@ -126,15 +97,26 @@ class Reading:
     log: LogOptions = field(default_factory=LogOptions)
     gnss_delay: str | None = None
 
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recording, the SHA-256 of its content, and how it is read."""
+
+    path: Path
+    digest: str
+    reading: Reading
+
     @property
-    def key(self) -> bytes:
-        """Differs where the same recording would give something else."""
-        content = b"" if self.config is None else self.config.read_bytes()
-        return repr((__version__, self.log, self.gnss_delay)).encode() + content
+    def key(self) -> str:
+        """Differs where replaying it would give something else; the same wherever the recording lies."""
+        files = (sidecar_path(self.path), self.reading.config)
+        said = (self.digest, self.reading.log, self.reading.gnss_delay)
+        return key_of(said, [path for path in files if path is not None])
 
 
-def fly(path: Path, digest: str, reading: Reading) -> FlightData:
+def fly(recorded: Recorded) -> FlightData:
     """Replay a recording with GNSS. ``UserError`` where it holds less than ``LEAST`` seconds of aided flight."""
+    path, reading = recorded.path, recorded.reading
     parameters = update(load_parameters(reading.config), {"learner.enabled": False})
     recording = prepared(open_recording(path, reading.log, parameters=parameters), parameters, np.inf)
     parameters, _ = latency.choose(recording, parameters, reading.gnss_delay, reading.config, np.inf, search=True)
@@ -148,7 +130,7 @@ def fly(path: Path, digest: str, reading: Reading) -> FlightData:
         )
     epochs, seen, happened = np.split(rows, [me.COLUMNS, rows.shape[1] - INCREMENTS], axis=1)
     windows = seen.astype(np.float32).reshape(-1, STEPS, CHANNELS)
-    return FlightData(recording.name, digest, epochs, windows, happened.astype(np.float32))
+    return FlightData(recording.name, recorded.digest, epochs, windows, happened.astype(np.float32))
 
 
 def _good_epochs(recording: Recording, parameters: Parameters) -> Iterator[Array]:

@@ -20,13 +20,14 @@ from nav_pose_estimator.engine.outage.epochs import EpochCollector
 from nav_pose_estimator.engine.outage.methods.usual_file import as_toml
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.archive.kept import KeptResults
 from nav_pose_estimator.offline.flights import latency, methods
 from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.offline.flights.groups import flight_name, groups_of, patterns_of
 from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
 from nav_pose_estimator.offline.logs.options import options_of
-from nav_pose_estimator.offline.training.flights import Reading, digest_of, flown
-from nav_pose_estimator.offline.training.work import find_recordings
+from nav_pose_estimator.offline.training.flights import Reading, Recorded, flown
+from nav_pose_estimator.offline.training.work import find_recordings, fly_all, identify
 
 WORD, ENDING = "prior", ".toml"
 WING, ROTORS, GUIDED = "fixed_wing", "multirotor", "wheels"
@@ -71,25 +72,26 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError(f"--leave-out {arguments.leave_out}: none of the recordings has this name or group")
     log = options_of(arguments, load_parameters(arguments.config).imu.max_gap, math.inf)
     reading = Reading(arguments.config, log, arguments.gnss_delay)
-    wings = patterns_of(arguments.wings)
-    flights = [
-        replace(fly(path, groups[path.name], reading), is_wing=_fits_any(path, wings))
-        for path in paths
-        if path not in left_out
-    ]
-    kept = [flight for flight in flights if flight.seconds >= LEAST]
-    for flight in flights:
-        if flight not in kept:
+    wings, kept = patterns_of(arguments.wings), KeptResults(arguments.out)
+    recordings = identify([path for path in paths if path not in left_out], reading)
+    flights = []
+    for one in fly_all(fly, recordings, kept, arguments.jobs, arguments.scheduler):
+        flight = replace(kept.take(one.key), group=groups[one.path.name], is_wing=_fits_any(one.path, wings))
+        if flight.seconds >= LEAST:
+            flights.append(flight)
+        else:
             print(f"note: {flight.name} holds {flight.seconds:.0f} s of flight: left out", file=sys.stderr)
-    usual = fit(kept)
-    arguments.out.write_text(text_of(usual, kept), encoding="utf-8")
-    airframes = len({one.group for one in kept})
-    print(f"{arguments.out}: {len(kept)} flights of {airframes} airframes; name it in learner.prior")
+    usual = fit(flights)
+    arguments.out.write_text(text_of(usual, flights), encoding="utf-8")
+    kept.forget()
+    airframes = len({one.group for one in flights})
+    print(f"{arguments.out}: {len(flights)} flights of {airframes} airframes; name it in learner.prior")
     return 0
 
 
-def fly(path: Path, group: str, reading: Reading) -> PriorFlight:
-    """Replay a recording with GNSS and rehearse outages."""
+def fly(recorded: Recorded) -> PriorFlight:
+    """Replay a recording with GNSS and rehearse outages; of an airframe of its own."""
+    path, reading = recorded.path, recorded.reading
     parameters = methods.apply(load_parameters(reading.config), methods.BEST)
     recording = prepared(open_recording(path, reading.log, parameters=parameters), parameters, np.inf)
     parameters, _ = latency.choose(recording, parameters, reading.gnss_delay, reading.config, np.inf, search=True)
@@ -101,7 +103,7 @@ def fly(path: Path, group: str, reading: Reading) -> PriorFlight:
                 found.append(finished.values)
     epochs = np.array(found).reshape(-1, me.COLUMNS)
     decisions = engine.outage_aid.rehearsals.decisions if engine.outage_aid else Decisions()
-    return PriorFlight(flight_name(path), group, digest_of(path), epochs[flown(epochs)], decisions)
+    return PriorFlight(flight_name(path), flight_name(path), recorded.digest, epochs[flown(epochs)], decisions)
 
 
 def fit(flights: Sequence[PriorFlight]) -> UsualMotion:

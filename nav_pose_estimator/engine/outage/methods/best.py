@@ -96,7 +96,8 @@ class Best(Anfis):
 
     def with_regimes(self, flight: Flight, model: AirVelocityModel | None, name: str) -> RegimesGuide:
         """The regimes of the flight with ``model``, as the way that rehearsals know by ``name``."""
-        regimes = learn_regimes(flight.epochs, flight.usual, flight.decisions, self.beforehand.can_hover)
+        can_hover = self.beforehand.by_flight(flight.epochs).can_hover
+        regimes = learn_regimes(flight.epochs, flight.usual, flight.decisions, can_hover)
         return RegimesGuide(model, flight.drift_variance, flight.spread.get(name, 0.0), regimes=regimes)
 
     def choose(self, flight: Flight, scores: RehearsalScores) -> Guide | None:

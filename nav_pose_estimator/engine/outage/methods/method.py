@@ -147,6 +147,11 @@ class OutageMethod(Method):
         twin.beforehand = beforehand
         return twin
 
+    def after(self, epochs: Array) -> Self:
+        """The method with what the flight of ``epochs`` (N, COLUMNS or more) leaves of ``beforehand``."""
+        left = self.beforehand.by_flight(epochs)
+        return self if left is self.beforehand else OutageMethod.knowing(self, left)
+
     @property
     def least_flight(self) -> float:
         """Seconds of flight from which on there may be something to go by in an outage."""

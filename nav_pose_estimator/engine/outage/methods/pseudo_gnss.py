@@ -9,6 +9,11 @@ The errors of all the composed positions are one and the same random walk: as in
 far too much. So the k-th counts as k times its covariance. Even so a sum of positions knows no more than the velocities
 that it is made of, which ``cnn_lstm`` hands to the filter as they are.
 
+The text's receiver gives longitude, latitude and height (its step 12), so what stands in for it is a position, too. The
+text does not say what of the network's position, attitude and velocity it observes (the formulas of step 5 are not in
+its published summary); attitude and velocity increments of the network know less than the strapdown's gyroscopes and
+accelerometers, and its velocity is what ``cnn_lstm`` observes: as a second observation here it would count twice.
+
 Source: M. Feng et al. (see ``core.learning.conv_lstm``), steps 5 and 6.
 """
 

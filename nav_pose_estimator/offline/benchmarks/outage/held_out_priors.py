@@ -15,21 +15,12 @@ from pathlib import Path
 
 from nav_pose_estimator.engine.outage.methods.usual_file import KnownFlight, flights_of
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline.archive.jobs import Failure, carry_out
-from nav_pose_estimator.offline.archive.kept import KeptResults, key_of
+from nav_pose_estimator.offline.archive.kept import KeptResults
 from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task
 from nav_pose_estimator.offline.flights.config_file import load_parameters
-from nav_pose_estimator.offline.training.flights import Reading, digest_of
+from nav_pose_estimator.offline.training.flights import Reading, Recorded, digest_of
 from nav_pose_estimator.offline.training.prior import LEAST, WING, PriorFlight, fit, fly, text_of
-
-
-@dataclass(frozen=True)
-class MotionJob:
-    """One recording whose motion is to be taken."""
-
-    bag: Path
-    group: str
-    reading: Reading
+from nav_pose_estimator.offline.training.work import fly_all
 
 
 @dataclass(frozen=True)
@@ -49,46 +40,34 @@ def with_held_out_priors(
     for config in dict.fromkeys(task.config for task in tasks):
         members = [task for task in tasks if task.config == config]
         known = flights_of(load_parameters(config).learner.prior)
-        bags = {task.bag: task for task in members}
-        jobs = [MotionJob(bag, groups[bag.name], _reading(task)) for bag, task in bags.items()]
-        seen = seen_groups({job.bag: job.group for job in jobs}, known)
-        flights = list(_flown(jobs, known, workers)) if seen else []
+        recordings = [_recorded(task) for task in {task.bag: task for task in members}.values()]
+        seen = seen_groups({one: groups[one.path.name] for one in recordings}, known)
+        flights = list(_flown(recordings, groups, known, workers)) if seen else []
         files = {group: file for group in seen if (file := _file_without(group, flights, folder)) is not None}
         found += [replace(task, prior=files.get(groups[task.bag.name])) for task in members]
     return found
 
 
-def seen_groups(groups: Mapping[Path, str], known: Sequence[KnownFlight]) -> list[str]:
-    """The groups of recordings, by path, of which the prior of these ``known`` flights was made."""
+def seen_groups(groups: Mapping[Recorded, str], known: Sequence[KnownFlight]) -> list[str]:
+    """The groups of recordings of which the prior of these ``known`` flights was made."""
     airframes, digests = {one.airframe for one in known}, {one.digest for one in known}
-    return list(dict.fromkeys(g for bag, g in groups.items() if g in airframes or digest_of(bag) in digests))
+    return list(dict.fromkeys(g for one, g in groups.items() if g in airframes or one.digest in digests))
 
 
-def _reading(task: Task) -> Reading:
-    return Reading(task.config, task.log, task.gnss_delay)
+def _recorded(task: Task) -> Recorded:
+    return Recorded(task.bag, digest_of(task.bag), Reading(task.config, task.log, task.gnss_delay))
 
 
-def _flown(jobs: Sequence[MotionJob], known: Sequence[KnownFlight], workers: Workers) -> Iterator[PriorFlight]:
+def _flown(
+    recordings: Sequence[Recorded], groups: Mapping[str, str], known: Sequence[KnownFlight], workers: Workers
+) -> Iterator[PriorFlight]:
     """The motion of every recording that holds enough of it. What it counts as, the prior has been told before."""
     wings = {one.digest for one in known if one.kind == WING}
     kept = KeptResults(workers.out)
-    keys = [key_of(job, [path for path in (job.bag, job.reading.config) if path is not None]) for job in jobs]
-    done: dict[int, PriorFlight] = {i: flight for i, key in enumerate(keys) if (flight := kept.take(key)) is not None}
-    rest = [i for i in range(len(jobs)) if i not in done]
-    for place, outcome in carry_out(_fly, [jobs[i] for i in rest], workers.processes, workers.scheduler):
-        job = jobs[rest[place]]
-        if isinstance(outcome, Failure):
-            print(f"note: {job.bag.name} adds nothing to the prior: {outcome.why}", file=sys.stderr)
-            continue
-        done[rest[place]] = outcome
-        kept.keep(keys[rest[place]], outcome)
-    for i in sorted(done):
-        if done[i].seconds >= LEAST:
-            yield replace(done[i], is_wing=done[i].digest in wings)
-
-
-def _fly(job: MotionJob) -> PriorFlight:
-    return fly(job.bag, job.group, job.reading)
+    for one in fly_all(fly, recordings, kept, workers.processes, workers.scheduler):
+        flight = replace(kept.take(one.key), group=groups[one.path.name], is_wing=one.digest in wings)
+        if flight.seconds >= LEAST:
+            yield flight
 
 
 def _file_without(group: str, flights: Sequence[PriorFlight], folder: Path) -> Path | None:

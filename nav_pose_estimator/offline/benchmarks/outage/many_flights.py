@@ -5,9 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline.archive.jobs import LOCAL, Failure, carry_out
+from nav_pose_estimator.offline.archive.jobs import LOCAL, Failure
 from nav_pose_estimator.offline.archive.kept import KeptResults, key_of
+from nav_pose_estimator.offline.archive.resumed import carry_on
 from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, Task, run_flight
+from nav_pose_estimator.offline.flights.recording import sidecar_path
 
 
 def run_all(tasks: list[Task], processes: int, scheduler: str, out: Path) -> list[FlightResult]:
@@ -23,18 +25,9 @@ def run_all(tasks: list[Task], processes: int, scheduler: str, out: Path) -> lis
             return run_flight(flights[0], bar.update)
         kept, done = KeptResults(out), dict[int, Any]()
         keys = [key_of(flight, _read_by(flight[0])) for flight in flights]
-        for number, key in enumerate(keys):
-            if (result := kept.take(key)) is not None:
-                done[number] = result
-                bar.update(len(flights[number]))
-        if done:
-            print(f"{len(done)} of {len(flights)} jobs were finished by an earlier run", file=sys.stderr)
-        rest = [number for number in range(len(flights)) if number not in done]
-        for place, outcome in carry_out(run_flight, [flights[i] for i in rest], processes, scheduler):
-            done[rest[place]] = outcome
-            bar.update(len(flights[rest[place]]))
-            if not isinstance(outcome, Failure):
-                kept.keep(keys[rest[place]], outcome)
+        for number, outcome in carry_on(run_flight, flights, keys, kept, processes, scheduler):
+            done[number] = outcome
+            bar.update(len(flights[number]))
     results = _without_failed(flights, done)
     kept.forget()
     return results
@@ -60,5 +53,5 @@ def _flights(tasks: list[Task], processes: int) -> list[list[Task]]:
 
 def _read_by(task: Task) -> list[Path]:
     """The files that the result of ``task`` depends on."""
-    beside = task.bag.with_name(task.bag.stem.removesuffix("_bag") + ".json")
-    return [path for path in (task.bag, beside, task.config, task.airframe) if path is not None]
+    files = (task.bag, sidecar_path(task.bag), task.config, task.airframe)
+    return [path for path in files if path is not None]

@@ -54,6 +54,7 @@ def _measure() -> list[Figure]:
     note(speed_figures.whole_estimator(flight, full))
     note(speed_figures.attitude(flight))
     note(speed_figures.learner())
+    note(speed_figures.pretrained())
     with TemporaryDirectory(prefix="nav_pose_estimator_") as scratch:
         note(processes.bags(Path(scratch), flight))
         note(processes.replays(Path(scratch)))

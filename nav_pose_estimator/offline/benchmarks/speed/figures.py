@@ -269,3 +269,24 @@ def learner() -> list[Figure]:
         Figure("ANFIS, 16 rules, 3000 samples, training", fitting, "s", 1.2),
         Figure("ANFIS, one prediction", 1e6 * predict, "us", 10.0),
     ]
+
+
+def pretrained() -> list[Figure]:
+    """The network of ``cnn_lstm``, which every half second of flight asks once: its window and its prediction."""
+    from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, OUT_QUAT, OUT_T
+    from nav_pose_estimator.core.learning.conv_lstm import untrained
+    from nav_pose_estimator.core.motion.airframe import VELOCITY, air_velocity
+    from nav_pose_estimator.core.motion.windows import CHANNELS, window
+
+    rows = np.random.default_rng(2).normal(size=(round(IMU_HZ), OUT_COLUMNS))
+    rows[:, OUT_T] = np.arange(len(rows)) / IMU_HZ
+    rows[:, OUT_QUAT : OUT_QUAT + 4] = (1.0, 0.0, 0.0, 0.0)
+    scales = {"input_mean": np.zeros(CHANNELS), "input_scale": np.ones(CHANNELS)}
+    weights = untrained(scales | {"output_mean": np.zeros(6), "output_scale": np.ones(6)}, 0)
+    seen = window(rows)
+    asked = best_time(lambda: [air_velocity(weights, VELOCITY, seen) for _ in range(500)]) / 500
+    made = best_time(lambda: [window(rows) for _ in range(500)]) / 500
+    return [
+        Figure("network of cnn_lstm, one prediction", 1e3 * asked, "ms", 0.2),
+        Figure("  its window of a second at 200 Hz", 1e3 * made, "ms"),
+    ]

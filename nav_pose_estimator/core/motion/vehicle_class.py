@@ -1,0 +1,85 @@
+"""What kind of vehicle moves like this: told by its flight, with the doubt that the flight leaves.
+
+Each class ties motion to body in its own way. With the velocity in b (ahead x, to the left y, up z), the upward
+direction u in b and the specific force f:
+
+    multirotor   is carried by thrust along z: it leans where it wants to go (u), and feels but drag along x and y;
+                 it goes any way, fast or slow, and when gently flown as level as a boat
+    fixed wing   is fast along x, its nose a little above where it goes, and banks, so that it feels nothing sideways
+    wheels       go where x points, up only as the road does, and are level: they feel what speeds and turns them
+    boat         goes along x with some drift, not up, and is level: it feels what speeds and turns it
+
+Densities of these deviations, normal ones with scales of everyday mechanics, make a likelihood of every epoch under
+way, and Bayes' rule a probability of every class. Half seconds of one manoeuvre say the same: one counts as a twentieth
+of a draw. None decides by itself, for a gust or a landing fits no class.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.motion.epochs import BODY_VELOCITY, FORCE, PERIOD, VELOCITY, attitude
+
+Array = NDArray[np.float64]
+
+MULTIROTOR, FIXED_WING, WHEELS, BOAT = "multirotor", "fixed_wing", "wheels", "boat"
+CLASSES = (MULTIROTOR, FIXED_WING, WHEELS, BOAT)
+FLYING = (MULTIROTOR, FIXED_WING)
+UNKNOWN = "unknown"
+_CERTAIN = 0.95
+_UNDER_WAY = 2.0  # m/s: at the pace of a walk it may be carried
+_DRAW = 10.0  # s: so much motion is one draw, for a vehicle keeps its style for a while
+_MOST = 4.0  # logarithm of the most that a class may be more likely than another by one epoch
+_USUAL = {MULTIROTOR: 0.48, FIXED_WING: 0.34, WHEELS: 0.12, BOAT: 0.06}
+"""Probability before the motion has shown anything: drones are what carries this mostly."""
+
+
+def tell_class(epochs: Array) -> str:
+    """The class of the vehicle of aided epochs (N, COLUMNS or more), N may be zero; ``UNKNOWN`` where in doubt."""
+    probability = class_probabilities(epochs)
+    likely = max(probability, key=lambda name: probability[name])
+    return likely if probability[likely] >= _CERTAIN else UNKNOWN
+
+
+def class_probabilities(epochs: Array) -> dict[str, float]:
+    """Probability of each class after aided epochs (N, COLUMNS or more) in order of time; N may be zero."""
+    v = epochs[:, BODY_VELOCITY:VELOCITY]
+    likelihood = _log_likelihoods(epochs[np.square(v).sum(axis=1) > _UNDER_WAY**2])
+    L = np.array([likelihood[name] for name in CLASSES])
+    L = np.maximum(L, L.max(axis=0) - _MOST) if L.size else L
+    evidence = np.log([_USUAL[name] for name in CLASSES]) + L.sum(axis=1) * PERIOD / _DRAW
+    weight = np.exp(evidence - evidence.max())
+    return dict(zip(CLASSES, (weight / weight.sum()).tolist(), strict=True))
+
+
+def _log_likelihoods(epochs: Array) -> dict[str, Array]:
+    """Logarithm of the density of each epoch (N,) by class."""
+    vx, vy, vz = epochs[:, BODY_VELOCITY:VELOCITY].T
+    fx, fy, climb = epochs[:, FORCE], epochs[:, FORCE + 1], epochs[:, VELOCITY + 2]
+    ux, uy, _ = attitude(epochs)[:, 2].T
+    v = np.sqrt(vx**2 + vy**2 + vz**2)
+    level = _normal(ux, 0.07) + _normal(uy, 0.05) + _normal(fx, 1.5) + _normal(fy, 1.5)
+    leaning = _normal(ux, 0.2) + _normal(uy, 0.2)
+    leaning += _normal(fx + 0.25 * vx, 0.12 * np.abs(vx) + 0.4) + _normal(fy + 0.25 * vy, 0.12 * np.abs(vy) + 0.4)
+    banking = _normal(ux - 0.07, 0.15) + _normal(uy, 0.35) + _normal(fx - 0.7, 1.5) + _normal(fy, 0.7)
+    any_way = _normal(vx, 7.0) + _normal(vy, 0.7 * v + 0.3) + _normal(vz + ux * vx + uy * vy, 0.15 * v + 0.4)
+    fast = _normal(vx - 18.0, 6.0) + _normal(vy, 0.2 * v + 0.3) + _normal(vz + 0.06 * v, 0.08 * v + 0.3)
+    along = 0.04 * v + 0.1  # m/s: a mount two degrees off
+    rolling = _normal(vx, 12.0) + _normal(vy, along) + _normal(vz, along) + _normal(climb, 0.07 * v + 0.1)
+    afloat = _normal(vx - 3.0, 4.0) + _normal(vy, 0.15 * v + 0.2) + _normal(vz, 0.05 * v + 0.15) + _normal(climb, 0.2)
+    return {
+        MULTIROTOR: leaning + _either(any_way + _normal(climb, 2.0), afloat),
+        FIXED_WING: _either(fast + _normal(climb, 2.0) + banking, rolling + level, 0.9),
+        WHEELS: rolling + level,
+        BOAT: afloat + level,
+    }
+
+
+def _either(one: Array, other: Array, share: float = 0.5) -> Array:
+    """Logarithm of a mixture: ``share`` of the first density."""
+    return np.asarray(np.logaddexp(math.log(share) + one, math.log(1.0 - share) + other))
+
+
+def _normal(deviation: Array, sd: Array | float) -> Array:
+    return np.asarray(-0.5 * (deviation / sd) ** 2 - np.log(sd))

@@ -1,0 +1,1 @@
+"""What archives of recordings cost, and what a killed process loses."""

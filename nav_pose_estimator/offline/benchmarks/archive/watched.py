@@ -1,0 +1,97 @@
+"""A command of this package in a process of its own, and what it and its workers cost, as /proc tells."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+_POLL = 0.05  # s
+_TICK = 1.0 / os.sysconf("SC_CLK_TCK")  # s
+_WORKER = b"spawn_main"  # in the command line of a process of a pool
+
+
+@dataclass(frozen=True)
+class Kill:
+    """SIGKILL to one worker, or to the ``command`` itself, as soon as so many ``results`` are kept."""
+
+    results: int
+    command: bool = False
+
+
+@dataclass
+class Cost:
+    """CPU time [s] of the main process and of each worker by process number; largest memory of a process [MB]."""
+
+    main: float = 0.0
+    workers: dict[int, float] = field(default_factory=dict)
+    memory: float = 0.0
+    workers_memory: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """CPU time of all [s]."""
+        return self.main + sum(self.workers.values())
+
+    @property
+    def longest(self) -> float:
+        """CPU time [s] that no number of cores makes less: the main process, then its busiest worker."""
+        return self.main + max(self.workers.values(), default=0.0)
+
+
+def run(options: Sequence[str], kept: Path, kill: Kill | None = None, workers: Sequence[int] = ()) -> Cost:
+    """Carry out a command whose results are kept in the folder ``kept`` meanwhile.
+
+    ``workers``: processes, not of the command's own pool, that work for it. ``RuntimeError`` with its last words where
+    it fails without having been killed.
+    """
+    command = [sys.executable, "-m", "nav_pose_estimator", *options]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    before = {pid: _cpu(pid) for pid in workers}
+    cost, waits = Cost(), kill is not None
+    while process.poll() is None:
+        pool = [*workers, *_pool_of(process.pid)]
+        _watch(cost, process.pid, pool, before)
+        if kill is not None and waits and pool and len(list(kept.glob("*"))) >= kill.results:
+            waits = False
+            os.kill(process.pid if kill.command else pool[0], signal.SIGKILL)
+        time.sleep(_POLL)
+    said = process.communicate()[0]
+    if process.returncode != 0 and not (kill is not None and kill.command):
+        raise RuntimeError(f"{' '.join(command[1:5])} said: {said.strip()[-300:]}")
+    if waits:
+        raise RuntimeError(f"{' '.join(command[1:5])} was ready before it could be disturbed: give it more flights")
+    return cost
+
+
+def _watch(cost: Cost, pid: int, pool: Sequence[int], before: dict[int, float]) -> None:
+    with suppress(OSError):
+        cost.main, cost.memory = _cpu(pid), max(cost.memory, _memory(pid))
+    for worker in pool:
+        with suppress(OSError):
+            cost.workers[worker] = _cpu(worker) - before.get(worker, 0.0)
+            cost.workers_memory = max(cost.workers_memory, _memory(worker))
+
+
+def _pool_of(pid: int) -> list[int]:
+    """Workers of a pool that process ``pid`` has started, the oldest first."""
+    with suppress(OSError):
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()
+        return [int(child) for child in children if _WORKER in Path(f"/proc/{child}/cmdline").read_bytes()]
+    return []
+
+
+def _cpu(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return _TICK * (int(fields[11]) + int(fields[12]))
+
+
+def _memory(pid: int) -> float:
+    status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
+    return next((int(line.split()[1]) / 1024.0 for line in status.splitlines() if line.startswith("VmHWM")), 0.0)
