@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from nav_pose_estimator import __version__
+from nav_pose_estimator.errors import UserError
 
 
 class KeptResults:
@@ -24,6 +25,12 @@ class KeptResults:
             if self.folder.stat().st_uid == os.getuid():  # nobody else's: reading it can run code
                 return pickle.loads((self.folder / key).read_bytes())
         return None
+
+    def load(self, key: str) -> Any:
+        """The result that this run has kept under ``key``. ``UserError`` where it cannot be read any more."""
+        if (result := self.take(key)) is None:
+            raise UserError("what was flown cannot be read any more: run the command again")
+        return result
 
     def keep(self, key: str, result: Any) -> None:
         """Keep a result; a run that ends in the middle of it leaves nothing or all."""

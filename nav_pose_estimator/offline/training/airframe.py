@@ -57,7 +57,7 @@ class Member:
 
     def data(self) -> FlightData:
         """The flight itself, from disk: however many there are, one is in memory at a time."""
-        return _load(self.kept, self.key)
+        return self.kept.load(self.key)
 
 
 def make_airframe(kept: KeptResults, keys: Sequence[str], merged: Merged, order: Order) -> tuple[Airframe, list[str]]:
@@ -106,15 +106,8 @@ def choose_class(members: Sequence[Member], merged: Merged, given: str | None) -
     return next(iter(found))
 
 
-def _load(kept: KeptResults, key: str) -> FlightData:
-    data = kept.take(key)
-    if data is None:
-        raise UserError("what was flown cannot be read any more: run the command again")
-    return data
-
-
 def _member(kept: KeptResults, key: str) -> Member:
-    data = _load(kept, key)
+    data: FlightData = kept.load(key)
     equations = NormalEquations.of(data.epochs, sums.air_velocity(data.epochs))
     return Member(kept, key, data.past, data.shown_class, equations)
 

@@ -76,7 +76,8 @@ def run(arguments: argparse.Namespace) -> int:
     recordings = identify([path for path in paths if path not in left_out], reading)
     flights = []
     for one in fly_all(fly, recordings, kept, arguments.jobs, arguments.scheduler):
-        flight = replace(kept.take(one.key), group=groups[one.path.name], is_wing=_fits_any(one.path, wings))
+        motion: PriorFlight = kept.load(one.key)
+        flight = replace(motion, group=groups[one.path.name], is_wing=_fits_any(one.path, wings))
         if flight.seconds >= LEAST:
             flights.append(flight)
         else:

@@ -65,7 +65,8 @@ def _flown(
     wings = {one.digest for one in known if one.kind == WING}
     kept = KeptResults(workers.out)
     for one in fly_all(fly, recordings, kept, workers.processes, workers.scheduler):
-        flight = replace(kept.take(one.key), group=groups[one.path.name], is_wing=one.digest in wings)
+        flown: PriorFlight = kept.load(one.key)
+        flight = replace(flown, group=groups[one.path.name], is_wing=one.digest in wings)
         if flight.seconds >= LEAST:
             yield flight
 
