@@ -5,12 +5,15 @@ import pytest
 
 from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, OUT_QUAT, OUT_VEL
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import GnssFix
 from nav_pose_estimator.engine.solutions import Mode, NavBlock
+from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
 from nav_pose_estimator.offline.flights import methods, row_store, tracks
 from nav_pose_estimator.offline.flights.outages import Outage
 from nav_pose_estimator.offline.flights.recording import load
 from nav_pose_estimator.offline.flights.row_store import RowStore, pieces, release
+from nav_pose_estimator.offline.flights.survey import GnssColumns
 from nav_pose_estimator.offline.flights.tracks import Track, TrackRecorder
 from nav_pose_estimator.offline.replay import files
 from nav_pose_estimator.offline.replay import replay as replaying
@@ -40,6 +43,16 @@ def test_a_table_is_the_same_in_memory_and_in_a_file(soon_in_files, count):
     np.testing.assert_array_equal(table, expected)
     release(table[:, 1:])
     np.testing.assert_array_equal(table, expected)
+
+
+def test_no_room_for_the_file_is_one_sentence(soon_in_files, monkeypatch, tmp_path):
+    def full(**_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(row_store, "TemporaryFile", full)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    with pytest.raises(UserError, match=f"{tmp_path} .No space left on device.: set TMPDIR"):
+        RowStore(3).append(rows(100))
 
 
 def test_pieces_are_all_of_it(soon_in_files):
@@ -117,3 +130,10 @@ def messages(path, result) -> list:
         found = [(time, connection.topic, raw) for connection, time, raw in reader.messages()]
     assert [time for time, _, _ in found] == sorted(time for time, _, _ in found)
     return sorted(found)
+
+
+def test_a_stamp_that_no_clock_has_is_no_part_of_the_reference():
+    """GIVEN fixes whose 64 bits of microseconds are damaged THEN the others are collected all the same."""
+    stamps = (10**18, ((1 << 64) - 1) * 1000, 10**18 + 1)
+    found = GnssColumns.of([GnssFix(stamp, 0.8, 0.1, 500.0) for stamp in stamps])
+    assert found.fix_ns.tolist() == [10**18, 10**18 + 1]

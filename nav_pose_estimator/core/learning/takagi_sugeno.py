@@ -65,6 +65,8 @@ def log_firing(premises: Premises, inputs: np.ndarray, slopes: np.ndarray | None
         part = slice(start, start + block)
         distance = inputs[:, None, part] - centre
         log_u2 = np.square(distance)
+        if slopes is not None and log_u2.min() <= _TINY:
+            distance[np.abs(distance) <= math.sqrt(_TINY)] = np.inf
         np.log(np.maximum(log_u2, _TINY, out=log_u2), out=log_u2)
         log_u2 -= log_width2
         power = log_u2 * slope
@@ -73,9 +75,8 @@ def log_firing(premises: Premises, inputs: np.ndarray, slopes: np.ndarray | None
         if slopes is not None:
             complement = np.divide(power, total, out=power)  # 1 - mu
             _fill_slopes(slopes[..., part], distance, complement, log_u2, *factors)
-        np.negative(np.log(total, out=total), out=total)
-        np.sum(total, axis=0, out=log_w[:, part])
-    return log_w
+        np.sum(np.log(total, out=total), axis=0, out=log_w[:, part])
+    return np.negative(log_w, out=log_w)
 
 
 def _fill_slopes(
@@ -89,7 +90,6 @@ def _fill_slopes(
     by_centre, by_width, by_slope = slopes
     np.multiply(np.multiply(log_u2, complement, out=log_u2), by_raw, out=by_slope)
     np.multiply(complement, twice_slope, out=by_width)
-    distance[np.abs(distance, out=log_u2) <= math.sqrt(_TINY)] = np.inf
     np.divide(by_width, distance, out=by_centre)
 
 

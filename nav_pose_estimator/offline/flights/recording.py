@@ -151,7 +151,7 @@ def _load_bag(
         counters=counters,
         sidecar=sidecar(path),
         events=events,
-        known=contents,
+        known=None if hold else contents,
     )
 
 

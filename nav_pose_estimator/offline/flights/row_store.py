@@ -4,11 +4,14 @@ The pages of a file that have been read can go again, so a flight of hours needs
 """
 
 import mmap
+import os
 from collections.abc import Iterator
 from tempfile import TemporaryFile
 from typing import IO
 
 import numpy as np
+
+from nav_pose_estimator.errors import UserError
 
 Array = np.ndarray
 IN_MEMORY = 1 << 15
@@ -18,7 +21,7 @@ AT_ONCE = 1 << 12
 
 
 class RowStore:
-    """Rows of ``columns`` doubles, appended many at a time."""
+    """Rows of ``columns`` doubles, appended many at a time. ``UserError`` where there is no room for the file."""
 
     def __init__(self, columns: int) -> None:
         self._columns = columns
@@ -34,20 +37,28 @@ class RowStore:
             self._write()
 
     def table(self) -> Array:
-        """All rows (N, columns); those of a file cannot be written to. ``OSError`` where the disk is full."""
+        """All rows (N, columns); those of a file cannot be written to."""
         if self._file is None:
             return np.concatenate([np.empty((0, self._columns)), *self._parts])
         self._write()
-        self._file.flush()
         pages = mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)
         return np.frombuffer(pages, float).reshape(-1, self._columns)
 
     def _write(self) -> None:
-        if self._file is None:
-            self._file = TemporaryFile(prefix="nav_pose_estimator_")  # noqa: SIM115  it lives as long as its rows
-        for part in self._parts:
-            self._file.write(np.ascontiguousarray(part, float).data)
+        try:
+            if self._file is None:
+                self._file = TemporaryFile(prefix="nav_pose_estimator_")  # noqa: SIM115  it lives as long as its rows
+            for part in self._parts:
+                self._file.write(np.ascontiguousarray(part, float).data)
+            self._file.flush()
+        except OSError as error:
+            why = error.strerror or error
+            raise UserError(f"a long flight needs room for its solutions in {_folder()} ({why}): set TMPDIR") from None
         self._parts, self._held = [], 0
+
+
+def _folder() -> str:
+    return os.environ.get("TMPDIR", "/tmp")
 
 
 def pieces(count: int, size: int | None = None) -> Iterator[slice]:

@@ -12,6 +12,8 @@ from nav_pose_estimator.offline.bags.reader import SampleBatch
 
 _EARLY = 1000  # samples among which one is looked for that is stamped before the IMU
 _NEAR_NS = 1_000_000_000
+_LAST_NS = (1 << 63) - 1
+"""A stamp beyond it, in the year 2262, is damaged."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ class _GnssCollector:
 
     def take(self, samples: Iterable[Sample]) -> None:
         for sample in samples:
+            if isinstance(sample, (GnssFix, GnssVelocity)) and abs(sample.stamp_ns) > _LAST_NS:
+                continue
             if isinstance(sample, GnssFix):
                 self._fix_ns.append(sample.stamp_ns)
                 self._fixes.extend((sample.lat, sample.lon, sample.alt, sample.status))

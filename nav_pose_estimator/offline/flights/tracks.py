@@ -122,7 +122,7 @@ def _every(rows: Array, step: int) -> Array:
     """A copy of every ``step``-th row."""
     chosen = np.arange(0, len(rows), step)
     out = np.empty((len(chosen), rows.shape[1]))
-    for part in pieces(len(chosen)):
+    for part in pieces(len(chosen), max(AT_ONCE // step, 1)):
         out[part] = rows[chosen[part]]
         release(rows)
     return out
