@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from nav_pose_estimator.core.filter import bias_noise, measurements
-from nav_pose_estimator.core.filter.kalman import correct_if_likely, innovation
+from nav_pose_estimator.core.filter.kalman import correct_if_likely, gated_correct, innovation
 from nav_pose_estimator.core.filter.layout import ALT, BASE_STATES, DPOS, LAT, PHI, QUAT
 from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.core.routine import table
@@ -37,7 +37,8 @@ def act(nav, P, constants, event, settings, result):
     elif kind == table.HEADING:
         done = _heading(nav, P, event, settings, result)
     else:
-        done = False
+        done = kind != table.UNUSUAL
+        _again(nav, P, constants, event, settings)
     for i in range(3):
         result[table.RESULT_AFTER + i] = nav[LAT + i]
     return done
@@ -72,7 +73,7 @@ def _position(nav, P, constants, event, settings, result):
         return False
     lat, lon, alt = event[table.EVENT_VALUE], event[table.EVENT_VALUE + 1], event[table.EVENT_VALUE + 2]
     lever = settings[table.LEVER : table.DOUBTFUL]
-    z, H = measurements.gnss_position(nav, len(P), lat, lon, alt - settings[table.HEIGHT_SHIFT], lever)
+    z, H = measurements.gnss_position(nav, len(P), lat, lon, alt, lever)
     R = _noise(event, 3)
     if not math.sqrt(innovation(P, z[:2], H[:2], _noise(event, 2))) <= settings[table.DOUBTFUL]:
         return False
@@ -124,7 +125,8 @@ def _height(nav, P, event, settings, result):
     for used in (settings[table.FIX_USED], settings[table.HEIGHT_USED]):
         if not t - used <= settings[table.LOST_AFTER]:
             return False
-    if not abs(event[table.EVENT_VALUE] - nav[ALT]) < settings[table.BARO_APART]:
+    is_near = abs(event[table.EVENT_VALUE] - nav[ALT]) < settings[table.BARO_APART]
+    if not (is_near and variance <= settings[table.VAGUE_VAR]):
         return False
     result[table.RESULT_HEIGHT], result[table.RESULT_VARIANCE] = nav[ALT], variance
     return True
@@ -143,6 +145,24 @@ def _heading(nav, P, event, settings, result):
     for i in range(4):
         result[table.RESULT_QUAT + i] = nav[QUAT + i]
     return True
+
+
+@kernel
+def _again(nav, P, constants, event, settings):
+    """An observation that has been decided about when it first acted."""
+    kind = int(event[table.EVENT_KIND])
+    value, lever = event[table.EVENT_VALUE : table.EVENT_NOISE], settings[table.LEVER : table.DOUBTFUL]
+    if kind == table.SAME_VELOCITY or kind == table.SAME_POSITION:
+        if kind == table.SAME_VELOCITY:
+            z, H = measurements.gnss_velocity(nav, len(P), value, lever)
+        else:
+            z, H = measurements.gnss_position(nav, len(P), value[0], value[1], value[2], lever)
+        m = int(event[table.EVENT_ROWS])
+        soft, hard = settings[table.SOFT + m - 1], settings[table.HARD + m - 1]
+        gated_correct(nav, P, constants, z[:m], H[:m], _noise(event, m), soft, hard)
+    is_gnss = kind in (table.SAME_VELOCITY, table.SAME_POSITION, table.NO_GNSS)
+    if is_gnss and event[table.EVENT_T] - settings[table.FIX_USED] <= settings[table.LOST_AFTER]:
+        bias_noise.observe(nav, P)
 
 
 @kernel
