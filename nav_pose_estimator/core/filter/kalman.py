@@ -70,17 +70,6 @@ def gated_correct(nav, P, constants, z, H, R, soft, hard):
 
 
 @kernel
-def correct_if_likely(nav, P, constants, z, H, R, soft):
-    """``gated_correct`` where that would be ACCEPTED; beyond ``soft`` nothing changes. Returns the NIS."""
-    m, n = H.shape
-    HP, L = np.empty((m, n)), np.empty((m, m))
-    nis = _whitened_square(P, z, H, R, HP, L)
-    if nis <= soft:
-        _update(nav, P, constants, z, H, R, HP, _gain(HP, L))
-    return nis
-
-
-@kernel
 def innovation(P, z, H, R):
     """Normalised innovation squared of an observation that is not taken in; infinite as in ``correct``."""
     m, n = H.shape

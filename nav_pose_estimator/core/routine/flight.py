@@ -47,34 +47,29 @@ def fly(memory, rows, begin, end, is_followed, events, settings, out, results):
 
     Returns how many rows and how many events are done, and where the filter stands (``AT_ROW`` or ``AT_TIME``).
     """
-    done, k, count = 0, 0, len(events)
-    size = end - begin
+    done, k, count, size = 0, 0, len(events), end - begin
     while True:
-        behind = int(events[k, table.EVENT_BEHIND]) if k < count else 0
-        if done == size and not (is_followed and k < count and behind == done):
-            break
+        behind = int(events[k, table.EVENT_BEHIND]) if k < count else -1
         # of the time of the last row, and not of a place between rows at which an earlier flight ended
-        if k < count and behind == done and events[k, table.EVENT_T] <= rows[begin + done - 1, IMU_T]:
-            first = k
-            at.run_block(memory, rows, begin + done - 1, begin + done, memory[at.NAV + TIME], out[:0])
-            k = act_now(memory, events, k, count, done, settings, results)
-            if k < count and is_due(memory, events, k, done):
-                return done, k, AT_TIME if k > first else AT_ROW
-            at.renew_checkpoint(memory)
-            continue
-        if done == size:
-            break
-        stop = min(behind, size) if behind > done else size
-        stop = _still_aided(rows, begin, done, stop, settings)
-        if stop == done:
-            break
-        due = events[k, table.EVENT_T] if k < count and behind <= done else math.inf
-        done = at.run_block(memory, rows, begin + done, begin + stop, due, out[:stop]) - begin
-        if done < stop:
-            k_before, k = k, act_now(memory, events, k, count, done, settings, results)
-            if k == k_before or (k < count and is_due(memory, events, k, done)):
-                break
-    return done, k, AT_ROW
+        at_row = behind == done and events[k, table.EVENT_T] <= rows[begin + done - 1, IMU_T]
+        if done == size and not (is_followed and at_row):
+            return done, k, AT_ROW
+        if at_row:
+            first, last, due = done - 1, done, float(memory[at.NAV + TIME])
+        else:
+            last = min(behind, size) if behind > done else size
+            first, last = done, _still_aided(rows, begin, done, last, settings)
+            due = events[k, table.EVENT_T] if k < count and behind <= done else math.inf
+            if last == done:
+                return done, k, AT_ROW
+        reached = at.run_block(memory, rows, begin + first, begin + last, due, out[: 0 if at_row else last]) - begin
+        done = done if at_row else reached
+        if at_row or reached < last:
+            acted, k = k, act_now(memory, events, k, count, done, settings, results)
+            if k == acted or (k < count and is_due(memory, events, k, done)):
+                return done, k, AT_TIME if at_row and k > acted else AT_ROW
+            if at_row:
+                at.renew_checkpoint(memory)
 
 
 @kernel

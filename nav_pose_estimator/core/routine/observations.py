@@ -10,9 +10,9 @@ import math
 import numpy as np
 
 from nav_pose_estimator.core.filter import bias_noise, measurements
-from nav_pose_estimator.core.filter.kalman import correct_if_likely, innovation
-from nav_pose_estimator.core.filter.layout import ALT, BASE_STATES, DPOS, LAT, PHI, QUAT
-from nav_pose_estimator.core.numerics.jit import kernel
+from nav_pose_estimator.core.filter.kalman import ACCEPTED, gated_correct, innovation
+from nav_pose_estimator.core.filter.layout import ALT, DPOS, LAT, PHI, QUAT
+from nav_pose_estimator.core.numerics.jit import inlined, kernel
 from nav_pose_estimator.core.routine import table
 
 _SURE = 1.0 - 1e-6  # of a bound that the sensor computes in another order
@@ -28,71 +28,68 @@ def act(nav, P, constants, event, settings, result):
     kind = int(event[table.EVENT_KIND])
     for i in range(3):
         result[table.RESULT_BEFORE + i] = nav[LAT + i]
-    if kind == table.VELOCITY:
-        done = _velocity(nav, P, constants, event, settings, result)
-    elif kind == table.POSITION:
-        done = _position(nav, P, constants, event, settings, result)
-    elif kind == table.HEIGHT:
+    if kind == table.HEIGHT:
         done = _height(nav, P, event, settings, result)
     elif kind == table.HEADING:
         done = _heading(nav, P, event, settings, result)
+    elif kind == table.UNUSUAL or kind == table.NOTHING:
+        done = kind == table.NOTHING
     else:
-        done = False
+        done = _gnss(nav, P, constants, event, settings, result)
     for i in range(3):
         result[table.RESULT_AFTER + i] = nav[LAT + i]
     return done
 
 
 @kernel
-def _velocity(nav, P, constants, event, settings, result):
-    """A GNSS velocity that agrees with a filter that GNSS aids."""
-    if not event[table.EVENT_T] - settings[table.FIX_USED] <= settings[table.LOST_AFTER]:
+def _gnss(nav, P, constants, event, settings, result):
+    """A GNSS velocity or position that agrees with a filter that GNSS aids, or one that acts again."""
+    kind, t, m = int(event[table.EVENT_KIND]), event[table.EVENT_T], int(event[table.EVENT_ROWS])
+    is_new = kind == table.VELOCITY or kind == table.POSITION
+    if is_new and not t - settings[table.FIX_USED] <= settings[table.LOST_AFTER]:
         return False
-    rows = int(event[table.EVENT_ROWS])
     value, lever = event[table.EVENT_VALUE : table.EVENT_NOISE], settings[table.LEVER : table.DOUBTFUL]
-    z, H = measurements.gnss_velocity(nav, len(P), value, lever)
-    for i in range(3):
-        result[table.RESULT_INNOVATION + i] = z[i]
-    soft = settings[table.SOFT + rows - 1]
-    nis = correct_if_likely(nav, P, constants, z[:rows], H[:rows], _noise(event, rows), soft)
-    if not nis <= soft:
+    is_velocity = kind == table.VELOCITY or kind == table.SAME_VELOCITY
+    if is_velocity:
+        z, H = measurements.gnss_velocity(nav, len(P), value, lever)
+        for i in range(3):
+            result[table.RESULT_INNOVATION + i] = z[i]
+    else:
+        z, H = measurements.gnss_position(nav, len(P), value[0], value[1], value[2], lever)
+    if kind == table.POSITION and not _is_usual(t, z, H, P, event, settings, result):
         return False
-    left, _ = measurements.gnss_velocity(nav, BASE_STATES, value, lever)
-    result[table.RESULT_NIS] = nis
-    for i in range(3):
-        result[table.RESULT_Z + i] = left[i]
-    bias_noise.observe(nav, P)
+    if kind != table.NO_GNSS:
+        soft = settings[table.SOFT + m - 1]
+        hard = soft if is_new else settings[table.HARD + m - 1]  # of what is new only what is ACCEPTED is routine
+        status, nis = gated_correct(nav, P, constants, z[:m], H[:m], _noise(event, m), soft, hard)
+        if is_new and status != ACCEPTED:
+            return False
+        result[table.RESULT_NIS] = nis
+    if kind == table.VELOCITY:
+        z, _ = measurements.gnss_velocity(nav, len(P), value, lever)
+        for i in range(3):
+            result[table.RESULT_Z + i] = z[i]
+    elif kind == table.POSITION:
+        settings[table.FIX_USED] = max(settings[table.FIX_USED], t)
+        settings[table.HEIGHT_USED] = max(settings[table.HEIGHT_USED], t)
+        settings[table.LAST_HEIGHT_T], settings[table.LAST_HEIGHT] = t, -result[table.RESULT_Z + 2]
+    if t - settings[table.FIX_USED] <= settings[table.LOST_AFTER]:
+        bias_noise.observe(nav, P)
     return True
 
 
 @kernel
-def _position(nav, P, constants, event, settings, result):
-    """A fix with a height, where the filter expects it, while fixes are used."""
-    t, sigmas = event[table.EVENT_T], settings[table.SIGMAS]
-    gap = t - settings[table.FIX_USED]
-    if not (gap <= settings[table.LOST_AFTER] and gap <= settings[table.RETURN_AFTER]):
+def _is_usual(t, z, H, P, event, settings, result):
+    """Whether a fix lies where the filter expects it, while fixes are used."""
+    if not t - settings[table.FIX_USED] <= settings[table.RETURN_AFTER]:
         return False
-    lat, lon, alt = event[table.EVENT_VALUE], event[table.EVENT_VALUE + 1], event[table.EVENT_VALUE + 2]
-    lever = settings[table.LEVER : table.DOUBTFUL]
-    z, H = measurements.gnss_position(nav, len(P), lat, lon, alt - settings[table.HEIGHT_SHIFT], lever)
-    R = _noise(event, 3)
     if not math.sqrt(innovation(P, z[:2], H[:2], _noise(event, 2))) <= settings[table.DOUBTFUL]:
         return False
     for i in range(3):
         result[table.RESULT_Z + i] = z[i]
         result[table.RESULT_SD + i] = math.sqrt(P[DPOS + i, DPOS + i])
-    if not (_is_expected(z, P, R, sigmas) and _has_usual_height(t, z, P, R, settings)):
-        return False
-    soft = settings[table.SOFT + 2]
-    nis = correct_if_likely(nav, P, constants, z, H, R, soft)
-    if not nis <= soft:
-        return False
-    result[table.RESULT_NIS] = nis
-    settings[table.FIX_USED] = max(settings[table.FIX_USED], t)
-    settings[table.HEIGHT_USED] = max(settings[table.HEIGHT_USED], t)
-    settings[table.LAST_HEIGHT_T], settings[table.LAST_HEIGHT] = t, -result[table.RESULT_Z + 2]
-    bias_noise.observe(nav, P)
-    return True
+    R = _noise(event, 3)
+    return _is_expected(z, P, R, settings[table.SIGMAS]) and _has_usual_height(t, z, P, R, settings)
 
 
 @kernel
@@ -126,7 +123,8 @@ def _height(nav, P, event, settings, result):
     for used in (settings[table.FIX_USED], settings[table.HEIGHT_USED]):
         if not t - used <= settings[table.LOST_AFTER]:
             return False
-    if not abs(event[table.EVENT_VALUE] - nav[ALT]) < settings[table.BARO_APART]:
+    is_near = abs(event[table.EVENT_VALUE] - nav[ALT]) < settings[table.BARO_APART]
+    if not (is_near and variance <= settings[table.VAGUE_VAR]):
         return False
     result[table.RESULT_HEIGHT], result[table.RESULT_VARIANCE] = nav[ALT], variance
     return True
@@ -147,7 +145,7 @@ def _heading(nav, P, event, settings, result):
     return True
 
 
-@kernel
+@inlined
 def _noise(event, rows):
     """R (rows, rows) of an event."""
     R = np.empty((rows, rows))

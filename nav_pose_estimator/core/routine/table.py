@@ -10,16 +10,16 @@ HEIGHT_USED = 1  # s: ... the height; kept up to date
 LOST_AFTER = 2  # s without a used fix after which GNSS counts as lost
 RETURN_AFTER = 3  # s without one after which a fix has to prove itself
 SIGMAS = 4  # within which a fix is expected, on each axis
-SOFT = 5  # 3: bounds of the normalised innovation squared for 1, 2, 3 rows
-LEVER = 8  # 3: m, from the IMU to the antenna in b
-DOUBTFUL = 11  # Mahalanobis distance of a horizontal position that casts doubt on the filter
-HEIGHT_SHIFT = 12  # m: taken off the heights of fixes
-HEIGHT_STEP, HEIGHT_PAUSE = 13, 14  # m, s: between two fixes in a row a larger step is none of the vehicle's
-LAST_HEIGHT_T, LAST_HEIGHT = 15, 16  # s, m: of the last fix, less the filter's height; kept up to date
-BARO_APART = 17  # m: a barometer farther from the filter's height is in another unit
-HEADING_SD = 18  # rad: a heading less certain is no reference
-DECLINATION = 19  # rad
-SETTINGS_SIZE = 20
+SOFT, HARD = 5, 8  # 3, 3: bounds of the normalised innovation squared for 1, 2, 3 rows
+LEVER = 11  # 3: m, from the IMU to the antenna in b
+DOUBTFUL = 14  # Mahalanobis distance of a horizontal position that casts doubt on the filter
+HEIGHT_STEP, HEIGHT_PAUSE = 15, 16  # m, s: between two fixes in a row a larger step is none of the vehicle's
+LAST_HEIGHT_T, LAST_HEIGHT = 17, 18  # s, m: of the last fix, less the filter's height; kept up to date
+BARO_APART = 19  # m: a barometer farther from the filter's height is in another unit
+VAGUE_VAR = 20  # m^2: variance of a height that is no reference
+HEADING_SD = 21  # rad: a heading less certain is no reference
+DECLINATION = 22  # rad
+SETTINGS_SIZE = 23
 
 # --- events --------------------------------------------------------------------------------------------------------
 EVENT_T, EVENT_KIND = 0, 1  # s, and one of the kinds below
@@ -29,8 +29,9 @@ EVENT_VALUE = 4  # 3: latitude, longitude [rad], height [m]; velocity ENU [m/s];
 EVENT_NOISE = 7  # 9: R (3, 3), row-major
 EVENT_COLUMNS = EVENT_NOISE + 9
 
-UNUSUAL, VELOCITY, POSITION, HEIGHT, HEADING = range(5)
-"""Kinds. What is ``UNUSUAL`` ends the routine."""
+UNUSUAL, VELOCITY, POSITION, HEIGHT, HEADING, SAME_VELOCITY, SAME_POSITION, NO_GNSS, NOTHING = range(9)
+"""Kinds. What is ``UNUSUAL`` ends the routine. The last ones act again, where the past is flown once more: behind their
+gate, or as GNSS that was left out, or not at all."""
 
 # --- results -------------------------------------------------------------------------------------------------------
 RESULT_AHEAD = 0  # number of the IMU row ahead of which it acted

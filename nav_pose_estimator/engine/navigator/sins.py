@@ -62,24 +62,27 @@ class SinsEngine:
             blocks = self._go_on(*backlog.flown())
             return [*self.journal.drain(), *blocks]
 
-        for sample in samples:
-            if isinstance(sample, ImuBlock) and self.resume is None and backlog.is_open():
-                items = self._input.accept_block(sample)
-                if len(items) == 1 and isinstance(items[0], ImuBlock):
-                    backlog.add(items[0])
+        try:
+            for sample in samples:
+                if isinstance(sample, ImuBlock) and self.resume is None and backlog.is_open():
+                    items = self._input.accept_block(sample)
+                    if len(items) == 1 and isinstance(items[0], ImuBlock):
+                        backlog.add(items[0])
+                    else:
+                        outputs += flown(backlog)
+                        outputs += self._carry(items)
+                elif backlog.may_wait_for(sample):
+                    intake.take(self.run, sample)
                 else:
                     outputs += flown(backlog)
-                    outputs += self._carry(items)
-            elif backlog.may_wait_for(sample):
-                intake.take(self.run, sample)
-            else:
-                outputs += flown(backlog)
-                outputs += self.feed(sample)
-            if backlog.is_full:
-                outputs += flown(backlog)
-            if backlog.run is not self.run:
-                backlog = stretch.Backlog(self.run)
-        return stretch.packed([*outputs, *flown(backlog)])
+                    outputs += self.feed(sample)
+                if backlog.is_full:
+                    outputs += flown(backlog)
+                if backlog.run is not self.run:
+                    backlog = stretch.Backlog(self.run)
+        finally:
+            outputs += flown(backlog)
+        return stretch.packed(outputs)
 
     @property
     def mode(self) -> Mode:

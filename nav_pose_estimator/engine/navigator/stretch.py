@@ -277,9 +277,9 @@ def fly(
 ) -> tuple[np.ndarray, list[Coming]]:
     """``Timeline.advance`` by routine, with observations that come behind some of the rows, on a settled time line.
 
-    ``stretch``: IMU rows (N, 7), and whether they are followed by others that have arrived.
-    Ends early where something is unusual. Returns output rows (N, OUT_COLUMNS) as far as it went, and what of
-    ``coming`` has not been heard of by then, in order of arrival and counted from there.
+    ``stretch``: IMU rows (N, 7), and whether they are followed by others that have arrived. Ends early where something
+    is unusual. Returns output rows (N, OUT_COLUMNS) as far as it went, and what of ``coming`` has not been heard of by
+    then, in order of arrival and counted from there.
     """
     (rows, is_followed), imu, queue, routine = stretch, timeline.imu, timeline.queue, timeline.routine
     assert routine is not None
@@ -312,8 +312,8 @@ def _note_moves(timeline: Timeline, begin: int, acted: list[Coming], leg: Leg) -
     """What observations did to the position: one by one, or at once where they came behind the row of their time.
 
     The rows of the flight begin at ``begin`` of the time line's. Its ``moves`` and ``shift`` become what they are
-    without routine. Returns the first result of those at
-    the time of the last row where others of that time have not acted yet.
+    without routine. Returns the first result of those at the time of the last row where others of that time have not
+    acted yet.
     """
     timeline.moves, k = [], 0
     while k < len(acted):

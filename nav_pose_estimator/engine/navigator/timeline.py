@@ -129,7 +129,13 @@ class Timeline:
         if late:
             start = self.filter.restore_before(dirty)
             self.queue.rewind(start)
-            self._run(*self.imu.between(start, now))
+            begin, end = self.imu.between(start, now)
+            if self.routine is not None and self.filter.branches is None and begin > 0:
+                rows = self.imu.rows, begin, end
+                done, acted = self.routine.fly_again(self.filter.vector, rows, self.queue.waiting())
+                begin += done
+                self.queue.skip(acted)
+            self._run(begin, end)
         else:
             # on the filter as it is, and on a checkpoint just made: in numbers as if they had been known before
             self.filter.carry(self.imu.rows, self.imu.last - 1, self.imu.last, now, np.empty((0, OUT_COLUMNS)))

@@ -29,7 +29,8 @@ _ANY_LAKE = 5e3  # m: height of a surface of which nothing is known
 _OF_A_FIX = 0.5  # of the deviation of a fix is an error that lasts
 _THIN, _DEEPEST = 50_000.0, 1.2e8  # Pa: a mountain lake, and below any sea bed
 _UNITS = {"hPa": 100.0, "kPa": 1e3, "bar": 1e5, "mmHg": 133.322, "inHg": 3386.39, "psi": 6894.76}  # Pa
-_VAGUE = 20.0  # m: a height with a larger deviation was never GNSS's
+VAGUE = 20.0
+"""m: a height with a larger deviation was never GNSS's."""
 _UP = DPOS + 2
 _APART = 25.0  # m: further from its own reference it contradicts GNSS
 _APART_TIME = 5.0  # s
@@ -104,6 +105,11 @@ class Barometer(Aid):
         """Barometric minus true height as far as GNSS has shown [m]; NaN where it may hold no height."""
         return math.nan if self._contradicts else self._offset
 
+    @property
+    def is_vague(self) -> bool:
+        """Whether the height that it was compared with was never GNSS's."""
+        return self._offset_var > VAGUE**2
+
     def begin_with(self, offset: float) -> None:
         """Start with what was learned before a restart."""
         self._offset, self._since = offset, -self._tau
@@ -142,7 +148,7 @@ class Barometer(Aid):
 
     def settle(self, o: Observation, f: FilterView) -> None:
         """However often it is repeated, a height knows no more than the reference that it started from."""
-        if self._offset_var > _VAGUE**2:
+        if self.is_vague:
             f.P[_UP, _UP] = max(f.P[_UP, _UP], self._offset_var)
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:

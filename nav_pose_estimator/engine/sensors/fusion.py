@@ -1,4 +1,7 @@
-"""The only place that corrects the navigator's filter: any sensor, any number of rows, any noise model."""
+"""Where the navigator's filter is corrected: by any sensor, with any number of rows and any noise model.
+
+What a sensor expects takes a short cut with the same numbers (``engine.sensors.routine``).
+"""
 
 from __future__ import annotations
 

@@ -41,6 +41,9 @@ class RoutineKind(Protocol):
     def values(self, o: Observation) -> list[float]:
         """Number of rows, value (3,) and noise (9,) of the event of ``o``."""
 
+    def again(self, o: Observation) -> int:
+        """The number by which ``o``, which has been decided about, acts again; ``table.UNUSUAL`` where it cannot."""
+
     def done(self, o: Observation, result: list[float], period: float | None) -> None:
         """``o`` has acted with this ``result``, when fixes came every ``period`` [s], None: as now."""
 
@@ -62,6 +65,10 @@ class RoutineVelocity:
         """Two or three rows."""
         assert o.stated_R is not None
         return [rows_of(o), *o.measured.tolist(), *o.stated_R.ravel().tolist()]
+
+    def again(self, o: Observation) -> int:
+        """Behind the gate, or left out as before."""
+        return table.UNUSUAL if self._sensor.noise.learns else _gnss_again(o, table.SAME_VELOCITY)
 
     def done(self, o: Observation, result: list[float], period: float | None) -> None:
         """Taken as it is."""
@@ -86,12 +93,7 @@ class RoutinePosition:
         settings[table.LEVER : table.DOUBTFUL] = sensor.lever
         settings[table.RETURN_AFTER], settings[table.SIGMAS] = guard.loss_time, guard.sigmas
         settings[table.DOUBTFUL] = doubt.OFF
-        settings[table.HEIGHT_SHIFT : table.BARO_APART] = (
-            heights.shift,
-            height_reference.STEP,
-            height_reference.PAUSE,
-            *heights.last,
-        )
+        settings[table.HEIGHT_STEP : table.BARO_APART] = height_reference.STEP, height_reference.PAUSE, *heights.last
         state = sensor.guard.state
         return (
             not (sensor.noise.learns or sensor.pull.is_on or sensor.despair or state.tracks or state.loose)
@@ -101,9 +103,16 @@ class RoutinePosition:
         )
 
     def values(self, o: Observation) -> list[float]:
-        """Three rows; a height that is NaN passes no test of the kernel."""
+        """Three rows; a height that is NaN passes no test of the kernel. Two where it was left out."""
         assert o.stated_R is not None
-        return [3.0, *o.measured, *o.stated_R.ravel().tolist()]
+        lat, lon, alt = o.measured
+        height = alt - (self._sensor.heights.shift if o.decision is None else o.decision.reference)
+        known = o.decision is None or math.isfinite(height)
+        return [3.0 if known else 2.0, lat, lon, height if known else 0.0, *o.stated_R.ravel().tolist()]
+
+    def again(self, o: Observation) -> int:
+        """Behind the gate, or left out as before."""
+        return table.UNUSUAL if self._sensor.noise.learns else _gnss_again(o, table.SAME_POSITION)
 
     def done(self, o: Observation, result: list[float], period: float | None) -> None:
         """Where it was expected."""
@@ -137,12 +146,16 @@ class RoutineHeight:
 
     def prepare(self, settings: np.ndarray, t: float) -> bool:
         """They correct nothing."""
-        settings[table.BARO_APART] = barometer.FAR
+        settings[table.BARO_APART], settings[table.VAGUE_VAR] = barometer.FAR, barometer.VAGUE**2
         return True
 
     def values(self, o: Observation) -> list[float]:
         """The height."""
         return [1.0, o.measured, 0.0, 0.0, *_NO_NOISE]
+
+    def again(self, o: Observation) -> int:
+        """Left out as before."""
+        return table.UNUSUAL if self._sensor.is_vague else _nothing_again(o)
 
     def done(self, o: Observation, result: list[float], period: float | None) -> None:
         """Compared."""
@@ -168,11 +181,26 @@ class RoutineHeading:
         """The field in b."""
         return [1.0, *o.measured, *_NO_NOISE]
 
+    def again(self, o: Observation) -> int:
+        """Left out as before."""
+        return _nothing_again(o)
+
     def done(self, o: Observation, result: list[float], period: float | None) -> None:
         """Compared."""
         o.decision = LEFT_OUT
         q = np.array(result[table.RESULT_QUAT : table.RESULT_QUAT + 4])
         self._sensor.learn(o, result[table.RESULT_ERROR], q)
+
+
+def _gnss_again(o: Observation, gated: int) -> int:
+    d = o.decision
+    if d is None or d.widening != 1.0 or any(d.least_sd):
+        return table.UNUSUAL
+    return {Use.GATED: gated, Use.LEFT_OUT: table.NO_GNSS}.get(d.use, table.UNUSUAL)
+
+
+def _nothing_again(o: Observation) -> int:
+    return table.NOTHING if o.decision is not None and o.decision.use is Use.LEFT_OUT else table.UNUSUAL
 
 
 def kinds(gnss: Gnss, aids: Iterable[Aid], aiding: Aiding) -> dict[str, RoutineKind]:

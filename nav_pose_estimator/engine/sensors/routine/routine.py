@@ -53,16 +53,26 @@ class Routine:
         ``vector`` is the filter (``core.filter.memory``). Returns the results of those that did, of which their sensors
         have heard; the one that follows them is unusual.
         """
-        if observations[0].decision is not None:
-            return []  # the past is replayed
         settings = self._settings()
         events = self._events([Coming(0, o) for o in observations], settings, t)
         results = np.empty((len(events), table.RESULT_COLUMNS))
         done = flight.act_now(vector, events, 0, len(events), 0, settings, results)
-        told = results[:done].tolist()
-        for observation, result in zip(observations, told, strict=False):
-            self.tell(observation, result)
-        return told
+        return self._told(observations, results[:done])
+
+    def fly_again(
+        self, vector: np.ndarray, rows: tuple[np.ndarray, int, int], observations: Sequence[Observation]
+    ) -> tuple[int, int]:
+        """Fly the past once more, with ``observations`` that are known, most of which have been decided about.
+
+        ``rows`` as in ``fly``. Returns how many rows and how many observations are done.
+        """
+        settings = self._settings()
+        events = self._events([Coming(0, o) for o in observations], settings, float(vector[memory.NAV + TIME]))
+        results = np.empty((len(events), table.RESULT_COLUMNS))
+        out = np.empty((rows[2] - rows[1], OUT_COLUMNS))
+        done, acted, _ = flight.fly(vector, *rows, False, events, settings, out, results)
+        self._told(observations, results[:acted])
+        return done, acted
 
     def fly(
         self, vector: np.ndarray, rows: tuple[np.ndarray, int, int, bool], coming: Sequence[Coming], out: np.ndarray
@@ -84,12 +94,20 @@ class Routine:
 
         At that time fixes came every ``period`` [s], None: as often as now.
         """
-        self._kinds[observation.kind.name].done(observation, result, period)
+        if observation.decision is None:
+            self._kinds[observation.kind.name].done(observation, result, period)
+
+    def _told(self, observations: Sequence[Observation], results: np.ndarray) -> list[list[float]]:
+        told: list[list[float]] = results.tolist()
+        for observation, result in zip(observations, told, strict=False):
+            self.tell(observation, result)
+        return told
 
     def _settings(self) -> np.ndarray:
         settings, aiding, gates = np.empty(table.SETTINGS_SIZE), self._aiding, self._fusion.gates
         settings[: table.RETURN_AFTER] = aiding.fix_used, aiding.height_used, aiding.lost_after
-        settings[table.SOFT : table.LEVER] = gates[0][0], gates[1][0], gates[2][0]
+        for rows in range(3):
+            settings[table.SOFT + rows], settings[table.HARD + rows] = gates[rows]
         return settings
 
     def _events(self, coming: Sequence[Coming], settings: np.ndarray, t: float) -> np.ndarray:
@@ -100,10 +118,13 @@ class Routine:
             kind = self._kinds.get(name)
             if kind is not None and name not in ready:
                 ready[name] = kind.prepare(settings, t)
-            if kind is None or o.decision is not None or not ready[name]:
-                events.append([o.t, table.UNUSUAL, behind, *_NOTHING])
-            else:
-                events.append([o.t, kind.number, behind, *kind.values(o)])
+            number = table.UNUSUAL
+            if kind is not None and o.decision is not None:
+                number = kind.again(o)
+            elif kind is not None and ready[name]:
+                number = kind.number
+            values = _NOTHING if kind is None or number == table.UNUSUAL else kind.values(o)
+            events.append([o.t, number, behind, *values])
         return np.array(events).reshape(len(events), table.EVENT_COLUMNS)
 
 
