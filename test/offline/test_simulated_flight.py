@@ -1,5 +1,6 @@
 """A simulated flight in memory is the flight that a bag of it would give, and outages on it are judged."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,3 +49,20 @@ def test_outages_run_on_it() -> None:
         assert [one.start_s for one in outages] == [50.0, 65.0]
         assert {one.status for one in outages} == {"ok"}
     assert max(one.end_error_m for one in result.errors["here", 10.0]) < 15.0
+
+
+@pytest.mark.compiled
+def test_no_outage_is_judged_that_begins_while_the_navigator_doubts_itself() -> None:
+    """GIVEN an IMU that shakes heavily, which the aided navigator says of itself, WHEN an outage begins THEN it is not
+    judged, and the reason stands in its row."""
+    simulated = in_memory(generate("multirotor_light", 60.0, seed=1, imu_rate=100.0))
+    random = np.random.default_rng(1)
+    for i, sample in enumerate(simulated.samples):
+        if isinstance(sample, ImuBlock):
+            simulated.samples[i] = replace(sample, accel=sample.accel + random.normal(0.0, 9.0, sample.accel.shape))
+    result = FlightResult(simulated.name, 0.0, (0.0, 60.0))
+    planned = {5.0: periodic(10.0, 5.0, 50.0, 55.0)}
+    run_outages(simulated, methods.apply(Parameters(), methods.COAST), planned, ("coast",), result)
+    (errors,) = result.errors["coast", 5.0]
+    assert errors.status == "not_aided"
+    assert "shakes" in errors.why
