@@ -29,6 +29,7 @@ from nav_pose_estimator.offline.training import archive as sums
 from nav_pose_estimator.offline.training import left_out, network
 from nav_pose_estimator.offline.training.archive import NormalEquations
 from nav_pose_estimator.offline.training.flights import FlightData
+from nav_pose_estimator.offline.training.work import taken
 
 Array = NDArray[np.float64]
 Merged = Sequence[tuple[Path, Airframe]]
@@ -57,7 +58,8 @@ class Member:
 
     def data(self) -> FlightData:
         """The flight itself, from disk: however many there are, one is in memory at a time."""
-        return _load(self.kept, self.key)
+        data: FlightData = taken(self.kept, self.key)
+        return data
 
 
 def make_airframe(kept: KeptResults, keys: Sequence[str], merged: Merged, order: Order) -> tuple[Airframe, list[str]]:
@@ -106,15 +108,8 @@ def choose_class(members: Sequence[Member], merged: Merged, given: str | None) -
     return next(iter(found))
 
 
-def _load(kept: KeptResults, key: str) -> FlightData:
-    data = kept.take(key)
-    if data is None:
-        raise UserError("what was flown cannot be read any more: run the command again")
-    return data
-
-
 def _member(kept: KeptResults, key: str) -> Member:
-    data = _load(kept, key)
+    data: FlightData = taken(kept, key)
     equations = NormalEquations.of(data.epochs, sums.air_velocity(data.epochs))
     return Member(kept, key, data.past, data.shown_class, equations)
 

@@ -27,7 +27,7 @@ from nav_pose_estimator.offline.flights.groups import flight_name, groups_of, pa
 from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
 from nav_pose_estimator.offline.logs.options import options_of
 from nav_pose_estimator.offline.training.flights import Reading, Recorded, flown
-from nav_pose_estimator.offline.training.work import find_recordings, fly_all, identify
+from nav_pose_estimator.offline.training.work import find_recordings, fly_all, identify, taken
 
 WORD, ENDING = "prior", ".toml"
 _LEAST = 20.0  # s of flight below which a recording says nothing
@@ -73,7 +73,9 @@ def run(arguments: argparse.Namespace) -> int:
     recordings = identify([path for path in paths if path not in left_out], reading)
     flights = []
     for one in fly_all(fly, recordings, kept, arguments.jobs, arguments.scheduler):
-        flight = replace(kept.take(one.key), group=groups[one.path.name], is_wing=_fits_any(one.path, wings))
+        flight: PriorFlight = replace(
+            taken(kept, one.key), group=groups[one.path.name], is_wing=_fits_any(one.path, wings)
+        )
         if flight.seconds >= _LEAST:
             flights.append(flight)
         else:

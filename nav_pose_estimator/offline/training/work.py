@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive.jobs import Failure
 from nav_pose_estimator.offline.archive.kept import KeptResults
 from nav_pose_estimator.offline.archive.recordings import find
@@ -59,6 +60,14 @@ def fly_all(
     for number in sorted(failed):
         _leave_out(recordings[number].path, failed[number].why)
     return [one for number, one in enumerate(recordings) if number not in failed]
+
+
+def taken(kept: KeptResults, key: str) -> Any:
+    """What ``fly_all`` has kept under ``key``. ``UserError`` where it is gone."""
+    result = kept.take(key)
+    if result is None:
+        raise UserError("what was flown cannot be read any more: run the command again")
+    return result
 
 
 def _leave_out(path: Path, why: str) -> None:
