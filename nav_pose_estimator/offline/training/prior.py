@@ -73,9 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
     recordings = identify([path for path in paths if path not in left_out], reading)
     flights = []
     for one in fly_all(fly, recordings, kept, arguments.jobs, arguments.scheduler):
-        flight: PriorFlight = replace(
-            taken(kept, one.key), group=groups[one.path.name], is_wing=_fits_any(one.path, wings)
-        )
+        alone: PriorFlight = taken(kept, one.key)
+        flight = replace(alone, group=groups[one.path.name], is_wing=_fits_any(one.path, wings))
         if flight.seconds >= _LEAST:
             flights.append(flight)
         else:
