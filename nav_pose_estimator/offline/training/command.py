@@ -81,7 +81,8 @@ def run(arguments: argparse.Namespace) -> int:
     airframe, lines = make_airframe(kept, [one.key for one in flown], merged, order)
     save_airframe(arguments.out, airframe)
     kept.forget()
-    print("\n".join(lines))
+    for line in lines:
+        print(line)
     minutes = airframe.archive.seconds / 60.0
     print(
         f"{arguments.out}: {airframe.vehicle_class}, {len(airframe.flights)} flights, {minutes:.0f} minutes"
