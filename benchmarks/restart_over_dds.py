@@ -3,7 +3,7 @@
 tools/in_environment.sh env ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET FASTDDS_BUILTIN_TRANSPORTS=UDPv4 \
     ROS_DOMAIN_ID=99 python benchmarks/restart_over_dds.py --trials 40 --in-start 6
 
-Without FASTDDS_BUILTIN_TRANSPORTS Fast DDS takes shared memory, too; docs/getting_started.md says how to set the profile.
+Without FASTDDS_BUILTIN_TRANSPORTS there is shared memory, too; docs/getting_started.md says how the profile is set.
 Beside it runs one publisher of 100 Hz. A node is killed when it has heard; others before it, while they start.
 What is killed may leave broken shared memory of the domain behind; `fastdds shm clean` removes it.
 """
