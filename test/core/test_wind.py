@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.core.motion.epochs import PERIOD
-from nav_pose_estimator.core.motion.wind import WIND_TIME, mean_wind, mean_wind_cov, track, wind_spread
+from nav_pose_estimator.core.motion.wind import WIND_TIME, mean_wind, mean_wind_cov, track, unseen, wind_spread
 
 STEPS = round(WIND_TIME / PERIOD)
 POOR_AHEAD = np.array([25.0, 0.04, 0.04])  # m^2/s^2: a fixed wing's speed ahead is vague, its sideslip is not
@@ -64,6 +64,17 @@ def test_the_stated_covariance_is_that_of_the_error() -> None:
         error = found - wind[-1]
         normalised.append(error @ np.linalg.solve(cov, error))
     assert np.mean(normalised) == pytest.approx(2.0, rel=0.2)
+
+
+def test_a_wind_that_nobody_sees_changes_as_one_whose_residuals_say_nothing() -> None:
+    """GIVEN a wind and its covariance WHEN 20 s pass unseen THEN it is as after 20 s of residuals without worth."""
+    wind, cov = np.array([3.0, -1.0]), np.array([[0.4, 0.1], [0.1, 0.2]])
+    count = round(20.0 / PERIOD)
+    followed, stated, _ = track(turning(count), np.zeros((count, 3)), np.full(3, 1e12), 2.0, wind, cov)
+    later, vaguer = unseen(wind, cov, 2.0, count * PERIOD)
+    np.testing.assert_allclose(later, followed, rtol=1e-6)
+    np.testing.assert_allclose(vaguer, stated, rtol=1e-6)
+    assert vaguer[0, 0] > cov[0, 0]
 
 
 def test_what_was_expected_does_not_know_the_residual() -> None:

@@ -20,9 +20,7 @@ try:
 except ImportError:  # no ROS 2 here: what needs none is tested all the same
     collect_ignore = [path.name for path in Path(__file__).parent.glob("test_*.py") if "rclpy" in path.read_text()]
 
-PATIENCE = (
-    180.0  # s a condition may take, three of them within a test's limit; on a busy machine kernels compile for 120
-)
+PATIENCE = 180.0  # s that a condition may take; where the machine is busy, compiling the kernels alone takes 120
 
 
 @pytest.fixture

@@ -118,7 +118,7 @@ class StateParameters:
         "",
         "",
         "File of the navigator's state (pose_estimator, sins_node), written in flight and read at the start: a restart"
-        " within a minute goes on from there; empty: none",
+        " within a minute goes on from there, a later one keeps the origin; empty: none",
     )
     period: float = param(1.0, "s", "Time between two states on disk", 0.1, 60.0)
 
