@@ -21,6 +21,7 @@ except ImportError:  # no ROS 2 here: what needs none is tested all the same
     collect_ignore = [path.name for path in Path(__file__).parent.glob("test_*.py") if "rclpy" in path.read_text()]
 
 PATIENCE = 180.0  # s that a condition may take; where the machine is busy, compiling the kernels alone takes 120
+GRACE = 10.0  # s in which a node that is asked to end has ended, even on a busy machine
 
 
 @pytest.fixture
@@ -85,10 +86,15 @@ def children(environment: dict[str, str], folder: Path) -> Iterator[Callable[...
     try:
         yield start
     finally:
-        for child in running:
-            if child.process.poll() is None:
-                child.process.kill()
-                child.process.wait(timeout=PATIENCE)
+        left = [child.process for child in running if child.process.poll() is None]
+        for process in left:
+            process.terminate()  # not killed in the middle of what others wait for (ros.middleware.shared_memory)
+        for process in left:
+            try:
+                process.wait(timeout=GRACE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait(timeout=GRACE)
 
 
 @pytest.fixture
