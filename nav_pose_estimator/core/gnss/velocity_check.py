@@ -1,101 +1,133 @@
-"""Does a receiver's velocity say where its positions go? Tells axes other than East-North-Up, and values never filled.
+"""Does a receiver's velocity say where its positions go? If not, which usual mistake would explain it?
 
-Over a stretch of a few seconds the sum of the velocities must be the way between the fixes. Where it is not, but would
-be with North and East exchanged, the velocity is North-East-Down; where only the length fits, its axes are turned, as
-those of the body are. A disagreement that none of this explains says nothing of the velocity: the position may lie.
-Pure Python, without a clock: time comes with the samples, in seconds since the engine's epoch.
+Over a second or so the sum of the velocities must be the way between the fixes. As complex numbers, East + i North, the
+usual mistakes are linear: ``way = a said + b conj(said)``. North and East exchanged are b = i, an axis of the wrong sign
+is b = 1 or -1, a turn by an angle is a = exp(i angle), a unit is a real ``a``. Body axes keep the length and lose the
+direction. Every step multiplies the odds of each mistake against a sound velocity by the ratio of their likelihoods
+(sequential probability ratio test; A. Wald, Annals of Mathematical Statistics 16(2), 1945), limited so that one blunder
+proves nothing, and that what was sound for an hour can be found out within seconds.
+
+Whether velocity or position is at fault cannot be told from the two alone. Pure Python, without a clock: time comes with
+the samples, in seconds since the engine's epoch.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from itertools import pairwise
+from typing import NamedTuple
+
+from nav_pose_estimator.core.gnss.climb_check import ClimbCheck
 
 _EARTH = 6.371e6  # m
 _APART = 0.3  # s: a velocity farther from a fix in time is not its own
 _PAUSE = 6.0  # s: over a longer one nothing can be summed up
-_SHORTEST = 1.5  # s of a stretch
-_LONGEST = 12.0  # s: a slower vehicle shows nothing
-_WAY = 6.0  # m: of a shorter one the scatter of fixes hides too much
-_SCATTER = 2.0  # m between two fixes seconds apart, at least
+_STEP, _LONGEST = 0.9, 6.0  # s: the shortest step, and the longest of a vehicle that is too slow to show anything
+_FLOOR = 0.6  # m by which way and sum differ in a second, at least; recorded flights: 0.1 to 0.5 (rms)
+_SLOW_BIAS = 0.25  # m/s by which the velocity of a slow antenna is wrong for seconds
+_TIMING = 0.3  # s between the clocks of position and velocity, filters of receivers included
+_SCALE = 0.1  # of the way: coarse sampling, reflections
 _STATED = 5.0  # m: of more than that a receiver only seldom means its drift
-_COVERS = 4.0  # deviations of a fix, three of a difference between two
+_DRIFT = 0.8  # of a stated deviation a receiver may drift in a step
+_COVERS = 2.0  # deviations of fixes that scatter
 _SHORT = 0.5  # s: over a longer one an acceleration looks like scatter
 _FADING = 0.1  # share of the newest in the mean of the scatter
-_WAY_TO_SCATTER = 3.0
-_WAY_TO_STATED = 2.0
-_SHARE = 0.3  # of the way that honest sums are wrong by: coarse sampling, scale, reflections
-_PROOF = 2  # stretches in a row that prove it
-_OTHER_WAY = math.radians(45.0)  # two stretches in such directions tell a reflection from any rotation
-_CURE = 3  # ... that clear it
-_UNFILLED = 10  # samples with a vertical velocity of exactly zero, and none before with another
-_STEEPEST = 60.0  # m/s
-_CLIMB = 6.0  # m of height after which vertical sums are compared
+_WORST = 25.0  # squared deviations: a worse step says no more
+_EXPLAINED = 5.0  # ... within which a mistake has to explain a step for which it is to be blamed
+_PRIOR, _SUSPECT, _PROVED, _MOST = -10.0, 5.0, 20.0, 45.0  # twice the logarithm of the odds of a mistake
+_CLEARED = 0.0
+_STANDS = 3.0  # of which a step takes off where nothing moves: no suspicion outlasts a stand
+_ALONE = 12.0  # by which the odds of one mistake exceed those of all others where it may be undone
+_INFORMATIVE = 4.0  # floors: of a shorter step every hypothesis says the same
+_ANYWHERE, _NEAR = 40.0, 15.0  # m: how far the way of a step leads that has nothing to do with what was said
+_LEARNS = 3.0  # steps of which the similarity between way and sum is known well enough to predict with
+_UNLIKE = 0.2  # of a similarity that differs from that of a sound velocity
+_MEMORY = 0.93  # of the similarity, from step to step
+_SCALE_SURE = 0.03, 3.0  # of the way, and deviations, by which a scale has to differ from 1
 
-_SCALE, _SURE = 0.03, 3.0  # of the way, and deviations, by which a scale has to differ from 1
+NED, TURNED, SILENT, UNIT, UNEXPLAINED = "ned", "turned", "silent", "unit", "unexplained"
+"""Kinds of mistakes. North-East-Down; axes turned, mirrored or the body's; zero while the vehicle travels; right axes, but
+another unit; anything else."""
 
+_AXES = {"West-North": -1.0, "East-South": 1.0, "South-West": -1.0j, "North-East": 1.0j}
+_TURNS = {"West-South": -1.0, "North-West": 1.0j, "South-East": -1.0j}
 _UNITS = {"knots": 1.944, "mph": 2.237, "ft/s": 3.281, "km/h": 3.6, "cm/s": 100.0, "mm/s": 1000.0}
 """Numbers in that unit for 1 m/s."""
-_LIKE = 0.12  # of the logarithm, by which a ratio may differ from a unit's
-_ALONG = 0.9  # cosine: sum and way point the same way
 
-NED, TURNED, SILENT, DOWN, UNIT = "ned", "turned", "silent", "down", "unit"
-"""Wrong axes, by name: North-East-Down; turned by some angle, as body axes are; zero while the vehicle travels; right
-axes, but another unit than m/s.
-A vertical velocity alone may be ``SILENT`` or positive ``DOWN``."""
+
+class Mistake(NamedTuple):
+    """``way = a said + b conj(said)``, and what to call it."""
+
+    kind: str
+    name: str
+    a: complex
+    b: complex
+
+
+MISTAKES = (
+    *(Mistake(NED if name == "North-East" else TURNED, name, 0.0, b) for name, b in _AXES.items()),
+    *(Mistake(TURNED, name, a, 0.0) for name, a in _TURNS.items()),
+    *(Mistake(UNIT, name, 1.0 / numbers, 0.0) for name, numbers in _UNITS.items()),
+    Mistake(UNIT, "57 times too much", 1.0 / 57.3, 0.0),
+)
+_BODY, _SILENT, _LIKE, _ANY = (len(MISTAKES) + i for i in range(4))
+_COUNT = len(MISTAKES) + 4
 
 
 @dataclass(frozen=True, slots=True)
 class _Epoch:
     t: float
-    place: tuple[float, float]  # m East, North
-    velocity: tuple[float, float]
+    place: complex  # m
+    velocity: complex
 
 
 @dataclass
-class _Climb:
-    t: float
-    up: float
-    alt: float  # m
-    start: float  # m
-    summed: float = 0.0
+class _Step:
+    """From one fix on."""
+
+    lat: float
+    lon: float
+    first: _Epoch
+    last: _Epoch
+    said: complex = 0j
+    longest: float = 0.0  # s between fixes
+    all_zero: bool = True
 
 
 @dataclass(eq=False)
 class VelocityCheck:
     """Offer it every usable fix and every velocity.
 
-    ``fault`` is what is proved to be wrong with the velocity's axes, or empty; ``suspect`` while the last stretch
-    contradicted it and the vehicle moves, ``certain`` once North-East-Down is told from body axes, which a straight
-    flight does not do.
+    ``fault`` is the kind of mistake that is proved, or empty, and ``name`` which one; ``suspect`` while a mistake is
+    likelier than none; ``certain`` once it is told from all others, so that it can be undone (``mended``).
     """
 
     fault: str = field(default="", init=False)
+    name: str = field(default="", init=False)
     suspect: bool = field(default=False, init=False)
     certain: bool = field(default=False, init=False)
-    vertical_fault: str = field(default="", init=False)
-    vertical_suspect: bool = field(default=False, init=False)
-    """Whether the vertical velocity has been exactly zero from the beginning while the others were not."""
-    unit: str = field(default="", init=False)
-    """That fits where the fault is ``UNIT``."""
     misfit: float = field(default=0.0, init=False)
-    """Speed [m/s] by which sums and ways differed in the last stretch."""
+    """Speed [m/s] by which sum and way differed in the last step of which anything can be said."""
+    sound_steps: int = field(default=0, init=False)
+    """Steps that did not contradict a sound velocity, since the last one that did."""
+    felt: bool = field(default=False, init=False)
+    """To be set: whether an IMU feels what the velocity says. Positions are to blame then for what is unexplained."""
+    climb: ClimbCheck = field(default_factory=ClimbCheck, init=False)
+    _odds: list[float] = field(default_factory=lambda: [_PRIOR] * _COUNT, init=False)
+    _found: int = field(default=-1, init=False)
     _velocities: deque[tuple[float, float, float, float]] = field(default_factory=lambda: deque(maxlen=40), init=False)
     _waiting: tuple[float, float, float, float] | None = field(default=None, init=False)
-    _zero: tuple[float, float] = field(default=(0.0, 0.0), init=False)  # lat, lon of the stretch's first fix
-    _epochs: list[_Epoch] = field(default_factory=list, init=False)
-    _verdicts: tuple[str, ...] = field(default=(), init=False)
-    _ned_ways: list[float] = field(default_factory=list, init=False)
-    _zeros: float = field(default=0.0, init=False)
-    _agreed: bool = field(default=False, init=False)
+    _step: _Step | None = field(default=None, init=False)
+    _recent: deque[complex] = field(default_factory=lambda: deque(maxlen=3), init=False)
     _variance: float = field(default=0.0, init=False)  # m^2 of a fix on each axis, by second differences
     _stated: float = field(default=0.0, init=False)  # m: a receiver that still converges drifts by what it states
-    _along: float = field(default=0.0, init=False)  # m^2: ways times sums, and sums squared, of all that agreed
+    _cross: complex = field(default=0j, init=False)  # m^2: ways times sums, and sums squared, that fade
+    _power: float = field(default=0.0, init=False)
+    _steps: float = field(default=0.0, init=False)
+    _along: float = field(default=0.0, init=False)  # m^2: the same of all steps that agreed, for the scale
     _square: float = field(default=0.0, init=False)
-    _climb: _Climb | None = field(default=None, init=False)
-    _climbs: tuple[str, ...] = field(default=(), init=False)
 
     @property
     def scale(self) -> float:
@@ -106,25 +138,38 @@ class VelocityCheck:
         """
         if self._square == 0.0:
             return 1.0
-        scale, sd = self._along / self._square, self._scatter / math.sqrt(self._square)
-        return scale if abs(scale - 1.0) > _SCALE + _SURE * sd else 1.0
+        least, deviations = _SCALE_SURE
+        scale, sd = self._along / self._square, 2.0 * self._floor(1.0) / math.sqrt(self._square)
+        return scale if abs(scale - 1.0) > least + deviations * sd else 1.0
+
+    @property
+    def similarity(self) -> complex:
+        """Way over sum of the last steps: its length is a scale, its argument the angle [rad] to turn the sum by."""
+        return self._cross / self._power if self._power > 0.0 else 1.0
 
     def forget_time(self) -> None:
         """The clock is another one, or the filter starts again: forget samples, keep what they have proved."""
         self._velocities.clear()
-        self._epochs.clear()
-        self._waiting = self._climb = None
+        self._recent.clear()
+        self._waiting = self._step = None
+        self.climb.interrupt()
         if not self.fault:
-            self.suspect, self._verdicts = False, ()
+            self.suspect, self._odds = False, [_PRIOR] * _COUNT
 
     def velocity(self, t: float, east: float, north: float, up: float) -> None:
         """A velocity [m/s] valid at ``t``, as the driver names its axes."""
         self._velocities.append((t, east, north, up))
-        if up != 0.0:
-            self._zeros, self.vertical_suspect = math.inf, False  # it is filled
-        elif east != 0.0 and north != 0.0 and self._zeros < math.inf:
-            self._zeros += 1
-            self.vertical_suspect = self._zeros >= _UNFILLED
+        self.climb.velocity(east, north, up)
+
+    def mended(self, east: float, north: float) -> tuple[float, float]:
+        """A velocity without the mistake that is ``certain``."""
+        said = complex(east, north)
+        if self._found == _LIKE:
+            said *= self.similarity
+        else:
+            mistake = MISTAKES[self._found]
+            said = mistake.a * said + mistake.b * said.conjugate()
+        return said.real, said.imag
 
     def fix(self, t: float, lat: float, lon: float, alt: float, sd: float = 0.0) -> None:
         """A position [rad, rad, m] valid at ``t`` with the horizontal deviation ``sd`` [m] that the receiver states.
@@ -137,146 +182,140 @@ class VelocityCheck:
             return
         own = min(self._velocities, key=lambda v: abs(v[0] - before[0]), default=None)
         if own is None or abs(own[0] - before[0]) > _APART:
-            self._epochs.clear()
-            self._climb = None
+            self._step = None
+            self._recent.clear()
+            self.climb.interrupt()
             return
-        self._climb_on(before[0], before[3], own[3])
-        if not self._epochs:
-            self._zero = before[1:3]
-        lat, lon = self._zero
-        east = _EARTH * math.cos(lat) * math.remainder(before[2] - lon, 2.0 * math.pi)
-        self._add(_Epoch(before[0], (east, _EARTH * (before[1] - lat)), (own[1], own[2])))
+        self.climb.height(before[0], before[3], own[3], self._variance)
+        self._add(before, complex(own[1], own[2]))
 
-    def _add(self, epoch: _Epoch) -> None:
-        epochs = self._epochs
-        if epochs and epoch.t - epochs[-1].t > _PAUSE:
-            epochs.clear()
-        epochs.append(epoch)
-        self._watch_scatter()
-        seconds = epoch.t - epochs[0].t
-        if seconds < _SHORTEST:
+    def _add(self, fix: tuple[float, float, float, float], velocity: complex) -> None:
+        t, lat, lon, _ = fix
+        step = self._step
+        if step is None or t - step.last.t > _PAUSE:
+            self._begin(t, lat, lon, velocity)
             return
-        way = epoch.place[0] - epochs[0].place[0], epoch.place[1] - epochs[0].place[1]
-        said = _sum(epochs)
-        least = max(_WAY, _WAY_TO_SCATTER * self._scatter, _WAY_TO_STATED * self._stated)
-        went = math.hypot(*way)
-        if went >= least or (math.hypot(*said) >= least and (seconds >= _LONGEST or not _may_be_unit(way, said))):
-            verdict = _verdict(way, said, max(self._scatter, self._stated))
-            self.unit = _unit(way, said) or self.unit
-            self._conclude(verdict, math.atan2(way[1], way[0]))
-            if not verdict:
-                self._along += way[0] * said[0] + way[1] * said[1]
-                self._square += said[0] ** 2 + said[1] ** 2
-            self.misfit = math.dist(way, said) / seconds
-        elif seconds < _LONGEST:
-            return
-        elif not self.vertical_fault:
-            self.suspect = False  # hardly moving, it is as slow in any axes; nothing may come for minutes to clear it
-        lat, lon = self._zero
-        self._zero = lat + epoch.place[1] / _EARTH, lon + epoch.place[0] / (_EARTH * math.cos(lat))
-        self._epochs = [_Epoch(epoch.t, (0.0, 0.0), epoch.velocity)]
+        east = _EARTH * math.cos(step.lat) * math.remainder(lon - step.lon, 2.0 * math.pi)
+        epoch = _Epoch(t, complex(east, _EARTH * (lat - step.lat)), velocity)
+        period = t - step.last.t
+        self._watch_scatter(epoch.place - step.last.place, period)
+        step.said += 0.5 * period * (step.last.velocity + velocity)
+        step.longest, step.last = max(step.longest, period), epoch
+        step.all_zero = step.all_zero and velocity == 0.0
+        seconds, moved = t - step.first.t, max(abs(epoch.place), abs(step.said))
+        if seconds >= _STEP and (moved >= _INFORMATIVE * self._floor(seconds) or seconds >= _LONGEST):
+            self._weigh(step)
+            self._begin(t, lat, lon, velocity)
 
-    @property
-    def _scatter(self) -> float:
-        return max(_SCATTER, _COVERS * math.sqrt(self._variance))
+    def _begin(self, t: float, lat: float, lon: float, velocity: complex) -> None:
+        first = _Epoch(t, 0.0, velocity)
+        self._step = _Step(lat, lon, first, first, all_zero=velocity == 0.0)
 
-    def _watch_scatter(self) -> None:
+    def _floor(self, seconds: float) -> float:
+        """By which way and sum of a step differ whatever the motion [m]."""
+        noise = max(_FLOOR, _COVERS * math.sqrt(2.0 * self._variance), _DRIFT * self._stated)
+        return noise + _SLOW_BIAS * max(seconds - 1.0, 0.0)
+
+    def _watch_scatter(self, moved: complex, period: float) -> None:
         """White errors of fixes show in their second differences, whose variance is six times theirs."""
-        if len(self._epochs) < 3 or self._epochs[-1].t - self._epochs[-2].t > _SHORT:
+        if period > _SHORT:
+            self._recent.clear()
             return
-        a, b, c = (epoch.place for epoch in self._epochs[-3:])
-        square = math.hypot(a[0] - 2.0 * b[0] + c[0], a[1] - 2.0 * b[1] + c[1]) ** 2
-        self._variance += _FADING * (square / 12.0 - self._variance)
+        if self._recent:
+            square = abs(moved - self._recent[-1]) ** 2
+            self._variance += _FADING * (square / 12.0 - self._variance)
+        self._recent.append(moved)
 
-    def _climb_on(self, t: float, alt: float, up: float) -> None:
-        """Compare the height gained with the sum of the vertical velocities."""
-        climb = self._climb
-        if not (math.isfinite(alt) and math.isfinite(up)) or climb is None or t - climb.t > _PAUSE:
-            self._climb = _Climb(t, up, alt, alt) if math.isfinite(alt) and math.isfinite(up) else None
-            return
-        if abs(alt - climb.alt) > _STEEPEST * (t - climb.t) + _SCATTER:
-            self._climb = _Climb(t, up, alt, alt)  # heights that jump are no witness
-            return
-        climb.summed += 0.5 * (t - climb.t) * (climb.up + up)
-        climb.t, climb.up, climb.alt = t, up, alt
-        gained = alt - climb.start
-        scatter = max(_SCATTER, 2.0 * _COVERS * math.sqrt(self._variance))  # heights scatter twice as much
-        if max(abs(gained), abs(climb.summed)) < max(_CLIMB, _WAY_TO_SCATTER * scatter):
-            return
-        self._climb = _Climb(t, up, alt, alt)
-        self._climbs = (*self._climbs, _vertical_verdict(gained, climb.summed, scatter))[-_CURE:]
-        last = self._climbs[-_PROOF:]
-        if len(last) == _PROOF and last[0] == last[1] and last[0] in (SILENT, DOWN):
-            self.vertical_fault = last[0]
-        elif len(self._climbs) == _CURE and not any(self._climbs):
-            self.vertical_fault = ""
-        if self._climbs[-1] == DOWN and not self._agreed:
-            self.suspect = True  # whose vertical is wrong has given no proof of its other axes yet
+    def _weigh(self, step: _Step) -> None:
+        """Let a step speak for and against every mistake."""
+        way, said, seconds = step.last.place, step.said, step.last.t - step.first.t
+        floor = self._floor(seconds)
+        timing = (_TIMING + 0.5 * max(step.longest - _SHORT, 0.0)) * abs(step.last.velocity - step.first.velocity)
+        weight = min(max(abs(way), abs(said)) / (_INFORMATIVE * floor), 1.0) ** 2
+        own = _fit(way, said, floor, timing)
+        if weight > 0.5:
+            self.misfit = abs(way - said) / seconds
+            self._learn(way, said, own)
+        for i, fit in enumerate(self._fits(step, floor, timing)):
+            gain = own.cost - fit.cost
+            gain = weight * (gain if fit.square < _EXPLAINED else min(gain, 0.0))
+            odds = self._odds[i] + gain - (0.0 if i == self._found else _STANDS * (1.0 - weight))
+            self._odds[i] = min(max(odds, _PRIOR), _MOST)
+        self._conclude()
 
-    def _conclude(self, verdict: str, direction: float) -> None:
-        self.suspect = verdict not in ("", "?")
-        self._agreed = self._agreed or not verdict
-        if verdict == NED:
-            self._ned_ways = [*self._ned_ways, direction][-10:]
-            self.certain = (
-                any(abs(math.remainder(direction - a, 2.0 * math.pi)) > _OTHER_WAY for a in self._ned_ways)
-                or DOWN in self._climbs
-            )
-        elif verdict != "?":
-            self._ned_ways, self.certain = [], False
-        self._verdicts = (*self._verdicts, verdict)[-_CURE:]
-        last = self._verdicts[-_PROOF:]
-        if len(last) == _PROOF and all(one not in ("", "?") for one in last):
-            self.fault = last[0] if last[0] == last[1] else TURNED
-        elif len(self._verdicts) == _CURE and not any(self._verdicts):
-            self.fault = ""
+    def _fits(self, step: _Step, floor: float, timing: float) -> list[_Fit]:
+        """How well every mistake explains a step."""
+        way, said = step.last.place, step.said
+        fits = [
+            _fit(way, m.a * said + m.b * said.conjugate(), floor, abs(m.a + m.b) * timing) for m in MISTAKES
+        ]
+        variance = _variance(way, said, floor, timing)
+        square = (abs(way) - abs(said)) ** 2 / variance
+        around = max(abs(said), math.sqrt(variance / (2.0 * math.pi)))
+        body = min(square, _WORST) + math.log(2.0 * math.pi * variance) + 2.0 * math.log(2.0 * math.pi * around)
+        fits.append(_Fit(square, body))
+        fits.append(_Fit(0.0, _spread(way, _NEAR) if step.all_zero else math.inf))
+        if self._steps > _LEARNS and abs(self.similarity - 1.0) > _UNLIKE:
+            fits.append(_fit(way, self.similarity * said, floor, abs(self.similarity) * timing))
+        else:
+            fits.append(_Fit(math.inf, math.inf))
+        return [*fits, _Fit(0.0, _spread(way, _ANYWHERE))]
 
+    def _learn(self, way: complex, said: complex, own: _Fit) -> None:
+        self._cross = _MEMORY * self._cross + way * said.conjugate()
+        self._power = _MEMORY * self._power + abs(said) ** 2
+        self._steps = _MEMORY * self._steps + 1.0
+        if own.square < _EXPLAINED:
+            self._along += (way * said.conjugate()).real
+            self._square += abs(said) ** 2
 
-def _sum(epochs: list[_Epoch]) -> tuple[float, float]:
-    """Where the velocities lead, trapezoidal rule [m]."""
-    x = y = 0.0
-    for a, b in pairwise(epochs):
-        half = 0.5 * (b.t - a.t)
-        x += half * (a.velocity[0] + b.velocity[0])
-        y += half * (a.velocity[1] + b.velocity[1])
-    return x, y
+    def _conclude(self) -> None:
+        odds = [value if self._may_be(i) else _PRIOR for i, value in enumerate(self._odds)]
+        best = max(range(_COUNT), key=lambda i: odds[i])
+        self.suspect = odds[best] > _SUSPECT
+        self.sound_steps = 0 if self.suspect or self.fault else self.sound_steps + 1
+        if self.fault and odds[self._found] <= _CLEARED and not self.suspect:
+            self.fault, self.name, self.certain, self._found = "", "", False, -1
+        if odds[best] > _PROVED and (not self.fault or odds[best] > odds[self._found] + _SUSPECT):
+            self._found = best
+            self.fault, self.name = self._words(best)
+        if self.fault:
+            others = max(value for i, value in enumerate(odds) if i not in (self._found, _ANY))
+            undone = self._found < len(MISTAKES) or self._found == _LIKE
+            self.certain = undone and odds[self._found] - others > _ALONE
 
+    def _may_be(self, i: int) -> bool:
+        """An IMU that feels what the velocity says leaves the blame with the positions."""
+        return not (self.felt and i in (_ANY, _LIKE))
 
-def _verdict(way: tuple[float, float], said: tuple[float, float], scatter: float) -> str:
-    """Empty where they agree, the fault that explains it, or a question mark."""
-    went, summed = math.hypot(*way), math.hypot(*said)
-    tolerance = scatter + _SHARE * max(went, summed)
-    if math.dist(way, said) <= tolerance:
-        return ""
-    if math.dist(way, (said[1], said[0])) <= tolerance:
-        return NED
-    if summed < 0.1 * went:
-        return SILENT
-    if _unit(way, said):
-        return UNIT
-    return TURNED if abs(went - summed) <= tolerance else "?"
-
-
-def _may_be_unit(way: tuple[float, float], said: tuple[float, float]) -> bool:
-    """Whether the sum is so much longer that only a longer way tells why."""
-    return math.hypot(*said) > 1.5 * math.hypot(*way)
-
-
-def _unit(way: tuple[float, float], said: tuple[float, float]) -> str:
-    """The unit that makes the sum the way, empty if none does."""
-    went, summed, along = math.hypot(*way), math.hypot(*said), way[0] * said[0] + way[1] * said[1]
-    if went == 0.0 or along < _ALONG * went * summed:
-        return ""
-    off = {name: abs(math.log(along / went**2 / numbers)) for name, numbers in _UNITS.items()}
-    best = min(off, key=lambda name: off[name])
-    return best if off[best] < _LIKE else ""
+    def _words(self, i: int) -> tuple[str, str]:
+        if i < len(MISTAKES):
+            return MISTAKES[i].kind, MISTAKES[i].name
+        if i == _LIKE:
+            size, angle = cmath.polar(self.similarity)
+            if abs(angle) > _UNLIKE:
+                return TURNED, f"turned by {abs(math.degrees(angle)):.0f} deg"
+            return UNIT, f"{1.0 / max(size, 1e-3):.2g} times too much"
+        return {_BODY: (TURNED, "body"), _SILENT: (SILENT, ""), _ANY: (UNEXPLAINED, "")}[i]
 
 
-def _vertical_verdict(gained: float, summed: float, scatter: float) -> str:
-    """As ``_verdict``, of a height [m]."""
-    tolerance = scatter + _SHARE * max(abs(gained), abs(summed))
-    if abs(gained - summed) <= tolerance:
-        return ""
-    if abs(gained + summed) <= tolerance:
-        return DOWN
-    return SILENT if abs(summed) < 0.1 * abs(gained) else "?"
+class _Fit(NamedTuple):
+    """By how many squared deviations a prediction is off, and minus twice its log-likelihood."""
+
+    square: float
+    cost: float
+
+
+def _fit(way: complex, predicted: complex, floor: float, timing: float) -> _Fit:
+    variance = _variance(way, predicted, floor, timing)
+    square = abs(way - predicted) ** 2 / variance
+    return _Fit(square, min(square, _WORST) + 2.0 * math.log(2.0 * math.pi * variance))
+
+
+def _variance(way: complex, predicted: complex, floor: float, timing: float) -> float:
+    return floor**2 + (_SCALE * max(abs(way), abs(predicted))) ** 2 + timing**2
+
+
+def _spread(way: complex, radius: float) -> float:
+    """Minus twice the log-likelihood of a way that may lead anywhere within ``radius`` [m], or where it does."""
+    return 2.0 * math.log(math.pi * max(radius, abs(way)) ** 2)

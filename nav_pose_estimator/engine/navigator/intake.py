@@ -14,7 +14,6 @@ from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import memory
 from nav_pose_estimator.core.filter.blocks import blocks_of, enlarged, set_blocks, set_wander
-from nav_pose_estimator.engine.imu.doubt import Doubt
 from nav_pose_estimator.engine.navigator import heading_trial, start_up, status
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
@@ -45,8 +44,6 @@ from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 from nav_pose_estimator.engine.sensors.sensor import Aid
 from nav_pose_estimator.engine.solutions import Level
 
-_MISLED = Doubt(tilt=0.2, speed=3.0, gyro_bias=0.005, accel_bias=0.3)
-"""What velocities in wrong axes or units may have done to the filter."""
 _UNEVENTFUL = frozenset((AttitudeSample, NavigatorVelocity, *(aid.sample for aid in AIDS if aid.kind.quiet)))
 """Samples that change neither mode nor GNSS unless an observation comes of them."""
 
@@ -56,6 +53,7 @@ def take(run: FilterRun, sample: Sample) -> None:
     kind = type(sample)
     if kind not in _UNEVENTFUL:
         run.quiet_until = -math.inf
+    run.past.hear(run, sample)
     _HANDLERS[kind](run, sample)
 
 
@@ -78,7 +76,6 @@ def _fix(run: FilterRun, sample: GnssFix) -> None:
     if run.parameters.aids.declination_from_model:
         run.locate(sample)
     if run.timeline.running:
-        _doubt_what_velocities_did(run, sample.stamp_ns)
         run.observe(run.gnss.position.observe(sample, t))
         if run.trial is not None:
             run.start_up.fix(t, sample, run.gnss.reception.position_noise(sample))
@@ -103,19 +100,11 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
     run.gnss.position.pull.velocity(observation.t, usable.vel_enu)
     run.start_up.velocity(observation.t, usable.vel_enu, observation.stated_R)
     if run.timeline.running:
-        _doubt_what_velocities_did(run, sample.stamp_ns)
         run.observe(observation)
         if run.trial is not None:
             heading_trial.judge(run, run.trial, sample.stamp_ns)
     else:
         run.try_start()
-
-
-def _doubt_what_velocities_did(run: FilterRun, stamp_ns: int) -> None:
-    """Once it is known that velocities were wrong."""
-    if run.gnss.reception.velocities.misled:
-        run.gnss.reception.velocities.misled = False
-        run.observe(run.imu_doubt.observe(_MISLED, run.timeline.filter.time, stamp_ns))
 
 
 def _aid(run: FilterRun, sample: Any) -> None:

@@ -25,6 +25,7 @@ def look_back(run: FilterRun, t: float) -> None:
     """
     end = math.floor(t / Stillness.PERIOD) * Stillness.PERIOD
     run.second_due = end + Stillness.PERIOD
+    run.past.second(run)
     if run.timeline.running:
         _look_at_motion(run)
     _look_at_imu(run, t, end)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import replace
 
 import numpy as np
 
-from nav_pose_estimator.core.gnss.velocity_check import DOWN, NED, SILENT, TURNED, UNIT, VelocityCheck
+from nav_pose_estimator.core.gnss.climb_check import DOWN
+from nav_pose_estimator.core.gnss.climb_check import SILENT as UNFILLED
+from nav_pose_estimator.core.gnss.velocity_check import NED, SILENT, TURNED, UNEXPLAINED, UNIT, VelocityCheck
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_within
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
@@ -15,58 +18,80 @@ from nav_pose_estimator.engine.solutions import Level
 
 _LARGEST_SPEED = 1e3  # m/s: receivers stop at 500
 _MOVING = 0.3  # m/s: receivers round, and hold an antenna that stands
+_STUCK = 4  # repetitions in a row
 _FAULTS = {
     NED: "its axes look like North-East-Down: set ros.input.velocity_frame to ned",
-    TURNED: "it is as fast as the positions move, but in another direction: its axes look like the vehicle's own, "
+    TURNED: "it is as fast as the positions move, but in another direction: its axes look like {name}, "
     "not East-North-Up",
     SILENT: "it stays zero while the positions move: the driver does not fill it",
-    UNIT: "it points where the positions go, but is too fast for them: it looks like {unit} instead of m/s",
+    UNIT: "it points where the positions go, but is too fast for them: it looks like {name} instead of m/s",
+    UNEXPLAINED: "it does not say where the positions go",
 }
 _VERTICAL_FAULTS = {
-    SILENT: "it stays zero while the height changes: the driver does not fill it (ros.input.vertical_velocity: false)",
+    UNFILLED: "it stays zero while the height changes: the driver does not fill it (ros.input.vertical_velocity: false)",
     DOWN: "it has the wrong sign, positive down",
 }
 
 
 class VelocityInput:
-    """Drops velocities whose axes contradict the way between fixes; positions go on without them.
+    """Drops velocities that contradict the way between fixes; positions go on without them.
 
-    Once they are North-East-Down beyond doubt they are turned.
+    A mistake that is beyond doubt is undone, and the velocity used.
     """
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
         self._check = VelocityCheck()
-        self._said = ""
+        self._said: tuple[str, str] = ("", "")
         self._last: tuple[float, ...] = ()
         self.repeats = 0
         """How often the last velocity has come again to the last digit, of a vehicle that moves by it."""
         self._said_vertical = ""
-        self._said_turned = self._said_scale = False
+        self._is_mended = self._said_scale = False
         self.misled = False
         """Whether it has just been found out that the filter was told wrong velocities; to be set back."""
+        self._learns = True
 
     def forget_time(self) -> None:
         """The navigator starts again: forget samples, keep what they have proved."""
         self._check.forget_time()
         self._last, self.repeats, self.misled = (), 0, False
 
+    def in_hindsight(self, journal: Journal) -> VelocityInput:
+        """A copy for samples that this one has heard: it judges them by all that is known now, and learns nothing."""
+        twin = copy.deepcopy(self, {id(self._journal): journal})
+        twin.forget_time()
+        twin._learns = False
+        return twin
+
     @property
     def doubted(self) -> bool:
-        """Whether the axes of the velocity have lately contradicted the way between fixes."""
+        """Whether the velocity has lately contradicted the way between fixes."""
         return bool(self._check.fault) or self._check.suspect
+
+    @property
+    def sound_steps(self) -> int:
+        """Seconds or so, in a row, in which nothing spoke against the velocity."""
+        return 0 if self._check.climb.suspect else self._check.sound_steps
+
+    def felt(self, felt: bool) -> None:
+        """Whether the IMU feels what velocities say."""
+        self._check.felt = felt
 
     def fix(self, sample: GnssFix, t: float, sd: float) -> None:
         """A usable fix valid at ``t`` [s], horizontal deviation ``sd`` [m]: what velocities are compared with."""
+        if not self._learns:
+            return
         self._check.fix(t, sample.lat, sample.lon, sample.alt, sd)
         self._tell_scale(sample.stamp_ns)
+        self._tell_vertical(sample.stamp_ns)
         fault = self._check.fault
-        if fault == self._said:
+        if (fault, self._check.name) == self._said:
             return
-        self._said = fault
+        self._said = (fault, self._check.name)
         if fault:
-            self.misled = True
-            why = _FAULTS[fault].format(unit=self._check.unit)
+            self.misled, self._is_mended = True, False
+            why = _FAULTS[fault].format(name=_in_words(self._check.name))
             text = f"GNSS velocity not used: {why} ({self._check.misfit:.1f} m/s apart)"
             self._journal.say(sample.stamp_ns, f"gnss.velocity.axes.{fault}", Level.ERROR, text)
         else:
@@ -75,29 +100,42 @@ class VelocityInput:
 
     def velocity(self, sample: GnssVelocity, t: float, fix_usable: bool) -> GnssVelocity | None:
         """What of a velocity valid at ``t`` [s] may be offered to the filter; None (and counted) if nothing."""
-        up = sample.vel_enu[2]
         same = sample.vel_enu == self._last and math.hypot(*sample.vel_enu[:2]) > _MOVING
         self.repeats, self._last = self.repeats + 1 if same else 0, sample.vel_enu
-        if not is_within(sample.vel_enu[:2], _LARGEST_SPEED) or abs(up) > _LARGEST_SPEED:
+        if not is_within(sample.vel_enu[:2], _LARGEST_SPEED) or abs(sample.vel_enu[2]) > _LARGEST_SPEED:
             self._journal.count("gnss.rejected.velocity_value")
             return None
         if not fix_usable:
             self._journal.count("gnss.rejected.velocity_without_fix")
             return None
-        self._check.velocity(t, *sample.vel_enu)
-        if self._check.fault == NED and self._check.certain:
-            return self._turned(sample)
-        if self._check.fault or self._check.suspect:
+        if self._learns:
+            self._check.velocity(t, *sample.vel_enu)
+        return self._passed(sample)
+
+    def _passed(self, sample: GnssVelocity) -> GnssVelocity | None:
+        """What of a velocity may be offered to the filter by what is known now."""
+        check = self._check
+        if check.fault and check.certain:
+            return self._mended(sample)
+        if check.fault or check.suspect:
             self._journal.count("gnss.rejected.velocity_axes")
             return None
-        vertical = self._check.vertical_fault
-        if not (vertical or self._check.vertical_suspect):
-            return sample
-        if vertical and vertical != self._said_vertical:
-            self._said_vertical = vertical
-            text = f"GNSS vertical velocity not used: {_VERTICAL_FAULTS[vertical]}"
-            self._journal.say(sample.stamp_ns, f"gnss.velocity.vertical.{vertical}", Level.WARN, text)
-        return replace(sample, vel_enu=(*sample.vel_enu[:2], math.nan))
+        up = sample.vel_enu[2]
+        if check.climb.fault == DOWN:
+            return replace(sample, vel_enu=(*sample.vel_enu[:2], -up))
+        if check.climb.fault or check.climb.suspect:
+            return replace(sample, vel_enu=(*sample.vel_enu[:2], math.nan))
+        return sample
+
+    def _tell_vertical(self, stamp_ns: int) -> None:
+        vertical = self._check.climb.fault
+        if not vertical or vertical == self._said_vertical:
+            return
+        self._said_vertical, self.misled = vertical, True
+        text = f"GNSS vertical velocity not used: {_VERTICAL_FAULTS[vertical]}"
+        if vertical == DOWN:
+            text = f"GNSS vertical velocity is turned round: {_VERTICAL_FAULTS[vertical]}"
+        self._journal.say(stamp_ns, f"gnss.velocity.vertical.{vertical}", Level.WARN, text)
 
     def _tell_scale(self, stamp_ns: int) -> None:
         scale = self._check.scale
@@ -112,14 +150,29 @@ class VelocityInput:
         )
         self._journal.say(stamp_ns, "gnss.velocity.scale", Level.WARN, text, scale=scale)
 
-    def _turned(self, sample: GnssVelocity) -> GnssVelocity:
-        """North-East-Down as East-North-Up."""
-        if not self._said_turned:
-            self._said_turned = True
-            text = "GNSS velocity is North-East-Down beyond doubt: turned and used; set ros.input.velocity_frame to ned"
+    def _mended(self, sample: GnssVelocity) -> GnssVelocity:
+        """The velocity without the mistake that is beyond doubt."""
+        check = self._check
+        if not self._is_mended:
+            self._is_mended = self.misled = True
+            text = f"GNSS velocity is {_in_words(check.name)} beyond doubt: put right and used"
+            if check.fault == NED:
+                text += "; set ros.input.velocity_frame to ned"
             self._journal.say(sample.stamp_ns, "gnss.velocity.turned", Level.WARN, text)
-            self.misled = True
-        north, east, down = sample.vel_enu
-        turn = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-        cov = None if sample.cov_enu is None else turn @ sample.cov_enu @ turn.T
-        return replace(sample, vel_enu=(east, north, -down), cov_enu=cov)
+        east, north, up = sample.vel_enu
+        x, y = check.mended(1.0, 0.0), check.mended(0.0, 1.0)
+        if check.fault == UNIT:
+            up *= x[0]
+        elif check.climb.goes_down:
+            up = -up
+        elif not check.climb.goes_up:
+            up = math.nan
+        A = np.array([[x[0], y[0], 0.0], [x[1], y[1], 0.0], [0.0, 0.0, x[0] if check.fault == UNIT else 1.0]])
+        cov = None if sample.cov_enu is None else A @ sample.cov_enu @ A.T
+        return replace(sample, vel_enu=(*check.mended(east, north), up), cov_enu=cov)
+
+
+def _in_words(name: str) -> str:
+    if name == "body":
+        return "the vehicle's own"
+    return f"{name}-Down" if name == "North-East" else name
