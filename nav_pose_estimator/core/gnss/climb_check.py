@@ -1,7 +1,8 @@
-"""Does a receiver's vertical velocity say how its height changes? Tells one that is never filled, or positive down.
+"""Does a receiver's vertical velocity say how its height changes? And if not, which of the two is wrong?
 
-Over a climb the sum of the vertical velocities must be the height gained. Pure Python, without a clock: time comes with
-the samples, in seconds since the engine's epoch.
+Over a climb the sum of the vertical velocities must be the height gained. A barometer, where there is one, tells which
+of them to blame: the velocity (never filled, positive down) or the height (in another unit, positive down). Pure
+Python, without a clock: time comes with the samples, in seconds since the engine's epoch.
 """
 
 from __future__ import annotations
@@ -18,9 +19,14 @@ _CLIMB_TO_SCATTER = 3.0
 _PROOF = 2  # climbs in a row that prove it
 _CURE = 3  # ... that clear it
 _UNFILLED = 10  # samples with a vertical velocity of exactly zero, and none before with another
+_LIKE = 0.2  # of the logarithm, by which a ratio may differ from a unit's
 
-SILENT, DOWN = "silent", "down"
-"""Never filled; positive down."""
+SILENT, DOWN, OTHER = "silent", "down", "other"
+"""Of a velocity: never filled; positive down; wrong in another way, as the barometer shows."""
+_NEITHER = "?"
+_HEIGHT = "height"
+_UNITS = {"feet": 3.281, "cm": 100.0, "mm": 1000.0}
+"""Numbers in that unit for 1 m."""
 
 
 @dataclass
@@ -29,19 +35,27 @@ class _Climb:
     up: float
     alt: float  # m
     start: float  # m
+    baro_start: float  # m, NaN without one
     summed: float = 0.0
 
 
 @dataclass(eq=False)
 class ClimbCheck:
-    """Offer it every height with its vertical velocity; ``fault`` is what is proved to be wrong with that, or empty."""
+    """Offer it every height with its vertical velocity.
+
+    ``fault`` is what is proved to be wrong with the velocity, or empty; ``height_fault`` what is wrong with the height.
+    """
 
     fault: str = field(default="", init=False)
+    height_fault: str = field(default="", init=False)
     suspect: bool = field(default=False, init=False)
     """Whether the last climb contradicted it, or it has been exactly zero from the beginning while others were not."""
+    baro: float = field(default=math.nan, init=False)
+    """To be set: the barometer's height [m] in the standard atmosphere."""
     _zeros: float = field(default=0.0, init=False)
     _climb: _Climb | None = field(default=None, init=False)
     _verdicts: tuple[str, ...] = field(default=(), init=False)
+    _unit: str = field(default="", init=False)  # that the last wrong height looked like
 
     @property
     def goes_up(self) -> bool:
@@ -60,8 +74,9 @@ class ClimbCheck:
     def velocity(self, east: float, north: float, up: float) -> None:
         """A velocity [m/s] as it arrives."""
         if up != 0.0:
-            self._zeros = math.inf  # it is filled
-            self.suspect = self.suspect and bool(self._verdicts) and bool(self._verdicts[-1])
+            if self._zeros < math.inf and not self._verdicts:
+                self.suspect = False  # it is filled
+            self._zeros = math.inf
         elif east != 0.0 and north != 0.0 and self._zeros < math.inf:
             self._zeros += 1
             self.suspect = self.suspect or self._zeros >= _UNFILLED
@@ -69,36 +84,59 @@ class ClimbCheck:
     def height(self, t: float, alt: float, up: float, variance: float) -> None:
         """The height [m] at ``t`` with the vertical velocity [m/s] of its epoch; ``variance`` [m^2] of a fix."""
         climb = self._climb
-        if not (math.isfinite(alt) and math.isfinite(up)) or climb is None or t - climb.t > _PAUSE:
-            self._climb = _Climb(t, up, alt, alt) if math.isfinite(alt) and math.isfinite(up) else None
+        fresh = _Climb(t, up, alt, alt, self.baro) if math.isfinite(alt) and math.isfinite(up) else None
+        if fresh is None or climb is None or t - climb.t > _PAUSE:
+            self._climb = fresh
             return
-        if abs(alt - climb.alt) > _STEEPEST * (t - climb.t) + _SCATTER:
-            self._climb = _Climb(t, up, alt, alt)  # heights that jump are no witness
+        if abs(alt - climb.alt) > _STEEPEST * (t - climb.t) + _SCATTER and math.isnan(self.baro):
+            self._climb = fresh  # heights that jump are no witness
             return
         climb.summed += 0.5 * (t - climb.t) * (climb.up + up)
         climb.t, climb.up, climb.alt = t, up, alt
         gained = alt - climb.start
         scatter = max(_SCATTER, 8.0 * math.sqrt(variance))  # heights scatter twice as much
-        if max(abs(gained), abs(climb.summed)) < max(_CLIMB, _CLIMB_TO_SCATTER * scatter):
+        if max(min(abs(gained), abs(self.baro - climb.baro_start)), abs(climb.summed)) < max(
+            _CLIMB, _CLIMB_TO_SCATTER * scatter
+        ):
             return
-        self._climb = _Climb(t, up, alt, alt)
-        self._conclude(_verdict(gained, climb.summed, scatter))
+        self._climb = fresh
+        self._conclude(self._verdict(gained, climb.summed, self.baro - climb.baro_start, scatter))
+
+    def _verdict(self, gained: float, summed: float, by_baro: float, scatter: float) -> str:
+        """Empty where height and velocity agree, the fault that explains it, or a question mark."""
+        if _agree(gained, summed, scatter):
+            return ""
+        if math.isfinite(by_baro) and not _agree(gained, by_baro, scatter):
+            if not _agree(summed, by_baro, scatter):
+                return _NEITHER
+            self._unit = _unit(gained / by_baro)
+            return _HEIGHT
+        if _agree(gained, -summed, scatter):
+            return DOWN
+        if abs(summed) < 0.1 * abs(gained):
+            return SILENT
+        return OTHER if math.isfinite(by_baro) else _NEITHER
 
     def _conclude(self, verdict: str) -> None:
         self._verdicts = (*self._verdicts, verdict)[-_CURE:]
-        self.suspect = verdict in (SILENT, DOWN)
+        self.suspect = verdict in (SILENT, DOWN, OTHER)
         last = self._verdicts[-_PROOF:]
-        if len(last) == _PROOF and last[0] == last[1] and last[0] in (SILENT, DOWN):
+        if len(last) == _PROOF and last[0] == last[1] and last[0] in (SILENT, DOWN, OTHER):
             self.fault = last[0]
+        elif len(last) == _PROOF and last[0] == last[1] == _HEIGHT:
+            self.height_fault = self._unit
         elif len(self._verdicts) == _CURE and not any(self._verdicts):
-            self.fault = ""
+            self.fault = self.height_fault = ""
 
 
-def _verdict(gained: float, summed: float, scatter: float) -> str:
-    """Empty where they agree, the fault that explains it, or a question mark."""
-    tolerance = scatter + _SHARE * max(abs(gained), abs(summed))
-    if abs(gained - summed) <= tolerance:
-        return ""
-    if abs(gained + summed) <= tolerance:
-        return DOWN
-    return SILENT if abs(summed) < 0.1 * abs(gained) else "?"
+def _agree(a: float, b: float, scatter: float) -> bool:
+    return abs(a - b) <= scatter + _SHARE * max(abs(a), abs(b))
+
+
+def _unit(ratio: float) -> str:
+    """What a height is in that changes ``ratio`` times as much as the true one."""
+    if ratio < 0.0:
+        return "positive down"
+    off = {name: abs(math.log(max(ratio, 1e-9) / numbers)) for name, numbers in _UNITS.items()}
+    best = min(off, key=lambda name: off[name])
+    return f"in {best}" if off[best] < _LIKE else "in another unit, or stuck"

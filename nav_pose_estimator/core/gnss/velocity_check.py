@@ -17,9 +17,11 @@ import cmath
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import NamedTuple
 
 from nav_pose_estimator.core.gnss.climb_check import ClimbCheck
+from nav_pose_estimator.core.gnss.lateness import Lateness, Stretch
 
 _EARTH = 6.371e6  # m
 _APART = 0.3  # s: a velocity farther from a fix in time is not its own
@@ -42,8 +44,10 @@ _STANDS = 3.0  # of which a step takes off where nothing moves: no suspicion out
 _ALONE = 12.0  # by which the odds of one mistake exceed those of all others where it may be undone
 _INFORMATIVE = 4.0  # floors: of a shorter step every hypothesis says the same
 _ANYWHERE, _NEAR = 40.0, 15.0  # m: how far the way of a step leads that has nothing to do with what was said
-_LEARNS = 3.0  # steps of which the similarity between way and sum is known well enough to predict with
+_LEARNS = 1.5  # steps of which the similarity between way and sum is known well enough to predict with
+_KNOWN = 5.0  # ... well enough to undo it
 _UNLIKE = 0.2  # of a similarity that differs from that of a sound velocity
+_OTHER_WAY = math.radians(45.0)
 _MEMORY = 0.93  # of the similarity, from step to step
 _SCALE_SURE = 0.03, 3.0  # of the way, and deviations, by which a scale has to differ from 1
 
@@ -70,9 +74,9 @@ MISTAKES = (
     *(Mistake(NED if name == "North-East" else TURNED, name, 0.0, b) for name, b in _AXES.items()),
     *(Mistake(TURNED, name, a, 0.0) for name, a in _TURNS.items()),
     *(Mistake(UNIT, name, 1.0 / numbers, 0.0) for name, numbers in _UNITS.items()),
-    Mistake(UNIT, "57 times too much", 1.0 / 57.3, 0.0),
+    Mistake(UNIT, "57 times m/s", 1.0 / 57.3, 0.0),
 )
-_BODY, _SILENT, _LIKE, _ANY = (len(MISTAKES) + i for i in range(4))
+_BODY, _STUCK, _LIKE, _ANY = (len(MISTAKES) + i for i in range(4))
 _COUNT = len(MISTAKES) + 4
 
 
@@ -93,7 +97,9 @@ class _Step:
     last: _Epoch
     said: complex = 0j
     longest: float = 0.0  # s between fixes
-    all_zero: bool = True
+    all_same: bool = True
+    silent: tuple[bool, bool] = (True, True)
+    """Whether East and North are zero to the last digit."""
 
 
 @dataclass(eq=False)
@@ -115,6 +121,7 @@ class VelocityCheck:
     felt: bool = field(default=False, init=False)
     """To be set: whether an IMU feels what the velocity says. Positions are to blame then for what is unexplained."""
     climb: ClimbCheck = field(default_factory=ClimbCheck, init=False)
+    late: Lateness = field(default_factory=Lateness, init=False)
     _odds: list[float] = field(default_factory=lambda: [_PRIOR] * _COUNT, init=False)
     _found: int = field(default=-1, init=False)
     _velocities: deque[tuple[float, float, float, float]] = field(default_factory=lambda: deque(maxlen=40), init=False)
@@ -126,6 +133,7 @@ class VelocityCheck:
     _cross: complex = field(default=0j, init=False)  # m^2: ways times sums, and sums squared, that fade
     _power: float = field(default=0.0, init=False)
     _steps: float = field(default=0.0, init=False)
+    _ways: deque[complex] = field(default_factory=lambda: deque(maxlen=12), init=False)
     _along: float = field(default=0.0, init=False)  # m^2: the same of all steps that agreed, for the scale
     _square: float = field(default=0.0, init=False)
 
@@ -153,19 +161,23 @@ class VelocityCheck:
         self._recent.clear()
         self._waiting = self._step = None
         self.climb.interrupt()
+        self.late.interrupt()
         if not self.fault:
             self.suspect, self._odds = False, [_PRIOR] * _COUNT
 
     def velocity(self, t: float, east: float, north: float, up: float) -> None:
         """A velocity [m/s] valid at ``t``, as the driver names its axes."""
-        self._velocities.append((t, east, north, up))
+        self._velocities.append((t - self.late.delay, east, north, up))
         self.climb.velocity(east, north, up)
+        self.late.velocity(t, complex(east, north))
 
     def mended(self, east: float, north: float) -> tuple[float, float]:
         """A velocity without the mistake that is ``certain``."""
         said = complex(east, north)
         if self._found == _LIKE:
             said *= self.similarity
+        elif self.fault == UNIT:
+            said *= self.similarity.real
         else:
             mistake = MISTAKES[self._found]
             said = mistake.a * said + mistake.b * said.conjugate()
@@ -201,7 +213,8 @@ class VelocityCheck:
         self._watch_scatter(epoch.place - step.last.place, period)
         step.said += 0.5 * period * (step.last.velocity + velocity)
         step.longest, step.last = max(step.longest, period), epoch
-        step.all_zero = step.all_zero and velocity == 0.0
+        step.all_same = step.all_same and velocity == step.first.velocity
+        step.silent = step.silent[0] and velocity.real == 0.0, step.silent[1] and velocity.imag == 0.0
         seconds, moved = t - step.first.t, max(abs(epoch.place), abs(step.said))
         if seconds >= _STEP and (moved >= _INFORMATIVE * self._floor(seconds) or seconds >= _LONGEST):
             self._weigh(step)
@@ -209,7 +222,7 @@ class VelocityCheck:
 
     def _begin(self, t: float, lat: float, lon: float, velocity: complex) -> None:
         first = _Epoch(t, 0.0, velocity)
-        self._step = _Step(lat, lon, first, first, all_zero=velocity == 0.0)
+        self._step = _Step(lat, lon, first, first)
 
     def _floor(self, seconds: float) -> float:
         """By which way and sum of a step differ whatever the motion [m]."""
@@ -236,11 +249,15 @@ class VelocityCheck:
         if weight > 0.5:
             self.misfit = abs(way - said) / seconds
             self._learn(way, said, own)
+            turn = abs(step.last.velocity - step.first.velocity)
+            if not self.fault and not self.suspect:
+                self.late.stretch(Stretch(step.first.t, step.last.t, way, floor, turn))
         for i, fit in enumerate(self._fits(step, floor, timing)):
             gain = own.cost - fit.cost
             gain = weight * (gain if fit.square < _EXPLAINED else min(gain, 0.0))
-            odds = self._odds[i] + gain - (0.0 if i == self._found else _STANDS * (1.0 - weight))
-            self._odds[i] = min(max(odds, _PRIOR), _MOST)
+            self._odds[i] += gain - (0.0 if i == self._found else _STANDS * (1.0 - weight))
+        beyond = max(max(self._odds) - _MOST, 0.0)
+        self._odds = [max(odds - beyond, _PRIOR) for odds in self._odds]
         self._conclude()
 
     def _fits(self, step: _Step, floor: float, timing: float) -> list[_Fit]:
@@ -254,8 +271,8 @@ class VelocityCheck:
         around = max(abs(said), math.sqrt(variance / (2.0 * math.pi)))
         body = min(square, _WORST) + math.log(2.0 * math.pi * variance) + 2.0 * math.log(2.0 * math.pi * around)
         fits.append(_Fit(square, body))
-        fits.append(_Fit(0.0, _spread(way, _NEAR) if step.all_zero else math.inf))
-        if self._steps > _LEARNS and abs(self.similarity - 1.0) > _UNLIKE:
+        fits.append(_stuck(step, variance))
+        if self._steps > _LEARNS and abs(self.similarity - 1.0) > _UNLIKE < abs(self.similarity):
             fits.append(_fit(way, self.similarity * said, floor, abs(self.similarity) * timing))
         else:
             fits.append(_Fit(math.inf, math.inf))
@@ -265,6 +282,8 @@ class VelocityCheck:
         self._cross = _MEMORY * self._cross + way * said.conjugate()
         self._power = _MEMORY * self._power + abs(said) ** 2
         self._steps = _MEMORY * self._steps + 1.0
+        if way:
+            self._ways.append(way)
         if own.square < _EXPLAINED:
             self._along += (way * said.conjugate()).real
             self._square += abs(said) ** 2
@@ -272,7 +291,9 @@ class VelocityCheck:
     def _conclude(self) -> None:
         odds = [value if self._may_be(i) else _PRIOR for i, value in enumerate(self._odds)]
         best = max(range(_COUNT), key=lambda i: odds[i])
-        self.suspect = odds[best] > _SUSPECT
+        self.suspect = odds[best] > (_CLEARED if self.suspect else _SUSPECT)
+        if self.suspect:
+            self.late.interrupt()
         self.sound_steps = 0 if self.suspect or self.fault else self.sound_steps + 1
         if self.fault and odds[self._found] <= _CLEARED and not self.suspect:
             self.fault, self.name, self.certain, self._found = "", "", False, -1
@@ -280,9 +301,24 @@ class VelocityCheck:
             self._found = best
             self.fault, self.name = self._words(best)
         if self.fault:
-            others = max(value for i, value in enumerate(odds) if i not in (self._found, _ANY))
-            undone = self._found < len(MISTAKES) or self._found == _LIKE
-            self.certain = undone and odds[self._found] - others > _ALONE
+            undone = self._found < len(MISTAKES) or (self._found == _LIKE and self._has_turned)
+            others = max(value for i, value in enumerate(odds) if not self._is_like_found(i))
+            self.certain = undone and self._steps > _KNOWN and odds[self._found] - others > _ALONE
+
+    def _is_like_found(self, i: int) -> bool:
+        """Whether a mistake is undone in the same way as the one found, or says nothing."""
+        if i in (self._found, _ANY, _LIKE):
+            return True
+        if i >= len(MISTAKES) or self._found == _STUCK or self._found == _BODY:
+            return False
+        if self._found == _LIKE:
+            return MISTAKES[i].b == 0.0 and abs(MISTAKES[i].a - self.similarity) < _UNLIKE
+        return MISTAKES[i].kind == UNIT == self.fault
+
+    @property
+    def _has_turned(self) -> bool:
+        """Whether the last steps have led in ways different enough to tell one angle for all of them."""
+        return any(abs(cmath.phase(a / b)) > _OTHER_WAY for a, b in combinations(self._ways, 2))
 
     def _may_be(self, i: int) -> bool:
         """An IMU that feels what the velocity says leaves the blame with the positions."""
@@ -295,8 +331,11 @@ class VelocityCheck:
             size, angle = cmath.polar(self.similarity)
             if abs(angle) > _UNLIKE:
                 return TURNED, f"turned by {abs(math.degrees(angle)):.0f} deg"
-            return UNIT, f"{1.0 / max(size, 1e-3):.2g} times too much"
-        return {_BODY: (TURNED, "body"), _SILENT: (SILENT, ""), _ANY: (UNEXPLAINED, "")}[i]
+            return UNIT, f"{1.0 / size:.2g} times m/s"
+        if i == _STUCK:
+            east, north = self._velocities[-1][1:3]
+            return SILENT, "repeats" if east and north else "East" if north else "North" if east else ""
+        return (TURNED, "body") if i == _BODY else (UNEXPLAINED, "")
 
 
 class _Fit(NamedTuple):
@@ -310,6 +349,18 @@ def _fit(way: complex, predicted: complex, floor: float, timing: float) -> _Fit:
     variance = _variance(way, predicted, floor, timing)
     square = abs(way - predicted) ** 2 / variance
     return _Fit(square, min(square, _WORST) + 2.0 * math.log(2.0 * math.pi * variance))
+
+
+def _stuck(step: _Step, variance: float) -> _Fit:
+    """The same velocity again and again says nothing; an axis that is always zero leaves the other one."""
+    way, apart = step.last.place, step.last.place - step.said
+    if step.all_same:
+        return _Fit(0.0, _spread(way, _NEAR))
+    if not any(step.silent):
+        return _Fit(math.inf, math.inf)
+    square = (apart.imag if step.silent[0] else apart.real) ** 2 / variance
+    cost = min(square, _WORST) + math.log(2.0 * math.pi * variance) + 2.0 * math.log(2.0 * max(_NEAR, abs(way)))
+    return _Fit(square, cost)
 
 
 def _variance(way: complex, predicted: complex, floor: float, timing: float) -> float:

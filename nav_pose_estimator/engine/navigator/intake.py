@@ -14,6 +14,7 @@ from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import memory
 from nav_pose_estimator.core.filter.blocks import blocks_of, enlarged, set_blocks, set_wander
+from nav_pose_estimator.engine.engine_clock import NS
 from nav_pose_estimator.engine.navigator import heading_trial, start_up, status
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
@@ -73,6 +74,7 @@ def _fix(run: FilterRun, sample: GnssFix) -> None:
     t -= run.parameters.gnss.delay
     if not run.gnss.reception.fix(sample, t, run.now):
         return
+    sample = run.gnss.reception.believed(sample)
     if run.parameters.aids.declination_from_model:
         run.locate(sample)
     if run.timeline.running:
@@ -94,6 +96,7 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
     usable = run.gnss.reception.velocity(sample, t)
     if usable is None:
         return
+    t -= (sample.stamp_ns - usable.stamp_ns) * NS  # a late one
     observation = run.gnss.velocity.observe(usable, t)
     assert observation.stated_R is not None
     run.imu_physics.velocity(observation.t, usable.vel_enu)
@@ -155,6 +158,7 @@ def _airspeed(run: FilterRun, sample: Airspeed) -> None:
 def _pressure(run: FilterRun, sample: PressureSample) -> None:
     """Of the air or of the water, as the parameter says."""
     in_water = run.parameters.aids.water_density > 0.0
+    run.gnss.reception.velocities.barometric_height(math.nan if in_water else barometer.standard_height(sample.pressure))
     _aid(run, WaterPressure(sample.stamp_ns, sample.pressure) if in_water else sample)
 
 

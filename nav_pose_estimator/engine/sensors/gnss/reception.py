@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +20,8 @@ from nav_pose_estimator.engine.sensors.gnss.velocity_input import VelocityInput
 from nav_pose_estimator.engine.solutions import Level
 
 _PERIOD_MEMORY = 6  # fixes that the period is taken from
-_STUCK = 4  # repetitions of position and velocity in a row
+_STUCK = 4  # repetitions of a position in a row
+_MOVED = 8.0  # m by velocities, while positions that are rounded stay
 _AHEAD = 1.0  # s: a fix with a later stamp is from the future
 _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
 
@@ -39,6 +41,7 @@ class GnssReception:
         self._usable = False  # the last fix
         self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
         self._repeats, self._last = 0, (math.nan, math.nan, math.nan)
+        self._way_before = 0j  # m: ``velocities.way`` when the position came for the first time
         self._no_height_told = False
         self._told_ahead = math.nan  # s: the clock offset that was told last
 
@@ -66,8 +69,10 @@ class GnssReception:
             return self.refuse(sample.stamp_ns, "gnss.rejected.null_island", why)
         here = (sample.lat, sample.lon, sample.alt)
         self._repeats, self._last = self._repeats + 1 if here == self._last else 0, here
-        if min(self._repeats, self.velocities.repeats) >= _STUCK:
-            why = "position and velocity repeat to the last digit while the vehicle moves: the receiver is stuck"
+        if not self._repeats:
+            self._way_before = self.velocities.way
+        if self._repeats >= _STUCK and self._is_stuck():
+            why = "the position repeats to the last digit while the vehicle moves: the receiver is stuck"
             return self.refuse(sample.stamp_ns, "gnss.rejected.stuck", why)
         if t - now > _AHEAD:
             return self.refuse(sample.stamp_ns, "gnss.rejected.future", self._clocks(sample, t - now))
@@ -90,8 +95,17 @@ class GnssReception:
         self._aiding.fix_offered = t
         if math.isnan(sample.alt):
             self._tell_no_height(sample.stamp_ns)
-        self.velocities.fix(sample, t, horizontal or 0.0)
+        if self._repeats == 0:
+            self.velocities.fix(sample, t, horizontal or 0.0)
         return True
+
+    def believed(self, sample: GnssFix) -> GnssFix:
+        """A fix that passed, without a height that cannot be."""
+        return replace(sample, alt=math.nan) if self.velocities.height_fault else sample
+
+    def _is_stuck(self) -> bool:
+        """Whether a position that repeats itself belongs to a vehicle that moves."""
+        return self.velocities.repeats >= _STUCK or abs(self.velocities.way - self._way_before) > _MOVED
 
     def velocity(self, sample: GnssVelocity, t: float) -> GnssVelocity | None:
         """What of a velocity valid at ``t`` may be used: it is as good as the last fix, and its axes must be right."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nav_pose_estimator.core.gnss.climb_check import DOWN
+from nav_pose_estimator.core.gnss.climb_check import DOWN, OTHER
 from nav_pose_estimator.core.gnss.climb_check import SILENT as UNFILLED
 from nav_pose_estimator.core.gnss.velocity_check import NED, SILENT, TURNED, UNEXPLAINED, UNIT, VelocityCheck
 from nav_pose_estimator.engine.journal import Journal
@@ -18,18 +18,28 @@ from nav_pose_estimator.engine.solutions import Level
 
 _LARGEST_SPEED = 1e3  # m/s: receivers stop at 500
 _MOVING = 0.3  # m/s: receivers round, and hold an antenna that stands
-_STUCK = 4  # repetitions in a row
+_LONGEST_STEP = 2.0  # s between velocities that are summed up
+_NO_CLOCK = 0.3  # of a scale: no clock is so wrong
 _FAULTS = {
     NED: "its axes look like North-East-Down: set ros.input.velocity_frame to ned",
     TURNED: "it is as fast as the positions move, but in another direction: its axes look like {name}, "
     "not East-North-Up",
-    SILENT: "it stays zero while the positions move: the driver does not fill it",
-    UNIT: "it points where the positions go, but is too fast for them: it looks like {name} instead of m/s",
+    SILENT: "it {name} while the positions move: the driver does not fill it",
+    UNIT: "it points where the positions go, but is not as fast as them: it looks like {name} instead of m/s",
     UNEXPLAINED: "it does not say where the positions go",
+}
+_NAMES = {
+    "body": "the vehicle's own",
+    "North-East": "North-East-Down",
+    "": "stays zero",
+    "repeats": "repeats itself",
+    "East": "stays zero on its first axis (East)",
+    "North": "stays zero on its second axis (North)",
 }
 _VERTICAL_FAULTS = {
     UNFILLED: "it stays zero while the height changes: the driver does not fill it (ros.input.vertical_velocity: false)",
     DOWN: "it has the wrong sign, positive down",
+    OTHER: "heights and barometer agree that it is wrong (another unit?)",
 }
 
 
@@ -46,11 +56,15 @@ class VelocityInput:
         self._last: tuple[float, ...] = ()
         self.repeats = 0
         """How often the last velocity has come again to the last digit, of a vehicle that moves by it."""
-        self._said_vertical = ""
-        self._is_mended = self._said_scale = False
+        self._said_vertical = self._said_height = ""
+        self._is_withheld = self._is_mended = self._said_scale = False
         self.misled = False
         """Whether it has just been found out that the filter was told wrong velocities; to be set back."""
         self._learns = True
+        self.way = 0j
+        """Where velocities lead, East + i North [m], from anywhere."""
+        self._before = (math.inf, 0j)
+        self._said_delay = 0.0  # s
 
     def forget_time(self) -> None:
         """The navigator starts again: forget samples, keep what they have proved."""
@@ -60,14 +74,23 @@ class VelocityInput:
     def in_hindsight(self, journal: Journal) -> VelocityInput:
         """A copy for samples that this one has heard: it judges them by all that is known now, and learns nothing."""
         twin = copy.deepcopy(self, {id(self._journal): journal})
-        twin.forget_time()
-        twin._learns = False
+        twin._learns, twin._last, twin.repeats = False, (), 0
         return twin
 
     @property
     def doubted(self) -> bool:
         """Whether the velocity has lately contradicted the way between fixes."""
         return bool(self._check.fault) or self._check.suspect
+
+    @property
+    def height_fault(self) -> str:
+        """What is wrong with the heights of fixes, a clause; empty if nothing is known to be."""
+        return self._check.climb.height_fault
+
+    def barometric_height(self, height: float) -> None:
+        """Of the last pressure [m]: a witness of climbs."""
+        if self._learns:
+            self._check.climb.baro = height
 
     @property
     def sound_steps(self) -> int:
@@ -85,12 +108,14 @@ class VelocityInput:
         self._check.fix(t, sample.lat, sample.lon, sample.alt, sd)
         self._tell_scale(sample.stamp_ns)
         self._tell_vertical(sample.stamp_ns)
+        self._watch_suspicion()
+        self._tell_lateness(sample.stamp_ns)
         fault = self._check.fault
         if (fault, self._check.name) == self._said:
             return
         self._said = (fault, self._check.name)
         if fault:
-            self.misled, self._is_mended = True, False
+            self._is_mended = False
             why = _FAULTS[fault].format(name=_in_words(self._check.name))
             text = f"GNSS velocity not used: {why} ({self._check.misfit:.1f} m/s apart)"
             self._journal.say(sample.stamp_ns, f"gnss.velocity.axes.{fault}", Level.ERROR, text)
@@ -110,11 +135,20 @@ class VelocityInput:
             return None
         if self._learns:
             self._check.velocity(t, *sample.vel_enu)
+        self._add_up(t, complex(*sample.vel_enu[:2]))
         return self._passed(sample)
+
+    def _add_up(self, t: float, velocity: complex) -> None:
+        before, last = self._before
+        self._before = t, velocity
+        if 0.0 < t - before < _LONGEST_STEP:
+            self.way += 0.5 * (t - before) * (last + velocity)
 
     def _passed(self, sample: GnssVelocity) -> GnssVelocity | None:
         """What of a velocity may be offered to the filter by what is known now."""
         check = self._check
+        if check.late.delay and not check.fault:
+            return replace(sample, stamp_ns=sample.stamp_ns - round(check.late.delay * 1e9))
         if check.fault and check.certain:
             return self._mended(sample)
         if check.fault or check.suspect:
@@ -127,7 +161,28 @@ class VelocityInput:
             return replace(sample, vel_enu=(*sample.vel_enu[:2], math.nan))
         return sample
 
+    def _watch_suspicion(self) -> None:
+        is_withheld = self.doubted
+        self.misled = self.misled or (is_withheld and not self._is_withheld)
+        self._is_withheld = is_withheld
+
+    def _tell_lateness(self, stamp_ns: int) -> None:
+        delay = self._check.late.delay
+        if delay == self._said_delay:
+            return
+        self._said_delay, self.misled = delay, True
+        text = "GNSS velocity belongs to the positions of its stamps again"
+        if delay:
+            text = f"GNSS velocity is about {delay:g} s late against the positions: used as of then"
+        level = Level.WARN if delay else Level.INFO
+        self._journal.say(stamp_ns, "gnss.velocity.late", level, text, delay=delay)
+
     def _tell_vertical(self, stamp_ns: int) -> None:
+        fault = self._check.climb.height_fault
+        if fault and fault != self._said_height:
+            self._said_height, self.misled = fault, True
+            text = f"GNSS height not used: barometer and vertical velocity agree that it is {fault}"
+            self._journal.say(stamp_ns, "gnss.height.unit", Level.ERROR, text)
         vertical = self._check.climb.fault
         if not vertical or vertical == self._said_vertical:
             return
@@ -139,7 +194,7 @@ class VelocityInput:
 
     def _tell_scale(self, stamp_ns: int) -> None:
         scale = self._check.scale
-        if scale == 1.0 or self._said_scale:
+        if scale == 1.0 or abs(scale - 1.0) > _NO_CLOCK or self._said_scale or self.doubted:
             return
         self._said_scale = True
         amount, way = 100.0 * abs(scale - 1.0), "farther" if scale > 1.0 else "less far"
@@ -173,6 +228,4 @@ class VelocityInput:
 
 
 def _in_words(name: str) -> str:
-    if name == "body":
-        return "the vehicle's own"
-    return f"{name}-Down" if name == "North-East" else name
+    return _NAMES.get(name, name)
