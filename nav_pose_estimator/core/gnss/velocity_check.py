@@ -119,12 +119,13 @@ class VelocityCheck:
     sound_steps: int = field(default=0, init=False)
     """Steps that did not contradict a sound velocity, since the last one that did."""
     felt: bool = field(default=False, init=False)
-    """To be set: whether an IMU feels what the velocity says. Positions are to blame then for what is unexplained."""
+    """To be set: whether an IMU feels what the velocity says. What is unexplained is the positions' fault then."""
     climb: ClimbCheck = field(default_factory=ClimbCheck, init=False)
     late: Lateness = field(default_factory=Lateness, init=False)
     _odds: list[float] = field(default_factory=lambda: [_PRIOR] * _COUNT, init=False)
     _found: int = field(default=-1, init=False)
     _velocities: deque[tuple[float, float, float, float]] = field(default_factory=lambda: deque(maxlen=40), init=False)
+    _filled: tuple[bool, bool] = field(default=(False, False), init=False)  # East and North have been other than zero
     _waiting: tuple[float, float, float, float] | None = field(default=None, init=False)
     _step: _Step | None = field(default=None, init=False)
     _recent: deque[complex] = field(default_factory=lambda: deque(maxlen=3), init=False)
@@ -167,6 +168,7 @@ class VelocityCheck:
 
     def velocity(self, t: float, east: float, north: float, up: float) -> None:
         """A velocity [m/s] valid at ``t``, as the driver names its axes."""
+        self._filled = self._filled[0] or east != 0.0, self._filled[1] or north != 0.0
         self._velocities.append((t - self.late.delay, east, north, up))
         self.climb.velocity(east, north, up)
         self.late.velocity(t, complex(east, north))
@@ -303,6 +305,7 @@ class VelocityCheck:
         if self.fault:
             undone = self._found < len(MISTAKES) or (self._found == _LIKE and self._has_turned)
             others = max(value for i, value in enumerate(odds) if not self._is_like_found(i))
+            undone = undone and all(self._filled)
             self.certain = undone and self._steps > _KNOWN and odds[self._found] - others > _ALONE
 
     def _is_like_found(self, i: int) -> bool:
@@ -321,8 +324,8 @@ class VelocityCheck:
         return any(abs(cmath.phase(a / b)) > _OTHER_WAY for a, b in combinations(self._ways, 2))
 
     def _may_be(self, i: int) -> bool:
-        """An IMU that feels what the velocity says leaves the blame with the positions."""
-        return not (self.felt and i in (_ANY, _LIKE))
+        """An IMU that feels what the velocity says leaves the blame for the unexplained with the positions."""
+        return not (self.felt and i == _ANY)
 
     def _words(self, i: int) -> tuple[str, str]:
         if i < len(MISTAKES):

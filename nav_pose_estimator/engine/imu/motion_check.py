@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -25,6 +26,8 @@ On sixteen recorded flights, with 0 and 0.2 s of ``gnss.delay``, at most 0.03 wa
 """
 _WINS, _WIN = 2.7, 0.01
 """... and to win three windows in a row: a blow is in two of them."""
+_EXCITED, _FELT = 0.06, 0.5
+"""Share of the force that is horizontal, and the misfit in parts of that, with which an IMU feels what GNSS tells."""
 _CALM = 10  # windows in a row without misfit that end a wrong unit, which shows in every window of a flight
 _ALIKE, _ALIKE_FLOOR = 1.3, 0.004  # mistakes that explain nearly as much cannot be told apart
 
@@ -46,17 +49,26 @@ class MotionCheck:
         self._calm = 0
         self.finding: Finding | None = None
         self.misfit = math.nan
+        self.felt = False
+        """Whether the IMU has lately felt the changes of velocity that GNSS tells."""
+        self.felt_as_received = 0.0
+        """By how much squared misfit the velocities as they were received beat those that were put right and used."""
         self.forget_time()
 
     def forget_time(self) -> None:
         """The clock is another one: forget samples, keep what they have proved."""
         self._seconds: dict[int, motion_story.Second] = {}
         self._velocities: deque[tuple[float, Vector3]] = deque(maxlen=400)
+        self._received: deque[tuple[float, Vector3]] = deque(maxlen=400)
 
-    def velocity(self, t: float, velocity: Vector3) -> None:
-        """GNSS velocity ENU [m/s] valid at ``t`` [s]; one without a vertical component says nothing here."""
-        if (not self._velocities or t > self._velocities[-1][0]) and all(map(math.isfinite, velocity)):
-            self._velocities.append((t, velocity))
+    def velocity(self, t: float, used: Vector3, received: Vector3) -> None:
+        """GNSS velocity ENU [m/s] valid at ``t`` [s]; one without a vertical component says nothing here.
+
+        ``received``: as it came, where a mistake was undone to use it.
+        """
+        if (not self._velocities or t > self._velocities[-1][0]) and all(map(math.isfinite, used)):
+            self._velocities.append((t, used))
+            self._received.append((t, (*received[:2], used[2])))
 
     def second(self, k: int, rows: np.ndarray, gyro_bias: np.ndarray) -> None:
         """The IMU rows (N, 7) of the second that ends at ``k``, with one from before it.
@@ -75,11 +87,12 @@ class MotionCheck:
 
     def _compare(self, end: int, gyro_bias: np.ndarray) -> None:
         seconds = [self._seconds.get(k) for k in range(end - _WINDOW + 1, end + 1)]
-        forces = self._forces(end)
+        forces = self._forces(end, self._velocities)
         known = [one for one in seconds if one is not None]
         if forces is None or len(known) < _WINDOW:
             return
         self.misfit = self._own_misfit(known, forces, gyro_bias)
+        self._watch_what_was_received(end, known, forces, gyro_bias)
         squares = np.full(len(self._sums), self.misfit**2)
         if self.misfit > _SUSPICIOUS or self._blamed is not None:
             all_of_them = motion_story.fit(known, forces, self._gyros)
@@ -89,6 +102,17 @@ class MotionCheck:
         self._wins = _MEMORY * self._wins + ((squares < _BETTER * squares[0]) & (squares[0] - squares > _WIN))
         self._calm = self._calm + 1 if self.misfit < _SUSPICIOUS else 0
         self._judge()
+
+    def _watch_what_was_received(
+        self, end: int, known: list[motion_story.Second], forces: np.ndarray, gyro_bias: np.ndarray
+    ) -> None:
+        excitation = math.sqrt(float(np.sum(forces[:, :2] ** 2) / np.sum(forces**2)))
+        self.felt = excitation > _EXCITED and self.misfit < _FELT * excitation
+        received = self._forces(end, self._received)
+        self.felt_as_received *= _MEMORY
+        if received is not None and not np.array_equal(received, forces):
+            as_received = self._own_misfit(known, received, gyro_bias)
+            self.felt_as_received += self.misfit**2 - as_received**2
 
     def _own_misfit(self, known: list[motion_story.Second], forces: np.ndarray, gyro_bias: np.ndarray) -> float:
         """Of the IMU as it is, or without one of the biases that its gyroscope may have; the best of them."""
@@ -100,10 +124,11 @@ class MotionCheck:
                 break
         return least
 
-    def _forces(self, end: int) -> np.ndarray | None:
+    @staticmethod
+    def _forces(end: int, velocities: Iterable[tuple[float, Vector3]]) -> np.ndarray | None:
         """(S, 3) m/s: what GNSS says of the specific force in each second of the window; None where it says nothing."""
         times = np.arange(end - _WINDOW, end + 1, dtype=float)
-        near = [(t, v) for t, v in self._velocities if times[0] - _VELOCITY_GAP < t < times[-1] + _VELOCITY_GAP]
+        near = [(t, v) for t, v in velocities if times[0] - _VELOCITY_GAP < t < times[-1] + _VELOCITY_GAP]
         t = np.array([one[0] for one in near])
         if len(t) < 3 or t[0] > times[0] or t[-1] < times[-1] or np.diff(t).max() > _VELOCITY_GAP:
             return None

@@ -59,9 +59,19 @@ class ImuPhysics:
         """Why the IMU cannot be used, one sentence; empty where it can."""
         return "" if self._finding is None else f"The IMU is not plausible: {self._finding.sentence}."
 
-    def velocity(self, t: float, velocity: Vector3) -> None:
-        """GNSS velocity ENU [m/s] valid at ``t`` [s]."""
-        self._motion.velocity(t, velocity)
+    def velocity(self, t: float, used: Vector3, received: Vector3) -> None:
+        """GNSS velocity ENU [m/s] valid at ``t`` [s], and as it was ``received``."""
+        self._motion.velocity(t, used, received)
+
+    @property
+    def felt(self) -> bool:
+        """Whether the IMU has lately felt the changes of velocity that GNSS tells."""
+        return self._motion.felt
+
+    @property
+    def felt_as_received(self) -> float:
+        """By how much squared misfit the velocities as they were received beat those that were put right and used."""
+        return self._motion.felt_as_received
 
     def look(
         self, end: float, rows: np.ndarray, gyro_bias: np.ndarray | None, journal: Journal, stamp_ns: int

@@ -74,6 +74,7 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
     bias = run.timeline.filter.nav[at.GYRO_BIAS : at.GYRO_BIAS + 3] if run.timeline.running else None
     shaken = run.imu_physics.vibration_noise
     doubt = run.imu_physics.look(end, rows, bias, run.journal, stamp_ns)
+    run.gnss.reception.velocities.felt(run.imu_physics.felt, run.imu_physics.felt_as_received, stamp_ns)
     if run.timeline.running and run.imu_physics.vibration_noise != shaken:
         run.renew_constants()
     refusal = run.imu_physics.refusal
@@ -95,6 +96,8 @@ def _doubt_unaided(run: FilterRun, doubt: Doubt | None, refusal: str) -> None:
     if doubt is not None:
         run.observe(run.imu_doubt.observe(doubt, whole.time, stamp_ns))
     reason = refusal or _too_fast(whole.nav, run.parameters.gnss.reacquisition.max_speed)
+    if run.gnss.reception.velocities.position_fault:
+        reason = f"The positions of GNSS were wrong: {run.gnss.reception.velocities.position_fault}."
     run.modes.distrust(reason, run.journal, stamp_ns)
 
 

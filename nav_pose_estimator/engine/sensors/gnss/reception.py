@@ -22,6 +22,7 @@ from nav_pose_estimator.engine.solutions import Level
 _PERIOD_MEMORY = 6  # fixes that the period is taken from
 _STUCK = 4  # repetitions of a position in a row
 _MOVED = 8.0  # m by velocities, while positions that are rounded stay
+_INTEGER_DEGREES = 1e5  # deg
 _AHEAD = 1.0  # s: a fix with a later stamp is from the future
 _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
 
@@ -63,7 +64,7 @@ class GnssReception:
         if sample.status < 0:
             return self.refuse(sample.stamp_ns, "gnss.rejected.status", "the receiver has no fix")
         if not is_position(sample.lat, sample.lon, 0.0 if math.isnan(sample.alt) else sample.alt):
-            return self.refuse(sample.stamp_ns, "gnss.rejected.value", "the fix holds NaN or is no place on Earth")
+            return self.refuse(sample.stamp_ns, "gnss.rejected.value", _no_place(sample))
         if sample.lat == 0.0 and sample.lon == 0.0:
             why = "latitude and longitude are exactly zero, which is what drivers send before the first fix"
             return self.refuse(sample.stamp_ns, "gnss.rejected.null_island", why)
@@ -74,6 +75,8 @@ class GnssReception:
         if self._repeats >= _STUCK and self._is_stuck():
             why = "the position repeats to the last digit while the vehicle moves: the receiver is stuck"
             return self.refuse(sample.stamp_ns, "gnss.rejected.stuck", why)
+        if self.velocities.position_fault:
+            return self.refuse(sample.stamp_ns, "gnss.rejected.axes", self.velocities.position_fault)
         if t - now > _AHEAD:
             return self.refuse(sample.stamp_ns, "gnss.rejected.future", self._clocks(sample, t - now))
         if not self.enabled:
@@ -167,6 +170,14 @@ class GnssReception:
         if what:
             self._journal.count(f"gnss.{what}.covariance.flawed")
         return None
+
+
+def _no_place(sample: GnssFix) -> str:
+    """Why a fix is nowhere on Earth, a clause."""
+    largest = math.degrees(max(abs(sample.lat), abs(sample.lon)))
+    if _INTEGER_DEGREES < largest < math.inf:
+        return f"a latitude or longitude of {largest:.4g} deg is no place on Earth: is it in degrees times 1e7?"
+    return "the fix holds NaN or is no place on Earth"
 
 
 def _horizontal(sample: GnssFix) -> np.ndarray | None:

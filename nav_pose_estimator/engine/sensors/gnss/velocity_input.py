@@ -28,6 +28,14 @@ _FAULTS = {
     UNIT: "it points where the positions go, but is not as fast as them: it looks like {name} instead of m/s",
     UNEXPLAINED: "it does not say where the positions go",
 }
+_POSITION_FAULTS = {
+    "North-East": "latitude and longitude look exchanged",
+    "West-North": "longitude looks inverted (West is negative)",
+    "East-South": "latitude looks inverted (South is negative)",
+    "57 times m/s": "latitude and longitude look like radians where degrees belong",
+}
+"""By the mistake of the velocity that would explain it as well."""
+_AS_RECEIVED = 0.005  # of squared misfit; simulated flights: the wrong sign of it within 0.0003, the right one 0.006 to 0.02
 _NAMES = {
     "body": "the vehicle's own",
     "North-East": "North-East-Down",
@@ -64,6 +72,8 @@ class VelocityInput:
         self.way = 0j
         """Where velocities lead, East + i North [m], from anywhere."""
         self._before = (math.inf, 0j)
+        self.position_fault = ""
+        """What is wrong with positions, a clause; empty if nothing is known to be."""
         self._said_delay = 0.0  # s
 
     def forget_time(self) -> None:
@@ -97,9 +107,19 @@ class VelocityInput:
         """Seconds or so, in a row, in which nothing spoke against the velocity."""
         return 0 if self._check.climb.suspect else self._check.sound_steps
 
-    def felt(self, felt: bool) -> None:
-        """Whether the IMU feels what velocities say."""
+    def felt(self, felt: bool, as_received: float, stamp_ns: int) -> None:
+        """Whether the IMU feels what velocities say, and by how much better it feels them as they were received.
+
+        The positions are wrong then, and not the velocity that was put right by them.
+        """
         self._check.felt = felt
+        if not self._learns or self.position_fault or not self._is_mended or as_received < _AS_RECEIVED:
+            return
+        mistake = _POSITION_FAULTS.get(self._check.name)
+        if mistake is not None:
+            self.position_fault = mistake
+            text = f"GNSS positions not used: the IMU feels the velocity as it is received: {mistake}"
+            self._journal.say(stamp_ns, "gnss.position.axes", Level.ERROR, text)
 
     def fix(self, sample: GnssFix, t: float, sd: float) -> None:
         """A usable fix valid at ``t`` [s], horizontal deviation ``sd`` [m]: what velocities are compared with."""
