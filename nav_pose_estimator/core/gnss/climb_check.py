@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, field
 
 _PAUSE = 6.0  # s: over a longer one nothing can be summed up
+_LONGEST = 20.0  # s: in a slower climb biases of a decimetre per second count
 _SCATTER = 2.0  # m between two heights seconds apart, at least
 _SHARE = 0.3  # of the climb that honest sums are wrong by
 _STEEPEST = 60.0  # m/s
@@ -19,6 +20,7 @@ _CLIMB_TO_SCATTER = 3.0
 _PROOF = 2  # climbs in a row that prove it
 _CURE = 3  # ... that clear it
 _UNFILLED = 10  # samples with a vertical velocity of exactly zero, and none before with another
+_HIGH, _OBVIOUS = 300.0, 50.0  # m above which weather is a small part of the height; a ratio that is no weather
 _LIKE = 0.2  # of the logarithm, by which a ratio may differ from a unit's
 
 SILENT, DOWN, OTHER = "silent", "down", "other"
@@ -36,6 +38,7 @@ class _Climb:
     alt: float  # m
     start: float  # m
     baro_start: float  # m, NaN without one
+    begin: float  # s
     summed: float = 0.0
 
 
@@ -83,12 +86,14 @@ class ClimbCheck:
 
     def height(self, t: float, alt: float, up: float, variance: float) -> None:
         """The height [m] at ``t`` with the vertical velocity [m/s] of its epoch; ``variance`` [m^2] of a fix."""
+        if self.baro > _HIGH:
+            self._look_at(alt)
         climb = self._climb
-        fresh = _Climb(t, up, alt, alt, self.baro) if math.isfinite(alt) and math.isfinite(up) else None
-        if fresh is None or climb is None or t - climb.t > _PAUSE:
+        fresh = _Climb(t, up, alt, alt, self.baro, t) if math.isfinite(alt) and math.isfinite(up) else None
+        if fresh is None or climb is None or t - climb.t > _PAUSE or t - climb.begin > _LONGEST:
             self._climb = fresh
             return
-        if abs(alt - climb.alt) > _STEEPEST * (t - climb.t) + _SCATTER and math.isnan(self.baro):
+        if abs(alt - climb.alt) > _STEEPEST * (t - climb.t) + _SCATTER:
             self._climb = fresh  # heights that jump are no witness
             return
         climb.summed += 0.5 * (t - climb.t) * (climb.up + up)
@@ -101,6 +106,12 @@ class ClimbCheck:
             return
         self._climb = fresh
         self._conclude(self._verdict(gained, climb.summed, self.baro - climb.baro_start, scatter))
+
+    def _look_at(self, alt: float) -> None:
+        """A unit that is a hundred times too small shows in the height itself."""
+        for name, numbers in _UNITS.items():
+            if numbers > _OBVIOUS and abs(alt / self.baro / numbers - 1.0) < _LIKE:
+                self.height_fault = f"in {name}"
 
     def _verdict(self, gained: float, summed: float, by_baro: float, scatter: float) -> str:
         """Empty where height and velocity agree, the fault that explains it, or a question mark."""
@@ -115,7 +126,7 @@ class ClimbCheck:
             return DOWN
         if abs(summed) < 0.1 * abs(gained):
             return SILENT
-        return OTHER if math.isfinite(by_baro) else _NEITHER
+        return OTHER if math.isfinite(by_baro) and abs(gained) >= _CLIMB else _NEITHER
 
     def _conclude(self, verdict: str) -> None:
         self._verdicts = (*self._verdicts, verdict)[-_CURE:]

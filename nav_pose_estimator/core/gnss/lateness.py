@@ -8,26 +8,16 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import NamedTuple
+
+from nav_pose_estimator.core.gnss.velocity_steps import Step
 
 DELAYS = (0.5, 0.75, 1.0, 1.5, 2.0)  # s
 _MEMORY = 16.0  # s of sums
 _PRIOR, _MOST = -10.0, 45.0  # twice the logarithm of the odds
-_PROVED, _CLEARED = 10.0, 0.0
+_PROVED, _CLEARED = 5.0, 0.0
 _WORST = 16.0  # squared deviations
 _TIMING = 0.15  # s by which a delay is not known: half of the distance to the next one
 _SCALE = 0.05  # of the way
-
-
-class Stretch(NamedTuple):
-    """Between two fixes: ``begin`` and ``end`` [s], the ``way`` [m], by how much it is uncertain [m]."""
-
-    begin: float
-    end: float
-    way: complex
-    floor: float
-    turn: float
-    """m/s by which the velocity changed."""
 
 
 @dataclass(eq=False)
@@ -36,7 +26,7 @@ class Lateness:
 
     delay: float = field(default=0.0, init=False)
     _sums: deque[tuple[float, complex, complex]] = field(default_factory=deque, init=False)  # t, velocity, m so far
-    _waiting: deque[Stretch] = field(default_factory=deque, init=False)
+    _waiting: deque[Step] = field(default_factory=deque, init=False)
     _odds: list[float] = field(default_factory=lambda: [_PRIOR] * len(DELAYS), init=False)
 
     def interrupt(self) -> None:
@@ -60,11 +50,11 @@ class Lateness:
         while self._waiting and self._waiting[0].end + DELAYS[-1] <= t:
             self._weigh(self._waiting.popleft())
 
-    def stretch(self, stretch: Stretch) -> None:
+    def stretch(self, stretch: Step) -> None:
         """A way to be explained, once the velocities are there that may belong to it."""
         self._waiting.append(stretch)
 
-    def _weigh(self, s: Stretch) -> None:
+    def _weigh(self, s: Step) -> None:
         own = self._square(s, 0.0)
         if own is None:
             return
@@ -80,7 +70,7 @@ class Lateness:
         elif self._odds[best] < _CLEARED:
             self.delay = 0.0
 
-    def _square(self, s: Stretch, delay: float) -> float | None:
+    def _square(self, s: Step, delay: float) -> float | None:
         """Squared deviations of the way from the sum that begins later by ``delay``; None where that is not known."""
         begin, end = self._sum_at(s.begin + delay), self._sum_at(s.end + delay)
         if begin is None or end is None:

@@ -37,6 +37,9 @@ def go_back(run: FilterRun, stamp_ns: int) -> FilterRun:
         twin.gnss.position.resets = run.gnss.position.resets + 1
     text = "what wrong velocities did is undone: the last seconds are computed anew with what is known of them now"
     run.journal.say(stamp_ns, UNDONE, Level.WARN, text)
+    mode, now = run.modes.mode.value, twin.modes.mode.value
+    if mode != now:
+        run.journal.say(stamp_ns, f"mode.{now.lower()}", Level.INFO, f"{mode} -> {now}")
     return twin
 
 

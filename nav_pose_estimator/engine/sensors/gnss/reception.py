@@ -72,7 +72,8 @@ class GnssReception:
         self._repeats, self._last = self._repeats + 1 if here == self._last else 0, here
         if not self._repeats:
             self._way_before = self.velocities.way
-        if self._repeats >= _STUCK and self._is_stuck():
+        moves = self.velocities.repeats >= _STUCK or abs(self.velocities.way - self._way_before) > _MOVED
+        if moves and self._repeats >= _STUCK:
             why = "the position repeats to the last digit while the vehicle moves: the receiver is stuck"
             return self.refuse(sample.stamp_ns, "gnss.rejected.stuck", why)
         if self.velocities.position_fault:
@@ -105,10 +106,6 @@ class GnssReception:
     def believed(self, sample: GnssFix) -> GnssFix:
         """A fix that passed, without a height that cannot be."""
         return replace(sample, alt=math.nan) if self.velocities.height_fault else sample
-
-    def _is_stuck(self) -> bool:
-        """Whether a position that repeats itself belongs to a vehicle that moves."""
-        return self.velocities.repeats >= _STUCK or abs(self.velocities.way - self._way_before) > _MOVED
 
     def velocity(self, sample: GnssVelocity, t: float) -> GnssVelocity | None:
         """What of a velocity valid at ``t`` may be used: it is as good as the last fix, and its axes must be right."""
