@@ -13,6 +13,7 @@ import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.airframe import UNKNOWN, Beforehand
+from nav_pose_estimator.core.motion.shown_class import contradiction
 from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.outage.airframe_file import load_airframe
 from nav_pose_estimator.engine.outage.epochs import FlightMemory
@@ -29,6 +30,7 @@ from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.errors import UserError
 
 TAKE_OVER = 5.0  # s between the end of the data and the use of what was learned from them
+_LOOK = 20.0  # s between two looks at what class the flight shows
 _YOUNG = 0.5  # a young flight is learned from again when it has grown by this part
 
 
@@ -43,6 +45,8 @@ class LearnerState:
     begun: int = 0  # trainings
     next_s: float = 0.0  # when the next training is due
     result: TrainingResult | None = None  # waits for its time
+    look_s: float = 0.0  # when the class is looked at next
+    shown_class: str = ""  # that the flight has shown and that is not the one known beforehand
 
 
 class OutageLearner:
@@ -75,6 +79,12 @@ class OutageLearner:
         state.memory.add(epoch)
         if state.model is not None:
             state.model = state.model.follow(epoch)
+        if not 0.0 < state.look_s - now <= _LOOK:
+            state.look_s = now + _LOOK
+            beforehand = self.method.beforehand
+            if beforehand.is_class_known:
+                epochs = state.memory.last(self._parameters.window)
+                state.shown_class = contradiction(epochs, beforehand.vehicle_class)
         if state.result is not None and now >= state.result.until + TAKE_OVER:
             self._take_over(state.result)
         # a clock that went back does not wait for the old time
