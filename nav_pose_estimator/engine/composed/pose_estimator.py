@@ -15,6 +15,7 @@ from nav_pose_estimator.engine.composed import sensor_batch
 from nav_pose_estimator.engine.composed.exchange import ExchangeClock, navigator_velocity
 from nav_pose_estimator.engine.composed.sensor_batch import SensorBatch
 from nav_pose_estimator.engine.navigator.go_back import UNDONE
+from nav_pose_estimator.engine.navigator.heading_trial import TURNED
 from nav_pose_estimator.engine.navigator.modes import LEVELLING
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.outage.aid import OutageAid
@@ -46,6 +47,7 @@ from nav_pose_estimator.engine.solutions import (
     Status,
 )
 
+_ANOTHER_STATE = (WRONG_START, UNDONE, TURNED)
 Early = Sequence[tuple[int, Sample]]
 """Samples that came behind so many IMU samples of a block; the navigator hears of them before the block."""
 
@@ -123,7 +125,7 @@ class PoseEstimator:
         solutions = self._navigate(sample, early, outputs)
         outputs += solutions
         if self.outage_aid is not None:
-            if any(isinstance(one, Event) and one.name in (WRONG_START, UNDONE) for one in solutions):
+            if any(isinstance(one, Event) and one.name in _ANOTHER_STATE for one in solutions):
                 self.outage_aid.reset()  # what it has learned so far was seen along a wrong state
             for _, other in early:
                 self.outage_aid.hear(other)

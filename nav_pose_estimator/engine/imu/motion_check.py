@@ -10,6 +10,7 @@ import numpy as np
 
 from nav_pose_estimator.core.alignment import motion_story
 from nav_pose_estimator.core.alignment.motion_story import DEGREE
+from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
 from nav_pose_estimator.engine.imu.plausibility import Finding, G
 from nav_pose_estimator.engine.samples import Vector3
 
@@ -53,6 +54,7 @@ class MotionCheck:
         """Whether the IMU has lately felt the changes of velocity that GNSS tells."""
         self.felt_as_received = 0.0
         """By how much squared misfit the velocities as they were received beat those that were put right and used."""
+        self.heading = HeadingWitness()
         self.forget_time()
 
     def forget_time(self) -> None:
@@ -60,6 +62,7 @@ class MotionCheck:
         self._seconds: dict[int, motion_story.Second] = {}
         self._velocities: deque[tuple[float, Vector3]] = deque(maxlen=400)
         self._received: deque[tuple[float, Vector3]] = deque(maxlen=400)
+        self.heading.forget()
 
     def velocity(self, t: float, used: Vector3, received: Vector3) -> None:
         """GNSS velocity ENU [m/s] valid at ``t`` [s]; one without a vertical component says nothing here.
@@ -79,6 +82,7 @@ class MotionCheck:
         whole = motion_story.second_of(rows, float(k - 1))
         if whole is not None:
             self._seconds[k] = whole
+            self.heading.carry(k, whole.without(gyro_bias).angle)
             motion = float(whole.angle.std(axis=0).max())
             if motion < self._least_motion:
                 self._offset, self._least_motion = whole.angle.sum(axis=0), motion
@@ -93,6 +97,8 @@ class MotionCheck:
             return
         self.misfit = self._own_misfit(known, forces, gyro_bias)
         self._watch_what_was_received(end, known, forces, gyro_bias)
+        without = [one.without(gyro_bias) for one in known]
+        self.heading.compare(end - _WINDOW, motion_story.impulses(without, self._gyros[:1])[0], forces)
         squares = np.full(len(self._sums), self.misfit**2)
         if self.misfit > _SUSPICIOUS or self._blamed is not None:
             all_of_them = motion_story.fit(known, forces, self._gyros)

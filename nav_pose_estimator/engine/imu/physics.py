@@ -10,6 +10,7 @@ import numpy as np
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.imu import plausibility
 from nav_pose_estimator.engine.imu.doubt import Doubt, DoubtMeter
+from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
 from nav_pose_estimator.engine.imu.motion_check import MotionCheck
 from nav_pose_estimator.engine.imu.plausibility import Finding
 from nav_pose_estimator.engine.imu.seconds import ImuSecond, second_of
@@ -67,6 +68,11 @@ class ImuPhysics:
     def felt(self) -> bool:
         """Whether the IMU has lately felt the changes of velocity that GNSS tells."""
         return self._motion.felt
+
+    @property
+    def heading(self) -> HeadingWitness:
+        """Whether the heading is the one in which GNSS velocity shows the forces."""
+        return self._motion.heading
 
     @property
     def felt_as_received(self) -> float:

@@ -20,7 +20,7 @@ from nav_pose_estimator.core.alignment.carried_heading import CarriedHeading
 from nav_pose_estimator.core.earth.ellipsoid import step_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.strapdown import propagate
-from nav_pose_estimator.core.numerics.rotation import euler_from_quat
+from nav_pose_estimator.core.numerics.rotation import euler_from_quat, quat_from_rotvec, quat_multiply
 from nav_pose_estimator.engine.navigator import filter_setup
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.samples import MagSample
@@ -32,6 +32,10 @@ _FAR_OFF = (
 )
 _SIGNIFICANT = 3.0  # joint standard deviations
 _CONTRADICTED = 2.0  # mean NIS per row above which GNSS does not bear out the navigator's heading
+TURNED = "heading.turned"
+"""Event: the navigator goes on with another heading, and what was learned along the old one is worth nothing."""
+_TURNED_HEADING_SD, _TURNED_TILT_SD = 0.25, 0.05  # rad
+_TURNED_GYRO_SD, _TURNED_ACCEL_SD = 0.01, 0.2  # rad/s, m/s^2
 _PATIENCE = 5.0  # s without a fix after which the aligner begins anew instead of keeping the IMU
 
 
@@ -82,6 +86,34 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
             text = f"the heading of before the restart was {math.degrees(abs(error)):.0f} deg off, as motion shows"
             run.journal.say(stamp_ns, "resume.heading.wrong", Level.WARN, text, error_deg=math.degrees(error))
         _start_from(run, constants, start)
+
+
+def turn(run: FilterRun, angle: float, stamp_ns: int) -> None:
+    """Turn the heading by ``angle`` [rad], counter-clockwise, for IMU and GNSS have shown it to be so far off.
+
+    A filter with a wrong heading has bent tilt and biases until they fitted.
+    """
+    whole = run.settled
+    nav, P = whole.nav.copy(), whole.P.copy()
+    nav[at.QUAT : at.GYRO_BIAS] = quat_multiply(quat_from_rotvec(np.array([0.0, 0.0, angle])), nav[at.QUAT : at.GYRO_BIAS])
+    attitude = slice(at.PHI, at.PHI + 3)
+    tilt = max(float(P.diagonal()[at.PHI : at.PHI + 2].max()), _TURNED_TILT_SD**2)
+    P[attitude, :] = P[:, attitude] = 0.0
+    P[attitude, attitude] = np.diag([tilt, tilt, _TURNED_HEADING_SD**2])
+    for start, sd in ((at.D_GYRO_BIAS, _TURNED_GYRO_SD), (at.D_ACCEL_BIAS, _TURNED_ACCEL_SD)):
+        P[range(start, start + 3), range(start, start + 3)] += sd**2
+    run.timeline.restart(whole.constants.copy(), nav, P)
+    run.gnss.position.resets += 1
+    run.past.forget()
+    magnetometer, error = run.aids[MagSample], -angle
+    assert isinstance(magnetometer, Magnetometer)
+    if run.trial is not None and run.trial.from_magnetometer:
+        magnetometer.condemn(stamp_ns, error)
+    else:
+        magnetometer.compare_anew()
+        text = f"the heading was {math.degrees(abs(error)):.0f} deg off, as IMU and GNSS show: turned"
+        run.journal.say(stamp_ns, TURNED, Level.WARN, text, error_deg=math.degrees(error))
+    run.trial = None
 
 
 def _heading(nav: np.ndarray, P: np.ndarray) -> tuple[float, float]:
