@@ -17,10 +17,12 @@ import math
 import numpy as np
 
 from nav_pose_estimator.core.alignment.carried_heading import CarriedHeading
+from nav_pose_estimator.core.alignment.types import Alignment
 from nav_pose_estimator.core.earth.ellipsoid import step_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.strapdown import propagate
-from nav_pose_estimator.core.numerics.rotation import euler_from_quat, quat_from_rotvec, quat_multiply
+from nav_pose_estimator.core.numerics.rotation import euler_from_quat, quat_from_euler
+from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
 from nav_pose_estimator.engine.navigator import filter_setup
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.samples import MagSample
@@ -88,21 +90,30 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
         _start_from(run, constants, start)
 
 
-def turn(run: FilterRun, angle: float, stamp_ns: int) -> None:
-    """Turn the heading by ``angle`` [rad], counter-clockwise, for IMU and GNSS have shown it to be so far off.
+def turn(run: FilterRun, witness: HeadingWitness, stamp_ns: int) -> None:
+    """Turn the heading, for IMU and GNSS have shown it to be far off.
 
-    A filter with a wrong heading has bent tilt and biases until they fitted.
+    A filter with a wrong heading has bent tilt and biases until they fitted: roll and pitch are the witness's, too.
     """
-    whole = run.settled
+    whole, angle = run.settled, witness.error
     nav, P = whole.nav.copy(), whole.P.copy()
-    nav[at.QUAT : at.GYRO_BIAS] = quat_multiply(quat_from_rotvec(np.array([0.0, 0.0, angle])), nav[at.QUAT : at.GYRO_BIAS])
-    attitude = slice(at.PHI, at.PHI + 3)
+    own = nav[at.QUAT : at.GYRO_BIAS]
+    roll, pitch, _ = euler_from_quat(own if witness.level is None else witness.level)
+    nav[at.ACCEL_BIAS : at.ACCEL_BIAS + 3] = 0.0  # as in the witness's roll and pitch
+    own[:] = quat_from_euler(roll, pitch, euler_from_quat(own)[2] + angle)
     tilt = max(float(P.diagonal()[at.PHI : at.PHI + 2].max()), _TURNED_TILT_SD**2)
-    P[attitude, :] = P[:, attitude] = 0.0
-    P[attitude, attitude] = np.diag([tilt, tilt, _TURNED_HEADING_SD**2])
-    for start, sd in ((at.D_GYRO_BIAS, _TURNED_GYRO_SD), (at.D_ACCEL_BIAS, _TURNED_ACCEL_SD)):
-        P[range(start, start + 3), range(start, start + 3)] += sd**2
-    run.timeline.restart(whole.constants.copy(), nav, P)
+    for start, variances in (
+        (at.PHI, [tilt, tilt, _TURNED_HEADING_SD**2]),
+        (at.D_GYRO_BIAS, [_TURNED_GYRO_SD**2] * 3),
+        (at.D_ACCEL_BIAS, [_TURNED_ACCEL_SD**2] * 3),
+    ):
+        states = slice(start, start + 3)
+        P[states, :] = P[:, states] = 0.0
+        P[states, states] = np.diag(variances)
+    constants = filter_setup.constants(run.parameters, run.noise.imu_variance)
+    base = P[: at.BASE_STATES, : at.BASE_STATES]  # sensors are given their states again, which were bent as well
+    start = Alignment(whole.time, nav, base, "turned")
+    run.timeline.restart(constants, *filter_setup.complete_start(start, constants, run.parameters))
     run.gnss.position.resets += 1
     run.past.forget()
     magnetometer, error = run.aids[MagSample], -angle

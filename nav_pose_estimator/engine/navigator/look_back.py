@@ -98,7 +98,7 @@ def _turn_heading(run: FilterRun, stamp_ns: int) -> None:
     """Where IMU and GNSS have shown that the heading is far off, unless their velocities are in doubt themselves."""
     good = run.aiding.gnss_is_good(run.now) and not run.gnss.reception.velocities.doubted
     if good and run.timeline.filter.branches is None:
-        heading_trial.turn(run, run.imu_physics.heading.error, stamp_ns)
+        heading_trial.turn(run, run.imu_physics.heading, stamp_ns)
     run.imu_physics.heading.forget()
 
 
