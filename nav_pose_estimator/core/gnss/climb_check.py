@@ -104,6 +104,9 @@ class ClimbCheck:
             _CLIMB, _CLIMB_TO_SCATTER * scatter
         ):
             return
+        undecided = abs(gained - climb.summed) > scatter and max(abs(gained), abs(climb.summed)) < 2.0 * _CLIMB
+        if undecided and _agree(gained, climb.summed, scatter):
+            return  # a longer climb tells
         self._climb = fresh
         self._conclude(self._verdict(gained, climb.summed, self.baro - climb.baro_start, scatter))
 
@@ -126,14 +129,16 @@ class ClimbCheck:
             return DOWN
         if abs(summed) < 0.1 * abs(gained):
             return SILENT
-        return OTHER if math.isfinite(by_baro) and abs(gained) >= _CLIMB else _NEITHER
+        return OTHER if math.isfinite(by_baro) and abs(gained) > 0.9 * _CLIMB else _NEITHER
 
     def _conclude(self, verdict: str) -> None:
         self._verdicts = (*self._verdicts, verdict)[-_CURE:]
         self.suspect = verdict in (SILENT, DOWN, OTHER)
         last = self._verdicts[-_PROOF:]
-        if len(last) == _PROOF and last[0] == last[1] and last[0] in (SILENT, DOWN, OTHER):
+        if len(last) == _PROOF and last[0] == last[1] and last[0] in (SILENT, DOWN):
             self.fault = last[0]
+        elif self._verdicts == (OTHER,) * _CURE:
+            self.fault = OTHER
         elif len(last) == _PROOF and last[0] == last[1] == _HEIGHT:
             self.height_fault = self._unit
         elif len(self._verdicts) == _CURE and not any(self._verdicts):

@@ -78,7 +78,7 @@ class Similarity:
     _cross: complex = field(default=0j, init=False)  # m^2: ways times sums, and sums squared, that fade
     _power: float = field(default=0.0, init=False)
     _steps: float = field(default=0.0, init=False)
-    _ways: deque[complex] = field(default_factory=lambda: deque(maxlen=12), init=False)
+    _ways: deque[complex] = field(default_factory=lambda: deque(maxlen=30), init=False)
 
     @property
     def factor(self) -> complex:
