@@ -18,7 +18,7 @@ from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, Sample, SatelliteCount
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, SatelliteCount
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock
 from nav_pose_estimator.sim import scenarios
 from nav_pose_estimator.sim.recording import Recording
@@ -47,7 +47,9 @@ def body(recording: Recording, sample: Any, _memory: dict) -> Any:
     """Velocity forward, left, up."""
     if not isinstance(sample, GnssVelocity):
         return sample
-    row = min(int(np.searchsorted(recording.truth.t, (sample.stamp_ns - recording.start_ns) * 1e-9)), len(recording.truth) - 1)
+    row = min(
+        int(np.searchsorted(recording.truth.t, (sample.stamp_ns - recording.start_ns) * 1e-9)), len(recording.truth) - 1
+    )
     C = quat_to_matrix(recording.truth.q_nb[row])
     return replace(sample, vel_enu=tuple((C.T @ np.array(sample.vel_enu)).tolist()))
 

@@ -114,7 +114,7 @@ def test_a_mistake_that_is_known_beyond_doubt_is_undone(name: str) -> None:
     """GIVEN velocities in wrong axes or units WHEN GNSS is lost a quarter of a minute after the first motion
     THEN what is wrong is named, what it did is undone, and the outage ends as with sound velocities."""
     told = lost(MENDED[name])
-    assert name in told.event("gnss.velocity.axes").text
+    assert any(name in event.text for event in told.events if event.name.startswith("gnss.velocity.axes"))
     assert told.when("gnss.velocity.turned")[0] < MOTION + 13.0
     assert told.when(UNDONE)
     assert honest(told)
@@ -125,7 +125,7 @@ def test_a_mistake_that_is_known_beyond_doubt_is_undone(name: str) -> None:
 def test_velocities_that_cannot_be_put_right_leave_no_trace(name: str) -> None:
     """GIVEN velocities that no turn mends WHEN GNSS is lost THEN the outage ends as with positions alone."""
     told = lost(DROPPED[name])
-    assert name in told.event("gnss.velocity.axes").text
+    assert any(name in event.text for event in told.events if event.name.startswith("gnss.velocity.axes"))
     assert told.when(UNDONE)[-1] < MOTION + 10.0
     assert honest(told)
     assert end(told) < 1.2 * max(end(usual()), end(positions_alone())) + 2.0

@@ -129,7 +129,7 @@ class ClimbCheck:
             return DOWN
         if abs(summed) < 0.1 * abs(gained):
             return SILENT
-        return OTHER if math.isfinite(by_baro) and abs(gained) > 0.9 * _CLIMB else _NEITHER
+        return OTHER if math.isfinite(by_baro) and abs(gained) > 0.6 * _CLIMB else _NEITHER
 
     def _conclude(self, verdict: str) -> None:
         self._verdicts = (*self._verdicts, verdict)[-_CURE:]

@@ -15,8 +15,10 @@ DELAYS = (0.5, 0.75, 1.0, 1.5, 2.0)  # s
 _MEMORY = 16.0  # s of sums
 _PRIOR, _MOST = -10.0, 45.0  # twice the logarithm of the odds
 _PROVED, _CLEARED = 5.0, 0.0
-_WORST = 16.0  # squared deviations
+_WORST = 10.0  # squared deviations: a worse step says no more
+_EXPLAINED = 5.0  # ... within which a delay has to explain a step for which it is to be blamed
 _TIMING = 0.15  # s by which a delay is not known: half of the distance to the next one
+_TURNS = 6.0  # m/s by which the velocity changes within a step; more is noise
 _SCALE = 0.05  # of the way
 
 
@@ -61,7 +63,7 @@ class Lateness:
         for i, delay in enumerate(DELAYS):
             late = self._square(s, delay)
             if late is not None:
-                self._odds[i] += own - late
+                self._odds[i] += own - late if late < _EXPLAINED else min(own - late, 0.0)
         beyond = max(max(self._odds) - _MOST, 0.0)
         self._odds = [max(odds - beyond, _PRIOR) for odds in self._odds]
         best = max(range(len(DELAYS)), key=lambda i: self._odds[i])
@@ -75,7 +77,7 @@ class Lateness:
         begin, end = self._sum_at(s.begin + delay), self._sum_at(s.end + delay)
         if begin is None or end is None:
             return None
-        variance = s.floor**2 + (_SCALE * abs(s.way)) ** 2 + (_TIMING * s.turn) ** 2
+        variance = s.floor**2 + (_SCALE * abs(s.way)) ** 2 + (_TIMING * min(s.turn, _TURNS)) ** 2
         return min(abs(s.way - (end - begin)) ** 2 / variance, _WORST)
 
     def _sum_at(self, t: float) -> complex | None:

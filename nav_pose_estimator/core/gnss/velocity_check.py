@@ -11,6 +11,7 @@ Whether velocity or position is at fault cannot be told from the two alone. Pure
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
 
 from nav_pose_estimator.core.gnss import velocity_mistakes as mistakes
@@ -24,6 +25,8 @@ _PRIOR, _CLEARED, _SUSPECT, _PROVED, _MOST = -10.0, 0.0, 5.0, 20.0, 45.0
 """Twice the logarithm of the odds of a mistake. On thirteen recorded flights they rise to -2.4 at most."""
 _STANDS = 6.0  # of which a step takes off where nothing moves: no suspicion outlasts a stand
 _ALONE = 12.0  # by which the odds of one mistake exceed those of all others where it may be undone
+_HARDLY = 0.05  # of what a velocity says
+_HELD = 3  # steps that a mistake has to explain after the proof before it is undone
 _SAYS = 0.5  # least weight of a step that teaches anything
 _SCALE_LEAST, _SCALE_SURE = 0.03, 3.0  # of the way, and deviations, by which a scale has to differ from 1
 
@@ -52,9 +55,10 @@ class VelocityCheck:
     _similarity: Similarity = field(default_factory=Similarity, init=False)
     _odds: list[float] = field(default_factory=lambda: [_PRIOR] * COUNT, init=False)
     _found: int = field(default=-1, init=False)
+    _held: int = field(default=0, init=False)  # steps that it has explained since it was found
     _last: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), init=False)
     _filled: tuple[bool, bool] = field(default=(False, False), init=False)  # East and North have been other than zero
-    _waiting: tuple[float, float, float, float, float] | None = field(default=None, init=False)
+    _waiting: deque[tuple[float, float, float, float, float]] = field(default_factory=deque, init=False)
     _along: float = field(default=0.0, init=False)  # m^2: ways times sums, and sums squared, of steps that agreed
     _square: float = field(default=0.0, init=False)
 
@@ -70,12 +74,17 @@ class VelocityCheck:
         scale, sd = self._along / self._square, 2.0 * self._steps.floor(1.0) / math.sqrt(self._square)
         return scale if abs(scale - 1.0) > _SCALE_LEAST + _SCALE_SURE * sd else 1.0
 
+    @property
+    def stands_still(self) -> bool:
+        """Whether the velocity is so much too large that positions may as well be what is wrong: they hardly move."""
+        return 0 <= self._found < len(LINEAR) and abs(LINEAR[self._found].a) + abs(LINEAR[self._found].b) < _HARDLY
+
     def forget_time(self) -> None:
         """The clock is another one, or the filter starts again: forget samples, keep what they have proved."""
         self._steps.interrupt()
         self.climb.interrupt()
         self.late.interrupt()
-        self._waiting = None
+        self._waiting.clear()
         if not self.fault:
             self.suspect, self._odds = False, [_PRIOR] * COUNT
 
@@ -90,12 +99,15 @@ class VelocityCheck:
     def fix(self, t: float, lat: float, lon: float, alt: float, sd: float = 0.0) -> None:
         """A position [rad, rad, m] valid at ``t`` with the horizontal deviation ``sd`` [m] that the receiver states.
 
-        It counts once the next one is there, and so its own velocity.
+        It counts once a later one is there, and so its own velocity.
         """
-        before, self._waiting = self._waiting, (t, lat, lon, alt, sd)
-        if before is None or not before[0] < t:
+        if self._waiting and t <= self._waiting[-1][0]:
             return
-        t, lat, lon, alt, sd = before
+        self._waiting.append((t, lat, lon, alt, sd))
+        while self._waiting[0][0] + self.late.delay < t:
+            self._compare(*self._waiting.popleft())
+
+    def _compare(self, t: float, lat: float, lon: float, alt: float, sd: float) -> None:
         up = self._steps.own_up(t)
         if up is None:
             self.climb.interrupt()
@@ -113,6 +125,8 @@ class VelocityCheck:
         for i, fit in enumerate(mistakes.fits(step, self._similarity)):
             gain = own.cost - fit.cost
             gain = weight * (gain if fit.square < _EXPLAINED else min(gain, 0.0))
+            if i == self._found and weight > _SAYS and fit.square < _EXPLAINED:
+                self._held += 1
             self._odds[i] += gain - (0.0 if i == self._found else _STANDS * (1.0 - weight))
         beyond = max(max(self._odds) - _MOST, 0.0)
         self._odds = [max(odds - beyond, _PRIOR) for odds in self._odds]
@@ -137,7 +151,7 @@ class VelocityCheck:
         if self.fault and odds[self._found] <= _CLEARED and not self.suspect:
             self.fault, self.name, self.certain, self._found = "", "", False, -1
         if odds[best] > _PROVED and (not self.fault or odds[best] > odds[self._found] + _SUSPECT):
-            self._found = best
+            self._found, self._held = best, 0
             self.fault, self.name = self._in_words(best)
         if self.fault:
             others = max(value for i, value in enumerate(odds) if not self._is_like_found(i))
@@ -146,7 +160,10 @@ class VelocityCheck:
     def _can_be_undone(self) -> bool:
         if not (self._similarity.is_known and all(self._filled)):
             return False
-        return self._found < len(LINEAR) or (self._found == LIKE and self._similarity.has_turned)
+        if self._held < _HELD:
+            return False
+        by_turn = self.fault == mistakes.UNIT or self._similarity.has_turned
+        return self._found < len(LINEAR) or (self._found == LIKE and by_turn)
 
     def _is_like_found(self, i: int) -> bool:
         """Whether a mistake is undone in the same way as the one found, or says nothing."""

@@ -130,7 +130,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "gnss.velocity.axes.silent",
-            "velocities, or one axis of them, stay zero or repeat themselves while the positions move; they are not used",
+            "velocities, or an axis of them, stay zero or repeat while the positions move; they are not used",
             "set ros.input.velocity to none",
         ),
         Entry(

@@ -37,7 +37,7 @@ _PROOF = 2  # windows in a row
 
 @dataclass(eq=False)
 class HeadingWitness:
-    """``error`` [rad] is by how much the navigator's heading has to be turned, counter-clockwise; 0 while it need not."""
+    """``error`` [rad]: by how much the navigator's heading has to be turned, counter-clockwise; 0 while it need not."""
 
     error: float = field(default=0.0, init=False)
     _attitudes: dict[int, np.ndarray] = field(default_factory=dict, init=False)  # at whole seconds

@@ -64,14 +64,14 @@ class MotionCheck:
         self._received: deque[tuple[float, Vector3]] = deque(maxlen=400)
         self.heading.forget()
 
-    def velocity(self, t: float, used: Vector3, received: Vector3) -> None:
+    def velocity(self, t: float, used: Vector3 | None, received: Vector3) -> None:
         """GNSS velocity ENU [m/s] valid at ``t`` [s]; one without a vertical component says nothing here.
 
-        ``received``: as it came, where a mistake was undone to use it.
+        ``received``: as it came, where a mistake was undone to use it, or where it is not used (None).
         """
-        if (not self._velocities or t > self._velocities[-1][0]) and all(map(math.isfinite, used)):
-            self._velocities.append((t, used))
-            self._received.append((t, (*received[:2], used[2])))
+        for known, velocity in ((self._velocities, used), (self._received, received)):
+            if velocity is not None and (not known or t > known[-1][0]) and all(map(math.isfinite, velocity)):
+                known.append((t, velocity))
 
     def second(self, k: int, rows: np.ndarray, gyro_bias: np.ndarray) -> None:
         """The IMU rows (N, 7) of the second that ends at ``k``, with one from before it.
@@ -93,10 +93,15 @@ class MotionCheck:
         seconds = [self._seconds.get(k) for k in range(end - _WINDOW + 1, end + 1)]
         forces = self._forces(end, self._velocities)
         known = [one for one in seconds if one is not None]
-        if forces is None or len(known) < _WINDOW:
+        if len(known) < _WINDOW:
+            return
+        received = self._feel(end, known, gyro_bias)
+        if forces is None:
             return
         self.misfit = self._own_misfit(known, forces, gyro_bias)
-        self._watch_what_was_received(end, known, forces, gyro_bias)
+        self.felt_as_received *= _MEMORY
+        if received is not None:
+            self.felt_as_received += self.misfit**2 - received**2
         without = [one.without(gyro_bias) for one in known]
         self.heading.compare(end - _WINDOW, motion_story.impulses(without, self._gyros[:1])[0], forces)
         squares = np.full(len(self._sums), self.misfit**2)
@@ -109,16 +114,16 @@ class MotionCheck:
         self._calm = self._calm + 1 if self.misfit < _SUSPICIOUS else 0
         self._judge()
 
-    def _watch_what_was_received(
-        self, end: int, known: list[motion_story.Second], forces: np.ndarray, gyro_bias: np.ndarray
-    ) -> None:
-        excitation = math.sqrt(float(np.sum(forces[:, :2] ** 2) / np.sum(forces**2)))
-        self.felt = excitation > _EXCITED and self.misfit < _FELT * excitation
+    def _feel(self, end: int, known: list[motion_story.Second], gyro_bias: np.ndarray) -> float | None:
+        """The misfit of the velocities as they were received; whether the IMU feels those."""
         received = self._forces(end, self._received)
-        self.felt_as_received *= _MEMORY
-        if received is not None and not np.array_equal(received, forces):
-            as_received = self._own_misfit(known, received, gyro_bias)
-            self.felt_as_received += self.misfit**2 - as_received**2
+        if received is None:
+            self.felt = False
+            return None
+        excitation = math.sqrt(float(np.sum(received[:, :2] ** 2) / np.sum(received**2)))
+        misfit = self._own_misfit(known, received, gyro_bias)
+        self.felt = excitation > _EXCITED and misfit < _FELT * excitation
+        return misfit
 
     def _own_misfit(self, known: list[motion_story.Second], forces: np.ndarray, gyro_bias: np.ndarray) -> float:
         """Of the IMU as it is, or without one of the biases that its gyroscope may have; the best of them."""

@@ -60,8 +60,8 @@ class ImuPhysics:
         """Why the IMU cannot be used, one sentence; empty where it can."""
         return "" if self._finding is None else f"The IMU is not plausible: {self._finding.sentence}."
 
-    def velocity(self, t: float, used: Vector3, received: Vector3) -> None:
-        """GNSS velocity ENU [m/s] valid at ``t`` [s], and as it was ``received``."""
+    def velocity(self, t: float, used: Vector3 | None, received: Vector3) -> None:
+        """GNSS velocity ENU [m/s] valid at ``t`` [s], None where it is not used, and as it was ``received``."""
         self._motion.velocity(t, used, received)
 
     @property

@@ -112,8 +112,8 @@ def turn(run: FilterRun, witness: HeadingWitness, stamp_ns: int) -> None:
         P[states, states] = np.diag(variances)
     constants = filter_setup.constants(run.parameters, run.noise.imu_variance)
     base = P[: at.BASE_STATES, : at.BASE_STATES]  # sensors are given their states again, which were bent as well
-    start = Alignment(whole.time, nav, base, "turned")
-    run.timeline.restart(constants, *filter_setup.complete_start(start, constants, run.parameters))
+    bare = Alignment(whole.time, nav, base, "turned")
+    run.timeline.restart(constants, *filter_setup.complete_start(bare, constants, run.parameters))
     run.gnss.position.resets += 1
     run.past.forget()
     magnetometer, error = run.aids[MagSample], -angle

@@ -95,6 +95,8 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
     t -= run.parameters.gnss.delay
     usable = run.gnss.reception.velocity(sample, t)
     if usable is None:
+        if run.gnss.reception.velocities.doubted:
+            run.imu_physics.velocity(t, None, sample.vel_enu)
         return
     t -= (sample.stamp_ns - usable.stamp_ns) * NS  # a late one
     observation = run.gnss.velocity.observe(usable, t)
@@ -158,7 +160,9 @@ def _airspeed(run: FilterRun, sample: Airspeed) -> None:
 def _pressure(run: FilterRun, sample: PressureSample) -> None:
     """Of the air or of the water, as the parameter says."""
     in_water = run.parameters.aids.water_density > 0.0
-    run.gnss.reception.velocities.barometric_height(math.nan if in_water else barometer.standard_height(sample.pressure))
+    run.gnss.reception.velocities.barometric_height(
+        math.nan if in_water else barometer.standard_height(sample.pressure)
+    )
     _aid(run, WaterPressure(sample.stamp_ns, sample.pressure) if in_water else sample)
 
 

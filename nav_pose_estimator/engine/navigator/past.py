@@ -1,4 +1,4 @@
-"""The last half minute of a run: copies of it, a quarter of a minute apart, and all that has arrived since the older one.
+"""The last half minute of a run: copies of it, a quarter of a minute apart, and all that has arrived since the first.
 
 ``go_back`` needs it.
 """
@@ -70,7 +70,7 @@ class Past:
         return self._starts[0].run if self._starts else None
 
     def since(self, run: FilterRun) -> tuple[np.ndarray, list[tuple[float, Sample]]]:
-        """What ``run`` has taken in since ``start``: IMU rows (N, 7), and the rest with the time [s] of the last row."""
+        """What ``run`` has heard since ``start``: IMU rows (N, 7), and the rest with the time [s] of the last row."""
         self._keep_rows(run)
         first = self._starts[0]
         return np.concatenate(self._seconds[first.seconds :]), self._heard[first.heard :]

@@ -14,9 +14,9 @@ import numpy as np
 from nav_pose_estimator.core.earth.ellipsoid import step_enu
 from nav_pose_estimator.core.filter.layout import IMU_T, LAT, OUT_COLUMNS, VEL
 from nav_pose_estimator.engine.imu.buffer import ImuBuffer
-from nav_pose_estimator.engine.observation_queue import ObservationQueue
 from nav_pose_estimator.engine.navigator.split_filter import Apply, SplitFilter
 from nav_pose_estimator.engine.observation import Observation
+from nav_pose_estimator.engine.observation_queue import ObservationQueue
 from nav_pose_estimator.engine.samples import Vector3
 
 _CHECKPOINT_PERIOD = 0.2  # s

@@ -81,7 +81,9 @@ class VelocityInput:
         The positions are wrong then, and not the velocity that was put right by them.
         """
         self._check.felt = felt
-        if self._learns and self._is_mended and not self.position_fault and as_received > _AS_RECEIVED:
+        if not self._learns or self.position_fault or not self._check.fault:
+            return
+        if felt if self._check.stands_still else self._is_mended and as_received > _AS_RECEIVED:
             self.position_fault = self._report.positions(self._check, stamp_ns)
 
     def fix(self, sample: GnssFix, t: float, sd: float) -> None:

@@ -36,9 +36,11 @@ _POSITION_FAULTS = {
     "North-East": "latitude and longitude look exchanged",
     "West-North": "longitude looks inverted (West is negative)",
     "East-South": "latitude looks inverted (South is negative)",
-    "57 times m/s": "latitude and longitude look like radians where degrees belong",
 }
 """By the mistake of the velocity that would explain it as well."""
+
+
+_STAND_STILL = "they hardly move: latitude and longitude look like radians where degrees belong"
 
 
 class VelocityReport:
@@ -114,8 +116,8 @@ class VelocityReport:
         self._journal.say(stamp_ns, "gnss.velocity.scale", Level.WARN, text, scale=scale)
 
     def positions(self, check: VelocityCheck, stamp_ns: int) -> str:
-        """The IMU feels the velocity as it is received: what is wrong with the positions; empty if no mistake is known."""
-        fault = _POSITION_FAULTS.get(check.name, "")
+        """The IMU feels the velocity as it is received: what is wrong with positions; empty if no mistake fits."""
+        fault = _STAND_STILL if check.stands_still else _POSITION_FAULTS.get(check.name, "")
         if fault:
             text = f"GNSS positions not used: the IMU feels the velocity as it is received: {fault}"
             self._journal.say(stamp_ns, "gnss.position.axes", Level.ERROR, text)
