@@ -23,6 +23,7 @@ _PERIOD_MEMORY = 6  # fixes that the period is taken from
 _STUCK = 4  # repetitions of a position in a row
 _MOVED = 8.0  # m by velocities, while positions that are rounded stay
 _INTEGER_DEGREES = 1e5  # deg
+_HIGHEST = 1e5  # m
 _AHEAD = 1.0  # s: a fix with a later stamp is from the future
 _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
 
@@ -174,6 +175,8 @@ def _no_place(sample: GnssFix) -> str:
     largest = math.degrees(max(abs(sample.lat), abs(sample.lon)))
     if _INTEGER_DEGREES < largest < math.inf:
         return f"a latitude or longitude of {largest:.4g} deg is no place on Earth: is it in degrees times 1e7?"
+    if _HIGHEST < abs(sample.alt) < math.inf:
+        return f"a height of {sample.alt:.4g} m is no place on Earth: is it in mm?"
     return "the fix holds NaN or is no place on Earth"
 
 
