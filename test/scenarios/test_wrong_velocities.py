@@ -115,7 +115,7 @@ def test_a_mistake_that_is_known_beyond_doubt_is_undone(name: str) -> None:
     THEN what is wrong is named, what it did is undone, and the outage ends as with sound velocities."""
     told = lost(MENDED[name])
     assert any(name in event.text for event in told.events if event.name.startswith("gnss.velocity.axes"))
-    assert told.when("gnss.velocity.turned")[0] < MOTION + 13.0
+    assert told.when("gnss.velocity.turned")[0] < LOST
     assert told.when(UNDONE)
     assert honest(told)
     assert end(told) < 1.2 * end(usual()) + 2.0

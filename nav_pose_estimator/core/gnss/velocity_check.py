@@ -26,7 +26,7 @@ _PRIOR, _CLEARED, _SUSPECT, _PROVED, _MOST = -10.0, 0.0, 5.0, 20.0, 45.0
 _STANDS = 6.0  # of which a step takes off where nothing moves: no suspicion outlasts a stand
 _ALONE = 12.0  # by which the odds of one mistake exceed those of all others where it may be undone
 _HARDLY = 0.05  # of what a velocity says
-_HELD = 3  # steps that a mistake has to explain after the proof before it is undone
+_HELD = 2  # steps that a mistake has to explain after the proof before it is undone
 _SAYS = 0.5  # least weight of a step that teaches anything
 _SCALE_LEAST, _SCALE_SURE = 0.03, 3.0  # of the way, and deviations, by which a scale has to differ from 1
 

@@ -20,6 +20,8 @@ from nav_pose_estimator.engine.solutions import Level
 UNDONE = "gnss.velocity.undone"
 """Event: the navigator goes on from another state, and what was learned along the old one is worth nothing."""
 
+_LONGEST_GAP = 1.0  # s between IMU rows that are flown again
+
 
 def go_back(run: FilterRun, stamp_ns: int) -> FilterRun:
     """The run to go on with after velocities have proved to be wrong; ``run`` itself where there is no other."""
@@ -49,6 +51,8 @@ def _again(run: FilterRun) -> FilterRun | None:
     if start is None:
         return None
     rows, heard = run.past.since(run)
+    if np.diff(rows[:, at.IMU_T]).max(initial=0.0) > _LONGEST_GAP:
+        return None
     twin = start.copy(journal)
     twin.origin, twin.origin_is_fixed = run.origin, run.origin_is_fixed
     twin.gnss.reception.velocities = run.gnss.reception.velocities.in_hindsight(journal)

@@ -44,6 +44,10 @@ class Past:
         twin._starts, twin._heard, twin._seconds = list(self._starts), list(self._heard), list(self._seconds)
         return twin
 
+    def __reduce__(self) -> tuple[type[Past], tuple[()]]:
+        """Another process, where rehearsals are flown, is not told the past."""
+        return Past, ()
+
     def hear(self, run: FilterRun, sample: Sample) -> None:
         """What arrives, before it acts."""
         if not self._starts and isinstance(sample, GnssVelocity):
