@@ -14,7 +14,7 @@ STILL = np.zeros((25, 3))
 def look(
     witness: HeadingWitness, windows: int, yaw: float, believed: float, size: float = 1.0, tilt: float = 0.0
 ) -> HeadingWitness:
-    """Windows of six seconds of a level body at ``yaw``, which the navigator believes at ``believed`` with a ``tilt``."""
+    """Windows of six seconds of a level body at ``yaw``; the navigator believes it ``believed``, with a ``tilt``."""
     random = np.random.default_rng(1)
     C = quat_to_matrix(quat_from_euler(0.0, 0.0, yaw))
     for k in range(6 * windows + 1):
@@ -29,7 +29,7 @@ def look(
 @pytest.mark.parametrize("off", [-170.0, -100.0, -50.0, 50.0, 100.0, 180.0])
 @pytest.mark.parametrize("tilt", [0.0, 0.2])
 def test_a_wrong_heading_is_found_whatever_the_tilt(off: float, tilt: float) -> None:
-    """GIVEN a heading that is wrong WHEN the vehicle accelerates in two windows THEN the angle back is known, and level."""
+    """GIVEN a heading that is wrong WHEN the vehicle accelerates in two windows THEN the angle is known, and level."""
     witness = look(HeadingWitness(), 2, yaw=0.3, believed=0.3 + math.radians(off), tilt=tilt)
     assert abs(math.remainder(witness.error + math.radians(off), 2.0 * math.pi)) < math.radians(8.0)
     assert witness.level is not None

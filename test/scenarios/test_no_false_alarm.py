@@ -34,7 +34,7 @@ ALARMS = (
     "gnss.velocity",
     "gnss.height",
     "gnss.position",
-    "heading.turned",
+    "navigator.turned",
     "mag.heading.wrong_start",
     "gnss.rejected.stuck",
     "gnss.rejected.null_island",

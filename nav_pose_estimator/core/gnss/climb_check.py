@@ -20,15 +20,15 @@ _CLIMB_TO_SCATTER = 3.0
 _PROOF = 2  # climbs in a row that prove it
 _CURE = 3  # ... that clear it
 _UNFILLED = 10  # samples with a vertical velocity of exactly zero, and none before with another
-_HIGH, _OBVIOUS = 300.0, 50.0  # m above which weather is a small part of the height; a ratio that is no weather
-_LIKE = 0.2  # of the logarithm, by which a ratio may differ from a unit's
+_HIGH, _NO_WEATHER = 300.0, 500.0  # m above which weather is a part of the height; by which no weather changes it
+_LIKE = 0.25  # by which a ratio may differ from a unit's
 
 SILENT, DOWN, OTHER = "silent", "down", "other"
 """Of a velocity: never filled; positive down; wrong in another way, as the barometer shows."""
 _NEITHER = "?"
 _HEIGHT = "height"
-_UNITS = {"feet": 3.281, "cm": 100.0, "mm": 1000.0}
-"""Numbers in that unit for 1 m."""
+_UNITS = {"in feet": 3.281, "in cm": 100.0, "in mm": 1000.0, "positive down": -1.0}
+"""Numbers for 1 m."""
 
 
 @dataclass
@@ -111,10 +111,9 @@ class ClimbCheck:
         self._conclude(self._verdict(gained, climb.summed, self.baro - climb.baro_start, scatter))
 
     def _look_at(self, alt: float) -> None:
-        """A unit that is a hundred times too small shows in the height itself."""
-        for name, numbers in _UNITS.items():
-            if numbers > _OBVIOUS and abs(alt / self.baro / numbers - 1.0) < _LIKE:
-                self.height_fault = f"in {name}"
+        """Far from the barometer's, a height shows its unit by itself."""
+        if abs(alt - self.baro) > _NO_WEATHER and (unit := _unit(alt / self.baro)):
+            self.height_fault = unit
 
     def _verdict(self, gained: float, summed: float, by_baro: float, scatter: float) -> str:
         """Empty where height and velocity agree, the fault that explains it, or a question mark."""
@@ -123,7 +122,7 @@ class ClimbCheck:
         if math.isfinite(by_baro) and not _agree(gained, by_baro, scatter):
             if not _agree(summed, by_baro, scatter):
                 return _NEITHER
-            self._unit = _unit(gained / by_baro)
+            self._unit = _unit(gained / by_baro) or "in another unit, or stuck"
             return _HEIGHT
         if _agree(gained, -summed, scatter):
             return DOWN
@@ -150,9 +149,5 @@ def _agree(a: float, b: float, scatter: float) -> bool:
 
 
 def _unit(ratio: float) -> str:
-    """What a height is in that changes ``ratio`` times as much as the true one."""
-    if ratio < 0.0:
-        return "positive down"
-    off = {name: abs(math.log(max(ratio, 1e-9) / numbers)) for name, numbers in _UNITS.items()}
-    best = min(off, key=lambda name: off[name])
-    return f"in {best}" if off[best] < _LIKE else "in another unit, or stuck"
+    """What a height is that is ``ratio`` times as much as the true one; empty where nothing fits."""
+    return next((words for words, numbers in _UNITS.items() if abs(ratio / numbers - 1.0) < _LIKE), "")

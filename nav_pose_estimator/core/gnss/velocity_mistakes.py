@@ -1,8 +1,8 @@
 """The usual mistakes of a velocity, and how well each of them explains a step (``velocity_steps``).
 
 As complex numbers, East + i North, most are linear: ``way = a said + b conj(said)``. North and East exchanged are
-b = i, an axis of the wrong sign is b = 1 or -1, a turn by an angle is a = exp(i angle), a unit is a real ``a``. Body axes keep
-the length and lose the direction; a velocity that repeats itself, and anything else, leaves the way unknown.
+b = i, an axis of the wrong sign is b = 1 or -1, a turn by an angle is a = exp(i angle), a unit is a real ``a``. Body
+axes keep the length and lose the direction; a velocity that repeats itself, and anything else, leaves the way unknown.
 """
 
 from __future__ import annotations

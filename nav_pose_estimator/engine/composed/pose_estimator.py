@@ -238,7 +238,7 @@ def _helped(aid: OutageAid, sins: SinsEngine, solutions: list[Output]) -> list[O
 
 def _told(sins: SinsEngine, stamp_ns: int, text: str) -> Event:
     """A warning that the navigator counts."""
-    event = Event(stamp_ns, "learner.class", Level.WARN, text, {})
+    event = Event(stamp_ns, "outage.class", Level.WARN, text, {})
     sins.journal.counters[event.name] += 1
     return event
 

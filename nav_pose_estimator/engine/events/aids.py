@@ -14,7 +14,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "mag.rejected.disturbed", "a field that is not the Earth's", "calibrate attitude.hard_iron and soft_iron"
         ),
         Entry(
-            "heading.turned",
+            "navigator.turned",
             "IMU and GNSS have shown the heading to be far off: the navigator goes on with the one that they show",
             "see what gave it: a magnetometer (docs/calibration.md), a start in motion, velocities in other axes",
         ),

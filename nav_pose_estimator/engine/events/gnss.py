@@ -181,7 +181,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "gnss.height.unit",
-            "barometer and vertical velocity agree with each other and not with the GNSS height, which is not used",
+            "the GNSS height is in another unit, or positive down, as the barometer shows; it is not used",
             "let the driver send metres above the ellipsoid, positive up",
         ),
         Entry(

@@ -5,7 +5,7 @@ from nav_pose_estimator.engine.events.entry import CLOCKS, Entry
 SECTIONS: dict[str, tuple[Entry, ...]] = {
     "Start, modes and operator": (
         Entry(
-            "learner.class",
+            "outage.class",
             "the flight moves like another class of vehicle than the airframe file, or learner.vehicle_class, says",
             "give the file of this vehicle, or none",
         ),

@@ -34,7 +34,7 @@ _FAR_OFF = (
 )
 _SIGNIFICANT = 3.0  # joint standard deviations
 _CONTRADICTED = 2.0  # mean NIS per row above which GNSS does not bear out the navigator's heading
-TURNED = "heading.turned"
+TURNED = "navigator.turned"
 """Event: the navigator goes on with another heading, and what was learned along the old one is worth nothing."""
 _TURNED_HEADING_SD, _TURNED_TILT_SD = 0.25, 0.05  # rad
 _TURNED_GYRO_SD, _TURNED_ACCEL_SD = 0.01, 0.2  # rad/s, m/s^2

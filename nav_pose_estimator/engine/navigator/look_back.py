@@ -95,8 +95,9 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
 
 
 def _turn_heading(run: FilterRun, stamp_ns: int) -> None:
-    """Where IMU and GNSS have shown that the heading is far off, unless their velocities are in doubt themselves."""
-    good = run.aiding.gnss_is_good(run.now) and not run.gnss.reception.velocities.doubted
+    """Where IMU and GNSS have shown that the heading is far off, unless they are in doubt themselves."""
+    doubted = run.gnss.reception.velocities.doubted or run.imu_physics.vibration
+    good = run.aiding.gnss_is_good(run.now) and not doubted
     if good and run.timeline.filter.branches is None:
         heading_trial.turn(run, run.imu_physics.heading, stamp_ns)
     run.imu_physics.heading.forget()

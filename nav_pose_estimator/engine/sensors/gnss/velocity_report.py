@@ -82,7 +82,7 @@ class VelocityReport:
         fault, new = check.climb.height_fault, False
         if fault and fault != self._height:
             self._height, new = fault, True
-            text = f"GNSS height not used: barometer and vertical velocity agree that it is {fault}"
+            text = f"GNSS height not used: by the barometer it is {fault}"
             self._journal.say(stamp_ns, "gnss.height.unit", Level.ERROR, text)
         fault = check.climb.fault
         if fault and fault != self._vertical:
