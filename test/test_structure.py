@@ -21,7 +21,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "core.numerics": set(),
     "core.earth": {"core.numerics"},
     "core.filter": CORE,
-    "core.routine": {*CORE, "core.filter"},
+    "core.routine": {*CORE, "core.filter", "core.gnss"},
     "core.alignment": {*CORE, "core.filter"},
     "core.gnss": {*CORE, "core.filter"},
     "core.attitude": {"core.numerics"},

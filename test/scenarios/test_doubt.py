@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.core.gnss.doubt import Doubt
-from nav_pose_estimator.engine.samples import GnssVelocity, ImuSample
+from nav_pose_estimator.engine.samples import ImuSample
 from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.ros.wording import level_of, sentence
 from nav_pose_estimator.sim.faults import Shift
@@ -34,8 +34,8 @@ def test_a_filter_that_refuses_velocities_widens_and_comes_back() -> None:
 
 
 def test_the_status_says_why() -> None:
-    """GIVEN velocities 6 m/s off WHEN half of them are refused THEN the status is a warning that names it."""
-    told = tell(flight(duration=62.6), Shift(GnssVelocity, 60.0, 60.0, (6.0, 0.0, 0.0)))
+    """GIVEN an IMU that is off WHEN half of the velocities are refused THEN the status is a warning that names it."""
+    told = tell(flight(duration=62.6), Shift(ImuSample, 60.0, 6.0, (0.0, 0.0, 0.0, 4.0, 2.0, 0.0)))
     status = told.estimator.status()
     assert "refuses" in status.doubt
     assert level_of(status) != 0

@@ -55,9 +55,10 @@ def test_a_good_compass_is_not_convicted_in_slow_smooth_motion(seed):
     assert rows[-1, 1] < math.radians(5.0)
 
 
+@pytest.mark.parametrize("degrees", [90.0, 180.0, -135.0])
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_wrong_compass_leaves_no_wrong_heading_behind_in_slow_smooth_motion(seed):
-    # GIVEN a compass turned by a right angle, WHEN the vehicle sets off so gently
-    _, rows = flown(with_compass(slow(seed), turned(90.0)))
+def test_a_wrong_compass_leaves_no_wrong_heading_behind_in_slow_smooth_motion(seed, degrees):
+    # GIVEN a compass turned by a right angle or more, WHEN the vehicle sets off so gently
+    _, rows = flown(with_compass(slow(seed), turned(degrees)))
     # THEN half a minute of motion puts the heading right, or the navigator says how uncertain it is
     assert rows[-1, 1] < 3.0 * rows[-1, 2]

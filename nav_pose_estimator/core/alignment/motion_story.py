@@ -61,6 +61,10 @@ class Second:
     angle: Array
     impulse: Array
 
+    def without(self, bias: Array) -> "Second":
+        """The same without a ``bias`` (3,) [rad/s] of the gyroscope."""
+        return Second(self.angle - bias / BINS, self.impulse)
+
 
 def second_of(rows: Array, start: float) -> Second | None:
     """The second that begins at ``start`` [s], of IMU rows (N, 7) with one from before it first; None if it has holes.

@@ -15,6 +15,7 @@ of a draw. None decides by itself, for a gust or a landing fits no class.
 """
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,11 @@ _USUAL = {MULTIROTOR: 0.48, FIXED_WING: 0.34, WHEELS: 0.12, BOAT: 0.06}
 
 def tell_class(epochs: Array) -> str:
     """The class of the vehicle of aided epochs (N, COLUMNS or more), N may be zero; ``UNKNOWN`` where in doubt."""
-    probability = class_probabilities(epochs)
+    return told_class(class_probabilities(epochs))
+
+
+def told_class(probability: Mapping[str, float]) -> str:
+    """The class of this ``probability`` of each; ``UNKNOWN`` where in doubt."""
     likely = max(probability, key=lambda name: probability[name])
     return likely if probability[likely] >= _CERTAIN else UNKNOWN
 

@@ -12,6 +12,7 @@ import numpy as np
 from nav_pose_estimator.core.filter import bias_noise, measurements
 from nav_pose_estimator.core.filter.kalman import ACCEPTED, gated_correct, innovation
 from nav_pose_estimator.core.filter.layout import ALT, DPOS, LAT, PHI, QUAT
+from nav_pose_estimator.core.gnss import slow_height
 from nav_pose_estimator.core.numerics.jit import inlined, kernel
 from nav_pose_estimator.core.routine import table
 
@@ -72,7 +73,14 @@ def _gnss(nav, P, constants, event, settings, result):
     elif kind == table.POSITION:
         settings[table.FIX_USED] = max(settings[table.FIX_USED], t)
         settings[table.HEIGHT_USED] = max(settings[table.HEIGHT_USED], t)
-        settings[table.LAST_HEIGHT_T], settings[table.LAST_HEIGHT] = t, -result[table.RESULT_Z + 2]
+        off = -result[table.RESULT_Z + 2]
+        settings[table.LAST_HEIGHT_T], settings[table.LAST_HEIGHT] = t, off
+        mean = slow_height.mean_after(settings[table.HEIGHT_MEAN], settings[table.HEIGHT_MEAN_T], t, off)
+        settings[table.HEIGHT_MEAN_T], settings[table.HEIGHT_MEAN] = t, mean
+        result[table.RESULT_LEAST] = max(settings[table.LEAST_HEIGHT_SD], abs(mean))
+        _keep_height_vague(P, result[table.RESULT_LEAST])
+    elif kind == table.SAME_POSITION:
+        _keep_height_vague(P, event[table.EVENT_LEAST])
     if t - settings[table.FIX_USED] <= settings[table.LOST_AFTER]:
         bias_noise.observe(nav, P)
     return True
@@ -87,9 +95,17 @@ def _is_usual(t, z, H, P, event, settings, result):
         return False
     for i in range(3):
         result[table.RESULT_Z + i] = z[i]
+    for i in range(2):
         result[table.RESULT_SD + i] = math.sqrt(P[DPOS + i, DPOS + i])
     R = _noise(event, 3)
     return _is_expected(z, P, R, settings[table.SIGMAS]) and _has_usual_height(t, z, P, R, settings)
+
+
+@kernel
+def _keep_height_vague(P, sd):
+    """The height's deviation is at least ``sd`` [m]."""
+    if sd > 0.0:
+        P[DPOS + 2, DPOS + 2] = max(P[DPOS + 2, DPOS + 2], sd * sd)
 
 
 @kernel

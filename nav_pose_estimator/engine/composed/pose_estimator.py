@@ -15,9 +15,12 @@ from nav_pose_estimator.engine.composed import sensor_batch
 from nav_pose_estimator.engine.composed.exchange import ExchangeClock, navigator_velocity
 from nav_pose_estimator.engine.composed.sensor_batch import SensorBatch
 from nav_pose_estimator.engine.navigator import stretch
+from nav_pose_estimator.engine.navigator.go_back import UNDONE
+from nav_pose_estimator.engine.navigator.heading_trial import TURNED
 from nav_pose_estimator.engine.navigator.modes import LEVELLING
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.outage.aid import OutageAid
+from nav_pose_estimator.engine.outage.epochs import last_stamp
 from nav_pose_estimator.engine.outage.methods.registry import estimators
 from nav_pose_estimator.engine.outage.pilot import Train
 from nav_pose_estimator.engine.outage.rehearsals import Elsewhere
@@ -40,6 +43,7 @@ from nav_pose_estimator.engine.solutions import (
     AttitudeBlock,
     AttitudeSolution,
     Event,
+    Level,
     Mode,
     NavBlock,
     NavSolution,
@@ -47,6 +51,7 @@ from nav_pose_estimator.engine.solutions import (
     Status,
 )
 
+_ANOTHER_STATE = (WRONG_START, UNDONE, TURNED)
 _BETWEEN = (GnssFix, GnssVelocity, MagSample, PressureSample, SatelliteCount)
 """Samples that the navigator takes together with the IMU's."""
 Early = Sequence[tuple[int, Sample]]
@@ -156,8 +161,8 @@ class PoseEstimator:
         solutions = _navigated(self.sins, samples, early, outputs)
         outputs += solutions
         if self.outage_aid is not None:
-            if any(isinstance(one, Event) and one.name == WRONG_START for one in solutions):
-                self.outage_aid.reset()  # what it has learned so far was seen along a wrong heading
+            if any(isinstance(one, Event) and one.name in _ANOTHER_STATE for one in solutions):
+                self.outage_aid.reset()  # what it has learned so far was seen along a wrong state
             for sample in (*(other for _, other in early), *samples):
                 self.outage_aid.hear(sample)
             outputs += _helped(self.outage_aid, self.sins, solutions)
@@ -259,6 +264,8 @@ def _helped(aid: OutageAid, sins: SinsEngine, solutions: list[Output]) -> list[O
         if not isinstance(solution, (NavBlock, NavSolution)):
             continue
         samples, drift = aid.step(solution, sins)
+        if wrong := aid.wrong_class():
+            outputs.append(_told(sins, last_stamp(solution), wrong))
         for sample in samples:
             outputs += sins.feed(sample)
             if isinstance(sample, MotionEvidence) and sample.air_velocity is not None:
@@ -266,6 +273,13 @@ def _helped(aid: OutageAid, sins: SinsEngine, solutions: list[Output]) -> list[O
         if drift is not None:
             outputs.append(drift)
     return outputs
+
+
+def _told(sins: SinsEngine, stamp_ns: int, text: str) -> Event:
+    """A warning that the navigator counts."""
+    event = Event(stamp_ns, "outage.class", Level.WARN, text, {})
+    sins.journal.counters[event.name] += 1
+    return event
 
 
 def _part(block: ImuBlock, begin: int, end: int) -> ImuBlock:

@@ -14,6 +14,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "mag.rejected.disturbed", "a field that is not the Earth's", "calibrate attitude.hard_iron and soft_iron"
         ),
         Entry(
+            "navigator.turned",
+            "IMU and GNSS have shown the heading to be far off: the navigator goes on with the one that they show",
+            "see what gave it: a magnetometer (docs/calibration.md), a start in motion, velocities in other axes",
+        ),
+        Entry(
             "mag.heading.wrong_start",
             "motion has shown that the magnetic heading of the start was wrong: aligned anew, it steers nothing",
             "calibrate (docs/calibration.md): attitude.hard_iron, aids.magnetometer_rpy",

@@ -24,8 +24,18 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "gnss.rejected.stuck",
-            "position and velocity repeat to the last digit while the vehicle moves",
+            "the position repeats to the last digit while the vehicle moves",
             "power the receiver again; look at what repeats its messages",
+        ),
+        Entry(
+            "gnss.rejected.axes",
+            "positions whose latitude and longitude are exchanged, inverted or in radians",
+            "see gnss.position.axes",
+        ),
+        Entry(
+            "gnss.position.axes",
+            "positions and velocities contradict each other, and the IMU feels the velocities; positions are not used",
+            "let the driver send degrees, latitude North and longitude East positive, in their own fields",
         ),
         Entry(
             "gnss.rejected.height",
@@ -120,19 +130,34 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "gnss.velocity.axes.silent",
-            "velocities stay zero while the positions move and are not used",
+            "velocities, or an axis of them, stay zero or repeat while the positions move; they are not used",
             "set ros.input.velocity to none",
         ),
         Entry(
             "gnss.velocity.axes.unit",
-            "velocities point where the positions go, but are too large; they are not used",
+            "velocities point where the positions go, but are not as fast; they are not used",
             "let the driver send m/s",
+        ),
+        Entry(
+            "gnss.velocity.axes.unexplained",
+            "velocities do not say where the positions go, nor does the IMU feel them; they are not used",
+            SENSOR,
         ),
         Entry("gnss.velocity.axes.ended", "velocities agree with the way between fixes again"),
         Entry(
             "gnss.velocity.turned",
-            "velocities are North-East-Down beyond doubt; they are turned and used",
-            "set ros.input.velocity_frame to ned",
+            "axes or unit of the velocities are known beyond doubt; they are put right and used",
+            "let the driver send East-North-Up in m/s; set ros.input.velocity_frame to ned where that is what it sends",
+        ),
+        Entry(
+            "gnss.velocity.undone",
+            "what wrong velocities did to the pose is undone: the last seconds were computed anew",
+            "see the gnss.velocity event before it",
+        ),
+        Entry(
+            "gnss.velocity.late",
+            "velocities belong to positions of some time ago; they are used as of then",
+            "let the driver stamp velocities when they were valid, as it stamps positions",
         ),
         Entry(
             "gnss.velocity.scale",
@@ -146,8 +171,18 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "gnss.velocity.vertical.down",
-            "the vertical velocity is positive down and is not used",
+            "the vertical velocity is positive down; it is turned round and used",
             "let the driver send it positive up",
+        ),
+        Entry(
+            "gnss.velocity.vertical.other",
+            "heights and barometer agree with each other and not with the vertical velocity, which is not used",
+            "let the driver send m/s; else set ros.input.vertical_velocity to false",
+        ),
+        Entry(
+            "gnss.height.unit",
+            "the GNSS height is in another unit, or positive down, as the barometer shows; it is not used",
+            "let the driver send metres above the ellipsoid, positive up",
         ),
         Entry(
             "gnss.noise.optimistic",

@@ -4,6 +4,11 @@ from nav_pose_estimator.engine.events.entry import Entry
 
 SECTIONS: dict[str, tuple[Entry, ...]] = {
     "Start, modes and operator": (
+        Entry(
+            "outage.class",
+            "the flight moves like another class of vehicle than the airframe file, or learner.vehicle_class, says",
+            "give the file of this vehicle, or none",
+        ),
         Entry("aligned", "attitude and position are known, the navigator runs"),
         Entry("reset", "the navigator restarts; the log line says why", "see the reason in the log line"),
         Entry("attitude.reset", "the attitude filter restarts", "see the reason in the log line"),

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from itertools import pairwise
 
 import numpy as np
 
 from nav_pose_estimator.core.alignment import motion_story
 from nav_pose_estimator.core.alignment.motion_story import DEGREE
+from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
 from nav_pose_estimator.engine.imu.plausibility import Finding, G
 from nav_pose_estimator.engine.samples import Vector3
 
@@ -27,6 +29,8 @@ On sixteen recorded flights, with 0 and 0.2 s of ``gnss.delay``, at most 0.03 wa
 """
 _WINS, _WIN = 2.7, 0.01
 """... and to win three windows in a row: a blow is in two of them."""
+_EXCITED, _FELT = 0.06, 0.5
+"""Share of the force that is horizontal, and the misfit in parts of that, with which an IMU feels what GNSS tells."""
 _CALM = 10  # windows in a row without misfit that end a wrong unit, which shows in every window of a flight
 _ALIKE, _ALIKE_FLOOR = 1.3, 0.004  # mistakes that explain nearly as much cannot be told apart
 
@@ -48,17 +52,28 @@ class MotionCheck:
         self._calm = 0
         self.finding: Finding | None = None
         self.misfit = math.nan
+        self.felt = False
+        """Whether the IMU has lately felt the changes of velocity that GNSS tells."""
+        self.felt_as_received = 0.0
+        """By how much squared misfit the velocities as they were received beat those that were put right and used."""
+        self.heading = HeadingWitness()
         self.forget_time()
 
     def forget_time(self) -> None:
         """The clock is another one: forget samples, keep what they have proved."""
         self._seconds: dict[int, motion_story.Second] = {}
         self._velocities: deque[tuple[float, Vector3]] = deque(maxlen=400)
+        self._received: deque[tuple[float, Vector3]] = deque(maxlen=400)
+        self.heading.forget()
 
-    def velocity(self, t: float, velocity: Vector3) -> None:
-        """GNSS velocity ENU [m/s] valid at ``t`` [s]; one without a vertical component says nothing here."""
-        if (not self._velocities or t > self._velocities[-1][0]) and all(map(math.isfinite, velocity)):
-            self._velocities.append((t, velocity))
+    def velocity(self, t: float, used: Vector3 | None, received: Vector3) -> None:
+        """GNSS velocity ENU [m/s] valid at ``t`` [s]; one without a vertical component says nothing here.
+
+        ``received``: as it came, where a mistake was undone to use it, or where it is not used (None).
+        """
+        for known, velocity in ((self._velocities, used), (self._received, received)):
+            if velocity is not None and (not known or t > known[-1][0]) and all(map(math.isfinite, velocity)):
+                known.append((t, velocity))
 
     def second(self, k: int, rows: np.ndarray, gyro_bias: np.ndarray) -> None:
         """The IMU rows (N, 7) of the second that ends at ``k``, with one from before it.
@@ -69,6 +84,7 @@ class MotionCheck:
         whole = motion_story.second_of(rows, float(k - 1))
         if whole is not None:
             self._seconds[k] = whole
+            self.heading.carry(k, whole.without(gyro_bias).angle)
             motion = motion_story.unrest(whole.angle)
             if motion < self._least_motion:
                 self._offset, self._least_motion = whole.angle.sum(axis=0), motion
@@ -77,13 +93,20 @@ class MotionCheck:
 
     def _compare(self, end: int, gyro_bias: np.ndarray) -> None:
         seconds = [self._seconds.get(k) for k in range(end - _WINDOW + 1, end + 1)]
-        forces = self._forces(end)
+        forces, received = self._forces(end, self._velocities), self._forces(end, self._received)
         known = [one for one in seconds if one is not None]
-        if forces is None or len(known) < _WINDOW:
+        if len(known) < _WINDOW:
             return
-        # of the IMU as it is, or without one of the biases that its gyroscope may have; the best of them
-        biases = (np.zeros(3), gyro_bias, self._offset)
-        self.misfit = motion_story.least_misfit(known, forces, biases, enough=_SUSPICIOUS)
+        felt = self._feel(known, received, gyro_bias)
+        if forces is None:
+            return
+        is_as_received = received is not None and np.array_equal(forces, received)
+        self.misfit = felt if is_as_received else self._own_misfit(known, forces, gyro_bias)
+        self.felt_as_received *= _MEMORY
+        if received is not None:
+            self.felt_as_received += self.misfit**2 - felt**2
+        without = [one.without(gyro_bias) for one in known]
+        self.heading.compare(end - _WINDOW, motion_story.impulses(without, self._gyros[:1])[0], forces)
         squares = np.full(len(self._sums), self.misfit**2)
         if self.misfit > _SUSPICIOUS or self._blamed is not None:
             all_of_them = motion_story.fit(known, forces, self._gyros)
@@ -94,10 +117,25 @@ class MotionCheck:
         self._calm = self._calm + 1 if self.misfit < _SUSPICIOUS else 0
         self._judge()
 
-    def _forces(self, end: int) -> np.ndarray | None:
+    def _feel(self, known: list[motion_story.Second], received: np.ndarray | None, gyro_bias: np.ndarray) -> float:
+        """The misfit of the velocities as they were ``received``, NaN without; notes whether the IMU feels those."""
+        if received is None:
+            self.felt = False
+            return math.nan
+        excitation = math.sqrt(float(np.sum(received[:, :2] ** 2) / np.sum(received**2)))
+        misfit = self._own_misfit(known, received, gyro_bias)
+        self.felt = excitation > _EXCITED and misfit < _FELT * excitation
+        return misfit
+
+    def _own_misfit(self, known: list[motion_story.Second], forces: np.ndarray, gyro_bias: np.ndarray) -> float:
+        """Of the IMU as it is, or without one of the biases that its gyroscope may have; the best of them."""
+        return motion_story.least_misfit(known, forces, (np.zeros(3), gyro_bias, self._offset), enough=_SUSPICIOUS)
+
+    @staticmethod
+    def _forces(end: int, velocities: Iterable[tuple[float, Vector3]]) -> np.ndarray | None:
         """(S, 3) m/s: what GNSS says of the specific force in each second of the window; None where it says nothing."""
         begin = float(end - _WINDOW)
-        near = [(t, *v) for t, v in self._velocities if begin - _VELOCITY_GAP < t < end + _VELOCITY_GAP]
+        near = [(t, *v) for t, v in velocities if begin - _VELOCITY_GAP < t < end + _VELOCITY_GAP]
         if len(near) < 3 or near[0][0] > begin or near[-1][0] < end:
             return None
         if max(b[0] - a[0] for a, b in pairwise(near)) > _VELOCITY_GAP:

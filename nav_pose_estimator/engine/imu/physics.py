@@ -10,6 +10,7 @@ import numpy as np
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.imu import plausibility
 from nav_pose_estimator.engine.imu.doubt import Doubt, DoubtMeter
+from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
 from nav_pose_estimator.engine.imu.motion_check import MotionCheck
 from nav_pose_estimator.engine.imu.plausibility import Finding
 from nav_pose_estimator.engine.imu.seconds import ImuSecond, second_of
@@ -59,9 +60,24 @@ class ImuPhysics:
         """Why the IMU cannot be used, one sentence; empty where it can."""
         return "" if self._finding is None else f"The IMU is not plausible: {self._finding.sentence}."
 
-    def velocity(self, t: float, velocity: Vector3) -> None:
-        """GNSS velocity ENU [m/s] valid at ``t`` [s]."""
-        self._motion.velocity(t, velocity)
+    def velocity(self, t: float, used: Vector3 | None, received: Vector3) -> None:
+        """GNSS velocity ENU [m/s] valid at ``t`` [s], None where it is not used, and as it was ``received``."""
+        self._motion.velocity(t, used, received)
+
+    @property
+    def felt(self) -> bool:
+        """Whether the IMU has lately felt the changes of velocity that GNSS tells."""
+        return self._motion.felt
+
+    @property
+    def heading(self) -> HeadingWitness:
+        """Whether the heading is the one in which GNSS velocity shows the forces."""
+        return self._motion.heading
+
+    @property
+    def felt_as_received(self) -> float:
+        """By how much squared misfit the velocities as they were received beat those that were put right and used."""
+        return self._motion.felt_as_received
 
     def look(
         self, end: float, rows: np.ndarray, gyro_bias: np.ndarray | None, journal: Journal, stamp_ns: int

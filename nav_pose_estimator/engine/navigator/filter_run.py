@@ -24,6 +24,7 @@ from nav_pose_estimator.engine.imu.physics import ImuPhysics
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, start_up
 from nav_pose_estimator.engine.navigator.modes import ModeKeeper
+from nav_pose_estimator.engine.navigator.past import Past
 from nav_pose_estimator.engine.navigator.split_filter import SplitFilter
 from nav_pose_estimator.engine.navigator.timeline import Timeline
 from nav_pose_estimator.engine.observation import Observation
@@ -90,6 +91,7 @@ class FilterRun:
         self.imu_physics = ImuPhysics()
         self.imu_despair = ""  # why the IMU cannot be one, where that has spoiled the filter
         self.second_due = -math.inf  # when to look back on the last second next
+        self.past = Past()
 
     def copy(self, journal: Journal) -> FilterRun:
         """An independent copy that reports to ``journal``: of all there is, but parameters never change."""
@@ -101,6 +103,7 @@ class FilterRun:
         """Change what is marked mutable while the filter runs; the rest must be as it was."""
         self.parameters = parameters = declination.as_before(parameters, self.parameters)
         self.quiet_until = -math.inf
+        self.past.forget()
         self.renew_constants()
         self.aiding.patience = parameters.navigator.lost_after
         self.gnss.set_parameters(parameters)

@@ -17,10 +17,12 @@ import math
 import numpy as np
 
 from nav_pose_estimator.core.alignment.carried_heading import CarriedHeading
+from nav_pose_estimator.core.alignment.types import Alignment
 from nav_pose_estimator.core.earth.ellipsoid import step_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.strapdown import propagate
-from nav_pose_estimator.core.numerics.rotation import euler_from_quat
+from nav_pose_estimator.core.numerics.rotation import euler_from_quat, quat_from_euler
+from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
 from nav_pose_estimator.engine.navigator import filter_setup
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.samples import MagSample
@@ -32,6 +34,10 @@ _FAR_OFF = (
 )
 _SIGNIFICANT = 3.0  # joint standard deviations
 _CONTRADICTED = 2.0  # mean NIS per row above which GNSS does not bear out the navigator's heading
+TURNED = "navigator.turned"
+"""Event: the navigator goes on with another heading, and what was learned along the old one is worth nothing."""
+_TURNED_HEADING_SD, _TURNED_TILT_SD = 0.25, 0.05  # rad
+_TURNED_GYRO_SD, _TURNED_ACCEL_SD = 0.01, 0.2  # rad/s, m/s^2
 _PATIENCE = 5.0  # s without a fix after which the aligner begins anew instead of keeping the IMU
 
 
@@ -82,6 +88,43 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
             text = f"the heading of before the restart was {math.degrees(abs(error)):.0f} deg off, as motion shows"
             run.journal.say(stamp_ns, "resume.heading.wrong", Level.WARN, text, error_deg=math.degrees(error))
         _start_from(run, constants, start)
+
+
+def turn(run: FilterRun, witness: HeadingWitness, stamp_ns: int) -> None:
+    """Turn the heading, for IMU and GNSS have shown it to be far off.
+
+    A filter with a wrong heading has bent tilt and biases until they fitted: roll and pitch are the witness's, too.
+    """
+    whole, angle = run.settled, witness.error
+    nav, P = whole.nav.copy(), whole.P.copy()
+    own = nav[at.QUAT : at.GYRO_BIAS]
+    roll, pitch, _ = euler_from_quat(own if witness.level is None else witness.level)
+    nav[at.ACCEL_BIAS : at.ACCEL_BIAS + 3] = 0.0  # as in the witness's roll and pitch
+    own[:] = quat_from_euler(roll, pitch, euler_from_quat(own)[2] + angle)
+    tilt = max(float(P.diagonal()[at.PHI : at.PHI + 2].max()), _TURNED_TILT_SD**2)
+    for start, variances in (
+        (at.PHI, [tilt, tilt, _TURNED_HEADING_SD**2]),
+        (at.D_GYRO_BIAS, [_TURNED_GYRO_SD**2] * 3),
+        (at.D_ACCEL_BIAS, [_TURNED_ACCEL_SD**2] * 3),
+    ):
+        states = slice(start, start + 3)
+        P[states, :] = P[:, states] = 0.0
+        P[states, states] = np.diag(variances)
+    constants = filter_setup.constants(run.parameters, run.noise.imu_variance)
+    base = P[: at.BASE_STATES, : at.BASE_STATES]  # sensors are given their states again, which were bent as well
+    bare = Alignment(whole.time, nav, base, "turned")
+    run.timeline.restart(constants, *filter_setup.complete_start(bare, constants, run.parameters))
+    run.gnss.position.resets += 1
+    run.past.forget()
+    magnetometer, error = run.aids[MagSample], -angle
+    assert isinstance(magnetometer, Magnetometer)
+    if run.trial is not None and run.trial.from_magnetometer:
+        magnetometer.condemn(stamp_ns, error)
+    else:
+        magnetometer.compare_anew()
+        text = f"the heading was {math.degrees(abs(error)):.0f} deg off, as IMU and GNSS show: turned"
+        run.journal.say(stamp_ns, TURNED, Level.WARN, text, error_deg=math.degrees(error))
+    run.trial = None
 
 
 def _heading(nav: np.ndarray, P: np.ndarray) -> tuple[float, float]:

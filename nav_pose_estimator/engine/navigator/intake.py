@@ -14,7 +14,7 @@ from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import memory
 from nav_pose_estimator.core.filter.blocks import blocks_of, enlarged, set_blocks, set_wander
-from nav_pose_estimator.engine.imu.doubt import Doubt
+from nav_pose_estimator.engine.engine_clock import NS
 from nav_pose_estimator.engine.navigator import heading_trial, start_up, status
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
@@ -45,8 +45,6 @@ from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 from nav_pose_estimator.engine.sensors.sensor import Aid
 from nav_pose_estimator.engine.solutions import Level
 
-_MISLED = Doubt(tilt=0.2, speed=3.0, gyro_bias=0.005, accel_bias=0.3)
-"""What velocities in wrong axes or units may have done to the filter."""
 _UNEVENTFUL = frozenset((AttitudeSample, NavigatorVelocity, *(aid.sample for aid in AIDS if aid.kind.quiet)))
 """Samples that change neither mode nor GNSS unless an observation comes of them."""
 
@@ -56,6 +54,7 @@ def take(run: FilterRun, sample: Sample) -> None:
     kind = type(sample)
     if kind not in _UNEVENTFUL:
         run.quiet_until = -math.inf
+    run.past.hear(run, sample)
     _HANDLERS[kind](run, sample)
 
 
@@ -75,10 +74,10 @@ def _fix(run: FilterRun, sample: GnssFix) -> None:
     t -= run.parameters.gnss.delay
     if not run.gnss.reception.fix(sample, t, run.now):
         return
+    sample = run.gnss.reception.believed(sample)
     if run.parameters.aids.declination_from_model:
         run.locate(sample)
     if run.timeline.running:
-        _doubt_what_velocities_did(run, sample.stamp_ns)
         run.observe(run.gnss.position.observe(sample, t))
         if run.trial is not None:
             run.start_up.fix(t, sample, run.gnss.reception.position_noise(sample))
@@ -96,26 +95,21 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
     t -= run.parameters.gnss.delay
     usable = run.gnss.reception.velocity(sample, t)
     if usable is None:
+        if run.gnss.reception.velocities.doubted:
+            run.imu_physics.velocity(t, None, sample.vel_enu)
         return
+    t -= (sample.stamp_ns - usable.stamp_ns) * NS  # a late one
     observation = run.gnss.velocity.observe(usable, t)
     assert observation.stated_R is not None
-    run.imu_physics.velocity(observation.t, usable.vel_enu)
+    run.imu_physics.velocity(observation.t, usable.vel_enu, sample.vel_enu)
     run.gnss.position.pull.velocity(observation.t, usable.vel_enu)
     run.start_up.velocity(observation.t, usable.vel_enu, observation.stated_R)
     if run.timeline.running:
-        _doubt_what_velocities_did(run, sample.stamp_ns)
         run.observe(observation)
         if run.trial is not None:
             heading_trial.judge(run, run.trial, sample.stamp_ns)
     else:
         run.try_start()
-
-
-def _doubt_what_velocities_did(run: FilterRun, stamp_ns: int) -> None:
-    """Once it is known that velocities were wrong."""
-    if run.gnss.reception.velocities.misled:
-        run.gnss.reception.velocities.misled = False
-        run.observe(run.imu_doubt.observe(_MISLED, run.timeline.filter.time, stamp_ns))
 
 
 def _aid(run: FilterRun, sample: Any) -> None:
@@ -166,6 +160,9 @@ def _airspeed(run: FilterRun, sample: Airspeed) -> None:
 def _pressure(run: FilterRun, sample: PressureSample) -> None:
     """Of the air or of the water, as the parameter says."""
     in_water = run.parameters.aids.water_density > 0.0
+    run.gnss.reception.velocities.barometric_height(
+        math.nan if in_water else barometer.standard_height(sample.pressure)
+    )
     _aid(run, WaterPressure(sample.stamp_ns, sample.pressure) if in_water else sample)
 
 

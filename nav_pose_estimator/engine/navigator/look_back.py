@@ -11,6 +11,7 @@ from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import noise_identification
 from nav_pose_estimator.engine.imu import physics
 from nav_pose_estimator.engine.imu.doubt import Doubt
+from nav_pose_estimator.engine.navigator import heading_trial
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
 
@@ -25,6 +26,7 @@ def look_back(run: FilterRun, t: float) -> None:
     """
     end = math.floor(t / Stillness.PERIOD) * Stillness.PERIOD
     run.second_due = end + Stillness.PERIOD
+    run.past.second(run)
     if run.timeline.running:
         _look_at_motion(run)
     _look_at_imu(run, t, end)
@@ -71,8 +73,13 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
     """
     rows, stamp_ns = run.timeline.rows_since(end - physics.REACH), run.clock.stamp(t)
     bias = run.timeline.filter.nav[at.GYRO_BIAS : at.GYRO_BIAS + 3] if run.timeline.running else None
+    if run.timeline.running:
+        run.imu_physics.heading.attitude(round(end), run.timeline.filter.nav[at.QUAT : at.GYRO_BIAS].copy())
     shaken = run.imu_physics.vibration_noise
     doubt = run.imu_physics.look(end, rows, bias, run.journal, stamp_ns)
+    run.gnss.reception.velocities.felt(run.imu_physics.felt, run.imu_physics.felt_as_received, stamp_ns)
+    if run.imu_physics.heading.error and run.timeline.running:
+        _turn_heading(run, stamp_ns)
     if run.timeline.running and run.imu_physics.vibration_noise != shaken:
         run.renew_constants()
     refusal = run.imu_physics.refusal
@@ -87,6 +94,15 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
         _doubt_unaided(run, doubt, refusal)
 
 
+def _turn_heading(run: FilterRun, stamp_ns: int) -> None:
+    """Where IMU and GNSS have shown that the heading is far off, unless they are in doubt themselves."""
+    doubted = run.gnss.reception.velocities.doubted or run.imu_physics.vibration
+    good = run.aiding.gnss_is_good(run.now) and not doubted
+    if good and run.timeline.filter.branches is None:
+        heading_trial.turn(run, run.imu_physics.heading, stamp_ns)
+    run.imu_physics.heading.forget()
+
+
 def _doubt_unaided(run: FilterRun, doubt: Doubt | None, refusal: str) -> None:
     """Without GNSS, what is known of the IMU makes the solution less certain, or worthless."""
     whole = run.timeline.filter
@@ -94,6 +110,8 @@ def _doubt_unaided(run: FilterRun, doubt: Doubt | None, refusal: str) -> None:
     if doubt is not None:
         run.observe(run.imu_doubt.observe(doubt, whole.time, stamp_ns))
     reason = refusal or _too_fast(whole.nav, run.parameters.gnss.reacquisition.max_speed)
+    if run.gnss.reception.velocities.position_fault:
+        reason = f"The positions of GNSS were wrong: {run.gnss.reception.velocities.position_fault}."
     run.modes.distrust(reason, run.journal, stamp_ns)
 
 

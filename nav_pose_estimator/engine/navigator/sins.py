@@ -10,16 +10,20 @@ from nav_pose_estimator.core.alignment.types import KnownBiases
 from nav_pose_estimator.engine import warm_up_flight
 from nav_pose_estimator.engine.continuation.warm_start import LONGEST
 from nav_pose_estimator.engine.engine_clock import NS
+from nav_pose_estimator.engine.imu.doubt import Doubt
 from nav_pose_estimator.engine.imu.input import ImuInput
 from nav_pose_estimator.engine.imu.rules import GAP, RESTARTS
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, intake, start_up, stretch
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun, Origin
+from nav_pose_estimator.engine.navigator.go_back import go_back
 from nav_pose_estimator.engine.navigator.status import status_of
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, NavSolution, Output, Status
 
+_MISLED = Doubt(tilt=0.2, speed=3.0, gyro_bias=0.005, accel_bias=0.3)
+"""What velocities in wrong axes or units may have done to a filter that cannot go back."""
 Resume = Callable[[FilterRun, int], FilterRun]
 """What a run that has seen nothing becomes at the stamp of its first IMU sample: it goes on from a saved state."""
 
@@ -50,6 +54,7 @@ class SinsEngine:
             outputs += self._carry(self._input.accept_block(sample))
         else:
             intake.take(self.run, sample)
+            self.run = _undeceived(self.run)
         events = self.journal.drain()
         return [*events, *outputs] if events else outputs
 
@@ -73,6 +78,9 @@ class SinsEngine:
                         outputs += self._carry(items)
                 elif backlog.may_wait_for(sample):
                     intake.take(self.run, sample)
+                    if self.run.gnss.reception.velocities.misled:
+                        outputs += flown(backlog)
+                        self.run = _undeceived(self.run)
                 else:
                     outputs += flown(backlog)
                     outputs += self.feed(sample)
@@ -195,3 +203,16 @@ def _start_again(engine: SinsEngine, stamp_ns: int, reason: str, known: KnownBia
     engine.run.imu_physics.forget_time()
     engine.run.gnss.reception.velocities = before.gnss.reception.velocities
     engine.run.gnss.reception.velocities.forget_time()
+
+
+def _undeceived(run: FilterRun) -> FilterRun:
+    """``run``, or where GNSS velocities have just proved to be wrong, what it would be without them."""
+    velocities = run.gnss.reception.velocities
+    if not velocities.misled:
+        return run
+    velocities.misled = False
+    stamp_ns = run.clock.stamp(run.now)
+    without = go_back(run, stamp_ns)
+    if without is run and run.timeline.running:
+        run.observe(run.imu_doubt.observe(_MISLED, run.timeline.filter.time, stamp_ns))
+    return without

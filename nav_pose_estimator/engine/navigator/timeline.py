@@ -13,10 +13,10 @@ import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import step_enu
 from nav_pose_estimator.core.filter.layout import IMU_T, LAT, OUT_COLUMNS, VEL
-from nav_pose_estimator.engine.navigator.imu_buffer import ImuBuffer
-from nav_pose_estimator.engine.navigator.observation_queue import ObservationQueue
+from nav_pose_estimator.engine.imu.buffer import ImuBuffer
 from nav_pose_estimator.engine.navigator.split_filter import Apply, SplitFilter
 from nav_pose_estimator.engine.observation import Observation
+from nav_pose_estimator.engine.observation_queue import ObservationQueue
 from nav_pose_estimator.engine.samples import Vector3
 from nav_pose_estimator.engine.sensors.routine.routine import Routine, moved
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from nav_pose_estimator.core.motion.vehicle_class import BOAT, FIXED_WING, MULTIROTOR, WHEELS
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
@@ -17,6 +18,7 @@ from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.engine.samples import Sample, VelocityError
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 
+_CLASSES = {MULTIROTOR: "a multirotor", FIXED_WING: "a fixed wing", WHEELS: "a vehicle on wheels", BOAT: "a boat"}
 _LARGEST_SPEED = 1e3  # m/s
 _REHEARSE_AFTER = 20.0  # s of flight: a rehearsal that begins sooner says little of later ones
 
@@ -40,6 +42,7 @@ class OutageAid:
         self._pilot = pilot or OutagePilot(parameters, train)
         self.rehearsals = Rehearsals(self.learner.method.rehearsal, self._rehearse)
         self._external: VelocityError | None = None
+        self._class_told = False
         self.rests = False  # True: no rehearsal begins, and the one that runs is broken off
 
     def reset(self) -> None:
@@ -52,7 +55,7 @@ class OutageAid:
         """An independent copy."""
         twin = OutageAid(self._parameters, self._train, self._rehearse, self._pilot.copy())
         twin.rehearsals = self.rehearsals.copy()
-        twin._external, twin.rests = self._external, self.rests
+        twin._external, twin.rests, twin._class_told = self._external, self.rests, self._class_told
         return twin
 
     @property
@@ -92,6 +95,18 @@ class OutageAid:
         if output.mode not in DENIED:
             return OutageHelp()
         return self._pilot.advise(stamp, self.choose, self._external)
+
+    def wrong_class(self) -> str:
+        """One sentence, once, where the flight shows another class than the file or the parameter says."""
+        shown, known = self.learner.state.shown_class, self.learner.method.beforehand.vehicle_class
+        if not shown or self._class_told:
+            return ""
+        self._class_told = True
+        source = f"learner.airframe ({self._parameters.airframe})" if self._parameters.airframe else ""
+        return (
+            f"the vehicle moves like {_CLASSES[shown]}, but {source or 'learner.vehicle_class'} is for "
+            f"{_CLASSES[known]}: what is known beforehand misleads in an outage"
+        )
 
     def choose(self) -> Guide | None:
         """What to go by in an outage that begins now."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.airframe import Beforehand
-from nav_pose_estimator.core.motion.vehicle_class import UNKNOWN, class_probabilities
+from nav_pose_estimator.core.motion.vehicle_class import UNKNOWN, class_probabilities, told_class
 from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.outage.airframe_file import load_airframe
 from nav_pose_estimator.engine.outage.epochs import FlightMemory
@@ -30,6 +30,7 @@ from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.errors import UserError
 
 TAKE_OVER = 5.0  # s between the end of the data and the use of what was learned from them
+_LOOK = 20.0  # s between two looks at what class the flight shows
 _YOUNG = 0.5  # a young flight is learned from again when it has grown by this part
 
 
@@ -44,7 +45,9 @@ class LearnerState:
     begun: int = 0  # trainings
     next_s: float = 0.0  # when the next training is due
     result: TrainingResult | None = None  # waits for its time
+    look_s: float = 0.0  # when the class is looked at next
     told: dict[str, float] = field(default_factory=dict)  # probabilities of the vehicle's class, for diagnostics
+    shown_class: str = ""  # that the flight has shown and that is not the one known beforehand
 
 
 class OutageLearner:
@@ -77,11 +80,21 @@ class OutageLearner:
         state.memory.add(epoch)
         if state.model is not None:
             state.model = state.model.follow(epoch)
+        if not 0.0 < state.look_s - now <= _LOOK:
+            state.look_s = now + _LOOK
+            self._look_at_class()
         if state.result is not None and now >= state.result.until + TAKE_OVER:
             self._take_over(state.result)
         # a clock that went back does not wait for the old time
         waits = 0.0 < state.next_s - now <= self._parameters.period
         return None if waits or not self.method.trains else self.job()
+
+    def _look_at_class(self) -> None:
+        state, known = self.state, self.method.beforehand.vehicle_class
+        probability = class_probabilities(state.memory.last(self._parameters.window))
+        state.told = {f"learner.class.{name}": p for name, p in probability.items()}
+        shown = told_class(probability)
+        state.shown_class = shown if UNKNOWN not in (known, shown) and shown != known else ""
 
     def job(self) -> TrainingJob | None:
         """A training on the window up to the newest epoch; ``None``, with a reason, when none is possible."""
@@ -89,7 +102,6 @@ class OutageLearner:
             return None
         state = self.state
         epochs = state.memory.last(self._parameters.window)
-        state.told = {f"learner.class.{name}": p for name, p in class_probabilities(epochs).items()}
         method = self.method.after(epochs)
         epochs = method.beforehand.flown(epochs)
         seconds = len(epochs) * me.PERIOD

@@ -101,6 +101,10 @@ class Magnetometer(Aid):
         )
         self._journal.say(stamp_ns, WRONG_START, Level.WARN, text, error_deg=math.degrees(error))
 
+    def compare_anew(self) -> None:
+        """What has been seen was compared with a wrong heading."""
+        self._check, self._offset = CompassCheck(), math.nan
+
     @property
     def offset(self) -> float:
         """What a magnetic heading is off by, as far as GNSS has shown [rad]; NaN where it may steer nothing."""

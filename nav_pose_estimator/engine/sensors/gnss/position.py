@@ -26,6 +26,7 @@ from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationR
 from nav_pose_estimator.engine.sensors.gnss.lasting_jump import LastingJump
 from nav_pose_estimator.engine.sensors.gnss.pull import Pull
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
+from nav_pose_estimator.engine.sensors.gnss.slow_height import SlowHeight
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import StatedAccuracy
 from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
@@ -62,6 +63,7 @@ class GnssPositionSensor(Sensor):
         self._walk_off = WalkOff()
         self._drifts = False
         self.heights = HeightReference()
+        self.slow_height = SlowHeight()
         self._height_told = -math.inf  # s: when a height was left out last
         self.origin: tuple[float, float, float] | None = None
         self.resets = 0
@@ -83,6 +85,7 @@ class GnssPositionSensor(Sensor):
         self.lever = np.array(parameters.gnss.lever_arm)
         self._despair_gap = parameters.gnss.reacquisition.despair_gap
         self._parameters = parameters.gnss
+        self.vertical_sd = parameters.gnss.vertical_sd  # m, of a fix at least
         self.guard.settings = _return_settings(parameters.gnss, self._aiding)
 
     def observe(self, sample: GnssFix, t: float) -> Observation:
@@ -109,7 +112,11 @@ class GnssPositionSensor(Sensor):
         if self.velocity.doubt.is_hopeless(o.t) and o.t - self._aiding.fix_used < self._despair_gap:
             self.despair = "GNSS was there all the time, yet velocities differ, and positions with them"
         far, fast = self.pull.least_sd()
-        least_sd = (max(self.jump.least_sd(o.t), far), _EITHER * self.heights.span, fast)
+        vertical = _EITHER * self.heights.span
+        if decision.use in (Use.GATED, Use.UNGATED) and not math.isnan(decision.reference):
+            self.slow_height.note(o.t, -float(self.linearise(o, f)[0][2]))
+            vertical = max(vertical, self.slow_height.least_sd(self.vertical_sd))
+        least_sd = (max(self.jump.least_sd(o.t), far), vertical, fast)
         return replace(decision, widening=widening, least_sd=least_sd)
 
     def doubt(self, t: float) -> str:

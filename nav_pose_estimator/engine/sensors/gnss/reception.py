@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -20,7 +21,10 @@ from nav_pose_estimator.engine.sensors.gnss.velocity_input import VelocityInput
 from nav_pose_estimator.engine.solutions import Level
 
 _PERIOD_MEMORY = 6  # fixes that the period is taken from
-_STUCK = 4  # repetitions of position and velocity in a row
+_STUCK = 4  # repetitions of a position in a row
+_MOVED = 8.0  # m by velocities, while positions that are rounded stay
+_INTEGER_DEGREES = 1e5  # deg
+_HIGHEST = 1e5  # m
 _AHEAD = 1.0  # s: a fix with a later stamp is from the future
 _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
 
@@ -42,6 +46,7 @@ class GnssReception:
         self.fix_period = 1.0
         """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
         self._repeats, self._last = 0, (math.nan, math.nan, math.nan)
+        self._way_before = 0j  # m: ``velocities.way`` when the position came for the first time
         self._no_height_told = False
         self._told_ahead = math.nan  # s: the clock offset that was told last
 
@@ -64,15 +69,20 @@ class GnssReception:
         if sample.status < 0:
             return self.refuse(sample.stamp_ns, "gnss.rejected.status", "the receiver has no fix")
         if not is_position(sample.lat, sample.lon, 0.0 if math.isnan(sample.alt) else sample.alt):
-            return self.refuse(sample.stamp_ns, "gnss.rejected.value", "the fix holds NaN or is no place on Earth")
+            return self.refuse(sample.stamp_ns, "gnss.rejected.value", _no_place(sample))
         if sample.lat == 0.0 and sample.lon == 0.0:
             why = "latitude and longitude are exactly zero, which is what drivers send before the first fix"
             return self.refuse(sample.stamp_ns, "gnss.rejected.null_island", why)
         here = (sample.lat, sample.lon, sample.alt)
         self._repeats, self._last = self._repeats + 1 if here == self._last else 0, here
-        if min(self._repeats, self.velocities.repeats) >= _STUCK:
-            why = "position and velocity repeat to the last digit while the vehicle moves: the receiver is stuck"
+        if not self._repeats:
+            self._way_before = self.velocities.way
+        moves = self.velocities.repeats >= _STUCK or abs(self.velocities.way - self._way_before) > _MOVED
+        if moves and self._repeats >= _STUCK:
+            why = "the position repeats to the last digit while the vehicle moves: the receiver is stuck"
             return self.refuse(sample.stamp_ns, "gnss.rejected.stuck", why)
+        if self.velocities.position_fault:
+            return self.refuse(sample.stamp_ns, "gnss.rejected.axes", self.velocities.position_fault)
         if t - now > _AHEAD:
             return self.refuse(sample.stamp_ns, "gnss.rejected.future", self._clocks(sample, t - now))
         if not self.enabled:
@@ -95,8 +105,13 @@ class GnssReception:
         self._aiding.fix_offered = t
         if math.isnan(sample.alt):
             self._tell_no_height(sample.stamp_ns)
-        self.velocities.fix(sample, t, horizontal or 0.0)
+        if self._repeats == 0:
+            self.velocities.fix(sample, t, horizontal or 0.0)
         return True
+
+    def believed(self, sample: GnssFix) -> GnssFix:
+        """A fix that passed, without a height that cannot be."""
+        return replace(sample, alt=math.nan) if self.velocities.height_fault else sample
 
     def velocity(self, sample: GnssVelocity, t: float) -> GnssVelocity | None:
         """What of a velocity valid at ``t`` may be used: it is as good as the last fix, and its axes must be right."""
@@ -158,6 +173,16 @@ class GnssReception:
         if what:
             self._journal.count(f"gnss.{what}.covariance.flawed")
         return None
+
+
+def _no_place(sample: GnssFix) -> str:
+    """Why a fix is nowhere on Earth, a clause."""
+    largest = math.degrees(max(abs(sample.lat), abs(sample.lon)))
+    if _INTEGER_DEGREES < largest < math.inf:
+        return f"a latitude or longitude of {largest:.4g} deg is no place on Earth: is it in degrees times 1e7?"
+    if _HIGHEST < abs(sample.alt) < math.inf:
+        return f"a height of {sample.alt:.4g} m is no place on Earth: is it in mm?"
+    return "the fix holds NaN or is no place on Earth"
 
 
 def _horizontal(sample: GnssFix) -> np.ndarray | None:

@@ -2,124 +2,156 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import replace
 
 import numpy as np
 
-from nav_pose_estimator.core.gnss.velocity_check import DOWN, NED, SILENT, TURNED, UNIT, VelocityCheck
+from nav_pose_estimator.core.gnss.climb_check import DOWN
+from nav_pose_estimator.core.gnss.velocity_check import VelocityCheck
+from nav_pose_estimator.core.gnss.velocity_mistakes import UNIT
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_within
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
-from nav_pose_estimator.engine.solutions import Level
+from nav_pose_estimator.engine.sensors.gnss.velocity_report import VelocityReport
 
 _LARGEST_SPEED = 1e3  # m/s: receivers stop at 500
 _MOVING = 0.3  # m/s: receivers round, and hold an antenna that stands
-_FAULTS = {
-    NED: "its axes look like North-East-Down: set ros.input.velocity_frame to ned",
-    TURNED: "it is as fast as the positions move, but in another direction: its axes look like the vehicle's own, "
-    "not East-North-Up",
-    SILENT: "it stays zero while the positions move: the driver does not fill it",
-    UNIT: "it points where the positions go, but is too fast for them: it looks like {unit} instead of m/s",
-}
-_VERTICAL_FAULTS = {
-    SILENT: "it stays zero while the height changes: the driver does not fill it (ros.input.vertical_velocity: false)",
-    DOWN: "it has the wrong sign, positive down",
-}
+_LONGEST_STEP = 2.0  # s between velocities that are summed up
+_AS_RECEIVED = 0.005  # of squared misfit; simulated flights: 0.006 to 0.02, where the velocity is to blame -0.016 to 0
 
 
 class VelocityInput:
-    """Drops velocities whose axes contradict the way between fixes; positions go on without them.
+    """Drops velocities that contradict the way between fixes; positions go on without them.
 
-    Once they are North-East-Down beyond doubt they are turned.
+    A mistake that is beyond doubt is undone, and the velocity used.
     """
 
     def __init__(self, journal: Journal) -> None:
-        self._journal = journal
+        self._journal, self._report = journal, VelocityReport(journal)
         self._check = VelocityCheck()
-        self._said = ""
         self._last: tuple[float, ...] = ()
         self.repeats = 0
         """How often the last velocity has come again to the last digit, of a vehicle that moves by it."""
-        self._said_vertical = ""
-        self._said_turned = self._said_scale = False
+        self._is_withheld = self._is_mended = False
         self.misled = False
         """Whether it has just been found out that the filter was told wrong velocities; to be set back."""
+        self.position_fault = ""
+        """What is wrong with positions, a clause; empty if nothing is known to be."""
+        self.way = 0j
+        """Where velocities lead, East + i North [m], from anywhere."""
+        self._before = (math.inf, 0j)
+        self._learns = True
 
     def forget_time(self) -> None:
         """The navigator starts again: forget samples, keep what they have proved."""
         self._check.forget_time()
         self._last, self.repeats, self.misled = (), 0, False
 
+    def in_hindsight(self, journal: Journal) -> VelocityInput:
+        """A copy for samples that this one has heard: it judges them by all that is known now, and learns nothing."""
+        twin = copy.deepcopy(self, {id(self._journal): journal})
+        twin._learns, twin._last, twin.repeats = False, (), 0
+        return twin
+
     @property
     def doubted(self) -> bool:
-        """Whether the axes of the velocity have lately contradicted the way between fixes."""
+        """Whether the velocity has lately contradicted the way between fixes."""
         return bool(self._check.fault) or self._check.suspect
+
+    @property
+    def height_fault(self) -> str:
+        """What is wrong with the heights of fixes, a clause; empty if nothing is known to be."""
+        return self._check.climb.height_fault
+
+    @property
+    def sound_steps(self) -> int:
+        """Seconds or so, in a row, in which nothing spoke against the velocity."""
+        return 0 if self._check.climb.suspect else self._check.sound_steps
+
+    def barometric_height(self, height: float) -> None:
+        """Of the last pressure [m]: a witness of climbs."""
+        if self._learns:
+            self._check.climb.baro = height
+
+    def felt(self, felt: bool, as_received: float, stamp_ns: int) -> None:
+        """Whether the IMU feels what velocities say, and by how much better it feels them as they were received.
+
+        The positions are wrong then, and not the velocity that was put right by them.
+        """
+        self._check.felt = felt
+        if not self._learns or self.position_fault or not self._check.fault:
+            return
+        if felt if self._check.stands_still else self._is_mended and as_received > _AS_RECEIVED:
+            self.position_fault = self._report.positions(self._check, stamp_ns)
 
     def fix(self, sample: GnssFix, t: float, sd: float) -> None:
         """A usable fix valid at ``t`` [s], horizontal deviation ``sd`` [m]: what velocities are compared with."""
-        self._check.fix(t, sample.lat, sample.lon, sample.alt, sd)
-        self._tell_scale(sample.stamp_ns)
-        fault = self._check.fault
-        if fault == self._said:
+        if not self._learns:
             return
-        self._said = fault
-        if fault:
-            self.misled = True
-            why = _FAULTS[fault].format(unit=self._check.unit)
-            text = f"GNSS velocity not used: {why} ({self._check.misfit:.1f} m/s apart)"
-            self._journal.say(sample.stamp_ns, f"gnss.velocity.axes.{fault}", Level.ERROR, text)
-        else:
-            text = "GNSS velocity agrees with the way between fixes again and is used"
-            self._journal.say(sample.stamp_ns, "gnss.velocity.axes.ended", Level.INFO, text)
+        check, stamp_ns = self._check, sample.stamp_ns
+        check.fix(t, sample.lat, sample.lon, sample.alt, sd)
+        is_withheld = self.doubted
+        new = [is_withheld and not self._is_withheld]
+        self._is_withheld = is_withheld
+        if not is_withheld:
+            self._report.scale(check.scale, stamp_ns)
+        new += [self._report.vertical(check, stamp_ns), self._report.lateness(check.late.delay, stamp_ns)]
+        self._report.horizontal(check, stamp_ns)
+        self._is_mended = bool(check.fault) and check.certain
+        if self._is_mended:
+            new.append(self._report.mended(check, stamp_ns))
+        self.misled = self.misled or any(new)
 
     def velocity(self, sample: GnssVelocity, t: float, fix_usable: bool) -> GnssVelocity | None:
         """What of a velocity valid at ``t`` [s] may be offered to the filter; None (and counted) if nothing."""
-        up = sample.vel_enu[2]
         same = sample.vel_enu == self._last and math.hypot(*sample.vel_enu[:2]) > _MOVING
         self.repeats, self._last = self.repeats + 1 if same else 0, sample.vel_enu
-        if not is_within(sample.vel_enu[:2], _LARGEST_SPEED) or abs(up) > _LARGEST_SPEED:
+        if not is_within(sample.vel_enu[:2], _LARGEST_SPEED) or abs(sample.vel_enu[2]) > _LARGEST_SPEED:
             self._journal.count("gnss.rejected.velocity_value")
             return None
         if not fix_usable:
             self._journal.count("gnss.rejected.velocity_without_fix")
             return None
-        self._check.velocity(t, *sample.vel_enu)
-        if self._check.fault == NED and self._check.certain:
-            return self._turned(sample)
-        if self._check.fault or self._check.suspect:
+        if self._learns:
+            self._check.velocity(t, *sample.vel_enu)
+        self._add_up(t, complex(*sample.vel_enu[:2]))
+        return self._believed(sample)
+
+    def _add_up(self, t: float, velocity: complex) -> None:
+        (before, last), self._before = self._before, (t, velocity)
+        if 0.0 < t - before < _LONGEST_STEP:
+            self.way += 0.5 * (t - before) * (last + velocity)
+
+    def _believed(self, sample: GnssVelocity) -> GnssVelocity | None:
+        """What of a velocity may be offered to the filter by what is known now."""
+        check = self._check
+        if self._is_mended:
+            return self._mended(sample)
+        if self.doubted:
             self._journal.count("gnss.rejected.velocity_axes")
             return None
-        vertical = self._check.vertical_fault
-        if not (vertical or self._check.vertical_suspect):
-            return sample
-        if vertical and vertical != self._said_vertical:
-            self._said_vertical = vertical
-            text = f"GNSS vertical velocity not used: {_VERTICAL_FAULTS[vertical]}"
-            self._journal.say(sample.stamp_ns, f"gnss.velocity.vertical.{vertical}", Level.WARN, text)
-        return replace(sample, vel_enu=(*sample.vel_enu[:2], math.nan))
+        if check.late.delay:
+            sample = replace(sample, stamp_ns=sample.stamp_ns - round(check.late.delay * 1e9))
+        up = sample.vel_enu[2]
+        if check.climb.fault == DOWN:
+            return replace(sample, vel_enu=(*sample.vel_enu[:2], -up))
+        if check.climb.fault or check.climb.suspect:
+            return replace(sample, vel_enu=(*sample.vel_enu[:2], math.nan))
+        return sample
 
-    def _tell_scale(self, stamp_ns: int) -> None:
-        scale = self._check.scale
-        if scale == 1.0 or self._said_scale:
-            return
-        self._said_scale = True
-        amount, way = 100.0 * abs(scale - 1.0), "farther" if scale > 1.0 else "less far"
-        clock = f"{100.0 * abs(1.0 - 1.0 / scale):.1f} % {'slow' if scale > 1.0 else 'fast'}"
-        text = (
-            f"GNSS positions move {amount:.1f} % {way} than velocities and stamps say: the clock of the stamps "
-            f"probably runs {clock}, else another unit"
-        )
-        self._journal.say(stamp_ns, "gnss.velocity.scale", Level.WARN, text, scale=scale)
-
-    def _turned(self, sample: GnssVelocity) -> GnssVelocity:
-        """North-East-Down as East-North-Up."""
-        if not self._said_turned:
-            self._said_turned = True
-            text = "GNSS velocity is North-East-Down beyond doubt: turned and used; set ros.input.velocity_frame to ned"
-            self._journal.say(sample.stamp_ns, "gnss.velocity.turned", Level.WARN, text)
-            self.misled = True
-        north, east, down = sample.vel_enu
-        turn = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-        cov = None if sample.cov_enu is None else turn @ sample.cov_enu @ turn.T
-        return replace(sample, vel_enu=(east, north, -down), cov_enu=cov)
+    def _mended(self, sample: GnssVelocity) -> GnssVelocity:
+        """The velocity without the mistake that is beyond doubt."""
+        check, (east, north, up) = self._check, sample.vel_enu
+        x, y = check.mended(1.0, 0.0), check.mended(0.0, 1.0)
+        vertical = x[0] if check.fault == UNIT else 1.0
+        if check.fault == UNIT:
+            up *= vertical
+        elif check.climb.goes_down:
+            up = -up
+        elif not check.climb.goes_up:
+            up = math.nan
+        A = np.array([[x[0], y[0], 0.0], [x[1], y[1], 0.0], [0.0, 0.0, vertical]])
+        cov = None if sample.cov_enu is None else A @ sample.cov_enu @ A.T
+        return replace(sample, vel_enu=(*check.mended(east, north), up), cov_enu=cov)

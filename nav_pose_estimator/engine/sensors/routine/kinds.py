@@ -11,7 +11,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from nav_pose_estimator.core.gnss import doubt, height_reference
+from nav_pose_estimator.core.gnss import doubt, height_reference, slow_height
 from nav_pose_estimator.core.gnss.reacquisition import Fix
 from nav_pose_estimator.core.routine import table
 from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, Observation, Use
@@ -64,7 +64,7 @@ class RoutineVelocity:
     def values(self, o: Observation) -> list[float]:
         """Two or three rows."""
         assert o.stated_R is not None
-        return [rows_of(o), *o.measured.tolist(), *o.stated_R.ravel().tolist()]
+        return [rows_of(o), *o.measured.tolist(), *o.stated_R.ravel().tolist(), 0.0]
 
     def again(self, o: Observation) -> int:
         """Behind the gate, or left out as before."""
@@ -84,7 +84,6 @@ class RoutinePosition:
 
     def __init__(self, sensor: GnssPositionSensor, aiding: Aiding) -> None:
         self._sensor, self._aiding = sensor, aiding
-        self._decision = Decision(Use.GATED, 0.0)
 
     def prepare(self, settings: np.ndarray, t: float) -> bool:
         """While neither the guard nor the doubts have anything to say."""
@@ -94,6 +93,8 @@ class RoutinePosition:
         settings[table.RETURN_AFTER], settings[table.SIGMAS] = guard.loss_time, guard.sigmas
         settings[table.DOUBTFUL] = doubt.OFF
         settings[table.HEIGHT_STEP : table.BARO_APART] = height_reference.STEP, height_reference.PAUSE, *heights.last
+        settings[table.LEAST_HEIGHT_SD] = slow_height.least_sd(sensor.vertical_sd)
+        settings[table.HEIGHT_MEAN_T : table.SETTINGS_SIZE] = sensor.slow_height.last, sensor.slow_height.mean
         state = sensor.guard.state
         return (
             not (sensor.noise.learns or sensor.pull.is_on or sensor.despair or state.tracks or state.loose)
@@ -108,7 +109,8 @@ class RoutinePosition:
         lat, lon, alt = o.measured
         height = alt - (self._sensor.heights.shift if o.decision is None else o.decision.reference)
         known = o.decision is None or math.isfinite(height)
-        return [3.0 if known else 2.0, lat, lon, height if known else 0.0, *o.stated_R.ravel().tolist()]
+        least = 0.0 if o.decision is None else o.decision.least_sd[1]
+        return [3.0 if known else 2.0, lat, lon, height if known else 0.0, *o.stated_R.ravel().tolist(), least]
 
     def again(self, o: Observation) -> int:
         """Behind the gate, or left out as before."""
@@ -121,6 +123,7 @@ class RoutinePosition:
         reference = sensor.heights.shift
         sensor.velocity.doubt.agrees()
         sensor.heights.agrees(t, -z[2])
+        sensor.slow_height.note(t, -z[2])
         place = local(o.measured, reference, math.nan, sensor.origin)
         east, north, up = (math.sqrt(variance) for variance in o.stated_R.diagonal().tolist())
         sd = max(east, north)
@@ -131,9 +134,7 @@ class RoutinePosition:
         sensor.watch_drift(o, place, None if velocity is None else velocity.velocity, CHANCE * sd)
         sensor.record.add(result[table.RESULT_NIS], z, period or sensor.reception.fix_period)
         sensor.reception.use(t, with_height=True)
-        if self._decision.reference != reference:
-            self._decision = Decision(Use.GATED, reference)
-        o.decision = self._decision
+        o.decision = Decision(Use.GATED, reference, least_sd=(0.0, result[table.RESULT_LEAST], 0.0))
 
 
 class RoutineHeight:
@@ -194,7 +195,9 @@ class RoutineHeading:
 
 def _gnss_again(o: Observation, gated: int) -> int:
     d = o.decision
-    if d is None or d.widening != 1.0 or any(d.least_sd):
+    if d is None or d.widening != 1.0 or d.least_sd[0] or d.least_sd[2]:
+        return table.UNUSUAL
+    if d.least_sd[1] and d.use is not Use.GATED:
         return table.UNUSUAL
     return {Use.GATED: gated, Use.LEFT_OUT: table.NO_GNSS}.get(d.use, table.UNUSUAL)
 

@@ -1,0 +1,121 @@
+"""Is the heading the one in which GNSS velocity shows the forces? Asked of the IMU alone, over six seconds at a time.
+
+A filter can make itself believe any heading for a while: a tilt that is wrong by a/g looks like an acceleration a. But
+what the tilt is wrong by does not change within seconds, and the accelerations do. So the horizontal changes of GNSS
+velocity from second to second, less their mean over the window, are compared with the impulses of the specific force,
+integrated with the gyroscope from the navigator's attitude at the window's beginning, less theirs. As complex numbers
+u and h the angle of sum u conj(h) is what the heading is wrong by (regression; the correlation says how well). Windows
+add up with what corrections have turned the heading by since.
+
+On thirteen recorded flights the angle was 29 deg at most where it counts, but for one of 42 deg just after a launch.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nav_pose_estimator.core.numerics.rotation import (
+    euler_from_quat,
+    quat_from_matrix,
+    quat_from_rotvec,
+    quat_multiply,
+    quat_to_matrix,
+)
+
+_MEMORY = 0.7  # of the sums, from one window to the next
+_EXCITED = 0.6  # m/s: root of the sum of squared changes; GNSS velocities scatter by 0.1 to 0.2
+_COHERENT = 0.7
+_WRONG = math.radians(40.0)
+_REMEMBERED = 12  # s
+_PARTS = 5  # of a second's rotations that are taken for one
+_PROOF = 2  # windows in a row
+
+
+@dataclass(eq=False)
+class HeadingWitness:
+    """``error`` [rad]: by how much the navigator's heading has to be turned, counter-clockwise; 0 while it need not."""
+
+    error: float = field(default=0.0, init=False)
+    _attitudes: dict[int, np.ndarray] = field(default_factory=dict, init=False)  # at whole seconds
+    _turned: dict[int, float] = field(default_factory=dict, init=False)  # rad, by corrections since the beginning
+    level: np.ndarray | None = field(default=None, init=False)
+    """Attitude (4,) at the last whole second by IMU and GNSS alone; its roll and pitch are as good as its gyroscope."""
+    _rotations: dict[int, np.ndarray] = field(default_factory=dict, init=False)  # (4,) of the second that ends there
+    _cross: complex = field(default=0j, init=False)
+    _gnss: float = field(default=0.0, init=False)
+    _felt: float = field(default=0.0, init=False)
+    _wrong: int = field(default=0, init=False)
+
+    def forget(self) -> None:
+        """The attitude or the clock is another one."""
+        self._attitudes.clear()
+        self._turned.clear()
+        self._rotations.clear()
+        self._cross, self._gnss, self._felt, self._wrong, self.error = 0j, 0.0, 0.0, 0, 0.0
+
+    def attitude(self, k: int, q_nb: np.ndarray) -> None:
+        """The navigator's attitude (4,) at the whole second ``k``."""
+        self._attitudes[k] = q_nb
+        for known in (self._attitudes, self._turned, self._rotations):
+            known.pop(k - _REMEMBERED, None)
+
+    def carry(self, k: int, angles: np.ndarray) -> None:
+        """The rotation of the second that ends at ``k``, in parts (N, 3) [rad]: what else turned the heading?"""
+        rotation = np.array([1.0, 0.0, 0.0, 0.0])
+        for part in angles.reshape(-1, _PARTS, 3).sum(axis=1):
+            rotation = quat_multiply(rotation, quat_from_rotvec(part))
+        self._rotations[k] = rotation
+        before, now = self._attitudes.get(k - 1), self._attitudes.get(k)
+        if before is None or now is None:
+            self._turned = {k: 0.0}
+            return
+        felt = quat_multiply(before, rotation)
+        turned = math.remainder(float(euler_from_quat(now)[2] - euler_from_quat(felt)[2]), 2.0 * math.pi)
+        self._turned[k] = self._turned.get(k - 1, 0.0) + turned
+
+    def compare(self, begin: int, impulses: np.ndarray, forces: np.ndarray) -> None:
+        """A window from second ``begin`` on.
+
+        ``impulses`` (S, 3) [m/s] of the specific force in b as it was then; ``forces`` (S, 3) what GNSS says of them in
+        ENU.
+        """
+        q, turned = self._attitudes.get(begin), self._turned.get(begin)
+        if q is None or turned is None:
+            return
+        in_n = impulses @ quat_to_matrix(q).T
+        u, h = (_varying(part) for part in (forces, in_n))
+        self._cross = _MEMORY * self._cross + complex(np.vdot(h, u)) * cmath.rect(1.0, turned)
+        self._gnss = _MEMORY * self._gnss + float(np.vdot(u, u).real)
+        self._felt = _MEMORY * self._felt + float(np.vdot(h, h).real)
+        angle = math.remainder(cmath.phase(self._cross) - self._turned[max(self._turned)], 2.0 * math.pi)
+        excited = min(self._gnss, self._felt) > _EXCITED**2
+        coherent = abs(self._cross) > _COHERENT * math.sqrt(self._gnss * self._felt)
+        self._wrong = self._wrong + 1 if excited and coherent and abs(angle) > _WRONG else 0
+        self.error = angle if self._wrong >= _PROOF else 0.0
+        if self.error:
+            self.level = self._carried(begin, _best_rotation(impulses, forces))
+
+    def _carried(self, begin: int, q_nb: np.ndarray) -> np.ndarray | None:
+        """``q_nb`` (4,) of the second ``begin`` as it is at the last one; None across a gap."""
+        for k in range(begin + 1, max(self._turned) + 1):
+            if k not in self._rotations:
+                return None
+            q_nb = quat_multiply(q_nb, self._rotations[k])
+        return q_nb
+
+
+def _best_rotation(impulses: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """``q_nb`` (4,) by which ``impulses`` (S, 3) fit ``forces`` (S, 3) best (Wahba's problem)."""
+    left, _, right = np.linalg.svd(forces.T @ impulses)
+    flip = np.diag([1.0, 1.0, np.linalg.det(left) * np.linalg.det(right)])
+    return quat_from_matrix(left @ flip @ right)
+
+
+def _varying(parts: np.ndarray) -> np.ndarray:
+    """East + i North of (S, 3), less the mean."""
+    horizontal = parts[:, 0] + 1j * parts[:, 1]
+    return np.asarray(horizontal - horizontal.mean())

@@ -1,0 +1,74 @@
+"""Going back: velocities that prove to be wrong are taken out of the filter, as if they had never been used.
+
+The proof takes seconds, and meanwhile they have turned heading, tilt and biases. Added variance would be honest and
+useless. So an older copy of the run (``past``) goes the same way again, with what is now known of the velocities.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from nav_pose_estimator.core.earth.ellipsoid import step_enu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.navigator import intake, stretch
+from nav_pose_estimator.engine.navigator.filter_run import FilterRun
+from nav_pose_estimator.engine.solutions import Level
+
+UNDONE = "gnss.velocity.undone"
+"""Event: the navigator goes on from another state, and what was learned along the old one is worth nothing."""
+
+_LONGEST_GAP = 1.0  # s between IMU rows that are flown again
+
+
+def go_back(run: FilterRun, stamp_ns: int) -> FilterRun:
+    """The run to go on with after velocities have proved to be wrong; ``run`` itself where there is no other."""
+    twin = _again(run)
+    if twin is None:
+        return run
+    velocities, was_running = run.gnss.reception.velocities, run.timeline.running
+    twin = twin.copy(run.journal)
+    twin.gnss.reception.velocities, twin.past = velocities, run.past
+    if was_running:
+        run.timeline.settle()
+        twin.timeline.settle()
+        step = step_enu(run.timeline.filter.nav[at.LAT : at.VEL], twin.timeline.filter.nav[at.LAT : at.VEL])
+        twin.timeline.shift = run.timeline.shift + step
+        twin.gnss.position.resets = run.gnss.position.resets + 1
+    text = "what wrong velocities did is undone: the last seconds are computed anew with what is known of them now"
+    run.journal.say(stamp_ns, UNDONE, Level.WARN, text)
+    mode, now = run.modes.mode.value, twin.modes.mode.value
+    if mode != now:
+        run.journal.say(stamp_ns, f"mode.{now.lower()}", Level.INFO, f"{mode} -> {now}")
+    return twin
+
+
+def _again(run: FilterRun) -> FilterRun | None:
+    """``run`` as it would be had it known of its velocities what it knows now; None if it would not run."""
+    start, journal = run.past.start, Journal()
+    if start is None:
+        return None
+    rows, heard = run.past.since(run)
+    if np.diff(rows[:, at.IMU_T]).max(initial=0.0) > _LONGEST_GAP:
+        return None
+    twin = start.copy(journal)
+    twin.origin, twin.origin_is_fixed = run.origin, run.origin_is_fixed
+    twin.gnss.reception.velocities = run.gnss.reception.velocities.in_hindsight(journal)
+    for now, sample in heard:
+        rows = _carry(twin, rows, now)
+        if twin.despair:
+            return None
+        intake.take(twin, sample)
+    _carry(twin, rows, math.inf)
+    return None if twin.despair or twin.timeline.running < run.timeline.running else twin
+
+
+def _carry(run: FilterRun, rows: np.ndarray, until: float) -> np.ndarray:
+    """Carry ``run`` over the IMU ``rows`` (N, 7) up to ``until`` [s]; returns the others."""
+    count = int(np.searchsorted(rows[:, at.IMU_T], until, side="right"))
+    if count:
+        stamps_ns = np.array([run.clock.stamp(t) for t in rows[:count, at.IMU_T].tolist()])
+        stretch.carry(run, stamps_ns, rows[:count])
+    return rows[count:]

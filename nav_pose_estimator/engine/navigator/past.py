@@ -1,0 +1,106 @@
+"""The last half minute of a run: copies of it, a quarter of a minute apart, and all that has arrived since the first.
+
+``go_back`` needs it.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.samples import GnssVelocity, Sample
+
+if TYPE_CHECKING:
+    from nav_pose_estimator.engine.navigator.filter_run import FilterRun
+
+_APART = 15.0  # s between two copies; the older one is gone back to
+_LONGEST = 60.0  # s: what has been wrong for longer than that, and could not be proved, stays
+
+
+class _Start(NamedTuple):
+    t: float
+    run: FilterRun
+    heard: int
+    seconds: int
+
+
+class Past:
+    """The last half minute of a run, from the first GNSS velocity on. What it holds is never written to."""
+
+    def __init__(self) -> None:
+        self._starts: list[_Start] = []
+        self._heard: list[tuple[float, Sample]] = []  # time of the last IMU row before it
+        self._seconds: list[np.ndarray] = []  # IMU rows
+        self._until = -math.inf  # s: the last of them
+
+    def __deepcopy__(self, _memo: dict) -> Past:
+        """A copy with lists of its own and the same things in them."""
+        twin = copy.copy(self)
+        twin._starts, twin._heard, twin._seconds = list(self._starts), list(self._heard), list(self._seconds)
+        return twin
+
+    def __reduce__(self) -> tuple[type[Past], tuple[()]]:
+        """Another process, where rehearsals are flown, is not told the past."""
+        return Past, ()
+
+    def hear(self, run: FilterRun, sample: Sample) -> None:
+        """What arrives, before it acts."""
+        if not self._starts and isinstance(sample, GnssVelocity):
+            self._keep(run)
+        if self._starts:
+            self._heard.append((run.now, sample))
+
+    def second(self, run: FilterRun) -> None:
+        """Keep the IMU rows of the last second, and from time to time a copy of ``run``."""
+        if not self._starts:
+            return
+        self._keep_rows(run)
+        age = run.now - self._starts[-1].t
+        if run.now - self._starts[0].t > _LONGEST:
+            self.forget()
+            self._keep(run)
+        elif age > _APART and run.gnss.reception.velocities.sound_steps:
+            self._keep(run)
+            self._drop_first()
+
+    @property
+    def start(self) -> FilterRun | None:
+        """The run as it was half a minute ago, not to be written to; None where that is not known."""
+        return self._starts[0].run if self._starts else None
+
+    def since(self, run: FilterRun) -> tuple[np.ndarray, list[tuple[float, Sample]]]:
+        """What ``run`` has heard since ``start``: IMU rows (N, 7), and the rest with the time [s] of the last row."""
+        self._keep_rows(run)
+        first = self._starts[0]
+        return np.concatenate(self._seconds[first.seconds :]), self._heard[first.heard :]
+
+    def forget(self) -> None:
+        """What has been cannot be gone back to."""
+        self._starts, self._heard, self._seconds = [], [], []
+
+    def _keep_rows(self, run: FilterRun) -> None:
+        rows = run.timeline.rows_since(self._until)
+        if len(rows):
+            self._seconds.append(rows.copy())
+            self._until = float(rows[-1, at.IMU_T])
+
+    def _keep(self, run: FilterRun) -> None:
+        self._keep_rows(run)
+        twin = run.copy(Journal())
+        twin.past = Past()
+        self._starts.append(_Start(run.now, twin, len(self._heard), len(self._seconds)))
+
+    def _drop_first(self) -> None:
+        if len(self._starts) < 3:
+            return
+        _, second, *later = self._starts
+        del self._heard[: second.heard], self._seconds[: second.seconds]
+        self._starts = [
+            one._replace(heard=one.heard - second.heard, seconds=one.seconds - second.seconds)
+            for one in (second, *later)
+        ]

@@ -1,0 +1,128 @@
+"""What is said of GNSS velocities that contradict the positions, and of heights and positions that contradict them."""
+
+from __future__ import annotations
+
+from nav_pose_estimator.core.gnss.climb_check import DOWN, OTHER
+from nav_pose_estimator.core.gnss.climb_check import SILENT as UNFILLED
+from nav_pose_estimator.core.gnss.velocity_check import VelocityCheck
+from nav_pose_estimator.core.gnss.velocity_mistakes import NED, SILENT, TURNED, UNEXPLAINED, UNIT
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.solutions import Level
+
+_NO_CLOCK = 0.3  # of a scale: no clock is so wrong
+_FAULTS = {
+    NED: "its axes look like North-East-Down: set ros.input.velocity_frame to ned",
+    TURNED: "it is as fast as the positions move, but in another direction: its axes look like {name}, "
+    "not East-North-Up",
+    SILENT: "it {name} while the positions move: the driver does not fill it",
+    UNIT: "it points where the positions go, but is not as fast as them: it looks like {name} instead of m/s",
+    UNEXPLAINED: "it does not say where the positions go",
+}
+_VERTICAL_FAULTS = {
+    UNFILLED: "not used: it stays zero while the height changes: the driver does not fill it "
+    "(ros.input.vertical_velocity: false)",
+    DOWN: "turned round and used: it has the wrong sign, positive down",
+    OTHER: "not used: heights and barometer agree that it is wrong (another unit?)",
+}
+_NAMES = {
+    "body": "the vehicle's own",
+    "North-East": "North-East-Down",
+    "": "stays zero",
+    "repeats": "repeats itself",
+    "East": "stays zero on its first axis (East)",
+    "North": "stays zero on its second axis (North)",
+}
+_POSITION_FAULTS = {
+    "North-East": "latitude and longitude look exchanged",
+    "West-North": "longitude looks inverted (West is negative)",
+    "East-South": "latitude looks inverted (South is negative)",
+}
+"""By the mistake of the velocity that would explain it as well."""
+
+
+_STAND_STILL = "they hardly move: latitude and longitude look like radians where degrees belong"
+
+
+class VelocityReport:
+    """Says each thing once."""
+
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+        self._said: tuple[str, str] = ("", "")
+        self._vertical = self._height = ""
+        self._scale = self._mended = False
+        self._delay = 0.0  # s
+
+    def horizontal(self, check: VelocityCheck, stamp_ns: int) -> None:
+        """The axes."""
+        if (check.fault, check.name) == self._said:
+            return
+        self._said, self._mended = (check.fault, check.name), False
+        if check.fault:
+            why = _FAULTS[check.fault].format(name=_in_words(check.name))
+            text = f"GNSS velocity not used: {why} ({check.misfit:.1f} m/s apart)"
+            self._journal.say(stamp_ns, f"gnss.velocity.axes.{check.fault}", Level.ERROR, text)
+        else:
+            text = "GNSS velocity agrees with the way between fixes again and is used"
+            self._journal.say(stamp_ns, "gnss.velocity.axes.ended", Level.INFO, text)
+
+    def mended(self, check: VelocityCheck, stamp_ns: int) -> bool:
+        """A mistake is beyond doubt and undone; whether that is new."""
+        if self._mended:
+            return False
+        self._mended = True
+        text = f"GNSS velocity is {_in_words(check.name)} beyond doubt: put right and used"
+        if check.fault == NED:
+            text += "; set ros.input.velocity_frame to ned"
+        self._journal.say(stamp_ns, "gnss.velocity.turned", Level.WARN, text)
+        return True
+
+    def vertical(self, check: VelocityCheck, stamp_ns: int) -> bool:
+        """Vertical velocity and height; whether there is something new to be undone."""
+        fault, new = check.climb.height_fault, False
+        if fault and fault != self._height:
+            self._height, new = fault, True
+            text = f"GNSS height not used: by the barometer it is {fault}"
+            self._journal.say(stamp_ns, "gnss.height.unit", Level.ERROR, text)
+        fault = check.climb.fault
+        if fault and fault != self._vertical:
+            self._vertical, new = fault, True
+            text = f"GNSS vertical velocity {_VERTICAL_FAULTS[fault]}"
+            self._journal.say(stamp_ns, f"gnss.velocity.vertical.{fault}", Level.WARN, text)
+        return new
+
+    def lateness(self, delay: float, stamp_ns: int) -> bool:
+        """Velocities that are late by ``delay`` [s]; whether that is new."""
+        if delay == self._delay:
+            return False
+        self._delay = delay
+        text = "GNSS velocity belongs to the positions of its stamps again"
+        if delay:
+            text = f"GNSS velocity is about {delay:g} s late against the positions: used as of then"
+        self._journal.say(stamp_ns, "gnss.velocity.late", Level.WARN if delay else Level.INFO, text, delay=delay)
+        return True
+
+    def scale(self, scale: float, stamp_ns: int) -> None:
+        """A clock that is slow or fast."""
+        if scale == 1.0 or abs(scale - 1.0) > _NO_CLOCK or self._scale:
+            return
+        self._scale = True
+        amount, way = 100.0 * abs(scale - 1.0), "farther" if scale > 1.0 else "less far"
+        clock = f"{100.0 * abs(1.0 - 1.0 / scale):.1f} % {'slow' if scale > 1.0 else 'fast'}"
+        text = (
+            f"GNSS positions move {amount:.1f} % {way} than velocities and stamps say: the clock of the stamps "
+            f"probably runs {clock}, else another unit"
+        )
+        self._journal.say(stamp_ns, "gnss.velocity.scale", Level.WARN, text, scale=scale)
+
+    def positions(self, check: VelocityCheck, stamp_ns: int) -> str:
+        """The IMU feels the velocity as it is received: what is wrong with positions; empty if no mistake fits."""
+        fault = _STAND_STILL if check.stands_still else _POSITION_FAULTS.get(check.name, "")
+        if fault:
+            text = f"GNSS positions not used: the IMU feels the velocity as it is received: {fault}"
+            self._journal.say(stamp_ns, "gnss.position.axes", Level.ERROR, text)
+        return fault
+
+
+def _in_words(name: str) -> str:
+    return _NAMES.get(name, name)
