@@ -25,6 +25,7 @@ _PRIOR, _CLEARED, _SUSPECT, _PROVED, _MOST = -10.0, 0.0, 5.0, 20.0, 45.0
 """Twice the logarithm of the odds of a mistake. On thirteen recorded flights they rise to -2.4 at most."""
 _STANDS = 6.0  # of which a step takes off where nothing moves: no suspicion outlasts a stand
 _ALONE = 12.0  # by which the odds of one mistake exceed those of all others where it may be undone
+_GOES = 3.0  # floors that a vehicle has to move in a step that tells cm/s from mm/s
 _HARDLY = 0.05  # of what a velocity says
 _HELD = 2  # steps that a mistake has to explain after the proof before it is undone
 _SAYS = 0.5  # least weight of a step that teaches anything
@@ -125,7 +126,8 @@ class VelocityCheck:
         for i, fit in enumerate(mistakes.fits(step, self._similarity)):
             gain = own.cost - fit.cost
             gain = weight * (gain if fit.square < _EXPLAINED else min(gain, 0.0))
-            if i == self._found and weight > _SAYS and fit.square < _EXPLAINED:
+            goes = abs(step.way) > _GOES * step.floor or not self.stands_still
+            if i == self._found and goes and weight > _SAYS and fit.square < _EXPLAINED:
                 self._held += 1
             self._odds[i] += gain - (0.0 if i == self._found else _STANDS * (1.0 - weight))
         beyond = max(max(self._odds) - _MOST, 0.0)

@@ -31,6 +31,7 @@ _WINS, _WIN = 2.7, 0.01
 """... and to win three windows in a row: a blow is in two of them."""
 _EXCITED, _FELT = 0.06, 0.5
 """Share of the force that is horizontal, and the misfit in parts of that, with which an IMU feels what GNSS tells."""
+_UNREAL = 0.6  # of the force is horizontal for seconds: velocities in another unit
 _CALM = 10  # windows in a row without misfit that end a wrong unit, which shows in every window of a flight
 _ALIKE, _ALIKE_FLOOR = 1.3, 0.004  # mistakes that explain nearly as much cannot be told apart
 
@@ -124,7 +125,7 @@ class MotionCheck:
             return math.nan
         excitation = math.sqrt(float(np.sum(received[:, :2] ** 2) / np.sum(received**2)))
         misfit = self._own_misfit(known, received, gyro_bias)
-        self.felt = excitation > _EXCITED and misfit < _FELT * excitation
+        self.felt = _EXCITED < excitation < _UNREAL and misfit < _FELT * excitation
         return misfit
 
     def _own_misfit(self, known: list[motion_story.Second], forces: np.ndarray, gyro_bias: np.ndarray) -> float:
