@@ -308,4 +308,4 @@ def test_the_memory_of_branches_stays_bounded() -> None:
     assert len(branches._decisions) < 25
     kept = [m[filter_memory.NEWEST] - m[filter_memory.OLDEST] for m in branches.memories]
     assert max(kept) < 12
-    assert len(timeline._queue) < 8
+    assert len(timeline.queue) < 8
