@@ -75,7 +75,8 @@ def test_an_archive_becomes_a_file_and_a_table(bags, flown, tmp_path, capsys) ->
     ]
     assert all(60.0 < one.seconds <= SECONDS[one.name] for one in airframe.flights)
     assert airframe.archive.seconds == pytest.approx(sum(one.seconds for one in airframe.flights), abs=0.2)
-    said = capsys.readouterr().out
+    said, noted = capsys.readouterr()
+    assert "--one-aircraft" not in noted
     assert "own flight" in said
     assert "own + archive" in said
     assert [line.split()[0] for line in said.splitlines()[2:5]] == ["quad_1", "quad_2", "all"]
@@ -160,6 +161,7 @@ def test_merging_files_is_training_on_all_flights(bags, flown, tmp_path, capsys)
     together, one, two, merged = (tmp_path / f"{name}.airframe" for name in ("together", "one", "two", "merged"))
     assert train(flown, together, bags["quad_1"], bags["quad_2"], *QUADS) == 0
     assert train(flown, one, bags["quad_1"]) == 0
+    assert "give --one-aircraft" in capsys.readouterr().err
     assert train(flown, two, bags["quad_2"], *QUADS) == 0
     assert train(flown, merged, one, two) == 0
     for name in ("gram", "moment", "seconds"):

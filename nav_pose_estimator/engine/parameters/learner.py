@@ -22,7 +22,7 @@ class LearnerParameters:
     vehicle_class: str = param(
         UNKNOWN,
         "",
-        "What the vehicle is, where known: hovering and travelling are told apart from the first seconds on",
+        "What the vehicle is, where known; a fixed wing is never taken to hover",
         choices=(UNKNOWN, *CLASSES),
     )
     airframe: str = param("", "", "File by train: what flights of the past say of this one; empty for none")

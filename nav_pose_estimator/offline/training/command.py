@@ -2,10 +2,12 @@
 
 import argparse
 import math
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-from nav_pose_estimator.core.motion.airframe import FORMS
-from nav_pose_estimator.core.motion.vehicle_class import CLASSES
+from nav_pose_estimator.core.motion.airframe import FORMS, Airframe
+from nav_pose_estimator.core.motion.vehicle_class import CLASSES, MULTIROTOR
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive import jobs
 from nav_pose_estimator.offline.logs.options import add_options, options_of
@@ -81,14 +83,24 @@ def run(arguments: argparse.Namespace) -> int:
     airframe, lines = make_airframe(kept, [one.key for one in flown], merged, order)
     save_airframe(arguments.out, airframe)
     kept.forget()
+    _report(arguments.out, airframe, lines)
+    return 0
+
+
+def _report(out: Path, airframe: Airframe, lines: Sequence[str]) -> None:
     for line in lines:
         print(line)
+    if airframe.vehicle_class == MULTIROTOR and not airframe.is_one_aircraft:
+        print(
+            "note: frames and propellers of multirotors differ too much, so that nothing but the class of this file is "
+            "used in flight: give --one-aircraft if the one that flies with it is the one of these flights",
+            file=sys.stderr,
+        )
     minutes = airframe.archive.seconds / 60.0
     print(
-        f"{arguments.out}: {airframe.vehicle_class}, {len(airframe.flights)} flights, {minutes:.0f} minutes"
+        f"{out}: {airframe.vehicle_class}, {len(airframe.flights)} flights, {minutes:.0f} minutes"
         f"{', with a network' if airframe.network else ''}; name it in learner.airframe"
     )
-    return 0
 
 
 def _check(arguments: argparse.Namespace, ending: str) -> None:
