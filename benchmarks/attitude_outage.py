@@ -85,14 +85,14 @@ def as_text(rpy: np.ndarray) -> str:
     return "  ".join(f"{value:6.2f}" for value in rpy)
 
 
-def simulated(length: float, seeds: int, first: int) -> None:
+def simulated(length: float, seeds: int, first: int, **changes: object) -> None:
     """Each scenario and seed: 280 s with GNSS, then ``length`` seconds without; then mean and largest by scenario."""
     figures: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)
     for scenario in SCENARIOS:
         for seed in range(first, first + seeds):
             flight = generate(scenario, duration=280.0 + length, seed=seed, imu="icm42688_calibrated", imu_rate=100.0)
             begin, end = (flight.start_ns + int(s * 1e9) for s in (280.0, 280.0 + length))
-            for name, (stamps, q) in attitudes(without_gnss(flight.samples(), begin, end), begin).items():
+            for name, (stamps, q) in attitudes(without_gnss(flight.samples(), begin, end), begin, **changes).items():
                 truth = flight.truth.at((stamps - flight.start_ns) * 1e-9).q_nb
                 figures[scenario, name].append(rmse_deg(q, truth))
                 print(f"{scenario:20s} seed {seed}  {name:12s} {as_text(figures[scenario, name][-1])}", flush=True)
@@ -137,6 +137,8 @@ def main() -> None:
     parser.add_argument("--length", type=float, default=600.0, help="simulated seconds without GNSS")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--first-seed", type=int, default=_FIRST_SEED)
+    parser.add_argument("--wander", type=float, help="attitude.wander of a simulated IMU that is known to be better")
+    parser.add_argument("--bias-walk", type=float, help="attitude.bias_walk of such an IMU")
     parser.add_argument("--bags", type=Path, nargs="*", default=[], help="recorded flights instead of simulated ones")
     parser.add_argument("--aided", type=float, default=160.0, help="seconds of a recorded flight with GNSS")
     arguments = parser.parse_args()
@@ -144,7 +146,9 @@ def main() -> None:
     if arguments.bags:
         recorded(arguments.bags, arguments.aided)
     else:
-        simulated(arguments.length, arguments.seeds, arguments.first_seed)
+        noise = {"attitude.wander": arguments.wander, "attitude.bias_walk": arguments.bias_walk}
+        known = {name: value for name, value in noise.items() if value is not None}
+        simulated(arguments.length, arguments.seeds, arguments.first_seed, **known)
 
 
 if __name__ == "__main__":

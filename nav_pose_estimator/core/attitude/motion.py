@@ -14,6 +14,7 @@ from nav_pose_estimator.core.attitude.layout import (
     COV,
     EXTRA_PSD,
     FIELD_COUNT,
+    FIELD_H,
     FORCE,
     FORCE_BIAS,
     FROZEN,
@@ -30,6 +31,7 @@ from nav_pose_estimator.core.attitude.layout import (
     NAV_HEADING_VAR,
     NAV_HOLD,
     NAV_SPEED,
+    PLACE_VAR,
     POINT,
     QUAT,
     RATE,
@@ -83,6 +85,7 @@ _OF_N = (
     SWAY, SWAY_LOW, LOW_FORCE, SUM_FORCE_N, SUM_FIELD, SUM_SWEEP, NAV_ACCEL, BODY_VELOCITY,
     COLUMNS, COLUMNS + 3, COLUMNS + 6,
 )  # fmt: skip
+_LASTING_SHARE = 0.16  # of the variance of the compass's deviation: lasts however the vehicle turns
 _SURE = 9.0  # square of the deviations by which rest is doubted
 
 
@@ -183,12 +186,13 @@ def watch_rest(s):
 def doubt_rest(s, x, y, z):
     """No rest after all: a mean rate that the bias, with variances ``x``, ``y``, ``z``, does not explain is a turn.
 
-    Smooth flight in a wide circle is as quiet as a parking place.
+    Smooth flight in a wide circle is as quiet as a parking place. A bias of which nothing is known yet explains any
+    rate within ``BIAS_LIMIT``.
     """
     variances = (x, y, z)
     for i in range(3):
-        residual = s[MEAN_RATE + i] - s[BIAS + i]
-        if residual * residual > _SURE * (variances[i] + s[LEARN_PSD]):  # of a mean over about one second
+        residual, known = s[MEAN_RATE + i] - s[BIAS + i], _SURE * variances[i] < (0.5 * s[BIAS_LIMIT]) ** 2
+        if known and residual * residual > _SURE * (variances[i] + s[LEARN_PSD]):  # of a mean over about one second
             s[STILL_TIME] = 0.0
 
 
@@ -227,7 +231,8 @@ def turn_heading(s, angle):
 def write_covariance(s, P):
     """The head's covariance: the filter's own ``P`` [:3, :3] and what it does not model.
 
-    That is the rate times an unknown delay of the sensor, and tilt that lasts as long as the acceleration does.
+    That is the rate times an unknown delay of the sensor, tilt that lasts as long as the acceleration does, and what
+    the field of a place turns the compass by, however the vehicle turns.
     """
     r = q_rotate(load4(s, QUAT), load3(s, RATE))
     delay = s[TIMING_SD] * s[TIMING_SD]
@@ -237,6 +242,8 @@ def write_covariance(s, P):
     lasting = s[SWAY_TILT] * s[SWAY_TILT] * s[SWAY_VAR]
     s[COV] += lasting
     s[COV + 4] += lasting
+    if s[FIELD_H] > 0.0:
+        s[COV + 8] += _LASTING_SHARE * s[PLACE_VAR]
 
 
 @inlined

@@ -69,6 +69,7 @@ SIZE = R1_START + 11
 
 _SCATTER_WINDOWS = 20.0
 _REST_COUNTS = 20.0  # a second at rest tells as much of the bias as so many in motion
+_SETTLED = 100.0  # s of BIAS_AGE, 5 s at rest, before which the bias explains any rate
 _REST_TAU = 5.0  # s: smoothing of the bias at rest
 _SHARED_HEADING = 1.5  # heading errors of a field last for seconds: the deviation that P makes of them is too small
 _STEP_DOWN, _STEP_UP = -0.3, 0.5  # bounds of one relative step of R1
@@ -127,7 +128,7 @@ def _start(s, w, f):
 def _feed_back(s, P):
     """End of a window: covariance forward, then the two stages."""
     watch_rest(s)
-    variance = s[BIAS_VAR] / (1.0 + s[BIAS_AGE])
+    variance = s[BIAS_VAR] / max(s[BIAS_AGE] / _SETTLED, 1.0) ** 2
     doubt_rest(s, variance, variance, variance)
     watch_acceleration(s)
     _propagate_covariance(s, P)

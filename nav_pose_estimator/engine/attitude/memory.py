@@ -62,8 +62,8 @@ def take_velocity(sample: NavigatorVelocity, memory: Memory) -> list[Event]:
     if turn is None:
         return [Event(stamp, "navigator_velocity.ignored.heading_unknown")]
     dt, c, d = (stamp - before.stamp_ns) * _NS, math.cos(turn), math.sin(turn)
-    if not sample.drifting:
-        _learn_from(sample, memory.state, turn, dt)
+    if sample.q_nb is not None and not sample.drifting:
+        _learn_from(sample, sample.q_nb, memory.state, turn, dt)
     east, north, up = (now - then for now, then in zip(sample.vel_enu, before.vel_enu, strict=True))
     change = (c * east - d * north, d * east + c * north, up)
     speed = -1.0 if sample.drifting else math.hypot(*sample.vel_enu)
@@ -71,13 +71,14 @@ def take_velocity(sample: NavigatorVelocity, memory: Memory) -> list[Event]:
     return []
 
 
-def _learn_from(sample: NavigatorVelocity, s: np.ndarray, turn: float, dt: float) -> None:
+def _learn_from(sample: NavigatorVelocity, q_nb: Sequence[float], s: np.ndarray, turn: float, dt: float) -> None:
     """Heading and level of a navigator that GNSS aids; after its loss nothing is taken from it, only kept."""
     if sample.heading_sd < _GOOD_HEADING:
-        s[at.NAV_HEADING], s[at.NAV_HEADING_VAR] = -turn, sample.heading_sd**2 * _HEADING_TAU / dt
-    if sample.q_nb is not None and sample.tilt_sd < _GOOD_LEVEL:
+        s[at.NAV_HEADING] = math.remainder(-turn, 2.0 * math.pi)
+        s[at.NAV_HEADING_VAR] = sample.heading_sd**2 * _HEADING_TAU / dt
+    if sample.tilt_sd < _GOOD_LEVEL:
         # What the accelerometer takes for up, less what is up, is its bias over gravity.
-        change = _up_in_b(s[at.QUAT : at.QUAT + 4]) - _up_in_b(sample.q_nb)
+        change = _up_in_b(s[at.QUAT : at.QUAT + 4]) - _up_in_b(q_nb)
         bias = s[at.FORCE_BIAS : at.FORCE_BIAS + 3]
         bias += min(dt / _LEVEL_TAU, 1.0) * s[at.GRAVITY] * change
         np.clip(bias, -_MOST_BIAS, _MOST_BIAS, out=bias)

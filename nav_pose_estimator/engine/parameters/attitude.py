@@ -37,7 +37,12 @@ class AttitudeParameters:
     gravity: float = param(9.81, "m/s^2", "Local gravity", 9.7, 9.9, mutable=True)
     # --- the gyroscope ---
     wander: float = param(
-        0.0005, "rad/sqrt(s)", "Random walk of the attitude from gyroscope noise", 1e-6, 0.1, mutable=True
+        0.0026,
+        "rad/sqrt(s)",
+        "Random walk of the attitude from gyroscope noise, vibration included",
+        1e-6,
+        0.1,
+        mutable=True,
     )
     turn_noise: float = param(
         0.0007,
@@ -48,7 +53,7 @@ class AttitudeParameters:
         mutable=True,
     )
     initial_bias_sd: float = param(0.01, "rad/s", "Deviation of the gyroscope bias at power-on", 0.0, 1.0)
-    bias_walk: float = param(1e-5, "rad/s/sqrt(s)", "Random walk of the gyroscope bias", 0.0, 0.01, mutable=True)
+    bias_walk: float = param(3e-5, "rad/s/sqrt(s)", "Random walk of the gyroscope bias", 0.0, 0.01, mutable=True)
     scale_sd: float = param(0.0035, "", "Deviation of the gyroscope's scale factors", 0.0, 0.1, mutable=True)
     misalignment_sd: float = param(0.002, "", "Deviation of the gyroscope's misalignments", 0.0, 0.1, mutable=True)
     matrix_walk: float = param(
