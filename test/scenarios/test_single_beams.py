@@ -13,6 +13,7 @@ from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter.blocks import DVL
 from nav_pose_estimator.core.filter.layout import TIME, VEL
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
+from nav_pose_estimator.engine.observation import Decision, FilterView, Row, Use
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import BeamVelocitySample, ImuBlock, ImuSample, Sample, stamp_of
@@ -369,6 +370,22 @@ def test_beams_that_accuse_the_navigator_for_long_are_followed(flight):
         engine.feed(sample)
     assert engine.journal.counters["beam_velocity.accusation"] > 0
     assert np.linalg.norm(engine.run.settled.nav[VEL : VEL + 2] - flight.truth.v_n[-1, :2]) < 0.5
+
+
+def test_each_row_keeps_its_own_variance_whatever_its_place(sound, flight):
+    """GIVEN flagged beams that follow the others in a decision THEN each has its own innovation and variance."""
+    run = sound.engine.run
+    sensor = run.aids[BeamVelocitySample]
+    message = [sample for sample in with_beams(flight) if isinstance(sample, BeamVelocitySample)][-1]
+    o = sensor.observe(message, run.now)
+    view, order = FilterView(run.settled.nav, run.settled.P, run.settled.constants), [0, 1, 3, 2]
+    o.decision = Decision(Use.UNGATED, rows=tuple(Row(i, 1.0) for i in range(4)))
+    z, H, _ = sensor.linearise(o, view)
+    o.decision = Decision(Use.UNGATED, rows=tuple(Row(i, 1.0 + i, 0.1 * i) for i in order))
+    turned, rows, R = sensor.linearise(o, view)
+    np.testing.assert_allclose(turned, z[order] + 0.1 * np.array(order))
+    np.testing.assert_array_equal(rows, H[order])
+    np.testing.assert_array_equal(R, np.diag([1.0, 2.0, 4.0, 3.0]))
 
 
 def test_blocks_give_what_single_samples_give(flight):
