@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -133,13 +132,19 @@ def _with_directions(sample: BeamVelocitySample, velocities: Array, directions: 
     kept = is_unit | ((lengths != 0.0) & ~_is_lost(sample, velocities))
     if kept.all() or not kept.any():
         return None
-    parts = {name: getattr(sample, name) for name in ("variances", "ranges", "valid")}
-    return replace(
-        sample,
-        velocities=velocities[kept],
-        directions=directions[kept],
-        **{name: None if part is None else np.asarray(part)[kept] for name, part in parts.items()},
+    return BeamVelocitySample(
+        sample.stamp_ns,
+        directions[kept],
+        velocities[kept],
+        _part(sample.variances, kept),
+        sample.velocity,
+        _part(sample.ranges, kept),
+        _part(sample.valid, kept),
     )
+
+
+def _part(values: NDArray | None, kept: NDArray[np.bool_]) -> NDArray | None:
+    return None if values is None else np.asarray(values)[kept]
 
 
 def _is_lost(sample: BeamVelocitySample, velocities: Array) -> NDArray[np.bool_]:
