@@ -1,7 +1,7 @@
 # ruff: noqa: E402
 """What velocities along beams cost: an IMU at 400 Hz, all other sensors of the drone, with and without beams at 10 Hz.
 
-    nice -n -5 tools/in_environment.sh python benchmarks/beams_cost.py [--seconds 60] [--rounds 12]
+    tools/in_environment.sh python benchmarks/beams_cost.py [--seconds 120] [--rounds 12]
 
 CPU time in memory, without rclpy; the first half of the flight is not counted (alignment, verification of the beams).
 Runs with and without take turns. What is printed is the smallest time of each, which other programs disturb least.

@@ -1,59 +1,32 @@
-"""A Doppler log whose beams are used one by one: outages, faults of single beams, wrong set-ups, bad messages."""
+"""A Doppler log whose beams are used one by one: outages, faults of single beams, wrong set-ups."""
 
 import math
-from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from beam_flight import LOST, Flown, beam_flight, on_velocities
 from beamed import beam_directions, with_beams
 from nav_pose_estimator.core.beams.geometry import with_swapped_angle
-from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter.blocks import DVL
-from nav_pose_estimator.core.filter.layout import TIME, VEL
+from nav_pose_estimator.core.filter.layout import VEL
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
+from nav_pose_estimator.engine.observation import Decision, FilterView, Row, Use
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.parameters.schema import update
-from nav_pose_estimator.engine.samples import BeamVelocitySample, ImuBlock, ImuSample, Sample, stamp_of
-from nav_pose_estimator.engine.solutions import Event, Mode
+from nav_pose_estimator.engine.samples import BeamVelocitySample, stamp_of
+from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import generate
 from pieces import one_by_one
 from told import silence
 
 pytestmark = pytest.mark.compiled
-LOST, END = 60.0, 110.0
 
 
 @pytest.fixture(scope="module")
 def flight() -> Recording:
-    recording = generate("multirotor_outage", END + 1.0, seed=5, imu_rate=50.0)
-    return recording.with_faults(*silence(LOST, END - LOST))
-
-
-class Flown:
-    """The engine behind ``samples`` up to ``until`` [s], its events, and its horizontal error [m]."""
-
-    def __init__(self, recording: Recording, samples: Iterable[Sample], until: float = END, **beams) -> None:
-        self.engine = SinsEngine(update(Parameters(), {f"aids.beams.{key}": value for key, value in beams.items()}))
-        self.events: list[Event] = []
-        for sample in samples:
-            if isinstance(sample, ImuSample | ImuBlock) and stamp_of(sample) > recording.start_ns + until * 1e9:
-                break
-            self.events += [output for output in self.engine.feed(sample) if isinstance(output, Event)]
-        self.nav, truth = self.engine.run.settled.nav, recording.truth
-        t = self.nav[TIME] + (self.engine.run.clock.zero_ns - recording.start_ns) * 1e-9
-        row = int(np.searchsorted(truth.t, t))
-        place = lla_to_enu(*self.nav[:3], truth.lat[row], truth.lon[row], truth.alt[row])
-        self.error = float(np.hypot(*place[:2]))
-        self.counters, self.status = self.engine.journal.counters, self.engine.status()
-
-    def said(self, name: str) -> list[str]:
-        return [event.text for event in self.events if event.name == f"beam_velocity.{name}"]
-
-    def refused(self, beam: int) -> int:
-        return sum(n for name, n in self.counters.items() if name.startswith(f"beam_velocity.{beam}.rejected"))
+    return beam_flight()
 
 
 @pytest.fixture(scope="module")
@@ -64,17 +37,6 @@ def without(flight) -> Flown:
 @pytest.fixture(scope="module")
 def sound(flight) -> Flown:
     return Flown(flight, with_beams(flight))
-
-
-def on_velocities(change: Callable[[float, np.ndarray], None]):
-    """A change of messages that edits their velocities (4,) in place."""
-
-    def changed(t: float, sample: BeamVelocitySample) -> BeamVelocitySample:
-        velocities = sample.velocities.copy()
-        change(t, velocities)
-        return replace(sample, velocities=velocities)
-
-    return changed
 
 
 def test_beams_hold_an_outage(without, sound):
@@ -214,87 +176,6 @@ def test_directions_that_are_given_win(flight, sound):
     assert Flown(flight, with_beams(flight, bare), directions=given).error == pytest.approx(sound.error, abs=0.05)
 
 
-@pytest.mark.parametrize(
-    ("change", "reason", "words"),
-    [
-        ({"velocities": np.zeros(4)}, "zero", "exactly zero"),
-        ({"velocities": np.full(4, np.nan)}, "lost", ""),
-        ({"velocities": np.full(4, 1e9)}, "lost", ""),
-        ({"ranges": np.zeros(4)}, "lost", ""),
-        ({"valid": np.zeros(4, bool)}, "lost", ""),
-        ({"variances": np.full(4, np.inf)}, "lost", ""),
-        ({"velocities": np.array([0.1, -0.2, 0.3, 0.25])}, "stuck", "repeat to the last digit"),
-        ({"directions": 2.0 * beam_directions()}, "direction", "beam 1 is no unit vector (its length is 2)"),
-        ({"directions": beam_directions()[[0, 1, 2, 1]]}, "duplicate", "beams 2 and 4 have the same direction"),
-        ({"directions": beam_directions()[:3]}, "empty", "not as many directions as velocities"),
-        ({"velocities": np.zeros(0), "directions": np.zeros((0, 3))}, "empty", "no beam"),
-    ],
-)
-def test_a_bad_message_costs_itself_and_one_sentence(flight, without, change, reason, words):
-    """GIVEN messages that cannot be used WHEN GNSS is away THEN the flight is the one without them."""
-    flown = Flown(flight, with_beams(flight, lambda t, sample: replace(sample, **change)))
-    assert flown.error == pytest.approx(without.error, rel=0.05)
-    assert flown.counters[f"beam_velocity.rejected.{reason}"] > 300
-    texts = flown.said(f"rejected.{reason}")
-    assert len(texts) == (1 if words else 0)
-    assert all(words in text for text in texts)
-
-
-@pytest.mark.parametrize("no_direction", [np.zeros(3), np.full(3, np.nan)], ids=["zeros", "NaN"])
-def test_a_beam_that_is_not_there_costs_no_other(flight, sound, no_direction):
-    """GIVEN a driver that fills the place of a beam that it has lost, or never had, with zeros or NaN THEN the rest of
-    the message is used."""
-
-    def without_third(t: float, sample: BeamVelocitySample) -> BeamVelocitySample:
-        directions, velocities = sample.directions.copy(), sample.velocities.copy()
-        directions[2], velocities[2] = no_direction, no_direction[0]
-        return replace(sample, directions=directions, velocities=velocities, variances=np.full(4, 1e-4))
-
-    flown = Flown(flight, with_beams(flight, lambda t, s: without_third(t, s) if t > 40.0 else s))
-    assert flown.error < 1.5 * sound.error + 0.2
-    assert flown.counters["beam_velocity.3.lost"] > 50
-    assert flown.said("rejected.direction") == flown.said("rejected.geometry") == []
-
-
-@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e9, 0.0])
-def test_a_number_that_is_no_velocity_costs_its_own_beam(flight, sound, wrong):
-    """GIVEN one beam that publishes something else than a velocity in the outage THEN the others hold it."""
-
-    def spoil(t: float, velocities: np.ndarray) -> None:
-        if t > LOST:
-            velocities[1] = wrong
-
-    flown = Flown(flight, with_beams(flight, on_velocities(spoil)))
-    assert flown.error < 2.0 * sound.error + 0.2
-    assert np.isfinite(flown.nav).all()
-    assert flown.counters["beam_velocity.2.lost"] + flown.refused(2) > 150
-
-
-def test_a_sensor_that_gets_stuck_does_not_lead_the_navigator(flight):
-    """GIVEN a Doppler log whose numbers freeze in the outage THEN it is left out, and the drift is honest."""
-    last: list[np.ndarray] = []
-
-    def freeze(t: float, sample: BeamVelocitySample) -> BeamVelocitySample:
-        if t < 65.0:
-            last[:] = [sample.velocities]
-        return replace(sample, velocities=last[0].copy())
-
-    flown = Flown(flight, with_beams(flight, freeze))
-    assert len(flown.said("rejected.stuck")) == 1
-    assert flown.counters["beam_velocity.accusation"] == 0
-    assert flown.error < 3.0 * flown.status.horizontal_sd
-
-
-@pytest.mark.parametrize("stamp_ns", [0, -5, 10**12, 2**62])
-def test_stamps_of_no_time_are_refused_and_cost_nothing_else(flight, without, stamp_ns):
-    """GIVEN messages with stamps from another clock THEN they are counted, not used, and the flight goes on."""
-    flown = Flown(flight, with_beams(flight, lambda t, sample: replace(sample, stamp_ns=stamp_ns)))
-    assert flown.error == pytest.approx(without.error, rel=0.05)
-    refused = {name: n for name, n in flown.counters.items() if name.startswith("beam_velocity.rejected")}
-    assert sum(refused.values()) > 300, flown.counters
-    assert flown.counters["beam_velocity.used"] == 0
-
-
 def test_three_beams_are_enough_and_said_to_be_three(flight, without):
     three = lambda t, sample: replace(sample, directions=sample.directions[:3], velocities=sample.velocities[:3])  # noqa: E731
     flown = Flown(flight, with_beams(flight, three))
@@ -369,6 +250,22 @@ def test_beams_that_accuse_the_navigator_for_long_are_followed(flight):
         engine.feed(sample)
     assert engine.journal.counters["beam_velocity.accusation"] > 0
     assert np.linalg.norm(engine.run.settled.nav[VEL : VEL + 2] - flight.truth.v_n[-1, :2]) < 0.5
+
+
+def test_each_row_keeps_its_own_variance_whatever_its_place(sound, flight):
+    """GIVEN flagged beams that follow the others in a decision THEN each has its own innovation and variance."""
+    run = sound.engine.run
+    sensor = run.aids[BeamVelocitySample]
+    message = [sample for sample in with_beams(flight) if isinstance(sample, BeamVelocitySample)][-1]
+    o = sensor.observe(message, run.now)
+    view, order = FilterView(run.settled.nav, run.settled.P, run.settled.constants), [0, 1, 3, 2]
+    o.decision = Decision(Use.UNGATED, rows=tuple(Row(i, 1.0) for i in range(4)))
+    z, H, _ = sensor.linearise(o, view)
+    o.decision = Decision(Use.UNGATED, rows=tuple(Row(i, 1.0 + i, 0.1 * i) for i in order))
+    turned, rows, R = sensor.linearise(o, view)
+    np.testing.assert_allclose(turned, z[order] + 0.1 * np.array(order))
+    np.testing.assert_array_equal(rows, H[order])
+    np.testing.assert_array_equal(R, np.diag([1.0, 2.0, 4.0, 3.0]))
 
 
 def test_blocks_give_what_single_samples_give(flight):

@@ -176,8 +176,8 @@ class BeamVelocitySensor(Aid):
         z, H = self._fresh or self._rows(self._arrangement.arrange(o.measured), f)
         self._fresh = None
         numbers, variances, offsets = zip(*o.decision.rows, strict=True)
-        if len(numbers) < len(z):
-            chosen = list(numbers)
+        chosen = list(numbers)
+        if chosen != list(range(len(z))):  # some are left out, or flagged ones follow the others
             z, H = z[chosen], H[chosen]
         R = np.zeros((len(z), len(z)))
         R.flat[:: len(z) + 1] = variances

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -133,17 +132,19 @@ def _with_directions(sample: BeamVelocitySample, velocities: Array, directions: 
     kept = is_unit | ((lengths != 0.0) & ~_is_lost(sample, velocities))
     if kept.all() or not kept.any():
         return None
-    variances, ranges, valid = (
-        None if part is None else np.asarray(part)[kept] for part in (sample.variances, sample.ranges, sample.valid)
+    return BeamVelocitySample(
+        sample.stamp_ns,
+        directions[kept],
+        velocities[kept],
+        _part(sample.variances, kept),
+        sample.velocity,
+        _part(sample.ranges, kept),
+        _part(sample.valid, kept),
     )
-    return replace(
-        sample,
-        velocities=velocities[kept],
-        directions=directions[kept],
-        variances=variances,
-        ranges=ranges,
-        valid=valid,
-    )
+
+
+def _part(values: NDArray | None, kept: NDArray[np.bool_]) -> NDArray | None:
+    return None if values is None else np.asarray(values)[kept]
 
 
 def _is_lost(sample: BeamVelocitySample, velocities: Array) -> NDArray[np.bool_]:
