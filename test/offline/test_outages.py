@@ -190,7 +190,7 @@ def test_at_one_hertz_the_last_fix_alone_counts():
 
 
 def test_the_way_travelled_looks_past_unknown_velocities_beside_the_outage():
-    """GIVEN a speed that grows evenly, unknown just before and after the outage THEN it is interpolated over the gaps."""
+    """GIVEN a speed that grows evenly, unknown beside the outage THEN it is interpolated over the gaps."""
     t = np.arange(0.0, 40.0)
     velocity = np.column_stack([t, 0.0 * t, 0.0 * t])
     velocity[[9, 10, 21, 22]] = np.nan
