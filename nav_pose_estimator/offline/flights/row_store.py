@@ -52,9 +52,7 @@ class RowStore:
             self._file.flush()
         except OSError as error:
             why = error.strerror or error
-            raise UserError(
-                f"no room for the solutions of a long flight ({why}): set TMPDIR to another folder"
-            ) from None
+            raise UserError(f"there is no room for the solutions of a long flight ({why}): set TMPDIR") from None
         self._parts, self._held = [], 0
 
 
