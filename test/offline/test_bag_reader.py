@@ -11,6 +11,7 @@ import mcap_bytes
 from driver_types import STORE
 from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, ImuSample, MagSample, PressureSample, SatelliteCount
 from nav_pose_estimator.offline.bags import mcap_records
+from nav_pose_estimator.offline.bags import reader as reader_module
 from nav_pose_estimator.offline.bags.raw_messages import BagError
 from nav_pose_estimator.offline.bags.reader import BagReader, read_samples
 from nav_pose_estimator.offline.bags.topic_map import parse_remaps
@@ -140,6 +141,20 @@ def test_a_message_without_angular_velocity_is_left_out_with_its_reason(tmp_path
     with BagReader(write_bag(tmp_path / "bag", messages)) as reader:
         assert sum(len(s) for s in reader.samples() if isinstance(s, ImuBlock)) == 100
         assert [event.name for event in reader.events] == ["imu.rejected.absent"]
+
+
+def test_of_many_events_of_a_kind_all_are_counted_and_some_kept(tmp_path, monkeypatch):
+    """GIVEN a long recording in which message after message says the same THEN memory does not grow with it."""
+    monkeypatch.setattr(reader_module, "EVENTS_KEPT", 3)
+    messages = flight(1.0)
+    for stamp in range(EPOCH_NS + 10**9, EPOCH_NS + 2 * 10**9, 10**8):
+        absent = imu(stamp)
+        absent.linear_acceleration_covariance[0] = -1.0
+        messages.append((stamp, "/imu/data_raw", IMU, absent))
+    with BagReader(write_bag(tmp_path / "bag", messages)) as reader:
+        list(reader.samples())
+        assert reader.event_counts == {"imu.rejected.absent": 10}
+        assert len(reader.events) == 3
 
 
 # --- topics ----------------------------------------------------------------------------------------------------------

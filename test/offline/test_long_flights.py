@@ -45,13 +45,12 @@ def test_a_table_is_the_same_in_memory_and_in_a_file(soon_in_files, count):
     np.testing.assert_array_equal(table, expected)
 
 
-def test_no_room_for_the_file_is_one_sentence(soon_in_files, monkeypatch, tmp_path):
+def test_no_room_for_the_file_is_one_sentence(soon_in_files, monkeypatch):
     def full(**_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(row_store, "TemporaryFile", full)
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    with pytest.raises(UserError, match=f"{tmp_path} .No space left on device.: set TMPDIR"):
+    with pytest.raises(UserError, match="No space left on device"):
         RowStore(3).append(rows(100))
 
 

@@ -189,6 +189,15 @@ def test_at_one_hertz_the_last_fix_alone_counts():
     assert errors.end_error_m == pytest.approx(2.0 * 9.5, rel=1e-4)
 
 
+def test_the_way_travelled_looks_past_unknown_velocities_beside_the_outage():
+    """GIVEN a speed that grows evenly, unknown beside the outage THEN it is interpolated over the gaps."""
+    t = np.arange(0.0, 40.0)
+    velocity = np.column_stack([t, 0.0 * t, 0.0 * t])
+    velocity[[9, 10, 21, 22]] = np.nan
+    reference = Reference("GNSS", t, np.tile(ORIGIN, (len(t), 1)), velocity)
+    assert reference.travelled(10.5, 20.5) == pytest.approx((20.5**2 - 10.5**2) / 2.0)
+
+
 def test_an_antenna_away_from_the_imu_is_judged_where_it_is():
     times = np.arange(0.0, 40.0, 0.2)
     errors = judge(Outage(1.0, 5.0), times, at_rest(times), drifting_track(), lever=np.array([3.0, 4.0, 0.0]))

@@ -22,6 +22,7 @@ from nav_pose_estimator.ros.messages.cdr import CdrError, columns
 from nav_pose_estimator.ros.messages.convert import Converted
 from nav_pose_estimator.ros.messages.message_table import IMU, Source
 
+EVENTS_KEPT = 1000
 Convert = Callable[[RawBatch], list[Converted]]
 UNREADABLE = (BagError, CdrError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 """What damaged bytes lead to, or a definition in the bag unlike the known one."""
@@ -61,7 +62,10 @@ class SampleBatch:
 
 
 class BagReader:
-    """Samples of a recording. ``events`` holds what the conversion had to disregard, ``counters`` what was lost."""
+    """Samples of a recording. ``counters`` tells what was lost.
+
+    ``events`` holds what the conversion had to disregard, of a kind ``EVENTS_KEPT`` at most, and ``event_counts`` all.
+    """
 
     def __init__(
         self, path: Path | str, remaps: dict[str, str] | None = None, parameters: Parameters | None = None
@@ -79,6 +83,7 @@ class BagReader:
             self.bag.close()
             raise
         self.events: list[Event] = []
+        self.event_counts: Counter[str] = Counter()
         self.counters: Counter[str] = Counter()
 
     def __enter__(self) -> "BagReader":
@@ -144,7 +149,11 @@ class BagReader:
         return out
 
     def _samples_of(self, items: Converted) -> tuple[Sample, ...]:
-        self.events += [item for item in items if isinstance(item, Event)]
+        for event in items:
+            if isinstance(event, Event):
+                self.event_counts[event.name] += 1
+                if self.event_counts[event.name] <= EVENTS_KEPT:
+                    self.events.append(event)
         return tuple([item for item in items if not isinstance(item, Event)])
 
     def _converter(self, topic: Topic, source: Source) -> Convert:

@@ -139,7 +139,7 @@ def _load_bag(
         epoch_ns = _epoch(path, survey, reader)
         contents = survey.contents()
         truth, assumed = recorder.reference(reader, contents.gnss, epoch_ns)
-        counters = reader.counters + Counter(event.name for event in reader.events)
+        counters = reader.counters + reader.event_counts
         notices, events = reader.notices + assumed + _standing_clock(survey), reader.events
     return Recording(
         path=path,

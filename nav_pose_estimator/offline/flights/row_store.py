@@ -4,7 +4,6 @@ The pages of a file that have been read can go again, so a flight of hours needs
 """
 
 import mmap
-import os
 from collections.abc import Iterator
 from tempfile import TemporaryFile
 from typing import IO
@@ -53,12 +52,8 @@ class RowStore:
             self._file.flush()
         except OSError as error:
             why = error.strerror or error
-            raise UserError(f"a long flight needs room for its solutions in {_folder()} ({why}): set TMPDIR") from None
+            raise UserError(f"there is no room for the solutions of a long flight ({why}): set TMPDIR") from None
         self._parts, self._held = [], 0
-
-
-def _folder() -> str:
-    return os.environ.get("TMPDIR", "/tmp")
 
 
 def pieces(count: int, size: int | None = None) -> Iterator[slice]:

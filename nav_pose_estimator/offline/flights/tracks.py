@@ -223,15 +223,26 @@ class Reference:
         if len(t) < 4 or end - start > 2.0 * (t[-2] - t[1]):
             return float("nan")
         if self.velocity is not None:
-            speed = np.linalg.norm(self.velocity[:, :2], axis=1)
+            around = self._with_known_neighbours(np.flatnonzero(inside))
+            speed = np.linalg.norm(self.velocity[around, :2], axis=1)
             release(self.velocity)
-            if np.isfinite(speed[inside]).all():
-                known = np.isfinite(speed)
-                at_t = np.interp(t, self.t[known], speed[known])
+            known = np.isfinite(speed)
+            if known[inside[around]].all():
+                at_t = np.interp(t, self.t[around][known], speed[known])
                 return float((np.diff(t) * (at_t[1:] + at_t[:-1]) / 2.0).sum())  # trapezoidal rule
         position = self.at(np.clip(t, self.t[0], self.t[-1]))
         steps = np.diff(displacement_enu(position, position[0])[:, :2], axis=0)
         return float(np.linalg.norm(steps, axis=1).sum())
+
+    def _with_known_neighbours(self, chosen: Array) -> slice:
+        """From the last known velocity before ``chosen`` (M,) to the first one behind them, as far as there are any."""
+        assert self.velocity is not None
+        first, last = max(int(chosen[0]) - 1, 0), min(int(chosen[-1]) + 1, len(self.t) - 1)
+        while first > 0 and not np.isfinite(self.velocity[first, :2]).all():
+            first -= 1
+        while last < len(self.t) - 1 and not np.isfinite(self.velocity[last, :2]).all():
+            last += 1
+        return slice(first, last + 1)
 
 
 def gnss_reference(gnss: GnssColumns, epoch_ns: int, delay: float) -> Reference:

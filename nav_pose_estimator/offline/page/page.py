@@ -44,11 +44,16 @@ def write(path: Path, title: str, body: Iterable[str]) -> None:
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
         f'<meta name="color-scheme" content="light dark"><title>{escape(title)}</title><style>{STYLE}</style></head>'
     )
-    content = "".join(body)
-    script = ""
-    if _PLOT in content and live.provide(path.parent):
-        script = f'<script src="{live.SCRIPT}"></script><script>{live.code()}</script>'
-    path.write_text(f"{head}<body><main>{content}</main>{script}</body></html>\n", encoding="utf-8")
+    has_plots = False
+    with path.open("w", encoding="utf-8") as file:
+        file.write(f"{head}<body><main>")
+        for part in body:
+            has_plots = has_plots or _PLOT in part
+            file.write(part)
+        file.write("</main>")
+        if has_plots and live.provide(path.parent):
+            file.write(f'<script src="{live.SCRIPT}"></script><script>{live.code()}</script>')
+        file.write("</body></html>\n")
 
 
 def tiles(pairs: Iterable[tuple[str, str]]) -> str:
