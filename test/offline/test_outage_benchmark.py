@@ -139,6 +139,8 @@ def test_parameters_are_chosen_across_groups(bag, tmp_path, capsys):
     assert said.count(f"{sane} (chosen on the other groups)") == 2
     assert str(absurd) not in said
     assert {row["bag"] for row in rows_of(tmp_path / "o")} == {"circles_bag", "again_bag"}
+    # reliability of all and of each flight, then growth and map of each
+    assert (tmp_path / "o" / "report.html").read_text().count("<svg") == 3 + 2 * 2
 
 
 def test_an_outage_that_begins_in_doubt_is_counted_with_its_reason(bag, tmp_path, capsys):

@@ -72,23 +72,22 @@ def _body(flights: list[FlightResult], summaries: list[Summary], rows: list[Row]
     yield f"classical method of that flight ({', '.join(classical())}). Scores (log, energy) "
     yield "are of the stated distribution; less is better. An honest sigma has 63, 98 and 100 % within 1, 2 and 3 "
     yield "sigma and a median of error / sigma of 0.83.</p>"
-    reliability = _reliability(comparable(rows))
-    if reliability:
-        yield page.figure(
-            reliability, "Share of errors within the stated probability; on the diagonal sigma is honest."
-        )
+    rows = comparable(rows)
+    yield from _reliability(rows)
     names = [flight.bag for flight in flights]
     bags = list(dict.fromkeys(names))
     for bag in ([ALL] if len(bags) > 1 else []) + bags:
         yield f"<h2>{escape('All flights' if bag == ALL else bag)}</h2>"
         if bag != ALL:
             yield from _flight([flight for flight in flights if flight.bag == bag])
+            if len(bags) > 1:  # else it stands above
+                yield from _reliability([row for row in rows if row.bag == bag])
         for length in sorted({s.length_s for s in summaries if s.bag == bag}):
             chosen = [s for s in summaries if s.bag == bag and s.length_s == length]
             yield f"<p><b>{length:g} s</b></p>" + page.table(HEADER, table_rows(chosen))
 
 
-def _reliability(rows: list[Row]) -> Plot | None:
+def _reliability(rows: list[Row]) -> Iterator[str]:
     """All outages of each method that states a deviation: stated probability against the share that came true."""
     plot = Plot("stated probability", "share of outages", height=320, y_range=(0.0, 1.0))
     plot.line(np.array([0.0, 1.0]), np.array([0.0, 1.0]), "f dash")
@@ -100,7 +99,8 @@ def _reliability(rows: list[Row]) -> Plot | None:
             stated = np.sort(probability(pairs[:, 0], pairs[:, 1]))
             plot.line(stated, np.arange(1, len(stated) + 1) / len(stated), next(styles, "f"), method)
             drawn = True
-    return plot if drawn else None
+    if drawn:
+        yield page.figure(plot, "Share of errors within the stated probability; on the diagonal sigma is honest.")
 
 
 def _flight(passes: list[FlightResult]) -> Iterator[str]:
