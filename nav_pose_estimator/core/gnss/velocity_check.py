@@ -15,14 +15,16 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from nav_pose_estimator.core.gnss import velocity_mistakes as mistakes
-from nav_pose_estimator.core.gnss.climb_check import ClimbCheck
+from nav_pose_estimator.core.gnss.climb_check import DOWN, ClimbCheck
 from nav_pose_estimator.core.gnss.lateness import Lateness
-from nav_pose_estimator.core.gnss.velocity_mistakes import ANY, BODY, COUNT, LIKE, LINEAR, STUCK, Similarity
+from nav_pose_estimator.core.gnss.velocity_mistakes import ANY, BODY, COUNT, LIKE, LINEAR, NORTH_EAST, STUCK, Similarity
 from nav_pose_estimator.core.gnss.velocity_steps import Step, StepMaker
 
 _EXPLAINED = 5.0  # squared deviations within which a mistake has to explain a step for which it is to be blamed
 _PRIOR, _CLEARED, _SUSPECT, _PROVED, _MOST = -10.0, 0.0, 5.0, 20.0, 45.0
 """Twice the logarithm of the odds of a mistake. On thirteen recorded flights they rise to -2.4 at most."""
+_DOWN_TOO = 15.0  # by which a vertical that is positive down raises the odds of North-East, as long as no step ...
+_REFUTED = 9.0  # ... has cost them that much; on a leg to the North-East none can
 _STANDS = 6.0  # of which a step takes off where nothing moves: no suspicion outlasts a stand
 _ALONE = 12.0  # by which the odds of one mistake exceed those of all others where it may be undone
 _GOES = 3.0  # floors that a vehicle has to move in a step that tells cm/s from mm/s
@@ -62,6 +64,7 @@ class VelocityCheck:
     _waiting: deque[tuple[float, float, float, float, float]] = field(default_factory=deque, init=False)
     _along: float = field(default=0.0, init=False)  # m^2: ways times sums, and sums squared, of steps that agreed
     _square: float = field(default=0.0, init=False)
+    _is_not_ned: bool = field(default=False, init=False)
 
     @property
     def scale(self) -> float:
@@ -126,14 +129,24 @@ class VelocityCheck:
         for i, fit in enumerate(mistakes.fits(step, self._similarity)):
             gain = own.cost - fit.cost
             gain = weight * (gain if fit.square < _EXPLAINED else min(gain, 0.0))
+            if i == NORTH_EAST and gain < -_REFUTED:
+                self._is_not_ned = True
             goes = abs(step.way) > _GOES * step.floor or not self.stands_still
             if i == self._found and goes and weight > _SAYS and fit.square < _EXPLAINED:
                 self._held += 1
             self._odds[i] += gain - (0.0 if i == self._found else _STANDS * (1.0 - weight))
         beyond = max(max(self._odds) - _MOST, 0.0)
         self._odds = [max(odds - beyond, _PRIOR) for odds in self._odds]
-        # an IMU that feels what the velocity says leaves the blame for the unexplained with the positions
-        self._conclude([_PRIOR if self.felt and i == ANY else odds for i, odds in enumerate(self._odds)])
+        self._conclude(self._with_witnesses())
+
+    def _with_witnesses(self) -> list[float]:
+        """The odds with what else is known."""
+        odds = list(self._odds)
+        if self.felt:  # by the IMU, what the velocity says: the blame for the unexplained is left with the positions
+            odds[ANY] = _PRIOR
+        if self.climb.fault == DOWN and not self._is_not_ned:
+            odds[NORTH_EAST] += _DOWN_TOO
+        return odds
 
     def _learn(self, step: Step, agrees: bool) -> None:
         self.misfit = step.misfit

@@ -56,6 +56,8 @@ LINEAR = (
     *(Mistake(UNIT, name, 1.0 / numbers, 0j) for name, numbers in _UNITS.items()),
     Mistake(UNIT, "57 times m/s", math.radians(1.0), 0j),
 )
+NORTH_EAST = 0
+"""Number of what a driver that sends North-East-Down does to the horizontal axes."""
 BODY, STUCK, LIKE, ANY = (len(LINEAR) + i for i in range(4))
 """Numbers of the mistakes that are not linear, or whose factor the flight has to show."""
 COUNT = len(LINEAR) + 4

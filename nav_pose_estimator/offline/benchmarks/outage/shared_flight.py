@@ -48,6 +48,10 @@ class _Learners(OutageAid):
         for aid in filter(None, self.aids):
             aid.reset()
 
+    def wrong_class(self) -> str:
+        first = self.aids[0] if self.aids else None
+        return "" if first is None else first.wrong_class()
+
     def hear(self, sample: Sample) -> None:
         for aid in filter(None, self.aids):
             aid.hear(sample)
