@@ -64,7 +64,6 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "gnss.gate.min_satellites_leave": 10,
         "gnss.gate.hold": 4.0,
         "gnss.gate.count_max_age": 30.0,
-        "gnss.reacquisition.probation": 0.0,
         "gnss.gate.count_timeout": 0.5,
         "gnss.gate.max_horizontal_sd": 0.2,
         "gnss.gate.max_vertical_sd": 0.4,
@@ -73,7 +72,6 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "gnss.reacquisition.min_duration": 1.6,
         "gnss.reacquisition.sigmas": 2.5,
         "gnss.reacquisition.max_speed": 30.0,
-        "gnss.reacquisition.velocity_tolerance": 20.0,
         "gnss.reacquisition.track_timeout": 0.2,
         "attitude.filter": "two_stage",
         "attitude.feedback_period": 0.1,
@@ -90,13 +88,15 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "attitude.motion_tau": 2.0,
         "attitude.sway_noise": 0.04,
         "attitude.sway_tilt": 0.016,
-        "attitude.still_rate": 0.07,
-        "attitude.still_force": 0.1,
-        "attitude.still_norm": 0.6,
+        "attitude.still_rate": 0.001,
+        "attitude.still_force": 0.01,
+        "attitude.still_norm": 0.01,
         "attitude.learn_after": 3.0,
-        "attitude.max_bias": 0.1,
+        "attitude.max_bias": 0.001,
         "attitude.heading_noise": 0.64,
         "attitude.anomaly_gain": 40.0,
+        "attitude.turn_noise": 0.05,
+        "attitude.compass_deviation": 0.5,
         "attitude.field_tau": 40.0,
         "attitude.new_field_after": 1.5,
         "attitude.hard_iron": (1e-05, 1e-05, 1e-05),
@@ -145,6 +145,7 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
     },
     "jolt": {
         "gnss.reacquisition.max_acceleration": 0.1,
+        "gnss.reacquisition.probation": 0.0,
     },
     "contradiction": {
         "gnss.reacquisition.contradiction_time": 2.0,
@@ -152,6 +153,9 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
     },
     "spoof": {
         "gnss.reacquisition.implausible_time": 60.0,
+    },
+    "creeping_return": {
+        "gnss.reacquisition.velocity_tolerance": 20.0,
     },
     "despair": {
         "gnss.reacquisition.despair_gap": 0.0,
@@ -323,6 +327,7 @@ def _spoiled(duration: float, *faults: Fault) -> list[Sample]:
     return list(_base(duration).with_faults(*faults).samples())
 
 
+_ELSEWHERE = ((Shift, 200.0), (Creep, 4.0))
 FLIGHTS: dict[str, Callable[[], list[Sample]]] = {
     "flight": _full,
     "two_stage": _full,
@@ -342,6 +347,10 @@ FLIGHTS: dict[str, Callable[[], list[Sample]]] = {
     "spoof": lambda: _spoiled(90.0, Shift(GnssFix, 40.0, 50.0, (300.0, 0.0, 0.0))),
     # it comes back where the filter cannot be, but the vehicle could
     "contradiction": lambda: _spoiled(110.0, *silence(45.0, 15.0), Shift(GnssFix, 60.0, 100.0, (200.0, 0.0, 0.0))),
+    # it comes back elsewhere, and its positions move while its velocity says nothing of it
+    "creeping_return": lambda: _spoiled(
+        80.0, *silence(45.0, 8.0), *(fault(GnssFix, 53.0, 100.0, (far, 0.0, 0.0)) for fault, far in _ELSEWHERE)
+    ),
     # it comes back with another velocity, too
     "despair": lambda: _spoiled(
         110.0,

@@ -41,7 +41,7 @@ def archive(tmp_path, monkeypatch) -> dict[str, PriorFlight]:
     config = "/**:\n  ros__parameters:\n    learner.prior: all.toml\n"
     (tmp_path / "config.yaml").write_text(config)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(held_out_priors, "fly", lambda path, group, _: replace(found[group], is_wing=False))
+    monkeypatch.setattr(held_out_priors, "fly", lambda one: replace(found[one.path.stem[:-4]], is_wing=False))
     return found
 
 

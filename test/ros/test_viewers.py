@@ -89,5 +89,5 @@ def test_rviz_shows_what_is_published(topics) -> None:
 
 def test_the_docs_list_every_layout(repository) -> None:
     text = (repository / "docs" / "viewers.md").read_text()
-    for path in (*CONFIG.glob("*.json"), *CONFIG.glob("*.xml"), *CONFIG.glob("*.rviz")):
+    for path in (*CONFIG.glob("*.json"), *CONFIG.glob("plotjuggler*.xml"), *CONFIG.glob("*.rviz")):
         assert re.search(rf"config/{re.escape(path.name)}|\$C/{re.escape(path.name)}", text), path.name
