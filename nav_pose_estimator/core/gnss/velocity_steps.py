@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 _EARTH = 6.371e6  # m
 _APART = 0.3  # s: a velocity farther from a fix in time is not its own
 _PAUSE = 6.0  # s: over a longer one nothing can be summed up
+_PAUSES, _SHORTEST_PAUSE = 2.5, 1.0  # usual periods and s: a longer one is an outage as well
+_SLOWER = 1.2  # by which the usual period grows from one fix to the next, at most
 _SHORTEST, _LONGEST = 0.9, 6.0  # s of a step; the longest is that of a vehicle that is too slow to show anything
 _FLOOR = 0.6  # m by which way and sum differ in a second, at least; recorded flights: 0.1 to 0.5 (rms)
 _SLOW_BIAS = 0.25  # m/s by which the velocity of a slow antenna is wrong for seconds
@@ -81,6 +83,7 @@ class StepMaker:
     _velocities: deque[tuple[float, complex, float]] = field(default_factory=lambda: deque(maxlen=40), init=False)
     _open: _Open | None = field(default=None, init=False)
     _moved: complex | None = field(default=None, init=False)  # between the last two fixes
+    _period: float = field(default=math.inf, init=False)  # s between fixes, the shortest lately
     _stated: float = field(default=0.0, init=False)  # m: a receiver that still converges drifts by what it states
 
     def interrupt(self) -> None:
@@ -109,7 +112,7 @@ class StepMaker:
             self._open = self._moved = None
             return None
         velocity, _ = own
-        if step is None or t - step.t > _PAUSE:
+        if step is None or self._is_outage(t - step.t):
             self._begin(t, lat, lon, velocity)
             return None
         east = _EARTH * math.cos(step.lat) * math.remainder(lon - step.lon, 2.0 * math.pi)
@@ -123,6 +126,11 @@ class StepMaker:
         if done is not None:
             self._begin(t, lat, lon, velocity)
         return done
+
+    def _is_outage(self, period: float) -> bool:
+        """Whether fixes have paused: where they go on, the guard of the return asks, and no velocity answers."""
+        usual, self._period = self._period, min(period, _SLOWER * self._period)
+        return period > min(max(_PAUSES * usual, _SHORTEST_PAUSE), _PAUSE)
 
     def _begin(self, t: float, lat: float, lon: float, velocity: complex) -> None:
         self._open = _Open(lat, lon, t, velocity, t, 0j, velocity)
