@@ -4,7 +4,16 @@ from pathlib import Path
 
 import pytest
 
+from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
 from small_bags import flight, write_bag
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory) -> Path:
+    """Half a minute of a simulated flight; test files with a ``bag`` of their own use that."""
+    path = tmp_path_factory.mktemp("flight") / "circles_bag"
+    write_flight_bag(path, 30.0, imu_hz=50.0)
+    return path
 
 
 @pytest.fixture(scope="session")

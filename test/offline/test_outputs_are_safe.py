@@ -13,7 +13,6 @@ import pytest
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline import output_folder
-from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.offline.output_folder import MARK, OutputFolder
 from nav_pose_estimator.offline.page import live
@@ -22,13 +21,6 @@ from nav_pose_estimator.offline.replay import command, files, solution_bag
 FILES = {"summary.json", "trajectory.tum", "estimate.csv", "report.html", "solution", MARK}
 BESIDE = {live.SCRIPT} if live.script() else set()  # where plotly is installed
 FILES |= BESIDE
-
-
-@pytest.fixture(scope="module")
-def bag(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("flight") / "circles_bag"
-    write_flight_bag(path, 30.0, imu_hz=50.0)
-    return path
 
 
 @pytest.fixture

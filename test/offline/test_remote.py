@@ -8,18 +8,10 @@ import pytest
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive.recordings import find
-from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.offline.logs.open_recording import open_recording
 from nav_pose_estimator.offline.logs.options import LogOptions
 from nav_pose_estimator.offline.remote import at_hand, is_remote
-
-
-@pytest.fixture(scope="module")
-def bag(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("flight") / "circles_bag"
-    write_flight_bag(path, 30.0, imu_hz=50.0)
-    return path
 
 
 @pytest.fixture

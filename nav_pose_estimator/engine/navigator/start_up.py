@@ -220,9 +220,7 @@ def warm_up(constants: np.ndarray) -> None:
     BeamJudge().judge(z, H, P, np.ones(len(z)), True)  # of the beams, the last of them
     gated_height(nav, P, constants, 0.0, 1.0, 10.0, 100.0)
     still = np.zeros((motion_story.BINS, 3))
-    second = motion_story.Second(still, still)
-    motion_story.impulses([second], np.eye(3)[None])
-    motion_story.least_misfit([second], np.ones((1, 3)), [np.zeros(3)], enough=1.0)
+    motion_story.least_misfit([motion_story.Second(still, still)], np.ones((1, 3)), [np.zeros(3)], enough=1.0)
     bias_noise.begin(nav, constants)
     bias_noise.observe(nav, P)
     bias_noise.overstatement(nav)

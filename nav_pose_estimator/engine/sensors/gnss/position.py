@@ -14,6 +14,7 @@ from nav_pose_estimator.core.gnss import height_reference
 from nav_pose_estimator.core.gnss.height_reference import HeightReference
 from nav_pose_estimator.core.gnss.reacquisition import Reacquisition, ReacquisitionSettings
 from nav_pose_estimator.core.gnss.return_evidence import distance, unexplained
+from nav_pose_estimator.core.gnss.slow_height import SlowHeight
 from nav_pose_estimator.core.gnss.spoof_drift import WalkOff
 from nav_pose_estimator.engine.events.catalogue import in_words
 from nav_pose_estimator.engine.journal import Journal
@@ -26,7 +27,6 @@ from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationR
 from nav_pose_estimator.engine.sensors.gnss.lasting_jump import LastingJump
 from nav_pose_estimator.engine.sensors.gnss.pull import Pull
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
-from nav_pose_estimator.engine.sensors.gnss.slow_height import SlowHeight
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import StatedAccuracy
 from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor

@@ -93,7 +93,7 @@ class RoutinePosition:
         settings[table.RETURN_AFTER], settings[table.SIGMAS] = guard.loss_time, guard.sigmas
         settings[table.DOUBTFUL] = doubt.OFF
         settings[table.HEIGHT_STEP : table.BARO_APART] = height_reference.STEP, height_reference.PAUSE, *heights.last
-        settings[table.LEAST_HEIGHT_SD] = slow_height.least_sd(sensor.vertical_sd)
+        settings[table.LEAST_HEIGHT_SD] = slow_height.lasting_sd(sensor.vertical_sd)
         settings[table.HEIGHT_MEAN_T : table.SETTINGS_SIZE] = sensor.slow_height.last, sensor.slow_height.mean
         state = sensor.guard.state
         return (

@@ -12,6 +12,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from nav_pose_estimator.offline.process_clock import stat_fields
+
 _POLL = 0.05  # s
 _TICK = 1.0 / os.sysconf("SC_CLK_TCK")  # s
 _WORKER = b"spawn_main"  # in the command line of a process of a pool
@@ -88,7 +90,7 @@ def _pool_of(pid: int) -> list[int]:
 
 
 def _cpu(pid: int) -> float:
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    fields = stat_fields(pid)
     return _TICK * (int(fields[11]) + int(fields[12]))
 
 
