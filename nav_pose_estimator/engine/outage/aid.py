@@ -115,7 +115,7 @@ class OutageAid:
         source = f"learner.airframe ({self._parameters.airframe})" if self._parameters.airframe else ""
         return (
             f"the vehicle moves like {_CLASSES[shown]}, but {source or 'learner.vehicle_class'} is for "
-            f"{_CLASSES[known]}: what is known beforehand misleads in an outage"
+            f"{_CLASSES[known]}: this prior knowledge is misleading in an outage"
         )
 
     def choose(self) -> Guide | None:
