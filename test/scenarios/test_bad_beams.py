@@ -5,27 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beam_flight import LOST, Flown, beam_flight, on_velocities
+from beam_flight import LOST, Flown, on_velocities
 from beamed import beam_directions, with_beams
 from nav_pose_estimator.engine.samples import BeamVelocitySample
-from nav_pose_estimator.sim.recording import Recording
 
 pytestmark = pytest.mark.compiled
-
-
-@pytest.fixture(scope="module")
-def flight() -> Recording:
-    return beam_flight()
-
-
-@pytest.fixture(scope="module")
-def without(flight) -> Flown:
-    return Flown(flight, flight.samples())
-
-
-@pytest.fixture(scope="module")
-def sound(flight) -> Flown:
-    return Flown(flight, with_beams(flight))
 
 
 @pytest.mark.parametrize(
