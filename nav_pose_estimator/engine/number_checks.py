@@ -1,4 +1,4 @@
-"""Values that an engine must not be given. The ROS boundary checks its messages; Python callers check nothing."""
+"""Checks of values that an engine must not be given. The ROS boundary checks its messages; Python callers may not."""
 
 import math
 from collections.abc import Sequence

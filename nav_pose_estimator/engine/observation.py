@@ -40,7 +40,7 @@ class Kind:
 
 
 class Use(Enum):
-    """What becomes of an observation."""
+    """What is done with an observation."""
 
     LEFT_OUT = 0
     GATED = 1  # behind the gate on its normalised innovation
@@ -51,7 +51,7 @@ class Use(Enum):
 
 
 class Row(NamedTuple):
-    """One row of an observation that is used: its number, variance, and what is taken off the measurement."""
+    """One row of an observation that is used: its number, its variance, and what is subtracted from the measurement."""
 
     number: int
     variance: float

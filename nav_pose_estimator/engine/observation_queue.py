@@ -71,7 +71,7 @@ class ObservationQueue:
         return next((o.t for o in self._sorted[self._done :] if not o.kind.quiet), math.inf)
 
     def rewind(self, t: float) -> None:
-        """What lies after ``t`` has not acted (again)."""
+        """Observations after ``t`` count as not having acted yet."""
         self._done = bisect.bisect_right(self._sorted, t, key=_TIME)
 
     def keep_after(self, t: float) -> None:

@@ -274,7 +274,7 @@ class Hypothesis:
 
 @dataclass(frozen=True, slots=True)
 class MotionEvidence:
-    """What the last ``interval`` [s] of an outage says of the motion: means of the solution, prediction, hypotheses.
+    """What the last ``interval`` [s] of an outage shows of the motion: means of the solution, prediction, hypotheses.
 
     ``attitude`` (3, 3) mean C_nb; ``velocity`` in n and ``body_velocity`` (mean of C^T v) of the estimate [m/s];
     ``air_velocity`` predicted in b [m/s], None without a prediction. The wind (East, North, m/s) with which an outage

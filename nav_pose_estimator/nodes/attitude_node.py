@@ -40,7 +40,7 @@ class AttitudeNode(EstimatorNode):
         self.get_logger().info("ready")
 
     def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
-        """As every node, but the modes speak of attitude."""
+        """As in every node, but modes are those of the attitude filter."""
         return wording.level_of(status), wording.sentence(status, wording.ATTITUDE_MEANINGS), wording.facts(status)
 
     def publish(self, solution: AttitudeSolution) -> None:

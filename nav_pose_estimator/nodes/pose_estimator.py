@@ -38,7 +38,7 @@ class PoseEstimatorNode(EstimatorNode):
         self.get_logger().info("ready")
 
     def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
-        """As every node, and what the learner says."""
+        """As in every node, and the status of the learner."""
         level, sentence, facts = super().describe(status)
         if self.keeper is None:
             return level, sentence, facts

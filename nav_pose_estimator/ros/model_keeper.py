@@ -1,4 +1,4 @@
-"""Around a learner in a node: training beside the node, the model on disk, and the services that ask for either."""
+"""The learner of a node: training in another process, the model on disk, and the services for both."""
 
 from collections.abc import Callable
 from functools import partial

@@ -21,7 +21,7 @@ from nav_pose_estimator.ros.pace import Pace
 
 
 class ImuVariances:
-    """What a published rate and specific force are worth: white noise over one interval, and the bias that is left."""
+    """Variances of the published rate and specific force: white noise over one interval, and the remaining bias."""
 
     def __init__(self, parameters: ImuParameters) -> None:
         self._parameters = parameters

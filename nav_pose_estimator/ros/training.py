@@ -1,6 +1,6 @@
 """Training in a separate process, so that no callback waits and no sample is lost meanwhile.
 
-The process is started afresh (spawn): it knows nothing of ROS, of threads or of sockets of the node. It gives way to
+The process is spawned: it inherits no ROS, threads or sockets of the node. It gives way to
 everything that flies (nice 10), ignores the interrupt key, which is meant for the node, and ends with the node.
 """
 

@@ -31,7 +31,7 @@ _NOISE_LIFE = 3600.0  # s: by then batteries, payload or propellers may be other
 
 
 def state_of(run: FilterRun) -> SavedState | None:
-    """The run as it stands; None while the filter does not run."""
+    """The present state of ``run``; None while the filter does not run."""
     if not run.timeline.running or run.origin is None:
         return None
     whole, t = run.settled, run.now
@@ -71,7 +71,7 @@ def _is_sound(run: FilterRun, t: float) -> bool:
 
 
 def resumed(saved: SavedState, run: FilterRun, stamp_ns: int) -> FilterRun:
-    """What ``run``, which has seen nothing, is with ``saved`` at its first IMU sample.
+    """``run``, which has seen nothing yet, with the state ``saved`` taken over at its first IMU sample.
 
     The origin goes on whatever its age: same vehicle, same map. The noise that was identified is that of IMU, receiver
     and airframe, and no factor is below one: for an hour it is better than none. The rest ages within a minute.

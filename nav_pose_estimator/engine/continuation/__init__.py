@@ -1,1 +1,1 @@
-"""What outlives a restart: the state of a navigator as plain numbers, and how the next one goes on from it."""
+"""What outlives a restart: the state of a navigator as plain numbers, and how the next one continues from it."""

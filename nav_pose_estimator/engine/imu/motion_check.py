@@ -54,9 +54,9 @@ class MotionCheck:
         self.finding: Finding | None = None
         self.misfit = math.nan
         self.felt = False
-        """Whether the IMU has lately felt the changes of velocity that GNSS tells."""
+        """Whether the IMU has lately felt the changes of velocity that GNSS reports."""
         self.felt_as_received = 0.0
-        """By how much squared misfit the velocities as they were received beat those that were put right and used."""
+        """By how much the squared misfit of velocities as received is below that of the corrected ones."""
         self.heading = HeadingWitness()
         self.forget_time()
 

@@ -76,7 +76,7 @@ class ImuPhysics:
 
     @property
     def felt_as_received(self) -> float:
-        """By how much squared misfit the velocities as they were received beat those that were put right and used."""
+        """By how much the squared misfit of velocities as received is below that of the corrected ones."""
         return self._motion.felt_as_received
 
     def look(

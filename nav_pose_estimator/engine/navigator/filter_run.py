@@ -1,6 +1,6 @@
 """One run of the navigator's filter, from the first IMU sample to the next restart: all that a restart forgets.
 
-``intake`` says what becomes of each sample that is not the IMU's; what carries the filter on, the IMU, is the business
+``intake`` handles each sample that is not the IMU's; the IMU, which carries the filter on, is the business
 of ``SinsEngine``.
 """
 
@@ -113,7 +113,7 @@ class FilterRun:
         self.modes.set_parameters(parameters.navigator)
 
     def renew_constants(self) -> None:
-        """Give the filter its constants anew, with the noise that the flight has shown and the states that it has."""
+        """Renew the filter's constants with the noise identified in flight, keeping the states that it has."""
         constants = filter_setup.constants(self.parameters, self.noise.imu_variance, self.imu_physics.vibration_noise)
         keep_blocks(constants, self.timeline.filter.constants)
         self.timeline.filter.constants[:] = constants
@@ -214,7 +214,7 @@ class FilterRun:
     # --- observations ------------------------------------------------------------------------------------------------
 
     def observe(self, observation: Observation | None) -> None:
-        """Put an observation on the time line; None is none."""
+        """Put an observation, if there is one, on the time line."""
         if observation is None:
             return
         self.quiet_until = -math.inf

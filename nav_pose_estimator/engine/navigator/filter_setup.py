@@ -18,7 +18,7 @@ MOST_ROWS = 8
 def constants(parameters: Parameters, imu_variance: float = 1.0, vibration: float = 0.0) -> np.ndarray:
     """The vector of filter constants (``core.filter.layout``).
 
-    ``imu_variance``: noise in parts of what is set; ``vibration`` [m/s^2/sqrt(Hz)] adds to the accelerometer's.
+    ``imu_variance``: noise relative to what is set; ``vibration`` [m/s^2/sqrt(Hz)] adds to the accelerometer's.
     How much the gyroscope's bias wanders is followed by ``bias_noise`` and not part of that.
     """
     noise = math.sqrt(imu_variance)

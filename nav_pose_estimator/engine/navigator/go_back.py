@@ -24,7 +24,7 @@ _LONGEST_GAP = 1.0  # s between IMU rows that are flown again
 
 
 def go_back(run: FilterRun, stamp_ns: int) -> FilterRun:
-    """The run to go on with after velocities have proved to be wrong; ``run`` itself where there is no other."""
+    """The run to continue with after velocities have proved to be wrong; ``run`` itself if there is no other."""
     twin = _again(run)
     if twin is None:
         return run

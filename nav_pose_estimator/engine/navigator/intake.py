@@ -1,4 +1,4 @@
-"""What becomes of each sample that is not the IMU's: an observation on the time line, or a help for the alignment."""
+"""What happens to each sample that is not the IMU's: it becomes an observation on the time line, or helps to align."""
 
 from __future__ import annotations
 

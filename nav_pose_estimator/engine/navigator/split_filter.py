@@ -65,7 +65,7 @@ class SplitFilter:
 
     @property
     def time(self) -> float:
-        """Where the filter stands [s]."""
+        """Time of the filter [s]."""
         return float(self.nav[TIME])
 
     def carry(self, rows: np.ndarray, begin: int, end: int, due: float, out: np.ndarray) -> int:
@@ -131,7 +131,7 @@ class SplitFilter:
         return [self.vector] if self.branches is None else list(self.branches.memories)
 
     def restore_before(self, t: float) -> float:
-        """Go back to the last checkpoint before ``t``; returns where the filter stands then [s]."""
+        """Go back to the last checkpoint before ``t``; returns the time of the filter then [s]."""
         if self.branches is not None:
             return self.branches.restore_before(t)
         memory.restore_before(self.vector, t)

@@ -182,7 +182,7 @@ def pose_refusal(sample: SetPose, here: np.ndarray | None, sd: float) -> str:
 def set_pose(nav: np.ndarray, P: np.ndarray, sample: SetPose, origin: tuple[float, float, float]) -> None:
     """Write a pose given from outside into ``nav`` and ``P``; a missing covariance means 1 m and 3 deg.
 
-    Nobody knows a pose to better than 0.3 m and 0.5 deg, whatever is said.
+    No pose is taken to be better than 0.3 m and 0.5 deg, whatever is stated.
     """
     nav[at.LAT : at.VEL] = [float(x) for x in enu_to_lla(sample.position_enu, *origin)]
     nav[at.QUAT : at.GYRO_BIAS] = np.array(sample.q_nb) / np.linalg.norm(sample.q_nb)

@@ -98,7 +98,7 @@ class Timeline:
         return True
 
     def advance(self, rows: np.ndarray) -> np.ndarray:
-        """Carry the filter over IMU ``rows`` (N, 7), later than it stands; returns output rows (N, OUT_COLUMNS)."""
+        """Carry the filter over IMU ``rows`` (N, 7), later than its time; returns output rows (N, OUT_COLUMNS)."""
         self.settle()
         self.imu.append(rows)
         out = np.empty((len(rows), OUT_COLUMNS))

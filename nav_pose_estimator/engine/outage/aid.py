@@ -26,7 +26,7 @@ _REHEARSE_AFTER = 20.0  # s of flight: a rehearsal that begins sooner says littl
 
 @dataclass
 class AidState:
-    """What of an aid changes besides its pilot and its rehearsals."""
+    """What changes of an aid, except its pilot and its rehearsals."""
 
     external: VelocityError | None = None
     """The last prediction of a network in another process."""
@@ -75,7 +75,7 @@ class OutageAid:
 
     @property
     def guide(self) -> Guide | None:
-        """What the present outage is flown by; None while there is none, and to coast."""
+        """The guide of the present outage; None outside an outage, and to coast."""
         return self._pilot.state.guide
 
     def accept(self, result: TrainingResult) -> None:

@@ -31,7 +31,7 @@ class OutageHelp(NamedTuple):
 
 @dataclass
 class PilotState:
-    """What of a pilot changes besides its learner. ``position_error`` (3,): sum since the loss of GNSS [m], ENU."""
+    """What changes of a pilot, except its learner. ``position_error`` (3,): sum since the loss of GNSS [m], ENU."""
 
     collector: EpochCollector
     guide: Guide | None = None

@@ -27,7 +27,7 @@ def arrays_of(state: RehearsalState) -> dict[str, np.ndarray]:
 
 
 def take_over(state: RehearsalState, arrays: Mapping[str, np.ndarray]) -> None:
-    """Put into ``state`` what ``arrays_of`` gave of another. ``UserError`` where it is none, and nothing is changed."""
+    """Restore ``state`` from what ``arrays_of`` gave. ``UserError`` if it is invalid; then nothing is changed."""
     surprises, decisions = (np.asarray(arrays.get(name, ())) for name in ("surprises", "decisions"))
     columns = {tuple(name.split(".", 1)): values for name, values in arrays.items() if "." in name}
     tables = {}

@@ -18,7 +18,7 @@ _shown = _brief.repr  # a value for the eye, whatever its length
 
 
 class ParameterError(UserError):
-    """A parameter that does not exist, has the wrong type or lies outside its range. The text is for the user."""
+    """A parameter that does not exist, has the wrong type or is out of range. The text is for the user."""
 
 
 @dataclass(frozen=True)

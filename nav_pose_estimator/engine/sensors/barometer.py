@@ -147,7 +147,7 @@ class Barometer(Aid):
         self._offset += min(share, 1.0) * (difference - self._offset)
 
     def settle(self, o: Observation, f: FilterView) -> None:
-        """However often it is repeated, a height knows no more than the reference that it started from."""
+        """However often it is repeated, a height is no better than the reference that it started from."""
         if self.is_vague:
             f.P[_UP, _UP] = max(f.P[_UP, _UP], self._offset_var)
 
@@ -200,7 +200,7 @@ class DepthSensor(Aid):
         return Decision(Use.GATED, reference=self._surface_sd)
 
     def settle(self, o: Observation, f: FilterView) -> None:
-        """What is not known of the surface is not known of the height: both are off by the same.
+        """The height is no better than the height of the surface: both have the same error.
 
         So the pressure goes on telling how the height changes, and with it the vertical velocity.
         """

@@ -1,6 +1,6 @@
 """Magnetometer: a levelled heading. Its offset is learned while GNSS shows the heading; in an outage it holds it.
 
-What is learned is also compared with the motion: a magnetometer that disagrees with it steers nothing.
+What is learned is also compared with the motion: a magnetometer that disagrees with it is not used.
 """
 
 from __future__ import annotations

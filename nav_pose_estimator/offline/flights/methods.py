@@ -1,4 +1,4 @@
-"""Ways through an outage by name, for replay and benchmark: estimator passes, and what goes on without an estimator."""
+"""Outage methods by name, for replay and benchmark: passes of an estimator, and extrapolations without one."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -29,7 +29,7 @@ _VEHICLES = {"Copter": "multirotor", "Plane": "fixed wing", "Rover": "rover", "S
 
 
 def ardupilot_sensors(log: LogTables) -> LogSensors:
-    """What the log says of the sensors."""
+    """The sensor data of the log."""
     gnss = [found for table in log.instances("GPS") if (found := _gnss(log, table)) is not None]
     receiver = max(gnss, key=lambda g: int(g.has_fix.sum()), default=None)
     return LogSensors(

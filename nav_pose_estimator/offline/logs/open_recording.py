@@ -105,7 +105,7 @@ def log_form(path: Path) -> str | None:
 
 
 def read_sensors(path: Path) -> LogSensors:
-    """What a flight log says of the sensors. Raises ``BagError``."""
+    """The sensor data of a flight log. Raises ``BagError``."""
     form = log_form(path)
     if form == ULOG:
         from nav_pose_estimator.offline.logs.px4_fields import px4_sensors

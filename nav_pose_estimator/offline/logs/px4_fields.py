@@ -23,7 +23,7 @@ _TYPES |= dict.fromkeys(range(19, 26), "VTOL")
 
 
 def px4_sensors(log: LogTables) -> LogSensors:
-    """What the log says of the sensors."""
+    """The sensor data of the log."""
     gnss = [
         found for name in ("vehicle_gps_position", "sensor_gps") for t in log.instances(name) if (found := _gnss(t))
     ]

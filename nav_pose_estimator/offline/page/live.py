@@ -1,4 +1,4 @@
-"""Plots that zoom and are read by pointing, where the Python package plotly is installed: its script, beside the page.
+"""Plots that can be zoomed and read with the pointer, if plotly is installed: its script, next to the page.
 
 Nothing is imported from plotly, which takes long: one file of it is copied. A page without that file beside it shows
 the plots as they were drawn. The data of a plot are JSON in the page, arrays as base64 of little-endian float32.

@@ -38,7 +38,7 @@ details{margin:6px 0}summary{cursor:pointer;color:var(--soft)}
 
 
 def write(path: Path, title: str, body: Iterable[str]) -> None:
-    """Write a page, and beside it the script that its plots zoom with, where that is to be had."""
+    """Write a page, and next to it the script that lets its plots be zoomed, if it is installed."""
     head = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'

@@ -1,4 +1,4 @@
-"""``train RECORDING ... --out NAME.airframe``: what flights of the past say of an aircraft; ``train prior``: of all."""
+"""``train RECORDING ... --out NAME.airframe``: what past flights show of an aircraft; ``train prior``: of all."""
 
 import argparse
 import math

@@ -144,7 +144,7 @@ def _good_epochs(recording: Recording, parameters: Parameters) -> Iterator[Array
 
 
 def flown(rows: Array) -> slice:
-    """From the first epoch in motion to the last: what stands on the ground says nothing of flight."""
+    """From the first epoch in motion to the last: a vehicle on the ground shows nothing of flight."""
     speed = np.hypot(rows[:, me.VELOCITY], rows[:, me.VELOCITY + 1])
     moving = np.flatnonzero((speed > MOVES) | (np.abs(rows[:, me.VELOCITY + 2]) > _CLIMBS))
     return slice(int(moving[0]), int(moving[-1]) + 1) if len(moving) else slice(0)

@@ -63,7 +63,7 @@ class MavrosOdometry:
 
 
 class MavrosGps:
-    """mavros_msgs/GPSINPUT for the plugin ``gps_input`` of MAVROS: a receiver as ArduPilot knows one (type 14)."""
+    """mavros_msgs/GPSINPUT for the plugin ``gps_input`` of MAVROS: as a receiver of ArduPilot (type 14)."""
 
     def __init__(self, message: Any, parameters: RosParameters) -> None:
         self.message = message

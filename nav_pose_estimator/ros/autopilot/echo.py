@@ -53,7 +53,7 @@ class EchoWatch:
             self._track.popleft()
 
     def stopped(self) -> None:
-        """Nothing leaves any more: fixes can no longer be told apart, and a loop is taken to go on."""
+        """Nothing is sent any more: fixes can no longer be compared, and a loop is assumed to go on."""
         self._track.clear()
         self._fixes = 0
 

@@ -1,4 +1,4 @@
-"""The navigator's state on disk: written in flight beside the node, read at the start, so that a restart goes on."""
+"""The navigator's state on disk: written in flight beside the node, read at the start, for a restart."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path

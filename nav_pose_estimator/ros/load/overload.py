@@ -102,7 +102,7 @@ class ImuGroups:
         return ImuSample(sample.stamp_ns, _mean([s.gyro for s in group]), _mean([s.accel for s in group]))
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Start again from no delay."""
         self._group, self._newest_ns = [], 0
 
 

@@ -1,4 +1,4 @@
-"""Messages to samples. The only place that knows how ROS and its drivers write things down.
+"""Messages to samples. The only place that knows the conventions of ROS messages and drivers.
 
 The functions read attributes only, so they take messages of rclpy and of rosbags alike. Each returns what one
 message yields, in order: samples to feed, and events for what had to be disregarded. Vectors keep the sensor's own

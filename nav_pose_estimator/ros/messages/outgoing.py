@@ -69,7 +69,7 @@ def fill_pose(message: Any, solution: NavSolution) -> None:
 
 
 def fill_fix(message: Any, solution: NavSolution) -> None:
-    """sensor_msgs/NavSatFix of base_link. The position goes on in an outage; that it is no fix, the status says.
+    """sensor_msgs/NavSatFix of base_link. The position continues in an outage; the status says that it is not a fix.
 
     FIX while GNSS aids the navigator; NO_FIX, of no satellite service, while it is denied, with a covariance that
     still holds; once EXPIRED the covariance is marked as unknown.

@@ -4,7 +4,7 @@ from nav_pose_estimator.engine.outage.methods.method import OutageMethod
 
 
 class Coast(OutageMethod):
-    """The navigator goes on alone."""
+    """The navigator continues alone."""
 
     name = "coast"
     summary = "the Kalman filter alone"

@@ -4,7 +4,7 @@ from nav_pose_estimator.engine.outage.methods.method import Array, Extrapolation
 
 
 class ConstVelocity(Extrapolation):
-    """The vehicle goes on as it went."""
+    """The vehicle keeps its last velocity."""
 
     name = "const_velocity"
     summary = "the last velocity"

@@ -1,4 +1,4 @@
-"""What a way through an outage has to offer: the interface between ``learner.method`` and its users.
+"""The interface of outage methods, between ``learner.method`` and its users.
 
 A method is one file in this folder and one line in ``registry``. It holds no state: what it learns is kept by
 the learner, so that a snapshot of the estimator is complete and a replay learns what the node learned. What was known
@@ -104,7 +104,7 @@ class RehearsalScores(Protocol):
 
 @dataclass(frozen=True)
 class RehearsalRules:
-    """How rehearsals count. ``stated``: so many rehearsals the covariance that the filter states is worth."""
+    """How rehearsals count. ``stated``: how many rehearsals the covariance stated by the filter is worth."""
 
     kept: int = 6  # rehearsals that count, the newest ones
     least: int = 3  # with fewer, chance decides
@@ -122,7 +122,7 @@ class Method:
 
 
 class Extrapolation(Method):
-    """Goes on from the last aided state without a filter: a yardstick of the benchmark."""
+    """Extrapolates the last aided state without a filter: a yardstick of the benchmark."""
 
     def velocity(self, last: Array) -> Array:
         """Velocity (3,) throughout the outage, from that at the loss of GNSS [m/s]."""
@@ -130,7 +130,7 @@ class Extrapolation(Method):
 
 
 class OutageMethod(Method):
-    """A value of ``learner.method``. As it stands here it learns nothing and leaves the filter alone."""
+    """A value of ``learner.method``. This base class learns nothing and leaves the filter alone."""
 
     helps = True
     """False where there is nothing to ask in an outage."""

@@ -46,7 +46,7 @@ def estimators() -> dict[str, OutageMethod]:
 
 
 def extrapolations() -> dict[str, Extrapolation]:
-    """What needs no filter and is there in the benchmark only."""
+    """Methods that need no filter and exist in the benchmark only."""
     return {name: method for name, method in _METHODS.items() if isinstance(method, Extrapolation)}
 
 

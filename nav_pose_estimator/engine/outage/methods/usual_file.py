@@ -1,6 +1,6 @@
 """What is usual of how vehicles move, as a file: TOML that ``train prior`` writes, and the one that the package ships.
 
-Behind the numbers stands where they come from, flight by flight. A file that says what no vehicle does is refused.
+Behind the numbers stands where they come from, flight by flight. A file with values that no vehicle reaches is refused.
 """
 
 import tomllib
@@ -45,7 +45,7 @@ def load_usual_motion(path: str = "") -> UsualMotion:
 
 
 def flights_of(path: str = "") -> list[KnownFlight]:
-    """What the file says of where its numbers come from; the same files and errors as ``load_usual_motion``."""
+    """The flights that the numbers of the file come from; the same files and errors as ``load_usual_motion``."""
     flights = _content(path)[1].get("flights", [])
     return [KnownFlight(*(str(one.get(key, "")) for key in ("airframe", "sha256", "kind"))) for one in flights]
 

@@ -37,7 +37,7 @@ _STRANGE = 1.5  # novelty from which the network has no answer
 
 @dataclass
 class NoiseTrace:
-    """What the innovations of each beam make one believe of its noise: an inverse gamma distribution that forgets."""
+    """The noise of each beam as estimated from its innovations: an inverse gamma distribution that forgets."""
 
     shape: Array
     scale: Array  # m^2/s^2

@@ -1,4 +1,4 @@
-"""What may be done with a beam that has been found faulty, besides leaving it out: predict its error.
+"""An alternative to leaving out a faulty beam: predict its error.
 
 A compensator is asked only about beams that the tests (gate, latch, parity) have flagged without it. Its inputs are
 functions of the innovation: where every beam is compensated the innovation goes, and with it the sensor.

@@ -8,7 +8,7 @@ _CREDIBLE = 3.0  # deviations that cover both ends of a jump
 
 
 class LastingJump:
-    """Where the vehicle was before a jump, or after it: nobody knows, until the probation is over."""
+    """The doubt after a jump: until the probation is over, nobody knows which of the two positions was right."""
 
     def __init__(self) -> None:
         self._size, self._until = 0.0, -math.inf  # m, s

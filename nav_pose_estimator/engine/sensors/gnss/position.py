@@ -40,9 +40,9 @@ CHANCE = 2.5
 
 
 class GnssPositionSensor(Sensor):
-    """East, North and Up of the antenna's position; two rows where the height is none, or is not to be believed.
+    """East, North and Up of the antenna's position; two rows where there is no height, or none to be believed.
 
-    The reference of its decisions is what is taken off the height [m], NaN where the height is left out.
+    The reference of its decisions is what is subtracted from the height [m], NaN where the height is left out.
     """
 
     kind = Kind("gnss_position", precedence=1, whole=True)
@@ -254,7 +254,7 @@ class GnssPositionSensor(Sensor):
             bias_noise.observe(f.nav, f.P)
 
     def decide_return(self, accept: bool) -> bool:
-        """What the operator says of a return that waits for that, or accepts what no force explains; else False."""
+        """The operator's decision about a held return, or a change that no force explains; False if neither waits."""
         return self.guard.decide(accept) or (accept and self.pull.dismiss())
 
 

@@ -1,4 +1,4 @@
-"""GNSS that moves off without a force: what it says of the position, for as long as that is not taken back."""
+"""GNSS that moves off without a force: the doubt about its position, for as long as that is not taken back."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ _LARGEST_FACTOR = 9.0  # of the covariance: three times the deviation
 
 
 class GnssLoss(Sensor):
-    """No measurement: from its time on the covariance is what the last innovations told of it."""
+    """No measurement: from its time on the covariance is scaled by what the last innovations have shown."""
 
     kind = Kind("gnss_loss", precedence=2, whole=True)
 
@@ -62,7 +62,7 @@ class Gnss:
         self._aiding.use_fix(last_fix)
 
     def loss_at(self, t: float, stamp_ns: int) -> Observation:
-        """At ``t`` GNSS counts as lost: the covariance takes along what the last innovations told of it."""
+        """At ``t`` GNSS counts as lost: the covariance is scaled by what the last innovations have shown."""
         return Observation(t, stamp_ns, self.loss.kind, self.variance_factor)
 
     @property

@@ -51,7 +51,7 @@ class GnssReception:
         self._told_ahead = math.nan  # s: the clock offset that was told last
 
     def set_parameters(self, parameters: GnssParameters) -> None:
-        """New thresholds and noises; the gate stays as it stands."""
+        """New thresholds and noises; the gate stays open or closed."""
         self.gate.settings = _gate_settings(parameters)
         self._correlation = parameters.position_correlation
         position = np.array([parameters.position_sd] * 2 + [parameters.vertical_sd])

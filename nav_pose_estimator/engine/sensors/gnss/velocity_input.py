@@ -78,7 +78,7 @@ class VelocityInput:
     def felt(self, felt: bool, as_received: float, stamp_ns: int) -> None:
         """Whether the IMU feels what velocities say, and by how much better it feels them as they were received.
 
-        The positions are wrong then, and not the velocity that was put right by them.
+        In that case the positions are wrong, not the velocity that was corrected by them.
         """
         self._check.felt = felt
         if not self._learns or self.position_fault or not self._check.fault:

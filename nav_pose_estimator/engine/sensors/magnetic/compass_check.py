@@ -25,7 +25,7 @@ def single_cause(angle: float) -> str:
 
 
 class CompassCheck:
-    """Learns how far magnetic headings are off, in the mean and around it; ``doubted`` while they may steer nothing.
+    """Learns how far magnetic headings are off, in the mean and around it; ``doubted`` while they must not be used.
 
     A doubt acts at once and is told when it lasts: for some seconds after a start it may be the filter that is wrong.
     """

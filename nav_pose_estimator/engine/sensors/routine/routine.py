@@ -1,4 +1,4 @@
-"""Observations about which nothing is unusual act in compiled code; the sensors hear of it afterwards."""
+"""Observations that are as expected act in compiled code; their sensors are told afterwards."""
 
 from __future__ import annotations
 

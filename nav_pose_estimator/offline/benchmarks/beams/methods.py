@@ -66,7 +66,7 @@ class TextsRule(Watched):
 
 @dataclass(frozen=True)
 class Method:
-    """A judge, and what becomes of the beams that it finds faulty."""
+    """A judge, and what is done with the beams that it finds faulty."""
 
     description: str
     judge: Callable[[], Watched]
