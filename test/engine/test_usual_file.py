@@ -36,7 +36,7 @@ def test_the_shipped_prior_knows_that_wings_are_faster() -> None:
         ("activity = [-0.5, 0.5]", "activity = -0.5", "beyond what a vehicle can do"),
         ("missed = 0.5\n", "", "must have"),
         ("[hover]", "[hovering]", "must have"),
-        ("version = 1", "version = 2", "train it anew"),
+        ("version = 1", "version = 2", "make it again"),
         ("version = 1", "version = ", "not a prior"),
     ],
 )

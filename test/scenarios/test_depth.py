@@ -67,7 +67,7 @@ def test_a_pressure_that_is_none_costs_one_sentence(recording):
         _, engine, events = swim(recording, samples, water_density=1000.0)
         told = [event.text for event in events if event.name == "depth.rejected.value"]
         assert len(told) == 1
-        assert "no absolute pressure in pascal" in told[0]
+        assert "not an absolute pressure in pascal" in told[0]
         assert engine.journal.counters["depth.used"] == 0
         assert engine.journal.counters["depth.rejected.value"] > 200
 

@@ -56,7 +56,7 @@ NEVER_ALIGNED = {
     "01_imu_in_g": "the accelerometer is probably in g",
     "02_gyro_deg": "the gyroscope is probably in deg/s",
     "03_accel_sign": "the accelerometer is inverted",
-    "04_gravity_removed": "takes gravity away",
+    "04_gravity_removed": "removes gravity",
     "11_clock_offset 18": r"18\.0 s ahead of the IMU's: GPS time against UTC",
     "11_clock_offset -18": r"18\.0 s behind the IMU's: GPS time against UTC",
     "11_clock_offset 8470": "8470 s ahead of the IMU's",
