@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.gnss.doubt import HOPELESS
 from nav_pose_estimator.core.routine import table
 from nav_pose_estimator.engine.navigator import heading_trial
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
@@ -105,7 +106,8 @@ class Backlog:
     """IMU rows that wait to be flown with the observations that arrive between them, for a second at most.
 
     What arrives in the meantime is judged as if they had been flown. That is right because it waits only while nothing
-    of that depends on the filter: GNSS aids it, no sensor has a doubt, and no fix can change when GNSS counts as lost.
+    of that depends on the filter: GNSS aids it, no sensor has a doubt, no fix can change when GNSS counts as lost, and
+    none can make the filter give up.
     The rows are flown ahead of everything else: another kind of sample, a late one, an event, a refusal.
     """
 
@@ -133,7 +135,9 @@ class Backlog:
         if run.parameters.aids.declination_from_model or run.parameters.aids.water_density > 0.0:
             return False
         now = run.timeline.filter.time
-        self._limit = min(run.second_due, run.aiding.fix_used + run.aiding.lost_after)
+        # what arrives after the filter has given up is for the next one to judge
+        soonest = min(run.gnss.position.guard.soonest_reset, HOPELESS)
+        self._limit = min(run.second_due, run.aiding.fix_used + run.aiding.lost_after, now + soonest)
         self._open = now < self._limit and routine.is_calm(now)
         if self._open:
             self._ahead = {o.t for o in run.timeline.queue.waiting()}
@@ -151,7 +155,7 @@ class Backlog:
 
     @property
     def is_full(self) -> bool:
-        """Whether it is time to look back, or GNSS may be lost."""
+        """Whether it is time to look back, or GNSS may be lost, or the filter may give up."""
         until = self.run.waiting_until
         return until is not None and until >= self._limit
 
