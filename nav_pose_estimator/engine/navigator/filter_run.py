@@ -6,7 +6,6 @@ of ``SinsEngine``.
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Callable
 
@@ -18,6 +17,7 @@ from nav_pose_estimator.core.alignment.types import Alignment, FixNoise, KnownBi
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import keep_blocks
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
+from nav_pose_estimator.core.numerics.deep_copy import deep_copy
 from nav_pose_estimator.core.numerics.jit import COMPILED
 from nav_pose_estimator.engine.engine_clock import EngineClock
 from nav_pose_estimator.engine.imu.physics import ImuPhysics
@@ -95,7 +95,7 @@ class FilterRun:
 
     def copy(self, journal: Journal) -> FilterRun:
         """An independent copy that reports to ``journal``: of all there is, but parameters never change."""
-        twin = copy.deepcopy(self, {id(self.journal): journal, id(self.parameters): self.parameters})
+        twin = deep_copy(self, {id(self.journal): journal, id(self.parameters): self.parameters})
         twin.quiet_until = -math.inf
         return twin
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -128,7 +129,8 @@ class SinsEngine:
 
     def snapshot(self) -> SinsEngine:
         """An independent copy of the engine as it stands."""
-        twin = SinsEngine(self.parameters)
+        twin = copy.copy(self)
+        twin._input = ImuInput(self.parameters.imu)
         twin.restore(self)
         return twin
 
