@@ -307,7 +307,7 @@ def covariance_step_in(nav, P, constants, space):
     f_n = scale(1.0 / T, load3(nav, SUM_FORCE))
     turn = load3(nav, SUM_RATE)
     C = q_columns(q_multiply(load4(nav, QUAT), q_exp(scale(-0.5, turn))))
-    F = space[:n, :n]
+    F = space[:n]
     F[:] = 0.0
     fill_system_matrix(F, nav, constants, f_n, scale(1.0 / T, turn), C)
     propagate_in(P, F, constants, T, space[n:])
