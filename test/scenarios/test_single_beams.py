@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beam_flight import LOST, Flown, beam_flight, on_velocities
+from beam_flight import LOST, Flown, on_velocities
 from beamed import beam_directions, with_beams
 from nav_pose_estimator.core.beams.geometry import with_swapped_angle
 from nav_pose_estimator.core.filter.blocks import DVL
@@ -16,27 +16,11 @@ from nav_pose_estimator.engine.observation import Decision, FilterView, Row, Use
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import BeamVelocitySample, stamp_of
 from nav_pose_estimator.engine.solutions import Mode
-from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import generate
 from pieces import one_by_one
 from told import silence
 
 pytestmark = pytest.mark.compiled
-
-
-@pytest.fixture(scope="module")
-def flight() -> Recording:
-    return beam_flight()
-
-
-@pytest.fixture(scope="module")
-def without(flight) -> Flown:
-    return Flown(flight, flight.samples())
-
-
-@pytest.fixture(scope="module")
-def sound(flight) -> Flown:
-    return Flown(flight, with_beams(flight))
 
 
 def test_beams_hold_an_outage(without, sound):

@@ -50,7 +50,7 @@ class Doubt:
         if refused >= _REFUSED:
             self.reason = f"it refuses {100.0 * refused:.0f} % of the GNSS velocities"
         elif t - self._off_since >= _OFF_TIME:
-            self.reason = f"GNSS positions lie {deviations:.0f} sigma off for {t - self._off_since:.0f} s"
+            self.reason = f"GNSS positions have been {deviations:.0f} sigma off for {t - self._off_since:.0f} s"
         elif refused <= _EASED and deviations <= OFF:
             self.reason, self._times, self._both_since = "", 0, math.inf
         if refused >= _REFUSED and deviations > OFF:

@@ -166,7 +166,7 @@ class MotionCheck:
         alike = np.flatnonzero(sums < _ALIKE * sums[best] + _ALIKE_FLOOR)
         self._blamed = min(alike.tolist(), key=self._unusual)
         text = (
-            f"IMU and GNSS velocity tell different motions ({100.0 * self.misfit:.0f} % of the force unexplained): "
+            f"IMU and GNSS velocity contradict each other ({100.0 * self.misfit:.0f} % of the force unexplained): "
             f"{self._in_words(self._blamed)}"
         )
         self.finding = Finding("imu.implausible.motion", text)

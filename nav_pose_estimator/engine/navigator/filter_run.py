@@ -182,7 +182,7 @@ class FilterRun:
         if self.origin is None:
             self.origin = place
         elif start_up.is_far(place, self.origin):
-            text = "the fixed origin lies more than 100 km from here: are origin.latitude and origin.longitude right?"
+            text = "the fixed origin is more than 100 km from here: are origin.latitude and origin.longitude right?"
             self.journal.say(self.clock.stamp(self.now), "origin.far", Level.WARN, text)
         now = self.now
         self.timeline.start(nav, P, self.origin)

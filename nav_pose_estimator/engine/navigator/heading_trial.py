@@ -85,7 +85,7 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
             assert isinstance(magnetometer, Magnetometer)
             magnetometer.condemn(stamp_ns, error)
         else:
-            text = f"the heading of before the restart was {math.degrees(abs(error)):.0f} deg off, as motion shows"
+            text = f"the heading from before the restart was {math.degrees(abs(error)):.0f} deg off, as motion shows"
             run.journal.say(stamp_ns, "resume.heading.wrong", Level.WARN, text, error_deg=math.degrees(error))
         _start_from(run, constants, start)
 
@@ -122,7 +122,7 @@ def turn(run: FilterRun, witness: HeadingWitness, stamp_ns: int) -> None:
         magnetometer.condemn(stamp_ns, error)
     else:
         magnetometer.compare_anew()
-        text = f"the heading was {math.degrees(abs(error)):.0f} deg off, as IMU and GNSS show: turned"
+        text = f"the heading was {math.degrees(abs(error)):.0f} deg off, as IMU and GNSS show: corrected"
         run.journal.say(stamp_ns, TURNED, Level.WARN, text, error_deg=math.degrees(error))
     run.trial = None
 

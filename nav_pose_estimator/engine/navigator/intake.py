@@ -217,12 +217,12 @@ def _set_origin(run: FilterRun, sample: SetOrigin) -> None:
     """Move the zero of the local frame. The vehicle stays where it is on Earth, and in odom: map moves against it."""
     place = (sample.lat, sample.lon, sample.alt)
     if not is_position(*place):
-        _refuse_origin(run, sample, "value", "it is no latitude, longitude and height")
+        _refuse_origin(run, sample, "value", "it is not a latitude, longitude and height")
         return
     if run.timeline.running and run.origin is not None:
         lat, lon, alt = run.settled.nav[at.LAT : at.VEL].tolist()
         if start_up.is_far((lat, lon, alt), place):
-            _refuse_origin(run, sample, "far", "it lies more than 100 km from the vehicle")
+            _refuse_origin(run, sample, "far", "it is more than 100 km from the vehicle")
             return
         moved = np.subtract(lla_to_enu(lat, lon, alt, *place), lla_to_enu(lat, lon, alt, *run.origin))
         run.timeline.shift = run.timeline.shift + moved
@@ -244,7 +244,7 @@ _RETURN_SAID = {
 
 
 def _return(run: FilterRun, sample: ReturnDecision) -> None:
-    name, text = "gnss.return.none", "there is no return of GNSS that waits for a decision"
+    name, text = "gnss.return.none", "no return of GNSS is waiting for a decision"
     if run.timeline.running:
         run.timeline.settle()
         if run.gnss.position.decide_return(sample.accept):

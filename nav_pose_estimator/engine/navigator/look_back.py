@@ -120,4 +120,4 @@ def _too_fast(nav: np.ndarray, fastest: float) -> str:
     speed = math.hypot(nav[at.VEL], nav[at.VEL + 1])
     if speed <= fastest:
         return ""
-    return f"The navigator's own speed is {speed:.0f} m/s, which the vehicle cannot fly: it has lost its way."
+    return f"The navigator's own speed is {speed:.0f} m/s, which the vehicle cannot reach: the solution has diverged."

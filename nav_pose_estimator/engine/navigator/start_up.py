@@ -32,9 +32,9 @@ _FLAT = 1e5  # m
 _FARTHEST = 1e6  # m: a pose beyond this is not in the local frame
 POSE_REFUSALS = {
     "no_origin": "a pose can be set only while the navigator runs",
-    "value": "its position, orientation or covariance is none",
+    "value": "its position, orientation or covariance is invalid",
     "stamp": "it has no stamp",
-    "far": "it lies a kilometre and ten deviations from where the navigator is",
+    "far": "it is more than a kilometre and ten deviations from where the navigator is",
 }
 _UNSTATED_TILT_SD = 0.1  # rad: tilt of an attitude that comes without covariance
 _STANDARD_SD = 100.0  # m: height of the standard atmosphere against the ellipsoid, weather and geoid

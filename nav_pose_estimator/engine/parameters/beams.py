@@ -35,7 +35,7 @@ class BeamParameters:
     compensation: str = param(
         "none",
         "",
-        "What becomes of a beam that has been found faulty; none: it is left out; else a network learns its errors "
+        "What is done with a faulty beam; none: it is left out; else a network learns its errors "
         "while GNSS is good (anfis: trained by particle swarm, anfis_frcg: by conjugate gradient, anfis_linear: ridge)",
         choices=("none", "anfis", "anfis_frcg", "anfis_linear"),
     )

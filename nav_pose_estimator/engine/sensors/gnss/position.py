@@ -110,7 +110,7 @@ class GnssPositionSensor(Sensor):
         widening = self._doubted(o, f) if self._aiding.gnss_is_good(o.t) else 1.0
         decision = self._ask_the_guard(o, f)
         if self.velocity.doubt.is_hopeless(o.t) and o.t - self._aiding.fix_used < self._despair_gap:
-            self.despair = "GNSS was there all the time, yet velocities differ, and positions with them"
+            self.despair = "GNSS was never away, yet velocities differ, and positions too"
         far, fast = self.pull.least_sd()
         vertical = _EITHER * self.heights.span
         if decision.use in (Use.GATED, Use.UNGATED) and not math.isnan(decision.reference):
@@ -170,7 +170,7 @@ class GnssPositionSensor(Sensor):
             self.forsakes_origin = True
             self.despair = f"GNSS is {1e-3 * math.hypot(*decision.offset):.0f} km from where the navigator started"
         elif broken:
-            self.despair = f"GNSS was there all the time, yet velocities differ by {self._velocity_apart:.0f} sigma"
+            self.despair = f"GNSS was never away, yet velocities differ by {self._velocity_apart:.0f} sigma"
         return Decision(Use.RESET, reference, tuple(velocity or ()))
 
     def _height_reference(self, o: Observation, f: FilterView) -> float:

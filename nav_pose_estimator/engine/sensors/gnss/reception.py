@@ -179,10 +179,10 @@ def _no_place(sample: GnssFix) -> str:
     """Why a fix is nowhere on Earth, a clause."""
     largest = math.degrees(max(abs(sample.lat), abs(sample.lon)))
     if _INTEGER_DEGREES < largest < math.inf:
-        return f"a latitude or longitude of {largest:.4g} deg is no place on Earth: is it in degrees times 1e7?"
+        return f"a latitude or longitude of {largest:.4g} deg is not a place on Earth: is it in degrees times 1e7?"
     if _HIGHEST < abs(sample.alt) < math.inf:
-        return f"a height of {sample.alt:.4g} m is no place on Earth: is it in mm?"
-    return "the fix holds NaN or is no place on Earth"
+        return f"a height of {sample.alt:.4g} m is not a place on Earth: is it in mm?"
+    return "the fix holds NaN or is not a place on Earth"
 
 
 def _horizontal(sample: GnssFix) -> np.ndarray | None:
