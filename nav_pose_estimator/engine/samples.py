@@ -268,7 +268,7 @@ class Hypothesis:
     log_likelihood: float = 0.0
     velocity_time: float | None = 1.0
     place_var: float | None = None
-    place_time: float = 30.0
+    place_time: float = 60.0
     doubt_psd: float = 0.0
 
 
