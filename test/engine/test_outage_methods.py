@@ -46,7 +46,8 @@ def model(epochs):
 
 def test_best_weighs_travelling_against_hovering(epochs, model) -> None:
     """GIVEN a multirotor that hovers now and then WHEN asked THEN both hypotheses are there, their probabilities sum
-    to one, the hover holds the velocity tighter, and the network counts for both."""
+    to one, the hover holds the velocity tighter, and the network guides the traveller alone. A hover that goes on
+    keeps its place."""
     evidence, error = said(guide_of("best", epochs, model), epochs[-4:])
     travel, hover = evidence.hypotheses
     assert (travel.name, hover.name) == ("travel", "hover")
@@ -57,6 +58,12 @@ def test_best_weighs_travelling_against_hovering(epochs, model) -> None:
     np.testing.assert_array_equal(evidence.air_velocity, air)
     assert travel.velocity_time is None  # with a network the usual speed tells the regimes apart, no more
     assert hover.velocity_time is not None
+    assert travel.air_corrects
+    assert hover.air_noise is not None
+    assert not hover.air_corrects
+    assert hover.place_var is None
+    assert hover.lasting.place_var < 0.1 * travel.place_var
+    assert travel.lasting is None
     np.testing.assert_allclose(travel.air_noise, doubt * model.noise / me.PERIOD)
     np.testing.assert_allclose(evidence.wind, model.wind_mean + model.wind)
     np.testing.assert_allclose(evidence.wind_mean, model.wind_mean)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel
@@ -25,14 +25,19 @@ _LEAST_FLIGHT = 4.0  # s
 REGIMES, ALONE = "regimes", "alone"
 _HOVER_TIME = 2.0  # s over which the velocity of a hover counts as one draw
 _DRAW = 1.1  # errors this much larger than the simpler way's are still a draw
+_WORSE = 1.5  # the same for giving up the network where coasting is about as good: chance makes a ratio of 1.2
 _CLEARLY = 6.0  # coasting three times better at 30 s is a draw at 60 s; three rehearsals tell it to a factor of two
 
 
 @dataclass(frozen=True, kw_only=True)
 class RegimesGuide(AirVelocityGuide):
-    """Two hypotheses for a vehicle that can hover; the network, if there is one, serves both."""
+    """Two hypotheses for a vehicle that can hover; the network tells them apart, and guides the one that travels.
+
+    ``hover_spread_psd`` [m^2/s]: as ``spread_psd``, of rehearsals in which the vehicle hovered.
+    """
 
     regimes: MotionRegimes
+    hover_spread_psd: float = 0.0
 
     def hypotheses(self, recent: Array, prediction: AirPrediction | None) -> tuple[Hypothesis, ...]:
         """Travelling and hovering, or what is left of that for a vehicle that never hovers."""
@@ -64,15 +69,18 @@ class RegimesGuide(AirVelocityGuide):
         if prediction is not None:
             noise = prediction.hover_noise
             air_noise = per_epoch(prediction.noise + regimes.travel_var + 1.0 if noise is None else noise)
-        return Hypothesis(
+        begun = Hypothesis(
             name=HOVER,
             probability=regimes.hover_probability,
             velocity_var=regimes.hover_var,
             air_noise=air_noise,
             log_likelihood=_log_density(active, regimes.hover_activity),
             velocity_time=_HOVER_TIME,
-            doubt_psd=self.spread_psd + regimes.doubt_psd(time),
+            doubt_psd=self.hover_spread_psd + regimes.doubt_psd(time),
+            air_corrects=False,  # a network errs by more than a hover moves
         )
+        # a hover that goes on is held in its place: its velocity changes sign soon, and its displacement has a bound
+        return replace(begun, lasting=replace(begun, velocity_time=me.PERIOD, place_var=regimes.wander_var))
 
 
 class Best(Anfis):
@@ -98,7 +106,8 @@ class Best(Anfis):
         """The regimes of the flight with ``model``, as the way that rehearsals know by ``name``."""
         can_hover = self.beforehand.by_flight(flight.epochs).can_hover
         regimes = learn_regimes(flight.epochs, flight.usual, flight.decisions, can_hover)
-        return RegimesGuide(model, flight.drift_variance, flight.spread.get(name, 0.0), regimes=regimes)
+        spread, hovering = (found.get(name, 0.0) for found in (flight.spread, flight.hover_spread))
+        return RegimesGuide(model, flight.drift_variance, spread, regimes=regimes, hover_spread_psd=hovering)
 
     def choose(self, flight: Flight, scores: RehearsalScores) -> Guide | None:
         """Regimes with the network unless a part of it was better; nothing that erred far more than coasting."""
@@ -107,7 +116,7 @@ class Best(Anfis):
     def chosen(self, ways: dict[str, Guide], network: str, scores: RehearsalScores) -> Guide | None:
         """Of ``ways`` the one named ``network`` unless rehearsals speak against it."""
         best = REGIMES
-        if network in ways and not scores.is_worse(network, REGIMES, _DRAW):
+        if network in ways and not scores.is_worse(network, REGIMES, _WORSE):
             best = ALONE if ALONE in ways and scores.is_worse(network, ALONE, _DRAW) else network
         return None if scores.is_worse(best, Coast.name, _CLEARLY) else ways[best]
 
