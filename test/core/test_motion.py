@@ -7,7 +7,7 @@ from flown import Flight
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.regimes import Decisions, MotionRegimes, learn_regimes
-from nav_pose_estimator.core.motion.usual import Hover, Travel, UsualMotion
+from nav_pose_estimator.core.motion.usual import Drag, Hover, Travel, UsualMotion
 from nav_pose_estimator.core.numerics.rotation import quat_from_euler, quat_to_matrix
 
 
@@ -65,6 +65,7 @@ USUAL = UsualMotion(
     multirotor=Travel(speed=2.0, velocity_time=8.0, loiter=6.0),
     fixed_wing=Travel(speed=11.0, velocity_time=8.0, loiter=6.0),
     hover=Hover(speed=0.3, activity=(-1.9, 0.6), travel_activity=(-0.1, 0.9), wander=1.0, time=12.0, missed=0.1),
+    drag=Drag(rate=0.2, rate_spread=0.05, noise=2.0),
 )
 
 

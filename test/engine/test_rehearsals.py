@@ -282,7 +282,7 @@ def test_best_is_what_did_best_in_rehearsal(rms, rehearsals: int, chosen: str | 
     """GIVEN rehearsals WHEN GNSS is lost THEN the way that did better is taken, and none that did far worse than
     coasting: no regret."""
     guide = aid_with(rms, rehearsals).choose()
-    name = None if guide is None else "regimes" if guide.model is None else "network"
+    name = None if guide is None else "regimes" if guide.is_usual else "network"
     if type(guide) is AirVelocityGuide:
         name = "alone"
     assert name == chosen

@@ -55,12 +55,23 @@ class Hover:
 
 
 @dataclass(frozen=True)
+class Drag:
+    """Rotor drag of multirotors. ``rate``: specific force along body x or y over velocity through the air [1/s], with
+    deviation ``rate_spread`` over airframes. ``noise``: deviation of a mean over one second of what it leaves [m/s]."""
+
+    rate: float
+    rate_spread: float
+    noise: float
+
+
+@dataclass(frozen=True)
 class UsualMotion:
     """What is usual for each kind of vehicle. One that rolls is guided by the ground: nothing is expected of it."""
 
     multirotor: Travel
     fixed_wing: Travel
     hover: Hover
+    drag: Drag
 
 
 @dataclass(frozen=True)
