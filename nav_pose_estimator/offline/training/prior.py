@@ -37,7 +37,7 @@ LEAST = 20.0
 """Seconds of flight below which a recording says nothing."""
 _HEAD = """\
 # How vehicles usually move: what a flight begins with, and what it shows replaces (docs/outages.md).
-# Speeds and noise in m/s, wander in m (RMS of each axis), times in s, rates in 1/s; activities: mean and deviation of a logarithm.
+# Speeds in m/s (RMS of each axis), wander in m, times in s, rates in 1/s; activities: mean, deviation of a logarithm.
 # Written by train prior of nav_pose_estimator {version}; the flights stand at the end. Every airframe counts once.
 """
 
