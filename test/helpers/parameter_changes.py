@@ -59,6 +59,7 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "gnss.velocity_vertical_sd": 1.5,
         "gnss.position_correlation": 1.0,
         "gnss.noise": "innovation_adaptive",
+        "gnss.error_states": True,
         "gnss.gate.satellite_source": "none",
         "gnss.gate.min_satellites_enter": 30,
         "gnss.gate.min_satellites_leave": 10,

@@ -20,6 +20,8 @@ from nav_pose_estimator.core.filter.layout import (
     DPOS,
     DVEL,
     DVL,
+    GNSS_ERROR,
+    I_GNSS_ERROR,
     LAT,
     LON,
     PHI,
@@ -46,6 +48,8 @@ from nav_pose_estimator.core.numerics.vectors import (
 
 BEAMS = 4
 """Beams of which each has a bias state of its own."""
+POSITION, VELOCITY = 0, 3
+"""Where the errors of GNSS positions and velocities begin in their block."""
 
 
 @kernel
@@ -88,6 +92,19 @@ def gnss_velocity(nav, states, velocity, lever):
         H[i, D_GYRO_BIAS + 2] = -(C[i, 0] * lever[1] - C[i, 1] * lever[0])
     _add_skew(H, PHI, swing)
     return z, H
+
+
+@kernel
+def see_gnss_error(z, H, nav, constants, part):
+    """Add the lasting errors to a GNSS observation (3 rows) of a filter that has them as states.
+
+    ``part``: ``POSITION`` or ``VELOCITY``. The receiver measures what is true and what lasts of its error.
+    """
+    first = int(constants[I_GNSS_ERROR])
+    if first >= 0:
+        for i in range(3):
+            z[i] += nav[GNSS_ERROR + part + i]
+            H[i, first + part + i] = -1.0  # what is missing from the estimate of the error
 
 
 @kernel

@@ -77,8 +77,8 @@ class FilterRun:
         sensors = [*self.gnss.sensors, *self.aids.values(), self.rest, self.imu_doubt]
         self._fusion = Fusion(sensors, filter_setup.gates(parameters))
         self.noise = noise or NoiseIdentification()
-        self.gnss.reception.noise_variance = self.noise.gnss_variance
-        constants = filter_setup.constants(parameters, self.noise.imu_variance)
+        self.gnss.reception.shown = self.noise
+        constants = filter_setup.constants(parameters, self.noise)
         # without a compiler it would be no faster
         expected = kinds(self.gnss, self.aids.values(), self.aiding)
         routine = Routine(expected, self.aiding, self._fusion) if COMPILED else None
@@ -114,7 +114,7 @@ class FilterRun:
 
     def renew_constants(self) -> None:
         """Give the filter its constants anew, with the noise that the flight has shown and the states that it has."""
-        constants = filter_setup.constants(self.parameters, self.noise.imu_variance, self.imu_physics.vibration_noise)
+        constants = filter_setup.constants(self.parameters, self.noise, self.imu_physics.vibration_noise)
         keep_blocks(constants, self.timeline.filter.constants)
         self.timeline.filter.constants[:] = constants
 
@@ -200,8 +200,7 @@ class FilterRun:
         self.journal.say(self.clock.stamp(self.now), "resume.refused.moved", Level.WARN, text)
         if not self.origin_is_fixed:
             self.origin = None
-        self.noise = NoiseIdentification()
-        self.gnss.reception.noise_variance = self.noise.gnss_variance
+        self.noise = self.gnss.reception.shown = NoiseIdentification()
         self.timeline.shift = np.zeros(3)
         self.renew_constants()
 

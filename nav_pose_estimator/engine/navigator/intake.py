@@ -100,10 +100,9 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
         return
     t -= (sample.stamp_ns - usable.stamp_ns) * NS  # a late one
     observation = run.gnss.velocity.observe(usable, t)
-    assert observation.stated_R is not None
     run.imu_physics.velocity(observation.t, usable.vel_enu, sample.vel_enu)
     run.gnss.position.pull.velocity(observation.t, usable.vel_enu)
-    run.start_up.velocity(observation.t, usable.vel_enu, observation.stated_R)
+    run.start_up.velocity(observation.t, usable.vel_enu, run.gnss.reception.velocity_noise(usable))
     if run.timeline.running:
         run.observe(observation)
         if run.trial is not None:
