@@ -31,12 +31,14 @@ class Kind:
     ``name`` is the family of its counters (``height.used``). Observations of equal time act in the order of
     ``precedence``, then of arrival. ``whole``: it acts on the filter as a whole and not on each branch, because it
     carries information that no hypothesis has; the branches end with it. ``quiet``: it never changes the mode.
+    ``holds``: it changes the mode only where nothing has bounded the drift.
     """
 
     name: str
     precedence: int = 5
     whole: bool = False
     quiet: bool = False
+    holds: bool = False
 
 
 class Use(Enum):

@@ -39,7 +39,7 @@ _TELLING = 5.0  # deviations: a velocity that would show a wrong mounting
 class BeamVelocitySensor(Aid):
     """One row for each beam that is believed."""
 
-    kind = Kind("beam_velocity")
+    kind = Kind("beam_velocity", holds=True)
     sample, family = BeamVelocitySample, "beam_velocity"
     bounds_drift = True
     blocks: ClassVar[dict[Block, Wander]] = {DVL: Wander((3e-5,) * BEAMS + (1e-5,) + (1e-6,) * 3)}
