@@ -68,7 +68,7 @@ class Decision:
     known (surface of the water [m]). ``velocity`` (3,) [m/s], ENU, is what a reset also puts right, NaN where unknown.
     ``widening`` multiplies the covariance of the motion first; the deviations of the position [m], horizontal and
     vertical, and of the horizontal velocity [m/s] are afterwards at least ``least_sd``. ``rows``: those that are used,
-    of a sensor that judges each row on its own.
+    of a sensor that judges each row on its own. ``change`` (3,): of the velocity at the sensor, b [m/s^2].
     """
 
     use: Use
@@ -77,6 +77,7 @@ class Decision:
     widening: float = 1.0
     least_sd: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rows: tuple[Row, ...] = ()
+    change: Array | None = None
 
 
 LEFT_OUT, GATED, UNGATED = Decision(Use.LEFT_OUT), Decision(Use.GATED), Decision(Use.UNGATED)

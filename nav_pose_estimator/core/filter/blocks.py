@@ -14,6 +14,7 @@ missing from it (truth = estimate + error), a Gauss-Markov process or a random w
 | depth | bias of a height from water pressure [m] | observations of that height |
 | gravity | gravity beyond the normal one, n [m/s^2] | velocity: dv_dot = ... - dg |
 | airspeed | scale error k of an airspeed sensor: measured = (1 + k) airspeed | observations of the airspeed |
+| dvl_delay | delay d [s]: velocity in the row of dvl = velocity - d change of velocity | observations of beams |
 
 Sources: CN114459477B (dvl, there without the mounting, depth: states 16 to 21); J. Sola (2017), section 5.3 (gravity,
 there with the other sign).
@@ -74,7 +75,8 @@ DVL = Block("dvl", 8, at.DVL, at.I_DVL)
 DEPTH = Block("depth", 1, at.DEPTH, at.I_DEPTH)
 GRAVITY = Block("gravity", 3, at.GRAVITY, at.I_GRAVITY)
 AIRSPEED = Block("airspeed", 1, at.AIRSPEED, at.I_AIRSPEED)
-BLOCKS = (WIND, GYRO_MATRIX, DVL, DEPTH, GRAVITY, AIRSPEED)
+DVL_DELAY = Block("dvl_delay", 1, at.DVL_DELAY, at.I_DVL_DELAY)
+BLOCKS = (WIND, GYRO_MATRIX, DVL, DEPTH, GRAVITY, AIRSPEED, DVL_DELAY)
 """All blocks, in their order in the error state and in ``nav``."""
 TABLE = tuple((block.index, block.size, block.nav) for block in BLOCKS)
 """(constant with the first state, size, place in ``nav``) of every block, for kernels."""

@@ -1,8 +1,9 @@
-"""Whether velocities are stamped late: says so while GNSS is good."""
+"""Whether velocities are stamped late: what the innovations say of it, and what the filter's own state needs."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +16,31 @@ Array = NDArray[np.float64]
 
 _SURE = 5.0  # deviations
 _SHORT = 0.03  # s: a delay that costs nothing
+_SPAN, _LONGEST = 0.19, 1.1  # s over which the velocity's change is taken, at the least and at the most
+
+
+class VelocityChange:
+    """How fast the velocity at the sensor has changed of late.
+
+    By differences over two tenths of a second, or from one message to the next where these come more slowly: vibration
+    does not show in them, and they are as good for a delay as a line between the two is.
+    """
+
+    def __init__(self) -> None:
+        self._past: deque[tuple[float, Array]] = deque()
+
+    def at(self, t: float, velocity: Array) -> Array:
+        """The mean change (3,) [m/s^2] until ``t`` [s], when the ``velocity`` is (3,) [m/s]; zero where unknown."""
+        past = self._past
+        if past and past[-1][0] >= t:
+            past.clear()
+        while len(past) > 1 and past[1][0] <= t - _SPAN:
+            past.popleft()
+        change = np.zeros(3)
+        if past and t - past[0][0] <= _LONGEST:
+            change = (velocity - past[0][1]) / (t - past[0][0])
+        past.append((t, velocity))
+        return change
 
 
 @dataclass
@@ -39,3 +65,9 @@ class DelayWatch:
         delay = product / slopes
         left = max(squares - delay * product, 0.0) / max(count, 1.0)
         return delay if abs(delay) > max(_SHORT, _SURE * math.sqrt(left / slopes)) else 0.0
+
+    def missing(self, state: float, sd: float) -> float:
+        """``delay``, or where the filter estimates it the ``state`` [s], if certain by its ``sd``; 0 if it is not."""
+        if math.isnan(sd):
+            return self.delay
+        return state if abs(state) > max(_SHORT, _SURE * sd) else 0.0
