@@ -4,9 +4,10 @@
     tools/in_environment.sh python benchmarks/beams_delay.py [--case drone] [--delays 0,0.05,0.15] [--seeds 10] \
         [--first-seed 7000] [--aided 120] [--length 60]
 
-Simulated. Over the seeds: error of the delay when GNSS goes, in ms (mean and RMS), the deviation that the filter states
-(median) and the squared error over its variance (mean, 1 is honest); horizontal error at the end of the time without
-GNSS in % of the distance (median, RMS), and NEES of horizontal velocity and position then, per degree of freedom (mean).
+Simulated. Over the seeds: error of the delay when GNSS goes, in ms (mean and RMS), the deviation that the filter
+states (median) and the squared error over its variance (mean, 1 is honest); horizontal error at the end of the time
+without GNSS in % of the distance (median, RMS), and NEES of horizontal velocity and position then, per degree of
+freedom (mean).
 """
 
 import os

@@ -118,7 +118,7 @@ def test_mean_air_velocity_is_nought_for_the_true_velocity_and_wind() -> None:
 
 
 def test_beams_are_nought_for_what_the_sensor_measures() -> None:
-    """GIVEN late beams with bias, scale error and a turned mounting THEN the row is what they measure less what is told."""
+    """GIVEN beams, late, turned, with bias and scale error THEN the row is what they measure less what is told."""
     nav = state()
     C = measurements.quat_to_matrix(nav[at.QUAT : at.QUAT + 4])
     *biases, scale, x, y, z = nav[DVL.estimates]

@@ -87,7 +87,7 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
         heading_trial.carry(run, run.trial, rows[:count], out)
     now = float(times[count - 1])
     run.update_mode(now)
-    quiet = min(run.modes.deadline(now, run.aiding), run.timeline.next_observation, run.second_due)
+    quiet = min(run.modes.deadline(now, run.aiding), run.timeline.queue.due, run.second_due)
     run.quiet_until = quiet if run.trial is None else -math.inf
     return _blocks(run, stamps_ns[:count], out)
 

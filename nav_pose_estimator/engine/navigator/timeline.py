@@ -72,11 +72,6 @@ class Timeline:
         self.imu.append(rows)
         self.imu.drop_before(rows[-1, IMU_T] - self._window)
 
-    @property
-    def next_observation(self) -> float:
-        """Time of the earliest observation that waits for the future, infinite without one."""
-        return self.queue.due
-
     def rows_since(self, t: float) -> np.ndarray:
         """The IMU rows (N, 7) later than ``t`` [s], as far as the memory reaches; not to be written to."""
         return self.imu.recent(t)

@@ -27,14 +27,13 @@ from nav_pose_estimator.engine.sensors.beams import words
 from nav_pose_estimator.engine.sensors.beams.agreement import Accusation, Agreement
 from nav_pose_estimator.engine.sensors.beams.arrangement import Arranged, Arrangement
 from nav_pose_estimator.engine.sensors.beams.compensation import COMPENSATORS, BeamEvidence, Compensator
-from nav_pose_estimator.engine.sensors.beams.delay_watch import DelayWatch, VelocityChange
+from nav_pose_estimator.engine.sensors.beams.delay_watch import DelayWatch
 from nav_pose_estimator.engine.sensors.beams.message import Flaw, MessageReader, given_directions
 from nav_pose_estimator.engine.sensors.beams.verification import Verification, deviation_of
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised
 from nav_pose_estimator.engine.solutions import Level
 
 _HOLDS = 3.0  # s
-_NO_CHANGE = np.zeros(3)
 _TELLING = 5.0  # deviations: a velocity that would show a wrong mounting
 
 
@@ -57,12 +56,11 @@ class BeamVelocitySensor(Aid):
         self._arrangement = Arrangement(rotation_from_rpy(beams.rpy))
         self.judge, self._was_out = BeamJudge(), [False] * BEAMS
         self._agreement, self._accusation = Agreement(), Accusation()
-        self._delays, self._changes = DelayWatch(), VelocityChange()
+        self._delays = DelayWatch()
         self.compensator = COMPENSATORS[beams.compensation]()
         self._last_used = -math.inf  # s
         self._said: set[str] = set()
         self._states = np.zeros(DVL.size)  # as last estimated
-        self._late, self._late_sd = 0.0, math.nan  # s: delay beyond the parameter, as last estimated; NaN: it is not
         self._fresh: tuple[np.ndarray, np.ndarray] | None = None  # of a decision, for the linearisation that follows it
 
     def set_parameters(self, parameters: Parameters) -> None:
@@ -103,7 +101,7 @@ class BeamVelocitySensor(Aid):
         if self._verification.reading is None:
             self._verify(o, f)
             return LEFT_OUT
-        arranged, change = self._arrangement.arrange(o.measured), self._change(o.t, f)
+        arranged, change = self._arrangement.arrange(o.measured), self._delays.change(o.t, f, self._lever)
         z, H = self._rows(arranged, change, f)
         judged = self.judge.judge(z, H, f.P, arranged.variances, arranged.are_beams)
         verdicts, gnss_is_good = judged.verdict.tolist(), self._aiding.gnss_is_good(o.t)
@@ -138,14 +136,6 @@ class BeamVelocitySensor(Aid):
         if said is not None:
             self._say_once(o.stamp_ns, *said)
 
-    def _change(self, t: float, f: FilterView) -> np.ndarray:
-        """How fast the velocity at the sensor changes, b [m/s^2], where that is asked for."""
-        if not DVL_DELAY.is_in(f.constants):
-            return _NO_CHANGE
-        self._late, state = float(f.nav[DVL_DELAY.nav]), DVL_DELAY.states(f.constants).start
-        self._late_sd = math.sqrt(f.P[state, state])
-        return self._changes.at(t, velocity_at(f.nav, self._lever))
-
     def _rows(self, arranged: Arranged, change: np.ndarray, f: FilterView) -> tuple[np.ndarray, np.ndarray]:
         blocks = int(f.constants[DVL.index]), int(f.constants[DVL_DELAY.index])
         directions, measured, _, are_beams = arranged
@@ -164,11 +154,11 @@ class BeamVelocitySensor(Aid):
             if 2 * refused > present:
                 self._verification.disagrees(o.measured, velocity, sd)
         if self._agreement.add(refused, present, telling):
-            contradicts, delay = self._agreement.contradicts, self._delay + self._late + self._delays.delay
+            contradicts, delay = self._agreement.contradicts, self._delay + self._delays.missing
             said = self._verification.contradiction(delay) if contradicts else words.AGREES
             self._journal.say(o.stamp_ns, *said)
-        elif self._agreement.is_proven and (late := self._delays.missing(self._late, self._late_sd)):
-            self._say_once(o.stamp_ns, *words.delayed(self._delay + late, self._late_sd))
+        elif self._agreement.is_proven and (late := self._delays.missing):
+            self._say_once(o.stamp_ns, *words.delayed(self._delay + late, self._delays.sd))
 
     def _accusing(self, gated: list[int], z: np.ndarray, judged: Judged) -> list[Row]:
         """Beams that are refused together for long, without GNSS: the navigator follows them, at the gate's edge."""
@@ -232,8 +222,8 @@ class BeamVelocitySensor(Aid):
         figures = {"beams.scale": float(self._states[BEAMS])}
         for name, angle in zip(("roll", "pitch", "yaw"), self._states[BEAMS + 1 :].tolist(), strict=True):
             figures[f"beams.mounting_{name}_deg"] = math.degrees(angle)
-        if not math.isnan(self._late_sd):
-            figures["beams.delay"], figures["beams.delay_sd"] = self._delay + self._late, self._late_sd
+        if not math.isnan(self._delays.sd):
+            figures["beams.delay"], figures["beams.delay_sd"] = self._delay + self._delays.estimate, self._delays.sd
         for i in range(self._arrangement.count):
             figures[f"beams.{i + 1}.bias"] = float(self._states[i])
             figures[f"beams.{i + 1}.noise_factor"] = float(self.judge.factors[i])

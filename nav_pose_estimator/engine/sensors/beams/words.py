@@ -25,7 +25,7 @@ AGREES = ("beam_velocity.contradicts.ended", Level.INFO, "beam velocities and GN
 
 
 def delayed(delay: float, sd: float) -> tuple[str, Level, str]:
-    """The innovations follow the acceleration: velocities are ``delay`` [s] old, or more; with ``sd``, not NaN, so old."""
+    """Innovations follow the acceleration: velocities are ``delay`` [s] old, or more; just so where ``sd`` is known."""
     text = f"beam velocities seem to be {delay:.2f} s old when they are stamped (at arrival?): set aids.beams.delay"
     if not math.isnan(sd):
         text = f"beam velocities are {delay:.2f} s old when they are stamped: that is allowed for (aids.beams.delay)"
