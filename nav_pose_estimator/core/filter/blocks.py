@@ -16,6 +16,7 @@ missing from it (truth = estimate + error), a Gauss-Markov process or a random w
 | airspeed | scale error k of an airspeed sensor: measured = (1 + k) airspeed | observations of the airspeed |
 | gnss_error | what lasts of the errors of GNSS, n: positions (3) [m], velocities (3) [m/s]; measured = true + error |\
  observations of GNSS |
+| dvl_delay | delay d [s]: velocity in the row of dvl = velocity - d change of velocity | observations of beams |
 
 Sources: CN114459477B (dvl, there without the mounting, depth: states 16 to 21); J. Sola (2017), section 5.3 (gravity,
 there with the other sign); A. Bryson and D. Johansen, IEEE Trans. Automatic Control 10(1), 1965 (gnss_error: coloured
@@ -78,7 +79,8 @@ DEPTH = Block("depth", 1, at.DEPTH, at.I_DEPTH)
 GRAVITY = Block("gravity", 3, at.GRAVITY, at.I_GRAVITY)
 AIRSPEED = Block("airspeed", 1, at.AIRSPEED, at.I_AIRSPEED)
 GNSS_ERROR = Block("gnss_error", 6, at.GNSS_ERROR, at.I_GNSS_ERROR)
-BLOCKS = (WIND, GYRO_MATRIX, DVL, DEPTH, GRAVITY, AIRSPEED, GNSS_ERROR)
+DVL_DELAY = Block("dvl_delay", 1, at.DVL_DELAY, at.I_DVL_DELAY)
+BLOCKS = (WIND, GYRO_MATRIX, DVL, DEPTH, GRAVITY, AIRSPEED, GNSS_ERROR, DVL_DELAY)
 """All blocks, in their order in the error state and in ``nav``."""
 TABLE = tuple((block.index, block.size, block.nav) for block in BLOCKS)
 """(constant with the first state, size, place in ``nav``) of every block, for kernels."""

@@ -132,7 +132,7 @@ def _give_blocks(run: FilterRun, aid: Aid) -> bool:
     added = {
         block: np.diag(np.broadcast_to(np.square(aid.first_sd[block]), block.size))
         for block in aid.blocks
-        if not block.is_in(before)
+        if block in aid.first_sd and not block.is_in(before)
     }
     if not added:
         return True

@@ -212,7 +212,7 @@ def warm_up(constants: np.ndarray) -> None:
         measurements.zero_velocity(nav, states),
         measurements.airspeed(nav, states, 0, 0, 1.0),
         measurements.height_in_water(nav, states, 0, 0.0),
-        measurements.beam_velocities(nav, states, 0, np.eye(3), zero, zero, True),
+        measurements.beam_velocities(nav, states, (0, -1), np.eye(3), zero, zero, zero, True),
     ):
         R = np.eye(len(z))
         gated_correct(nav, P, constants, z, H, R, 10.0, 100.0)
