@@ -3,8 +3,8 @@
 tools/in_environment.sh python benchmarks/velocity_steps.py flights/*_bag
 
 A step is what motion does not explain: the velocity in the body less what the last one and the IMU have led to. In each
-flight GNSS is taken away for 30 s out of every 60, from its start on and all in one run. "late" is the share of the time in which the
-published velocity (``ros.output.velocity_slew``) is more than 0.1 m/s from the estimate.
+flight GNSS is taken away for the second half of every minute, all in one run. "late" is the share of the time in which
+the published velocity (``ros.output.velocity_slew``) is more than 0.1 m/s from the estimate.
 """
 
 import argparse
