@@ -249,6 +249,7 @@ OF_NODES: dict[str, Any] = {
     "ros.frames.base_link": "drone",
     "ros.frames.publish_tf": True,
     "ros.output.odometry_rate": 10.0,
+    "ros.output.velocity_slew": 0.5,
     "ros.output.attitude_rate": 10.0,
     "ros.output.fix_rate": 1.0,
     "ros.output.bias_rate": 5.0,

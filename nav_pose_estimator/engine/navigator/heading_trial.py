@@ -51,7 +51,7 @@ def carry(run: FilterRun, trial: CarriedHeading, rows: np.ndarray, out: np.ndarr
         run.start_up.imu(row)
         if run.start_up.aligner.is_stale(max(_PATIENCE, run.aiding.lost_after)):
             run.start_up = run.start_up.afresh(run.parameters)
-        if run.start_up.aligner.follows_motion:
+        if run.start_up.aligner.bank is not None:
             trial.carry(row[at.IMU_T], solution[at.OUT_RATE : at.OUT_FORCE])
         else:
             trial.hold(row[at.IMU_T], solution[at.OUT_QUAT : at.OUT_RATE].copy())

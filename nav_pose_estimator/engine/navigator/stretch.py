@@ -15,8 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.gnss.doubt import HOPELESS
 from nav_pose_estimator.core.filter.blocks import DVL
+from nav_pose_estimator.core.gnss.doubt import HOPELESS
 from nav_pose_estimator.core.routine import table
 from nav_pose_estimator.engine.navigator import heading_trial
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
