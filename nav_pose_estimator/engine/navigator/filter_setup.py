@@ -53,7 +53,11 @@ def complete_start(start: Alignment, constants: np.ndarray, parameters: Paramete
     set_blocks(base, ())
     navigator = parameters.navigator
     errors = lasting_error.first_cov(parameters.gnss)
-    first: dict[Block, ArrayLike] = {GYRO_MATRIX: navigator.gyro_matrix_sd**2, GRAVITY: navigator.gravity_sd**2, GNSS_ERROR: errors}
+    first: dict[Block, ArrayLike] = {
+        GYRO_MATRIX: navigator.gyro_matrix_sd**2,
+        GRAVITY: navigator.gravity_sd**2,
+        GNSS_ERROR: errors,
+    }
     P = enlarged(start.P, base, constants, first)
     if GNSS_ERROR.is_in(constants):  # the position is that of a fix, with its error
         begin = GNSS_ERROR.states(constants).start
