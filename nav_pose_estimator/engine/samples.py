@@ -259,6 +259,8 @@ class Hypothesis:
     ``air_noise`` (3,) [m^2/s^2] of the predicted air velocity in b, ``log_likelihood`` of all else that was seen.
     ``place_var`` [m^2] of each horizontal component of the place about where GNSS was lost, of which ``place_time`` [s]
     make one draw. ``doubt_psd`` [m^2/s]: how the position spreads because the vehicle may do something else.
+    ``air_corrects``: the predicted air velocity corrects the branch; else it tells the hypotheses apart, no more.
+    ``lasting``: what holds in place of this while it has been the likely hypothesis ever since GNSS was lost.
     """
 
     name: str
@@ -268,8 +270,10 @@ class Hypothesis:
     log_likelihood: float = 0.0
     velocity_time: float | None = 1.0
     place_var: float | None = None
-    place_time: float = 30.0
+    place_time: float = 60.0
     doubt_psd: float = 0.0
+    air_corrects: bool = True
+    lasting: "Hypothesis | None" = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from flown import Flight
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.regimes import Decisions, MotionRegimes, learn_regimes
-from nav_pose_estimator.core.motion.usual import Hover, Travel, UsualMotion
+from nav_pose_estimator.core.motion.usual import Drag, Hover, Travel, UsualMotion
 from nav_pose_estimator.core.numerics.rotation import quat_from_euler, quat_to_matrix
 
 
@@ -64,7 +64,8 @@ def test_activity_looks_two_seconds_back_and_no_further() -> None:
 USUAL = UsualMotion(
     multirotor=Travel(speed=2.0, velocity_time=8.0, loiter=6.0),
     fixed_wing=Travel(speed=11.0, velocity_time=8.0, loiter=6.0),
-    hover=Hover(speed=0.3, activity=(-1.9, 0.6), travel_activity=(-0.1, 0.9), time=12.0, missed=0.1),
+    hover=Hover(speed=0.3, activity=(-1.9, 0.6), travel_activity=(-0.1, 0.9), wander=1.0, time=12.0, missed=0.1),
+    drag=Drag(rate=0.2, rate_spread=0.05, noise=2.0),
 )
 
 
@@ -148,6 +149,21 @@ def test_a_flight_that_only_hovered_expects_the_motion_of_others() -> None:
     soon, late = (regimes.doubt_psd(regimes.until + after) for after in (10.0, 60.0))
     assert 0.0 < soon < late < 8.0 * 4.0 * 0.1
     assert late / soon == pytest.approx(-np.expm1(-60.0 / 162.0) / -np.expm1(-10.0 / 162.0), rel=0.02)
+
+
+def test_how_far_a_hover_wanders_is_learned_from_hovers_alone() -> None:
+    """GIVEN hovers that go to and fro between two places 4 m apart, and a dash WHEN learned THEN the variance comes
+    from the usual one to that of the hovers, and the dash has no part in it."""
+    slow, fast = np.full(480, 0.3), np.full(60, 8.0)
+    epochs = moving(np.concatenate([slow, fast]), np.full(540, 0.1))
+    north = np.where(np.arange(540) // 60 % 2 == 0, 0.0, 4.0)  # half a minute later it is always at the other one
+    north[480:] += 1000.0
+    epochs[:, me.POSITION] = 0.8 + north / 6.37e6
+    of_hovers = 0.5 * 4.0**2
+    seconds = (480 - 60) * me.PERIOD
+    expected = (60.0 * 1.0 + seconds * of_hovers) / (60.0 + seconds)
+    assert learn_regimes(epochs, USUAL).wander_var == pytest.approx(expected, rel=0.02)
+    assert learn_regimes(epochs[:40], USUAL).wander_var == pytest.approx(1.0)
 
 
 def test_rehearsals_that_saw_the_vehicle_travel_take_the_doubt_away() -> None:

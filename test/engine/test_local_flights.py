@@ -61,3 +61,42 @@ def test_doubt_widens_the_position_and_nothing_else() -> None:
     np.testing.assert_allclose(more[at.DPOS : at.DPOS + 2], 60.0, rtol=0.05)
     np.testing.assert_allclose(more[at.DVEL : at.DVEL + 2], 0.0, atol=1e-6)
     assert east(doubtful) == pytest.approx(east(sure), abs=1e-6)
+
+
+STAYS = replace(NOTHING, name="hover", lasting=replace(NOTHING, name="hover", place_var=1.0))
+
+
+def test_a_hover_that_goes_on_keeps_its_place() -> None:
+    """GIVEN a drift of 135 m in 30 s WHEN the vehicle has hovered ever since, within a metre THEN so does the position
+    nearly."""
+    assert abs(east(drifted(STAYS))) < 0.1 * abs(east(drifted(NOTHING)))
+
+
+def test_a_hover_that_begins_later_may_be_anywhere() -> None:
+    """GIVEN that hypothesis WHEN the vehicle is likely to travel at first THEN nothing pulls it back later."""
+    free, late = drifted(NOTHING), started(accel_error=0.3)
+    for number, chunk in enumerate(np.split(imu_rows(30.0, error=0.3), range(RATE // 2, 30 * RATE, RATE // 2))):
+        told = replace(evidence(late), hypotheses=(replace(NOTHING, probability=0.9), replace(STAYS, probability=0.1)))
+        if number > 4:
+            told = replace(told, hypotheses=(told.hypotheses[0], replace(told.hypotheses[1], log_likelihood=50.0)))
+        late.advance(chunk)
+        late.observe(observation(late.filter.time, MOTION, told))
+        late.settle()
+    assert late.filter.branches.probability("hover") > 0.9
+    assert east(late) == pytest.approx(east(free), rel=0.05)
+
+
+def test_a_prediction_that_only_tells_hypotheses_apart_leaves_the_velocity_alone() -> None:
+    """GIVEN a network that says 5 m/s at rest WHEN it may correct THEN the velocity follows it; else it does not."""
+    speeds = []
+    for corrects in (True, False):
+        timeline = started()
+        told = replace(NOTHING, air_noise=(0.1, 0.1, 0.1), air_corrects=corrects)
+        for chunk in np.split(imu_rows(10.0), range(RATE // 2, 10 * RATE, RATE // 2)):
+            timeline.advance(chunk)
+            said = replace(evidence(timeline, air=5.0), hypotheses=(told,), wind_cov=np.zeros((2, 2)))
+            timeline.observe(observation(timeline.filter.time, MOTION, said))
+            timeline.settle()
+        speeds.append(float(timeline.filter.nav[at.VEL]))
+    assert speeds[0] > 0.5
+    assert abs(speeds[1]) < 0.1

@@ -46,7 +46,8 @@ def model(epochs):
 
 def test_best_weighs_travelling_against_hovering(epochs, model) -> None:
     """GIVEN a multirotor that hovers now and then WHEN asked THEN both hypotheses are there, their probabilities sum
-    to one, the hover holds the velocity tighter, and the network counts for both."""
+    to one, the hover holds the velocity tighter, and the network guides the traveller alone. A hover that goes on
+    keeps its place."""
     evidence, error = said(guide_of("best", epochs, model), epochs[-4:])
     travel, hover = evidence.hypotheses
     assert (travel.name, hover.name) == ("travel", "hover")
@@ -57,6 +58,12 @@ def test_best_weighs_travelling_against_hovering(epochs, model) -> None:
     np.testing.assert_array_equal(evidence.air_velocity, air)
     assert travel.velocity_time is None  # with a network the usual speed tells the regimes apart, no more
     assert hover.velocity_time is not None
+    assert travel.air_corrects
+    assert hover.air_noise is not None
+    assert not hover.air_corrects
+    assert hover.place_var is None
+    assert hover.lasting.place_var < 0.1 * travel.place_var
+    assert travel.lasting is None
     np.testing.assert_allclose(travel.air_noise, doubt * model.noise / me.PERIOD)
     np.testing.assert_allclose(evidence.wind, model.wind_mean + model.wind)
     np.testing.assert_allclose(evidence.wind_mean, model.wind_mean)
@@ -103,6 +110,20 @@ def test_a_method_of_a_network_says_nothing_without_one(epochs, method: str) -> 
     assert said(guide_of(method, epochs), epochs[-4:]) == (None, None)
 
 
+def test_of_two_laws_the_one_in_less_doubt_guides(epochs, model) -> None:
+    """GIVEN a network and the usual drag WHEN no rehearsal tells which is better THEN that with the smaller noise
+    guides; rehearsals overrule it."""
+
+    class Network(Untried):
+        def is_worse(self, name: str, rival: str, ratio: float) -> bool:
+            return (name, rival) == ("regimes", "network")
+
+    vague = replace(model, noise=100.0 * model.noise)
+    assert not guide_of("best", epochs, model).is_usual
+    assert guide_of("best", epochs, vague).is_usual
+    assert not estimators()["best"].choose(FlightSoFar(epochs, vague), Network()).is_usual
+
+
 def test_a_fixed_wing_is_never_said_to_hover(epochs, model) -> None:
     """GIVEN a flight that was never slow WHEN asked THEN there is one hypothesis; without a network it says that
     flights are local, and nothing of the velocity."""
@@ -136,7 +157,7 @@ def test_a_fresh_prediction_from_outside_stands_in_for_the_network(epochs, model
     np.testing.assert_allclose(evidence.air_velocity, expected)
     assert error is None  # it is not this process's to tell
     old = VelocityError(NOW - 1_100_000_000, fresh.dv_n, fresh.cov)
-    assert said(guide, epochs[-4:], old)[0].air_velocity is None
+    np.testing.assert_array_equal(said(guide, epochs[-4:], old)[0].air_velocity, guide.model.predict(newest)[0])
     own = guide_of("best", epochs, model)
     np.testing.assert_array_equal(said(own, epochs[-4:], fresh)[0].air_velocity, said(own, epochs[-4:])[0].air_velocity)
 

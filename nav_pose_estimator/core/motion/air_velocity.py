@@ -94,10 +94,13 @@ class AirVelocityModel:
     def predict(self, epoch: Array) -> tuple[Array, float]:
         """Air velocity in b (3,) [m/s] at one epoch (COLUMNS,), and the factor on the noise for strange inputs."""
         x = inputs(epoch[None])
-        novelty = float(self.network.novelty(x)[0])
-        strange = 1.0 + (_STRANGE - 1.0) * min(max(novelty - 1.0, 0.0), 1.0)
-        z = np.append(x[0], 1.0)
-        return self.network.predict(x)[0], strange * (1.0 + _LASTING * float(z @ self.parameter_cov @ z))
+        return self.network.predict(x)[0], float(self.doubt(x)[0])
+
+    def doubt(self, x: Array) -> Array:
+        """Factor (N,) on the noise of what inputs (N, n) give: for strange ones, and for a law seen little of."""
+        strange = 1.0 + (_STRANGE - 1.0) * np.clip(self.network.novelty(x) - 1.0, 0.0, 1.0)
+        z = np.column_stack([x, np.ones(len(x))])
+        return strange * (1.0 + _LASTING * np.einsum("ni,ij,nj->n", z, self.parameter_cov, z))
 
     @property
     def is_guided(self) -> bool:

@@ -14,7 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from nav_pose_estimator.core.motion.epochs import PERIOD, TIME, VELOCITY, activity
-from nav_pose_estimator.core.motion.usual import Hover, Travel, UsualMotion, departures, displacement_squares, hovering
+from nav_pose_estimator.core.motion.usual import (
+    Hover,
+    UsualMotion,
+    departures,
+    displacement_squares,
+    hovering,
+    wander_squares,
+)
 
 _ABLE = 5.0  # m/s: a vehicle that spends a tenth of its flight below this can hover
 _SHARE = 10.0  # percent
@@ -47,9 +54,9 @@ class MotionRegimes:
     """Variance of a velocity component [m^2/s^2] and (mean, variance) of the activity, each for travel and hover.
 
     ``travel_time`` [s]: how much flight makes one independent draw of a travelling vehicle's velocity. ``place_var``
-    [m^2]: variance of a horizontal component of its place about where GNSS was lost. ``unnoticed_psd`` [m^2/s]: by
-    which the position of a vehicle that is said to hover would spread, had the hover ended; ``hover_time`` [s]: how
-    long one lasts. The flight is known up to the time ``until`` [s].
+    [m^2]: variance of a horizontal component of its place about where GNSS was lost, ``wander_var`` [m^2] the same of a
+    hover. ``unnoticed_psd`` [m^2/s]: by which the position of a vehicle that is said to hover would spread, had the
+    hover ended; ``hover_time`` [s]: how long one lasts. The flight is known up to the time ``until`` [s].
     """
 
     can_hover: bool
@@ -60,6 +67,7 @@ class MotionRegimes:
     hover_probability: float
     travel_time: float
     place_var: float
+    wander_var: float
     unnoticed_psd: float
     hover_time: float
     until: float
@@ -91,7 +99,8 @@ def learn_regimes(
         hover_activity=_shrunk_moments(active[hovers], *hover.activity),
         hover_probability=_DOUBT + (1.0 - 2.0 * _DOUBT) * recent,
         travel_time=travel.velocity_time,
-        place_var=_place_variance(epochs, travel_var, travel),
+        place_var=_place_variance(displacement_squares(epochs), travel.loiter**2 * travel_var),
+        wander_var=_place_variance(wander_squares(epochs), hover.wander**2),
         unnoticed_psd=travel.velocity_time * _unnoticed(travel_var, hover, decisions or Decisions()),
         hover_time=_hover_time(epochs, hover),
         until=float(epochs[-1, TIME]) if len(epochs) else 0.0,
@@ -131,11 +140,8 @@ def _hover_time(epochs: np.ndarray, usual: Hover) -> float:
     return (_USUAL_DEPARTURES * usual.time + hovered) / (_USUAL_DEPARTURES + departures(epochs))
 
 
-def _place_variance(epochs: np.ndarray, travel_var: float, usual: Travel) -> float:
-    squares = displacement_squares(epochs)
-    seconds = len(squares) * PERIOD
-    expected = _USUAL_PLACE * usual.loiter**2 * travel_var
-    return float((expected + squares.sum() * PERIOD) / (_USUAL_PLACE + seconds))
+def _place_variance(squares: np.ndarray, usual: float) -> float:
+    return float((_USUAL_PLACE * usual + squares.sum() * PERIOD) / (_USUAL_PLACE + len(squares) * PERIOD))
 
 
 def _shrunk_variance(squared_speed: np.ndarray, usual: float) -> float:

@@ -19,7 +19,9 @@ Array = NDArray[np.float64]
 
 SLOW = 0.8  # m/s: slower counts as hovering
 LOITER_LAG = 30.0  # s: by then the path has bent back on most flights, and the displacement hardly grows any more
+_LAG = round(LOITER_LAG / PERIOD)
 _LONGEST_LAG = 20.0  # s for the correlation of velocities
+_UNKNOWN_WANDER = 1.5  # m, where no flight has hovered for half a minute
 _LEAST = 10.0  # s in a regime below which a flight says nothing of it
 
 
@@ -40,15 +42,26 @@ class Travel:
 class Hover:
     """A vehicle that can hover. ``speed`` as in ``Travel``, hovering; activities: mean and deviation of the logarithm.
 
-    ``time`` [s]: how long a hover lasts. Of the square of a travelling vehicle's speed the regimes take ``missed`` for
-    hovering when there is no GNSS.
+    ``wander`` [m]: RMS displacement of each axis in half a minute of a hover. ``time`` [s]: how long one lasts. Of the
+    square of a travelling vehicle's speed the regimes take ``missed`` for hovering when there is no GNSS.
     """
 
     speed: float
     activity: tuple[float, float]
     travel_activity: tuple[float, float]
+    wander: float
     time: float
     missed: float
+
+
+@dataclass(frozen=True)
+class Drag:
+    """Rotor drag of multirotors. ``rate``: specific force along body x or y over velocity through the air [1/s], with
+    deviation ``rate_spread`` over airframes. ``noise``: deviation of a mean over one second of what it leaves [m/s]."""
+
+    rate: float
+    rate_spread: float
+    noise: float
 
 
 @dataclass(frozen=True)
@@ -58,6 +71,7 @@ class UsualMotion:
     multirotor: Travel
     fixed_wing: Travel
     hover: Hover
+    drag: Drag
 
 
 @dataclass(frozen=True)
@@ -88,14 +102,23 @@ def displacement_squares(epochs: Array) -> Array:
 
     Of those half minutes that begin or end under way: what stands on the ground or hovers says nothing of travelling.
     """
-    lag = round(LOITER_LAG / PERIOD)
-    if len(epochs) <= lag:
-        return np.empty(0)
-    consecutive = epochs[lag:, TIME] - epochs[:-lag, TIME] < LOITER_LAG + 0.5 * PERIOD
     hovers = hovering(epochs)
-    counts = consecutive & ~(hovers[lag:] & hovers[:-lag])
+    return _displacement_squares(epochs, ~(hovers[_LAG:] & hovers[:-_LAG]))
+
+
+def wander_squares(epochs: Array) -> Array:
+    """The same of those half minutes in which the vehicle hovers throughout."""
+    hovered = np.concatenate([[0], np.cumsum(hovering(epochs))])
+    return _displacement_squares(epochs, hovered[_LAG + 1 :] - hovered[: -_LAG - 1] == _LAG + 1)
+
+
+def _displacement_squares(epochs: Array, counts: NDArray[np.bool_]) -> Array:
+    """Squares of those half minutes that ``counts`` (N - _LAG,) names and that have no gap."""
+    if len(epochs) <= _LAG:
+        return np.empty(0)
+    counts = counts & (epochs[_LAG:, TIME] - epochs[:-_LAG, TIME] < LOITER_LAG + 0.5 * PERIOD)
     r_m, r_n = radii(float(epochs[0, POSITION]))
-    steps = (epochs[lag:, POSITION : POSITION + 2] - epochs[:-lag, POSITION : POSITION + 2])[counts]
+    steps = (epochs[_LAG:, POSITION : POSITION + 2] - epochs[:-_LAG, POSITION : POSITION + 2])[counts]
     east = wrap_angle_many(steps[:, 1]) * r_n * np.cos(epochs[0, POSITION])
     return np.asarray(0.5 * (np.square(east) + np.square(steps[:, 0] * r_m)))
 
@@ -114,7 +137,7 @@ def fit_travel(airframes: Sequence[Shown]) -> Travel:
 
 def fit_hover(airframes: Sequence[Shown]) -> Hover:
     """The mean of ``airframes`` that hover, at least one."""
-    speeds, hover, travel, times, missed = [], [], [], [], []
+    speeds, hover, travel, wander, times, missed = [], [], [], [], [], []
     for one in airframes:
         hovers = np.concatenate([hovering(e) for e in one.epochs])
         active = np.concatenate([activity(e) for e in one.epochs])
@@ -123,12 +146,22 @@ def fit_hover(airframes: Sequence[Shown]) -> Hover:
             speeds.append(float(square[hovers].mean()))
             hover.append((float(active[hovers].mean()), float(active[hovers].var())))
             times.append(float(hovers.sum()) * PERIOD / max(sum(departures(e) for e in one.epochs), 1))
+        wandered = np.concatenate([wander_squares(e) for e in one.epochs])
+        if len(wandered) * PERIOD >= _LEAST:
+            wander.append(float(wandered.mean()))
         if (~hovers).sum() * PERIOD >= _LEAST:
             travel.append((float(active[~hovers].mean()), float(active[~hovers].var())))
         if one.travelled >= _LEAST:
             missed.append(one.missed / one.travelled)
     time = float(np.exp(np.mean(np.log(times))))
-    return Hover(_root(speeds), _moments(hover), _moments(travel), time, float(np.mean(missed)) if missed else 0.5)
+    return Hover(
+        _root(speeds),
+        _moments(hover),
+        _moments(travel),
+        _root(wander) if wander else _UNKNOWN_WANDER,
+        time,
+        float(np.mean(missed)) if missed else 0.5,
+    )
 
 
 def _travel_squares(one: Shown) -> list[float]:

@@ -51,6 +51,7 @@ class Branches:
         self._drift_variance = evidence.drift_variance
         self._lost_at = trunk[memory.NAV + at.LAT : memory.NAV + at.VEL].copy()  # where GNSS was lost
         self._left = math.inf  # s: when the vehicle clearly left there
+        self._ended = [math.inf] * len(evidence.hypotheses)  # s: when each was not the likely one for the first time
         stated = trunk[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
         known = self._drift_variance * stated
         # nobody has seen how wrong the position was that GNSS left
@@ -106,6 +107,7 @@ class Branches:
             self._decisions.pop()
         self.weights = self._decisions[-1][1]
         self._left = math.inf if self._left > now else self._left
+        self._ended = [math.inf if ended > now else ended for ended in self._ended]
         return now
 
     def mix_into(self, trunk: np.ndarray) -> None:
@@ -127,8 +129,13 @@ class Branches:
         navs, Ps = self._stacked()
         count = len(navs)
         after_navs, after_Ps = np.tile(navs, (count, 1, 1)), np.tile(Ps, (count, 1, 1, 1))  # hypothesis, branch, ...
+        before = float(navs[0, at.TIME])
         if self._leaves(evidence):
-            self._left = min(self._left, float(navs[0, at.TIME]))
+            self._left = min(self._left, before)
+        self._ended = [
+            ended if likely > 0.5 else min(ended, before)
+            for ended, likely in zip(self._ended, self.weights, strict=True)
+        ]
         joint = self._joint_weights(after_navs, after_Ps, evidence)
         if not joint.any():
             return
@@ -163,6 +170,8 @@ class Branches:
         tempered = min(evidence.interval / evidence.correlation, 1.0)
         exponent = np.empty((count, count))
         for j, hypothesis in enumerate(evidence.hypotheses):
+            if hypothesis.lasting is not None and math.isinf(self._ended[j]):
+                hypothesis = hypothesis.lasting
             for i in range(count):
                 if not self._wind_is_measured:
                     _relax_wind(navs[j, i], evidence)
@@ -221,7 +230,8 @@ def _act(
         base = slice(at.BASE_STATES)  # the wind is the branch's own already
         air = z + H[:, base] @ apart[base], H, np.array(hypothesis.air_noise)
         seen.append(air)
-        used.append(air)
+        if hypothesis.air_corrects:
+            used.append(air)
     if hypothesis.place_var is not None and lost_at is not None:
         used.append(_usual_place(nav, P, lost_at, hypothesis.place_var, hypothesis.place_time / evidence.interval))
     if seen:

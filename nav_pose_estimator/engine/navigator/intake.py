@@ -100,10 +100,9 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
         return
     t -= (sample.stamp_ns - usable.stamp_ns) * NS  # a late one
     observation = run.gnss.velocity.observe(usable, t)
-    assert observation.stated_R is not None
     run.imu_physics.velocity(observation.t, usable.vel_enu, sample.vel_enu)
     run.gnss.position.pull.velocity(observation.t, usable.vel_enu)
-    run.start_up.velocity(observation.t, usable.vel_enu, observation.stated_R)
+    run.start_up.velocity(observation.t, usable.vel_enu, run.gnss.reception.velocity_noise(usable))
     if run.timeline.running:
         run.observe(observation)
         if run.trial is not None:
@@ -133,7 +132,7 @@ def _give_blocks(run: FilterRun, aid: Aid) -> bool:
     added = {
         block: np.diag(np.broadcast_to(np.square(aid.first_sd[block]), block.size))
         for block in aid.blocks
-        if not block.is_in(before)
+        if block in aid.first_sd and not block.is_in(before)
     }
     if not added:
         return True

@@ -19,6 +19,7 @@ from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import state_count
 from nav_pose_estimator.core.filter.kalman import correct, gated_correct
 from nav_pose_estimator.core.filter.vertical_channel import gated_height
+from nav_pose_estimator.core.numerics.deep_copy import deep_copy
 from nav_pose_estimator.engine.continuation.warm_start import WarmStart
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
@@ -71,7 +72,7 @@ class StartUp:
         if self.aligner.is_complete:
             memo[id(self.aligner)] = self.aligner
         twin = copy.copy(self)
-        twin.__dict__ = copy.deepcopy(self.__dict__, memo)
+        twin.__dict__ = deep_copy(self.__dict__, memo)
         return twin
 
     def afresh(self, parameters: Parameters) -> StartUp:
@@ -211,7 +212,7 @@ def warm_up(constants: np.ndarray) -> None:
         measurements.zero_velocity(nav, states),
         measurements.airspeed(nav, states, 0, 0, 1.0),
         measurements.height_in_water(nav, states, 0, 0.0),
-        measurements.beam_velocities(nav, states, 0, np.eye(3), zero, zero, True),
+        measurements.beam_velocities(nav, states, (0, -1), np.eye(3), zero, zero, zero, True),
     ):
         R = np.eye(len(z))
         gated_correct(nav, P, constants, z, H, R, 10.0, 100.0)

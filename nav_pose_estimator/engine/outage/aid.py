@@ -127,7 +127,13 @@ class OutageAid:
         flight, shown = self._pilot.flight(least), self.rehearsals
         if flight is None:
             return None
-        return replace(flight, drift_variance=shown.drift_variance, decisions=shown.decisions, spread=shown.spread)
+        return replace(
+            flight,
+            drift_variance=shown.drift_variance,
+            decisions=shown.decisions,
+            spread=shown.spread(),
+            hover_spread=shown.spread(hovering=True),
+        )
 
     def status(self) -> dict[str, float]:
         """Numbers for diagnostics."""

@@ -58,10 +58,10 @@ class Contestant:
     collector: EpochCollector
     guide: Guide | None
 
-    @property
-    def spread_psd(self) -> float:
-        """What earlier rehearsals have added to the deviation of its position [m^2/s]."""
-        return float(getattr(self.guide, "spread_psd", 0.0))
+    def spread_psd(self, hovered: bool) -> float:
+        """What earlier rehearsals have added to the deviation of its position [m^2/s], hovering or not."""
+        added = getattr(self.guide, "spread_psd", 0.0)
+        return float(getattr(self.guide, "hover_spread_psd", added) if hovered else added)
 
     def copy(self) -> Contestant:
         """An independent copy."""
@@ -118,7 +118,7 @@ class Rehearsal:
             east, north, _ = step_enu(self.truth[at.LAT : at.VEL], contestant.sins.run.settled.nav[at.LAT : at.VEL])
             squares[name] = float(east**2 + north**2)
             # what an earlier finding has added is no finding
-            added = 2.0 * contestant.spread_psd * _LENGTH_NS * 1e-9
+            added = 2.0 * contestant.spread_psd(_hovered(tally)) * _LENGTH_NS * 1e-9
             excess[name] = squares[name] - max(self._stated(contestant) - added, 0.0)
         surprise = squares[COAST] / max(self._stated(self.contestants[COAST]), 1.0)
         return Outcome(squares, surprise, excess, tally)
@@ -145,6 +145,7 @@ class RehearsalState:
     squares: deque[dict[str, float]] = field(default_factory=deque)  # errors at the end, m^2
     surprises: deque[float] = field(default_factory=deque)  # squared error of coasting over its stated variance
     excess: deque[dict[str, float]] = field(default_factory=deque)  # squared errors beyond what was stated, m^2
+    hover_excess: deque[dict[str, float]] = field(default_factory=deque)  # ... of those in which the vehicle hovered
     decisions: Decisions = field(default_factory=Decisions)  # of all that have ended
 
     def drop(self) -> None:
@@ -159,9 +160,14 @@ class Rehearsals:
         """``elsewhere`` flies whole rehearsals when they have ended; by default they are flown here, as data come."""
         self._rules, self._elsewhere = rules or RehearsalRules(), elsewhere
         self._under_way: list[Callable[[], Outcome | None]] = []
-        kept = self._rules.kept
         self.contestants: dict[str, Contestant] = {}
-        self.state = RehearsalState(squares=deque(maxlen=kept), surprises=deque(maxlen=kept), excess=deque(maxlen=kept))
+        kept = self._rules.kept
+        self.state = RehearsalState(
+            squares=deque(maxlen=kept),
+            surprises=deque(maxlen=kept),
+            excess=deque(maxlen=kept),
+            hover_excess=deque(maxlen=kept),
+        )
 
     def copy(self) -> Rehearsals:
         """An independent copy, running rehearsals included."""
@@ -217,15 +223,17 @@ class Rehearsals:
         self._collect()
         return self.state.decisions
 
-    @property
-    def spread(self) -> dict[str, float]:
-        """Way -> power spectral density [m^2/s] of each horizontal component that its stated position lacks."""
+    def spread(self, hovering: bool = False) -> dict[str, float]:
+        """Way -> power spectral density [m^2/s] of each horizontal component that its stated position lacks.
+
+        ``hovering``: by those rehearsals in which the vehicle hovered.
+        """
         self._collect()
-        names = dict.fromkeys(name for excess in self.state.excess for name in excess)
+        found = self.state.hover_excess if hovering else self.state.excess
         spread = {}
-        for name in names:
-            excess = [one[name] for one in self.state.excess if name in one]
-            lacking = max(sum(excess), 0.0) / (self._rules.stated + len(excess))
+        for name in dict.fromkeys(name for excess in found for name in excess):
+            excess = [one[name] for one in found if name in one]
+            lacking = max(sum(excess), 0.0) / (self._rules.enough + len(excess))
             spread[name] = 0.5 * lacking / (_LENGTH_NS * 1e-9)
         return spread
 
@@ -279,6 +287,8 @@ class Rehearsals:
                 self.state.surprises.append(outcome.surprise)
                 self.state.squares.append(outcome.squares)
                 self.state.excess.append(outcome.excess)
+                if _hovered(outcome.decisions):
+                    self.state.hover_excess.append(outcome.excess)
                 self.state.decisions = self.state.decisions + outcome.decisions
 
     def _catch_up(self, velocity: tuple[float, float] | None = None) -> None:
@@ -307,6 +317,11 @@ def _flown(contestants: Mapping[str, Contestant], epoch: Epoch, tally: Decisions
 def _has_restarted(contestants: Mapping[str, Contestant]) -> bool:
     """A gap in the IMU data makes the copies align again, for which they lack GNSS."""
     return any(one.sins.mode not in (*DENIED, Mode.AIDED) for one in contestants.values())
+
+
+def _hovered(decisions: Decisions) -> bool:
+    """Whether the vehicle of a rehearsal hovered, as far as the regimes were asked: slow on average."""
+    return decisions.travelled < 0.5 * SLOW**2 * _LENGTH_NS * 1e-9
 
 
 def _decided(velocity: tuple[float, float] | None, contestants: Mapping[str, Contestant]) -> Decisions:

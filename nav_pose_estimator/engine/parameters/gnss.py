@@ -87,5 +87,8 @@ class GnssParameters:
         "Noise model of positions and velocities; fixed: as stated, with the floors above; others find how much larger",
         choices=tuple(MODELS),
     )
+    error_states: bool = param(
+        False, "", "Estimate what lasts of the errors of positions and velocities (six states); see docs/outages.md"
+    )
     gate: GateParameters = field(default_factory=GateParameters)
     reacquisition: ReacquisitionParameters = field(default_factory=ReacquisitionParameters)

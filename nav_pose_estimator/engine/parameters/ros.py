@@ -67,6 +67,14 @@ class OutputParameters:
     odometry_rate: float = param(
         100.0, "Hz", "Highest rate of odometry/filtered and tf; 0: with every IMU sample", 0.0, 2000.0
     )
+    velocity_slew: float = param(
+        5.0,
+        "m/s^2",
+        "odometry/filtered: corrections enter the twist at this rate, and what is left of them is in"
+        " its covariance; 0: at once",
+        0.0,
+        1000.0,
+    )
     attitude_rate: float = param(0.0, "Hz", "Highest rate of imu/data; 0: with every IMU sample", 0.0, 2000.0)
     fix_rate: float = param(5.0, "Hz", "Highest rate of gps/filtered; 0: with every IMU sample", 0.0, 2000.0)
     bias_rate: float = param(1.0, "Hz", "Highest rate of the bias topics; 0: with every IMU sample", 0.0, 2000.0)

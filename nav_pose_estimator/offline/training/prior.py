@@ -15,6 +15,7 @@ from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import is_guided
 from nav_pose_estimator.core.motion.regimes import Decisions, shows_hovering
 from nav_pose_estimator.core.motion.usual import Shown, UsualMotion, fit_hover, fit_travel
+from nav_pose_estimator.core.motion.usual_drag import fit_drag
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.outage.epochs import EpochCollector
 from nav_pose_estimator.engine.outage.methods.usual_file import as_toml
@@ -36,7 +37,7 @@ LEAST = 20.0
 """Seconds of flight below which a recording says nothing."""
 _HEAD = """\
 # How vehicles usually move: what a flight begins with, and what it shows replaces (docs/outages.md).
-# Speeds in m/s (RMS of each axis), times in s; activities are mean and deviation of a logarithm.
+# Speeds in m/s (RMS of each axis), wander in m, times in s, rates in 1/s; activities: mean, deviation of a logarithm.
 # Written by train prior of nav_pose_estimator {version}; the flights stand at the end. Every airframe counts once.
 """
 
@@ -115,7 +116,8 @@ def fit(flights: Sequence[PriorFlight]) -> UsualMotion:
         shown[kind_of(members)].append(Shown(tuple(one.epochs for one in members), travelled, missed))
     if not shown[ROTORS] or not shown[WING]:
         raise UserError("a prior needs flights of at least one multirotor and one fixed wing")
-    return UsualMotion(fit_travel(shown[ROTORS]), fit_travel(shown[WING]), fit_hover(shown[ROTORS]))
+    rotors = shown[ROTORS]
+    return UsualMotion(fit_travel(rotors), fit_travel(shown[WING]), fit_hover(rotors), fit_drag(rotors))
 
 
 def kind_of(members: Sequence[PriorFlight]) -> str:

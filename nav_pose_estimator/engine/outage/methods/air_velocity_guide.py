@@ -34,11 +34,13 @@ class AirVelocityGuide:
     """A network as it was when GNSS was lost; without one, what another process predicts.
 
     ``spread_psd`` [m^2/s]: of each horizontal component, what the stated position has lacked in rehearsals.
+    ``is_usual``: the model is what is usual, not of this flight; a network of another process knows more.
     """
 
     model: AirVelocityModel | None
     drift_variance: float = 1.0
     spread_psd: float = 0.0
+    is_usual: bool = False
 
     def hypotheses(self, recent: Array, prediction: AirPrediction | None) -> tuple[Hypothesis, ...]:
         """What the vehicle may be doing by the ``recent`` epochs; empty where nothing can be said."""
@@ -47,17 +49,17 @@ class AirVelocityGuide:
     def advise(self, stamp_ns: int, recent: Array, external: VelocityError | None = None) -> Advice:
         """The evidence of the newest epoch, and the velocity error that the network of this process sees in it."""
         newest, prediction, error = recent[-1], None, None
-        if self.model is not None:
-            prediction = _predict(self.model, newest)
-            error = _velocity_error(self.model, stamp_ns, newest, prediction)
-        elif external is not None and abs(external.stamp_ns - stamp_ns) < _FRESH * 1e9:
+        is_fresh = external is not None and abs(external.stamp_ns - stamp_ns) < _FRESH * 1e9
+        model = None if self.is_usual and is_fresh else self.model
+        if model is not None:
+            prediction = _predict(model, newest)
+            error = _velocity_error(model, stamp_ns, newest, prediction)
+        elif external is not None and is_fresh:
             prediction = _from_outside(newest, external)
         hypotheses = self.hypotheses(recent, prediction)
         if not hypotheses:
             return Advice((), error)
-        return Advice(
-            (motion_evidence(stamp_ns, newest, hypotheses, self.drift_variance, prediction, self.model),), error
-        )
+        return Advice((motion_evidence(stamp_ns, newest, hypotheses, self.drift_variance, prediction, model),), error)
 
 
 def travelling(prediction: AirPrediction, spread_psd: float = 0.0) -> Hypothesis:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from nav_pose_estimator.core.motion import epochs as me
-from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel
+from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, is_guided
 from nav_pose_estimator.core.motion.regimes import MotionRegimes, learn_regimes
+from nav_pose_estimator.core.motion.usual_drag import expected_noise, with_usual_drag
+from nav_pose_estimator.core.motion.vehicle_class import MULTIROTOR, UNKNOWN
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import (
     HOVER,
     TRAVEL,
@@ -22,17 +24,25 @@ from nav_pose_estimator.engine.outage.methods.method import Array, Flight, Guide
 from nav_pose_estimator.engine.samples import Hypothesis
 
 _LEAST_FLIGHT = 4.0  # s
+_LEAST_EPOCHS = 8  # of which the usual drag is adapted to the flight
 REGIMES, ALONE = "regimes", "alone"
 _HOVER_TIME = 2.0  # s over which the velocity of a hover counts as one draw
 _DRAW = 1.1  # errors this much larger than the simpler way's are still a draw
+_WORSE = 1.5  # the same for giving up the network where coasting is about as good: chance makes a ratio of 1.2
 _CLEARLY = 6.0  # coasting three times better at 30 s is a draw at 60 s; three rehearsals tell it to a factor of two
 
 
 @dataclass(frozen=True, kw_only=True)
 class RegimesGuide(AirVelocityGuide):
-    """Two hypotheses for a vehicle that can hover; the network, if there is one, serves both."""
+    """Two hypotheses for a vehicle that can hover; the network tells them apart, and guides the one that travels.
+
+    ``hover_spread_psd`` [m^2/s]: as ``spread_psd``, of rehearsals in which the vehicle hovered. ``doubt`` [m^2/s^2]:
+    the noise that the network states where the vehicle travels.
+    """
 
     regimes: MotionRegimes
+    hover_spread_psd: float = 0.0
+    doubt: float = math.inf
 
     def hypotheses(self, recent: Array, prediction: AirPrediction | None) -> tuple[Hypothesis, ...]:
         """Travelling and hovering, or what is left of that for a vehicle that never hovers."""
@@ -64,15 +74,18 @@ class RegimesGuide(AirVelocityGuide):
         if prediction is not None:
             noise = prediction.hover_noise
             air_noise = per_epoch(prediction.noise + regimes.travel_var + 1.0 if noise is None else noise)
-        return Hypothesis(
+        begun = Hypothesis(
             name=HOVER,
             probability=regimes.hover_probability,
             velocity_var=regimes.hover_var,
             air_noise=air_noise,
             log_likelihood=_log_density(active, regimes.hover_activity),
             velocity_time=_HOVER_TIME,
-            doubt_psd=self.spread_psd + regimes.doubt_psd(time),
+            doubt_psd=self.hover_spread_psd + regimes.doubt_psd(time),
+            air_corrects=False,  # a network errs by more than a hover moves
         )
+        # a hover that goes on is held in its place: its velocity changes sign soon, and its displacement has a bound
+        return replace(begun, lasting=replace(begun, velocity_time=me.PERIOD, place_var=regimes.wander_var))
 
 
 class Best(Anfis):
@@ -87,8 +100,8 @@ class Best(Anfis):
         return _LEAST_FLIGHT
 
     def ways(self, flight: Flight) -> dict[str, Guide]:
-        """The regimes alone, and with the network as soon as there is one; then the network alone, too."""
-        ways: dict[str, Guide] = {REGIMES: self.with_regimes(flight, None, REGIMES)}
+        """Regimes with the usual drag, and with the network as soon as there is one; then the network alone, too."""
+        ways: dict[str, Guide] = {REGIMES: self._with_usual_drag(flight)}
         if flight.model is not None:
             ways[ALONE] = AirVelocityGuide(flight.model, flight.drift_variance, flight.spread.get(ALONE, 0.0))
             ways[NETWORK] = self.with_regimes(flight, flight.model, NETWORK)
@@ -98,18 +111,38 @@ class Best(Anfis):
         """The regimes of the flight with ``model``, as the way that rehearsals know by ``name``."""
         can_hover = self.beforehand.by_flight(flight.epochs).can_hover
         regimes = learn_regimes(flight.epochs, flight.usual, flight.decisions, can_hover)
-        return RegimesGuide(model, flight.drift_variance, flight.spread.get(name, 0.0), regimes=regimes)
+        spread, hovering = (found.get(name, 0.0) for found in (flight.spread, flight.hover_spread))
+        doubt = math.inf if model is None else expected_noise(model, flight.epochs)
+        return RegimesGuide(
+            model, flight.drift_variance, spread, regimes=regimes, hover_spread_psd=hovering, doubt=doubt
+        )
+
+    def _with_usual_drag(self, flight: Flight) -> RegimesGuide:
+        """The regimes alone for what is no multirotor, or for too few epochs."""
+        guide, told = self.with_regimes(flight, None, REGIMES), self.beforehand.by_flight(flight.epochs).vehicle_class
+        if len(flight.epochs) < _LEAST_EPOCHS or not guide.regimes.can_hover:
+            return guide
+        if told not in (UNKNOWN, MULTIROTOR) or is_guided(flight.epochs):
+            return guide
+        model = with_usual_drag(flight.epochs, flight.usual.drag)
+        return replace(guide, model=model, is_usual=True, doubt=expected_noise(model, flight.epochs))
 
     def choose(self, flight: Flight, scores: RehearsalScores) -> Guide | None:
         """Regimes with the network unless a part of it was better; nothing that erred far more than coasting."""
         return self.chosen(self.ways(flight), NETWORK, scores)
 
     def chosen(self, ways: dict[str, Guide], network: str, scores: RehearsalScores) -> Guide | None:
-        """Of ``ways`` the one named ``network`` unless rehearsals speak against it."""
-        best = REGIMES
-        if network in ways and not scores.is_worse(network, REGIMES, _DRAW):
-            best = ALONE if ALONE in ways and scores.is_worse(network, ALONE, _DRAW) else network
+        """Of ``ways`` the one named ``network`` unless rehearsals, or what it says of itself, speak against it."""
+        best = REGIMES if network not in ways or self._is_vaguer(ways, network, scores) else network
+        if best == network and ALONE in ways and scores.is_worse(network, ALONE, _DRAW):
+            best = ALONE
         return None if scores.is_worse(best, Coast.name, _CLEARLY) else ways[best]
+
+    def _is_vaguer(self, ways: dict[str, Guide], network: str, scores: RehearsalScores) -> bool:
+        """Whether the usual drag is to be preferred: by rehearsals, or by what both state where these do not tell."""
+        if scores.is_worse(network, REGIMES, _WORSE) or scores.is_worse(REGIMES, network, _WORSE):
+            return scores.is_worse(network, REGIMES, _WORSE)
+        return getattr(ways[REGIMES], "doubt", math.inf) < getattr(ways[network], "doubt", math.inf)
 
 
 def _log_density(value: float, moments: tuple[float, float]) -> float:

@@ -91,12 +91,11 @@ class PairTraining:
 class WithoutNetwork:
     """A guide that goes by the epochs as they are without the network's output."""
 
-    guide: AirVelocityGuide
+    guide: Guide
 
-    @property
-    def spread_psd(self) -> float:
-        """That of the guide."""
-        return self.guide.spread_psd
+    def __getattr__(self, name: str) -> object:
+        """What else the guide knows."""
+        return getattr(object.__getattribute__(self, "guide"), name)
 
     def advise(self, stamp_ns: int, recent: Array, external: VelocityError | None = None) -> Advice:
         """What the guide says."""
@@ -149,9 +148,10 @@ class CnnLstm(Best):
 
     def ways(self, flight: Flight) -> dict[str, Guide]:
         """Those of ``best``, and the law with the network's output."""
-        ways = super().ways(replace(flight, model=None))
+        plain = replace(flight, epochs=flight.epochs[:, : me.COLUMNS], model=None)
+        ways: dict[str, Guide] = {name: WithoutNetwork(guide) for name, guide in super().ways(plain).items()}
         if flight.model is not None:
-            ways[NETWORK] = WithoutNetwork(self.with_regimes(flight, flight.model.plain, NETWORK))
+            ways[NETWORK] = WithoutNetwork(self.with_regimes(plain, flight.model.plain, NETWORK))
             if flight.model.stacked is not None:
                 ways[PRETRAINED] = self.with_regimes(flight, flight.model.stacked, PRETRAINED)
         return ways

@@ -36,7 +36,7 @@ class Flight:
 
     ``usual``: how vehicles move of which nothing else is known. By rehearsals: ``drift_variance``, squared errors of
     coasting as a fraction of the variance that the filter states; ``decisions`` between regimes; ``spread`` [m^2/s],
-    which the stated position of each way lacks.
+    which the stated position of each way lacks, ``hover_spread`` where the vehicle hovered.
     """
 
     epochs: Array
@@ -44,6 +44,7 @@ class Flight:
     drift_variance: float = 1.0
     decisions: Decisions = field(default_factory=Decisions)
     spread: Mapping[str, float] = field(default_factory=dict)
+    hover_spread: Mapping[str, float] = field(default_factory=dict)
     usual: UsualMotion = field(default_factory=load_usual_motion)
 
 
@@ -104,11 +105,13 @@ class RehearsalScores(Protocol):
 
 @dataclass(frozen=True)
 class RehearsalRules:
-    """How rehearsals count. ``stated``: how many rehearsals the covariance stated by the filter is worth."""
+    """How rehearsals count. ``stated``: how many rehearsals the covariance stated by the filter is worth; ``enough``: how
+    many in which sigma lacked nothing are averaged with those of the flight."""
 
     kept: int = 6  # rehearsals that count, the newest ones
     least: int = 3  # with fewer, chance decides
-    stated: float = 2.0
+    stated: float = 1.0
+    enough: float = 2.0
     smallest_variance: float = 0.05  # fraction of what the filter states; more than stated is for innovations to say
 
 

@@ -10,7 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
 
-from nav_pose_estimator.core.motion.usual import Hover, Travel, UsualMotion
+from nav_pose_estimator.core.motion.usual import Drag, Hover, Travel, UsualMotion
 from nav_pose_estimator.errors import UserError
 
 SHIPPED = "usual_motion.toml"
@@ -20,11 +20,15 @@ _BOUNDS = {
     "speed": (0.01, 100.0),
     "velocity_time": (0.5, 600.0),
     "loiter": (0.5, 600.0),
+    "wander": (0.01, 100.0),
     "time": (0.5, 3600.0),
     "missed": (0.001, 0.99),
+    "rate": (0.01, 10.0),
+    "rate_spread": (0.001, 10.0),
+    "noise": (0.05, 50.0),
 }
 _MEAN_BOUNDS, _DEVIATION_BOUNDS = (-7.0, 5.0), (0.05, 5.0)  # of the logarithm of an acceleration in m/s^2
-_Part = TypeVar("_Part", Travel, Hover)
+_Part = TypeVar("_Part", Travel, Hover, Drag)
 
 
 @dataclass(frozen=True)
@@ -41,7 +45,8 @@ def load_usual_motion(path: str = "") -> UsualMotion:
     """The content of the file ``path``, of the shipped one where that is empty. ``UserError`` for any other file."""
     name, content = _content(path)
     multirotor, fixed_wing = (_part(name, content, key, Travel) for key in ("multirotor", "fixed_wing"))
-    return UsualMotion(multirotor, fixed_wing, _part(name, content, "hover", Hover))
+    hover, drag = _part(name, content, "hover", Hover), _part(name, content, "drag", Drag)
+    return UsualMotion(multirotor, fixed_wing, hover, drag)
 
 
 def flights_of(path: str = "") -> list[KnownFlight]:
