@@ -23,6 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from nav_pose_estimator.offline.process_clock import stat_fields
+
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 SYSTEMS = {"composed": ("pose_estimator",), "separate": ("attitude_node", "sins_node", "anfis_node")}
@@ -171,7 +173,7 @@ def _cpu(children: Sequence[subprocess.Popen]) -> float:
     """Seconds of CPU that the processes have used."""
     total = 0
     for child in children:
-        fields = Path(f"/proc/{child.pid}/stat").read_text().rsplit(")", 1)[1].split()
+        fields = stat_fields(child.pid)
         total += int(fields[11]) + int(fields[12])
     return total / _TICKS
 

@@ -51,7 +51,7 @@ def _alone(tell: Callable[[str], None]) -> Iterator[None]:
             try:
                 fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                tell("another process compiles them already: waiting for it")
+                tell("another process is already compiling them: waiting for it")
                 fcntl.flock(folder, fcntl.LOCK_EX)
         yield
     finally:

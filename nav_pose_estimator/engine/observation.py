@@ -31,12 +31,14 @@ class Kind:
     ``name`` is the family of its counters (``height.used``). Observations of equal time act in the order of
     ``precedence``, then of arrival. ``whole``: it acts on the filter as a whole and not on each branch, because it
     carries information that no hypothesis has; the branches end with it. ``quiet``: it never changes the mode.
+    ``holds``: it changes the mode only where nothing has bounded the drift.
     """
 
     name: str
     precedence: int = 5
     whole: bool = False
     quiet: bool = False
+    holds: bool = False
 
 
 class Use(Enum):
@@ -66,7 +68,7 @@ class Decision:
     known (surface of the water [m]). ``velocity`` (3,) [m/s], ENU, is what a reset also puts right, NaN where unknown.
     ``widening`` multiplies the covariance of the motion first; the deviations of the position [m], horizontal and
     vertical, and of the horizontal velocity [m/s] are afterwards at least ``least_sd``. ``rows``: those that are used,
-    of a sensor that judges each row on its own.
+    of a sensor that judges each row on its own. ``change`` (3,): of the velocity at the sensor, b [m/s^2].
     """
 
     use: Use
@@ -75,6 +77,7 @@ class Decision:
     widening: float = 1.0
     least_sd: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rows: tuple[Row, ...] = ()
+    change: Array | None = None
 
 
 LEFT_OUT, GATED, UNGATED = Decision(Use.LEFT_OUT), Decision(Use.GATED), Decision(Use.UNGATED)

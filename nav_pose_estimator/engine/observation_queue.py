@@ -26,6 +26,9 @@ class ObservationQueue:
     def insert(self, observation: Observation) -> bool:
         """Put an observation in its place; True when others behind it have acted already."""
         self.number(observation)
+        if not self._sorted or self._sorted[-1].key < observation.key:
+            self._sorted.append(observation)
+            return False
         index = bisect.bisect(self._sorted, observation.key, key=_KEY)
         self._sorted.insert(index, observation)
         return index < self._done
@@ -45,6 +48,11 @@ class ObservationQueue:
         """The next observation; from now on it has acted."""
         self._done += 1
         return self._sorted[self._done - 1]
+
+    @property
+    def front(self) -> Observation | None:
+        """The next observation that has not acted; None without one."""
+        return self._sorted[self._done] if self._done < len(self._sorted) else None
 
     def waiting(self, t: float = math.inf) -> list[Observation]:
         """What has not acted, up to ``t`` [s]."""
@@ -66,9 +74,13 @@ class ObservationQueue:
         """The next ``count`` have acted."""
         self._done += count
 
-    def due_besides_quiet(self) -> float:
-        """``due`` of the observations that may change the mode."""
-        return next((o.t for o in self._sorted[self._done :] if not o.kind.quiet), math.inf)
+    def due_besides_quiet(self, drifts: bool) -> float:
+        """``due`` of the observations that may change the mode, where the filter ``drifts`` unbounded or not."""
+        for index in range(self._done, len(self._sorted)):
+            kind = self._sorted[index].kind
+            if not (kind.quiet or (kind.holds and not drifts)):
+                return self._sorted[index].t
+        return math.inf
 
     def rewind(self, t: float) -> None:
         """What lies after ``t`` has not acted (again)."""

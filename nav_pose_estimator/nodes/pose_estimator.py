@@ -56,7 +56,7 @@ class PoseEstimatorNode(EstimatorNode):
     def spare(self, flag: bool) -> None:
         """Rehearsals rest."""
         if self.engine.outage_aid is not None:
-            self.engine.outage_aid.rests = flag
+            self.engine.outage_aid.state.rests = flag
 
     def publish(self, solution: AttitudeSolution | NavSolution | PredictedDrift) -> None:
         """Attitude, navigation and predictions on their topics."""

@@ -39,7 +39,7 @@ class SinsNode(EstimatorNode):
     def spare(self, flag: bool) -> None:
         """Rehearsals rest."""
         if self.engine.outage_aid is not None:
-            self.engine.outage_aid.rests = flag
+            self.engine.outage_aid.state.rests = flag
 
     def publish(self, solution: NavSolution) -> None:
         """Everything that the navigator knows."""

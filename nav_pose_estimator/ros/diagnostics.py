@@ -84,7 +84,7 @@ class InputWatch:
         self._had_publisher = self._had_publisher or bool(publishers)
         is_gone = self._had_publisher and not publishers
         if is_gone and not self._is_gone:
-            self._node.say("input.gone", Level.WARN, f"{self.topic}: what published it is gone")
+            self._node.say("input.gone", Level.WARN, f"{self.topic}: its publisher is gone")
         self._is_gone = is_gone
         return wording.InputReport(
             topic=self.topic,

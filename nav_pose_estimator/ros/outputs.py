@@ -17,6 +17,7 @@ from nav_pose_estimator.engine.parameters.schema import ParameterError
 from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, PredictedDrift
 from nav_pose_estimator.ros import qos
 from nav_pose_estimator.ros.messages import outgoing
+from nav_pose_estimator.ros.messages.steady_twist import SteadyTwist
 from nav_pose_estimator.ros.pace import Pace
 
 
@@ -75,6 +76,7 @@ class NavigationOutput:
         self._accel_bias = qos.advertise(node, Vector3Stamped, "~/bias/accel")
         self._tf = Transforms(node, frames) if frames.publish_tf else None
         self._odometry_pace = Pace(rates.odometry_rate)
+        self._twist = SteadyTwist(rates.velocity_slew)
         self._fix_pace, self._bias_pace = Pace(rates.fix_rate), Pace(rates.bias_rate)
         self._odometry_message, self._pose_message, self._fix_message = (
             Odometry(),
@@ -94,9 +96,10 @@ class NavigationOutput:
         """One solution, on every topic where it is due."""
         stamp = solution.stamp_ns
         self._publish_denied(solution.mode in DENIED)
+        self._twist.take(solution)
         if self._odometry_pace.is_due(stamp):
             if qos.is_heard(self._odometry):
-                outgoing.fill_odometry(self._odometry_message, solution)
+                outgoing.fill_odometry(self._odometry_message, solution, self._twist.offset)
                 self._odometry.publish(self._odometry_message)
             if qos.is_heard(self._pose):
                 outgoing.fill_pose(self._pose_message, solution)

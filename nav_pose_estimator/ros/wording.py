@@ -119,7 +119,7 @@ def _complaints(report: InputReport) -> Iterator[str]:
         since = "never came" if not math.isfinite(report.age) else f"silent for {report.age:.0f} s"
         yield f"{report.topic} {since} ({report.publishers} publishers)"
     elif report.is_gone:
-        yield f"{report.topic}: what published it is gone"
+        yield f"{report.topic}: its publisher is gone"
     if report.lost_lately:
         yield f"{report.topic}: {report.lost_lately} messages lost"
     yield from (f"{report.topic}: {misfit}" for misfit in report.misfits)

@@ -150,7 +150,7 @@ _ALL: tuple[Scenario, ...] = (
     Scenario("closed_curve", "Aerobatics on a closed curve", Prescribed(motions.closed_curve()), duration=120.0),
     Scenario(
         "coordinated_acceleration",
-        "Lean 15 deg for 10 s: the accelerometer swears that the vehicle is level",
+        "Lean 15 deg for 10 s: the accelerometer shows a level vehicle",
         Prescribed(motions.coordinated_acceleration()),
         duration=60.0,
     ),
@@ -198,7 +198,7 @@ _ALL: tuple[Scenario, ...] = (
     ),
     Scenario(
         "magnetic_disturbance",
-        "Something of iron turns the compass by about 40 deg from 120 to 150 s",
+        "An iron object turns the compass by about 40 deg from 120 to 150 s",
         _TRAVEL,
         LIGHT,
         240.0,

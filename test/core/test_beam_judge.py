@@ -22,7 +22,8 @@ def rows(error: np.ndarray | None = None, velocity_sd: float = 0.002):
     nav[QUAT], nav[VEL] = 1.0, 1.5
     P[range(DVEL, DVEL + 3), range(DVEL, DVEL + 3)] = velocity_sd**2
     measured = beam_directions() @ nav[VEL : VEL + 3] + (0.0 if error is None else error)
-    z, H = beam_velocities(nav, N, FIRST, beam_directions(), measured, np.zeros(3), True)
+    still = np.zeros(3)
+    z, H = beam_velocities(nav, N, (FIRST, -1), beam_directions(), measured, still, still, True)
     return z, H, P
 
 

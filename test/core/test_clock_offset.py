@@ -16,8 +16,8 @@ NOW = 1.7e9  # s since 1970
         (5.0, NOW, "53.9 years behind the IMU's: the receiver's stamps count from the start of its board"),
         (NOW - 619315200.0, NOW, "19.6 years behind the IMU's: 1024 weeks"),
         (NOW + 19800.0, NOW, "19800 s ahead of the IMU's: a time zone"),
-        (NOW + 8470.0, NOW, "8470 s ahead of the IMU's: clocks that are not in step"),
-        (NOW + 1.5, NOW, "1.5 s ahead of the IMU's: clocks that are not in step, or IMU messages that come late"),
+        (NOW + 8470.0, NOW, "8470 s ahead of the IMU's: clocks that are not synchronised"),
+        (NOW + 1.5, NOW, "1.5 s ahead of the IMU's: clocks that are not synchronised, or IMU messages that come late"),
     ],
 )
 def test_amount_and_cause(stamp: float, reference: float, words: str) -> None:

@@ -15,6 +15,7 @@ from nav_pose_estimator.core.filter.blocks import (
     BLOCKS,
     DEPTH,
     DVL,
+    GNSS_ERROR,
     GRAVITY,
     GYRO_MATRIX,
     WIND,
@@ -35,6 +36,7 @@ WANDERS = {
     DEPTH: Wander(1e-3, 900.0),
     GRAVITY: Wander(1e-6, 700.0),
     AIRSPEED: Wander(1e-4, 600.0),
+    GNSS_ERROR: Wander((2e-4,) * 3 + (1e-4,) * 3, (60.0,) * 3 + (5.0,) * 3),
 }
 
 

@@ -7,13 +7,15 @@ from beamed import beam_directions
 from filter_start import plain_constants
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import measurements
-from nav_pose_estimator.core.filter.blocks import DEPTH, DVL, WIND, state_count
+from nav_pose_estimator.core.filter.blocks import DEPTH, DVL, DVL_DELAY, WIND, state_count
 from nav_pose_estimator.core.filter.error_state import inject
 from nav_pose_estimator.core.numerics.rotation import quat_from_euler, quat_from_rotvec, quat_to_matrix
 
-CONSTANTS = plain_constants([WIND, DVL, DEPTH])
+CONSTANTS = plain_constants([WIND, DVL, DEPTH, DVL_DELAY])
 N = state_count(CONSTANTS)
-WIND_STATES, DVL_STATES = WIND.states(CONSTANTS).start, DVL.states(CONSTANTS).start
+WIND_STATES = WIND.states(CONSTANTS).start
+BEAM_STATES = DVL.states(CONSTANTS).start, DVL_DELAY.states(CONSTANTS).start
+CHANGE = np.array([1.5, -0.7, 0.3])  # m/s^2
 LEVER = np.array([0.3, -0.2, 0.5])
 AIR = np.array([3.0, -6.0, 1.0])
 
@@ -26,6 +28,7 @@ def state() -> np.ndarray:
     nav[at.QUAT : at.QUAT + 4] = quat_from_euler(0.2, -0.1, 2.0)
     nav[at.WIND : at.WIND + 2] = 1.0, -2.0
     nav[DVL.estimates] = 0.02, -0.01, 0.03, 0.0, 0.01, 0.02, -0.01, 0.02
+    nav[at.DVL_DELAY] = 0.1
     nav[at.PREV_RATE : at.PREV_RATE + 3] = 0.4, -0.3, 0.9
     nav[at.PREV_FORCE : at.PREV_FORCE + 3] = -0.7, 0.4, 9.9
     return nav
@@ -53,7 +56,8 @@ CASES["mean_air_velocity"] = (mean_air_velocity, (AIR,))
 
 
 def beam_velocities(nav, states, measured, lever, has_biases):
-    return measurements.beam_velocities(nav, states, DVL_STATES, beam_directions(), measured, lever, has_biases)
+    directions = beam_directions()
+    return measurements.beam_velocities(nav, states, BEAM_STATES, directions, measured, lever, CHANGE, has_biases)
 
 
 CASES["beams"] = (beam_velocities, (np.array([1.0, -2.0, 0.5, 3.0]), LEVER, True))
@@ -114,12 +118,12 @@ def test_mean_air_velocity_is_nought_for_the_true_velocity_and_wind() -> None:
 
 
 def test_beams_are_nought_for_what_the_sensor_measures() -> None:
-    """GIVEN beams with bias, scale error and a turned mounting THEN the row is what they measure less what is told."""
+    """GIVEN beams, late, turned, with bias and scale error THEN the row is what they measure less what is told."""
     nav = state()
     C = measurements.quat_to_matrix(nav[at.QUAT : at.QUAT + 4])
     *biases, scale, x, y, z = nav[DVL.estimates]
     turned = beam_directions() @ quat_to_matrix(quat_from_rotvec(np.array([x, y, z]))).T
     v_b = C.T @ nav[at.VEL : at.VEL + 3] + np.cross(nav[at.PREV_RATE : at.PREV_RATE + 3], LEVER)
-    measured = (1.0 + scale) * turned @ v_b + biases
+    measured = (1.0 + scale) * turned @ (v_b - 0.1 * CHANGE) + biases
     rows, _ = beam_velocities(nav, N, measured, LEVER, True)
     np.testing.assert_allclose(rows, 0.0, atol=1e-12)

@@ -331,7 +331,7 @@ def test_a_computer_that_cannot_keep_up_flies_none() -> None:
         if isinstance(sample, ImuBlock):
             t = (int(sample.stamps_ns[-1]) - recording.start_ns) * 1e-9
             part = "before" if t < 60.0 else "resting" if t < 100.0 else "after"
-            engine.outage_aid.rests = part == "resting"
+            engine.outage_aid.state.rests = part == "resting"
             flown[part].append(bool(engine.outage_aid.rehearsals.contestants))
     assert flown["before"][-1]
     assert not any(flown["resting"][len(flown["resting"]) // 20 :])

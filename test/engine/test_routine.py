@@ -24,7 +24,7 @@ from nav_pose_estimator.engine.samples import (
 )
 from nav_pose_estimator.engine.sensors.routine.routine import Routine
 from nav_pose_estimator.engine.solutions import Event, NavBlock, NavSolution, Output
-from nav_pose_estimator.offline.benchmarks.speed.plain_flight import full_set
+from nav_pose_estimator.offline.benchmarks.speed.plain_flight import ORIGIN, full_set
 from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples as samples_of
 from nav_pose_estimator.sim.scenarios import generate
 from pieces import one_by_one
@@ -32,6 +32,8 @@ from pieces import one_by_one
 pytestmark = pytest.mark.skipif(not COMPILED, reason="without a compiler there is no routine")
 
 SECONDS, IMU_HZ = 60.0, 100.0
+_ASTRAY = 45.1  # s
+_EARTH = 6.378e6 * np.cos(ORIGIN[0])  # m per radian of longitude
 
 
 def quiet(rng: np.random.Generator) -> list[Sample]:
@@ -81,6 +83,19 @@ def _changed(sample: Sample, rng: np.random.Generator) -> list[Sample]:
 def late(rng: np.random.Generator) -> list[Sample]:
     """Fixes that arrive late, a simulated multirotor."""
     return list(generate("late_gnss", SECONDS, seed=int(rng.integers(1000))).samples())
+
+
+def hopeless(rng: np.random.Generator) -> list[Sample]:
+    """A moment after the whole second, positions and velocities go another way, together, and stay there."""
+    out: list[Sample] = []
+    for sample in quiet(rng):
+        east = 20.0 * (_seconds(sample) - _ASTRAY)
+        if east > 0.0 and isinstance(sample, GnssFix):
+            sample = replace(sample, lon=sample.lon + (40.0 + east) / _EARTH)
+        elif east > 0.0 and isinstance(sample, GnssVelocity):
+            sample = replace(sample, vel_enu=(sample.vel_enu[0] + 20.0, *sample.vel_enu[1:]))
+        out.append(sample)
+    return out
 
 
 def _seconds(sample: Sample) -> float:
@@ -166,6 +181,20 @@ def test_the_routine_changes_no_number(story, noise: str, delay: float, monkeypa
         given = flown(parameters, samples, way)
         for name, value in expected.items():
             assert given[name] == value, (way, name)
+
+
+def test_what_arrives_after_the_filter_has_given_up_is_heard_by_the_next_one() -> None:
+    """GIVEN a filter that gives up half a second after it agreed with GNSS
+    WHEN a replay takes the flight at once and a node piece by piece
+    THEN what came in that second behind its end is not lost, and the next filter is the same."""
+    soon = {"fixes": 2, "min_duration": 0.0, "contradiction_time": 0.5, "implausible_time": 1.0}
+    parameters = update(Parameters(), {f"gnss.reacquisition.{name}": value for name, value in soon.items()})
+    samples = hopeless(np.random.default_rng(7))
+    pieces, all_ = (flown(parameters, samples, way) for way in ("in pieces", "at once"))
+    given_up = [stamp for stamp, name, *_ in pieces["events"] if name == "reset"]  # type: ignore[attr-defined]
+    assert len(given_up) == 1
+    assert 0.1 < 1e-9 * given_up[0] % 1.0 < 0.9
+    assert {name for name, value in pieces.items() if all_[name] != value} == set()
 
 
 def test_sample_by_sample_it_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:

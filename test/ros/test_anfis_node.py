@@ -252,6 +252,6 @@ def test_the_navigator_alone_listens_to_predictions_in_an_outage(started):
     assert counters["outage.evidence"] == counters["outage.evidence.network"] > 10
     aid = node.engine.outage_aid
     assert aid.learner.state.model is None, "training is the work of anfis_node"
-    (evidence,) = aid.guide.advise(sample.stamp_ns, aid._pilot.state.collector.recent, aid._external).samples
+    (evidence,) = aid.guide.advise(sample.stamp_ns, aid._pilot.state.collector.recent, aid.state.external).samples
     C_nb, velocity = evidence.attitude, np.array(evidence.velocity)
     np.testing.assert_allclose(C_nb @ np.array(evidence.air_velocity), velocity - [0.1, 0.2, 0.0], atol=0.05)

@@ -230,7 +230,9 @@ def test_fixes_stamped_in_the_past_are_refused_with_a_sentence_about_clocks(repo
     assert solutions == []
     status = engine.status()
     assert status.counters["gnss.rejected.age"] > 100
-    assert re.fullmatch(r"its stamps are 30\.\d s behind the IMU's: clocks that are not in step", status.gnss_refusal)
+    assert re.fullmatch(
+        r"its stamps are 30\.\d s behind the IMU's: clocks that are not synchronised", status.gnss_refusal
+    )
     assert any("behind the IMU's" in event.text for event in events)
 
 

@@ -275,7 +275,7 @@ def test_an_input_whose_publisher_has_died_is_named():
     lossy = wording.InputReport("imu/data_raw", 900, 200.0, 7, 0.0, 1, True, lost_lately=7)
     assert wording.input_sentence([gone, lossy]) == (
         wording.WARN,
-        "outage/velocity_error: what published it is gone; imu/data_raw: 7 messages lost",
+        "outage/velocity_error: its publisher is gone; imu/data_raw: 7 messages lost",
     )
 
 

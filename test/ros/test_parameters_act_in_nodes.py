@@ -65,7 +65,7 @@ class NoEngine:
 
 @pytest.fixture
 def published(monkeypatch) -> Observe:
-    """What two seconds of solutions at 200 Hz lead to: messages on each topic, their frames, the last orientation."""
+    """What two seconds of solutions at 200 Hz lead to: messages by topic, frames, the last twist and orientation."""
 
     def observe(parameters: Parameters) -> Any:
         heard: dict[str, list] = {}
@@ -87,23 +87,26 @@ def published(monkeypatch) -> Observe:
             topic: [len(messages), getattr(getattr(messages[-1], "header", None), "frame_id", "")]
             for topic, messages in heard.items()
         }
-        return frames, heard["odometry/filtered"][-1].child_frame_id, str(heard["imu/data"][-1].orientation)
+        odometry = heard["odometry/filtered"][-1]
+        return frames, odometry.child_frame_id, str(odometry.twist), str(heard["imu/data"][-1].orientation)
 
     return observe
 
 
 def solution(stamp_ns: int, mode: Mode = Mode.AIDED) -> NavSolution:
+    """At rest, to which a correction at the half brings it."""
     zero = np.zeros(3)
+    moving = np.full(3, 3.0 if stamp_ns < START + 200 * STEP else 0.0)
     return NavSolution.of(
         stamp_ns=stamp_ns,
         mode=mode,
         lat=0.8,
         lon=0.1,
         alt=500.0,
-        vel_n=zero,
+        vel_n=moving,
         q_nb=np.array([1.0, 0.0, 0.0, 0.0]),
         rate_b=zero,
-        force_b=zero,
+        force_b=np.array([0.0, 0.0, 9.80665]),
         gyro_bias=zero,
         accel_bias=zero,
         cov=np.eye(15),

@@ -54,9 +54,7 @@ def test_a_navigator_tells_that_its_learner_has_died(started, observer) -> None:
     observer.until(lambda: spun(lambda: watched() and (reports.append(len(arrays)) or len(arrays) > reports[0] + 3)))
     assert not any("is gone" in text for text in complaints())
     observer.node.destroy_publisher(learner)
-    observer.until(
-        lambda: spun(lambda: any("outage/velocity_error: what published it is gone" in t for t in complaints()))
-    )
+    observer.until(lambda: spun(lambda: any("outage/velocity_error: its publisher is gone" in t for t in complaints())))
     assert node.logbook.counters["input.gone"] == 1
     executor.remove_node(node)
     executor.shutdown()

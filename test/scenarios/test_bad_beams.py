@@ -5,27 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beam_flight import LOST, Flown, beam_flight, on_velocities
+from beam_flight import LOST, Flown, on_velocities
 from beamed import beam_directions, with_beams
 from nav_pose_estimator.engine.samples import BeamVelocitySample
-from nav_pose_estimator.sim.recording import Recording
 
 pytestmark = pytest.mark.compiled
-
-
-@pytest.fixture(scope="module")
-def flight() -> Recording:
-    return beam_flight()
-
-
-@pytest.fixture(scope="module")
-def without(flight) -> Flown:
-    return Flown(flight, flight.samples())
-
-
-@pytest.fixture(scope="module")
-def sound(flight) -> Flown:
-    return Flown(flight, with_beams(flight))
 
 
 @pytest.mark.parametrize(
@@ -38,7 +22,7 @@ def sound(flight) -> Flown:
         ({"valid": np.zeros(4, bool)}, "lost", ""),
         ({"variances": np.full(4, np.inf)}, "lost", ""),
         ({"velocities": np.array([0.1, -0.2, 0.3, 0.25])}, "stuck", "repeat to the last digit"),
-        ({"directions": 2.0 * beam_directions()}, "direction", "beam 1 is no unit vector (its length is 2)"),
+        ({"directions": 2.0 * beam_directions()}, "direction", "beam 1 is not a unit vector (its length is 2)"),
         ({"directions": beam_directions()[[0, 1, 2, 1]]}, "duplicate", "beams 2 and 4 have the same direction"),
         ({"directions": beam_directions()[:3]}, "empty", "not as many directions as velocities"),
         ({"velocities": np.zeros(0), "directions": np.zeros((0, 3))}, "empty", "no beam"),

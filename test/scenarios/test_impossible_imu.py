@@ -253,7 +253,7 @@ def test_a_speed_that_the_vehicle_cannot_fly_expires() -> None:
     push = lambda b: ImuBlock(b.stamps_ns, b.gyro, b.accel + np.array([20.0, 0.0, 0.0]))  # noqa: E731
     told = tell(recording, samples=spoilt(quiet, push, 45.0, 10.0), learner__enabled=False)
     assert told.modes_between(60.0, 89.0) == {Mode.EXPIRED}
-    assert "cannot fly" in told.estimator.status().waiting_for
+    assert "cannot reach" in told.estimator.status().waiting_for
 
 
 # --- no false alarm --------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beam_flight import LOST, Flown, beam_flight, on_velocities
+from beam_flight import LOST, Flown, on_velocities
 from beamed import beam_directions, with_beams
 from nav_pose_estimator.core.beams.geometry import with_swapped_angle
 from nav_pose_estimator.core.filter.blocks import DVL
@@ -16,27 +16,11 @@ from nav_pose_estimator.engine.observation import Decision, FilterView, Row, Use
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import BeamVelocitySample, stamp_of
 from nav_pose_estimator.engine.solutions import Mode
-from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import generate
 from pieces import one_by_one
 from told import silence
 
 pytestmark = pytest.mark.compiled
-
-
-@pytest.fixture(scope="module")
-def flight() -> Recording:
-    return beam_flight()
-
-
-@pytest.fixture(scope="module")
-def without(flight) -> Flown:
-    return Flown(flight, flight.samples())
-
-
-@pytest.fixture(scope="module")
-def sound(flight) -> Flown:
-    return Flown(flight, with_beams(flight))
 
 
 def test_beams_hold_an_outage(without, sound):
@@ -166,6 +150,23 @@ def test_stamps_of_arrival_are_noticed(flight, sound, delay):
     assert sound.said("delayed") == []
 
 
+@pytest.mark.parametrize("delay", [0.0, 0.15])
+def test_a_delay_that_is_estimated_is_known_and_allowed_for(flight, sound, delay):
+    """GIVEN stamps of validity, or of arrival WHEN the delay is a state THEN it is known within 3 deviations of a
+    quarter of what was thought at most, the late ones are named, and both hold the outage."""
+    late = lambda t, sample: replace(sample, stamp_ns=sample.stamp_ns + round(delay * 1e9))  # noqa: E731
+    flown = Flown(flight, with_beams(flight, late), delay_sd=0.1)
+    values = flown.status.values
+    assert values["beams.delay_sd"] < 0.025
+    assert abs(values["beams.delay"] - delay) < 3.0 * values["beams.delay_sd"]
+    assert flown.error < 1.3 * sound.error + 0.2
+    assert flown.error < 3.0 * flown.status.horizontal_sd
+    assert [text.split(" s old")[1] for text in flown.said("delayed")] == [
+        " when they are stamped: that is allowed for (aids.beams.delay)"
+    ] * (delay > 0.0)
+    assert "beams.delay" not in sound.status.values
+
+
 def test_directions_that_are_given_win(flight, sound):
     """GIVEN messages without directions THEN one sentence asks for them; with them all is well."""
     bare = lambda t, sample: replace(sample, directions=np.full((4, 3), np.nan))  # noqa: E731
@@ -259,9 +260,9 @@ def test_each_row_keeps_its_own_variance_whatever_its_place(sound, flight):
     message = [sample for sample in with_beams(flight) if isinstance(sample, BeamVelocitySample)][-1]
     o = sensor.observe(message, run.now)
     view, order = FilterView(run.settled.nav, run.settled.P, run.settled.constants), [0, 1, 3, 2]
-    o.decision = Decision(Use.UNGATED, rows=tuple(Row(i, 1.0) for i in range(4)))
+    o.decision = Decision(Use.UNGATED, rows=tuple(Row(i, 1.0) for i in range(4)), change=np.zeros(3))
     z, H, _ = sensor.linearise(o, view)
-    o.decision = Decision(Use.UNGATED, rows=tuple(Row(i, 1.0 + i, 0.1 * i) for i in order))
+    o.decision = Decision(Use.UNGATED, rows=tuple(Row(i, 1.0 + i, 0.1 * i) for i in order), change=np.zeros(3))
     turned, rows, R = sensor.linearise(o, view)
     np.testing.assert_allclose(turned, z[order] + 0.1 * np.array(order))
     np.testing.assert_array_equal(rows, H[order])

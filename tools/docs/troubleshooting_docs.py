@@ -7,12 +7,12 @@ from nav_pose_estimator.ros.wording import ATTITUDE_MEANINGS, LEARNER_MEANINGS, 
 
 PAGE = "docs/troubleshooting.md"
 
-_INTRODUCTION = """# What to do when
+_INTRODUCTION = """# Troubleshooting
 
 Written by `make docs` from `engine/events` and `tools/docs/troubleshooting_docs.py`; a test compares it with the
 code.
 
-Three places report the state, in the same words: the log of the node, `~/status` (latched: the last one arrives at
+Three places report the state, in the same words: the log of the node, `~/status` (latched: the last message arrives at
 once) and `/diagnostics` (once a second: state, inputs, counters). In a recorded flight `replay` counts the same events.
 
 ```bash
@@ -20,7 +20,7 @@ ros2 topic echo --full-length --qos-durability transient_local --qos-reliability
 ros2 topic echo /diagnostics        # or rqt_robot_monitor
 ```
 
-Look up what you see in the first table, and the name of a counter in the last ones.
+Look up what you see in the first table, and the name of a counter in the last tables.
 """
 
 _SYMPTOMS = (
@@ -109,9 +109,9 @@ _SYMPTOMS = (
 _WAITING = (
     ("Waiting for IMU data.", "check the inputs line: name, type, QoS"),
     ("Level and heading are known; waiting for a GNSS fix.", "the rest of the sentence says why fixes are refused"),
-    ("Waiting for a GNSS fix", "or keep the vehicle still, with a magnetometer, as the bracket says"),
+    ("Waiting for a GNSS fix", "or keep the vehicle still, with a magnetometer, as the text in brackets says"),
     ("Finding the heading from motion:", "speed up, brake or turn; straight and steady flight shows no heading"),
-    ("Level is known; heading needs motion, because there is", "fly, or give it a magnetometer that it can trust"),
+    ("Level is known; heading needs motion, because there is", "fly, or connect a magnetometer that can be trusted"),
     ("The IMU is at rest, but GNSS reports motion;", "wait; on a moving deck or vehicle: accelerate"),
     ("Waiting for GNSS to show the vehicle's motion.", "gps/vel helps; without it a few seconds of fixes are needed"),
     ("no IMU sample has come yet", "attitude_node: check the inputs line"),
@@ -137,12 +137,12 @@ _STATUS = (
     ("nis.gnss_position.p99, nis.gnss_velocity.p99", "its 99th percentile over the last observations"),
     (
         "innovation.gnss_position.lag_1, innovation.gnss_velocity.lag_1",
-        "autocorrelation of the last innovations from one to the next: white below 0.2; those of receivers last",
+        "correlation of each innovation with the next: white below 0.2; receivers are usually above",
     ),
     ("gnss.gate_radius_m", "how far from the prediction a fix may lie now without being refused"),
     (
         "gnss.noise.position_factor, gnss.noise.velocity_factor, body_velocity.noise.factor",
-        "variance that the filter goes by over the stated one, of the worst axis; 1 with `fixed`",
+        "variance that the filter uses over the stated one, for the worst axis; 1 with `fixed`",
     ),
     (
         "imu.mean_force_m_s2, imu.vibration_m_s2",
@@ -150,31 +150,31 @@ _STATUS = (
     ),
     (
         "imu.motion_misfit",
-        "share of the force by which IMU and GNSS velocity tell different motions; below 0.1 is good",
+        "how far IMU and GNSS velocity contradict each other, as a share of the force; below 0.1 is good",
     ),
     ("gnss.resets, gnss.last_reset_m", "how often the position was reset to GNSS, and how far it moved the last time"),
-    ("mag.heading_spread_deg", "how far magnetic headings spread around their mean error while GNSS shows the heading"),
+    ("mag.heading_spread_deg", "spread of the magnetic heading's error while GNSS shows the heading"),
     (
         "noise.imu, noise.gnss",
-        "deviations of the noises that the flight has shown, in parts of those that are set (`imu.learn_noise`)",
+        "noise identified in flight: deviations relative to those set (`imu.learn_noise`)",
     ),
-    ("noise.trials", "how many stretches of flight, fading, say so"),
+    ("noise.trials", "how many trials this rests on; old ones fade"),
     ("rangefinder.above_ground_m", "height above the ground that the rangefinder saw"),
     ("learner.flight_s, learner.trainings", "flight with GNSS that the learner remembers; trainings adopted"),
     (
         "learner.class.NAME",
         "probability of each class of vehicle, by how it moves",
     ),
-    ("learner.rules, learner.target_rms", "rules of the network; RMS of what it had to learn [m/s]"),
+    ("learner.rules, learner.target_rms", "rules of the network; RMS of its training targets [m/s]"),
     (
         "learner.error_rms.N, learner.noise.x",
-        "what N rules leave unexplained on data not trained on; noise of the prediction",
+        "residual of N rules on held-out data; noise of the prediction",
     ),
     ("rehearsal.count, rehearsal.rms_30_s.NAME", "rehearsed outages; RMS error [m] after 30 s of each way to coast"),
     ("rehearsal.drift_variance", "squared errors of coasting as a fraction of the stated variance"),
     ("alignment.restarts", "how often the search for the heading restarted"),
     ("tilt_sd_deg, yaw_sd_deg", "attitude_node: standard deviations in degrees"),
-    ("not used because", "anfis_node: why the model stays silent in an outage"),
+    ("not used because", "anfis_node: why the model is not used in an outage"),
     ("training, trainings", "anfis_node: running, or why the last one failed; how many there were"),
     ("... after each training", "anfis_node: the learning curve of each score"),
     ("gyro_bias_deg_s, field_trust", "attitude_node: bias found; trust in the magnetic field, 0 to 1"),

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from nav_pose_estimator.core.alignment.first_states import from_level, heading_prior, in_motion
+from nav_pose_estimator.core.alignment.first_states import STEEPEST, from_level, heading_prior, in_motion, inclined
 from nav_pose_estimator.core.alignment.heading_hypotheses import HeadingHypotheses
 from nav_pose_estimator.core.alignment.levelling import (
     Compass,
@@ -29,6 +29,7 @@ from nav_pose_estimator.core.alignment.levelling import (
     level_attitude,
     level_covariance,
     level_in_motion,
+    unlevel,
 )
 from nav_pose_estimator.core.alignment.recent_rows import RecentRows
 from nav_pose_estimator.core.alignment.rest import RestDetector, RestSettings
@@ -56,6 +57,7 @@ Array = NDArray[np.float64]
 _LEVEL_WINDOW = 1.0  # s of IMU that give a level in motion
 _LEVEL_AGE = 20.0  # s: what an older rest has taught is forgotten (the IMU since then has to be kept)
 _FIX_AGE = 2.0  # s: an older fix does not tell where the vehicle is
+_RECENT = 20  # fixes: a second and more
 _ZERO = (0.0, 0.0, 0.0)
 _KNOWN_RATE = 0.03  # rad/s: a known bias has not moved that far, and a circle flown smoothly turns faster
 _RESIDUAL_RATE_SD = 2e-4  # rad/s: what a rest leaves open of the gyroscope bias
@@ -76,6 +78,8 @@ class Aligner:
     outside: OutsideLevels
     """Takes the attitudes of another estimator, whose tilt helps a start in motion."""
     last_fix: Fix | None
+    recent: deque[Fix]
+    """The latest fixes with a velocity, oldest first."""
     _constants: Array
     _lever: Array
     _biases: KnownBiases
@@ -84,8 +88,8 @@ class Aligner:
     _fixes: deque[Fix]
     _now: float
     _level: RestLevel | None
-    _bank: HeadingHypotheses | None
-    _bank_start: float
+    bank: HeadingHypotheses | None
+    """Heading hypotheses that follow GNSS, None while there are none."""
     _from_rest: bool
     _done: Alignment | None
 
@@ -113,11 +117,11 @@ class Aligner:
         )
         self._rows = RecentRows()
         self._fixes = deque()
+        self.recent = deque(maxlen=_RECENT)
         self.compass = Compass(s.declination)
         self.outside = OutsideLevels()
         self._now = -math.inf
-        self.last_fix = self._level = self._bank = self._done = None
-        self._bank_start = 0.0
+        self.last_fix = self._level = self.bank = self._done = None
         self._from_rest = False
         self.restarts = 0
 
@@ -143,7 +147,7 @@ class Aligner:
         oldest = t - _LEVEL_WINDOW - _FIX_AGE
         if self._level is not None and t - self._level.t < _LEVEL_AGE:
             oldest = min(self._level.t, oldest)
-        self._rows.forget_before(oldest if self._bank is None else self._bank.time)
+        self._rows.forget_before(oldest if self.bank is None else self.bank.time)
 
     def gnss(
         self,
@@ -165,6 +169,8 @@ class Aligner:
             t_valid, (lat, lon, alt), velocity, np.array([pos_sd, pos_sd, max(1.7 * pos_sd, height_sd)]), velocity_sd
         )
         self.last_fix = fix
+        if velocity is not None:
+            self.recent.append(fix)
         if t_valid <= self._now:
             self._take(fix)
         else:
@@ -178,11 +184,6 @@ class Aligner:
     def go_on_without_magnetometer(self) -> None:
         """Take the result back and look for a second one, whose heading comes from motion alone."""
         self.compass, self._done = Compass(self.settings.declination), None
-
-    @property
-    def follows_motion(self) -> bool:
-        """Whether heading hypotheses follow GNSS."""
-        return self._bank is not None
 
     def is_stale(self, patience: float) -> bool:
         """Whether the last fix is more than ``patience`` [s] older than the IMU."""
@@ -206,8 +207,8 @@ class Aligner:
         if fix is None:
             rest = "" if self._rest.at_rest else f" or rest with a magnetometer ({self._rest.why_not()})"
             return f"Waiting for a GNSS fix{rest}."
-        if self._bank is not None:
-            _, sd = self._bank.heading()
+        if self.bank is not None:
+            _, sd = self.bank.heading()
             limit = math.degrees(self.settings.heading_sd)
             return (
                 f"Finding the heading from motion: {math.degrees(sd):.0f} deg so far, {limit:.0f} deg needed; "
@@ -234,7 +235,7 @@ class Aligner:
     def _learn_from_rest(self) -> None:
         """Level and gyroscope bias; and with a magnetic heading the result."""
         s = self.settings
-        self._bank = None
+        self.bank = None
         if self._level is not None and self._now - self._level.t < 0.1 * s.static_window:
             return
         q = level_attitude(self._rest.mean_force)
@@ -259,9 +260,9 @@ class Aligner:
             return
         # Without acceleration nothing is learned of the heading: a bank does not start while the IMU rests, even
         # though a receiver that has just been switched on may report motion.
-        if self._bank is None and not self._rest.at_rest:
-            self._bank = self._start_bank(fix)
-        bank = self._bank
+        if self.bank is None and not self._rest.at_rest:
+            self.bank = self._start_bank(fix)
+        bank = self.bank
         if bank is None:
             return
         bank.run(self._rows.between(bank.time, fix.t))
@@ -270,18 +271,18 @@ class Aligner:
         # what the innovations say of the deviation counts as in ``merged``
         if (
             sd * math.sqrt(max(bank.nis, 1.0)) <= self.settings.heading_sd
-            and fix.t - self._bank_start >= self.settings.min_time
+            and fix.t - bank.began >= self.settings.min_time
         ):
             nav, P = bank.merged()
             how = "at rest, heading from the first motion" if self._from_rest else "in motion, heading from GNSS"
             self._done = Alignment(float(fix.t), nav, 0.5 * (P + P.T), how, nis=bank.nis)
         elif not math.isfinite(sd) or (bank.updates > _LOST_UPDATES and bank.nis > _LOST_NIS):
             self.restarts += 1
-            self._bank = self._level = None
+            self.bank = self._level = None
 
     def _start_bank(self, fix: Fix) -> HeadingHypotheses | None:
         """Hypotheses from the last rest, else from a level in motion; None if not yet possible."""
-        s, level = self.settings, self._level
+        s, level, turns = self.settings, self._level, None
         if level is not None and self._now - level.t < _LEVEL_AGE:
             if fix.t <= level.t:
                 return None
@@ -295,11 +296,12 @@ class Aligner:
             if len(rows) < 3 or rows[0, IMU_T] > fix.t - 0.7 * _LEVEL_WINDOW:
                 return None
             self._from_rest = False
+            if unlevel(rows, self._biases.accel) > STEEPEST:
+                turns = inclined(self.recent, self._rows, fix, self._biases.accel)
             q, tilt_sd = self.outside.near(fix.t, s.tilt_sd) or (level_in_motion(rows), s.tilt_sd)
             nav, P = in_motion(q, tilt_sd, fix, self._biases, self._rows.at(fix.t), self._is_resting())
-        self._bank_start = fix.t
-        prior = heading_prior(s, self._magnetic_yaw(q))
-        return HeadingHypotheses(nav, P, s.hypotheses, self._constants, self._lever, prior)
+        prior = None if turns is not None else heading_prior(s, self._magnetic_yaw(q))
+        return HeadingHypotheses(nav, P, s.hypotheses, self._constants, self._lever, prior, turns)
 
     # --- small things ------------------------------------------------------------------------------------------------
 

@@ -1,12 +1,13 @@
 """First navigation states: from a level that a rest has taught, or from a level found in motion."""
 
 import math
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nav_pose_estimator.core.alignment.levelling import turned
-from nav_pose_estimator.core.alignment.recent_rows import Row
+from nav_pose_estimator.core.alignment.levelling import inclined_attitudes, turned
+from nav_pose_estimator.core.alignment.recent_rows import RecentRows, Row
 from nav_pose_estimator.core.alignment.types import AlignmentSettings, Fix, KnownBiases, RestLevel
 from nav_pose_estimator.core.earth.ellipsoid import earth_rate_n
 from nav_pose_estimator.core.filter.layout import (
@@ -21,6 +22,7 @@ from nav_pose_estimator.core.filter.layout import (
     IMU_ACCEL,
     IMU_COLUMNS,
     IMU_GYRO,
+    IMU_T,
     LAT,
     NAV_SIZE,
     PHI,
@@ -33,6 +35,10 @@ from nav_pose_estimator.core.filter.layout import (
 from nav_pose_estimator.core.numerics.rotation import quat_to_matrix, wrap_angle
 
 Array = NDArray[np.float64]
+
+STEEPEST = 0.35
+"""rad: a vehicle that accelerates by more than a third of gravity shows no level."""
+_SHORTEST, _LONGEST = 0.5, 1.2  # s between two velocities that make an acceleration
 
 
 def from_level(level: RestLevel, yaw: float, fix: Fix | None, row: Row, resting: bool) -> tuple[Array, Array]:
@@ -61,6 +67,21 @@ def in_motion(q: Array, tilt_sd: float, fix: Fix, biases: KnownBiases, row: Row,
     _place(nav, P, fix, resting)
     _set_memory(nav, fix.t, row)
     return nav, P
+
+
+def inclined(recent: Iterable[Fix], rows: RecentRows, last: Fix, accel_bias: Sequence[float]) -> Array | None:
+    """``q_nb`` (72, 4) at ``last`` where the vehicle accelerates, one turned about the force from the other.
+
+    The acceleration is that between ``last`` and a fix of ``recent``, oldest first, about a second before. None without
+    one, or where the force is another.
+    """
+    first = next((fix for fix in recent if _SHORTEST <= last.t - fix.t <= _LONGEST), None)
+    if first is None or first.velocity is None or last.velocity is None:
+        return None
+    between = rows.between(first.t, last.t)
+    if len(between) < 3 or between[0, IMU_T] > first.t + _SHORTEST:
+        return None
+    return inclined_attitudes(between, accel_bias, (last.velocity - first.velocity) / (last.t - first.t))
 
 
 def heading_prior(settings: AlignmentSettings, yaw: float | None) -> Array | None:

@@ -108,6 +108,7 @@ class HeadingHypotheses:
     headings0: list[float]
     navs: Array
     Ps: Array
+    began: float
     updates: int
     _constants: Array
     _lever: Array
@@ -116,12 +117,20 @@ class HeadingHypotheses:
     _scores: Array
 
     def __init__(
-        self, nav: Array, P: Array, count: int, constants: Array, lever: Array, log_prior: Array | None = None
+        self,
+        nav: Array,
+        P: Array,
+        count: int,
+        constants: Array,
+        lever: Array,
+        log_prior: Array | None = None,
+        attitudes: Array | None = None,
     ) -> None:
         """``count`` copies of ``nav``, ``P`` at headings spread evenly over the circle, starting with that of ``nav``.
 
         The heading variance of each is set to what covers the distance to its neighbours; ``log_prior`` (count,) are
-        the logarithms of their weights.
+        the logarithms of their weights. Where up is not the axis about which nothing is known, ``attitudes`` (N, 4)
+        go once around that axis, and the hypotheses take as many of them.
         """
         spacing = 2.0 * math.pi / count
         self.headings0 = [k * spacing for k in range(count)]
@@ -129,8 +138,10 @@ class HeadingHypotheses:
         self.Ps = np.repeat(P[None], count, axis=0)
         for k, turn in enumerate(self.headings0):
             _turn(self.navs[k], self.Ps[k], turn)
+            if attitudes is not None:
+                self.navs[k, QUAT : QUAT + 4] = attitudes[k * len(attitudes) // count]
             self.Ps[k, PHI + 2, PHI + 2] = (0.5 * spacing) ** 2
-        self.updates = 0
+        self.began, self.updates = self.time, 0
         self._constants = constants
         self._lever = lever
         self._cost = np.zeros(count) if log_prior is None else -2.0 * log_prior

@@ -32,6 +32,8 @@ STANDARD_GRAVITY = 9.80665
 _GEOMAGNETIC_POLE = math.radians(80.65), math.radians(-72.68)  # latitude, longitude of the dipole's axis, 2020
 _FIELD_STRENGTH = 18e-6, 75e-6  # T: 22 to 67 on the Earth's surface, and some error of calibration
 _UNITS = {"millitesla": 1e-3, "gauss": 1e-4, "microtesla": 1e-6, "milligauss": 1e-7, "nanotesla": 1e-9}  # in T
+_SAME_FORCE = 0.25  # of a force: GNSS velocities lag, and the IMU does not
+_TURN = math.radians(5.0)
 _OUTSIDE_TILT_SD = 0.03  # rad: no attitude filter is better while the vehicle moves, whatever it says
 _OUTSIDE_MEMORY = 2.0  # s
 _OUTSIDE_AGE = 0.05  # s
@@ -87,6 +89,33 @@ def summed_force(rows: Array) -> Array:
         q = quat_multiply(q, step)
         total += quat_rotate(q, rows[i - 1, 4:7])
     return total
+
+
+def unlevel(rows: Array, accel_bias: Vector) -> float:
+    """How far from level the mean force of IMU ``rows`` (N, 7) may point [rad], as its size tells.
+
+    A horizontal acceleration a adds to gravity at a right angle, |f|^2 = g^2 + a^2, and turns the force by atan(a / g).
+    """
+    excess = float(np.linalg.norm(summed_force(rows) / len(rows) - np.asarray(accel_bias))) / STANDARD_GRAVITY
+    return math.acos(1.0 / excess) if excess > 1.0 else 0.0
+
+
+def inclined_attitudes(rows: Array, accel_bias: Vector, acceleration: Array) -> Array | None:
+    """``q_nb`` (72, 4) at the last of the IMU ``rows`` (N, 7), turned by 5 deg about the force from one to the next.
+
+    A vehicle that accelerates shows no level, but where GNSS tells its mean ``acceleration`` (3,) ENU over the rows,
+    the force is known in n, too: that acceleration and gravity. None where the two forces differ in size.
+    """
+    force_b = summed_force(rows) / len(rows) - np.asarray(accel_bias)
+    force_n = acceleration + np.array([0.0, 0.0, STANDARD_GRAVITY])
+    size = float(np.linalg.norm(force_n))
+    if abs(float(np.linalg.norm(force_b)) - size) > _SAME_FORCE * max(size, STANDARD_GRAVITY):
+        return None
+    horizontal = math.hypot(force_n[0], force_n[1])
+    axis = np.array([-force_n[1], force_n[0], 0.0]) / max(horizontal, 1e-9)
+    incline = quat_from_rotvec(axis * math.atan2(horizontal, force_n[2]))
+    level = level_attitude(force_b)
+    return np.array([quat_multiply(incline, turned(level, k * _TURN)) for k in range(round(2.0 * math.pi / _TURN))])
 
 
 @dataclass(init=False, eq=False, slots=True)
@@ -190,10 +219,14 @@ class Compass:
 
         It is that of the mean field within ``window`` [s] of ``now``.
         """
-        recent = [field for t, field in self._fields if abs(t - now) <= window]
-        if not recent:
+        field = self.field(now, window)
+        if field is None:
             self.doubt = "no magnetometer"
             return None
-        field = np.mean(np.array(recent, dtype=float), axis=0)
         self.doubt = field_doubt(q_level, field, lat, lon)
         return None if self.doubt else magnetic_yaw(q_level, field, self.declination)
+
+    def field(self, now: float, window: float) -> Array | None:
+        """The mean field (3,) [T] in b within ``window`` [s] of ``now``; None without any."""
+        recent = [field for t, field in self._fields if abs(t - now) <= window]
+        return np.mean(np.array(recent, dtype=float), axis=0) if recent else None

@@ -2,9 +2,20 @@
 
 import math
 
-from nav_pose_estimator.core.filter.layout import DVEL, PHI, PREV_ACCEL, PREV_RATE, QUAT
+import numpy as np
+
+from nav_pose_estimator.core.filter.layout import DVEL, PHI, PREV_ACCEL, PREV_RATE, QUAT, VEL
 from nav_pose_estimator.core.numerics.jit import kernel
-from nav_pose_estimator.core.numerics.vectors import dot, load3, load4, q_rotate
+from nav_pose_estimator.core.numerics.vectors import (
+    add,
+    cross,
+    dot,
+    load3,
+    load4,
+    q_rotate,
+    q_rotate_back,
+    store3,
+)
 
 _MEMORY = 0.998  # of one message
 
@@ -28,3 +39,12 @@ def add_delay(sums, z, H, nav):
         sums[1] += slope * slope
         sums[2] += z[i] * z[i]
         sums[3] += 1.0
+
+
+@kernel
+def velocity_at(nav, lever):
+    """Velocity (3,) over ground in b [m/s] of a point at ``lever`` (3,) [m] from the IMU."""
+    velocity = np.empty(3)
+    swing = cross(load3(nav, PREV_RATE), load3(lever, 0))
+    store3(velocity, 0, add(q_rotate_back(load4(nav, QUAT), load3(nav, VEL)), swing))
+    return velocity

@@ -92,7 +92,7 @@ class BeamJudge:
 
         ``are_beams``: row i is always the same beam, and there are at most ``BEAMS``; else they are points.
         """
-        return Judged(*_judge(z, H, P, nominal, self.memory, are_beams, self.parts))
+        return Judged(*_judge(z, H, P, nominal, self.memory, are_beams, *self.parts))
 
     @property
     def factors(self) -> Array:
@@ -111,8 +111,11 @@ class BeamJudge:
 
 
 @kernel
-def _judge(z, H, P, nominal, memory, has_history, parts):
-    """See ``Judged``; ``memory`` (BEAMS, _COLUMNS) is brought up to date where the beams have a history."""
+def _judge(z, H, P, nominal, memory, has_history, gates, compares, latches, adapts):
+    """See ``Judged``; ``memory`` (BEAMS, _COLUMNS) is brought up to date where the beams have a history.
+
+    The last arguments are ``Parts``.
+    """
     n = len(z)
     A = _spread(H, P)
     verdict = np.zeros(n, np.int64)
@@ -122,18 +125,18 @@ def _judge(z, H, P, nominal, memory, has_history, parts):
         nis[i] = z[i] * z[i] / spread[i]
         if not nis[i] < math.inf:
             verdict[i] = LOST
-        elif nis[i] > GATE and parts.gate:
+        elif nis[i] > GATE and gates:
             verdict[i] = GATED
     if has_history:
-        if parts.parity:
+        if compares:
             _check_parity(z, H, A, nominal, memory, verdict)
         for i in range(n):
-            if verdict[i] != LOST and parts.latch:
+            if verdict[i] != LOST and latches:
                 of_mean = memory[i, _MEAN] * memory[i, _MEAN] / (A[i, i] + _MEAN_SHARE * nominal[i])
                 _remember(memory[i], verdict[i] != USED, nis[i] > _MILD, of_mean > _MILD)
                 if memory[i, _IS_OUT] > 0.0 and verdict[i] == USED:
                     verdict[i] = OUT
-        if parts.noise:
+        if adapts:
             _adapt(z, A, nominal, memory, verdict, variance)
     return verdict, variance, nis, nominal, spread
 

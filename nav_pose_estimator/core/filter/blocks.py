@@ -14,9 +14,13 @@ missing from it (truth = estimate + error), a Gauss-Markov process or a random w
 | depth | bias of a height from water pressure [m] | observations of that height |
 | gravity | gravity beyond the normal one, n [m/s^2] | velocity: dv_dot = ... - dg |
 | airspeed | scale error k of an airspeed sensor: measured = (1 + k) airspeed | observations of the airspeed |
+| gnss_error | what lasts of the errors of GNSS, n: positions (3) [m], velocities (3) [m/s]; measured = true + error |\
+ observations of GNSS |
+| dvl_delay | delay d [s]: velocity in the row of dvl = velocity - d change of velocity | observations of beams |
 
 Sources: CN114459477B (dvl, there without the mounting, depth: states 16 to 21); J. Sola (2017), section 5.3 (gravity,
-there with the other sign).
+there with the other sign); A. Bryson and D. Johansen, IEEE Trans. Automatic Control 10(1), 1965 (gnss_error: coloured
+measurement noise as states).
 """
 
 import math
@@ -74,7 +78,9 @@ DVL = Block("dvl", 8, at.DVL, at.I_DVL)
 DEPTH = Block("depth", 1, at.DEPTH, at.I_DEPTH)
 GRAVITY = Block("gravity", 3, at.GRAVITY, at.I_GRAVITY)
 AIRSPEED = Block("airspeed", 1, at.AIRSPEED, at.I_AIRSPEED)
-BLOCKS = (WIND, GYRO_MATRIX, DVL, DEPTH, GRAVITY, AIRSPEED)
+GNSS_ERROR = Block("gnss_error", 6, at.GNSS_ERROR, at.I_GNSS_ERROR)
+DVL_DELAY = Block("dvl_delay", 1, at.DVL_DELAY, at.I_DVL_DELAY)
+BLOCKS = (WIND, GYRO_MATRIX, DVL, DEPTH, GRAVITY, AIRSPEED, GNSS_ERROR, DVL_DELAY)
 """All blocks, in their order in the error state and in ``nav``."""
 TABLE = tuple((block.index, block.size, block.nav) for block in BLOCKS)
 """(constant with the first state, size, place in ``nav``) of every block, for kernels."""
@@ -82,10 +88,10 @@ TABLE = tuple((block.index, block.size, block.nav) for block in BLOCKS)
 
 @dataclass(frozen=True, slots=True)
 class Wander:
-    """How a block changes: random walk per root second, one number or one for each state, and correlation time [s]."""
+    """How a block changes: random walk per root second and correlation time [s], one number or one for each state."""
 
     walk: float | tuple[float, ...] = 0.0
-    tau: float = math.inf
+    tau: float | tuple[float, ...] = math.inf
 
 
 # --- which blocks a filter has --------------------------------------------------------------------------------------
@@ -105,7 +111,7 @@ def blocks_of(constants: Array) -> tuple[Block, ...]:
 def set_wander(constants: Array, block: Block, wander: Wander) -> None:
     """How ``block`` changes in the filter of ``constants``."""
     constants[block.psd] = np.square(wander.walk)
-    constants[block.rate] = 1.0 / wander.tau
+    constants[block.rate] = np.divide(1.0, wander.tau)
 
 
 def keep_blocks(constants: Array, before: Array) -> None:
@@ -181,3 +187,12 @@ def add_block_noise(P, constants, T):
         if start >= 0:
             for i in range(size):
                 P[start + i, start + i] += constants[at.BLOCK_PSD + nav - at.WIND + i] * T
+
+
+@inlined
+def fade_gnss_error(nav, constants, T):
+    """Over ``T`` [s] the estimates of the errors of GNSS fade, which do not last as long as a bias."""
+    if constants[at.I_GNSS_ERROR] >= 0.0:
+        for i in range(6):
+            rate = constants[at.BLOCK_RATE + at.GNSS_ERROR - at.WIND + i]
+            nav[at.GNSS_ERROR + i] *= math.exp(-rate * T)

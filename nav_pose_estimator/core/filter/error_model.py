@@ -15,8 +15,8 @@ Position errors are kept in metres, so that the covariance is well scaled. With 
 exactly, because d((R_N + h) cos L)/dL = -(R_M + h) sin L. Known small terms are dropped elsewhere: the change of the
 radii with latitude in w_en (1/300 of that term) and the change of gravity with latitude (8e-9 m/s^2 per metre).
 
-Estimates of biases, wind and other blocks are held between corrections: the Gauss-Markov model describes what is
-missing from them.
+Estimates of biases, wind and other blocks are held between corrections, but for those of the errors of GNSS: the
+Gauss-Markov model describes what is missing from them.
 
 Sources: CN113777645A, step 3 (states and structure; it drives no noise into the biases, which would stop the filter
 from learning them); Titterton and Weston, "Strapdown Inertial Navigation Technology", second edition, section 12.3;
@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.earth.ellipsoid import E2, MIN_COS_LAT, OMEGA, A, gravity_from_sine
-from nav_pose_estimator.core.filter.blocks import add_block_noise, add_rates
+from nav_pose_estimator.core.filter.blocks import add_block_noise, add_rates, fade_gnss_error
 from nav_pose_estimator.core.filter.layout import (
     ACCEL_BIAS_PSD,
     ACCEL_BIAS_RATE,
@@ -307,10 +307,11 @@ def covariance_step_in(nav, P, constants, space):
     f_n = scale(1.0 / T, load3(nav, SUM_FORCE))
     turn = load3(nav, SUM_RATE)
     C = q_columns(q_multiply(load4(nav, QUAT), q_exp(scale(-0.5, turn))))
-    F = space[:n, :n]
+    F = space[:n]
     F[:] = 0.0
     fill_system_matrix(F, nav, constants, f_n, scale(1.0 / T, turn), C)
     propagate_in(P, F, constants, T, space[n:])
+    fade_gnss_error(nav, constants, T)
     for i in range(D_GYRO_BIAS, D_GYRO_BIAS + 3):
         P[i, i] += nav[GYRO_WANDER] * T
     if nav[SUM_GAP] > 0.0:

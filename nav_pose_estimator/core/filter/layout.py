@@ -17,26 +17,28 @@ DVL = 27  # 8: biases of four beams, m/s, their common scale error, and how the 
 DEPTH = 35  # 1: bias of a height from water pressure, m
 GRAVITY = 36  # 3: gravity beyond the normal one, n, m/s^2
 AIRSPEED = 39  # 1: scale error of an airspeed sensor: measured = (1 + scale) airspeed
+GNSS_ERROR = 40  # 6: what lasts of the errors of GNSS, positions E, N, U, m, and velocities, m/s
+DVL_DELAY = 46  # 1: how much older than its stamp a velocity along beams is, beyond what is known, s
 # --- memory of the integrator --------------------------------------------------------------------------------------
-TIME = 40  # s since the engine's epoch
-PREV_RATE = 41  # 3: corrected angular rate of the last interval, rad/s (coning, sculling)
-PREV_FORCE = 44  # 3: corrected specific force of the last interval, m/s^2
-PREV_ACCEL = 47  # 3: dv/dt of the last interval in n, m/s^2 (mid-interval extrapolation)
+TIME = 47  # s since the engine's epoch
+PREV_RATE = 48  # 3: corrected angular rate of the last interval, rad/s (coning, sculling)
+PREV_FORCE = 51  # 3: corrected specific force of the last interval, m/s^2
+PREV_ACCEL = 54  # 3: dv/dt of the last interval in n, m/s^2 (mid-interval extrapolation)
 # --- sums since the last covariance step ---------------------------------------------------------------------------
-SUM_TIME = 50  # s
-SUM_FORCE = 51  # 3: integral of C_nb f_b, m/s
-SUM_RATE = 54  # 3: integral of the corrected angular rate in b, rad
-SUM_GAP = 57  # s of data gap bridged since the last covariance step
+SUM_TIME = 57  # s
+SUM_FORCE = 58  # 3: integral of C_nb f_b, m/s
+SUM_RATE = 61  # 3: integral of the corrected angular rate in b, rad
+SUM_GAP = 64  # s of data gap bridged since the last covariance step
 # --- what the flight has shown of the gyroscope's bias (bias_noise) -------------------------------------------
-GYRO_WANDER = 58  # (rad/s)^2/s: driving noise of the gyroscope bias beyond that of the constants
-WANDER_LEVEL = 59  # mean ratio of short windows
-WANDER_SHORT_COUNT = 60
-WANDER_TIME = 61  # s, last look
-WANDER_MARKS = 62  # 4 x 8: begun windows
-WANDER_FLOOR = 94  # (rad/s)^2/s: the constants' driving noise; 0 while nothing is learned
-WANDER_MEAN = 95  # mean ratio of long windows
-WANDER_COUNT = 96
-NAV_SIZE = 97
+GYRO_WANDER = 65  # (rad/s)^2/s: driving noise of the gyroscope bias beyond that of the constants
+WANDER_LEVEL = 66  # mean ratio of short windows
+WANDER_SHORT_COUNT = 67
+WANDER_TIME = 68  # s, last look
+WANDER_MARKS = 69  # 4 x 8: begun windows
+WANDER_FLOOR = 101  # (rad/s)^2/s: the constants' driving noise; 0 while nothing is learned
+WANDER_MEAN = 102  # mean ratio of long windows
+WANDER_COUNT = 103
+NAV_SIZE = 104
 
 # --- error state ---------------------------------------------------------------------------------------------------
 PHI = 0  # 3: misalignment in n, rad
@@ -46,7 +48,7 @@ D_GYRO_BIAS = 9  # 3: rad/s
 D_ACCEL_BIAS = 12  # 3: m/s^2
 BASE_STATES = 15
 """States of every filter. Optional blocks follow, see ``filter.blocks``."""
-OPTIONAL_STATES = 24
+OPTIONAL_STATES = 31
 """Sum of the sizes of all blocks; their nominal values lie side by side from ``WIND`` on."""
 
 # --- filter constants: one float64 vector handed to the kernels ----------------------------------------------------
@@ -62,9 +64,9 @@ GAP_RATE_SD = 8  # rad/s: unknown angular rate during a gap
 GAP_ACCEL_SD = 9  # m/s^2: unknown specific force during a gap
 POINT_SAMPLED = 10
 """1: IMU values are instantaneous (trapezoidal rule), 0: means over the interval that ends at the stamp."""
-I_WIND, I_GYRO_MATRIX, I_DVL, I_DEPTH, I_GRAVITY, I_AIRSPEED = 11, 12, 13, 14, 15, 16
+I_WIND, I_GYRO_MATRIX, I_DVL, I_DEPTH, I_GRAVITY, I_AIRSPEED, I_GNSS_ERROR, I_DVL_DELAY = 11, 12, 13, 14, 15, 16, 17, 18
 """Where each optional block begins in the error state, -1 without."""
-BLOCK_PSD = 17
+BLOCK_PSD = 19
 """OPTIONAL_STATES: density of the driving noise of every optional state, its unit squared per s, in the order of
 ``nav``."""
 BLOCK_RATE = BLOCK_PSD + OPTIONAL_STATES

@@ -20,6 +20,9 @@ from nav_pose_estimator.core.filter.layout import (
     DPOS,
     DVEL,
     DVL,
+    DVL_DELAY,
+    GNSS_ERROR,
+    I_GNSS_ERROR,
     LAT,
     LON,
     PHI,
@@ -46,6 +49,8 @@ from nav_pose_estimator.core.numerics.vectors import (
 
 BEAMS = 4
 """Beams of which each has a bias state of its own."""
+POSITION, VELOCITY = 0, 3
+"""Where the errors of GNSS positions and velocities begin in their block."""
 
 
 @kernel
@@ -88,6 +93,19 @@ def gnss_velocity(nav, states, velocity, lever):
         H[i, D_GYRO_BIAS + 2] = -(C[i, 0] * lever[1] - C[i, 1] * lever[0])
     _add_skew(H, PHI, swing)
     return z, H
+
+
+@kernel
+def see_gnss_error(z, H, nav, constants, part):
+    """Add the lasting errors to a GNSS observation (3 rows) of a filter that has them as states.
+
+    ``part``: ``POSITION`` or ``VELOCITY``. The receiver measures what is true and what lasts of its error.
+    """
+    first = int(constants[I_GNSS_ERROR])
+    if first >= 0:
+        for i in range(3):
+            z[i] += nav[GNSS_ERROR + part + i]
+            H[i, first + part + i] = -1.0  # what is missing from the estimate of the error
 
 
 @kernel
@@ -175,11 +193,12 @@ def body_velocity(nav, states, velocity, lever):
 
 
 @kernel
-def beam_velocities(nav, states, first, directions, measured, lever, has_biases):
+def beam_velocities(nav, states, blocks, directions, measured, lever, change, has_biases):
     """Velocities along beams over ground: ``directions`` (n, 3) unit vectors in b, ``measured`` (n,) [m/s].
 
-    ``lever`` (3,) sensor from the IMU in b [m]. The states of block ``dvl`` begin at ``first``. With u = Exp(m) b_i the
-    row is z = (1 + k) u . (C^T v + w x l) + bias_i - measured; beams without an identity have no biases.
+    ``lever`` (3,) sensor from the IMU in b [m]; ``change`` (3,) of the sensor's velocity in b [m/s^2], of late.
+    ``blocks``: where the states of ``dvl`` begin, and that of ``dvl_delay``, -1 without. With u = Exp(m) b_i the row is
+    z = (1 + k) u . (C^T v + w x l - delay change) + bias_i - measured; beams without an identity have no biases.
     """
     n = len(measured)
     z = np.empty(n)
@@ -187,7 +206,9 @@ def beam_velocities(nav, states, first, directions, measured, lever, has_biases)
     q = load4(nav, QUAT)
     v = load3(nav, VEL)
     arm = load3(lever, 0)
+    changing, (first, delay) = load3(change, 0), blocks
     at_sensor = add(q_rotate_back(q, v), cross(load3(nav, PREV_RATE), arm))
+    at_sensor = add_scaled(at_sensor, -nav[DVL_DELAY], changing)
     gain = 1.0 + nav[DVL + BEAMS]
     mounting = load3(nav, DVL + BEAMS + 1)
     turn = q_exp(mounting)
@@ -204,6 +225,8 @@ def beam_velocities(nav, states, first, directions, measured, lever, has_biases)
             z[i] += nav[DVL + i]
             H[i, first + i] = -1.0
         H[i, first + BEAMS] = -along
+        if delay >= 0:
+            H[i, delay] = gain * dot(u, changing)
         # -gain (u x v) on a small turn; J(m)' of that on m, the left Jacobian of the rotation vector to second order
         slope = scale(-gain, cross(u, at_sensor))
         bent = cross(slope, mounting)

@@ -70,8 +70,8 @@ def add_checkpoint(memory):
     memory[NEWEST] += 1.0
     memory[OLDEST] = max(memory[OLDEST], memory[NEWEST] - memory[SLOTS] + 1.0)
     start = checkpoint_start(memory, int(memory[NEWEST]))
-    memory[start : start + NAV_SIZE] = memory[NAV:CONSTANTS]
-    memory[start + NAV_SIZE : start + NAV_SIZE + n * n] = memory[HEAD : HEAD + n * n]
+    _copy(memory, NAV, start, NAV_SIZE)
+    _copy(memory, HEAD, start + NAV_SIZE, n * n)
 
 
 @kernel
@@ -97,8 +97,15 @@ def restore_before(memory, t):
         memory[NEWEST] -= 1.0
     n = int(memory[STATES])
     start = checkpoint_start(memory, int(memory[NEWEST]))
-    memory[NAV:CONSTANTS] = memory[start : start + NAV_SIZE]
-    memory[HEAD : HEAD + n * n] = memory[start + NAV_SIZE : start + NAV_SIZE + n * n]
+    _copy(memory, start, NAV, NAV_SIZE)
+    _copy(memory, start + NAV_SIZE, HEAD, n * n)
+
+
+@inlined
+def _copy(memory, source, target, count):
+    """A loop: for slices the compiler would also make what words an error about their lengths."""
+    for i in range(count):
+        memory[target + i] = memory[source + i]
 
 
 @kernel
@@ -180,10 +187,14 @@ def mix(branches, weights, trunk):
     places = states_within(trunk[CONSTANTS:ORIGIN], constants)
     navs, Ps = np.empty((len(branches), NAV_SIZE)), np.empty((len(branches), n, n))
     for k in range(len(branches)):
-        navs[k] = branches[k, NAV:CONSTANTS]
-        Ps[k] = branches[k, HEAD : HEAD + n * n].reshape(n, n)
+        for i in range(NAV_SIZE):
+            navs[k, i] = branches[k, NAV + i]
+        for i in range(n):
+            for j in range(n):
+                Ps[k, i, j] = branches[k, HEAD + n * i + j]
     nav, P = merge(navs, Ps, constants, weights)
-    trunk[NAV:CONSTANTS] = nav
+    for i in range(NAV_SIZE):
+        trunk[NAV + i] = nav[i]
     for i in range(m):
         for j in range(m):
             trunk[HEAD + m * i + j] = P[places[i], places[j]]

@@ -43,9 +43,10 @@ def merge(navs, Ps, constants, weights):
     mean = np.zeros(n)
     for k in range(K):
         if k != strongest:
-            errors[k] = error_between(navs[k], nav, constants)
+            error = error_between(navs[k], nav, constants)
             for i in range(n):
-                mean[i] += weights[k] * errors[k, i]
+                errors[k, i] = error[i]
+                mean[i] += weights[k] * error[i]
     P = np.zeros((n, n))
     for k in range(K):
         for i in range(n):

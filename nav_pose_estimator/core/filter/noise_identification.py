@@ -19,13 +19,20 @@ No factor falls below one. A flight that is calmer than the parameters say would
 they are; lowering one alone made them worse, and the first manoeuvre after a calm stretch would find too little noise.
 That sigma is too large then is for ``bias_noise`` and the rehearsals to say, when GNSS is lost.
 
-Source: R. Mehra, "Approaches to adaptive filtering", IEEE Trans. Automatic Control 17(5), 1972 (maximum likelihood and
-covariance matching, here with predictions over many steps).
+Where the filter has states for the errors of the receiver that last, innovations are to be white from one to the next,
+and that tells how an error is shared between what lasts and white noise (``ErrorShares``): correlated ones say that the
+filter follows what lasts too slowly, alternating ones that it takes noise for something that lasts. Their size is left
+out of it: it would make the filter believe a receiver more than an IMU that it is told too little of can bear.
+
+Sources: R. Mehra, "Approaches to adaptive filtering", IEEE Trans. Automatic Control 17(5), 1972 (maximum likelihood and
+covariance matching, here with predictions over many steps; whiteness of the innovations).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +51,46 @@ _FIRST_TRIALS = 3.0  # trials that the defaults are worth
 _LARGEST_RATIO = 4.0  # a single trial may be a gust or a glitch
 _COVARIANCE_PERIOD = 0.2  # s: the copy's covariance need not be as fine as the filter's
 _LEAST_VARIANCE = 1e-6  # (m/s)^2 of drift
+LARGEST_LASTING, LEAST_WHITE, LARGEST_WHITE = 12.0, 0.05, 20.0  # bounds of the factors of ``ErrorShares``
+_SHARE_GAIN = 0.01  # for each innovation
+_SHARE_MEMORY = 100.0  # innovations that their power is taken from
+_LARGEST_PRODUCT = 2.0  # of two innovations in parts of that power
+
+
+@dataclass
+class ErrorShares:
+    """How the error of one kind of GNSS observation is shared, as factors of the variances that are set.
+
+    ``lasting`` of the noise that drives what lasts, never below one; ``white`` of the noise of each observation. They
+    move apart along the lag-one autocorrelation of the horizontal innovations, which is zero in the end.
+    """
+
+    lasting: float = 1.0
+    white: float = 1.0
+    _last: tuple[float, float] | None = field(default=None, init=False)
+    _power: float = field(default=0.0, init=False)  # of an innovation, both axes
+    _count: float = field(default=0.0, init=False)
+
+    def interrupt(self) -> None:
+        """What comes next has nothing to do with what came last."""
+        self._last = None
+
+    def note(self, innovations: Iterable[tuple[float, float]]) -> bool:
+        """Learn from ``innovations``, East and North, in order of time; True when a factor may have changed."""
+        changed = False
+        for east, north in innovations:
+            self._count = min(self._count + 1.0, _SHARE_MEMORY)
+            self._power += (east * east + north * north - self._power) / self._count
+            if self._last is not None and self._power > 0.0:
+                product = (east * self._last[0] + north * self._last[1]) / self._power
+                self._move(_SHARE_GAIN * min(max(product, -_LARGEST_PRODUCT), _LARGEST_PRODUCT))
+                changed = True
+            self._last = (east, north)
+        return changed
+
+    def _move(self, step: float) -> None:
+        self.lasting = min(max(self.lasting * math.exp(step), 1.0), LARGEST_LASTING)
+        self.white = min(max(self.white * math.exp(-step), LEAST_WHITE), LARGEST_WHITE)
 
 
 class NoiseIdentification:
@@ -52,12 +99,15 @@ class NoiseIdentification:
     def __init__(self) -> None:
         self.imu_variance = self.gnss_variance = 1.0
         self.trials = 0
+        self.position, self.velocity = ErrorShares(), ErrorShares()
         self._flying: Array | None = None  # the copy, a ``core.filter.memory``
         self._calls = 0  # since the trial began
 
     def interrupt(self) -> None:
         """What happens now is no evidence: GNSS is lost, the pose was reset, or the vehicle does not fly."""
         self._flying = None
+        self.position.interrupt()
+        self.velocity.interrupt()
 
     def note(self, nav: Array, P: Array, constants: Array, rows: Array) -> bool:
         """Called every ``PERIOD`` with the aided filter and the IMU ``rows`` (N, 7) since the last call, or more.

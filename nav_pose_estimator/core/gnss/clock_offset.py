@@ -42,5 +42,5 @@ def _cause(ahead: float, stamp: float, reference: float) -> str:
     if 0 < half_hours <= 28 and abs(size - 1800.0 * half_hours) < 2.0:
         return "a time zone, local time against UTC"
     if size < 5.0:
-        return "clocks that are not in step, or IMU messages that come late"
-    return "clocks that are not in step"
+        return "clocks that are not synchronised, or IMU messages that come late"
+    return "clocks that are not synchronised"

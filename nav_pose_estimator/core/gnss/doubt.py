@@ -19,8 +19,9 @@ OFF = 4.0
 _OFF_TIME = 2.0  # s
 _PERIOD = 1.0  # s between two widenings
 _WIDENED = 4  # times in one doubt: what that does not mend is no matter of the covariance
-_HOPELESS = 6.0  # s of doubt about velocity and position alike
 _LARGEST_FACTOR = 9.0  # of the covariance at a time
+HOPELESS = 6.0
+"""Seconds of doubt about velocity and position alike."""
 _EASED = 0.2  # share of refusals below which the doubt ends
 
 
@@ -49,7 +50,7 @@ class Doubt:
         if refused >= _REFUSED:
             self.reason = f"it refuses {100.0 * refused:.0f} % of the GNSS velocities"
         elif t - self._off_since >= _OFF_TIME:
-            self.reason = f"GNSS positions lie {deviations:.0f} sigma off for {t - self._off_since:.0f} s"
+            self.reason = f"GNSS positions have been {deviations:.0f} sigma off for {t - self._off_since:.0f} s"
         elif refused <= _EASED and deviations <= OFF:
             self.reason, self._times, self._both_since = "", 0, math.inf
         if refused >= _REFUSED and deviations > OFF:
@@ -76,7 +77,7 @@ class Doubt:
 
     def is_hopeless(self, t: float) -> bool:
         """Whether velocities and positions have contradicted the filter for so long that widening mends nothing."""
-        return t - self._both_since > _HOPELESS
+        return t - self._both_since > HOPELESS
 
     def _velocity_nis(self) -> float:
         """Mean per row of the last velocities; 1 without any."""

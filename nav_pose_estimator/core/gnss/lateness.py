@@ -6,8 +6,10 @@ speeds up, brakes or turns, that is the same. Sequential probability ratio test 
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import deque
 from dataclasses import dataclass, field
+from operator import itemgetter
 
 from nav_pose_estimator.core.gnss.velocity_steps import Step
 
@@ -20,6 +22,7 @@ _EXPLAINED = 5.0  # ... within which a delay has to explain a step for which it 
 _TIMING = 0.15  # s by which a delay is not known: half of the distance to the next one
 _TURNS = 6.0  # m/s by which the velocity changes within a step; more is noise
 _SCALE = 0.05  # of the way
+_FIRST = itemgetter(0)
 
 
 @dataclass(eq=False)
@@ -81,8 +84,10 @@ class Lateness:
         return min(abs(s.way - (end - begin)) ** 2 / variance, _WORST)
 
     def _sum_at(self, t: float) -> complex | None:
-        after = next((i for i, one in enumerate(self._sums) if one[0] >= t), 0)
+        after = bisect_left(self._sums, t, key=_FIRST)
+        if after == len(self._sums):
+            return None
         if after == 0:
-            return self._sums[0][2] if self._sums and self._sums[0][0] == t else None
+            return self._sums[0][2] if self._sums[0][0] == t else None
         (t0, _, s0), (t1, _, s1) = self._sums[after - 1], self._sums[after]
         return s0 + (s1 - s0) * (t - t0) / (t1 - t0)

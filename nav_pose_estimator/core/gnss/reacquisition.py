@@ -211,6 +211,13 @@ class Reacquisition:
         self._note_fused(fix.t - gap_s)
         self.state.approved = fix
 
+    @property
+    def soonest_reset(self) -> float:
+        """How long fixes that leave the filter must last at least [s] before they are a reason for a reset."""
+        if self.state.returned is not None:
+            return self.settings.min_duration
+        return min(self.settings.contradiction_time, self.settings.implausible_time)
+
     def _note_fused(self, last_fused: float) -> None:
         """Once an approved fix has been fused, rivals start anew and, after probation, the fix becomes the anchor."""
         s = self.state

@@ -112,12 +112,12 @@ class VelocityCheck:
             self._compare(*self._waiting.popleft())
 
     def _compare(self, t: float, lat: float, lon: float, alt: float, sd: float) -> None:
-        up = self._steps.own_up(t)
-        if up is None:
+        own = self._steps.own(t)
+        if own is None:
             self.climb.interrupt()
         else:
-            self.climb.height(t, alt, up, self._steps.variance)
-        step = self._steps.fix(t, lat, lon, sd)
+            self.climb.height(t, alt, own[1], self._steps.variance)
+        step = self._steps.fix(t, lat, lon, sd, None if own is None else own[0])
         if step is not None:
             self._weigh(step)
 

@@ -95,23 +95,19 @@ class StepMaker:
         """A velocity [m/s] valid at ``t``."""
         self._velocities.append((t, velocity, up))
 
-    def own_up(self, t: float) -> float | None:
-        """The vertical velocity that belongs to a fix at ``t``; None where none is near."""
-        own = self._own(t)
-        return None if own is None else own[1]
+    def own(self, t: float) -> tuple[complex, float] | None:
+        """The velocity, horizontal and vertical, that belongs to a fix at ``t``; None where none is near."""
+        apart = [abs(one[0] - t) for one in self._velocities]
+        least = min(apart, default=math.inf)
+        return None if least > _APART else self._velocities[apart.index(least)][1:]
 
-    def _own(self, t: float) -> tuple[complex, float] | None:
-        near = min(self._velocities, key=lambda v: abs(v[0] - t), default=None)
-        return None if near is None or abs(near[0] - t) > _APART else near[1:]
-
-    def fix(self, t: float, lat: float, lon: float, sd: float) -> Step | None:
-        """A position [rad, rad] whose own velocity is known; ``sd`` [m] that is stated. The step that ends there."""
+    def fix(self, t: float, lat: float, lon: float, sd: float, velocity: complex | None) -> Step | None:
+        """A position [rad, rad] with its ``own`` velocity; ``sd`` [m] that is stated. The step that ends there."""
         self._stated = min(sd, _STATED)
-        own, step = self._own(t), self._open
-        if own is None:
+        step = self._open
+        if velocity is None:
             self._open = self._moved = None
             return None
-        velocity, _ = own
         if step is None or self._is_outage(t - step.t):
             self._begin(t, lat, lon, velocity)
             return None

@@ -41,10 +41,27 @@ def inlined(function):
 def _compile(function, **options):
     if numba is None:
         return function
-    compiled = numba.njit(cache=True, error_model="numpy", **options)(function)
-    if not COMPILED or _tie_cache_to_sources(compiled):
-        return compiled
-    return numba.njit(error_model="numpy", **options)(function)
+    options = {"error_model": "numpy", "no_cfunc_wrapper": True, **options}  # nothing calls a kernel as C does
+    compiled = numba.njit(cache=True, **options)(function)
+    if COMPILED and not _tie_cache_to_sources(compiled):
+        compiled = numba.njit(**options)(function)
+    if COMPILED:
+        _be_one_for_all_constants(compiled)
+    return compiled
+
+
+def _be_one_for_all_constants(compiled) -> None:
+    """Compile a kernel once for all constant arguments: numba would do it anew for each that a caller spells out.
+
+    What is ``inlined`` sees its constants in the end, when it has been copied into the caller.
+    """
+    for_types = compiled.get_call_template
+
+    def for_plain_types(args, kws):
+        plain = numba.types.unliteral
+        return for_types([plain(arg) for arg in args], {name: plain(arg) for name, arg in kws.items()})
+
+    compiled.get_call_template = for_plain_types
 
 
 def _tie_cache_to_sources(compiled) -> bool:

@@ -53,10 +53,12 @@ def _gnss(nav, P, constants, event, settings, result):
     is_velocity = kind == table.VELOCITY or kind == table.SAME_VELOCITY
     if is_velocity:
         z, H = measurements.gnss_velocity(nav, len(P), value, lever)
+        measurements.see_gnss_error(z, H, nav, constants, measurements.VELOCITY)
         for i in range(3):
             result[table.RESULT_INNOVATION + i] = z[i]
     else:
         z, H = measurements.gnss_position(nav, len(P), value[0], value[1], value[2], lever)
+        measurements.see_gnss_error(z, H, nav, constants, measurements.POSITION)
     if kind == table.POSITION and not _is_usual(t, z, H, P, event, settings, result):
         return False
     if kind != table.NO_GNSS:
@@ -67,7 +69,8 @@ def _gnss(nav, P, constants, event, settings, result):
             return False
         result[table.RESULT_NIS] = nis
     if kind == table.VELOCITY:
-        z, _ = measurements.gnss_velocity(nav, len(P), value, lever)
+        z, H = measurements.gnss_velocity(nav, len(P), value, lever)
+        measurements.see_gnss_error(z, H, nav, constants, measurements.VELOCITY)
         for i in range(3):
             result[table.RESULT_Z + i] = z[i]
     elif kind == table.POSITION:

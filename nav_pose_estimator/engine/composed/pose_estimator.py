@@ -27,6 +27,7 @@ from nav_pose_estimator.engine.outage.rehearsals import Elsewhere
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import (
     AttitudeSample,
+    BeamVelocitySample,
     GnssFix,
     GnssVelocity,
     ImuBlock,
@@ -52,7 +53,7 @@ from nav_pose_estimator.engine.solutions import (
 )
 
 _ANOTHER_STATE = (WRONG_START, UNDONE, TURNED)
-_BETWEEN = (GnssFix, GnssVelocity, MagSample, PressureSample, SatelliteCount)
+_BETWEEN = (GnssFix, GnssVelocity, MagSample, PressureSample, SatelliteCount, BeamVelocitySample)
 """Samples that the navigator takes together with the IMU's."""
 Early = Sequence[tuple[int, Sample]]
 """Samples that came behind so many IMU samples of a block; the navigator hears of them before the block."""

@@ -88,11 +88,11 @@ def resumed(saved: SavedState, run: FilterRun, stamp_ns: int) -> FilterRun:
     twin.gnss.position.resets = saved.resets + 1
     if warm.is_fresh:
         _go_on(twin, saved)
-        text = f"a state of {gap:.1f} s before is there: origin and noise are kept"
+        text = f"a state from {gap:.1f} s ago was found: origin and noise are kept"
         run.journal.say(stamp_ns, "resume.begun", Level.INFO, text)
     elif gap > 0.0:
         kept = "origin and noise are kept" if gap <= _NOISE_LIFE else "its origin is kept, and nothing else"
-        text = f"a state of {gap:.0f} s before is there, too old to go on with: {kept}"
+        text = f"a state from {gap:.0f} s ago was found, too old to continue from: {kept}"
         run.journal.say(stamp_ns, "resume.origin", Level.INFO, text)
     else:
         text = (

@@ -12,24 +12,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.alignment.aligner import Aligner
-from nav_pose_estimator.core.alignment.first_states import in_motion
+from nav_pose_estimator.core.alignment.first_states import STEEPEST, in_motion, inclined
+from nav_pose_estimator.core.alignment.heading_hypotheses import HeadingHypotheses
 from nav_pose_estimator.core.alignment.levelling import (
-    STANDARD_GRAVITY,
     dipole_dip,
+    field_doubt,
     level_in_motion,
-    summed_force,
     turned,
+    unlevel,
 )
 from nav_pose_estimator.core.alignment.recent_rows import RecentRows
 from nav_pose_estimator.core.alignment.types import Alignment, Fix, KnownBiases
 from nav_pose_estimator.core.earth.ellipsoid import cos_latitude, radii, step_enu
 from nav_pose_estimator.core.filter.layout import DPOS, DVEL, IMU_T, PHI
-from nav_pose_estimator.core.numerics.rotation import euler_from_quat
+from nav_pose_estimator.core.numerics.rotation import euler_from_quat, quat_rotate
 from nav_pose_estimator.engine.continuation.saved_state import SavedState
 from nav_pose_estimator.engine.parameters import Parameters
 
@@ -40,12 +42,21 @@ _SAME_MAP = 100e3  # m from where an old state was saved: further off, its origi
 _LEVEL_TIME = 1.0  # s of IMU that give a level in motion ...
 _LEAST_LEVEL_TIME = 0.7  # ... and what is enough of it
 _PATIENCE = 2.0  # s that a fix may take to come before the start is without one
-_STEEPEST = 0.35  # rad: a vehicle that accelerates by more than a third of gravity shows no level
 _RETRY = 0.1  # s between two attempts
 _GIVEN_UP = 5.0  # s after which the alignment is left to find everything itself
 _FIELD_WINDOW = 0.15  # s of magnetometer that make a heading of a vehicle that may turn
+_LEAST_MOTION = 1.0  # s of GNSS before its heading hypotheses may be believed so far
 _WIDEST_HEADING = 0.7  # rad: beyond, the alignment in motion is quicker than the filter
 _UNKNOWN_HEADING = math.pi / math.sqrt(3.0)  # rad: deviation of a heading that is anything
+
+
+class _Attitude(NamedTuple):
+    """``q`` (4,), the deviations of its tilt and heading [rad], and whether the magnetometer told the heading."""
+
+    q: Array
+    tilt_sd: float
+    yaw_sd: float
+    from_magnetometer: bool
 
 
 @dataclass(init=False, eq=False)
@@ -86,8 +97,25 @@ class WarmStart:
 
     def result(self, aligner: Aligner) -> Alignment | None:
         """The first state, as soon as there is one."""
-        if not (self.is_fresh and self.saved.is_sound and self._rows.rows):
+        if not (self.is_fresh and self._rows.rows):
             return None
+        own = self._own(aligner) if self.saved.is_sound else None
+        if own is not None:
+            return own
+        return self._so_far(aligner.bank)
+
+    def _so_far(self, bank: HeadingHypotheses | None) -> Alignment | None:
+        """What the hypotheses of the alignment in motion say, as soon as the filter can go on with it."""
+        if bank is None or bank.time - bank.began < _LEAST_MOTION:
+            return None
+        if not bank.heading()[1] * math.sqrt(max(bank.nis, 1.0)) <= _WIDEST_HEADING:
+            return None
+        nav, P = bank.merged()
+        how = f"goes on after {bank.time - self._t:.1f} s, heading of the motion so far"
+        return Alignment(bank.time, nav, 0.5 * (P + P.T), how, continues=True, nis=bank.nis)
+
+    def _own(self, aligner: Aligner) -> Alignment | None:
+        """From what was saved and the level of now."""
         now, fix = float(self._rows.rows[-1][IMU_T]), aligner.last_fix
         was_aided = self.saved.unaided <= self._parameters.navigator.lost_after
         waits = was_aided and now - self._begun < _LEVEL_TIME + _PATIENCE
@@ -125,31 +153,67 @@ class WarmStart:
         rows = self._rows.between(there.t - _LEVEL_TIME, there.t)
         if len(rows) < 3 or rows[0, IMU_T] > there.t - _LEAST_LEVEL_TIME:
             return None
-        unlevel = _unlevel(rows, self._biases.accel)
-        if unlevel > _STEEPEST:
+        off_level = unlevel(rows, self._biases.accel)
+        if off_level > STEEPEST:
+            found = self._inclined(there, aligner)
+        else:
+            found = self._levelled(there, rows, off_level, aligner)
+        if found is None or (found.yaw_sd > _WIDEST_HEADING and last_fix is None):
             return None
-        # an attitude filter that has just started in flight knows the tilt better than it can be sure of
-        tilt_sd = max(aligner.settings.tilt_sd, unlevel)
-        outside = aligner.outside.near(there.t, tilt_sd)
-        q, stated_sd = outside or (level_in_motion(rows), tilt_sd)
-        yaw, yaw_sd, from_magnetometer = self._heading(there, q, stated_sd, aligner)
-        if yaw_sd > _WIDEST_HEADING and last_fix is None:
-            return None
-        nav, P = in_motion(turned(q, yaw), tilt_sd, there, self._biases, self._rows.at(there.t), False)
+        q, tilt_sd, yaw_sd, from_magnetometer = found
+        nav, P = in_motion(q, tilt_sd, there, self._biases, self._rows.at(there.t), False)
         P[PHI + 2, PHI + 2] = min(yaw_sd, _UNKNOWN_HEADING) ** 2
         how = f"goes on after {there.t - self._t:.1f} s" + (
             ", heading of the magnetometer" if from_magnetometer else ""
         )
         return Alignment(there.t, nav, P, how, True, from_magnetometer, continues=True, last_fix=last_fix)
 
+    def _levelled(self, there: Fix, rows: Array, off_level: float, aligner: Aligner) -> _Attitude:
+        """The mean force is up, as far as ``off_level`` [rad]."""
+        # an attitude filter that has just started in flight knows the tilt better than it can be sure of
+        tilt_sd = max(aligner.settings.tilt_sd, off_level)
+        outside = aligner.outside.near(there.t, tilt_sd)
+        q, stated_sd = outside or (level_in_motion(rows), tilt_sd)
+        yaw, yaw_sd, from_magnetometer = self._heading(there, q, stated_sd, aligner)
+        return _Attitude(turned(q, yaw), tilt_sd, yaw_sd, from_magnetometer)
+
+    def _inclined(self, there: Fix, aligner: Aligner) -> _Attitude | None:
+        """The mean force is what GNSS says of the acceleration; None where it does not, or nothing tells the heading.
+
+        Of the attitudes that are left the one is taken that puts the magnetic field where the Earth's is, or, where
+        that is known better, the heading where it was.
+        """
+        attitudes = inclined(aligner.recent, self._rows, there, self._biases.accel)
+        if attitudes is None:
+            return None
+        tilt_sd = aligner.settings.tilt_sd
+        saved_sd, magnetic_sd = self._saved_heading_sd(there.t), aligner.settings.mag_heading_sd
+        if saved_sd <= magnetic_sd or math.isnan(self.saved.compass_offset):
+            saved = float(euler_from_quat(np.array(self.saved.q_nb))[2])
+            away = [abs(math.remainder(float(euler_from_quat(q)[2]) - saved, 2.0 * math.pi)) for q in attitudes]
+            return _Attitude(attitudes[int(np.argmin(away))], tilt_sd, math.hypot(saved_sd, tilt_sd), False)
+        field = aligner.compass.field(there.t, _FIELD_WINDOW)
+        if field is None:
+            return None
+        dip = dipole_dip(*there.position[:2])
+        azimuth = 0.5 * math.pi - aligner.compass.declination - self.saved.compass_offset
+        earth = (math.cos(dip) * math.cos(azimuth), math.cos(dip) * math.sin(azimuth), -math.sin(dip))
+        q = max(attitudes, key=lambda q: float(quat_rotate(q, field) @ earth))
+        if field_doubt(q, field, *there.position[:2]):
+            return None
+        return _Attitude(q, tilt_sd, math.hypot(magnetic_sd, tilt_sd * abs(math.tan(dip))), True)
+
+    def _saved_heading_sd(self, t: float) -> float:
+        """What an unknown turn has left by ``t`` of the heading that was saved [rad]."""
+        turn = self._parameters.navigator.gap_rate_sd * (t - self._t)
+        return math.hypot(math.sqrt(self.saved.cov[PHI + 2, PHI + 2]), turn)
+
     def _heading(self, there: Fix, q_level: Array, tilt_sd: float, aligner: Aligner) -> tuple[float, float, bool]:
         """Yaw, its deviation [rad], and whether it is the magnetometer's.
 
         A tilt that is wrong turns the vertical field into a horizontal one, and the magnetic heading with it.
         """
-        saved = self.saved
-        turn = self._parameters.navigator.gap_rate_sd * (there.t - self._t)
-        sd = math.hypot(math.sqrt(saved.cov[PHI + 2, PHI + 2]), turn)
+        saved, sd = self.saved, self._saved_heading_sd(there.t)
         magnetic_sd = aligner.settings.mag_heading_sd
         if sd > magnetic_sd and math.isfinite(saved.compass_offset):
             magnetic = aligner.compass.yaw(there.t, q_level, *there.position[:2], window=_FIELD_WINDOW)
@@ -157,13 +221,3 @@ class WarmStart:
                 by_tilt = tilt_sd * abs(math.tan(dipole_dip(*there.position[:2])))
                 return magnetic - saved.compass_offset, math.hypot(magnetic_sd, by_tilt), True
         return float(euler_from_quat(np.array(saved.q_nb))[2]), sd, False
-
-
-def _unlevel(rows: Array, accel_bias: tuple[float, float, float]) -> float:
-    """How far from level the mean force of IMU ``rows`` (N, 7) may point [rad], as its size tells.
-
-    A horizontal acceleration a adds to gravity at a right angle, |f|^2 = g^2 + a^2, and turns the force by atan(a / g).
-    """
-    force = summed_force(rows) / len(rows) - np.array(accel_bias)
-    excess = float(np.linalg.norm(force)) / STANDARD_GRAVITY
-    return math.acos(min(max(1.0 / excess, 0.0), 1.0)) if excess > 1.0 else 0.0

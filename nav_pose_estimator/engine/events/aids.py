@@ -15,22 +15,22 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "navigator.turned",
-            "IMU and GNSS have shown the heading to be far off: the navigator goes on with the one that they show",
-            "see what gave it: a magnetometer (docs/calibration.md), a start in motion, velocities in other axes",
+            "IMU and GNSS have shown that the heading was far off: the navigator continues with theirs",
+            "find its cause: a magnetometer (docs/calibration.md), a start in motion, velocities in other axes",
         ),
         Entry(
             "mag.heading.wrong_start",
-            "motion has shown that the magnetic heading of the start was wrong: aligned anew, it steers nothing",
+            "motion has shown that the magnetic heading at the start was wrong: aligned again, magnetometer not used",
             "calibrate (docs/calibration.md): attitude.hard_iron, aids.magnetometer_rpy",
         ),
         Entry(
             "mag.heading.disagrees",
-            "the magnetic heading is not the one that motion shows; it steers nothing",
-            "as above; the sentence says by how much and the likely cause",
+            "the magnetic heading is not the one that motion shows; the magnetometer is not used",
+            "as above; the log line says by how much, and the likely cause",
         ),
         Entry(
             "mag.unit",
-            "the field, or attitude.hard_iron, is in another unit than tesla; alignment does not believe it",
+            "the field, or attitude.hard_iron, is not in tesla; alignment does not use it",
             "publish tesla, as sensor_msgs/MagneticField demands; write attitude.hard_iron in tesla",
         ),
         Entry("mag.heading.cause", "turns have shown what is wrong with the magnetic heading", "see the log line"),
@@ -49,7 +49,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("mag.rejected.stale", "a field half a second away from the IMU's time", CLOCKS),
         Entry(
             "baro.rejected.unit",
-            "a pressure that belongs to the height of GNSS in another unit than pascal",
+            "a pressure that fits the GNSS height only in another unit than pascal",
             "let the driver send pascal",
         ),
         Entry(
@@ -61,16 +61,19 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("baro.rejected.value", "a pressure outside the atmospheric range", "check the unit: pascal, not hPa"),
         Entry(
             "depth.rejected.value",
-            "a pressure of the water that cannot be one",
-            "absolute pressure in pascal; aids.water_density is 0 for a barometer",
+            "an impossible pressure of the water",
+            "publish absolute pressure in pascal; set aids.water_density to 0 for a barometer",
         ),
         Entry("depth.*", "a height by the pressure of the water was used, given less weight (inflated), or refused"),
-        Entry("zero_velocity.rejected", "the IMU was still, but the filter is sure of motion: not rest"),
+        Entry("zero_velocity.rejected", "the IMU was still, but the filter is certain of motion: not rest"),
         Entry(
             "zero_velocity.withheld.rate",
-            "the IMU was still, but for a rotation that its bias does not explain: not rest",
+            "the IMU was still except for a rotation that its bias does not explain: not rest",
         ),
-        Entry("zero_velocity.withheld.speed", "the IMU was still, but a low speed is not certain: not taken as rest"),
+        Entry(
+            "zero_velocity.withheld.speed",
+            "the IMU was still, but it is not certain that the speed is low: not taken for rest",
+        ),
         Entry("body_velocity.rejected.value", "a velocity without a finite component", SENSOR),
         Entry(
             "beam_velocity.geometry",
@@ -78,7 +81,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "beam_velocity.geometry.refused",
-            "no reading of directions and signs agrees with a velocity that is known otherwise; no beam is used",
+            "directions and signs of the beams agree with a known velocity in no reading; no beam is used",
             "the sentence says what would fit; aids.beams.directions, sign and rpy (docs/beams.md)",
         ),
         Entry(
@@ -88,8 +91,8 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "beam_velocity.delayed",
-            "velocities that follow the acceleration late: their stamps are not those of validity",
-            "set aids.beams.delay to what the sentence says; repeat until it is silent",
+            "the velocities lag behind the acceleration: they are not stamped when they were valid",
+            "set aids.beams.delay to what the log line says; repeat until it no longer appears",
         ),
         Entry(
             "beam_velocity.unproven",
@@ -99,8 +102,8 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("beam_velocity.contradicts.ended", "beams and GNSS agree again"),
         Entry(
             "beam_velocity.beam_out",
-            "a beam is left out until it fits again: too many of its velocities did not",
-            "if it stays out, look at its transducer and at what is in its way",
+            "a beam is left out until it fits again, because too many of its velocities did not",
+            "if it stays out, check its transducer and whether something is in its way",
         ),
         Entry("beam_velocity.beam_in", "a beam that was left out is used again"),
         Entry(
@@ -118,7 +121,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "a message with more or fewer beams than aids.beams.directions gives",
             "give a direction for each beam",
         ),
-        Entry("beam_velocity.rejected.direction", "a direction that is no unit vector", "set aids.beams.directions"),
+        Entry("beam_velocity.rejected.direction", "a direction that is not a unit vector", "set aids.beams.directions"),
         Entry(
             "beam_velocity.rejected.duplicate",
             "two beams of one message have the same direction",
@@ -127,7 +130,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("beam_velocity.rejected.zero", "all velocities are exactly zero: no echo", "wait for bottom lock"),
         Entry(
             "beam_velocity.rejected.stuck",
-            "all velocities of a message are those of the ones before it, to the last digit",
+            "all velocities of a message repeat those of the messages before it to the last digit",
             "restart the sensor, or let its driver send each measurement once",
         ),
         Entry("beam_velocity.rejected.lost", "no beam of a message has a velocity", "wait for bottom lock"),
@@ -135,7 +138,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "beam_velocity.rejected.water",
             "the sensor measures against the water, not the ground",
-            "let it track the bottom",
+            "switch it to bottom track",
         ),
         Entry("beam_velocity.rejected.beams", "beams whose numbers are not 0 to 3 or 1 to 4", SENSOR),
         Entry(
@@ -145,7 +148,10 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("beam_velocity.*.used", "a velocity of this beam was used"),
         Entry("beam_velocity.*.lost", "a message in which this beam had no velocity"),
         Entry("beam_velocity.*.rejected", "a velocity of this beam did not fit the navigator", "a few are harmless"),
-        Entry("beam_velocity.*.rejected.parity", "the beams contradicted each other, and this one explained it best"),
+        Entry(
+            "beam_velocity.*.rejected.parity",
+            "the beams contradicted each other, and this one explained the contradiction best",
+        ),
         Entry("beam_velocity.*.rejected.out", "a velocity that fits, of a beam that is left out"),
         Entry("airspeed.rejected.absent", "PX4 reports no airspeed", "check the pitot tube and its driver"),
         Entry("airspeed.rejected.value", "an airspeed that is not finite, or impossible", SENSOR),
@@ -153,12 +159,12 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("airspeed.*", "an airspeed was used, given less weight (inflated), or refused by the filter's gate"),
         Entry("composed.rejected.value", "a composed position that is not finite, or lacks its covariance"),
         Entry("composed.used", "a position composed of predictions was used (learner.method pseudo_gnss)"),
-        Entry("composed.inflated", "such a position counted for less: the filter did not expect it"),
+        Entry("composed.inflated", "such a position was unlikely and was given less weight"),
         Entry("composed.rejected", "such a position was refused by the filter's gate"),
         Entry("range.rejected.value", "a distance to the ground that is not finite, or impossible", SENSOR),
         Entry(
             "range.new_ground",
-            "the ground was at another level for two seconds: heights are measured from there",
+            "the ground has been at another level for two seconds: heights now count from there",
         ),
         Entry("range.*", "a height above ground was used, given less weight (inflated), or refused by the gate"),
         Entry("range.rejected.outside", "no echo within the limits that the rangefinder states", "fly lower, or wait"),
@@ -167,9 +173,9 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "a predicted velocity error that is not finite or lacks its covariance",
             "anfis_node sends both",
         ),
-        Entry("outage.evidence", "what the flight so far says about the motion was used"),
-        Entry("outage.evidence.redundant", "what the flight taught was not used, because the airspeed is better"),
-        Entry("outage.evidence.network", "... and the network's prediction was part of it"),
+        Entry("outage.evidence", "what this flight has shown of the vehicle's motion was used"),
+        Entry("outage.evidence.redundant", "what this flight has shown was not used, because the airspeed is better"),
+        Entry("outage.evidence.network", "as outage.evidence, with the prediction of the network"),
         Entry(
             "outage.no_model", "GNSS is lost and anfis_node has no model yet", "fly longer with GNSS, or load a model"
         ),
@@ -201,7 +207,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "attitude.body_velocity.incomplete",
             "a body velocity lacks an axis: the attitude filter cannot tell acceleration from it",
-            "let a driver of wheels publish 0 for what they cannot do",
+            "let a driver for wheels publish 0 for the axes along which they cannot move",
         ),
         Entry("attitude.body_velocity.stamp", "a body velocity not newer than the previous one"),
         Entry("*.used", "an aid was used"),

@@ -25,7 +25,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "gnss.rejected.stuck",
             "the position repeats to the last digit while the vehicle moves",
-            "power the receiver again; look at what repeats its messages",
+            "power-cycle the receiver; check what repeats its messages",
         ),
         Entry(
             "gnss.rejected.axes",
@@ -44,7 +44,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "gnss.height.moved",
-            "heights stay on another reference; the step is taken off them",
+            "heights now have another reference; the step is subtracted",
             "let the driver give heights above the ellipsoid in every fix",
         ),
         Entry(
@@ -107,15 +107,15 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "gnss.pulled",
-            "the receiver's velocity changed without a force that the IMU feels, and its positions follow",
-            "do not trust GNSS: spoofing, or an IMU that errs; accept_return says that GNSS is right",
+            "the receiver's velocity changed without a force on the IMU, and its positions follow",
+            "do not trust GNSS: spoofing, or an IMU fault; call ~/accept_return if GNSS is right",
         ),
-        Entry("gnss.pulled.ended", "GNSS took back what no force explained"),
+        Entry("gnss.pulled.ended", "GNSS has taken back the change that no force explained"),
         Entry("gnss.drift.ended", "fixes and their velocities agree again"),
         Entry("gnss.drift.fixes", "a fix that came while positions and velocities drifted apart"),
         Entry(
             "gnss.rejected.velocity_axes",
-            "a velocity whose axes contradict the way between fixes",
+            "a velocity whose axes contradict the motion between fixes",
             "see gnss.velocity.axes",
         ),
         Entry(
@@ -125,7 +125,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "gnss.velocity.axes.turned",
-            "velocities are as fast as the positions move, but in another direction; they are not used",
+            "velocities have the speed of the motion but another direction; they are not used",
             "let the driver send East-North-Up; a velocity in body axes belongs on another topic",
         ),
         Entry(
@@ -135,33 +135,33 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "gnss.velocity.axes.unit",
-            "velocities point where the positions go, but are not as fast; they are not used",
+            "velocities have the direction of the motion but not its speed; they are not used",
             "let the driver send m/s",
         ),
         Entry(
             "gnss.velocity.axes.unexplained",
-            "velocities do not say where the positions go, nor does the IMU feel them; they are not used",
+            "velocities do not fit the positions, and the IMU does not feel them; they are not used",
             SENSOR,
         ),
-        Entry("gnss.velocity.axes.ended", "velocities agree with the way between fixes again"),
+        Entry("gnss.velocity.axes.ended", "velocities agree with the motion between fixes again"),
         Entry(
             "gnss.velocity.turned",
-            "axes or unit of the velocities are known beyond doubt; they are put right and used",
-            "let the driver send East-North-Up in m/s; set ros.input.velocity_frame to ned where that is what it sends",
+            "axes or unit of the velocities are known beyond doubt; they are corrected and used",
+            "let the driver send East-North-Up in m/s; set ros.input.velocity_frame to ned if it sends that",
         ),
         Entry(
             "gnss.velocity.undone",
-            "what wrong velocities did to the pose is undone: the last seconds were computed anew",
+            "the effect of wrong velocities on the pose is undone: the last seconds were computed again",
             "see the gnss.velocity event before it",
         ),
         Entry(
             "gnss.velocity.late",
-            "velocities belong to positions of some time ago; they are used as of then",
-            "let the driver stamp velocities when they were valid, as it stamps positions",
+            "velocities are late: they fit the positions of some time ago, and are used as of then",
+            "let the driver stamp velocities with the time at which they were valid, as it does positions",
         ),
         Entry(
             "gnss.velocity.scale",
-            "positions move farther, or less far, than velocities and stamps say",
+            "positions move farther, or less far, than velocities and stamps imply",
             "compare the clock of the stamps with GNSS time (replay LOG --clock gnss for flight logs)",
         ),
         Entry(
@@ -187,7 +187,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "gnss.noise.optimistic",
             "the receiver's errors are three or more times as large as it states (gnss.noise has found the factor)",
-            "look for reflections and interference; else set gnss.position_sd, gnss.velocity_sd to what is true",
+            "look for reflections and interference; else set gnss.position_sd and gnss.velocity_sd to true values",
         ),
         Entry("gnss.noise.agrees", "the receiver's errors are about as large as it states again"),
         Entry("gnss.rejected.velocity_value", "a velocity that is not finite", SENSOR),
@@ -204,9 +204,9 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("*.rejected.late", "a message older than navigator.memory", CLOCKS + ", or raise navigator.memory"),
     ),
     "GNSS: the return after an outage": (
-        Entry("gnss.waiting.consistency", "too few consistent fixes since GNSS came back", "wait"),
-        Entry("gnss.waiting.expected", "the fixes lie where they should, but have not lasted long enough", "wait"),
-        Entry("gnss.rejected.expected", "the fixes lie where they should, but have not lasted long enough", "wait"),
+        Entry("gnss.waiting.consistency", "there are too few consistent fixes since GNSS came back", "wait"),
+        Entry("gnss.waiting.expected", "the fixes are where they should be, but not for long enough yet", "wait"),
+        Entry("gnss.rejected.expected", "the fixes are where they should be, but not for long enough yet", "wait"),
         Entry(
             "gnss.waiting.contradiction",
             "the fixes agree with each other, but not with the filter",
@@ -233,7 +233,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("gnss.return.accepted", "the operator accepted the return of GNSS that was held"),
         Entry("gnss.return.refused", "the operator refused the return of GNSS that was held"),
-        Entry("gnss.return.none", "a decision about a return was made, but none was held"),
+        Entry("gnss.return.none", "the operator decided about a return of GNSS, but none was held"),
         Entry("gnss.reacquired.*", "GNSS is back and used as a correction"),
         Entry(
             "gnss.reset.*",

@@ -48,13 +48,13 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "imu.implausible.upside_down",
-            "gravity pulls towards the top of the body: no alignment",
-            "set imu.convention (frd) or imu.mounting_rpy, or turn the sign in the driver",
+            "gravity points to the top of the body: no alignment",
+            "set imu.convention (frd) or imu.mounting_rpy, or change the sign in the driver",
         ),
         Entry(
             "imu.implausible.no_accelerometer",
             "the accelerometer reads exactly zero: no alignment",
-            "let the driver join gyroscope and accelerometer (realsense: unite_imu_method)",
+            "let the driver combine gyroscope and accelerometer (realsense: unite_imu_method)",
         ),
         Entry("imu.implausible.no_gyroscope", "the gyroscope reads exactly zero: no alignment", "as above"),
         Entry("imu.implausible.dead_axis", "an axis does not change while the others do", "replace the IMU"),
@@ -65,15 +65,17 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "imu.implausible.motion",
-            "the IMU tells another motion than GNSS velocity; the sentence names unit, sign or axes",
+            "IMU and GNSS velocity contradict each other; the log line names unit, sign or axes",
             "check rad/s, signs and axes of both sensors; if they are right: ros.input.velocity_frame, gnss.delay",
         ),
-        Entry("imu.implausible.ended", "the IMU is plausible again: it aligns anew"),
-        Entry("imu.vibration", "the IMU shakes heavily: expect errors of vertical velocity", "dampen its mount"),
-        Entry("imu_doubt.used", "the IMU was dead, clipped or struck while GNSS was away: less certain from then on"),
+        Entry("imu.implausible.ended", "the IMU is plausible again: the navigator aligns"),
+        Entry("imu.vibration", "the IMU vibrates heavily: expect errors of the vertical velocity", "damp its mount"),
+        Entry(
+            "imu_doubt.used", "the IMU was stuck, clipped or struck while GNSS was away: sigma is larger from then on"
+        ),
         Entry(
             "navigator.distrusted",
-            "without GNSS, an IMU that is none or a speed that the vehicle cannot fly: EXPIRED until GNSS is back",
+            "without GNSS, an impossible IMU or a speed that the vehicle cannot reach: EXPIRED until GNSS is back",
             "see the reason in the log line",
         ),
         Entry("imu.rejected.nan", "a value that is not finite", SENSOR),

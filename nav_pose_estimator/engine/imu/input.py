@@ -6,12 +6,12 @@ comparisons that no rule applies to a block and otherwise walks through it sampl
 """
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
 from nav_pose_estimator.core.numerics.imu_checks import is_unremarkable
 from nav_pose_estimator.core.numerics.jit import COMPILED
+from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.imu.mounting import Mounting
 from nav_pose_estimator.engine.imu.rules import CLIPPED_FORCE, CLIPPED_RATE, ImuMemory, ImuRules, count_one
 from nav_pose_estimator.engine.parameters.imu import ImuParameters
@@ -34,11 +34,11 @@ class ImuInput:
 
     def snapshot(self) -> ImuMemory:
         """The memory of the checks, to be given to :meth:`restore`."""
-        return replace(self._rules.memory)
+        return snapshot(self._rules.memory)
 
     def restore(self, memory: ImuMemory) -> None:
         """Go back to an earlier :meth:`snapshot`."""
-        self._rules.memory = replace(memory)
+        self._rules.memory = snapshot(memory)
 
     def reset(self) -> None:
         """Forget all earlier samples."""

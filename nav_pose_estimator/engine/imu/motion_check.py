@@ -81,7 +81,7 @@ class MotionCheck:
 
         ``gyro_bias`` (3,) [rad/s] as far as the navigator knows it: that of a poor gyroscope is no mistake.
         """
-        self._seconds.pop(k - _WINDOW - _LAG, None)
+        self._forget_before(k - _WINDOW - _LAG)
         whole = motion_story.second_of(rows, float(k - 1))
         if whole is not None:
             self._seconds[k] = whole
@@ -91,6 +91,13 @@ class MotionCheck:
                 self._offset, self._least_motion = whole.angle.sum(axis=0), motion
         if k % _EVERY == 0:
             self._compare(k - _LAG, gyro_bias)
+
+    def _forget_before(self, k: int) -> None:
+        """Drop what no window from the second that begins at ``k`` on looks at."""
+        self._seconds.pop(k, None)
+        for known in (self._velocities, self._received):
+            while known and known[0][0] <= k - _VELOCITY_GAP:
+                known.popleft()
 
     def _compare(self, end: int, gyro_bias: np.ndarray) -> None:
         seconds = [self._seconds.get(k) for k in range(end - _WINDOW + 1, end + 1)]
@@ -159,7 +166,7 @@ class MotionCheck:
         alike = np.flatnonzero(sums < _ALIKE * sums[best] + _ALIKE_FLOOR)
         self._blamed = min(alike.tolist(), key=self._unusual)
         text = (
-            f"IMU and GNSS velocity tell different motions ({100.0 * self.misfit:.0f} % of the force unexplained): "
+            f"IMU and GNSS velocity contradict each other ({100.0 * self.misfit:.0f} % of the force unexplained): "
             f"{self._in_words(self._blamed)}"
         )
         self.finding = Finding("imu.implausible.motion", text)

@@ -120,7 +120,7 @@ class ImuPhysics:
         """Why the solution is less certain, a clause; empty unless the IMU shakes heavily."""
         if not (self._shakes and self._seconds):
             return ""
-        return f"the IMU shakes by {self._seconds[-1].vibration:.0f} m/s^2"
+        return f"the IMU vibrates by {self._seconds[-1].vibration:.0f} m/s^2"
 
     def _watch_vibration(self, second: ImuSecond, journal: Journal, stamp_ns: int) -> None:
         beyond = max(second.vibration**2 - _BEARABLE**2, 0.0)
@@ -130,8 +130,8 @@ class ImuPhysics:
         shakes = second.vibration > (0.7 * _HEAVY if self._shakes else _HEAVY)
         if shakes and not self._shakes:
             text = (
-                f"the IMU shakes by {second.vibration:.0f} m/s^2 from sample to sample, mean force "
-                f"{second.gravity:.1f} m/s^2: expect errors of vertical velocity; dampen the mount"
+                f"the IMU vibrates by {second.vibration:.0f} m/s^2 from sample to sample, mean force "
+                f"{second.gravity:.1f} m/s^2: expect errors of the vertical velocity; damp its mount"
             )
             journal.say(stamp_ns, "imu.vibration", Level.WARN, text, vibration=second.vibration)
         self._shakes = shakes

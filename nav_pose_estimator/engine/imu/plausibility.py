@@ -43,14 +43,14 @@ def absent(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
     last = seconds[-agreed:]
     if all(not any(s.spread[3:]) and not any(s.force) for s in last):
         text = (
-            "the accelerometer reads exactly zero: half of the message is missing, probably gyroscope and "
-            "accelerometer come on two topics; let the driver join them"
+            "the accelerometer reads exactly zero: half of the message is missing, gyroscope and "
+            "accelerometer probably come on two topics; let the driver combine them"
         )
         return Finding("imu.implausible.no_accelerometer", text)
     if all(not any(s.spread[:3]) and not any(s.rate) and all(s.spread[3:]) for s in last):
         text = (
             "the gyroscope reads exactly zero while the accelerometer changes: half of the message is missing, "
-            "probably they come on two topics; let the driver join them"
+            "they probably come on two topics; let the driver combine them"
         )
         return Finding("imu.implausible.no_gyroscope", text)
     return None
@@ -80,7 +80,7 @@ def gravity_missing(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None
         return Finding("imu.implausible.in_g", text)
     if all(s.gravity < 0.25 * G and s.turn < _CALM_TURN for s in last):
         text = (
-            f"the mean specific force is {mean:.2f} m/s^2 instead of 9.8: the driver probably takes gravity away; "
+            f"the mean specific force is {mean:.2f} m/s^2 instead of 9.8: the driver probably removes gravity; "
             "use its raw acceleration"
         )
         return Finding("imu.implausible.no_gravity", text)
@@ -123,7 +123,7 @@ def two_imus(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
     """Every other sample lies elsewhere."""
     if sum(s.interleaved for s in seconds) < _INTERLEAVED:
         return None
-    text = "every other IMU sample tells another motion than the rest: two IMUs probably publish on one topic"
+    text = "every other IMU sample contradicts the rest: two IMUs probably publish on one topic"
     return Finding("imu.implausible.two_imus", text)
 
 

@@ -108,7 +108,7 @@ class ImuRules:
         turn, push = math.dist(sample.gyro, self.memory.gyro), math.dist(sample.accel, self.memory.accel)
         if turn > _OTHER_RATE or push > _OTHER_FORCE:
             text += (
-                f" and reads otherwise by {turn:.2g} rad/s and {push:.2g} m/s^2: probably a second IMU on the topic, "
+                f" and differs by {turn:.2g} rad/s and {push:.2g} m/s^2: probably a second IMU on the topic, "
                 "remap one of them"
             )
         return self._event(sample.stamp_ns, "imu.rejected.duplicate", text)

@@ -76,16 +76,6 @@ class Branches:
         self.names = tuple(h.name for h in evidence.hypotheses)
         self._decisions = [(-math.inf, self.weights)]  # (time, weights from then on), as far back as checkpoints
 
-    def copy(self) -> Branches:
-        """An independent copy."""
-        twin = object.__new__(Branches)
-        twin.memories = self.memories.copy()
-        twin.weights, twin._decisions = self.weights, list(self._decisions)
-        twin.names, twin._lost_at = self.names, self._lost_at
-        twin._left, twin._ended = self._left, list(self._ended)
-        twin._drift_variance, twin._wind_is_measured = self._drift_variance, self._wind_is_measured
-        return twin
-
     def probability(self, name: str) -> float:
         """Of the hypothesis ``name``."""
         return float(self.weights[self.names.index(name)])

@@ -6,7 +6,6 @@ of ``SinsEngine``.
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Callable
 
@@ -18,6 +17,7 @@ from nav_pose_estimator.core.alignment.types import Alignment, FixNoise, KnownBi
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import keep_blocks
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
+from nav_pose_estimator.core.numerics.deep_copy import deep_copy
 from nav_pose_estimator.core.numerics.jit import COMPILED
 from nav_pose_estimator.engine.engine_clock import EngineClock
 from nav_pose_estimator.engine.imu.physics import ImuPhysics
@@ -77,8 +77,8 @@ class FilterRun:
         sensors = [*self.gnss.sensors, *self.aids.values(), self.rest, self.imu_doubt]
         self._fusion = Fusion(sensors, filter_setup.gates(parameters))
         self.noise = noise or NoiseIdentification()
-        self.gnss.reception.noise_variance = self.noise.gnss_variance
-        constants = filter_setup.constants(parameters, self.noise.imu_variance)
+        self.gnss.reception.shown = self.noise
+        constants = filter_setup.constants(parameters, self.noise)
         # without a compiler it would be no faster
         expected = kinds(self.gnss, self.aids.values(), self.aiding)
         routine = Routine(expected, self.aiding, self._fusion) if COMPILED else None
@@ -95,7 +95,7 @@ class FilterRun:
 
     def copy(self, journal: Journal) -> FilterRun:
         """An independent copy that reports to ``journal``: of all there is, but parameters never change."""
-        twin = copy.deepcopy(self, {id(self.journal): journal, id(self.parameters): self.parameters})
+        twin = deep_copy(self, {id(self.journal): journal, id(self.parameters): self.parameters})
         twin.quiet_until = -math.inf
         return twin
 
@@ -114,7 +114,7 @@ class FilterRun:
 
     def renew_constants(self) -> None:
         """Give the filter its constants anew, with the noise that the flight has shown and the states that it has."""
-        constants = filter_setup.constants(self.parameters, self.noise.imu_variance, self.imu_physics.vibration_noise)
+        constants = filter_setup.constants(self.parameters, self.noise, self.imu_physics.vibration_noise)
         keep_blocks(constants, self.timeline.filter.constants)
         self.timeline.filter.constants[:] = constants
 
@@ -182,7 +182,7 @@ class FilterRun:
         if self.origin is None:
             self.origin = place
         elif start_up.is_far(place, self.origin):
-            text = "the fixed origin lies more than 100 km from here: are origin.latitude and origin.longitude right?"
+            text = "the fixed origin is more than 100 km from here: are origin.latitude and origin.longitude right?"
             self.journal.say(self.clock.stamp(self.now), "origin.far", Level.WARN, text)
         now = self.now
         self.timeline.start(nav, P, self.origin)
@@ -200,8 +200,7 @@ class FilterRun:
         self.journal.say(self.clock.stamp(self.now), "resume.refused.moved", Level.WARN, text)
         if not self.origin_is_fixed:
             self.origin = None
-        self.noise = NoiseIdentification()
-        self.gnss.reception.noise_variance = self.noise.gnss_variance
+        self.noise = self.gnss.reception.shown = NoiseIdentification()
         self.timeline.shift = np.zeros(3)
         self.renew_constants()
 

@@ -3,25 +3,29 @@
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from nav_pose_estimator.core.alignment.types import Alignment
 from nav_pose_estimator.core.filter import bias_noise
-from nav_pose_estimator.core.filter.blocks import GRAVITY, GYRO_MATRIX, Block, Wander, enlarged, set_blocks
+from nav_pose_estimator.core.filter.blocks import GNSS_ERROR, GRAVITY, GYRO_MATRIX, Block, Wander, enlarged, set_blocks
 from nav_pose_estimator.core.filter.constants import make_constants
 from nav_pose_estimator.core.filter.gate import chi_square_quantile
+from nav_pose_estimator.core.filter.layout import DPOS
+from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
 from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.sensors.gnss import lasting_error
 
 MOST_ROWS = 8
 """Of one observation."""
 
 
-def constants(parameters: Parameters, imu_variance: float = 1.0, vibration: float = 0.0) -> np.ndarray:
+def constants(parameters: Parameters, shown: NoiseIdentification, vibration: float = 0.0) -> np.ndarray:
     """The vector of filter constants (``core.filter.layout``).
 
-    ``imu_variance``: noise in parts of what is set; ``vibration`` [m/s^2/sqrt(Hz)] adds to the accelerometer's.
+    ``shown``: noise that the flight has shown; ``vibration`` [m/s^2/sqrt(Hz)] adds to the accelerometer's.
     How much the gyroscope's bias wanders is followed by ``bias_noise`` and not part of that.
     """
-    noise = math.sqrt(imu_variance)
+    noise = math.sqrt(shown.imu_variance)
     imu, navigator = parameters.imu, parameters.navigator
     smallest = math.sqrt(bias_noise.SMALLEST) if imu.learn_gyro_bias_sd else 1.0
     return make_constants(
@@ -36,7 +40,7 @@ def constants(parameters: Parameters, imu_variance: float = 1.0, vibration: floa
         gap_rate_sd=navigator.gap_rate_sd,
         gap_accel_sd=navigator.gap_force_sd,
         point_sampled=imu.sampling == "point",
-        blocks=_blocks(parameters),
+        blocks=_blocks(parameters, shown),
     )
 
 
@@ -48,17 +52,31 @@ def complete_start(start: Alignment, constants: np.ndarray, parameters: Paramete
     base = constants.copy()
     set_blocks(base, ())
     navigator = parameters.navigator
-    first = {GYRO_MATRIX: navigator.gyro_matrix_sd**2, GRAVITY: navigator.gravity_sd**2}
-    return nav, enlarged(start.P, base, constants, first)
+    errors = lasting_error.first_cov(parameters.gnss)
+    first: dict[Block, ArrayLike] = {
+        GYRO_MATRIX: navigator.gyro_matrix_sd**2,
+        GRAVITY: navigator.gravity_sd**2,
+        GNSS_ERROR: errors,
+    }
+    P = enlarged(start.P, base, constants, first)
+    if GNSS_ERROR.is_in(constants):  # the position is that of a fix, with its error
+        begin = GNSS_ERROR.states(constants).start
+        for i in range(3):
+            P[DPOS + i, DPOS + i] += errors[i, i]
+            P[DPOS + i, begin + i] = P[begin + i, DPOS + i] = errors[i, i]
+    return nav, P
 
 
-def _blocks(parameters: Parameters) -> dict[Block, Wander]:
+def _blocks(parameters: Parameters, shown: NoiseIdentification) -> dict[Block, Wander]:
     """The optional states that are there from the start; gravity is a constant of the place."""
     chosen = (
         (parameters.navigator.gyro_matrix_states, GYRO_MATRIX, 1e-6),
         (parameters.navigator.gravity_states, GRAVITY, 0.0),
     )
-    return {block: Wander(walk=walk) for is_there, block, walk in chosen if is_there}
+    blocks = {block: Wander(walk=walk) for is_there, block, walk in chosen if is_there}
+    if parameters.gnss.error_states:
+        blocks[GNSS_ERROR] = lasting_error.wander(parameters.gnss, shown)
+    return blocks
 
 
 def gates(parameters: Parameters) -> list[tuple[float, float]]:

@@ -37,7 +37,7 @@ def go_back(run: FilterRun, stamp_ns: int) -> FilterRun:
         step = step_enu(run.timeline.filter.nav[at.LAT : at.VEL], twin.timeline.filter.nav[at.LAT : at.VEL])
         twin.timeline.shift = run.timeline.shift + step
         twin.gnss.position.resets = run.gnss.position.resets + 1
-    text = "what wrong velocities did is undone: the last seconds are computed anew with what is known of them now"
+    text = "the effect of wrong velocities is undone: the last seconds are computed again with what is known now"
     run.journal.say(stamp_ns, UNDONE, Level.WARN, text)
     mode, now = run.modes.mode.value, twin.modes.mode.value
     if mode != now:

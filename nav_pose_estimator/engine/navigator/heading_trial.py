@@ -51,7 +51,7 @@ def carry(run: FilterRun, trial: CarriedHeading, rows: np.ndarray, out: np.ndarr
         run.start_up.imu(row)
         if run.start_up.aligner.is_stale(max(_PATIENCE, run.aiding.lost_after)):
             run.start_up = run.start_up.afresh(run.parameters)
-        if run.start_up.aligner.follows_motion:
+        if run.start_up.aligner.bank is not None:
             trial.carry(row[at.IMU_T], solution[at.OUT_RATE : at.OUT_FORCE])
         else:
             trial.hold(row[at.IMU_T], solution[at.OUT_QUAT : at.OUT_RATE].copy())
@@ -68,7 +68,7 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
         run.start_up = run.start_up.afresh(run.parameters)
         return
     # without the states that sensors have asked for: they are given them again
-    constants = filter_setup.constants(run.parameters, run.noise.imu_variance)
+    constants = filter_setup.constants(run.parameters, run.noise)
     start = filter_setup.complete_start(second, constants, run.parameters)
     nav, P = start[0].copy(), start[1].copy()
     for row in run.timeline.rows_since(run.timeline.filter.time - age):
@@ -85,7 +85,7 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
             assert isinstance(magnetometer, Magnetometer)
             magnetometer.condemn(stamp_ns, error)
         else:
-            text = f"the heading of before the restart was {math.degrees(abs(error)):.0f} deg off, as motion shows"
+            text = f"the heading from before the restart was {math.degrees(abs(error)):.0f} deg off, as motion shows"
             run.journal.say(stamp_ns, "resume.heading.wrong", Level.WARN, text, error_deg=math.degrees(error))
         _start_from(run, constants, start)
 
@@ -110,7 +110,7 @@ def turn(run: FilterRun, witness: HeadingWitness, stamp_ns: int) -> None:
         states = slice(start, start + 3)
         P[states, :] = P[:, states] = 0.0
         P[states, states] = np.diag(variances)
-    constants = filter_setup.constants(run.parameters, run.noise.imu_variance)
+    constants = filter_setup.constants(run.parameters, run.noise)
     base = P[: at.BASE_STATES, : at.BASE_STATES]  # sensors are given their states again, which were bent as well
     bare = Alignment(whole.time, nav, base, "turned")
     run.timeline.restart(constants, *filter_setup.complete_start(bare, constants, run.parameters))
@@ -122,7 +122,7 @@ def turn(run: FilterRun, witness: HeadingWitness, stamp_ns: int) -> None:
         magnetometer.condemn(stamp_ns, error)
     else:
         magnetometer.compare_anew()
-        text = f"the heading was {math.degrees(abs(error)):.0f} deg off, as IMU and GNSS show: turned"
+        text = f"the heading was {math.degrees(abs(error)):.0f} deg off, as IMU and GNSS show: corrected"
         run.journal.say(stamp_ns, TURNED, Level.WARN, text, error_deg=math.degrees(error))
     run.trial = None
 

@@ -100,10 +100,9 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
         return
     t -= (sample.stamp_ns - usable.stamp_ns) * NS  # a late one
     observation = run.gnss.velocity.observe(usable, t)
-    assert observation.stated_R is not None
     run.imu_physics.velocity(observation.t, usable.vel_enu, sample.vel_enu)
     run.gnss.position.pull.velocity(observation.t, usable.vel_enu)
-    run.start_up.velocity(observation.t, usable.vel_enu, observation.stated_R)
+    run.start_up.velocity(observation.t, usable.vel_enu, run.gnss.reception.velocity_noise(usable))
     if run.timeline.running:
         run.observe(observation)
         if run.trial is not None:
@@ -133,7 +132,7 @@ def _give_blocks(run: FilterRun, aid: Aid) -> bool:
     added = {
         block: np.diag(np.broadcast_to(np.square(aid.first_sd[block]), block.size))
         for block in aid.blocks
-        if not block.is_in(before)
+        if block in aid.first_sd and not block.is_in(before)
     }
     if not added:
         return True
@@ -217,12 +216,12 @@ def _set_origin(run: FilterRun, sample: SetOrigin) -> None:
     """Move the zero of the local frame. The vehicle stays where it is on Earth, and in odom: map moves against it."""
     place = (sample.lat, sample.lon, sample.alt)
     if not is_position(*place):
-        _refuse_origin(run, sample, "value", "it is no latitude, longitude and height")
+        _refuse_origin(run, sample, "value", "it is not a latitude, longitude and height")
         return
     if run.timeline.running and run.origin is not None:
         lat, lon, alt = run.settled.nav[at.LAT : at.VEL].tolist()
         if start_up.is_far((lat, lon, alt), place):
-            _refuse_origin(run, sample, "far", "it lies more than 100 km from the vehicle")
+            _refuse_origin(run, sample, "far", "it is more than 100 km from the vehicle")
             return
         moved = np.subtract(lla_to_enu(lat, lon, alt, *place), lla_to_enu(lat, lon, alt, *run.origin))
         run.timeline.shift = run.timeline.shift + moved
@@ -244,7 +243,7 @@ _RETURN_SAID = {
 
 
 def _return(run: FilterRun, sample: ReturnDecision) -> None:
-    name, text = "gnss.return.none", "there is no return of GNSS that waits for a decision"
+    name, text = "gnss.return.none", "no return of GNSS is waiting for a decision"
     if run.timeline.running:
         run.timeline.settle()
         if run.gnss.position.decide_return(sample.accept):

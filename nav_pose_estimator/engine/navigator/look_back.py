@@ -60,8 +60,13 @@ def _identify_noise(run: FilterRun, rests: bool) -> None:
     grounded = rests and math.hypot(*whole.nav[at.VEL : at.VEL + 3].tolist()) < _GROUNDED
     if grounded or not run.aiding.gnss_is_good(whole.time) or whole.branches is not None:
         run.noise.interrupt()
-    elif run.noise.note(whole.nav, whole.P, whole.constants, run.timeline.rows_since(run.timeline.filter.time - _ROWS)):
-        run.gnss.reception.noise_variance = run.noise.gnss_variance
+        return
+    changed = run.noise.note(whole.nav, whole.P, whole.constants, run.timeline.rows_since(whole.time - _ROWS))
+    if run.parameters.gnss.error_states:
+        gnss = run.gnss
+        for shares, sensor in ((run.noise.position, gnss.position), (run.noise.velocity, gnss.velocity)):
+            changed |= shares.note(sensor.record.take())
+    if changed:
         run.renew_constants()
 
 
@@ -120,4 +125,4 @@ def _too_fast(nav: np.ndarray, fastest: float) -> str:
     speed = math.hypot(nav[at.VEL], nav[at.VEL + 1])
     if speed <= fastest:
         return ""
-    return f"The navigator's own speed is {speed:.0f} m/s, which the vehicle cannot fly: it has lost its way."
+    return f"The navigator's own speed is {speed:.0f} m/s, which the vehicle cannot reach: the solution has diverged."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -123,12 +124,13 @@ class SinsEngine:
 
     def warm_up(self) -> None:
         """Compile every kernel now, so that no flight waits for a compiler."""
-        start_up.warm_up(filter_setup.constants(self.parameters))
+        start_up.warm_up(filter_setup.constants(self.parameters, self.run.noise))
         warm_up_flight.warm_up(lambda: SinsEngine(self.parameters))
 
     def snapshot(self) -> SinsEngine:
         """An independent copy of the engine as it stands."""
-        twin = SinsEngine(self.parameters)
+        twin = copy.copy(self)
+        twin._input = ImuInput(self.parameters.imu)
         twin.restore(self)
         return twin
 

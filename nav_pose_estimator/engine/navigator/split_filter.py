@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 
 import numpy as np
@@ -14,6 +15,8 @@ from nav_pose_estimator.engine.samples import MotionEvidence, Vector3
 
 MOTION = Kind("motion")
 """Observations that split the filter into branches and weigh them; what they measured is a MotionEvidence."""
+
+_PARTS = ("nav", "constants", "P", "view")  # of ``SplitFilter.vector``
 
 Apply = Callable[[Observation, FilterView], None]
 """Lets an observation act on a filter that stands at its time."""
@@ -39,11 +42,12 @@ class SplitFilter:
         self.P = vector[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
         self.view = FilterView(self.nav, self.P, self.constants)
 
-    def __deepcopy__(self, _memo: dict) -> SplitFilter:
+    def __deepcopy__(self, memo: dict) -> SplitFilter:
         """A copy whose parts are parts of its own vector."""
-        twin = SplitFilter(self.constants, self._slots, self._period)
-        twin._hold(self.vector.copy())
-        twin.branches, twin._united_by = self.branches and self.branches.copy(), self._united_by
+        twin = copy.copy(self)
+        own = {name: value for name, value in vars(self).items() if name not in _PARTS}
+        twin.__dict__ = copy.deepcopy(own, memo)
+        twin._hold(twin.vector)
         return twin
 
     def start(

@@ -19,6 +19,7 @@ from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import state_count
 from nav_pose_estimator.core.filter.kalman import correct, gated_correct
 from nav_pose_estimator.core.filter.vertical_channel import gated_height
+from nav_pose_estimator.core.numerics.deep_copy import deep_copy
 from nav_pose_estimator.engine.continuation.warm_start import WarmStart
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
@@ -31,9 +32,9 @@ _FLAT = 1e5  # m
 _FARTHEST = 1e6  # m: a pose beyond this is not in the local frame
 POSE_REFUSALS = {
     "no_origin": "a pose can be set only while the navigator runs",
-    "value": "its position, orientation or covariance is none",
+    "value": "its position, orientation or covariance is invalid",
     "stamp": "it has no stamp",
-    "far": "it lies a kilometre and ten deviations from where the navigator is",
+    "far": "it is more than a kilometre and ten deviations from where the navigator is",
 }
 _UNSTATED_TILT_SD = 0.1  # rad: tilt of an attitude that comes without covariance
 _STANDARD_SD = 100.0  # m: height of the standard atmosphere against the ellipsoid, weather and geoid
@@ -71,7 +72,7 @@ class StartUp:
         if self.aligner.is_complete:
             memo[id(self.aligner)] = self.aligner
         twin = copy.copy(self)
-        twin.__dict__ = copy.deepcopy(self.__dict__, memo)
+        twin.__dict__ = deep_copy(self.__dict__, memo)
         return twin
 
     def afresh(self, parameters: Parameters) -> StartUp:
@@ -211,7 +212,7 @@ def warm_up(constants: np.ndarray) -> None:
         measurements.zero_velocity(nav, states),
         measurements.airspeed(nav, states, 0, 0, 1.0),
         measurements.height_in_water(nav, states, 0, 0.0),
-        measurements.beam_velocities(nav, states, 0, np.eye(3), zero, zero, True),
+        measurements.beam_velocities(nav, states, (0, -1), np.eye(3), zero, zero, zero, True),
     ):
         R = np.eye(len(z))
         gated_correct(nav, P, constants, z, H, R, 10.0, 100.0)

@@ -15,7 +15,7 @@ _HELPERS = {
     "body_velocity": "the body velocity",
     "airspeed": "the airspeed",
     "zero_velocity": "the vehicle standing still",
-    MOTION.name: "what the flight has shown of its motion",
+    MOTION.name: "what this flight has shown of the motion",
 }
 
 

@@ -15,6 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.blocks import DVL
+from nav_pose_estimator.core.gnss.doubt import HOPELESS
 from nav_pose_estimator.core.routine import table
 from nav_pose_estimator.engine.navigator import heading_trial
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
@@ -22,6 +24,7 @@ from nav_pose_estimator.engine.navigator.look_back import look_back
 from nav_pose_estimator.engine.navigator.timeline import Timeline
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.samples import (
+    BeamVelocitySample,
     GnssFix,
     GnssVelocity,
     ImuBlock,
@@ -75,7 +78,8 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
         run.timeline.observe(run.gnss.loss_at(now, run.clock.stamp(now)))
     if now >= run.second_due:
         look_back(run, now)
-    limit = min(run.modes.deadline(now, run.aiding), run.timeline.next_observation(quiet=False), run.second_due)
+    telling = run.timeline.queue.due_besides_quiet(drifts=run.modes.mode is Mode.DEAD_RECKONING)
+    limit = min(run.modes.deadline(now, run.aiding), telling, run.second_due)
     count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
     if run.modes.at(now, run.aiding) is not run.modes.mode or run.despair:
         count = 1  # the change has the time of its row, whatever the size of the blocks
@@ -84,7 +88,7 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
         heading_trial.carry(run, run.trial, rows[:count], out)
     now = float(times[count - 1])
     run.update_mode(now)
-    quiet = min(run.modes.deadline(now, run.aiding), run.timeline.next_observation(), run.second_due)
+    quiet = min(run.modes.deadline(now, run.aiding), run.timeline.queue.due, run.second_due)
     run.quiet_until = quiet if run.trial is None else -math.inf
     return _blocks(run, stamps_ns[:count], out)
 
@@ -105,8 +109,9 @@ class Backlog:
     """IMU rows that wait to be flown with the observations that arrive between them, for a second at most.
 
     What arrives in the meantime is judged as if they had been flown. That is right because it waits only while nothing
-    of that depends on the filter: GNSS aids it, no sensor has a doubt, and no fix can change when GNSS counts as lost.
-    The rows are flown ahead of everything else: another kind of sample, a late one, an event, a refusal.
+    of that depends on the filter: GNSS aids it, no sensor has a doubt, no fix can change when GNSS counts as lost, and
+    none can make the filter give up.
+    The rows are flown ahead of everything else: another kind of sample, an event, a refusal.
     """
 
     def __init__(self, run: FilterRun) -> None:
@@ -133,7 +138,9 @@ class Backlog:
         if run.parameters.aids.declination_from_model or run.parameters.aids.water_density > 0.0:
             return False
         now = run.timeline.filter.time
-        self._limit = min(run.second_due, run.aiding.fix_used + run.aiding.lost_after)
+        # what arrives after the filter has given up is for the next one to judge
+        soonest = min(run.gnss.position.guard.soonest_reset, HOPELESS)
+        self._limit = min(run.second_due, run.aiding.fix_used + run.aiding.lost_after, now + soonest)
         self._open = now < self._limit and routine.is_calm(now)
         if self._open:
             self._ahead = {o.t for o in run.timeline.queue.waiting()}
@@ -151,16 +158,17 @@ class Backlog:
 
     @property
     def is_full(self) -> bool:
-        """Whether it is time to look back, or GNSS may be lost."""
+        """Whether it is time to look back, or GNSS may be lost, or the filter may give up."""
         until = self.run.waiting_until
         return until is not None and until >= self._limit
 
     def may_wait_for(self, sample: Sample) -> bool:
         """Whether a ``sample`` may be judged before the rows that wait have been flown."""
         kind = type(sample)
-        if kind in _WAIT or (kind is GnssFix and self.run.gnss.reception.is_quick):
-            return self._open or self._opens()
-        return False
+        waits = kind in _WAIT or (kind is GnssFix and self.run.gnss.reception.is_quick)
+        if kind is BeamVelocitySample:  # the first one changes the filter's states
+            waits = DVL.is_in(self.run.timeline.filter.constants)
+        return waits and (self._open or self._opens())
 
     def flown(self) -> tuple[list[NavBlock], np.ndarray, np.ndarray]:
         """All solutions that are new, stamps and rows of the last flight."""
@@ -171,7 +179,7 @@ class Backlog:
     def _observe(self, o: Observation) -> bool:
         """Let an observation wait; False where it cannot: nothing waits any more."""
         now = self.run.now
-        if o.t < now or o.t > now + _AHEAD or o.t in self._ahead:
+        if (o.t < now and not o.kind.holds) or o.t > now + _AHEAD or o.t in self._ahead:
             self._fly()
             return False
         if o.t > now:
@@ -229,9 +237,13 @@ class Backlog:
             assert run.timeline.routine is not None
             run.timeline.routine.tell(o, result, self._period(done + row))
 
-        out, left = fly(run.timeline, (rows[:ahead], ahead < len(rows)), coming, tell)
+        punctual = coming[: _first_late(rows, coming)]
+        late = coming[len(punctual) :]  # the past is flown again before anything goes on behind it
+        ahead = min(ahead, late[0].behind) if late else ahead
+        is_followed = ahead < len(rows) and not (late and late[0].behind == ahead)
+        out, left = fly(run.timeline, (rows[:ahead], is_followed), punctual, tell)
         run.quiet_until = -math.inf
-        return out, left
+        return out, left + [Coming(one.behind - len(out), one.observation) for one in late]
 
 
 def packed(outputs: list[Output]) -> list[Output]:
@@ -262,6 +274,14 @@ def _is_routine(run: FilterRun) -> bool:
     """Whether GNSS aids one filter of which nothing is in question."""
     whole = run.timeline.running and run.timeline.filter.branches is None
     return whole and run.modes.mode is Mode.AIDED and run.trial is None and not run.despair
+
+
+def _first_late(rows: np.ndarray, coming: list[Coming]) -> int:
+    """The place in ``coming`` of the first observation that is older than the row behind which it arrived."""
+    for place, (behind, observation) in enumerate(coming):
+        if observation.t < rows[behind - 1, at.IMU_T]:
+            return place
+    return len(coming)
 
 
 def _hear(run: FilterRun, coming: list[Coming]) -> list[Coming]:

@@ -72,10 +72,6 @@ class Timeline:
         self.imu.append(rows)
         self.imu.drop_before(rows[-1, IMU_T] - self._window)
 
-    def next_observation(self, quiet: bool = True) -> float:
-        """Time of the earliest observation that waits for the future, infinite without one; ``quiet`` ones or not."""
-        return self.queue.due if quiet else self.queue.due_besides_quiet()
-
     def rows_since(self, t: float) -> np.ndarray:
         """The IMU rows (N, 7) later than ``t`` [s], as far as the memory reaches; not to be written to."""
         return self.imu.recent(t)
@@ -130,9 +126,10 @@ class Timeline:
             start = self.filter.restore_before(dirty)
             self.queue.rewind(start)
             begin, end = self.imu.between(start, now)
-            if self.routine is not None and self.filter.branches is None and begin > 0:
+            routine = self._routine_of_next()
+            if routine is not None and begin > 0:
                 rows = self.imu.rows, begin, end
-                done, acted = self.routine.fly_again(self.filter.vector, rows, self.queue.waiting())
+                done, acted = routine.fly_again(self.filter.vector, rows, self.queue.waiting())
                 begin += done
                 self.queue.skip(acted)
             self._run(begin, end)
@@ -171,12 +168,20 @@ class Timeline:
             if self.shift is not before:
                 self.moves.append((begin - first, before))
 
+    def _routine_of_next(self) -> Routine | None:
+        """The routine, where the next observation is of a kind that it knows."""
+        routine, front = self.routine, self.queue.front
+        if routine is None or front is None or self.filter.branches is not None or not routine.takes(front):
+            return None
+        return routine
+
     def _observe_up_to(self, due: float) -> None:
         """Let what is due act on the filter, which stands at ``due`` with its covariance up to date."""
         restructured = False
         while self.queue.due <= due:
-            if self.routine is not None and self.filter.branches is None:
-                results = self.routine.act(self.filter.vector, self.queue.waiting(due), self.filter.time)
+            routine = self._routine_of_next()
+            if routine is not None:
+                results = routine.act(self.filter.vector, self.queue.waiting(due), self.filter.time)
                 self.queue.skip(len(results))
                 if not self._replaying:
                     for result in results:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from nav_pose_estimator.core.motion.vehicle_class import BOAT, FIXED_WING, MULTIROTOR, WHEELS
+from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
@@ -21,6 +22,17 @@ from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 _CLASSES = {MULTIROTOR: "a multirotor", FIXED_WING: "a fixed wing", WHEELS: "a vehicle on wheels", BOAT: "a boat"}
 _LARGEST_SPEED = 1e3  # m/s
 _REHEARSE_AFTER = 20.0  # s of flight: a rehearsal that begins sooner says little of later ones
+
+
+@dataclass
+class AidState:
+    """What of an aid changes besides its pilot and its rehearsals."""
+
+    external: VelocityError | None = None
+    """The last prediction of a network in another process."""
+    class_told: bool = False
+    rests: bool = False
+    """True: no rehearsal begins, and the one that runs is broken off."""
 
 
 class OutageAid:
@@ -41,21 +53,19 @@ class OutageAid:
         self._parameters, self._train, self._rehearse = parameters, train, rehearse
         self._pilot = pilot or OutagePilot(parameters, train)
         self.rehearsals = Rehearsals(self.learner.method.rehearsal, self._rehearse)
-        self._external: VelocityError | None = None
-        self._class_told = False
-        self.rests = False  # True: no rehearsal begins, and the one that runs is broken off
+        self.state = AidState()
 
     def reset(self) -> None:
         """Forget the flight; the model stays, the next training replaces it."""
         self._pilot.reset()
         self.rehearsals = Rehearsals(self.learner.method.rehearsal, self._rehearse)
-        self._external = None
+        self.state.external = None
 
     def copy(self) -> OutageAid:
         """An independent copy."""
         twin = OutageAid(self._parameters, self._train, self._rehearse, self._pilot.copy())
         twin.rehearsals = self.rehearsals.copy()
-        twin._external, twin.rests, twin._class_told = self._external, self.rests, self._class_told
+        twin.state = snapshot(self.state)
         return twin
 
     @property
@@ -75,7 +85,7 @@ class OutageAid:
     def predicted(self, error: VelocityError) -> None:
         """A prediction of a network in another process; one that is not finite is not used."""
         if is_within(error.dv_n, _LARGEST_SPEED) and is_covariance(error.cov, 3):
-            self._external = error
+            self.state.external = error
 
     def hear(self, sample: Sample) -> None:
         """Every sample that the navigator gets: the rehearsals live on it."""
@@ -87,25 +97,25 @@ class OutageAid:
         if finished is None:
             return OutageHelp()
         stamp = last_stamp(output)
-        if self.rests:
+        if self.state.rests:
             self.rehearsals.contestants.clear()
         elif self.rehearsals.is_due(stamp, sins) and (flight := self._flight(_REHEARSE_AFTER)) is not None:
             self.rehearsals.start(stamp, sins, self._pilot.state.collector, self.learner.method.ways(flight))
         self._pilot.learn(finished)
         if output.mode not in DENIED:
             return OutageHelp()
-        return self._pilot.advise(stamp, self.choose, self._external)
+        return self._pilot.advise(stamp, self.choose, self.state.external)
 
     def wrong_class(self) -> str:
         """One sentence, once, where the flight shows another class than the file or the parameter says."""
         shown, known = self.learner.state.shown_class, self.learner.method.beforehand.vehicle_class
-        if not shown or self._class_told:
+        if not shown or self.state.class_told:
             return ""
-        self._class_told = True
+        self.state.class_told = True
         source = f"learner.airframe ({self._parameters.airframe})" if self._parameters.airframe else ""
         return (
             f"the vehicle moves like {_CLASSES[shown]}, but {source or 'learner.vehicle_class'} is for "
-            f"{_CLASSES[known]}: what is known beforehand misleads in an outage"
+            f"{_CLASSES[known]}: this prior knowledge is misleading in an outage"
         )
 
     def choose(self) -> Guide | None:

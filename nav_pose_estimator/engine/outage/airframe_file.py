@@ -91,14 +91,14 @@ def _about(content: np.ndarray) -> dict[str, Any]:
     try:
         about = json.loads(content.astype(np.uint8).tobytes())
     except (ValueError, RecursionError):
-        raise UserError("what it says about itself is not JSON") from None
+        raise UserError("its description is not JSON") from None
     if not isinstance(about, dict) or about.get("class") not in CLASSES:
         raise UserError(f"it must name one of the classes {', '.join(CLASSES)}")
     flights = about.get("flights")
     if not isinstance(about.get("one_aircraft"), bool) or not isinstance(flights, list):
-        raise UserError("what it says about its flights does not fit")
+        raise UserError("its description of its flights does not fit")
     if len(flights) > _MOST_FLIGHTS or about.get("form") not in (None, *known.FORMS):
-        raise UserError("what it says about its flights or its network does not fit")
+        raise UserError("its description of its flights or its network does not fit")
     return about
 
 

@@ -25,14 +25,18 @@ class AidParameters:
     declination_from_model: bool = param(
         False,
         "",
-        "Take it from the World Magnetic Model (package pygeomag), for the first trusted position and its date",
+        "Take it from the World Magnetic Model (pygeomag), for the first trusted position and its date",
     )
     barometer: bool = param(True, "", "Use the barometer for height")
     barometer_sd: float = param(1.5, "m", "Deviation of a barometric height", 0.05, 50.0, mutable=True)
     barometer_period: float = param(0.2, "s", "Shortest time between two barometric heights", 0.0, 60.0)
     barometer_tau: float = param(60.0, "s", "Time constant of the barometer's reference while GNSS is good", 1.0, 1e5)
     water_density: float = param(
-        0.0, "kg/m^3", "Density of the water that the pressure is of (sea 1025, fresh 1000); 0: of the air", 0.0, 1300.0
+        0.0,
+        "kg/m^3",
+        "Density of the water whose pressure is measured (sea 1025, fresh 1000); 0: pressure of the air",
+        0.0,
+        1300.0,
     )
     depth_sd: float = param(0.1, "m", "Deviation of a height by the pressure of water", 0.005, 10.0, mutable=True)
     body_velocity: bool = param(True, "", "Use the velocity sensor (DVL, optical flow, wheel)")
@@ -40,7 +44,10 @@ class AidParameters:
         0.1, "m/s", "Lower bound on the deviation of a body velocity", 0.001, 10.0, mutable=True
     )
     body_velocity_noise: str = param(
-        "fixed", "", "Noise of a body velocity; others than fixed find how much larger it is", choices=tuple(MODELS)
+        "fixed",
+        "",
+        "Noise model of a body velocity; all but fixed find how much larger the noise is",
+        choices=tuple(MODELS),
     )
     body_velocity_delay: float = param(0.0, "s", "Stamp minus time of validity of a body velocity", -1.0, 1.0)
     body_velocity_lever: tuple[float, ...] = param(

@@ -19,7 +19,7 @@ class TwoStageParameters:
     regulator_band: float = param(1.0, "", "The integral works below this relative mismatch", 0.0, 100.0)
     heading_noise: float = param(0.1, "rad*sqrt(s)", "Root density of the error of a magnetic heading", 1e-3, 100.0)
     bias_tau_start: float = param(25.0, "s", "Time constant of the gyroscope bias in motion at first", 1.0, 1e4)
-    bias_tau: float = param(1000.0, "s", "... and later", 1.0, 1e5)
+    bias_tau: float = param(1000.0, "s", "Time constant of the gyroscope bias in motion later", 1.0, 1e5)
     correction: str = param(
         "projected", "", "literal zeroes components of the quaternion", choices=("projected", "literal")
     )
@@ -47,7 +47,7 @@ class AttitudeParameters:
     turn_noise: float = param(
         0.0007,
         "sqrt(s)",
-        "... and from errors of the gyroscope that come with motion, per rad/s of rate",
+        "Random walk of the attitude from gyroscope errors that grow with the rate, per rad/s",
         0.0,
         0.1,
         mutable=True,
@@ -79,7 +79,7 @@ class AttitudeParameters:
     reject_from: float = param(
         0.4, "m/s^2", "p(a) falls below 1 at this error of the low-passed norm", 0.0, 50.0, mutable=True
     )
-    reject_to: float = param(4.0, "m/s^2", "... and reaches its minimum at this one", 0.01, 100.0, mutable=True)
+    reject_to: float = param(4.0, "m/s^2", "p(a) reaches its minimum at this error", 0.01, 100.0, mutable=True)
     # --- rest ---
     still_rate: float = param(0.035, "rad/s", "At rest the rate stays this close to its mean", 1e-4, 1.0, mutable=True)
     still_force: float = param(

@@ -27,6 +27,9 @@ class BeamParameters:
     bias_sd: float = param(0.005, "m/s", "Deviation of a beam's bias before it is known", 0.0, 1.0)
     scale_sd: float = param(0.005, "", "Deviation of the common scale error before it is known", 0.0, 0.2)
     delay: float = param(0.0, "s", "Stamp minus time of validity of a beam velocity", -1.0, 1.0)
+    delay_sd: float = param(
+        0.0, "s", "Deviation of that delay before it is known; 0: it is as given, else it is estimated", 0.0, 0.5
+    )
     lever: tuple[float, ...] = param((0.0, 0.0, 0.0), "m", "From the IMU to the sensor, body frame", -50.0, 50.0)
     rpy: tuple[float, ...] = param(
         (0.0, 0.0, 0.0), "rad", "Roll, pitch, yaw of the sensor frame in the body frame", -3.2, 3.2
@@ -35,7 +38,7 @@ class BeamParameters:
     compensation: str = param(
         "none",
         "",
-        "What becomes of a beam that has been found faulty; none: it is left out; else a network learns its errors "
+        "What is done with a faulty beam; none: it is left out; else a network learns its errors "
         "while GNSS is good (anfis: trained by particle swarm, anfis_frcg: by conjugate gradient, anfis_linear: ridge)",
         choices=("none", "anfis", "anfis_frcg", "anfis_linear"),
     )

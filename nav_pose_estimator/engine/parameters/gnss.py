@@ -20,7 +20,7 @@ class GateParameters:
     min_satellites_leave: int = param(5, "", "With fewer satellites GNSS is dropped at once", 0, 100, mutable=True)
     hold: float = param(2.0, "s", "How long the count must be good before GNSS is used", 0.0, 60.0, mutable=True)
     count_max_age: float = param(2.0, "s", "An older satellite count is stale", 0.1, 60.0, mutable=True)
-    count_timeout: float = param(5.0, "s", "Without a known count for this long the gate goes without it", 0.5, 600.0)
+    count_timeout: float = param(5.0, "s", "Without a known count for this long the gate works without it", 0.5, 600.0)
     max_age: float = param(1.0, "s", "An older fix is refused", 0.05, 10.0, mutable=True)
     max_horizontal_sd: float = param(
         10.0, "m", "Largest stated horizontal deviation accepted", 0.1, 1000.0, mutable=True
@@ -39,7 +39,7 @@ class ReacquisitionParameters:
         choices=("blend", "reset", "hold"),
     )
     fixes: int = param(5, "", "Mutually consistent fixes before GNSS is trusted again", 1, 100, mutable=True)
-    min_duration: float = param(0.8, "s", "... that span at least this time", 0.0, 60.0, mutable=True)
+    min_duration: float = param(0.8, "s", "Shortest time that these fixes must span", 0.0, 60.0, mutable=True)
     sigmas: float = param(5.0, "", "Width of every statistical bound in standard deviations", 1.0, 20.0, mutable=True)
     max_speed: float = param(60.0, "m/s", "Maximum speed of the vehicle", 0.1, 400.0, mutable=True)
     max_acceleration: float = param(40.0, "m/s^2", "Maximum acceleration of the vehicle", 0.1, 500.0, mutable=True)
@@ -55,7 +55,7 @@ class ReacquisitionParameters:
     despair_gap: float = param(
         13.0,
         "s",
-        "If the last used fix is newer, a contradiction in velocity too means a wrong attitude: align again",
+        "If GNSS was away for less and velocities contradict too, the attitude is wrong: align again",
         0.0,
         600.0,
         mutable=True,
@@ -84,8 +84,11 @@ class GnssParameters:
     noise: str = param(
         "fixed",
         "",
-        "Noise of positions and velocities; fixed: as stated, with the floors above; others also find how much larger",
+        "Noise model of positions and velocities; fixed: as stated, with the floors above; others find how much larger",
         choices=tuple(MODELS),
+    )
+    error_states: bool = param(
+        False, "", "Estimate what lasts of the errors of positions and velocities (six states); see docs/outages.md"
     )
     gate: GateParameters = field(default_factory=GateParameters)
     reacquisition: ReacquisitionParameters = field(default_factory=ReacquisitionParameters)

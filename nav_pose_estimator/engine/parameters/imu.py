@@ -20,7 +20,7 @@ class ImuParameters:
         choices=("mean", "point"),
     )
     accel_bias: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0), "m/s^2", "Bias of the accelerometer as published, taken off first (calibrate)", -5.0, 5.0
+        (0.0, 0.0, 0.0), "m/s^2", "Bias of the accelerometer as published, subtracted first (calibrate)", -5.0, 5.0
     )
     accel_scale: tuple[float, ...] = param(
         (0.0, 0.0, 0.0), "", "Scale errors s of its axes: published = (1 + s) true + bias (calibrate)", -0.3, 0.3
@@ -33,7 +33,9 @@ class ImuParameters:
     learn_gyro_bias_sd: bool = param(
         True, "", "Learn in flight how much the gyroscope bias wanders: a quarter to twice gyro_bias_sd"
     )
-    learn_noise: bool = param(True, "", "Identify in flight how noisy IMU and GNSS are: one to four times what is set")
+    learn_noise: bool = param(
+        True, "", "Identify in flight how noisy IMU and GNSS are: one to four times the noise that is set"
+    )
     gyro_bias_tau: float = param(3000.0, "s", "Correlation time of the gyroscope bias", 1.0, 1e6)
     accel_bias_sd: float = param(
         0.03, "m/s^2", "Steady-state deviation of the accelerometer bias", 0.0, 1.0, mutable=True

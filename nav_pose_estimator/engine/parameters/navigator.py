@@ -16,9 +16,9 @@ class NavigatorParameters:
         0.01, "", "Deviation of scale factors and misalignments before they are known", 0.0, 0.1
     )
     gravity_states: bool = param(
-        False, "", "Estimate what gravity has beyond the normal one (3 states); level flight cannot tell it from a bias"
+        False, "", "Estimate the deviation from normal gravity (3 states); level flight cannot tell it from a bias"
     )
-    gravity_sd: float = param(0.01, "m/s^2", "Deviation of gravity from the normal one, each axis", 0.0, 0.01)
+    gravity_sd: float = param(0.01, "m/s^2", "Deviation of gravity from normal gravity, each axis", 0.0, 0.01)
     gate_probability: float = param(
         0.999,
         "",

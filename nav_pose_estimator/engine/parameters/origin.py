@@ -11,16 +11,14 @@ UNSET = -1000.0
 
 @dataclass(frozen=True)
 class OriginParameters:
-    """Where map has its zero: a place that stays the same from start to start, or the first trusted position."""
+    """The origin of map: a place that stays the same from start to start, or the first trusted position."""
 
-    latitude: float = param(UNSET, "deg", "Of the zero of map; -1000: that of the first trusted position", UNSET, 90.0)
-    longitude: float = param(
-        UNSET, "deg", "Of the zero of map, East positive; -1000: that of the first trusted position", UNSET, 360.0
-    )
+    latitude: float = param(UNSET, "deg", "Latitude of the origin of map; -1000: first trusted position", UNSET, 90.0)
+    longitude: float = param(UNSET, "deg", "Its longitude, East positive; -1000: first trusted position", UNSET, 360.0)
     height: float = param(
         UNSET,
         "m",
-        "Of the zero of map above the WGS84 ellipsoid; -1000: that of the first trusted position",
+        "Its height above the WGS84 ellipsoid; -1000: first trusted position",
         UNSET,
         1e4,
     )

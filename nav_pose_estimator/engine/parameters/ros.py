@@ -44,7 +44,7 @@ class InputParameters:
         choices=("navsatfix", "geopoint"),
     )
     queue: int = param(200, "", "Messages kept per input while the node is busy", 1, 1000)
-    relieve: bool = param(True, "", "Leave out work while the node cannot keep up; false: it is late, whatever comes")
+    relieve: bool = param(True, "", "Leave out work while the node cannot keep up; false: it is simply late")
     max_stamp_regression: float = param(
         1.0, "s", "Stamps that go back by more, three times in a row, are a new run (bag loop): reset", 0.1, 3600.0
     )
@@ -67,6 +67,14 @@ class OutputParameters:
     odometry_rate: float = param(
         100.0, "Hz", "Highest rate of odometry/filtered and tf; 0: with every IMU sample", 0.0, 2000.0
     )
+    velocity_slew: float = param(
+        5.0,
+        "m/s^2",
+        "odometry/filtered: corrections enter the twist at this rate, and what is left of them is in"
+        " its covariance; 0: at once",
+        0.0,
+        1000.0,
+    )
     attitude_rate: float = param(0.0, "Hz", "Highest rate of imu/data; 0: with every IMU sample", 0.0, 2000.0)
     fix_rate: float = param(5.0, "Hz", "Highest rate of gps/filtered; 0: with every IMU sample", 0.0, 2000.0)
     bias_rate: float = param(1.0, "Hz", "Highest rate of the bias topics; 0: with every IMU sample", 0.0, 2000.0)
@@ -84,7 +92,9 @@ class OutputParameters:
         "Send only while GNSS is denied, or also while it aids the navigator; never when EXPIRED",
         choices=("denied", "always"),
     )
-    autopilot_rate: float = param(30.0, "Hz", "Rate of what the autopilot gets; fewer than 5 it may refuse", 5.0, 200.0)
+    autopilot_rate: float = param(
+        30.0, "Hz", "Rate of messages to the autopilot; it may refuse fewer than 5", 5.0, 200.0
+    )
     autopilot_dry_run: bool = param(False, "", "Log once a second what the autopilot would get; send nothing")
     autopilot_geoid: float = param(
         GEOID_UNKNOWN,
@@ -112,13 +122,13 @@ class ModelParameters:
 
 @dataclass(frozen=True)
 class StateParameters:
-    """The state on disk from which a node goes on after a restart in flight."""
+    """The state on disk from which a node continues after a restart in flight."""
 
     file: str = param(
         "",
         "",
         "File of the navigator's state (pose_estimator, sins_node), written in flight and read at the start: a restart"
-        " within a minute goes on from there, a later one keeps the origin; empty: none",
+        " within a minute continues from there, a later one keeps the origin; empty: none",
     )
     period: float = param(1.0, "s", "Time between two states on disk", 0.1, 60.0)
 

@@ -189,7 +189,7 @@ class DepthSensor(Aid):
             if self._unit_told:
                 return self._refuse()
             self._unit_told = True
-            text = f"pressure of the water not used: {sample.pressure:.5g} is no absolute pressure in pascal"
+            text = f"pressure of the water not used: {sample.pressure:.5g} is not an absolute pressure in pascal"
             return self._journal.say(sample.stamp_ns, "depth.rejected.value", Level.WARN, text)
         return Observation(t, sample.stamp_ns, self.kind, sample.pressure)
 

@@ -12,9 +12,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from nav_pose_estimator.core.beams.delay import velocity_at
 from nav_pose_estimator.core.beams.judge import GATE, GATED, LOST, USED, BeamJudge, Judged
 from nav_pose_estimator.core.filter import measurements
-from nav_pose_estimator.core.filter.blocks import DVL, Block, Wander
+from nav_pose_estimator.core.filter.blocks import DVL, DVL_DELAY, Block, Wander
 from nav_pose_estimator.core.filter.measurements import BEAMS
 from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
 from nav_pose_estimator.engine.journal import Journal
@@ -28,7 +29,7 @@ from nav_pose_estimator.engine.sensors.beams.arrangement import Arranged, Arrang
 from nav_pose_estimator.engine.sensors.beams.compensation import COMPENSATORS, BeamEvidence, Compensator
 from nav_pose_estimator.engine.sensors.beams.delay_watch import DelayWatch
 from nav_pose_estimator.engine.sensors.beams.message import Flaw, MessageReader, given_directions
-from nav_pose_estimator.engine.sensors.beams.verification import Verification, deviation_of, velocity_of
+from nav_pose_estimator.engine.sensors.beams.verification import Verification, deviation_of
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised
 from nav_pose_estimator.engine.solutions import Level
 
@@ -39,10 +40,13 @@ _TELLING = 5.0  # deviations: a velocity that would show a wrong mounting
 class BeamVelocitySensor(Aid):
     """One row for each beam that is believed."""
 
-    kind = Kind("beam_velocity")
+    kind = Kind("beam_velocity", holds=True)
     sample, family = BeamVelocitySample, "beam_velocity"
     bounds_drift = True
-    blocks: ClassVar[dict[Block, Wander]] = {DVL: Wander((3e-5,) * BEAMS + (1e-5,) + (1e-6,) * 3)}
+    blocks: ClassVar[dict[Block, Wander]] = {
+        DVL: Wander((3e-5,) * BEAMS + (1e-5,) + (1e-6,) * 3),
+        DVL_DELAY: Wander(1e-3),
+    }
 
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
         super().__init__(parameters, aiding, journal)
@@ -65,6 +69,8 @@ class BeamVelocitySensor(Aid):
         self._floor, self._delay, self._rpy_sd = beams.sd**2, beams.delay, beams.rpy_sd
         self._lever = np.array(beams.lever)
         self.first_sd = {DVL: (beams.bias_sd,) * BEAMS + (beams.scale_sd,) + (beams.rpy_sd,) * 3}
+        if beams.delay_sd > 0.0:
+            self.first_sd[DVL_DELAY] = beams.delay_sd
 
     # --- on arrival --------------------------------------------------------------------------------------------------
 
@@ -95,8 +101,8 @@ class BeamVelocitySensor(Aid):
         if self._verification.reading is None:
             self._verify(o, f)
             return LEFT_OUT
-        arranged = self._arrangement.arrange(o.measured)
-        z, H = self._rows(arranged, f)
+        arranged, change = self._arrangement.arrange(o.measured), self._delays.change(o.t, f, self._lever)
+        z, H = self._rows(arranged, change, f)
         judged = self.judge.judge(z, H, f.P, arranged.variances, arranged.are_beams)
         verdicts, gnss_is_good = judged.verdict.tolist(), self._aiding.gnss_is_good(o.t)
         if gnss_is_good:
@@ -119,21 +125,22 @@ class BeamVelocitySensor(Aid):
         if not rows:
             return LEFT_OUT
         self._fresh = z, H
-        return Decision(Use.UNGATED, rows=tuple(rows))
+        return Decision(Use.UNGATED, rows=tuple(rows), change=change)
 
     def _verify(self, o: Observation, f: FilterView) -> None:
         """Compare a message with its own 3-D velocity, else with the navigator's while GNSS is good."""
         navigator = None
         if self._aiding.gnss_is_good(o.t):
-            navigator = velocity_of(f, self._lever), deviation_of(f, self._rpy_sd)
+            navigator = velocity_at(f.nav, self._lever), deviation_of(f, self._rpy_sd)
         said = self._verification.add(o.measured, self._arrangement, navigator, math.sqrt(self._floor))
         if said is not None:
             self._say_once(o.stamp_ns, *said)
 
-    def _rows(self, arranged: Arranged, f: FilterView) -> tuple[np.ndarray, np.ndarray]:
-        first = DVL.states(f.constants).start
+    def _rows(self, arranged: Arranged, change: np.ndarray, f: FilterView) -> tuple[np.ndarray, np.ndarray]:
+        blocks = int(f.constants[DVL.index]), int(f.constants[DVL_DELAY.index])
+        directions, measured, _, are_beams = arranged
         return measurements.beam_velocities(
-            f.nav, len(f.P), first, arranged.directions, arranged.measured, self._lever, arranged.are_beams
+            f.nav, len(f.P), blocks, directions, measured, self._lever, change, are_beams
         )
 
     def _compare(self, o: Observation, verdicts: list[int], f: FilterView) -> None:
@@ -141,17 +148,17 @@ class BeamVelocitySensor(Aid):
         refused, present = verdicts.count(GATED), len(verdicts) - verdicts.count(LOST)
         telling = False
         if 2 * refused > present or not self._agreement.is_proven:
-            velocity = velocity_of(f, self._lever)
+            velocity = velocity_at(f.nav, self._lever)
             sd = math.hypot(math.sqrt(self._floor), deviation_of(f, self._rpy_sd))
             telling = math.hypot(*velocity) > _TELLING * sd
             if 2 * refused > present:
                 self._verification.disagrees(o.measured, velocity, sd)
         if self._agreement.add(refused, present, telling):
-            contradicts, delay = self._agreement.contradicts, self._delay + self._delays.delay
+            contradicts, delay = self._agreement.contradicts, self._delay + self._delays.missing
             said = self._verification.contradiction(delay) if contradicts else words.AGREES
             self._journal.say(o.stamp_ns, *said)
-        elif self._agreement.is_proven and self._delays.delay:
-            self._say_once(o.stamp_ns, *words.delayed(self._delay + self._delays.delay))
+        elif self._agreement.is_proven and (late := self._delays.missing):
+            self._say_once(o.stamp_ns, *words.delayed(self._delay + late, self._delays.sd))
 
     def _accusing(self, gated: list[int], z: np.ndarray, judged: Judged) -> list[Row]:
         """Beams that are refused together for long, without GNSS: the navigator follows them, at the gate's edge."""
@@ -173,7 +180,8 @@ class BeamVelocitySensor(Aid):
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """The rows that were decided on."""
         assert o.decision is not None
-        z, H = self._fresh or self._rows(self._arrangement.arrange(o.measured), f)
+        assert o.decision.change is not None
+        z, H = self._fresh or self._rows(self._arrangement.arrange(o.measured), o.decision.change, f)
         self._fresh = None
         numbers, variances, offsets = zip(*o.decision.rows, strict=True)
         chosen = list(numbers)
@@ -214,6 +222,8 @@ class BeamVelocitySensor(Aid):
         figures = {"beams.scale": float(self._states[BEAMS])}
         for name, angle in zip(("roll", "pitch", "yaw"), self._states[BEAMS + 1 :].tolist(), strict=True):
             figures[f"beams.mounting_{name}_deg"] = math.degrees(angle)
+        if not math.isnan(self._delays.sd):
+            figures["beams.delay"], figures["beams.delay_sd"] = self._delay + self._delays.estimate, self._delays.sd
         for i in range(self._arrangement.count):
             figures[f"beams.{i + 1}.bias"] = float(self._states[i])
             figures[f"beams.{i + 1}.noise_factor"] = float(self.judge.factors[i])

@@ -27,7 +27,7 @@ class _Measured(NamedTuple):
 class BodyVelocitySensor(Aid):
     """Three rows in body axes, at the sensor's place and time."""
 
-    kind = Kind("body_velocity")
+    kind = Kind("body_velocity", holds=True)
     sample, family = BodyVelocity, "body_velocity"
     bounds_drift = True
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.core.filter import bias_noise
+from nav_pose_estimator.core.filter.blocks import GNSS_ERROR
 from nav_pose_estimator.core.filter.kalman import ACCEPTED, correct, gated_correct
 from nav_pose_estimator.core.filter.layout import ALT, DPOS, DVEL, LAT, LON, PHI, VEL
 from nav_pose_estimator.core.filter.vertical_channel import gated_height
@@ -99,10 +100,21 @@ def _reset(f: FilterView, z: np.ndarray, R: np.ndarray, velocity: tuple[float, .
     if len(z) == 3:
         nav[ALT] -= z[2]
     _decorrelate(P, DPOS, np.asarray(R))
+    if GNSS_ERROR.is_in(f.constants):
+        _tie_to_lasting_error(f, len(z))
     for axis, value in enumerate(velocity):
         if math.isfinite(value):
             nav[VEL + axis] = value
             _decorrelate(P, DVEL + axis, np.array([[_RESET_VELOCITY_SD[axis] ** 2]]))
+
+
+def _tie_to_lasting_error(f: FilterView, rows: int) -> None:
+    """A position that was put on a fix less the estimate of its lasting error has what is missing from that."""
+    own, first = slice(DPOS, DPOS + rows), GNSS_ERROR.states(f.constants).start
+    R, error = f.P[own, own].copy(), slice(first, first + rows)
+    f.P[own, :] = f.P[error, :]
+    f.P[:, own] = f.P[:, error]
+    f.P[own, own] += R
 
 
 def _decorrelate(P: np.ndarray, start: int, R: np.ndarray) -> None:

@@ -62,7 +62,7 @@ class Magnetometer(Aid):
             self._is_new = False
             text = self._wrong_unit(math.hypot(*sample.field))
             if text:
-                self._journal.say(sample.stamp_ns, "mag.unit", Level.WARN, f"{text}; alignment does not believe it")
+                self._journal.say(sample.stamp_ns, "mag.unit", Level.WARN, f"{text}; alignment does not use it")
         return self._calibration.in_body(sample.field)
 
     def _wrong_unit(self, strength: float) -> str:
@@ -96,8 +96,8 @@ class Magnetometer(Aid):
         self._check = CompassCheck(is_condemned=True)  # and what it saw was compared with a wrong heading
         self._offset = math.nan
         text = (
-            f"the magnetic heading of the start was {math.degrees(abs(error)):.0f} deg off, as motion shows: aligned "
-            f"anew; likely cause: {single_cause(error)}; the magnetometer steers nothing, {CURE}"
+            f"the magnetic heading at the start was {math.degrees(abs(error)):.0f} deg off, as motion shows: aligned "
+            f"anew; likely cause: {single_cause(error)}; the magnetometer is not used, {CURE}"
         )
         self._journal.say(stamp_ns, WRONG_START, Level.WARN, text, error_deg=math.degrees(error))
 

@@ -92,7 +92,7 @@ class Aid(Sensor):
     blocks: ClassVar[dict[Block, Wander]] = {}
     """States that the filter is given with its first observation, and how they change."""
     first_sd: dict[Block, float | tuple[float, ...]]
-    """Their deviations then, one for all states of a block or one for each."""
+    """Their deviations then, one for all states of a block or one for each; a block without is not asked for."""
 
     def observe(self, sample: Any, t: float) -> Observation | None:
         """The observation of a sample stamped ``t`` [s]; None where it is not due, or refused and counted."""

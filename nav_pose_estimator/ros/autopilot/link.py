@@ -138,8 +138,8 @@ class AutopilotLink:
             return (Event(item.stamp_ns, "autopilot.feedback.ended", Level.INFO, "gps/fix is a receiver again"), item)
         if finding is Finding.LOOP:
             text = (
-                f"{self._node.resolve_topic_name(FIX.topic)} repeats the pose that the autopilot gets from here: it is"
-                " not GNSS and is not used; give gps/fix the receiver's own topic"
+                f"{self._node.resolve_topic_name(FIX.topic)} repeats the pose that is sent to the autopilot: it is"
+                " not GNSS and is not used; map gps/fix to the receiver's own topic"
             )
             return (Event(item.stamp_ns, "autopilot.feedback", Level.ERROR, text),)
         return (Event(item.stamp_ns, "autopilot.feedback.fixes"),)
@@ -153,7 +153,7 @@ class AutopilotLink:
     def _warn_of_fused_topic(self) -> None:
         name = self._node.resolve_topic_name(FIX.topic)
         if name.endswith(_FUSED_TOPICS):
-            text = f"gps/fix is {name}, what the autopilot has fused: with our pose in it, it is not GNSS"
+            text = f"gps/fix is {name}, which is what the autopilot has fused: with our pose in it, it is not GNSS"
             self._node.say("autopilot.feedback.topic", Level.WARN, text)
 
 
@@ -172,7 +172,7 @@ def message_kind(type_name: str, word: str) -> Any:
 def _check(wanted: OutputParameters) -> None:
     if wanted.autopilot == "mavros_gps" and not wanted.knows_geoid:
         raise ParameterError(
-            "ros.output.autopilot is mavros_gps, which speaks of heights above the sea: set ros.output.autopilot_geoid "
+            "ros.output.autopilot is mavros_gps, which needs heights above the sea: set ros.output.autopilot_geoid "
             "to the height of the geoid above the ellipsoid where you fly (EGM96; 47 m in Zurich)"
         )
 

@@ -74,5 +74,5 @@ class StateKeeper:
         """A failure is told once, until it works again."""
         error = writing.exception()
         if error is not None and not self._failed:
-            self._node.say("state.not_written", Level.WARN, f"{error}; a restart in flight would align anew")
+            self._node.say("state.not_written", Level.WARN, f"{error}; a restart in flight would have to align again")
         self._failed = error is not None

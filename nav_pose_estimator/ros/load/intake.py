@@ -129,7 +129,9 @@ class Intake:
 
     def _give_up(self) -> None:
         self._inbox.give_up()
-        self._node.say("overload.dropped", Level.ERROR, f"more than {HOPELESS:g} s behind: what waited is dropped")
+        self._node.say(
+            "overload.dropped", Level.ERROR, f"more than {HOPELESS:g} s behind: the waiting messages are dropped"
+        )
 
     def _on_step(self, before: int, step: int) -> None:
         self._node.spare(step > 0)

@@ -66,7 +66,7 @@ def imu_sample(sample: ImuSample, gyro_absent: bool, accel_absent: bool) -> Conv
         return (sample,)
     which = "angular velocity" if gyro_absent else "linear acceleration"
     how = "covariance[0] is -1" if gyro_absent or accel_absent else "it is exactly zero"
-    text = f"the IMU message has no {which} ({how}); half an IMU is no IMU: not used"
+    text = f"the IMU message has no {which} ({how}); half an IMU is not enough: not used"
     return (Event(sample.stamp_ns, "imu.rejected.absent", Level.WARN, text),)
 
 

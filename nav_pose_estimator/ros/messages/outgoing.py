@@ -14,6 +14,7 @@ from nav_pose_estimator.core.filter.layout import BASE_STATES, D_GYRO_BIAS, DPOS
 from nav_pose_estimator.core.numerics.rotation import quat_to_matrix, skew
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolution, PredictedDrift
 from nav_pose_estimator.engine.world_frame import attitude_in, vector_in
+from nav_pose_estimator.ros.messages import steady_twist
 from nav_pose_estimator.ros.messages.cdr import NS_PER_S
 
 _STATUS_FIX, _STATUS_NO_FIX, _SERVICE_GPS = 0, -1, 1  # sensor_msgs/NavSatStatus
@@ -48,16 +49,23 @@ def fill_imu(
         message.linear_acceleration_covariance[0::4] = [force] * 3
 
 
-def fill_odometry(message: Any, solution: NavSolution) -> None:
-    """nav_msgs/Odometry: pose in odom, twist in base_link, both with covariance; the pose's is that of the map pose."""
+def fill_odometry(message: Any, solution: NavSolution, velocity_offset: np.ndarray | None = None) -> None:
+    """nav_msgs/Odometry: pose in odom, twist in base_link, both with covariance; the pose's is that of the map pose.
+
+    ``velocity_offset`` (3,) [m/s] in b is added to the velocity, and counts as an error of that size.
+    """
     fill_stamp(message.header.stamp, solution.stamp_ns)
     C_nb = quat_to_matrix(solution.q_nb)
     _fill_vector(message.pose.pose.position, solution.position_enu - solution.correction_enu)
     _fill_quaternion(message.pose.pose.orientation, solution.q_nb)
     message.pose.covariance[:] = pose_covariance(solution.cov).ravel()
-    _fill_vector(message.twist.twist.linear, C_nb.T @ solution.vel_n)
+    velocity, cov = C_nb.T @ solution.vel_n, twist_covariance(solution.cov, C_nb, solution.vel_n)
+    if velocity_offset is not None:
+        velocity += velocity_offset
+        cov[:3, :3] += np.outer(velocity_offset, velocity_offset)
+    _fill_vector(message.twist.twist.linear, velocity)
     _fill_vector(message.twist.twist.angular, solution.rate_b)
-    message.twist.covariance[:] = twist_covariance(solution.cov, C_nb, solution.vel_n).ravel()
+    message.twist.covariance[:] = cov.ravel()
 
 
 def fill_pose(message: Any, solution: NavSolution) -> None:
@@ -134,6 +142,7 @@ def warm_up() -> None:
     """Call the kernels that messages need once."""
     pose_covariance(np.eye(BASE_STATES))
     twist_covariance(np.eye(BASE_STATES), quat_to_matrix(_NO_ROTATION), np.zeros(3))
+    steady_twist.warm_up()
 
 
 def fill_velocity_error(message: Any, error: PredictedDrift) -> None:

@@ -74,7 +74,7 @@ class PseudoGnss(CnnLstm):
     """For comparison with ``cnn_lstm``: the same network, its output summed up."""
 
     name = "pseudo_gnss"
-    summary = "the network of cnn_lstm as its source has it: its predictions summed up to positions in place of fixes"
+    summary = "the network of cnn_lstm as in its source: its predictions, summed up to positions, in place of fixes"
     history = round(_LONGEST / me.PERIOD)
 
     def ways(self, flight: Flight) -> dict[str, Guide]:

@@ -68,7 +68,7 @@ def _content(path: str) -> tuple[str, dict[str, Any]]:
     except ValueError as error:  # neither UTF-8 nor TOML
         raise UserError(f"{name} is not a prior of train prior: {' '.join(str(error).split())}") from None
     if content.get("version") != VERSION:
-        raise UserError(f"{name} is not a prior of version {VERSION}: train it anew with train prior")
+        raise UserError(f"{name} is not a prior of version {VERSION}: make it again with train prior")
     return name, content
 
 
@@ -92,7 +92,7 @@ def _part(name: str, content: dict[str, Any], key: str, kind: type[_Part]) -> _P
     section = content.get(key)
     names = [item.name for item in fields(kind)]
     if not isinstance(section, dict) or set(section) != set(names):
-        raise UserError(f"{name}: [{key}] must have {', '.join(names)}; train it anew with train prior")
+        raise UserError(f"{name}: [{key}] must have {', '.join(names)}; make it again with train prior")
     values = {}
     for item, value in section.items():
         if item in _BOUNDS:

@@ -23,10 +23,10 @@ FLAWS = {
     "empty": "the message holds no beam, or not as many directions as velocities",
     "geometry": "the message has no directions of its beams: set aids.beams.directions",
     "count": "the message has {found} beams, but aids.beams.directions gives {given}",
-    "direction": "the direction of beam {beam} is no unit vector (its length is {length:.3g})",
+    "direction": "the direction of beam {beam} is not a unit vector (its length is {length:.3g})",
     "duplicate": "beams {beam} and {other} have the same direction: two messages in one, or a wrong geometry",
     "zero": "all velocities are exactly zero: the sensor has no echo, or does not measure",
-    "stuck": "all velocities repeat to the last digit: the sensor is stuck, or its driver repeats what it has sent",
+    "stuck": "all velocities repeat to the last digit: the sensor is stuck, or its driver repeats messages",
 }
 """Why a message is not used, by the last word of its counter."""
 

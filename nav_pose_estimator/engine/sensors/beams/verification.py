@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.beams.geometry import ENOUGH, GeometryCheck, Reading, readings
-from nav_pose_estimator.core.filter.layout import DVEL, PHI, PREV_RATE, QUAT, VEL
+from nav_pose_estimator.core.filter.layout import DVEL, PHI, VEL
 from nav_pose_estimator.core.filter.measurements import BEAMS
-from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
 from nav_pose_estimator.engine.observation import FilterView
 from nav_pose_estimator.engine.sensors.beams.arrangement import Arrangement
 from nav_pose_estimator.engine.sensors.beams.message import Beams
@@ -21,12 +20,6 @@ Array = NDArray[np.float64]
 Said = tuple[str, Level, str] | None
 """Name, level and text of an event."""
 _OWN_ERROR = 0.01  # of the speed: the sensor's own 3-D velocity against its beams
-
-
-def velocity_of(f: FilterView, lever: Array) -> Array:
-    """Velocity (3,) over ground in b [m/s] of a point at ``lever`` (3,) [m] from the IMU."""
-    swing = np.cross(f.nav[PREV_RATE : PREV_RATE + 3], lever)
-    return quat_to_matrix(f.nav[QUAT : QUAT + 4]).T @ f.nav[VEL : VEL + 3] + swing
 
 
 def deviation_of(f: FilterView, angle_sd: float) -> float:

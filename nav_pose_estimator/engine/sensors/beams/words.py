@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from nav_pose_estimator.core.beams.judge import GATED, LOST, OUT, PARITY, USED
 from nav_pose_estimator.core.filter.measurements import BEAMS
 from nav_pose_estimator.engine.solutions import Level
@@ -22,9 +24,11 @@ UNPROVEN = (
 AGREES = ("beam_velocity.contradicts.ended", Level.INFO, "beam velocities and GNSS agree again: they are used")
 
 
-def delayed(delay: float) -> tuple[str, Level, str]:
-    """The innovations follow the acceleration: velocities are ``delay`` [s] old, or more."""
+def delayed(delay: float, sd: float) -> tuple[str, Level, str]:
+    """Innovations follow the acceleration: velocities are ``delay`` [s] old, or more; just so where ``sd`` is known."""
     text = f"beam velocities seem to be {delay:.2f} s old when they are stamped (at arrival?): set aids.beams.delay"
+    if not math.isnan(sd):
+        text = f"beam velocities are {delay:.2f} s old when they are stamped: that is allowed for (aids.beams.delay)"
     return "beam_velocity.delayed", Level.WARN, text
 
 

@@ -20,6 +20,7 @@ class InnovationRecord:
         self.mean = 0.0
         self._recent: deque[float] = deque(maxlen=_RECENT)
         self._horizontal: deque[tuple[float, float]] = deque(maxlen=_RECENT)
+        self._new: deque[tuple[float, float]] = deque(maxlen=_RECENT)
 
     def add(self, nis: float, z: Sequence[float] | np.ndarray, period: float) -> None:
         """An innovation ``z`` of two or more rows, East and North first; they come every ``period`` [s]."""
@@ -28,6 +29,13 @@ class InnovationRecord:
         self.mean += min(period / _AVERAGED, 0.2) * (min(nis / len(z), _LARGEST) - self.mean)
         self._recent.append(nis / len(z))
         self._horizontal.append((float(z[0]), float(z[1])))
+        self._new.append(self._horizontal[-1])
+
+    def take(self) -> list[tuple[float, float]]:
+        """Horizontal innovations since the last call, as many as are remembered."""
+        new = list(self._new)
+        self._new.clear()
+        return new
 
     @property
     def p99(self) -> float:

@@ -24,6 +24,7 @@ from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix, Vector3
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
+from nav_pose_estimator.engine.sensors.gnss.lasting_error import whole_sd
 from nav_pose_estimator.engine.sensors.gnss.lasting_jump import LastingJump
 from nav_pose_estimator.engine.sensors.gnss.pull import Pull
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
@@ -92,7 +93,7 @@ class GnssPositionSensor(Sensor):
         """The observation of a fix valid at ``t`` that passed the reception."""
         if self.guard.settings.loss_time != self._aiding.lost_after:  # the receiver's period has changed
             self.guard.settings = _return_settings(self._parameters, self._aiding)
-        R = self.reception.position_noise(sample)
+        R = self.reception.position_noise(sample, in_filter=True)
         return Observation(t, sample.stamp_ns, self.kind, (sample.lat, sample.lon, sample.alt), R)
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
@@ -103,6 +104,7 @@ class GnssPositionSensor(Sensor):
         height = alt - reference
         rows = 3 if math.isfinite(height) else 2
         z, H = measurements.gnss_position(f.nav, len(f.P), lat, lon, height if rows == 3 else 0.0, self.lever)
+        measurements.see_gnss_error(z, H, f.nav, f.constants, measurements.POSITION)
         return z[:rows], H[:rows], o.stated_R[:rows, :rows]
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
@@ -110,7 +112,7 @@ class GnssPositionSensor(Sensor):
         widening = self._doubted(o, f) if self._aiding.gnss_is_good(o.t) else 1.0
         decision = self._ask_the_guard(o, f)
         if self.velocity.doubt.is_hopeless(o.t) and o.t - self._aiding.fix_used < self._despair_gap:
-            self.despair = "GNSS was there all the time, yet velocities differ, and positions with them"
+            self.despair = "GNSS was never away, yet velocities differ, and positions too"
         far, fast = self.pull.least_sd()
         vertical = _EITHER * self.heights.span
         if decision.use in (Use.GATED, Use.UNGATED) and not math.isnan(decision.reference):
@@ -146,7 +148,7 @@ class GnssPositionSensor(Sensor):
         R = self._accuracy.lasting(o, R, self.noise, self._journal)
         # what the guard remembers must be the receiver's alone: a filter gone astray would bend it
         fix = local(o.measured, reference, float(f.nav[ALT]), self.origin)
-        off, sd = [*z.tolist(), 0.0][:3], [*np.sqrt(R.diagonal()).tolist(), 0.0][:3]
+        off, sd = [*z.tolist(), 0.0][:3], [*whole_sd(R, self.reception.lasting_variance), 0.0][:3]
         self.pull.fix(o.t, (-off[0], -off[1]), o.stamp_ns)
         predicted = [place + difference for place, difference in zip(fix, off, strict=True)]
         predicted_sd = np.sqrt(f.P.diagonal()[DPOS : DPOS + 3]).tolist()
@@ -170,7 +172,7 @@ class GnssPositionSensor(Sensor):
             self.forsakes_origin = True
             self.despair = f"GNSS is {1e-3 * math.hypot(*decision.offset):.0f} km from where the navigator started"
         elif broken:
-            self.despair = f"GNSS was there all the time, yet velocities differ by {self._velocity_apart:.0f} sigma"
+            self.despair = f"GNSS was never away, yet velocities differ by {self._velocity_apart:.0f} sigma"
         return Decision(Use.RESET, reference, tuple(velocity or ()))
 
     def _height_reference(self, o: Observation, f: FilterView) -> float:
@@ -178,12 +180,13 @@ class GnssPositionSensor(Sensor):
         z, _, R = self.linearise(o, f)
         if len(z) < 3:
             return math.nan
-        sigmas, variances = self.guard.settings.sigmas, R.diagonal() + f.P.diagonal()[DPOS : DPOS + 3]
+        own = R.diagonal() + self.reception.lasting_variance
+        sigmas, variances = self.guard.settings.sigmas, own + f.P.diagonal()[DPOS : DPOS + 3]
         if np.any(np.abs(z[:2]) > sigmas * np.sqrt(variances[:2])):
             return self.heights.shift
         off, known = -float(z[2]), self._aiding.height_is_good(o.t) and not self.velocity.doubt.reason
         outcome = self.heights.offer(
-            o.t, off, sigmas * math.sqrt(variances[2]), 0.5 * sigmas * math.sqrt(R[2, 2]), known
+            o.t, off, sigmas * math.sqrt(variances[2]), 0.5 * sigmas * math.sqrt(own[2]), known
         )
         if outcome == height_reference.USED:
             return self.heights.shift
@@ -224,7 +227,8 @@ class GnssPositionSensor(Sensor):
             return None, 0.0
         z, H, position_R = position
         placed, rows = len(z), len(last.difference)
-        _, velocity_H = measurements.gnss_velocity(f.nav, len(f.P), np.zeros(3), self.lever)
+        velocity_z, velocity_H = measurements.gnss_velocity(f.nav, len(f.P), np.zeros(3), self.lever)
+        measurements.see_gnss_error(velocity_z, velocity_H, f.nav, f.constants, measurements.VELOCITY)
         R = np.zeros((placed + rows, placed + rows))
         R[:placed, :placed], R[placed:, placed:] = position_R, last.R
         self._velocity_apart = distance(last.difference, velocity_H[:rows], f.P, last.R)

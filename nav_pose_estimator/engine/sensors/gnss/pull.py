@@ -116,7 +116,7 @@ class Pull:
         if returned or t > self._until:
             self.dismiss()
             self.interrupt()
-            text = "GNSS is back where the IMU was" if returned else "GNSS moves as the IMU feels, for long enough"
+            text = "GNSS is back where the IMU was" if returned else "GNSS has moved as the IMU feels for long enough"
             self._journal.say(stamp_ns, "gnss.pulled.ended", Level.INFO, text)
 
     def dismiss(self) -> bool:
@@ -141,8 +141,8 @@ class Pull:
         if not self.is_on:
             return ""
         return (
-            f"GNSS moved off by {math.hypot(*self._speed.tolist()):.1f} m/s without a force that the IMU feels, "
-            f"{math.hypot(*self._way.tolist()):.0f} m by now: pulled away (spoofing), or the IMU errs"
+            f"GNSS moved off by {math.hypot(*self._speed.tolist()):.1f} m/s without a force on the IMU, "
+            f"{math.hypot(*self._way.tolist()):.0f} m by now: spoofing, or an IMU fault"
         )
 
     def _note(self, t: float, change: np.ndarray, stamp_ns: int) -> None:

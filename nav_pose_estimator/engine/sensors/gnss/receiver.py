@@ -8,6 +8,7 @@ from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.sensors.aiding import Aiding
+from nav_pose_estimator.engine.sensors.gnss import lasting_error
 from nav_pose_estimator.engine.sensors.gnss.position import GnssPositionSensor
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
 from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
@@ -37,7 +38,7 @@ class Gnss:
         self.velocity = GnssVelocitySensor(parameters, aiding, journal, self.reception)
         self.position = GnssPositionSensor(parameters, aiding, journal, self.reception, self.velocity)
         self.loss = GnssLoss(parameters, aiding, journal)
-        self._aiding = aiding
+        self._aiding, self._parameters = aiding, parameters.gnss
 
     @property
     def sensors(self) -> list[Sensor]:
@@ -46,6 +47,7 @@ class Gnss:
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New thresholds and noises; gate and guard stay as they stand."""
+        self._parameters = parameters.gnss
         self.reception.set_parameters(parameters.gnss)
         for sensor in self.sensors:
             sensor.set_parameters(parameters)
@@ -81,6 +83,8 @@ class Gnss:
             figures[f"nis.{sensor.kind.name}"] = sensor.record.mean
             figures[f"nis.{sensor.kind.name}.p99"] = sensor.record.p99
             figures[f"innovation.{sensor.kind.name}.lag_1"] = sensor.record.lag_one
+        if self._parameters.error_states:
+            figures |= lasting_error.figures(self._parameters, self.reception.shown)
         figures["gnss.noise.position_factor"] = self.position.noise.factor
         figures["gnss.noise.velocity_factor"] = self.velocity.noise.factor
         figures["gnss.gate_radius_m"] = self.position.gate_radius

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
 from nav_pose_estimator.core.gnss import clock_offset
 from nav_pose_estimator.core.gnss.quality_gate import GateSettings, GnssGate, Notice
 from nav_pose_estimator.engine.events.catalogue import in_words
@@ -17,6 +18,7 @@ from nav_pose_estimator.engine.number_checks import is_covariance, is_position
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, SatelliteCount
 from nav_pose_estimator.engine.sensors.aiding import Aiding
+from nav_pose_estimator.engine.sensors.gnss import lasting_error
 from nav_pose_estimator.engine.sensors.gnss.velocity_input import VelocityInput
 from nav_pose_estimator.engine.solutions import Level
 
@@ -39,7 +41,7 @@ class GnssReception:
         self.enabled = True
         self.refusal = "no fix has arrived yet"
         self.satellites: int | None = None
-        self.noise_variance = 1.0  # parts of what is stated or set, as the flight has shown
+        self.shown = NoiseIdentification()  # of the run: noise that the flight has shown
         self.velocities = VelocityInput(journal)
         self._usable = False  # the last fix
         self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
@@ -53,7 +55,10 @@ class GnssReception:
     def set_parameters(self, parameters: GnssParameters) -> None:
         """New thresholds and noises; the gate stays as it stands."""
         self.gate.settings = _gate_settings(parameters)
-        self._correlation = parameters.position_correlation
+        self._parameters = parameters
+        lasts = lasting_error.position_sd(parameters) if parameters.error_states else np.zeros(3)
+        self.lasting_variance = lasts**2
+        """Of the error (3,) [m^2] that positions share for long, beside the noise that observations state."""
         position = np.array([parameters.position_sd] * 2 + [parameters.vertical_sd])
         velocity = np.array([parameters.velocity_sd] * 2 + [parameters.velocity_vertical_sd])
         self._position_floor, self._velocity_floor = (position**2).tolist(), (velocity**2).tolist()
@@ -117,14 +122,23 @@ class GnssReception:
         """What of a velocity valid at ``t`` may be used: it is as good as the last fix, and its axes must be right."""
         return self.velocities.velocity(sample, t, self._usable and self.enabled)
 
-    def position_noise(self, sample: GnssFix) -> np.ndarray:
-        """R (3, 3) [m^2]: what the receiver states, at least the floor, inflated for errors shared between fixes."""
-        R = _floored(self._known(_horizontal(sample)), self._position_floor)
-        return R * self.noise_variance * (1.0 + self._correlation / self.fix_period)
+    def position_noise(self, sample: GnssFix, in_filter: bool = False) -> np.ndarray:
+        """R (3, 3) [m^2]: what the receiver states, at least the floor, inflated for errors shared between fixes.
 
-    def velocity_noise(self, sample: GnssVelocity) -> np.ndarray:
-        """R (3, 3) [(m/s)^2]: the floor, or what the receiver states where that is larger."""
-        return self.noise_variance * _floored(self._known(sample.cov_enu, "velocity"), self._velocity_floor)
+        ``in_filter``: without what the filter has states for.
+        """
+        R = _floored(self._known(_horizontal(sample)), self._position_floor)
+        shared = 1.0 + self._parameters.position_correlation / self.fix_period
+        if in_filter and self._parameters.error_states:
+            return self.shown.gnss_variance * lasting_error.white_position(R, shared, self._parameters, self.shown)
+        return R * self.shown.gnss_variance * shared
+
+    def velocity_noise(self, sample: GnssVelocity, in_filter: bool = False) -> np.ndarray:
+        """R (3, 3) [(m/s)^2]: the floor, or what the receiver states where that is larger; ``in_filter`` as above."""
+        R = _floored(self._known(sample.cov_enu, "velocity"), self._velocity_floor)
+        if in_filter and self._parameters.error_states:
+            R = lasting_error.white_velocity(R, self._parameters, self.shown)
+        return self.shown.gnss_variance * R
 
     def refuse(self, stamp_ns: int, name: str, why: str) -> bool:
         """A fix is not used: said when the reason is a new one, else counted."""
@@ -179,10 +193,10 @@ def _no_place(sample: GnssFix) -> str:
     """Why a fix is nowhere on Earth, a clause."""
     largest = math.degrees(max(abs(sample.lat), abs(sample.lon)))
     if _INTEGER_DEGREES < largest < math.inf:
-        return f"a latitude or longitude of {largest:.4g} deg is no place on Earth: is it in degrees times 1e7?"
+        return f"a latitude or longitude of {largest:.4g} deg is not a place on Earth: is it in degrees times 1e7?"
     if _HIGHEST < abs(sample.alt) < math.inf:
-        return f"a height of {sample.alt:.4g} m is no place on Earth: is it in mm?"
-    return "the fix holds NaN or is no place on Earth"
+        return f"a height of {sample.alt:.4g} m is not a place on Earth: is it in mm?"
+    return "the fix holds NaN or is not a place on Earth"
 
 
 def _horizontal(sample: GnssFix) -> np.ndarray | None:

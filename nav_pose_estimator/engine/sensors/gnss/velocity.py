@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from nav_pose_estimator.core.filter import bias_noise, measurements
-from nav_pose_estimator.core.filter.layout import BASE_STATES
 from nav_pose_estimator.core.gnss.doubt import Doubt
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, FilterView, Kind, Observation
@@ -60,7 +59,7 @@ class GnssVelocitySensor(Sensor):
 
     def observe(self, sample: GnssVelocity, t: float) -> Observation:
         """The observation of a velocity valid at ``t`` that passed the reception."""
-        R = self.reception.velocity_noise(sample)
+        R = self.reception.velocity_noise(sample, in_filter=True)
         return Observation(t, sample.stamp_ns, self.kind, np.array(sample.vel_enu), R)
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
@@ -68,13 +67,14 @@ class GnssVelocitySensor(Sensor):
         if self._aiding.gnss_is_good(o.t):
             return GATED
         self._journal.count("gnss.rejected.velocity_without_position")
-        self._remember(o, f.nav)
+        self._remember(o, f)
         return LEFT_OUT
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """Velocity of the antenna."""
         assert o.stated_R is not None
         z, H = measurements.gnss_velocity(f.nav, len(f.P), o.measured, self.lever)
+        measurements.see_gnss_error(z, H, f.nav, f.constants, measurements.VELOCITY)
         rows = rows_of(o)
         return z[:rows], H[:rows], o.stated_R[:rows, :rows]
 
@@ -93,7 +93,7 @@ class GnssVelocitySensor(Sensor):
             text = "GNSS velocity not used: it disagrees with the filter"
             self._journal.say(o.stamp_ns, "gnss.rejected.velocity_innovation", Level.INFO, text)
             self._is_refused = True
-        self._remember(o, f.nav)
+        self._remember(o, f)
 
     def agrees(self, o: Observation, nis: float, z: list[float], left: list[float], period: float) -> None:
         """What ``note`` does where ``o`` was taken as it is, with what is ``left`` of its innovation ``z``."""
@@ -111,12 +111,10 @@ class GnssVelocitySensor(Sensor):
         last = self.misfit
         return last if last is not None and 0.0 <= t - last.t <= _SAME_MOTION else None
 
-    def _remember(self, o: Observation, nav: np.ndarray) -> None:
-        assert o.stated_R is not None
-        rows = rows_of(o)
-        z, _ = measurements.gnss_velocity(nav, BASE_STATES, o.measured, self.lever)
-        R = self._accuracy.lasting(o, o.stated_R[:rows, :rows], self.noise, self._journal)
-        self.misfit = Misfit(o.t, z[:rows], R, o.measured.tolist())
+    def _remember(self, o: Observation, f: FilterView) -> None:
+        z, _, R = self.linearise(o, f)
+        R = self._accuracy.lasting(o, R, self.noise, self._journal)
+        self.misfit = Misfit(o.t, z, R, o.measured.tolist())
 
     def settle(self, o: Observation, f: FilterView) -> None:
         """GNSS shows how far the gyroscope's bias moves."""

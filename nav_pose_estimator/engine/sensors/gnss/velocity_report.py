@@ -12,16 +12,15 @@ from nav_pose_estimator.engine.solutions import Level
 _NO_CLOCK = 0.3  # of a scale: no clock is so wrong
 _FAULTS = {
     NED: "its axes look like North-East-Down: set ros.input.velocity_frame to ned",
-    TURNED: "it is as fast as the positions move, but in another direction: its axes look like {name}, "
-    "not East-North-Up",
+    TURNED: "it has the speed of the motion but another direction: its axes look like {name}, not East-North-Up",
     SILENT: "it {name} while the positions move: the driver does not fill it",
-    UNIT: "it points where the positions go, but is not as fast as them: it looks like {name} instead of m/s",
-    UNEXPLAINED: "it does not say where the positions go",
+    UNIT: "it has the direction of the motion but not its speed: it looks like {name} instead of m/s",
+    UNEXPLAINED: "it does not fit the motion of the positions",
 }
 _VERTICAL_FAULTS = {
     UNFILLED: "not used: it stays zero while the height changes: the driver does not fill it "
     "(ros.input.vertical_velocity: false)",
-    DOWN: "turned round and used: it has the wrong sign, positive down",
+    DOWN: "inverted and used: it has the wrong sign, positive down",
     OTHER: "not used: heights and barometer agree that it is wrong (another unit?)",
 }
 _NAMES = {
@@ -63,7 +62,7 @@ class VelocityReport:
             text = f"GNSS velocity not used: {why} ({check.misfit:.1f} m/s apart)"
             self._journal.say(stamp_ns, f"gnss.velocity.axes.{check.fault}", Level.ERROR, text)
         else:
-            text = "GNSS velocity agrees with the way between fixes again and is used"
+            text = "GNSS velocity agrees with the motion between fixes again and is used"
             self._journal.say(stamp_ns, "gnss.velocity.axes.ended", Level.INFO, text)
 
     def mended(self, check: VelocityCheck, stamp_ns: int) -> bool:
@@ -71,7 +70,7 @@ class VelocityReport:
         if self._mended:
             return False
         self._mended = True
-        text = f"GNSS velocity is {_in_words(check.name)} beyond doubt: put right and used"
+        text = f"GNSS velocity is {_in_words(check.name)} beyond doubt: corrected and used"
         if check.fault == NED:
             text += "; set ros.input.velocity_frame to ned"
         self._journal.say(stamp_ns, "gnss.velocity.turned", Level.WARN, text)
@@ -110,7 +109,7 @@ class VelocityReport:
         amount, way = 100.0 * abs(scale - 1.0), "farther" if scale > 1.0 else "less far"
         clock = f"{100.0 * abs(1.0 - 1.0 / scale):.1f} % {'slow' if scale > 1.0 else 'fast'}"
         text = (
-            f"GNSS positions move {amount:.1f} % {way} than velocities and stamps say: the clock of the stamps "
+            f"GNSS positions move {amount:.1f} % {way} than velocities and stamps imply: the clock of the stamps "
             f"probably runs {clock}, else another unit"
         )
         self._journal.say(stamp_ns, "gnss.velocity.scale", Level.WARN, text, scale=scale)

@@ -21,7 +21,7 @@ def single_cause(angle: float) -> str:
     quarters = round(angle / (0.5 * math.pi))
     if quarters and abs(angle - quarters * 0.5 * math.pi) < math.radians(15.0):
         return f"the magnetometer is mounted {90 * abs(quarters)} deg off (aids.magnetometer_rpy), or hard iron"
-    return "hard iron (attitude.hard_iron), or a magnetometer that is mounted another way (aids.magnetometer_rpy)"
+    return "hard iron (attitude.hard_iron), or a magnetometer that is mounted differently (aids.magnetometer_rpy)"
 
 
 class CompassCheck:
@@ -82,7 +82,7 @@ class CompassCheck:
         else:
             how = f"wanders by {math.degrees(self.spread):.0f} deg (rms) against the heading that motion shows"
             cause = cause or "iron or currents that turn with the vehicle"
-        text = f"the magnetic heading {how}; likely cause: {cause}; it steers nothing, {CURE}"
+        text = f"the magnetic heading {how}; likely cause: {cause}; it is not used, {CURE}"
         return "mag.heading.disagrees", text
 
     def _cause(self) -> tuple[str, str]:
@@ -91,4 +91,4 @@ class CompassCheck:
         if not cause:
             return "", ""
         self._cause_is_told = True
-        return "mag.heading.cause", f"why the magnetic heading is wrong, by the turns so far: {cause}; {CURE}"
+        return "mag.heading.cause", f"cause of the wrong magnetic heading, from the turns so far: {cause}; {CURE}"

@@ -47,6 +47,10 @@ class Routine:
     def __init__(self, kinds: dict[str, RoutineKind], aiding: Aiding, fusion: Fusion) -> None:
         self._kinds, self._aiding, self._fusion = kinds, aiding, fusion
 
+    def takes(self, o: Observation) -> bool:
+        """Whether there is a way for observations of the kind of ``o``."""
+        return o.kind.name in self._kinds
+
     def act(self, vector: np.ndarray, observations: Sequence[Observation], t: float) -> list[list[float]]:
         """Let ``observations`` act that are due, on a filter that stands at ``t`` [s], its covariance up to date.
 

@@ -1,0 +1,157 @@
+"""``copy.deepcopy`` in fewer steps: a navigator is thousands of small objects, and is copied several times a minute.
+
+Most of what they hold never changes: numbers, and tuples and frozen dataclasses of them. It is recognised at once and
+shared. What is neither a container nor a plain object is left to ``copy.deepcopy``.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections import deque
+from collections.abc import Callable
+from operator import is_
+from types import BuiltinFunctionType, FunctionType, MethodType, NoneType
+from typing import Any, TypeVar
+
+import numpy as np
+
+T = TypeVar("T")
+_Memo = dict[int, Any]
+_Copier = Callable[[Any, _Memo], Any]
+
+_ATOMS = frozenset((NoneType, bool, int, float, complex, str, bytes, type, range, FunctionType, BuiltinFunctionType))
+_HEAP_TYPE = 1 << 9  # flag of a class that was not built into Python (Py_TPFLAGS_HEAPTYPE)
+_OWN_WAYS = ("__getstate__", "__setstate__", "__getnewargs__", "__getnewargs_ex__", "__reduce__", "__reduce_ex__")
+
+
+def deep_copy(value: T, memo: dict[int, Any]) -> T:
+    """What ``copy.deepcopy(value, memo)`` is, but for the identity of what cannot change."""
+    kind = type(value)
+    if kind in _ATOMS:
+        return value
+    known = memo.get(id(value), memo)
+    if known is not memo:
+        return known  # type: ignore[no-any-return]
+    copier = _COPIERS.get(kind)
+    if copier is None:
+        copier = _COPIERS[kind] = _copier_of(kind)
+    return copier(value, memo)  # type: ignore[no-any-return]
+
+
+def _copy_tuple(value: tuple, memo: _Memo) -> tuple:
+    if _ATOMS.issuperset(map(type, value)):
+        return value
+    items = [deep_copy(item, memo) for item in value]
+    if all(map(is_, items, value)):
+        return value
+    twin = memo[id(value)] = tuple.__new__(type(value), items)
+    return twin
+
+
+def _copy_list(value: list, memo: _Memo) -> list:
+    twin: list = []
+    memo[id(value)] = twin
+    twin += [item if type(item) in _ATOMS else deep_copy(item, memo) for item in value]
+    return twin
+
+
+def _copy_deque(value: deque, memo: _Memo) -> deque:
+    twin: deque = deque(maxlen=value.maxlen)
+    memo[id(value)] = twin
+    twin.extend([item if type(item) in _ATOMS else deep_copy(item, memo) for item in value])
+    return twin
+
+
+def _copy_dict(value: dict, memo: _Memo) -> dict:
+    twin: dict = {}
+    memo[id(value)] = twin
+    for key, item in value.items():
+        twin[deep_copy(key, memo)] = item if type(item) in _ATOMS else deep_copy(item, memo)
+    return twin
+
+
+def _copy_array(value: np.ndarray, memo: _Memo) -> np.ndarray:
+    twin: np.ndarray = copy.deepcopy(value, memo) if value.dtype.hasobject else value.copy("K")
+    memo[id(value)] = twin
+    return twin
+
+
+def _copy_method(value: MethodType, memo: _Memo) -> MethodType:
+    twin = memo[id(value)] = MethodType(value.__func__, deep_copy(value.__self__, memo))
+    return twin
+
+
+def _by_its_own_way(value: Any, memo: _Memo) -> Any:
+    twin = memo[id(value)] = value.__deepcopy__(memo)
+    return twin
+
+
+def _copier_of(kind: type) -> _Copier:
+    """How to copy what is of a ``kind`` that has not been met before."""
+    if hasattr(kind, "__deepcopy__"):
+        return _by_its_own_way
+    if issubclass(kind, tuple) and hasattr(kind, "_fields"):
+        return _copy_tuple
+    ancestors = kind.__mro__[:-1]
+    is_plain = all(one.__flags__ & _HEAP_TYPE for one in ancestors)
+    slots = [name for one in ancestors for name in _slots_of(one) if name not in ("__dict__", "__weakref__")]
+    is_default = not any(getattr(kind, name, None) is not getattr(object, name, None) for name in _OWN_WAYS)
+    dataclass_slots = slots and dataclasses.is_dataclass(kind)
+    if not is_plain or not (is_default or dataclass_slots) or any(name.startswith("__") for name in slots):
+        return copy.deepcopy
+    has_dictionary = kind.__dictoffset__ != 0
+    if dataclasses.is_dataclass(kind) and kind.__dataclass_params__.frozen:  # type: ignore[attr-defined]
+        return _copier_of_frozen(kind, slots, has_dictionary)
+    return _copier_of_objects(kind, slots, has_dictionary)
+
+
+def _slots_of(kind: type) -> tuple[str, ...]:
+    slots = kind.__dict__.get("__slots__", ())
+    return (slots,) if isinstance(slots, str) else tuple(slots)
+
+
+def _content(value: Any, slots: list[str], has_dictionary: bool) -> dict[str, Any]:
+    content = dict(value.__dict__) if has_dictionary else {}
+    for name in slots:
+        if hasattr(value, name):
+            content[name] = getattr(value, name)
+    return content
+
+
+def _copier_of_objects(kind: type, slots: list[str], has_dictionary: bool) -> _Copier:
+    def copy_object(value: Any, memo: _Memo) -> Any:
+        twin: Any = object.__new__(kind)
+        memo[id(value)] = twin
+        for name, item in _content(value, slots, has_dictionary).items():
+            object.__setattr__(twin, name, item if type(item) in _ATOMS else deep_copy(item, memo))
+        return twin
+
+    return copy_object
+
+
+def _copier_of_frozen(kind: type, slots: list[str], has_dictionary: bool) -> _Copier:
+    """A frozen dataclass is shared where all that it holds is. What it holds never leads back to it."""
+
+    def copy_frozen(value: Any, memo: _Memo) -> Any:
+        content = _content(value, slots, has_dictionary)
+        items = [deep_copy(item, memo) for item in content.values()]
+        if all(map(is_, items, content.values())):
+            return value
+        twin: Any = object.__new__(kind)
+        memo[id(value)] = twin
+        for name, item in zip(content, items, strict=True):
+            object.__setattr__(twin, name, item)
+        return twin
+
+    return copy_frozen
+
+
+_COPIERS: dict[type, _Copier] = {
+    tuple: _copy_tuple,
+    list: _copy_list,
+    dict: _copy_dict,
+    deque: _copy_deque,
+    np.ndarray: _copy_array,
+    MethodType: _copy_method,
+}
