@@ -8,9 +8,9 @@ Costs are CPU time, so that they hold on a machine that has more to do. Of P wor
     E = C / (P (M + W))                                                                                           (1)
 
 C: CPU time of all in one process; M: of the main process beside P workers, which they may have to wait for; W: of the
-busiest worker. Start-up and imbalance count against it; that memory or caches are shared does not. What lacks is the
-sum of three parts of P (M + W): workers that wait for the main process, (P - 1) M; that wait for the busiest of them; and
-work that one process alone does not have, start-up above all.
+busiest worker. Start-up and imbalance count against it; that memory or caches are shared does not. What lacks are three
+parts of P (M + W): workers wait for the main process, (P - 1) M; they wait for the busiest of them; and there is work that
+one process alone does not have, start-up above all.
 
 Elapsed time gives another efficiency, which means something only where nothing else runs.
 """
@@ -140,7 +140,7 @@ def _several(flights: _Flights, pool: _Workers, alone: dict) -> dict:
         + ", ".join(f"{100.0 * seconds / of_all:.0f} % {why}" for why, seconds in lost.items())
     )
     print(
-        f"elapsed: {alone['elapsed_s']:.0f} s in one process, {cost.elapsed:.0f} s with {pool.count} workers, efficiency "
+        f"elapsed: {alone['elapsed_s']:.0f} s in one process, {cost.elapsed:.0f} s with {pool.count} workers: "
         f"{100.0 * by_the_clock:.0f} % if nothing else ran meanwhile",
         flush=True,
     )
