@@ -111,6 +111,18 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "do not trust GNSS: spoofing, or an IMU that errs; accept_return says that GNSS is right",
         ),
         Entry("gnss.pulled.ended", "GNSS took back what no force explained"),
+        Entry(
+            "gnss.other_motion",
+            "the changes of GNSS velocity have nothing to do with what the IMU feels",
+            "see whose fixes they are (base station, another vehicle); look for a frozen receiver and at the IMU",
+        ),
+        Entry(
+            "gnss.two_places",
+            "every other fix lies elsewhere by the same amount",
+            "let one receiver publish on the topic (ros2 topic info -v), or remap one of them",
+        ),
+        Entry("gnss.two_places.ended", "the fixes lie in one place again"),
+        Entry("gnss.other_motion.ended", "GNSS and IMU tell the same motion again"),
         Entry("gnss.drift.ended", "fixes and their velocities agree again"),
         Entry("gnss.drift.fixes", "a fix that came while positions and velocities drifted apart"),
         Entry(
