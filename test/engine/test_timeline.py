@@ -8,6 +8,7 @@ import pytest
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import measurements, memory
 from nav_pose_estimator.core.filter.kalman import correct
+from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
 from nav_pose_estimator.engine.navigator import filter_setup
 from nav_pose_estimator.engine.navigator.timeline import Timeline
 from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
@@ -46,7 +47,7 @@ def imu_rows(seconds: float, seed: int = 3) -> np.ndarray:
 
 def started(sampling: str = "mean") -> Timeline:
     parameters = update(Parameters(), {"imu.sampling": sampling})
-    timeline = Timeline(filter_setup.constants(parameters), apply, window=1.5)
+    timeline = Timeline(filter_setup.constants(parameters, NoiseIdentification()), apply, window=1.5)
     nav = np.zeros(at.NAV_SIZE)
     nav[at.LAT : at.VEL] = LAT, LON, ALT
     nav[at.QUAT] = 1.0

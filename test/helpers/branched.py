@@ -8,6 +8,7 @@ import pytest
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.core.filter.kalman import correct
+from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
 from nav_pose_estimator.engine.navigator import filter_setup
 from nav_pose_estimator.engine.navigator.split_filter import MOTION
 from nav_pose_estimator.engine.navigator.timeline import Timeline
@@ -43,7 +44,7 @@ def observation(t: float, kind: Kind, measured: Any) -> Observation:
 def started(speed: float = 0.0, accel_error: float = 0.02, size: int = at.BASE_STATES, sampling: str = "mean"):
     """A level filter, nose East, at ``speed`` East; its accelerometer bias is known to ``accel_error``."""
     parameters = update(Parameters(), {"imu.sampling": sampling, "navigator.gyro_matrix_states": size > at.BASE_STATES})
-    timeline = Timeline(filter_setup.constants(parameters), apply, 1.5)
+    timeline = Timeline(filter_setup.constants(parameters, NoiseIdentification()), apply, 1.5)
     nav = np.zeros(at.NAV_SIZE)
     nav[at.LAT : at.VEL], nav[at.VEL], nav[at.QUAT] = (LAT, LON, ALT), speed, 1.0
     sd = np.full(size, 1e-4)
