@@ -30,7 +30,7 @@ from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import Sample, stamp_of
 from nav_pose_estimator.offline.benchmarks.alignment.trial import true_nav
 from nav_pose_estimator.offline.benchmarks.beams.cases import CASES, Case
-from nav_pose_estimator.offline.benchmarks.beams.trial import without_gnss
+from nav_pose_estimator.offline.benchmarks.beams.trial import fly_with_gnss, without_gnss
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import generate
 
@@ -54,7 +54,10 @@ def flown(case: Case, recording: Recording, delay: float, sd: float, aided: floa
     values = {"aids.beams.delay": 0.0, "aids.beams.delay_sd": sd}
     engine = SinsEngine(update(case.parameters(), values))
     with_gnss = _count_before(samples, begin_ns)
-    engine.feed_all(samples[:with_gnss])
+    if case.scenario.magnetometer is None:  # what shows the heading is not the question
+        fly_with_gnss(engine, case, recording, begin_ns)
+    else:
+        engine.feed_all(samples[:with_gnss])
     error, stated = math.nan, math.nan
     whole = engine.run.settled
     if DVL_DELAY.is_in(whole.constants):

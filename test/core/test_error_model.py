@@ -15,6 +15,7 @@ from nav_pose_estimator.core.filter.blocks import (
     BLOCKS,
     DEPTH,
     DVL,
+    DVL_DELAY,
     GNSS_ERROR,
     GRAVITY,
     GYRO_MATRIX,
@@ -37,6 +38,7 @@ WANDERS = {
     GRAVITY: Wander(1e-6, 700.0),
     AIRSPEED: Wander(1e-4, 600.0),
     GNSS_ERROR: Wander((2e-4,) * 3 + (1e-4,) * 3, (60.0,) * 3 + (5.0,) * 3),
+    DVL_DELAY: Wander(1e-3),
 }
 
 

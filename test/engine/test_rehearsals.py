@@ -9,6 +9,7 @@ import pytest
 from flown import Flight
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.navigator.past import Past
 from nav_pose_estimator.engine.outage.aid import OutageAid
 from nav_pose_estimator.engine.outage.epochs import EpochCollector
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import AirVelocityGuide
@@ -56,7 +57,8 @@ class Navigator:
         nav, P = np.zeros(at.NAV_SIZE), np.zeros((at.BASE_STATES, at.BASE_STATES))
         nav[at.LAT] = 0.8 + self._drift * self._elapsed / 6.367e6
         P[at.DPOS, at.DPOS] = (self._elapsed / 3.0) ** 2
-        return SimpleNamespace(settled=SimpleNamespace(nav=nav, P=P), timeline=SimpleNamespace(running=True))
+        settled, timeline = SimpleNamespace(nav=nav, P=P), SimpleNamespace(running=True)
+        return SimpleNamespace(settled=settled, timeline=timeline, past=Past())
 
 
 def fly(rehearsals: Rehearsals, navigator: Navigator, start: float, end: float, ways=("network",)) -> None:

@@ -22,7 +22,9 @@ def known_costs(monkeypatch) -> list[bytes]:
         names = next(Path(option) for option in options if option.endswith(".txt"))
         count = len(names.read_text().splitlines())
         (names.parent / "a.airframe").write_bytes(results.pop(0))
-        return Cost(1.0, {11: 0.4 * count, 12: 0.5 * count}) if "--jobs" in options else Cost(1.0 * count, memory=200.0)
+        if "--jobs" in options:
+            return Cost(1.0, {11: 0.4 * count, 12: 0.5 * count}, elapsed=10.0)
+        return Cost(1.0 * count, memory=200.0, elapsed=2.0 * count)
 
     monkeypatch.setattr(simulated_bag, "write_recording", lambda *ignored: None)
     monkeypatch.setattr(benchmark, "run_watched", fake)
@@ -38,6 +40,9 @@ def test_the_efficiency_counts_what_no_worker_makes_shorter(known_costs, tmp_pat
     """GIVEN flights of 1 s each WHEN two workers share eight of them THEN the busier one and the main process count."""
     said = figures(tmp_path / "out")
     assert said["efficiency"] == pytest.approx(8.0 / (2.0 * (1.0 + 4.0)))
+    assert list(said["lost_s"].values()) == pytest.approx([1.0, 0.8, 0.2])
+    assert 8.0 + sum(said["lost_s"].values()) == pytest.approx(2.0 * (1.0 + 4.0))
+    assert said["efficiency_by_the_clock"] == pytest.approx(16.0 / (2.0 * 10.0))
     assert [row["one_more_s"] for row in said["growth"]] == [None, 1.0]
     assert said["same_without_a_worker"]
     assert said["same_when_resumed"]

@@ -12,6 +12,8 @@ from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.offline.logs.open_recording import open_recording
 from nav_pose_estimator.offline.logs.options import LogOptions
 from nav_pose_estimator.offline.remote import at_hand, is_remote
+from nav_pose_estimator.offline.training.flights import Reading, digest_of
+from nav_pose_estimator.offline.training.work import identify
 
 
 @pytest.fixture
@@ -45,6 +47,20 @@ def test_a_replay_takes_it(store, tmp_path, capsys):
     assert (summary["bag"], summary["gnss_delay_s"]) == ("circles_bag", 0.25)
     assert main(["replay", "memory://bucket/circles_bag", "--list"]) == 0
     assert "rosbag2" in capsys.readouterr().out
+
+
+def test_recordings_there_are_told_apart_by_their_content(store, bag, tmp_path, capsys):
+    """GIVEN a bag that is twice in a store, and another one WHEN identified THEN two recordings are left, with the
+    digests that they have here; one that is not there is named."""
+    for file in bag.iterdir():
+        store.pipe(f"/bucket/other_bag/{file.name}", file.read_bytes() + b"0")
+    names = [Path(f"memory://bucket/{name}_bag") for name in ("circles", "again", "other", "missing")]
+    circles, other = identify(names, Reading())
+    assert (circles.path, other.path) == (names[0], names[2])
+    assert circles.digest == digest_of(bag) != other.digest
+    said = capsys.readouterr().err
+    assert "again_bag is the same recording" in said
+    assert "missing_bag is left out: memory://bucket/missing_bag does not exist" in said
 
 
 def test_patterns_and_lists_lead_into_a_store(store, bag, tmp_path):

@@ -67,3 +67,13 @@ def test_positions_far_off_for_seconds_are_a_doubt() -> None:
     assert math.isclose(factors[4], 9.0)
     assert doubt.position(3.0, 1.0) == 1.0
     assert doubt.reason == ""
+
+
+def test_a_doubt_that_has_just_ended_is_still_named() -> None:
+    """A filter that has been widened agrees with GNSS, whichever of them is right."""
+    doubt = Doubt()
+    for k in range(6):
+        doubt.position(0.5 * k, 6.0)
+    doubt.position(3.0, 1.0)
+    assert doubt.lately(6.5) == "until 4 s ago GNSS positions lie 6 sigma off for 2 s"
+    assert doubt.lately(20.0) == ""

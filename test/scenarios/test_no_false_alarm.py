@@ -31,6 +31,9 @@ FLIGHTS = [
 ALARMS = (
     "imu.implausible",
     "gnss.pulled",
+    "gnss.other_motion",
+    "gnss.two_places",
+    "gnss.drift",
     "gnss.velocity",
     "gnss.height",
     "gnss.position",

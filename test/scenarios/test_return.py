@@ -80,9 +80,13 @@ def test_pain_08_a_permanent_step_of_50_m_locks_nothing_out() -> None:
 
 def test_a_slow_spoofed_drift_is_told_and_the_truth_is_taken_when_it_comes() -> None:
     """GIVEN an aided navigator WHEN positions drift at 1 m/s against their velocities, then jump back
-    THEN the drift is told while it lasts, and the truth is followed within the configured time."""
+    THEN the drift is told while it lasts, sigma covers it, and the truth is followed within the configured time."""
     told = tell(flight(), Creep(start=40.0, length=40.0))
-    assert 40.0 < min(told.when("gnss.drift")) < 75.0
+    begin = min(told.when("gnss.drift"))
+    assert 40.0 < begin < 75.0
+    dragged = told.between(begin + 3.0, 80.0)
+    assert np.all(told.off[dragged] < 3.0 * told.sigma[dragged])
+    assert told.sigma[told.between(79.0, 80.0)].min() > 10.0
     assert told.off[-100:].max() < 5.0
     assert told.modes[-1] is Mode.AIDED
 

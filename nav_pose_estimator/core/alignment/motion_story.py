@@ -146,6 +146,13 @@ def least_misfit(seconds: list[Second], u: Array, biases: Iterable[Array], enoug
     return least
 
 
+def best_rotation(impulses: Array, forces: Array) -> Array:
+    """(3, 3) by which ``impulses`` (S, 3) fit ``forces`` (S, 3) best (Wahba's problem)."""
+    left, _, right = np.linalg.svd(forces.T @ impulses)
+    flip = np.diag([1.0, 1.0, np.linalg.det(left) * np.linalg.det(right)])
+    return np.asarray(left @ flip @ right)
+
+
 def impulses(seconds: list[Second], gyros: Array) -> Array:
     """(H, S, 3) [m/s]: the specific force of each second, integrated in the axes at the beginning of the first one."""
     out = np.empty((len(gyros), len(seconds), 3))

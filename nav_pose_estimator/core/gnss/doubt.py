@@ -20,6 +20,7 @@ _OFF_TIME = 2.0  # s
 _PERIOD = 1.0  # s between two widenings
 _WIDENED = 4  # times in one doubt: what that does not mend is no matter of the covariance
 _LARGEST_FACTOR = 9.0  # of the covariance at a time
+_LINGERS = 8.0  # s
 HOPELESS = 6.0
 """Seconds of doubt about velocity and position alike."""
 _EASED = 0.2  # share of refusals below which the doubt ends
@@ -37,6 +38,13 @@ class Doubt:
     _widened: float = field(default=-math.inf, init=False)
     _times: int = field(default=0, init=False)
     _both_since: float = field(default=math.inf, init=False)
+    _last: tuple[float, str] = field(default=(-math.inf, ""), init=False)  # when [s] and why it was in doubt
+
+    def lately(self, t: float) -> str:
+        """``reason``, also for some seconds after it: a widened filter agrees with GNSS, right or wrong."""
+        if self.reason or t - self._last[0] > _LINGERS:
+            return self.reason
+        return f"until {max(t - self._last[0], 0.0):.0f} s ago {self._last[1]}"
 
     def velocity(self, t: float, refusal: float, nis: float) -> None:
         """A velocity at ``t`` [s]: ``refusal`` 1 left out, 0.5 with more noise, 0 taken; its ``nis`` per row."""
@@ -53,6 +61,8 @@ class Doubt:
             self.reason = f"GNSS positions have been {deviations:.0f} sigma off for {t - self._off_since:.0f} s"
         elif refused <= _EASED and deviations <= OFF:
             self.reason, self._times, self._both_since = "", 0, math.inf
+        if self.reason:
+            self._last = t, self.reason
         if refused >= _REFUSED and deviations > OFF:
             self._both_since = min(self._both_since, t)
         if not self.reason or self._times >= _WIDENED or t - self._widened < _PERIOD:

@@ -13,6 +13,9 @@ _PAUSE = 2.0  # s: over a longer one nothing can be summed up
 _MARK_PERIOD = 5.0  # s between the differences that are kept
 _MARKS = 12  # ... which reach back a minute
 _SPEED = 0.5  # m/s: what velocities of honest receivers may be wrong by for long
+_LASTS = 2.0  # s of a drift, which single fixes that are far off are not
+_REMEMBERED = 60.0  # s for which a position that has left its velocities is doubted after it has stopped to do so
+_CREDIBLE = 2.0  # deviations that cover where positions are and where velocities lead
 _NEARLY = 0.999  # of a square: below, the distance need not be taken exactly
 
 Mark = tuple[float, float, float]  # t [s], difference East and North [m]
@@ -24,6 +27,10 @@ class _State:
     velocity: tuple[float, float] = (0.0, 0.0)
     travelled: tuple[float, float] = (0.0, 0.0)
     marks: tuple[Mark, ...] = ()
+    leaving_since: float = math.inf  # s
+    left: Mark | None = None  # what positions have left
+    left_until: float = -math.inf  # s
+    way: float = 0.0  # m from there
 
 
 @dataclass(eq=False)
@@ -35,6 +42,30 @@ class WalkOff:
     def reset(self) -> None:
         """Forget everything."""
         self.state = _State()
+
+    @property
+    def is_on(self) -> bool:
+        """Whether positions have left their velocities, and not come back."""
+        return self.state.left is not None
+
+    @property
+    def way(self) -> float:
+        """How far [m] positions are by now from where velocities lead."""
+        return self.state.way
+
+    @property
+    def least_sd(self) -> float:
+        """Deviation [m] that covers both, on each axis."""
+        return self.way / _CREDIBLE
+
+    @property
+    def reason(self) -> str:
+        """Why the position is not to be believed as usual, a clause; empty if it is."""
+        if not self.is_on:
+            return ""
+        return (
+            f"GNSS positions are {self.way:.0f} m from where the receiver's own velocities lead: dragged, or reflected"
+        )
 
     def update(
         self, t: float, position_enu: Sequence[float], velocity_enu: Sequence[float] | None, scatter: float
@@ -57,18 +88,26 @@ class WalkOff:
         x, y = (p + half * (a + b) for p, a, b in zip(s.travelled, s.velocity, v, strict=True))
         here = (t, float(position_enu[0]) - x, float(position_enu[1]) - y)
         marks = s.marks if t - s.marks[-1][0] < _MARK_PERIOD else (*s.marks, here)[-_MARKS:]
-        self.state = _State(t, v, (x, y), marks)
-        return _leaving(marks, here, scatter)
+        speed, then = _leaving(marks, here, scatter)
+        since = min(s.leaving_since, t) if then else math.inf
+        left, until = s.left, s.left_until
+        if then and t - since >= _LASTS:
+            left, until = left or then, t + _REMEMBERED
+        way = 0.0 if left is None else math.hypot(here[1] - left[1], here[2] - left[2])
+        if left is not None and (way < scatter or t > until):
+            left, way = None, 0.0
+        self.state = _State(t, v, (x, y), marks, since, left, until, way)
+        return speed
 
 
-def _leaving(marks: tuple[Mark, ...], now: Mark, scatter: float) -> float:
-    """The largest speed away from one of ``marks`` that is more than chance; 0.0 where none is."""
-    fastest = 0.0
+def _leaving(marks: tuple[Mark, ...], now: Mark, scatter: float) -> tuple[float, Mark | None]:
+    """The largest speed away from one of ``marks`` that is more than chance, and which; 0.0 where none is."""
+    fastest, from_where = 0.0, None
     for then in marks:
         seconds, east, north = now[0] - then[0], now[1] - then[1], now[2] - then[2]
         bound = scatter + _SPEED * seconds
         if seconds > 0.0 and bound > 0.0 and east * east + north * north > _NEARLY * bound * bound:
             apart = math.hypot(east, north)
-            if apart > bound:
-                fastest = max(fastest, apart / seconds)
-    return fastest
+            if apart > bound and apart > fastest * seconds:
+                fastest, from_where = apart / seconds, then
+    return fastest, from_where

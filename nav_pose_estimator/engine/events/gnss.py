@@ -111,6 +111,18 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "do not trust GNSS: spoofing, or an IMU fault; call ~/accept_return if GNSS is right",
         ),
         Entry("gnss.pulled.ended", "GNSS has taken back the change that no force explained"),
+        Entry(
+            "gnss.other_motion",
+            "the velocity changes of GNSS are not those that the IMU feels",
+            "find out whose fixes they are (base station, another vehicle); look for a frozen receiver or an IMU fault",
+        ),
+        Entry(
+            "gnss.two_places",
+            "every other fix is displaced by the same amount, as from two receivers",
+            "let one receiver publish on the topic (ros2 topic info -v), or remap one of them",
+        ),
+        Entry("gnss.two_places.ended", "all fixes agree on one place again"),
+        Entry("gnss.other_motion.ended", "GNSS and IMU agree on the motion again"),
         Entry("gnss.drift.ended", "fixes and their velocities agree again"),
         Entry("gnss.drift.fixes", "a fix that came while positions and velocities drifted apart"),
         Entry(

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from nav_pose_estimator.core.alignment.motion_story import best_rotation
 from nav_pose_estimator.core.numerics.rotation import (
     euler_from_quat,
     quat_from_matrix,
@@ -97,7 +98,7 @@ class HeadingWitness:
         self._wrong = self._wrong + 1 if excited and coherent and abs(angle) > _WRONG else 0
         self.error = angle if self._wrong >= _PROOF else 0.0
         if self.error:
-            self.level = self._carried(begin, _best_rotation(impulses, forces))
+            self.level = self._carried(begin, quat_from_matrix(best_rotation(impulses, forces)))
 
     def _carried(self, begin: int, q_nb: np.ndarray) -> np.ndarray | None:
         """``q_nb`` (4,) of the second ``begin`` as it is at the last one; None across a gap."""
@@ -106,13 +107,6 @@ class HeadingWitness:
                 return None
             q_nb = quat_multiply(q_nb, self._rotations[k])
         return q_nb
-
-
-def _best_rotation(impulses: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """``q_nb`` (4,) by which ``impulses`` (S, 3) fit ``forces`` (S, 3) best (Wahba's problem)."""
-    left, _, right = np.linalg.svd(forces.T @ impulses)
-    flip = np.diag([1.0, 1.0, np.linalg.det(left) * np.linalg.det(right)])
-    return quat_from_matrix(left @ flip @ right)
 
 
 def _varying(parts: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 
 from nav_pose_estimator.core.alignment import motion_story
 from nav_pose_estimator.core.alignment.motion_story import DEGREE
+from nav_pose_estimator.engine.imu.agreement import MotionAgreement
 from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
 from nav_pose_estimator.engine.imu.plausibility import Finding, G
 from nav_pose_estimator.engine.samples import Vector3
@@ -19,6 +20,7 @@ _GRAVITY = np.array([0.0, 0.0, G])  # m/s^2
 _WINDOW = 6  # s that are compared at a time ...
 _EVERY = 3  # s
 _LAG = 2  # s: by then the velocities of a window have arrived
+_ONE_PLACE = 2.0  # m within which the fixes of a receiver that stands still scatter
 _VELOCITY_GAP = 1.2  # s: between velocities further apart the change is not known
 _SUSPICIOUS = 0.05  # misfit from which on it is asked whether a mistake explains it; recorded flights: median 0.02-0.09
 _MEMORY = 0.93  # of the evidence, from one window to the next
@@ -58,6 +60,7 @@ class MotionCheck:
         self.felt_as_received = 0.0
         """By how much the squared misfit of velocities as received is below that of the corrected ones."""
         self.heading = HeadingWitness()
+        self.agreement = MotionAgreement()
         self.forget_time()
 
     def forget_time(self) -> None:
@@ -65,7 +68,9 @@ class MotionCheck:
         self._seconds: dict[int, motion_story.Second] = {}
         self._velocities: deque[tuple[float, Vector3]] = deque(maxlen=400)
         self._received: deque[tuple[float, Vector3]] = deque(maxlen=400)
+        self._places: deque[tuple[float, float, float]] = deque(maxlen=400)
         self.heading.forget()
+        self.agreement.forget_time()
 
     def velocity(self, t: float, used: Vector3 | None, received: Vector3) -> None:
         """GNSS velocity ENU [m/s] valid at ``t`` [s]; one without a vertical component says nothing here.
@@ -75,6 +80,11 @@ class MotionCheck:
         for known, velocity in ((self._velocities, used), (self._received, received)):
             if velocity is not None and (not known or t > known[-1][0]) and all(map(math.isfinite, velocity)):
                 known.append((t, velocity))
+
+    def fix(self, t: float, east: float, north: float) -> None:
+        """A position [m] from anywhere, valid at ``t`` [s]: without velocities it can still be seen to stay."""
+        if not self._places or t > self._places[-1][0]:
+            self._places.append((t, east, north))
 
     def second(self, k: int, rows: np.ndarray, gyro_bias: np.ndarray) -> None:
         """The IMU rows (N, 7) of the second that ends at ``k``, with one from before it.
@@ -107,23 +117,40 @@ class MotionCheck:
             return
         felt = self._feel(known, received, gyro_bias)
         if forces is None:
+            if received is None and self._stays(end):
+                self.agreement.compare(self._as_they_are(known, gyro_bias), np.tile(_GRAVITY, (_WINDOW, 1)))
             return
         is_as_received = received is not None and np.array_equal(forces, received)
         self.misfit = felt if is_as_received else self._own_misfit(known, forces, gyro_bias)
         self.felt_as_received *= _MEMORY
         if received is not None:
             self.felt_as_received += self.misfit**2 - felt**2
-        without = [one.without(gyro_bias) for one in known]
-        self.heading.compare(end - _WINDOW, motion_story.impulses(without, self._gyros[:1])[0], forces)
+        impulses = self._as_they_are(known, gyro_bias)
+        self.heading.compare(end - _WINDOW, impulses, forces)
+        self.agreement.compare(impulses, forces)
         squares = np.full(len(self._sums), self.misfit**2)
         if self.misfit > _SUSPICIOUS or self._blamed is not None:
             all_of_them = motion_story.fit(known, forces, self._gyros)
             squares = np.concatenate([all_of_them.misfit, all_of_them.inverted_misfit]) ** 2
             squares[0] = self.misfit**2
+        if self.agreement.only_imu_moves:
+            return  # GNSS has told of no motion yet, and so of no mistake in the IMU's
         self._sums = _MEMORY * self._sums + squares
         self._wins = _MEMORY * self._wins + ((squares < _BETTER * squares[0]) & (squares[0] - squares > _WIN))
         self._calm = self._calm + 1 if self.misfit < _SUSPICIOUS else 0
         self._judge()
+
+    def _as_they_are(self, known: list[motion_story.Second], gyro_bias: np.ndarray) -> np.ndarray:
+        """Impulses (S, 3) [m/s] of the IMU as it is, in the axes of the window's beginning."""
+        return motion_story.impulses([one.without(gyro_bias) for one in known], self._gyros[:1])[0]
+
+    def _stays(self, end: int) -> bool:
+        """Whether the fixes of the window, of which there are enough, lie in one place."""
+        near = [place for place in self._places if end - _WINDOW <= place[0] <= end]
+        if len(near) < _WINDOW or near[-1][0] - near[0][0] < _WINDOW - _VELOCITY_GAP:
+            return False
+        spread = np.ptp(np.array(near)[:, 1:], axis=0)
+        return bool(spread.max() < _ONE_PLACE)
 
     def _feel(self, known: list[motion_story.Second], received: np.ndarray | None, gyro_bias: np.ndarray) -> float:
         """The misfit of the velocities as they were ``received``, NaN without; notes whether the IMU feels those."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.imu import plausibility
+from nav_pose_estimator.engine.imu.agreement import MotionAgreement
 from nav_pose_estimator.engine.imu.doubt import Doubt, DoubtMeter
 from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
 from nav_pose_estimator.engine.imu.motion_check import MotionCheck
@@ -63,6 +64,15 @@ class ImuPhysics:
     def velocity(self, t: float, used: Vector3 | None, received: Vector3) -> None:
         """GNSS velocity ENU [m/s] valid at ``t`` [s], None where it is not used, and as it was ``received``."""
         self._motion.velocity(t, used, received)
+
+    def fix(self, t: float, east: float, north: float) -> None:
+        """A GNSS position [m] from anywhere, valid at ``t`` [s]."""
+        self._motion.fix(t, east, north)
+
+    @property
+    def agreement(self) -> MotionAgreement:
+        """Whether GNSS and IMU tell the same motion."""
+        return self._motion.agreement
 
     @property
     def felt(self) -> bool:

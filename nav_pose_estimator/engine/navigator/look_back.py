@@ -83,6 +83,10 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
     shaken = run.imu_physics.vibration_noise
     doubt = run.imu_physics.look(end, rows, bias, run.journal, stamp_ns)
     run.gnss.reception.velocities.felt(run.imu_physics.felt, run.imu_physics.felt_as_received, stamp_ns)
+    if run.timeline.running and run.aiding.gnss_is_good(run.now):
+        agreement = run.imu_physics.agreement
+        contradicted, apart = agreement.is_contradicted, agreement.apart
+        run.gnss.position.elsewhere.other_motion.second(contradicted, apart, agreement.share, stamp_ns)
     if run.imu_physics.heading.error and run.timeline.running:
         _turn_heading(run, stamp_ns)
     if run.timeline.running and run.imu_physics.vibration_noise != shaken:

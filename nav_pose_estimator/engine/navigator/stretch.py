@@ -213,6 +213,7 @@ class Backlog:
                 self._blocks += _blocks(run, stamps[done : done + len(out)], out)
                 done += len(out)
                 continue
+            coming = _hear(run, coming)
             heard = coming[0].behind if coming else count - done
             further = min(heard, 1) if _is_routine(run) else heard
             self._blocks += carry(run, stamps[done : done + further], rows[done : done + further])
@@ -228,7 +229,8 @@ class Backlog:
     def _leg(self, rows: np.ndarray, coming: list[Coming], done: int) -> tuple[np.ndarray, list[Coming]]:
         """As far as the routine goes from row ``done`` on: output rows, and what has not been heard of by then."""
         run = self.run
-        run.timeline.settle()
+        if run.timeline.late:
+            run.timeline.settle()
         ahead = int(rows[:, at.IMU_T].searchsorted(run.second_due))
         if not ahead or not _is_routine(run):
             return rows[:0], coming
@@ -295,7 +297,7 @@ def _hear(run: FilterRun, coming: list[Coming]) -> list[Coming]:
 def fly(
     timeline: Timeline, stretch: tuple[np.ndarray, bool], coming: list[Coming], tell: Tell
 ) -> tuple[np.ndarray, list[Coming]]:
-    """``Timeline.advance`` by routine, with observations that come behind some of the rows, on a settled time line.
+    """``Timeline.advance`` by routine, with observations that come behind some of the rows; none is late.
 
     ``stretch``: IMU rows (N, 7), and whether they are followed by others that have arrived. Ends early where something
     is unusual. Returns output rows (N, OUT_COLUMNS) as far as it went, and what of ``coming`` has not been heard of by
@@ -305,6 +307,7 @@ def fly(
     assert routine is not None
     imu.append(rows)
     begin = imu.last - len(rows)
+    timeline.dirty = None
     events = sorted([*(Coming(0, o) for o in queue.take_waiting()), *coming], key=lambda one: one.observation.key)
     out = np.empty((len(rows), at.OUT_COLUMNS))
     leg = routine.fly(timeline.filter.vector, (imu.rows, begin, imu.last, is_followed), events, out)

@@ -35,8 +35,9 @@ class Timeline:
         self.filter = SplitFilter(constants, math.ceil(window / _CHECKPOINT_PERIOD) + 2, _CHECKPOINT_PERIOD)
         self.imu = ImuBuffer()
         self.queue = ObservationQueue()
-        self._dirty: float | None = None  # earliest time of an observation that has not acted
-        self._late = False  # whether time has passed since then, so that the past must be replayed
+        # earliest time of an observation that has not acted; who lets all of them act (``stretch.fly``) sets it back
+        self.dirty: float | None = None
+        self.late = False  # whether time has passed since then, so that the past must be replayed
         self._started = -math.inf  # what came before can no longer be replayed
         self._tidy_at = -math.inf  # when what has become too old is dropped next
         self.running = False
@@ -63,7 +64,7 @@ class Timeline:
         self.filter.start(constants, nav, P, origin)
         self.running, self._started = True, self.filter.time
         self.queue.keep_after(self.filter.time)
-        self._dirty, self._late = None, False
+        self.dirty, self.late = None, False
         self._tidy_at = -math.inf
         self._run(*self.imu.between(self.filter.time, math.inf))
 
@@ -89,8 +90,8 @@ class Timeline:
                 return False
         overtakes = self.queue.insert(observation)
         if self.running and t <= now:
-            self._late = self._late or t < now or overtakes
-            self._dirty = t if self._dirty is None else min(self._dirty, t)
+            self.late = self.late or t < now or overtakes
+            self.dirty = t if self.dirty is None else min(self.dirty, t)
         return True
 
     def advance(self, rows: np.ndarray) -> np.ndarray:
@@ -116,11 +117,11 @@ class Timeline:
 
     def settle(self) -> None:
         """Replay from the earliest observation that has not acted yet. ``filter`` is then up to date."""
-        if self._dirty is None:
+        if self.dirty is None:
             return
-        now, dirty, late = self.filter.time, self._dirty, self._late
+        now, dirty, late = self.filter.time, self.dirty, self.late
         before = self.filter.nav[LAT:VEL].copy()
-        self._dirty, self._late = None, False
+        self.dirty, self.late = None, False
         self._replaying = True
         if late:
             start = self.filter.restore_before(dirty)

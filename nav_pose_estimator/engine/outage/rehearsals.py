@@ -266,9 +266,9 @@ class Rehearsals:
     def start(self, stamp_ns: int, sins: SinsEngine, collector: EpochCollector, ways: Mapping[str, Guide]) -> None:
         """Begin a rehearsal of coasting and of every way in ``ways``."""
         self.state.drop()
-        self.contestants = {COAST: Contestant(sins.snapshot(), EpochCollector(), None)}
+        self.contestants = {COAST: Contestant(_copy_of(sins), EpochCollector(), None)}
         for name, guide in ways.items():
-            self.contestants[name] = Contestant(sins.snapshot(), snapshot(collector), guide)
+            self.contestants[name] = Contestant(_copy_of(sins), snapshot(collector), guide)
         self.state.until_ns, self.state.next_ns = stamp_ns + _LENGTH_NS, stamp_ns + _PERIOD_NS
 
     def _judge(self, sins: SinsEngine) -> None:
@@ -299,6 +299,13 @@ class Rehearsals:
             self.state.tally = _flown(self.contestants, epoch, self.state.tally)
         elif self.contestants:
             self.state.epochs.append(epoch)
+
+
+def _copy_of(sins: SinsEngine) -> SinsEngine:
+    """A navigator that goes on from here without GNSS: nothing will prove wrong that it could go back on."""
+    twin = sins.snapshot()
+    twin.run.past.forget()
+    return twin
 
 
 def _flown(contestants: Mapping[str, Contestant], epoch: Epoch, tally: Decisions) -> Decisions:

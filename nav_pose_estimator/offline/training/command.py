@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.recordings[0] == prior.WORD:
         _check(arguments, prior.ENDING)
         return prior.run(arguments)
-    from nav_pose_estimator.engine.outage.airframe_file import load_airframe, save_airframe
+    from nav_pose_estimator.engine.outage.airframe_file import save_airframe
     from nav_pose_estimator.offline.archive.kept import KeptResults
     from nav_pose_estimator.offline.flights.config_file import load_parameters
     from nav_pose_estimator.offline.training import network, work
@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     recordings, files = work.find_recordings(arguments.recordings)
     if arguments.out.resolve() in [path.resolve() for path in files]:
         raise UserError(f"{arguments.out} is one of the files to learn from; choose another name for --out")
-    merged = [(path, load_airframe(path)) for path in files]
+    merged = work.load_files(files)
     kept = KeptResults(arguments.out)
     flown = work.fly_all(fly, work.identify(recordings, reading), kept, arguments.jobs, arguments.scheduler)
     order = Order(

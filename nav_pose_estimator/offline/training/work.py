@@ -5,11 +5,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from nav_pose_estimator.core.motion.airframe import Airframe
+from nav_pose_estimator.engine.outage.airframe_file import load_airframe
+from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive.jobs import Failure
 from nav_pose_estimator.offline.archive.kept import KeptResults
 from nav_pose_estimator.offline.archive.recordings import find
 from nav_pose_estimator.offline.archive.resumed import carry_on
 from nav_pose_estimator.offline.logs.open_recording import check_readable
+from nav_pose_estimator.offline.remote import at_hand
 from nav_pose_estimator.offline.training.flights import Reading, Recorded, digest_of
 
 AIRFRAME = ".airframe"
@@ -25,14 +29,27 @@ def find_recordings(given: Sequence[str]) -> tuple[list[Path], list[Path]]:
     return recordings, [path for path in found if path.suffix == AIRFRAME]
 
 
+def load_files(paths: Sequence[Path]) -> list[tuple[Path, Airframe]]:
+    """Airframe files to merge. ``UserError`` for one that cannot be used."""
+    found = []
+    for path in paths:
+        with at_hand(path) as here:
+            found.append((path, load_airframe(here)))
+    return found
+
+
 def identify(paths: Sequence[Path], reading: Reading) -> list[Recorded]:
     """The recordings with their digests; one that is there twice counts once."""
     found: dict[str, Recorded] = {}
     for path in paths:
         try:
-            digest = digest_of(path)
+            with at_hand(path) as here:
+                digest = digest_of(here)
         except OSError as error:
             _leave_out(path, error.strerror or str(error))
+            continue
+        except UserError as error:  # of something elsewhere
+            _leave_out(path, str(error))
             continue
         if digest in found:
             print(f"note: {path} is the same recording as {found[digest].path}: it counts once", file=sys.stderr)

@@ -105,8 +105,10 @@ class RehearsalScores(Protocol):
 
 @dataclass(frozen=True)
 class RehearsalRules:
-    """How rehearsals count. ``stated``: how many rehearsals the covariance that the filter states is worth; ``enough``:
-    how many in which sigma lacked nothing are averaged with those of the flight."""
+    """How rehearsals count.
+
+    ``stated``: how many rehearsals the covariance stated by the filter is worth; ``enough``: how many in which sigma
+    lacked nothing are averaged with those of the flight."""
 
     kept: int = 6  # rehearsals that count, the newest ones
     least: int = 3  # with fewer, chance decides

@@ -15,7 +15,6 @@ from nav_pose_estimator.core.gnss.height_reference import HeightReference
 from nav_pose_estimator.core.gnss.reacquisition import Reacquisition, ReacquisitionSettings
 from nav_pose_estimator.core.gnss.return_evidence import distance, unexplained
 from nav_pose_estimator.core.gnss.slow_height import SlowHeight
-from nav_pose_estimator.core.gnss.spoof_drift import WalkOff
 from nav_pose_estimator.engine.events.catalogue import in_words
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, FilterView, Kind, Observation, Use
@@ -23,6 +22,7 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix, Vector3
 from nav_pose_estimator.engine.sensors.aiding import Aiding
+from nav_pose_estimator.engine.sensors.gnss.elsewhere import Elsewhere
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
 from nav_pose_estimator.engine.sensors.gnss.lasting_error import whole_sd
 from nav_pose_estimator.engine.sensors.gnss.lasting_jump import LastingJump
@@ -61,8 +61,6 @@ class GnssPositionSensor(Sensor):
         self.reception, self.velocity = reception, velocity
         self.record = InnovationRecord()
         self._accuracy = StatedAccuracy("position")
-        self._walk_off = WalkOff()
-        self._drifts = False
         self.heights = HeightReference()
         self.slow_height = SlowHeight()
         self._height_told = -math.inf  # s: when a height was left out last
@@ -72,6 +70,7 @@ class GnssPositionSensor(Sensor):
         self.despair = ""  # why the filter should start again: what GNSS says cannot be mended by a reset
         self.jump = LastingJump()
         self.pull = Pull(journal, parameters.gnss.reacquisition.probation)
+        self.elsewhere = Elsewhere(journal)
         self.forsakes_origin = False  # the start was somewhere else on Earth, and with it the origin
         self._velocity_apart = 0.0  # deviations between the two velocities at the last fix
         self.gate_radius = math.nan  # m: how far off a fix may lie and still be taken as it is
@@ -113,18 +112,20 @@ class GnssPositionSensor(Sensor):
         decision = self._ask_the_guard(o, f)
         if self.velocity.doubt.is_hopeless(o.t) and o.t - self._aiding.fix_used < self._despair_gap:
             self.despair = "GNSS was never away, yet velocities differ, and positions too"
-        far, fast = self.pull.least_sd()
-        vertical = _EITHER * self.heights.span
+        (pulled, pull_speed), (far, high, fast) = self.pull.least_sd(), self.elsewhere.least_sd()
+        vertical = max(_EITHER * self.heights.span, high)
         if decision.use in (Use.GATED, Use.UNGATED) and not math.isnan(decision.reference):
             self.slow_height.note(o.t, -float(self.linearise(o, f)[0][2]))
             vertical = max(vertical, self.slow_height.least_sd(self.vertical_sd))
-        least_sd = (max(self.jump.least_sd(o.t), far), vertical, fast)
+        least_sd = (max(self.jump.least_sd(o.t), pulled, far), vertical, max(pull_speed, fast))
         return replace(decision, widening=widening, least_sd=least_sd)
 
     def doubt(self, t: float) -> str:
         """Why the position at ``t`` is not to be believed as usual, a clause; empty if it is."""
-        told = self.jump.reason(t) or self.pull.reason()
-        return told or (self.velocity.doubt.reason if self._aiding.gnss_is_good(t) else "")
+        told = self.jump.reason(t) or self.elsewhere.reason() or self.pull.reason()
+        if told or not self._aiding.gnss_is_good(t):
+            return told
+        return self.velocity.doubt.lately(t)
 
     def _doubted(self, o: Observation, f: FilterView) -> float:
         """The factor by which the covariance is too small, as far as refused velocities and positions tell."""
@@ -150,6 +151,7 @@ class GnssPositionSensor(Sensor):
         fix = local(o.measured, reference, float(f.nav[ALT]), self.origin)
         off, sd = [*z.tolist(), 0.0][:3], [*whole_sd(R, self.reception.lasting_variance), 0.0][:3]
         self.pull.fix(o.t, (-off[0], -off[1]), o.stamp_ns)
+        self.elsewhere.fix(off[0], off[1], o.stamp_ns)
         predicted = [place + difference for place, difference in zip(fix, off, strict=True)]
         predicted_sd = np.sqrt(f.P.diagonal()[DPOS : DPOS + 3]).tolist()
         gap = max(o.t - self._aiding.fix_used, 0.0)
@@ -164,7 +166,7 @@ class GnssPositionSensor(Sensor):
         if decision.action in ("wait", "reject"):
             self.reception.refuse(o.stamp_ns, decision.reason, in_words(decision.reason))
             return LEFT_OUT
-        self.watch_drift(o, fix, velocity, CHANCE * max(sd[:2]))
+        self.elsewhere.used(o, fix, velocity, CHANCE * max(sd[:2]))
         if decision.action == "fuse":
             return Decision(Use.GATED if decision.gated else Use.UNGATED, reference)
         self.jump.note(o.t, gap, decision, self.guard.settings)
@@ -203,21 +205,6 @@ class GnssPositionSensor(Sensor):
             )
             self._journal.say(o.stamp_ns, "gnss.rejected.height", Level.WARN, text)
         return math.nan
-
-    def watch_drift(self, o: Observation, fix: Vector3, velocity: list[float] | None, scatter: float) -> None:
-        """Tell when positions leave the receiver's own velocities, and when they agree again."""
-        speed = self._walk_off.update(o.t, fix, velocity, scatter)
-        if speed > 0.0:
-            self._journal.count("gnss.drift.fixes")
-        if (speed > 0.0) == self._drifts:
-            return
-        self._drifts = speed > 0.0
-        if self._drifts:
-            text = f"GNSS positions drift by {speed:.1f} m/s against the receiver's own velocity: do not trust them"
-            self._journal.say(o.stamp_ns, "gnss.drift", Level.WARN, text, speed=speed)
-        else:
-            text = "GNSS positions agree with the receiver's velocity again"
-            self._journal.say(o.stamp_ns, "gnss.drift.ended", Level.INFO, text)
 
     def _velocity_now(self, o: Observation, f: FilterView, position: Linearised) -> tuple[list[float] | None, float]:
         """The receiver's last velocity, and what of it and the fix together no drift explains; None without one."""

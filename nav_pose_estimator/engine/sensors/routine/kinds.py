@@ -98,7 +98,14 @@ class RoutinePosition:
         settings[table.HEIGHT_MEAN_T : table.SETTINGS_SIZE] = sensor.slow_height.last, sensor.slow_height.mean
         state = sensor.guard.state
         return (
-            not (sensor.noise.learns or sensor.pull.is_on or sensor.despair or state.tracks or state.loose)
+            not (
+                sensor.noise.learns
+                or sensor.pull.is_on
+                or sensor.elsewhere.is_on
+                or sensor.despair
+                or state.tracks
+                or state.loose
+            )
             and sensor.velocity.doubt.is_calm
             and heights.is_calm(t)
             and sensor.jump.is_over(t)
@@ -125,6 +132,7 @@ class RoutinePosition:
         sensor.velocity.doubt.agrees()
         sensor.heights.agrees(t, -z[2])
         sensor.slow_height.note(t, -z[2])
+        sensor.elsewhere.fix(z[0], z[1], o.stamp_ns)
         place = local(o.measured, reference, math.nan, sensor.origin)
         east, north, up = whole_sd(o.stated_R, sensor.reception.lasting_variance)
         sd = max(east, north)
@@ -132,7 +140,7 @@ class RoutinePosition:
         sensor.gate_radius = sensor.guard.settings.sigmas * math.hypot(sd, own_sd)
         sensor.guard.expected(Fix(t, place, (east, north, up)), max(t - self._aiding.fix_used, 0.0))
         velocity = sensor.velocity.misfit_at(t)
-        sensor.watch_drift(o, place, None if velocity is None else velocity.velocity, CHANCE * sd)
+        sensor.elsewhere.used(o, place, None if velocity is None else velocity.velocity, CHANCE * sd)
         sensor.record.add(result[table.RESULT_NIS], z, period or sensor.reception.fix_period)
         sensor.reception.use(t, with_height=True)
         o.decision = Decision(Use.GATED, reference, least_sd=(0.0, result[table.RESULT_LEAST], 0.0))

@@ -8,7 +8,11 @@ Costs are CPU time, so that they hold on a machine that has more to do. Of P wor
     E = C / (P (M + W))                                                                                           (1)
 
 C: CPU time of all in one process; M: of the main process beside P workers, which they may have to wait for; W: of the
-busiest worker. Start-up and imbalance count against it; that memory or caches are shared does not.
+busiest worker. Start-up and imbalance count against it; that memory or caches are shared does not. What lacks are three
+parts of P (M + W): workers wait for the main process, (P - 1) M; they wait for the busiest of them; and there is work
+that one process alone does not have, start-up above all.
+
+Elapsed time gives another efficiency, which means something only where nothing else runs.
 """
 
 import argparse
@@ -61,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
         flights = _Flights(Path(scratch), arguments.what, counts[-1], arguments.seconds)
         figures = {"growth": _growth(flights, counts)}
         pool = _Workers(arguments.workers, stack if arguments.dask else None)
-        figures |= _several(flights, pool, figures["growth"][-1]["cpu_s"])
+        figures |= _several(flights, pool, figures["growth"][-1])
         figures |= _disturbed(flights, pool)
         content = {"what": arguments.what, "seconds": arguments.seconds, **figures, "versions": versions()}
         folder.mkdir()
@@ -117,22 +121,41 @@ def _growth(flights: _Flights, counts: Sequence[int]) -> list[dict]:
     for count in counts:
         cost = flights.fly(count)
         more = (cost.total - rows[-1]["cpu_s"]) / (count - rows[-1]["flights"]) if rows else None
-        rows.append({"flights": count, "cpu_s": cost.total, "one_more_s": more, "memory_mb": cost.memory})
+        row = {"flights": count, "cpu_s": cost.total, "one_more_s": more, "memory_mb": cost.memory}
+        rows.append({**row, "elapsed_s": cost.elapsed})
         one_more = "" if more is None else f"{more:.2f}"
         print(f"{count:8} {cost.total:8.1f} {cost.total / count:8.2f} {one_more:>9} {cost.memory:10.0f}", flush=True)
     return rows
 
 
-def _several(flights: _Flights, pool: _Workers, alone: float) -> dict:
+def _several(flights: _Flights, pool: _Workers, alone: dict) -> dict:
     cost = flights.fly(flights.count, **pool.how())
-    efficiency = alone / (pool.count * cost.longest)
+    of_all = pool.count * cost.longest
+    efficiency, by_the_clock = alone["cpu_s"] / of_all, alone["elapsed_s"] / (pool.count * cost.elapsed)
+    lost = _lost(cost, alone["cpu_s"], pool.count)
     workers = " and ".join(f"{seconds:.1f}" for seconds in cost.workers.values())
     print(
         f"{pool.count} workers: CPU {cost.main:.1f} s in the main process, {workers} s in them, at most "
-        f"{cost.workers_memory:.0f} MB each; efficiency {100.0 * efficiency:.0f} %",
+        f"{cost.workers_memory:.0f} MB each; efficiency {100.0 * efficiency:.0f} %, what lacks: "
+        + ", ".join(f"{100.0 * seconds / of_all:.0f} % {why}" for why, seconds in lost.items())
+    )
+    print(
+        f"elapsed: {alone['elapsed_s']:.0f} s in one process, {cost.elapsed:.0f} s with {pool.count} workers: "
+        f"{100.0 * by_the_clock:.0f} % if nothing else ran meanwhile",
         flush=True,
     )
-    return {"main_s": cost.main, "workers_s": list(cost.workers.values()), "efficiency": efficiency}
+    figures = {"main_s": cost.main, "workers_s": list(cost.workers.values()), "elapsed_s": cost.elapsed, "lost_s": lost}
+    return {**figures, "efficiency": efficiency, "efficiency_by_the_clock": by_the_clock}
+
+
+def _lost(cost: Cost, alone: float, count: int) -> dict[str, float]:
+    """What (1) says is missing, CPU time [s] by its cause."""
+    busy = sum(cost.workers.values())
+    return {
+        "waiting for the main process": (count - 1) * cost.main,
+        "waiting for the busiest worker": count * max(cost.workers.values(), default=0.0) - busy,
+        "work that one process does not have": cost.main + busy - alone,
+    }
 
 
 def _disturbed(flights: _Flights, pool: _Workers) -> dict:

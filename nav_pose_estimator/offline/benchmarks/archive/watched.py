@@ -29,12 +29,14 @@ class Kill:
 
 @dataclass
 class Cost:
-    """CPU time [s] of the main process and of each worker by process number; largest memory of a process [MB]."""
+    """CPU time [s] of the main process and of each worker by process number; largest memory of a process [MB]; how long
+    it took [s]."""
 
     main: float = 0.0
     workers: dict[int, float] = field(default_factory=dict)
     memory: float = 0.0
     workers_memory: float = 0.0
+    elapsed: float = 0.0
 
     @property
     def total(self) -> float:
@@ -56,7 +58,7 @@ def run(options: Sequence[str], kept: Path, kill: Kill | None = None, workers: S
     command = [sys.executable, "-m", "nav_pose_estimator", *options]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     before = {pid: _cpu(pid) for pid in workers}
-    cost, waits = Cost(), kill is not None
+    cost, waits, began = Cost(), kill is not None, time.monotonic()
     while process.poll() is None:
         pool = [*workers, *_pool_of(process.pid)]
         _watch(cost, process.pid, pool, before)
@@ -64,6 +66,7 @@ def run(options: Sequence[str], kept: Path, kill: Kill | None = None, workers: S
             waits = False
             os.kill(process.pid if kill.command else pool[0], signal.SIGKILL)
         time.sleep(_POLL)
+    cost.elapsed = time.monotonic() - began
     said = process.communicate()[0]
     if process.returncode != 0 and not (kill is not None and kill.command):
         raise RuntimeError(f"{' '.join(command[1:5])} said: {said.strip()[-300:]}")

@@ -80,7 +80,7 @@ def run_seed(
     trials = []
     for method in methods:
         engine = prepared(SinsEngine(METHODS[method].parameters(case.parameters(change))), method)
-        _fly_with_gnss(engine, case, recording, begin_ns)
+        fly_with_gnss(engine, case, recording, begin_ns)
         for fault in faults:
             plan = beam_faults.plan(fault, case.stretch(length), seed)
             trial = _Outage(case, recording, recording.with_faults(*plan), begin_ns, deepcopy(engine), mounting)
@@ -88,7 +88,7 @@ def run_seed(
     return trials
 
 
-def _fly_with_gnss(engine: SinsEngine, case: Case, recording: Recording, end_ns: int) -> None:
+def fly_with_gnss(engine: SinsEngine, case: Case, recording: Recording, end_ns: int) -> None:
     """Everything that arrives before ``end_ns``, after a start with known deviations: alignment is not the question."""
     assert case.scenario.gnss is not None
     sd = start_deviations(_START_SD, _START_VELOCITY_SD, case.grade, case.scenario.gnss)
