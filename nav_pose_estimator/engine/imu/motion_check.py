@@ -111,7 +111,7 @@ class MotionCheck:
 
     def _compare(self, end: int, gyro_bias: np.ndarray) -> None:
         seconds = [self._seconds.get(k) for k in range(end - _WINDOW + 1, end + 1)]
-        forces, received = self._forces(end, self._velocities), self._forces(end, self._received)
+        forces, received = _forces(end, self._velocities), _forces(end, self._received)
         known = [one for one in seconds if one is not None]
         if len(known) < _WINDOW:
             return
@@ -166,19 +166,6 @@ class MotionCheck:
         """Of the IMU as it is, or without one of the biases that its gyroscope may have; the best of them."""
         return motion_story.least_misfit(known, forces, (np.zeros(3), gyro_bias, self._offset), enough=_SUSPICIOUS)
 
-    @staticmethod
-    def _forces(end: int, velocities: Iterable[tuple[float, Vector3]]) -> np.ndarray | None:
-        """(S, 3) m/s: what GNSS says of the specific force in each second of the window; None where it says nothing."""
-        begin = float(end - _WINDOW)
-        near = [(t, *v) for t, v in velocities if begin - _VELOCITY_GAP < t < end + _VELOCITY_GAP]
-        if len(near) < 3 or near[0][0] > begin or near[-1][0] < end:
-            return None
-        if max(b[0] - a[0] for a, b in pairwise(near)) > _VELOCITY_GAP:
-            return None
-        table, times = np.array(near), np.arange(begin, end + 1.0)
-        at_ends = np.column_stack([np.interp(times, table[:, 0], table[:, axis]) for axis in (1, 2, 3)])
-        return at_ends[1:] - at_ends[:-1] + _GRAVITY
-
     def _judge(self) -> None:
         sums = self._sums
         if self._blamed is not None:
@@ -230,6 +217,19 @@ class MotionCheck:
         if inverted:
             wrong.append("the accelerometer's sign is probably inverted")
         return ", and ".join(wrong)
+
+
+def _forces(end: int, velocities: Iterable[tuple[float, Vector3]]) -> np.ndarray | None:
+    """(S, 3) m/s: what GNSS says of the specific force in each second of the window; None where it says nothing."""
+    begin = float(end - _WINDOW)
+    near = [(t, *v) for t, v in velocities if begin - _VELOCITY_GAP < t < end + _VELOCITY_GAP]
+    if len(near) < 3 or near[0][0] > begin or near[-1][0] < end:
+        return None
+    if max(b[0] - a[0] for a, b in pairwise(near)) > _VELOCITY_GAP:
+        return None
+    table, times = np.array(near), np.arange(begin, end + 1.0)
+    at_ends = np.column_stack([np.interp(times, table[:, 0], table[:, axis]) for axis in (1, 2, 3)])
+    return at_ends[1:] - at_ends[:-1] + _GRAVITY
 
 
 def _axes(matrix: np.ndarray) -> str:
