@@ -27,6 +27,8 @@ from nav_pose_estimator.offline.benchmarks.speed.flight_messages import write_sa
 _LIMIT = 900.0  # s that a process may take
 _TRIES = 3
 _LONG = 3600.0  # s of flight
+REPLAYED = {SECONDS: (_TRIES, (300.0, 400.0)), _LONG: (1, (600.0, 900.0))}
+"""Seconds of flight -> how often it is replayed, and the goals of ``best`` and ``coast`` in parts of real time."""
 _PEAK = "next(int(x.split()[1])/1024 for x in open('/proc/self/status') if x.startswith('VmHWM'))"
 """Most memory of a process so far [MB]. Not ru_maxrss: that remembers the process it was started from."""
 _PLAIN_SECONDS = 20.0  # s of flight that the navigator is timed over without numba
@@ -62,58 +64,68 @@ def _read_with_rosbags(path: Path, count: int) -> None:
             reader.deserialize(raw, connection.msgtype)
 
 
-def replays(scratch: Path) -> list[Figure]:
-    """Replay in a process of its own, as a user starts it, of flights with the full set of sensors.
+def replays(scratch: Path, seconds: float) -> list[Figure]:
+    """Replay in a process of its own, as a user starts it, of a flight with the full set of sensors.
 
     All but the first run find the kernels compiled. With two cores trainings and rehearsals are on the second.
     """
     figures = []
-    for seconds, tries, goals in ((SECONDS, _TRIES, (300.0, 400.0)), (_LONG, 1, (600.0, 900.0))):
-        for method, goal in zip(("best", "coast"), goals, strict=True):
-            runs = [_replay(scratch, seconds, method) for _ in range(tries)]
-            summary = json.loads((scratch / "out" / "summary.json").read_text(encoding="utf-8"))
-            wall, used, memory = np.min(runs, axis=0).tolist()
-            name, unit = f"replay of {seconds:.0f} s, {method}", "x real time"
-            figures += [
-                Figure(f"{name}, process start to report", seconds / wall, unit, goal, "higher"),
-                Figure("  CPU time of all its processes", seconds / used, unit),
-                Figure("  estimator alone", summary["times_real_time"], unit),
-                Figure("  memory", memory, "MB", 250.0),
-            ]
+    tries, goals = REPLAYED[seconds]
+    for method, goal in zip(("best", "coast"), goals, strict=True):
+        runs = [_replay(scratch, seconds, method) for _ in range(tries)]
+        summary = json.loads((scratch / "out" / "summary.json").read_text(encoding="utf-8"))
+        wall, used, memory = np.min(runs, axis=0).tolist()
+        name, unit = f"replay of {seconds:.0f} s, {method}", "x real time"
+        figures += [
+            Figure(f"{name}, process start to report", seconds / wall, unit, goal, "higher"),
+            Figure("  CPU time of all its processes", seconds / used, unit),
+            Figure("  estimator alone", summary["times_real_time"], unit),
+            Figure("  memory", memory, "MB", 250.0),
+        ]
     return figures
 
 
-def lengths(scratch: Path) -> list[Figure]:
+def lengths(scratch: Path, longest: float) -> list[Figure]:
     """How time and memory of a replay grow with the length of the flight, from one minute to two hours."""
     used, memory = {}, {}
     for seconds in (60.0, SECONDS, _LONG, 2.0 * _LONG):
-        _, used[seconds], memory[seconds] = _replay(scratch, seconds, "coast")
-    short = (used[SECONDS] - used[60.0]) / (SECONDS - 60.0)
-    long = (used[2.0 * _LONG] - used[_LONG]) / _LONG
-    return [
-        Figure("replay, coast, a further hour: in ten minutes", 3600.0 * short, "s CPU"),
-        Figure("  after one hour", 3600.0 * long, "s CPU"),
-        Figure("  ratio", long / short, "", 1.1),
-        Figure("replay of 60 s, coast, memory", memory[60.0], "MB"),
-        Figure("  of 7200 s", memory[2.0 * _LONG], "MB", 250.0),
+        if seconds <= longest:
+            _, used[seconds], memory[seconds] = _replay(scratch, seconds, "coast")
+    figures = [
+        Figure(f"replay of {seconds:.0f} s, coast, memory", most, "MB", 250.0) for seconds, most in memory.items()
     ]
+    if SECONDS in used:
+        short = (used[SECONDS] - used[60.0]) / (SECONDS - 60.0)
+        figures.append(Figure("replay, coast, a further hour: in ten minutes", 3600.0 * short, "s CPU"))
+    if 2.0 * _LONG in used:
+        long = (used[2.0 * _LONG] - used[_LONG]) / _LONG
+        figures += [
+            Figure("  after one hour", 3600.0 * long, "s CPU"),
+            Figure("  ratio", long / short, "", 1.1),
+        ]
+    return figures
 
 
 def _replay(scratch: Path, seconds: float, method: str) -> tuple[float, float, float]:
     """``_measured`` of one replay; its bag is made where it is not there yet."""
-    from nav_pose_estimator.offline.benchmarks.speed.plain_flight import full_set
-
-    bag = scratch / f"flight_{seconds:.0f}"
-    if not bag.exists():
-        write_samples(bag, full_set(seconds, IMU_HZ))
+    bag = _full_bag(scratch, seconds)
     start = min(300.0, 0.5 * seconds)
     options = ["--outage", f"{start:.0f}:{min(30.0, 0.25 * seconds):.0f}", "--method", method]
     return _measured(["replay", str(bag), *options, "--out", str(scratch / "out")])
 
 
+def _full_bag(scratch: Path, seconds: float) -> Path:
+    from nav_pose_estimator.offline.benchmarks.speed.plain_flight import full_set
+
+    bag = scratch / f"flight_{seconds:.0f}"
+    if not bag.exists():
+        write_samples(bag, full_set(seconds, IMU_HZ))
+    return bag
+
+
 def outage_benchmark(scratch: Path) -> list[Figure]:
     """``benchmark outage`` on the flight of ``replays``: seven outages, two methods, the latency given."""
-    options = ["benchmark", "outage", str(scratch / f"flight_{SECONDS:.0f}"), "--first", "100", "--every", "60"]
+    options = ["benchmark", "outage", str(_full_bag(scratch, SECONDS)), "--first", "100", "--every", "60"]
     options += ["--lengths", "10,30,60", "--methods", "best,coast", "--gnss-delay", "0"]
     _, used, _ = _measured([*options, "--out", str(scratch / "outages")])
     return [Figure("benchmark outage, 7 outages, 2 methods, CPU", used, "s", 5.0)]
