@@ -9,8 +9,8 @@ Costs are CPU time, so that they hold on a machine that has more to do. Of P wor
 
 C: CPU time of all in one process; M: of the main process beside P workers, which they may have to wait for; W: of the
 busiest worker. Start-up and imbalance count against it; that memory or caches are shared does not. What lacks are three
-parts of P (M + W): workers wait for the main process, (P - 1) M; they wait for the busiest of them; and there is work that
-one process alone does not have, start-up above all.
+parts of P (M + W): workers wait for the main process, (P - 1) M; they wait for the busiest of them; and there is work
+that one process alone does not have, start-up above all.
 
 Elapsed time gives another efficiency, which means something only where nothing else runs.
 """
