@@ -62,6 +62,31 @@ def test_a_kernel_cached_with_one_numpy_is_not_used_with_another(tmp_path):
     assert run(tmp_path, before="import numba, numpy; numpy.__version__ = '2.99.0'") == "23.0 0"
 
 
+CONSTANTS = """from nav_pose_estimator.core.numerics.jit import inlined, kernel
+
+@kernel
+def power(x, n):
+    return x**n
+
+@inlined
+def part(x, start):
+    return x[start]
+
+@kernel
+def outer(x):
+    return power(x[0], 2) + power(x[0], 3) + part(x, 0) + part(x, start=1)
+
+import numpy
+print(outer(numpy.array((2.0, 5.0))), len(power.signatures), len(part.signatures))
+"""
+
+
+@pytest.mark.compiled
+def test_a_kernel_is_compiled_once_for_all_constants(tmp_path):
+    (tmp_path / "user.py").write_text(CONSTANTS)
+    assert run(tmp_path) == "19.0 1 1"
+
+
 def test_mode_follows_the_environment():
     expected = numba is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
     assert expected == COMPILED
