@@ -159,6 +159,10 @@ _STATUS = (
         "noise identified in flight: deviations relative to those set (`imu.learn_noise`)",
     ),
     ("noise.trials", "how many trials this rests on; old ones fade"),
+    (
+        "gnss.error.*_sd, gnss.error.*_tau, gnss.error.*_white_sd",
+        "with `gnss.error_states`: deviation and correlation time of the receiver's lasting errors; its white noise",
+    ),
     ("rangefinder.above_ground_m", "height above the ground that the rangefinder saw"),
     ("learner.flight_s, learner.trainings", "flight with GNSS that the learner remembers; trainings adopted"),
     (
