@@ -89,7 +89,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "beam_velocity.delayed",
             "velocities that follow the acceleration late: their stamps are not those of validity",
-            "set aids.beams.delay to what the sentence says; repeat until it is silent",
+            "set aids.beams.delay to what the sentence says; with aids.beams.delay_sd 0 repeat until it is silent",
         ),
         Entry(
             "beam_velocity.unproven",
