@@ -47,6 +47,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("output.withheld.nan", "a solution was not finite and was not published", "please report it with a bag"),
     ),
     "A restart in flight": (
+        Entry("resume.none", "ros.state.file does not exist yet: nothing is there to go on from"),
         Entry("resume.begun", "a saved state is there: origin, noise and, if it can, pose and biases go on from it"),
         Entry("resume.refused.file", "the saved state cannot be read, or is none", "nothing; the next one replaces it"),
         Entry("resume.origin", "the saved state is over a minute old, or of another clock: only what lasts is kept"),
