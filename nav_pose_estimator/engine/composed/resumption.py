@@ -89,6 +89,8 @@ def resumed(saved: SavedState, run: FilterRun, stamp_ns: int) -> FilterRun:
     if warm.is_fresh:
         _go_on(twin, saved)
         text = f"a state from {gap:.1f} s ago was found: origin and noise are kept"
+        if not saved.is_sound:
+            text += "; it was in doubt itself, so attitude and position are found again"
         run.journal.say(stamp_ns, "resume.begun", Level.INFO, text)
     elif gap > 0.0:
         kept = "origin and noise are kept" if gap <= _NOISE_LIFE else "its origin is kept, and nothing else"
