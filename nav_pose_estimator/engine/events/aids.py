@@ -92,7 +92,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "beam_velocity.delayed",
             "the velocities lag behind the acceleration: they are not stamped when they were valid",
-            "set aids.beams.delay to what the log line says; with aids.beams.delay_sd 0 repeat until it no longer appears",
+            "set aids.beams.delay to what the log line says; with aids.beams.delay_sd 0 repeat until it is gone",
         ),
         Entry(
             "beam_velocity.unproven",
