@@ -114,7 +114,9 @@ class FilterRun:
 
     def renew_constants(self) -> None:
         """Give the filter its constants anew, with the noise that the flight has shown and the states that it has."""
-        constants = filter_setup.constants(self.parameters, self.noise, self.imu_physics.vibration_noise)
+        constants = filter_setup.constants(
+            self.parameters, self.noise, self.imu_physics.vibration_noise, self.gnss.reception.lasting
+        )
         keep_blocks(constants, self.timeline.filter.constants)
         self.timeline.filter.constants[:] = constants
 

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from nav_pose_estimator.core.alignment.types import Alignment
 from nav_pose_estimator.core.filter import bias_noise
@@ -18,10 +19,16 @@ MOST_ROWS = 8
 """Of one observation."""
 
 
-def constants(parameters: Parameters, shown: NoiseIdentification, vibration: float = 0.0) -> np.ndarray:
+def constants(
+    parameters: Parameters,
+    shown: NoiseIdentification,
+    vibration: float = 0.0,
+    lasting: lasting_error.LastingPosition | None = None,
+) -> np.ndarray:
     """The vector of filter constants (``core.filter.layout``).
 
-    ``shown``: noise that the flight has shown; ``vibration`` [m/s^2/sqrt(Hz)] adds to the accelerometer's.
+    ``shown``: noise that the flight has shown; ``vibration`` [m/s^2/sqrt(Hz)] adds to the accelerometer's; ``lasting``:
+    what the receiver states of its positions.
     How much the gyroscope's bias wanders is followed by ``bias_noise`` and not part of that.
     """
     noise = math.sqrt(shown.imu_variance)
@@ -39,7 +46,7 @@ def constants(parameters: Parameters, shown: NoiseIdentification, vibration: flo
         gap_rate_sd=navigator.gap_rate_sd,
         gap_accel_sd=navigator.gap_force_sd,
         point_sampled=imu.sampling == "point",
-        blocks=_blocks(parameters, shown),
+        blocks=_blocks(parameters, shown, lasting),
     )
 
 
@@ -52,7 +59,11 @@ def complete_start(start: Alignment, constants: np.ndarray, parameters: Paramete
     set_blocks(base, ())
     navigator = parameters.navigator
     errors = lasting_error.first_cov(parameters.gnss)
-    first = {GYRO_MATRIX: navigator.gyro_matrix_sd**2, GRAVITY: navigator.gravity_sd**2, GNSS_ERROR: errors}
+    first: dict[Block, ArrayLike] = {
+        GYRO_MATRIX: navigator.gyro_matrix_sd**2,
+        GRAVITY: navigator.gravity_sd**2,
+        GNSS_ERROR: errors,
+    }
     P = enlarged(start.P, base, constants, first)
     if GNSS_ERROR.is_in(constants):  # the position is that of a fix, with its error
         begin = GNSS_ERROR.states(constants).start
@@ -62,7 +73,9 @@ def complete_start(start: Alignment, constants: np.ndarray, parameters: Paramete
     return nav, P
 
 
-def _blocks(parameters: Parameters, shown: NoiseIdentification) -> dict[Block, Wander]:
+def _blocks(
+    parameters: Parameters, shown: NoiseIdentification, lasting: lasting_error.LastingPosition | None
+) -> dict[Block, Wander]:
     """The optional states that are there from the start; gravity is a constant of the place."""
     chosen = (
         (parameters.navigator.gyro_matrix_states, GYRO_MATRIX, 1e-6),
@@ -70,7 +83,8 @@ def _blocks(parameters: Parameters, shown: NoiseIdentification) -> dict[Block, W
     )
     blocks = {block: Wander(walk=walk) for is_there, block, walk in chosen if is_there}
     if parameters.gnss.error_states:
-        blocks[GNSS_ERROR] = lasting_error.wander(parameters.gnss, shown)
+        variance = (lasting or lasting_error.LastingPosition(parameters.gnss)).variance
+        blocks[GNSS_ERROR] = lasting_error.wander(parameters.gnss, variance, shown)
     return blocks
 
 

@@ -123,7 +123,7 @@ class SinsEngine:
 
     def warm_up(self) -> None:
         """Compile every kernel now, so that no flight waits for a compiler."""
-        start_up.warm_up(filter_setup.constants(self.parameters))
+        start_up.warm_up(filter_setup.constants(self.parameters, self.run.noise))
         warm_up_flight.warm_up(lambda: SinsEngine(self.parameters))
 
     def snapshot(self) -> SinsEngine:
