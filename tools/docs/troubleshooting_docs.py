@@ -158,6 +158,14 @@ _STATUS = (
         "noise.imu, noise.gnss",
         "deviations of the noises that the flight has shown, in parts of those that are set (`imu.learn_noise`)",
     ),
+    (
+        "gnss.error.position_sd, gnss.error.position_tau, gnss.error.position_white_sd",
+        "with `gnss.error_states`: what lasts of the error of positions (m, s), and the noise beside it (m)",
+    ),
+    (
+        "gnss.error.velocity_sd, gnss.error.velocity_tau, gnss.error.velocity_white_sd",
+        "the same of velocities (m/s, s, m/s)",
+    ),
     ("noise.trials", "how many stretches of flight, fading, say so"),
     ("rangefinder.above_ground_m", "height above the ground that the rangefinder saw"),
     ("learner.flight_s, learner.trainings", "flight with GNSS that the learner remembers; trainings adopted"),
