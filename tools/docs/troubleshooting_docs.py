@@ -158,6 +158,14 @@ _STATUS = (
         "noise.imu, noise.gnss",
         "noise identified in flight: deviations relative to those set (`imu.learn_noise`)",
     ),
+    (
+        "gnss.error.position_sd, gnss.error.position_tau, gnss.error.position_white_sd",
+        "with `gnss.error_states`: lasting error of positions (m, s), and the white noise beside it (m)",
+    ),
+    (
+        "gnss.error.velocity_sd, gnss.error.velocity_tau, gnss.error.velocity_white_sd",
+        "the same of velocities (m/s, s, m/s)",
+    ),
     ("noise.trials", "how many trials this rests on; old ones fade"),
     ("rangefinder.above_ground_m", "height above the ground that the rangefinder saw"),
     ("learner.flight_s, learner.trainings", "flight with GNSS that the learner remembers; trainings adopted"),

@@ -62,10 +62,12 @@ def _identify_noise(run: FilterRun, rests: bool) -> None:
         run.noise.interrupt()
         return
     changed = run.noise.note(whole.nav, whole.P, whole.constants, run.timeline.rows_since(whole.time - _ROWS))
-    if run.parameters.gnss.error_states:
-        gnss = run.gnss
+    gnss = run.gnss
+    if gnss.reception.lasting is not None:
+        gnss.reception.lasting.second()
         for shares, sensor in ((run.noise.position, gnss.position), (run.noise.velocity, gnss.velocity)):
-            changed |= shares.note(sensor.record.take())
+            shares.note(sensor.record.take())
+        changed = True
     if changed:
         run.renew_constants()
 

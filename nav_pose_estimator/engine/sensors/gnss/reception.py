@@ -56,9 +56,7 @@ class GnssReception:
         """New thresholds and noises; the gate stays open or closed."""
         self.gate.settings = _gate_settings(parameters)
         self._parameters = parameters
-        lasts = lasting_error.position_sd(parameters) if parameters.error_states else np.zeros(3)
-        self.lasting_variance = lasts**2
-        """Of the error (3,) [m^2] that positions share for long, beside the noise that observations state."""
+        self.lasting = lasting_error.LastingPosition(parameters) if parameters.error_states else None
         position = np.array([parameters.position_sd] * 2 + [parameters.vertical_sd])
         velocity = np.array([parameters.velocity_sd] * 2 + [parameters.velocity_vertical_sd])
         self._position_floor, self._velocity_floor = (position**2).tolist(), (velocity**2).tolist()
@@ -129,8 +127,9 @@ class GnssReception:
         """
         R = _floored(self._known(_horizontal(sample)), self._position_floor)
         shared = 1.0 + self._parameters.position_correlation / self.fix_period
-        if in_filter and self._parameters.error_states:
-            return self.shown.gnss_variance * lasting_error.white_position(R, shared, self._parameters, self.shown)
+        if in_filter and self.lasting is not None:
+            self.lasting.receive(R)
+            return self.shown.gnss_variance * lasting_error.white_position(R, shared, self.lasting.variance, self.shown)
         return R * self.shown.gnss_variance * shared
 
     def velocity_noise(self, sample: GnssVelocity, in_filter: bool = False) -> np.ndarray:
