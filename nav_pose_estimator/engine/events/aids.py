@@ -126,6 +126,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("beam_velocity.rejected.zero", "all velocities are exactly zero: no echo", "wait for bottom lock"),
         Entry(
+            "beam_velocity.rejected.stamp",
+            "a message with the stamp of the one before it",
+            "let the driver stamp every measurement, and send it once",
+        ),
+        Entry(
             "beam_velocity.rejected.stuck",
             "all velocities of a message are those of the ones before it, to the last digit",
             "restart the sensor, or let its driver send each measurement once",
