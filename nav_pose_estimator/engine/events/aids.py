@@ -129,6 +129,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("beam_velocity.rejected.zero", "all velocities are exactly zero: no echo", "wait for bottom lock"),
         Entry(
+            "beam_velocity.rejected.stamp",
+            "a message with the stamp of the one before it",
+            "let the driver stamp every measurement, and send it once",
+        ),
+        Entry(
             "beam_velocity.rejected.stuck",
             "all velocities of a message repeat those of the messages before it to the last digit",
             "restart the sensor, or let its driver send each measurement once",
