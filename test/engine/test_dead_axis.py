@@ -90,3 +90,14 @@ def test_exchanged_halves_are_named() -> None:
     assert finding is not None
     assert finding.name == "imu.implausible.exchanged"
     assert "exchanged" in finding.sentence
+
+
+def test_an_acceleration_without_gravity_is_not_taken_for_g() -> None:
+    """A driver that takes gravity away is named throughout, also where it reads 1 m/s^2 for seconds."""
+    physics, journal = ImuPhysics(), Journal()
+    for k in range(10):
+        rows = second(k)
+        rows[:, 6] -= 9.8 if k < 5 else 8.8
+        physics.look(k + 1.0, rows, None, journal, 0)
+    assert "takes gravity away" in physics.refusal
+    assert not journal.counters["imu.implausible.in_g"]
