@@ -86,9 +86,12 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
     doubt = run.imu_physics.look(end, rows, bias, run.journal, stamp_ns)
     run.gnss.reception.velocities.felt(run.imu_physics.felt, run.imu_physics.felt_as_received, stamp_ns)
     if run.timeline.running and run.aiding.gnss_is_good(run.now):
-        agreement = run.imu_physics.agreement
+        motion = run.imu_physics.motion
+        agreement = motion.agreement
         contradicted, apart = agreement.is_contradicted, agreement.apart
-        run.gnss.position.elsewhere.other_motion.second(contradicted, apart, agreement.share, stamp_ns)
+        elsewhere = run.gnss.position.elsewhere
+        elsewhere.other_motion.second(contradicted, apart, agreement.share, stamp_ns)
+        elsewhere.latency.found(motion.latency.delay, run.parameters.gnss.delay, stamp_ns)
     if run.imu_physics.heading.error and run.timeline.running:
         _turn_heading(run, stamp_ns)
     if run.timeline.running and run.imu_physics.vibration_noise != shaken:

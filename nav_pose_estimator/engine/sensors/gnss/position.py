@@ -9,7 +9,7 @@ import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.core.filter import bias_noise, measurements
-from nav_pose_estimator.core.filter.layout import ALT, DPOS
+from nav_pose_estimator.core.filter.layout import ALT, DPOS, VEL
 from nav_pose_estimator.core.gnss import height_reference
 from nav_pose_estimator.core.gnss.height_reference import HeightReference
 from nav_pose_estimator.core.gnss.reacquisition import Reacquisition, ReacquisitionSettings
@@ -112,7 +112,7 @@ class GnssPositionSensor(Sensor):
         decision = self._ask_the_guard(o, f)
         if self.velocity.doubt.is_hopeless(o.t) and o.t - self._aiding.fix_used < self._despair_gap:
             self.despair = "GNSS was never away, yet velocities differ, and positions too"
-        (pulled, pull_speed), (far, high, fast) = self.pull.least_sd(), self.elsewhere.least_sd()
+        (pulled, pull_speed), (far, high, fast) = self.pull.least_sd(), self.elsewhere.least_sd(_speed(f))
         vertical = max(_EITHER * self.heights.span, high)
         if decision.use in (Use.GATED, Use.UNGATED) and not math.isnan(decision.reference):
             self.slow_height.note(o.t, -float(self.linearise(o, f)[0][2]))
@@ -247,6 +247,11 @@ class GnssPositionSensor(Sensor):
     def decide_return(self, accept: bool) -> bool:
         """The operator's decision about a held return, or a change that no force explains; False if neither waits."""
         return self.guard.decide(accept) or (accept and self.pull.dismiss())
+
+
+def _speed(f: FilterView) -> float:
+    """Over ground [m/s]."""
+    return math.hypot(f.nav[VEL], f.nav[VEL + 1])
 
 
 def local(

@@ -100,7 +100,7 @@ class GnssReception:
             self.tell(sample.stamp_ns, notice)
         if not verdict.usable:
             late = verdict.reason == "gnss.rejected.age"
-            why = self._clocks(sample, t - now) if late else in_words(verdict.reason)
+            why = self._clocks(sample, t - now) if late else _why(verdict.reason, self.gate.settings)
             return self.refuse(sample.stamp_ns, verdict.reason, why)
         self._fix_times = tuple(sorted((*self._fix_times, t))[-_PERIOD_MEMORY:])
         self.fix_period = min(max(min((b - a for a, b in pairwise(self._fix_times)), default=1.0), 0.02), 5.0)
@@ -196,6 +196,16 @@ def _no_place(sample: GnssFix) -> str:
     if _HIGHEST < abs(sample.alt) < math.inf:
         return f"a height of {sample.alt:.4g} m is not a place on Earth: is it in mm?"
     return "the fix holds NaN or is not a place on Earth"
+
+
+def _why(reason: str, settings: GateSettings) -> str:
+    """Why the gate leaves a fix out, a clause."""
+    if reason == "gnss.rejected.satellites":
+        return f"too few satellites, {settings.min_satellites_enter} are needed"
+    if reason == "gnss.rejected.accuracy":
+        limits = f"{settings.max_horizontal_sd:.3g} m horizontal, {settings.max_vertical_sd:.3g} m vertical"
+        return f"{in_words(reason)}: {limits}"
+    return in_words(reason)
 
 
 def _horizontal(sample: GnssFix) -> np.ndarray | None:
