@@ -16,7 +16,8 @@ Three places report the state, in the same words: the log of the node, `~/status
 once) and `/diagnostics` (once a second: state, inputs, counters). In a recorded flight `replay` counts the same events.
 
 ```bash
-ros2 topic echo --full-length --qos-durability transient_local --qos-reliability reliable /pose_estimator/status
+ros2 topic echo --full-length --qos-durability transient_local --qos-reliability reliable /pose_estimator/status \\
+    diagnostic_msgs/msg/DiagnosticStatus
 ros2 topic echo /diagnostics        # or rqt_robot_monitor
 ```
 
