@@ -84,6 +84,7 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("bags", type=Path, nargs="+")
+    parser.add_argument("--without-magnetometer", action="store_true", help="nor anything learned of it")
     parser.add_argument("--gap", type=float, default=6.0, help="from the kill to the first IMU sample, s")
     options = parser.parse_args()
     pairs = []
@@ -91,7 +92,8 @@ def main() -> None:
     for bag in options.bags:
         recording = load(bag)
         delay = float(recording.sidecar.get("gnss_latency_est_s") or 0.0)
-        parameters = update(Parameters(), {"gnss.delay": delay, "learner.enabled": False})
+        aids = {"aids.magnetometer": not options.without_magnetometer}
+        parameters = update(Parameters(), {"gnss.delay": delay, "learner.enabled": False, **aids})
         begin, end = flight_window(recording)
         for share in _SHARES:
             killed = begin + share * (end - begin)

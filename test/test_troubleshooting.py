@@ -81,8 +81,8 @@ def names_in_the_code() -> set[str]:
     families = {name.split(".")[0] for name in direct} - {"*"}
     everywhere = (s for module in modules for s in module.everywhere() if DOTTED.fullmatch(s))
     others = {s for s in everywhere if s.split(".")[0] in families}
-    with_all_figures = update(Parameters(), {"gnss.error_states": True})
-    no_events = set(flatten(Parameters())) | set(PoseEstimator(with_all_figures).status().values)
+    with_all_figures = PoseEstimator(update(Parameters(), {"gnss.error_states": True}))
+    no_events = set(flatten(Parameters())) | set(with_all_figures.status().values)
     return {n for n in direct | others if not PREFIXES.fullmatch(n)} - (no_events - set(NAMES))
 
 

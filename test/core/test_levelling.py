@@ -8,6 +8,7 @@ import pytest
 from nav_pose_estimator.core.alignment.levelling import (
     dipole_dip,
     field_doubt,
+    inclined_attitudes,
     level_attitude,
     level_covariance,
     magnetic_yaw,
@@ -16,6 +17,7 @@ from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.numerics.rotation import (
     euler_from_quat,
     quat_from_euler,
+    quat_from_rotvec,
     quat_multiply,
     quat_to_matrix,
     rotvec_from_quat,
@@ -34,6 +36,25 @@ def test_gravity_and_field_give_the_attitude(roll, pitch, yaw):
     level = level_attitude(C.T @ [0.0, 0.0, 9.8])
     np.testing.assert_allclose(euler_from_quat(level), (roll, pitch, 0.0), atol=1e-12)
     assert magnetic_yaw(level, C.T @ FIELD_N, DECLINATION) == pytest.approx(yaw)
+
+
+@pytest.mark.parametrize("acceleration", [[0.0, 0.0, 0.0], [9.0, -4.0, 2.0], [-3.0, 20.0, -6.0]])
+def test_a_force_that_gnss_explains_leaves_one_turn_open(acceleration):
+    """GIVEN a turning body that accelerates WHEN the acceleration is known THEN the true attitude is among those found,
+    to half a step, and all of them put the force where it is."""
+    a, rate, dt = np.array(acceleration), np.array([0.4, -0.3, 0.9]), 0.01
+    qs = [quat_from_euler(0.6, -0.3, 2.0)]
+    for _ in range(100):
+        qs.append(quat_multiply(qs[-1], quat_from_rotvec(rate * dt)))
+    force_n = a + np.array([0.0, 0.0, 9.80665])
+    rows = np.array([[i * dt, *rate, *(quat_to_matrix(q).T @ force_n + 0.1)] for i, q in enumerate(qs)])
+    found = inclined_attitudes(rows, (0.1, 0.1, 0.1), a)
+    apart = [np.linalg.norm(rotvec_from_quat(quat_multiply(q, qs[-1] * (1.0, -1.0, -1.0, -1.0)))) for q in found]
+    assert min(apart) < math.radians(2.6)
+    for q in found:
+        off = quat_to_matrix(q) @ (rows[-1, 4:7] - 0.1) - force_n
+        assert np.linalg.norm(off) < 0.01 * np.linalg.norm(force_n)
+    assert inclined_attitudes(rows, (0.1, 0.1, 0.1), a + 0.5 * force_n) is None
 
 
 def test_level_covariance_ties_tilt_to_the_accelerometer_bias():

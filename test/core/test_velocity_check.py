@@ -7,6 +7,7 @@ import pytest
 
 from nav_pose_estimator.core.gnss.velocity_check import VelocityCheck
 from nav_pose_estimator.core.gnss.velocity_mistakes import NED, TURNED
+from nav_pose_estimator.core.gnss.velocity_steps import StepMaker
 
 EARTH, LAT = 6.371e6, 0.8
 PERIOD = 0.2  # s
@@ -63,3 +64,15 @@ def test_a_suspicion_ends_where_nothing_moves() -> None:
     rest = np.tile(ways[-1], (90, 1))
     follow(check, rest, np.zeros_like(rest), start=after)
     assert not check.suspect
+
+
+@pytest.mark.parametrize(("period", "dense"), [(0.2, True), (5.0, False)])
+def test_a_sum_over_sparse_velocities_says_nothing_of_clocks(period: float, dense: bool) -> None:
+    """Between them the vehicle may have bent its way: no clock is to be blamed for that."""
+    maker, steps = StepMaker(), []
+    for k in range(30):
+        maker.velocity(k * period, complex(8.0, 0.0), 0.0)
+        steps.append(maker.fix(k * period, 0.8, 0.15 + k * period * 8.0 / (6.371e6 * math.cos(0.8)), 1.0))
+    found = [step for step in steps if step is not None]
+    assert found
+    assert all(step.dense is dense for step in found)

@@ -50,7 +50,7 @@ def write(folder: Path, text: str) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--outage", "900:30"], "ends after the bag"),
+        (["--outage", "900:30"], "ends after the recording"),
         (["--remap", "/gps/fix:=/nothing"], "/nothing"),
         (["--gnss-delay", "x"], "auto"),
         (["--rate", "0"], "--rate"),

@@ -258,7 +258,7 @@ def test_where_the_latency_comes_from(tmp_path):
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        (["--outage", "95:30"], "ends after the bag"),
+        (["--outage", "95:30"], "ends after the recording"),
         (["--outage", "50:20", "--outage", "60:5"], "overlap"),
         (["--outage", "abc"], "START:LENGTH"),
         (["--method", "magic"], "does not exist"),

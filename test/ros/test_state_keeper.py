@@ -163,13 +163,23 @@ def test_a_state_that_cannot_be_written_is_told_once(flown, tmp_path):
     for i in range(20):
         keeper.note(1_700_000_000_000_000_000 + i * 100_000_000)
         keeper.wait()
-    assert [name for name, _ in node.said] == ["state.not_written"]
-    assert "cannot write the state" in node.said[0][1]
+    assert [name for name, _ in node.said] == ["resume.none", "state.not_written"]
+    assert "cannot write the state" in node.said[1][1]
 
 
 def test_a_folder_that_does_not_exist_is_found_at_the_start(flown, tmp_path):
     with pytest.raises(ParameterError, match="there is no folder"):
         keeper_of(tmp_path / "nowhere" / "drone.state", flown)
+
+
+def test_a_file_that_does_not_exist_yet_is_told(tmp_path):
+    """GIVEN ros.state.file that nobody has written WHEN a node starts THEN one sentence says what that means."""
+    engine, node = estimator(), Node()
+    keeper_of(tmp_path / "drone.state", engine, node).stop()
+    ((name, text),) = node.said
+    assert name == "resume.none"
+    assert "there is no saved state yet" in text
+    assert engine.sins.resume is None
 
 
 def test_without_a_file_nothing_happens(flown):

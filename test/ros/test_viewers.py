@@ -66,6 +66,39 @@ def test_foxglove_shows_what_is_published(topics) -> None:
     assert {name for name in texts(layout["layout"]) if "!" in name} == set(layout["configById"])
 
 
+def splits(tree: Any) -> Iterator[dict[str, Any]]:
+    """Every inner node of a layout."""
+    if isinstance(tree, dict):
+        yield tree
+        yield from (inner for side in ("first", "second") for inner in splits(tree[side]))
+
+
+def test_foxglove_gets_the_form_that_it_reads() -> None:
+    """The format is that of the layouts that the program exports: a binary tree of panels, each named KIND!ID."""
+    layout = json.loads((CONFIG / "foxglove.json").read_text())
+    assert layout.keys() >= {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
+    kinds = {name.partition("!")[0] for name in layout["configById"]}
+    assert kinds <= {"3D", "map", "Indicator", "RawMessages", "DiagnosticSummary", "Plot"}
+    for split in splits(layout["layout"]):
+        assert split["direction"] in ("row", "column")
+        assert 0 < split.get("splitPercentage", 50) < 100
+
+
+def test_plotjuggler_gets_the_form_that_it_reads() -> None:
+    """Each splitter has as many children and sizes as it says, and each dock one plot with its range."""
+    root = ElementTree.parse(CONFIG / "plotjuggler.xml").getroot()
+    assert root.tag == "root"
+    splitters = list(root.iter("DockSplitter"))
+    assert splitters
+    for splitter in splitters:
+        sizes = [float(size) for size in splitter.attrib["sizes"].split(";")]
+        assert len(splitter) == int(splitter.attrib["count"]) == len(sizes)
+        assert sum(sizes) == pytest.approx(1.0, abs=1e-3)
+        assert splitter.attrib["orientation"] in "-|"
+    for dock in root.iter("DockArea"):
+        assert dock.find("plot/range").attrib.keys() == {"left", "right", "bottom", "top"}
+
+
 def test_plotjuggler_shows_what_is_published(topics) -> None:
     curves = [curve.get("name", "") for curve in ElementTree.parse(CONFIG / "plotjuggler.xml").iter("curve")]
     assert len(curves) > 20

@@ -83,6 +83,32 @@ def test_a_sensor_that_gets_stuck_does_not_lead_the_navigator(flight):
     assert flown.error < 3.0 * flown.status.horizontal_sd
 
 
+def test_a_stamp_that_repeats_is_believed_once(flight, sound):
+    """GIVEN a driver that renews its stamp once a second only, in an outage THEN the others are refused, and it is
+    said once."""
+    first = [-1.0, 0]
+
+    def stale(t: float, sample: BeamVelocitySample) -> BeamVelocitySample:
+        if t < LOST or t - first[0] > 0.9:
+            first[:] = [t, sample.stamp_ns]
+        return replace(sample, stamp_ns=int(first[1]))
+
+    flown = Flown(flight, with_beams(flight, stale))
+    (told,) = flown.said("rejected.stamp")
+    assert "stamp of the one before it" in told
+    assert flown.error < 3.0 * flown.status.horizontal_sd
+    assert flown.error < 3.0 * sound.error + 0.5
+
+
+@pytest.mark.parametrize("unit", [1000.0, 100.0], ids=["mm/s", "cm/s"])
+def test_velocities_in_another_unit_are_not_used(flight, without, unit):
+    """GIVEN a driver that publishes millimetres or centimetres a second THEN no beam is used, and it is said."""
+    flown = Flown(flight, with_beams(flight, lambda t, sample: replace(sample, velocities=unit * sample.velocities)))
+    assert "no reading of directions and signs agrees" in flown.said("geometry.refused")[0]
+    assert flown.counters["beam_velocity.used"] == 0
+    assert flown.error == pytest.approx(without.error, rel=0.05)
+
+
 @pytest.mark.parametrize("stamp_ns", [0, -5, 10**12, 2**62])
 def test_stamps_of_no_time_are_refused_and_cost_nothing_else(flight, without, stamp_ns):
     """GIVEN messages with stamps from another clock THEN they are counted, not used, and the flight goes on."""

@@ -164,7 +164,6 @@ def test_a_delay_that_is_estimated_is_known_and_allowed_for(flight, sound, delay
     assert [text.split(" s old")[1] for text in flown.said("delayed")] == [
         " when they are stamped: that is allowed for (aids.beams.delay)"
     ] * (delay > 0.0)
-    assert "beams.delay" not in sound.status.values
 
 
 def test_directions_that_are_given_win(flight, sound):

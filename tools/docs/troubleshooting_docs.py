@@ -16,7 +16,8 @@ Three places report the state, in the same words: the log of the node, `~/status
 once) and `/diagnostics` (once a second: state, inputs, counters). In a recorded flight `replay` counts the same events.
 
 ```bash
-ros2 topic echo --full-length --qos-durability transient_local --qos-reliability reliable /pose_estimator/status
+ros2 topic echo --full-length --qos-durability transient_local --qos-reliability reliable /pose_estimator/status \\
+    diagnostic_msgs/msg/DiagnosticStatus
 ros2 topic echo /diagnostics        # or rqt_robot_monitor
 ```
 
@@ -158,11 +159,15 @@ _STATUS = (
         "noise.imu, noise.gnss",
         "noise identified in flight: deviations relative to those set (`imu.learn_noise`)",
     ),
-    ("noise.trials", "how many trials this rests on; old ones fade"),
     (
-        "gnss.error.*_sd, gnss.error.*_tau, gnss.error.*_white_sd",
-        "with `gnss.error_states`: deviation and correlation time of the receiver's lasting errors; its white noise",
+        "gnss.error.position_sd, gnss.error.position_tau, gnss.error.position_white_sd",
+        "with `gnss.error_states`: lasting error of positions (m, s), and the white noise beside it (m)",
     ),
+    (
+        "gnss.error.velocity_sd, gnss.error.velocity_tau, gnss.error.velocity_white_sd",
+        "the same of velocities (m/s, s, m/s)",
+    ),
+    ("noise.trials", "how many trials this rests on; old ones fade"),
     ("rangefinder.above_ground_m", "height above the ground that the rangefinder saw"),
     ("learner.flight_s, learner.trainings", "flight with GNSS that the learner remembers; trainings adopted"),
     (

@@ -186,7 +186,7 @@ def _check_parity(z, H, A, nominal, memory, verdict):
     c = _null_vector(H)
     which = _odd_one_out(z, A, nominal, c, GATE)
     if which < 0:
-        which = _odd_one_out(memory[:, _MEAN], A, _MEAN_SHARE * nominal, c, _MEAN_GATE)
+        which = _odd_one_out(memory[:, _MEAN].copy(), A, _MEAN_SHARE * nominal, c, _MEAN_GATE)
     if which >= 0:
         verdict[which] = PARITY
 

@@ -167,10 +167,8 @@ def _shear_all(P, F, constants, T, W):
     """``_propagate_by_shears`` with working space ``W`` (3, n)."""
     _add_noise(P, constants, 0.5 * T)
     _decay(P, F, 0.5 * T)
-    _shear(P, F, W, DVEL, 0.5 * T)
-    _shear(P, F, W, PHI, T)
-    _shear(P, F, W, DPOS, T)
-    _shear(P, F, W, DVEL, 0.5 * T)
+    for b, share in ((DVEL, 0.5), (PHI, 1.0), (DPOS, 1.0), (DVEL, 0.5)):  # a loop: to be compiled once, not four times
+        _shear(P, F, W, b, share * T)
     _decay(P, F, 0.5 * T)
     _add_noise(P, constants, 0.5 * T)
 

@@ -51,7 +51,8 @@ _FIRST_TRIALS = 3.0  # trials that the defaults are worth
 _LARGEST_RATIO = 4.0  # a single trial may be a gust or a glitch
 _COVARIANCE_PERIOD = 0.2  # s: the copy's covariance need not be as fine as the filter's
 _LEAST_VARIANCE = 1e-6  # (m/s)^2 of drift
-LARGEST_LASTING, LEAST_WHITE, LARGEST_WHITE = 12.0, 0.05, 20.0  # bounds of the factors of ``ErrorShares``
+LEAST_WHITE, LARGEST_WHITE = 0.05, 20.0  # factors of ``ErrorShares``
+FASTEST_POSITION, LARGEST_VELOCITY = 12.0, 1.5  # lasting: a velocity that may err at will tells nothing of the tilt
 _SHARE_GAIN = 0.01  # for each innovation
 _SHARE_MEMORY = 100.0  # innovations that their power is taken from
 _LARGEST_PRODUCT = 2.0  # of two innovations in parts of that power
@@ -61,10 +62,12 @@ _LARGEST_PRODUCT = 2.0  # of two innovations in parts of that power
 class ErrorShares:
     """How the error of one kind of GNSS observation is shared, as factors of the variances that are set.
 
-    ``lasting`` of the noise that drives what lasts, never below one; ``white`` of the noise of each observation. They
-    move apart along the lag-one autocorrelation of the horizontal innovations, which is zero in the end.
+    ``lasting`` of the noise that drives what lasts, from one to ``largest``; ``white`` of the noise of a single
+    observation. They move apart along the lag-one autocorrelation of the horizontal innovations, which is zero in the
+    end.
     """
 
+    largest: float  # lasting
     lasting: float = 1.0
     white: float = 1.0
     _last: tuple[float, float] | None = field(default=None, init=False)
@@ -75,21 +78,18 @@ class ErrorShares:
         """What comes next has nothing to do with what came last."""
         self._last = None
 
-    def note(self, innovations: Iterable[tuple[float, float]]) -> bool:
-        """Learn from ``innovations``, East and North, in order of time; True when a factor may have changed."""
-        changed = False
+    def note(self, innovations: Iterable[tuple[float, float]]) -> None:
+        """Learn from ``innovations``, East and North, in order of time."""
         for east, north in innovations:
             self._count = min(self._count + 1.0, _SHARE_MEMORY)
             self._power += (east * east + north * north - self._power) / self._count
             if self._last is not None and self._power > 0.0:
                 product = (east * self._last[0] + north * self._last[1]) / self._power
                 self._move(_SHARE_GAIN * min(max(product, -_LARGEST_PRODUCT), _LARGEST_PRODUCT))
-                changed = True
             self._last = (east, north)
-        return changed
 
     def _move(self, step: float) -> None:
-        self.lasting = min(max(self.lasting * math.exp(step), 1.0), LARGEST_LASTING)
+        self.lasting = min(max(self.lasting * math.exp(step), 1.0), self.largest)
         self.white = min(max(self.white * math.exp(-step), LEAST_WHITE), LARGEST_WHITE)
 
 
@@ -99,9 +99,18 @@ class NoiseIdentification:
     def __init__(self) -> None:
         self.imu_variance = self.gnss_variance = 1.0
         self.trials = 0
-        self.position, self.velocity = ErrorShares(), ErrorShares()
+        self.position, self.velocity = ErrorShares(FASTEST_POSITION), ErrorShares(LARGEST_VELOCITY)
         self._flying: Array | None = None  # the copy, a ``core.filter.memory``
         self._calls = 0  # since the trial began
+
+    @property
+    def error_shares(self) -> tuple[float, float, float, float]:
+        """Lasting and white factors of positions, then of velocities."""
+        return self.position.lasting, self.position.white, self.velocity.lasting, self.velocity.white
+
+    @error_shares.setter
+    def error_shares(self, shares: tuple[float, float, float, float]) -> None:
+        self.position.lasting, self.position.white, self.velocity.lasting, self.velocity.white = shares
 
     def interrupt(self) -> None:
         """What happens now is no evidence: GNSS is lost, the pose was reset, or the vehicle does not fly."""

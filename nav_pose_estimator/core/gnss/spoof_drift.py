@@ -14,6 +14,7 @@ _MARK_PERIOD = 5.0  # s between the differences that are kept
 _MARKS = 12  # ... which reach back a minute
 _SPEED = 0.5  # m/s: what velocities of honest receivers may be wrong by for long
 _LASTS = 2.0  # s of a drift, which single fixes that are far off are not
+_FLICKERS = 0.5  # s for which it may seem to stop meanwhile
 _REMEMBERED = 60.0  # s for which a position that has left its velocities is doubted after it has stopped to do so
 _CREDIBLE = 2.0  # deviations that cover where positions are and where velocities lead
 _NEARLY = 0.999  # of a square: below, the distance need not be taken exactly
@@ -28,6 +29,7 @@ class _State:
     travelled: tuple[float, float] = (0.0, 0.0)
     marks: tuple[Mark, ...] = ()
     leaving_since: float = math.inf  # s
+    last_leaving: float = -math.inf
     left: Mark | None = None  # what positions have left
     left_until: float = -math.inf  # s
     way: float = 0.0  # m from there
@@ -89,14 +91,15 @@ class WalkOff:
         here = (t, float(position_enu[0]) - x, float(position_enu[1]) - y)
         marks = s.marks if t - s.marks[-1][0] < _MARK_PERIOD else (*s.marks, here)[-_MARKS:]
         speed, then = _leaving(marks, here, scatter)
-        since = min(s.leaving_since, t) if then else math.inf
+        last = t if then else s.last_leaving
+        since = min(s.leaving_since, t) if then or t - last < _FLICKERS else math.inf
         left, until = s.left, s.left_until
         if then and t - since >= _LASTS:
             left, until = left or then, t + _REMEMBERED
         way = 0.0 if left is None else math.hypot(here[1] - left[1], here[2] - left[2])
         if left is not None and (way < scatter or t > until):
             left, way = None, 0.0
-        self.state = _State(t, v, (x, y), marks, since, left, until, way)
+        self.state = _State(t, v, (x, y), marks, since, last, left, until, way)
         return speed
 
 

@@ -153,7 +153,7 @@ class VelocityCheck:
         self._similarity.learn(step)
         if not self.fault and not self.suspect:
             self.late.stretch(step)
-        if agrees:
+        if agrees and step.dense:
             self._along += (step.way * step.said.conjugate()).real
             self._square += abs(step.said) ** 2
 

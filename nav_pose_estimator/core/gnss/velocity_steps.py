@@ -23,6 +23,7 @@ _STATED = 5.0  # m: of more than that a receiver only seldom means its drift
 _DRIFT = 0.8  # of a stated deviation a receiver may drift in a step
 _COVERS = 2.0  # deviations of fixes that scatter
 _SHORT = 0.5  # s: over a longer one an acceleration looks like scatter
+_DENSE = 1.2  # s: over a longer one the sum leaves out bends
 _FADING = 0.1  # share of the newest in the mean of the scatter
 _INFORMATIVE = 4.0  # floors: of a shorter step every hypothesis says the same
 
@@ -45,6 +46,8 @@ class Step:
     """Whether the velocity was the same to the last digit."""
     silent: tuple[bool, bool]
     """Whether East and North were zero to the last digit."""
+    dense: bool = True
+    """Whether velocities followed one another closely enough for their sum to be exact."""
 
     @property
     def weight(self) -> float:
@@ -137,8 +140,9 @@ class StepMaker:
         if seconds < _SHORTEST or (moved < _INFORMATIVE * floor and seconds < _LONGEST):
             return None
         turn = abs(step.velocity - step.first)
+        dense = step.longest <= _DENSE
         timing = (_TIMING + 0.5 * max(step.longest - _SHORT, 0.0)) * turn
-        return Step(step.begin, step.t, step.place, step.said, turn, floor, timing, step.all_same, step.silent)
+        return Step(step.begin, step.t, step.place, step.said, turn, floor, timing, step.all_same, step.silent, dense)
 
     def floor(self, seconds: float) -> float:
         """By which way and sum differ over so many seconds whatever the motion [m]."""

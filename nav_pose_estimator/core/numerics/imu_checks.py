@@ -36,14 +36,20 @@ def is_unremarkable(stamps, gyro, accel, last_ns, before, step_ns, bounds):
 
 @kernel
 def is_calm(rows, usual, bounds, dead):
-    """True for IMU rows (N, 7) in which no sensor is struck, clipped or silent for as long as ``dead`` [s].
+    """True for IMU rows (N, 7) in which nothing is struck or clipped, nor silent for as long as ``dead`` [s].
 
     Each row but the first continues the one before it. ``usual`` (6,) rates and forces; ``bounds``: how far away from
-    them rate and force are a blow, and the rate and force beyond which an axis that repeats itself is clipped. False
-    says nothing: the exact measure has to look.
+    them rate and force are a blow, and the rate and force beyond which an axis that repeats itself is clipped.
+    ``dead`` (2,): of a whole sensor, and of one axis. False says nothing: the exact measure has to look.
     """
     struck_rate, struck_force, clipped_rate, clipped_force = bounds
     silent_gyro = silent_accel = 0.0  # s since the first of equal values, its own step counted in
+    for column in range(1, 7):
+        silent = 0.0
+        for i in range(1, len(rows)):
+            silent = rows[i, 0] - rows[i - 1, 0] + (silent if rows[i, column] == rows[i - 1, column] else 0.0)
+            if silent >= 0.99 * dead[1]:
+                return False
     for i in range(1, len(rows)):
         step = rows[i, 0] - rows[i - 1, 0]
         same_gyro = same_accel = 0
@@ -64,7 +70,7 @@ def is_calm(rows, usual, bounds, dead):
             return False
         silent_gyro = step + (silent_gyro if same_gyro == 3 else 0.0)
         silent_accel = step + (silent_accel if same_accel == 3 else 0.0)
-        if max(silent_gyro, silent_accel) >= 0.99 * dead:
+        if max(silent_gyro, silent_accel) >= 0.99 * dead[0]:
             return False
     return True
 

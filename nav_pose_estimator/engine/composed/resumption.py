@@ -56,6 +56,7 @@ def state_of(run: FilterRun) -> SavedState | None:
         imu_variance=run.noise.imu_variance,
         gnss_variance=run.noise.gnss_variance,
         trials=run.noise.trials,
+        error_shares=run.noise.error_shares,
         compass_offset=magnetometer.offset,
         baro_offset=barometer.offset,
         gate_is_open=gate.open or gate.inactive,
@@ -80,7 +81,7 @@ def resumed(saved: SavedState, run: FilterRun, stamp_ns: int) -> FilterRun:
     warm, noise = WarmStart(saved, -gap, run.parameters), NoiseIdentification()
     if 0.0 < gap <= _NOISE_LIFE:
         noise.imu_variance, noise.gnss_variance = saved.imu_variance, saved.gnss_variance
-        noise.trials = saved.trials
+        noise.trials, noise.error_shares = saved.trials, saved.error_shares
     origin = run.origin if run.origin_is_fixed else saved.origin
     twin = FilterRun(run.parameters, run.journal, origin, run.gnss.reception.enabled, None, noise)
     twin.origin_is_fixed, twin.imu_physics = run.origin_is_fixed, run.imu_physics
@@ -89,6 +90,8 @@ def resumed(saved: SavedState, run: FilterRun, stamp_ns: int) -> FilterRun:
     if warm.is_fresh:
         _go_on(twin, saved)
         text = f"a state from {gap:.1f} s ago was found: origin and noise are kept"
+        if not saved.is_sound:
+            text += "; it was in doubt itself, so attitude and position are found again"
         run.journal.say(stamp_ns, "resume.begun", Level.INFO, text)
     elif gap > 0.0:
         kept = "origin and noise are kept" if gap <= _NOISE_LIFE else "its origin is kept, and nothing else"

@@ -21,6 +21,7 @@ _FASTEST = 400.0  # m/s
 _LARGEST_RATE, _LARGEST_FORCE = 1.0, 5.0  # rad/s, m/s^2: no IMU that flies has larger biases
 _FARTHEST = 1e7  # m
 _LARGEST_NOISE = 16.0
+_LEAST_SHARE, _LARGEST_SHARE = 0.01, 100.0
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,8 @@ class SavedState:
 
     ``unaided`` [s] since GNSS corrected the position last. ``correction_enu`` [m] and ``resets``: map against odom.
     ``compass_offset`` [rad] and ``baro_offset`` [m] as the sensors have learned them, NaN where they know none.
+    ``error_shares``: of GNSS positions, then velocities, how fast what lasts of an error moves and how much is white,
+    as factors (``core.filter.noise_identification``).
     ``is_sound``: attitude and position may be continued, not only origin and noise.
     """
 
@@ -46,6 +49,7 @@ class SavedState:
     imu_variance: float
     gnss_variance: float
     trials: int
+    error_shares: tuple[float, float, float, float]
     compass_offset: float
     baro_offset: float
     gate_is_open: bool
@@ -58,6 +62,7 @@ class SavedState:
     @classmethod
     def of(cls, arrays: Mapping[str, np.ndarray]) -> SavedState:
         """From what ``arrays`` gave. ``UserError`` where something is missing, or is beyond what a vehicle can do."""
+        arrays = {"error_shares": np.ones(4), **arrays}  # files of earlier versions do not have them
         values = {name: _value(name, arrays, like) for name, like in _FORM.items()}
         state = cls(**values)
         if not state._is_possible():
@@ -79,6 +84,7 @@ class SavedState:
             and is_within(self.correction_enu, _FARTHEST)
             and 0.0 <= self.unaided < math.inf
             and all(1.0 <= one <= _LARGEST_NOISE for one in (self.imu_variance, self.gnss_variance))
+            and all(_LEAST_SHARE <= one <= _LARGEST_SHARE for one in self.error_shares)
             and not any(map(math.isinf, offsets))
             and is_covariance(self.cov, BASE_STATES)
             and bool((self.cov.diagonal() > 0.0).all())
@@ -94,7 +100,7 @@ class SavedState:
 _FORM: dict[str, Any] = {
     **dict.fromkeys(("stamp_ns", "resets", "trials"), 0),
     **dict.fromkeys(("origin", "position", "velocity", "gyro_bias", "accel_bias", "correction_enu"), (0.0,) * 3),
-    "q_nb": (0.0,) * 4,
+    **dict.fromkeys(("q_nb", "error_shares"), (0.0,) * 4),
     "cov": np.zeros((BASE_STATES, BASE_STATES)),
     **dict.fromkeys(("unaided", "imu_variance", "gnss_variance", "compass_offset", "baro_offset"), 0.0),
     **dict.fromkeys(("gate_is_open", "is_sound"), False),

@@ -2,10 +2,11 @@
 
 What happened in the gap nobody has seen. So position and velocity come from the first fix, which must lie where the
 vehicle can have got to, and in an outage from the saved ones with what an unknown acceleration makes of them. Tilt is
-found anew. The heading is the saved one with what an unknown turn makes of it, or that of a magnetometer whose error
-was known; it is on trial like every heading that motion has not shown. Where neither is good enough, or the vehicle
-accelerates too hard to show a level, the alignment in motion finds everything; origin and noise stay. Of an old state
-the origin stays: the vehicle is the same, and so is its map.
+found anew: from a force that is level, else from one that GNSS explains by an acceleration. The heading is the saved
+one with what an unknown turn makes of it, or that of a magnetometer whose error was known, or what the hypotheses of
+the alignment in motion say so far; it is on trial like every heading that motion has not shown. Where nothing tells it,
+a vehicle in calm flight goes on without, for GNSS tells its position: the covariance says so, and the trial ends with
+the first motion. Of an old state the origin stays: the vehicle is the same, and so is its map.
 """
 
 from __future__ import annotations
@@ -42,11 +43,14 @@ _SAME_MAP = 100e3  # m from where an old state was saved: further off, its origi
 _LEVEL_TIME = 1.0  # s of IMU that give a level in motion ...
 _LEAST_LEVEL_TIME = 0.7  # ... and what is enough of it
 _PATIENCE = 2.0  # s that a fix may take to come before the start is without one
+_CALM = 0.2  # rad: off level by less, a vehicle can be flown on with an unknown heading ...
+_LONGEST_SILENCE = 2.2  # s: ... after so long without a better one
 _RETRY = 0.1  # s between two attempts
 _GIVEN_UP = 5.0  # s after which the alignment is left to find everything itself
 _FIELD_WINDOW = 0.15  # s of magnetometer that make a heading of a vehicle that may turn
 _LEAST_MOTION = 1.0  # s of GNSS before its heading hypotheses may be believed so far
-_WIDEST_HEADING = 0.7  # rad: beyond, the alignment in motion is quicker than the filter
+WIDEST_HEADING = 0.7
+"""rad: of a wider one the filter knows little."""
 _UNKNOWN_HEADING = math.pi / math.sqrt(3.0)  # rad: deviation of a heading that is anything
 
 
@@ -108,7 +112,7 @@ class WarmStart:
         """What the hypotheses of the alignment in motion say, as soon as the filter can go on with it."""
         if bank is None or bank.time - bank.began < _LEAST_MOTION:
             return None
-        if not bank.heading()[1] * math.sqrt(max(bank.nis, 1.0)) <= _WIDEST_HEADING:
+        if not bank.heading()[1] * math.sqrt(max(bank.nis, 1.0)) <= WIDEST_HEADING:
             return None
         nav, P = bank.merged()
         how = f"goes on after {bank.time - self._t:.1f} s, heading of the motion so far"
@@ -158,7 +162,12 @@ class WarmStart:
             found = self._inclined(there, aligner)
         else:
             found = self._levelled(there, rows, off_level, aligner)
-        if found is None or (found.yaw_sd > _WIDEST_HEADING and last_fix is None):
+        if found is None:
+            return None
+        # with fixes a heading that is anything bends the filter: it waits as long as it may, and takes it in calm only
+        patience = math.inf if off_level > _CALM else _LONGEST_SILENCE
+        silent = float(self._rows.rows[-1][IMU_T]) - self._begun
+        if found.yaw_sd > WIDEST_HEADING and last_fix is None and silent < patience:
             return None
         q, tilt_sd, yaw_sd, from_magnetometer = found
         nav, P = in_motion(q, tilt_sd, there, self._biases, self._rows.at(there.t), False)

@@ -92,7 +92,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "beam_velocity.delayed",
             "the velocities lag behind the acceleration: they are not stamped when they were valid",
-            "set aids.beams.delay to what the log line says; repeat until it no longer appears",
+            "set aids.beams.delay to what the log line says; with aids.beams.delay_sd 0 repeat until it is gone",
         ),
         Entry(
             "beam_velocity.unproven",
@@ -128,6 +128,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "let the driver send each beam once",
         ),
         Entry("beam_velocity.rejected.zero", "all velocities are exactly zero: no echo", "wait for bottom lock"),
+        Entry(
+            "beam_velocity.rejected.stamp",
+            "a message with the stamp of the one before it",
+            "let the driver stamp every measurement, and send it once",
+        ),
         Entry(
             "beam_velocity.rejected.stuck",
             "all velocities of a message repeat those of the messages before it to the last digit",

@@ -117,6 +117,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "find out whose fixes they are (base station, another vehicle); look for a frozen receiver or an IMU fault",
         ),
         Entry(
+            "gnss.delayed",
+            "IMU and GNSS velocity have shown by how much the stamps of GNSS are late",
+            "set gnss.delay to what the sentence says; then compare the clocks of receiver and IMU",
+        ),
+        Entry(
             "gnss.two_places",
             "every other fix is displaced by the same amount, as from two receivers",
             "let one receiver publish on the topic (ros2 topic info -v), or remap one of them",

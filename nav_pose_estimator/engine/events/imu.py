@@ -37,6 +37,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "let the driver send m/s^2 (REP-103): multiply by 9.80665",
         ),
         Entry(
+            "imu.implausible.exchanged",
+            "the gyroscope reads gravity and the accelerometer next to nothing: no alignment",
+            "let the driver fill angular_velocity with rad/s and linear_acceleration with m/s^2",
+        ),
+        Entry(
             "imu.implausible.no_gravity",
             "the mean specific force is about 0: no alignment",
             "use the driver's raw acceleration, not its linear one",

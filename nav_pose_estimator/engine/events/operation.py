@@ -53,6 +53,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("output.withheld.nan", "a solution was not finite and was not published", "please report it with a bag"),
     ),
     "A restart in flight": (
+        Entry("resume.none", "ros.state.file does not exist yet: there is nothing to continue from"),
         Entry(
             "resume.begun",
             "a saved state was found: origin, noise and, where possible, pose and biases continue from it",

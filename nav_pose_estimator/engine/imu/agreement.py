@@ -32,6 +32,8 @@ class MotionAgreement:
     """m/s by which velocities differ after a window in which they tell other motions; 0 unless that is proved."""
     share: float = field(default=0.0, init=False)
     """Of what varies in the force that the last window left unexplained."""
+    moves: bool = field(default=False, init=False)
+    """Whether the IMU moved in the last window."""
     only_imu_moves: bool = field(default=False, init=False)
     """Whether the IMU moved in the last window, and GNSS hardly, as ever since the start."""
     is_contradicted: bool = field(default=False, init=False)
@@ -54,9 +56,10 @@ class MotionAgreement:
         self.share = apart / moves if moves > 0.0 else 0.0
         self._has_agreed = self._has_agreed or (imu > 0.5 * _MOVES_AT_ALL and apart < _UNLIKE * moves)
         self.only_imu_moves = not self._has_agreed and imu > _MOVES and gnss < _RESTS * imu
+        self.moves = imu > _MOVES_AT_ALL
         unlike = imu > _MOVES and apart > _UNLIKE * moves
         self._unlike = self._unlike + 1 if unlike else 0
-        self._alike = self._alike + 1 if imu > _MOVES_AT_ALL and apart < _ALIKE * moves else 0
+        self._alike = self._alike + 1 if self.moves and apart < _ALIKE * moves else 0
         if self._unlike >= _PROOF:
             self.is_contradicted = True
         elif self._alike >= _TAKEN_BACK:

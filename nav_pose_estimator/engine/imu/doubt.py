@@ -13,6 +13,8 @@ from nav_pose_estimator.core.numerics.jit import COMPILED
 from nav_pose_estimator.engine.imu.rules import CLIPPED_FORCE, CLIPPED_RATE
 
 _DEAD = 0.2  # s without any change: no live sensor sends one value for so long
+_DEAD_AXIS = 0.5  # s without any change of one axis, while the others move: it is dead
+_OTHERS_FORCE, _OTHERS_RATE = 0.3, 0.05  # m/s^2, rad/s by which they do
 _STRUCK_FORCE, _STRUCK_RATE = 50.0, 10.0  # m/s^2, rad/s away from the last good second
 _USUAL_FORCE, _USUAL_RATE = 2.0, 0.2  # m/s^2, rad/s: what a vehicle does while a sensor is dead
 _BEYOND = 0.3  # of the range: how far a clipped value may have been beyond it
@@ -44,7 +46,7 @@ class DoubtMeter:
         if len(rows) < 3:
             return None
         values = rows[1:, at.IMU_GYRO :]
-        if COMPILED and self._usual is not None and is_calm(rows, self._usual, _BOUNDS, _DEAD):
+        if COMPILED and self._usual is not None and is_calm(rows, self._usual, _BOUNDS, (_DEAD, _DEAD_AXIS)):
             self._usual = values.mean(axis=0)
             return None
         step = np.diff(rows[:, at.IMU_T])
@@ -52,6 +54,8 @@ class DoubtMeter:
         usual = values.mean(axis=0) if self._usual is None else self._usual
         tilt = _led_astray(step, values[:, :3], same[:, :3], usual[:3], _STRUCK_RATE, _USUAL_RATE, CLIPPED_RATE)
         speed = _led_astray(step, values[:, 3:], same[:, 3:], usual[3:], _STRUCK_FORCE, _USUAL_FORCE, CLIPPED_FORCE)
+        tilt += _led_by_an_axis(step, values[:, :3], same[:, :3], usual[:3], _USUAL_RATE, _OTHERS_RATE)
+        speed += _led_by_an_axis(step, values[:, 3:], same[:, 3:], usual[3:], _USUAL_FORCE, _OTHERS_FORCE)
         if tilt < _LEAST_TILT and speed < _LEAST_SPEED:
             self._usual = values.mean(axis=0)
             return None
@@ -71,13 +75,32 @@ def _led_astray(
     away = np.sqrt(((values - usual) ** 2).sum(axis=1))
     total = float((step * away)[away > struck].sum())
     all_same = same.all(axis=1)
-    change = np.flatnonzero(~all_same)
+    run, lasts = _longest_run(step, all_same)
+    if lasts >= _DEAD:
+        total += lasts * max(moves, float(away[run].mean()))
+    clipped = same & (np.abs(values) > range_) & ~all_same[:, None]
+    total += _BEYOND * float((step[:, None] * np.abs(values))[clipped].sum())
+    return total if math.isfinite(total) else 0.0
+
+
+def _led_by_an_axis(
+    step: np.ndarray, values: np.ndarray, same: np.ndarray, usual: np.ndarray, moves: float, others_move: float
+) -> float:
+    """The same of single axes that repeat one value while the others move."""
+    total = 0.0
+    for axis in range(3):
+        run, lasts = _longest_run(step, same[:, axis])
+        others = np.delete(values[run], axis, axis=1)
+        if lasts >= _DEAD_AXIS and float(np.ptp(others, axis=0).min()) > others_move:
+            total += lasts * max(moves, abs(float(values[run, axis].mean() - usual[axis])))
+    return total if math.isfinite(total) else 0.0
+
+
+def _longest_run(step: np.ndarray, same: np.ndarray) -> tuple[slice, float]:
+    """Rows of the longest run of equal values (N,) with the first of them, and how long it lasts [s]."""
+    change = np.flatnonzero(~same)
     begin, end = np.append(0, change), np.append(change, len(step))
     ends_at = np.append(0.0, np.cumsum(step))
     lasts = ends_at[end] - ends_at[begin]
     longest = int(np.argmax(lasts))
-    if lasts[longest] >= _DEAD:
-        total += float(lasts[longest]) * max(moves, float(away[begin[longest] : end[longest]].mean()))
-    clipped = same & (np.abs(values) > range_) & ~all_same[:, None]
-    total += _BEYOND * float((step[:, None] * np.abs(values))[clipped].sum())
-    return total if math.isfinite(total) else 0.0
+    return slice(int(begin[longest]), int(end[longest])), float(lasts[longest])

@@ -13,6 +13,7 @@ from nav_pose_estimator.core.alignment import motion_story
 from nav_pose_estimator.core.alignment.motion_story import DEGREE
 from nav_pose_estimator.engine.imu.agreement import MotionAgreement
 from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
+from nav_pose_estimator.engine.imu.latency_witness import LatencyWitness
 from nav_pose_estimator.engine.imu.plausibility import Finding, G
 from nav_pose_estimator.engine.samples import Vector3
 
@@ -61,6 +62,7 @@ class MotionCheck:
         """By how much the squared misfit of velocities as received is below that of the corrected ones."""
         self.heading = HeadingWitness()
         self.agreement = MotionAgreement()
+        self.latency = LatencyWitness()
         self.forget_time()
 
     def forget_time(self) -> None:
@@ -128,6 +130,8 @@ class MotionCheck:
         impulses = self._as_they_are(known, gyro_bias)
         self.heading.compare(end - _WINDOW, impulses, forces)
         self.agreement.compare(impulses, forces)
+        if self.agreement.moves:
+            self.latency.compare(impulses, lambda shift: _forces(end, self._received, shift))
         squares = np.full(len(self._sums), self.misfit**2)
         if self.misfit > _SUSPICIOUS or self._blamed is not None:
             all_of_them = motion_story.fit(known, forces, self._gyros)
@@ -219,15 +223,19 @@ class MotionCheck:
         return ", and ".join(wrong)
 
 
-def _forces(end: int, velocities: Iterable[tuple[float, Vector3]]) -> np.ndarray | None:
-    """(S, 3) m/s: what GNSS says of the specific force in each second of the window; None where it says nothing."""
-    begin = float(end - _WINDOW)
+def _forces(end: float, velocities: Iterable[tuple[float, Vector3]], late: float = 0.0) -> np.ndarray | None:
+    """(S, 3) m/s: what GNSS says of the specific force in each second of the window; None where it says nothing.
+
+    ``late`` [s]: how much older the velocities are than their stamps.
+    """
+    end += late
+    begin = end - _WINDOW
     near = [(t, *v) for t, v in velocities if begin - _VELOCITY_GAP < t < end + _VELOCITY_GAP]
     if len(near) < 3 or near[0][0] > begin or near[-1][0] < end:
         return None
     if max(b[0] - a[0] for a, b in pairwise(near)) > _VELOCITY_GAP:
         return None
-    table, times = np.array(near), np.arange(begin, end + 1.0)
+    table, times = np.array(near), begin + np.arange(_WINDOW + 1.0)
     at_ends = np.column_stack([np.interp(times, table[:, 0], table[:, axis]) for axis in (1, 2, 3)])
     return at_ends[1:] - at_ends[:-1] + _GRAVITY
 

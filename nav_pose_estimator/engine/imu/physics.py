@@ -9,7 +9,6 @@ import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.imu import plausibility
-from nav_pose_estimator.engine.imu.agreement import MotionAgreement
 from nav_pose_estimator.engine.imu.doubt import Doubt, DoubtMeter
 from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
 from nav_pose_estimator.engine.imu.motion_check import MotionCheck
@@ -25,6 +24,8 @@ REACH = 1.3
 """s that hold them."""
 _WELL = 3  # s in a row without a finding, and with gravity in the mean force, that end one
 _LEAST, _MOST = 0.6 * plausibility.G, 1.6 * plausibility.G  # m/s^2: gravity is in it
+_STEADY_ACCELERATION = ("imu.implausible.no_gravity", "imu.implausible.in_g")
+"""Without gravity an acceleration of 1 m/s^2 looks like g in parts of itself; in g there is never less."""
 _TWO_IMUS_LAST = 30  # ... but a vehicle at rest hides a second IMU
 _BEARABLE = 5.0  # m/s^2 from sample to sample that the noise of an IMU in flight includes
 _UNRESOLVED = 0.1  # of vibration beyond that which sampling does not resolve: it aliases and rectifies
@@ -37,7 +38,8 @@ class ImuPhysics:
 
     def __init__(self) -> None:
         self._seconds: deque[ImuSecond] = deque(maxlen=plausibility.MEMORY)
-        self._motion = MotionCheck()
+        self.motion = MotionCheck()
+        """What IMU and GNSS tell of each other."""
         self._doubt = DoubtMeter()
         self._finding: Finding | None = None
         self._well = 0
@@ -48,7 +50,7 @@ class ImuPhysics:
     def forget_time(self) -> None:
         """The navigator starts again: forget samples, keep what they have proved."""
         self._seconds.clear()
-        self._motion.forget_time()
+        self.motion.forget_time()
         self.vibration_noise = 0.0
 
     @property
@@ -63,31 +65,22 @@ class ImuPhysics:
 
     def velocity(self, t: float, used: Vector3 | None, received: Vector3) -> None:
         """GNSS velocity ENU [m/s] valid at ``t`` [s], None where it is not used, and as it was ``received``."""
-        self._motion.velocity(t, used, received)
-
-    def fix(self, t: float, east: float, north: float) -> None:
-        """A GNSS position [m] from anywhere, valid at ``t`` [s]."""
-        self._motion.fix(t, east, north)
-
-    @property
-    def agreement(self) -> MotionAgreement:
-        """Whether GNSS and IMU tell the same motion."""
-        return self._motion.agreement
+        self.motion.velocity(t, used, received)
 
     @property
     def felt(self) -> bool:
         """Whether the IMU has lately felt the changes of velocity that GNSS tells."""
-        return self._motion.felt
+        return self.motion.felt
 
     @property
     def heading(self) -> HeadingWitness:
         """Whether the heading is the one in which GNSS velocity shows the forces."""
-        return self._motion.heading
+        return self.motion.heading
 
     @property
     def felt_as_received(self) -> float:
         """By how much the squared misfit of velocities as received is below that of the corrected ones."""
-        return self._motion.felt_as_received
+        return self.motion.felt_as_received
 
     def look(
         self, end: float, rows: np.ndarray, gyro_bias: np.ndarray | None, journal: Journal, stamp_ns: int
@@ -99,26 +92,32 @@ class ImuPhysics:
         """
         own = rows[rows[:, at.IMU_T].searchsorted(end - SECOND) :]
         with_one_more = rows[max(len(rows) - len(own) - 1, 0) :]
-        self._motion.second(round(end), with_one_more, np.zeros(3) if gyro_bias is None else gyro_bias)
+        self.motion.second(round(end), with_one_more, np.zeros(3) if gyro_bias is None else gyro_bias)
         doubt = self._doubt.measure(with_one_more)
         second = second_of(own, end)
         if second is None:
             return doubt
         self._seconds.append(second)
-        found = plausibility.find(list(self._seconds), gyro_bias is not None) or self._motion.finding
-        self._tell(found, _LEAST < second.gravity < _MOST, journal, stamp_ns)
+        found = plausibility.find(list(self._seconds), gyro_bias is not None) or self.motion.finding
+        self._tell(found, _LEAST < second.gravity < _MOST and self._lives(second), journal, stamp_ns)
         self._watch_vibration(second, journal, stamp_ns)
         return doubt
 
-    def _tell(self, found: Finding | None, has_gravity: bool, journal: Journal, stamp_ns: int) -> None:
+    def _lives(self, second: ImuSecond) -> bool:
+        """Whether an axis that was dead, if any was, changes again."""
+        return self._finding is None or self._finding.name != plausibility.DEAD_AXIS or all(second.spread)
+
+    def _tell(self, found: Finding | None, is_well: bool, journal: Journal, stamp_ns: int) -> None:
         before = self._finding
         if found is not None:
             self._well = 0
+            if before is not None and (before.name, found.name) == _STEADY_ACCELERATION:
+                return
             self._finding = found
             if before is None or before.name != found.name:
                 journal.say(stamp_ns, found.name, Level.ERROR, f"the IMU is not plausible: {found.sentence}")
             return
-        self._well = self._well + 1 if has_gravity else 0
+        self._well = self._well + 1 if is_well else 0
         if before is None:
             return
         if self._well >= (_TWO_IMUS_LAST if before.name == "imu.implausible.two_imus" else _WELL):
@@ -152,5 +151,5 @@ class ImuPhysics:
         return {
             "imu.vibration_m_s2": math.nan if last is None else last.vibration,
             "imu.mean_force_m_s2": math.nan if last is None else last.gravity,
-            "imu.motion_misfit": self._motion.misfit,
+            "imu.motion_misfit": self.motion.misfit,
         }

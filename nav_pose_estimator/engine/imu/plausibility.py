@@ -23,7 +23,10 @@ _AIRBORNE = 3  # s on its back that a start in the air may not begin with
 _SCALE = 0.15  # of g: accelerometers at rest are better than that
 _LARGE = 6.0 * G  # no vehicle here bears this for seconds
 _INTERLEAVED_OF, _INTERLEAVED = 8, 2  # s, and how many of them: in 3900 s of recorded flights not one
+_NEAR_G, _NO_FORCE = (8.5, 11.0), 2.0  # of what should be rad/s, and m/s^2
 _AXES = "xyz"
+DEAD_AXIS = "imu.implausible.dead_axis"
+"""Name of what ends only when every axis changes."""
 
 
 @dataclass(frozen=True)
@@ -61,12 +64,13 @@ def dead_axis(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
     last = seconds[-_CONSTANT:]
     if len(last) < _CONSTANT:
         return None
-    for name, first, moves in (("gyroscope", 0, 0.2), ("accelerometer", 3, 1.0)):
+    for name, first, moves in (("gyroscope", 0, 0.05), ("accelerometer", 3, 0.3)):
         for axis in range(3):
             others = {first, first + 1, first + 2} - {first + axis}
-            if not any(s.spread[first + axis] for s in last) and all(s.spread[k] > moves for s in last for k in others):
+            move = all(sum(s.spread[k] for s in last) > _CONSTANT * moves for k in others)
+            if move and not any(s.spread[first + axis] for s in last):
                 text = f"the {name}'s {_AXES[axis]} axis does not change while the others do: it is dead or not filled"
-                return Finding("imu.implausible.dead_axis", text)
+                return Finding(DEAD_AXIS, text)
     return None
 
 
@@ -105,10 +109,24 @@ def scale(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
     return None
 
 
+def exchanged(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
+    """The gyroscope reads gravity, and the accelerometer next to nothing."""
+    last = seconds[-agreed:]
+    if not all(_NEAR_G[0] < s.turn < _NEAR_G[1] and s.norm < _NO_FORCE for s in last):
+        return None
+    text = (
+        f"the gyroscope reads {last[-1].turn:.1f} and the accelerometer {last[-1].norm:.1f}: "
+        "angular_velocity and linear_acceleration are probably exchanged"
+    )
+    return Finding("imu.implausible.exchanged", text)
+
+
 def on_its_back(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
     """Gravity pulls towards the body's top, at rest or for seconds in the air."""
     still = all(s.vibration < 2.0 * _STILL_FORCE and s.turn < 2.0 * _STILL_TURN for s in seconds[-_AGREED:])
     last = seconds[-(_AGREED if still else _AIRBORNE) :]
+    if any(s.gravity < 0.5 * G for s in last):
+        return None
     if len(last) < (_AGREED if still else _AIRBORNE) or not all(s.force[2] < -0.7 * s.gravity for s in last):
         return None
     text = (
@@ -127,7 +145,7 @@ def two_imus(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
     return Finding("imu.implausible.two_imus", text)
 
 
-ALWAYS: tuple[Check, ...] = (absent, gravity_missing, scale, dead_axis, two_imus)
+ALWAYS: tuple[Check, ...] = (absent, exchanged, gravity_missing, scale, dead_axis, two_imus)
 """Checks that hold in every attitude and motion."""
 BEFORE_THE_START: tuple[Check, ...] = (*ALWAYS, on_its_back)
 """A vehicle in flight may be on its back; one that starts so is more likely mounted otherwise than told."""

@@ -19,10 +19,16 @@ MOST_ROWS = 8
 """Of one observation."""
 
 
-def constants(parameters: Parameters, shown: NoiseIdentification, vibration: float = 0.0) -> np.ndarray:
+def constants(
+    parameters: Parameters,
+    shown: NoiseIdentification,
+    vibration: float = 0.0,
+    lasting: lasting_error.LastingPosition | None = None,
+) -> np.ndarray:
     """The vector of filter constants (``core.filter.layout``).
 
-    ``shown``: noise that the flight has shown; ``vibration`` [m/s^2/sqrt(Hz)] adds to the accelerometer's.
+    ``shown``: noise that the flight has shown; ``vibration`` [m/s^2/sqrt(Hz)] adds to the accelerometer's; ``lasting``:
+    what the receiver states of its positions.
     How much the gyroscope's bias wanders is followed by ``bias_noise`` and not part of that.
     """
     noise = math.sqrt(shown.imu_variance)
@@ -40,7 +46,7 @@ def constants(parameters: Parameters, shown: NoiseIdentification, vibration: flo
         gap_rate_sd=navigator.gap_rate_sd,
         gap_accel_sd=navigator.gap_force_sd,
         point_sampled=imu.sampling == "point",
-        blocks=_blocks(parameters, shown),
+        blocks=_blocks(parameters, shown, lasting),
     )
 
 
@@ -67,7 +73,9 @@ def complete_start(start: Alignment, constants: np.ndarray, parameters: Paramete
     return nav, P
 
 
-def _blocks(parameters: Parameters, shown: NoiseIdentification) -> dict[Block, Wander]:
+def _blocks(
+    parameters: Parameters, shown: NoiseIdentification, lasting: lasting_error.LastingPosition | None
+) -> dict[Block, Wander]:
     """The optional states that are there from the start; gravity is a constant of the place."""
     chosen = (
         (parameters.navigator.gyro_matrix_states, GYRO_MATRIX, 1e-6),
@@ -75,7 +83,8 @@ def _blocks(parameters: Parameters, shown: NoiseIdentification) -> dict[Block, W
     )
     blocks = {block: Wander(walk=walk) for is_there, block, walk in chosen if is_there}
     if parameters.gnss.error_states:
-        blocks[GNSS_ERROR] = lasting_error.wander(parameters.gnss, shown)
+        variance = (lasting or lasting_error.LastingPosition(parameters.gnss)).variance
+        blocks[GNSS_ERROR] = lasting_error.wander(parameters.gnss, variance, shown)
     return blocks
 
 

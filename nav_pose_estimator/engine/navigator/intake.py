@@ -76,7 +76,7 @@ def _fix(run: FilterRun, sample: GnssFix) -> None:
         return
     sample = run.gnss.reception.believed(sample)
     r_m, r_n = radii(sample.lat)
-    run.imu_physics.fix(t, sample.lon * r_n * math.cos(sample.lat), sample.lat * r_m)
+    run.imu_physics.motion.fix(t, sample.lon * r_n * math.cos(sample.lat), sample.lat * r_m)
     if run.parameters.aids.declination_from_model:
         run.locate(sample)
     if run.timeline.running:

@@ -62,10 +62,12 @@ def _identify_noise(run: FilterRun, rests: bool) -> None:
         run.noise.interrupt()
         return
     changed = run.noise.note(whole.nav, whole.P, whole.constants, run.timeline.rows_since(whole.time - _ROWS))
-    if run.parameters.gnss.error_states:
-        gnss = run.gnss
+    gnss = run.gnss
+    if gnss.reception.lasting is not None:
+        gnss.reception.lasting.second()
         for shares, sensor in ((run.noise.position, gnss.position), (run.noise.velocity, gnss.velocity)):
-            changed |= shares.note(sensor.record.take())
+            shares.note(sensor.record.take())
+        changed = True
     if changed:
         run.renew_constants()
 
@@ -84,9 +86,12 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
     doubt = run.imu_physics.look(end, rows, bias, run.journal, stamp_ns)
     run.gnss.reception.velocities.felt(run.imu_physics.felt, run.imu_physics.felt_as_received, stamp_ns)
     if run.timeline.running and run.aiding.gnss_is_good(run.now):
-        agreement = run.imu_physics.agreement
+        motion = run.imu_physics.motion
+        agreement = motion.agreement
         contradicted, apart = agreement.is_contradicted, agreement.apart
-        run.gnss.position.elsewhere.other_motion.second(contradicted, apart, agreement.share, stamp_ns)
+        elsewhere = run.gnss.position.elsewhere
+        elsewhere.other_motion.second(contradicted, apart, agreement.share, stamp_ns)
+        elsewhere.latency.found(motion.latency.delay, run.parameters.gnss.delay, stamp_ns)
     if run.imu_physics.heading.error and run.timeline.running:
         _turn_heading(run, stamp_ns)
     if run.timeline.running and run.imu_physics.vibration_noise != shaken:

@@ -12,6 +12,7 @@ import numpy as np
 from nav_pose_estimator.core.alignment import motion_story
 from nav_pose_estimator.core.alignment.aligner import Aligner
 from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, FixNoise, KnownBiases
+from nav_pose_estimator.core.beams import delay
 from nav_pose_estimator.core.beams.judge import BeamJudge
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla, lla_to_enu
 from nav_pose_estimator.core.filter import bias_noise, measurements
@@ -219,6 +220,9 @@ def warm_up(constants: np.ndarray) -> None:
         correct(nav, P, constants, z, H, R)
     routine.warm_up(constants)
     BeamJudge().judge(z, H, P, np.ones(len(z)), True)  # of the beams, the last of them
+    delay.add_delay(np.zeros(4), z, H, nav)
+    delay.velocity_change(delay.no_past(), nav, P, 0.0, zero, True, 0)
+    delay.velocity_at(nav, zero)
     gated_height(nav, P, constants, 0.0, 1.0, 10.0, 100.0)
     still = np.zeros((motion_story.BINS, 3))
     motion_story.least_misfit([motion_story.Second(still, still)], np.ones((1, 3)), [np.zeros(3)], enough=1.0)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 
 from nav_pose_estimator.core.filter.kalman import horizontal_sd, predicted_horizontal_sd
+from nav_pose_estimator.core.filter.layout import PHI
+from nav_pose_estimator.engine.continuation.warm_start import WIDEST_HEADING
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.split_filter import MOTION
 from nav_pose_estimator.engine.solutions import Status
@@ -46,8 +48,16 @@ def status_of(run: FilterRun) -> Status:
         satellites=reception.satellites,
         counters=dict(run.journal.counters),
         values=values,
-        doubt=run.gnss.position.doubt(t) or run.imu_physics.vibration,
+        doubt=run.gnss.position.doubt(t) or run.imu_physics.vibration or _unknown_heading(run),
     )
+
+
+def _unknown_heading(run: FilterRun) -> str:
+    """That a restart in flight has lost the heading, one clause; empty where it has not."""
+    sd = math.sqrt(run.settled.P[PHI + 2, PHI + 2]) if run.timeline.running else 0.0
+    if sd <= WIDEST_HEADING:
+        return ""
+    return f"the heading is known to {math.degrees(sd):.0f} deg only, until the vehicle speeds up, brakes or turns"
 
 
 def _waiting_for(run: FilterRun) -> str:

@@ -101,10 +101,12 @@ class BeamVelocitySensor(Aid):
         if self._verification.reading is None:
             self._verify(o, f)
             return LEFT_OUT
-        arranged, change = self._arrangement.arrange(o.measured), self._delays.change(o.t, f, self._lever)
+        arranged, gnss_is_good = self._arrangement.arrange(o.measured), self._aiding.gnss_is_good(o.t)
+        change = self._delays.change(o.t, f, self._lever, gnss_is_good)
         z, H = self._rows(arranged, change, f)
-        judged = self.judge.judge(z, H, f.P, arranged.variances, arranged.are_beams)
-        verdicts, gnss_is_good = judged.verdict.tolist(), self._aiding.gnss_is_good(o.t)
+        nominal = arranged.variances + self._delays.variance
+        judged = self.judge.judge(z, H, f.P, nominal, arranged.are_beams)
+        verdicts = judged.verdict.tolist()
         if gnss_is_good:
             self._delays.add(z, H, f)
             self._compare(o, verdicts, f)

@@ -143,7 +143,7 @@ class _Plan:
         late = [o for o in wanted if o.end > recording.duration]
         if late:
             raise UserError(
-                f"the outage {late[0].start:g}:{late[0].length:g} ends after the bag ({recording.duration:.1f} s)"
+                f"the outage {late[0].start:g}:{late[0].length:g} ends after the recording ({recording.duration:.1f} s)"
             )
         return wanted
 

@@ -36,6 +36,9 @@ class StateKeeper:
             raise ParameterError(f"ros.state.file: there is no folder {self._path.parent}")
         if self._path.exists():
             self._read(self._path)
+        else:
+            text = f"there is no saved state yet ({self._path}): the navigator aligns as at every first start"
+            self._node.say("resume.none", Level.INFO, text)
 
     def _read(self, path: Path) -> None:
         try:

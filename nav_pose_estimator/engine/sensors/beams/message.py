@@ -26,6 +26,7 @@ FLAWS = {
     "direction": "the direction of beam {beam} is not a unit vector (its length is {length:.3g})",
     "duplicate": "beams {beam} and {other} have the same direction: two messages in one, or a wrong geometry",
     "zero": "all velocities are exactly zero: the sensor has no echo, or does not measure",
+    "stamp": "the message has the stamp of the one before it: its driver does not stamp every measurement",
     "stuck": "all velocities repeat to the last digit: the sensor is stuck, or its driver repeats messages",
 }
 """Why a message is not used, by the last word of its counter."""
@@ -63,16 +64,23 @@ class MessageReader:
     def __init__(self, given: Array) -> None:
         self._given = given
         self._sound = np.zeros((0, 3))  # directions of the last message that had any, checked
+        self._stamp_ns = 0  # of the last message
         self._last, self._repeats = b"", 0  # velocities of the last message, and how often they have been repeated
 
     def read(self, sample: BeamVelocitySample, floor: float) -> Beams | Flaw:
         """The beams of a message; ``floor`` [m^2/s^2]: the least variance."""
+        if sample.stamp_ns == self._stamp_ns:
+            return _flaw("stamp")
+        self._stamp_ns = sample.stamp_ns
+        return self._read(sample, floor)
+
+    def _read(self, sample: BeamVelocitySample, floor: float) -> Beams | Flaw:
         velocities = np.array(sample.velocities, float)
         directions = self._given if len(self._given) else np.asarray(sample.directions, float)
         flaw = self._flaw_of(directions, len(velocities))
         if flaw is not None:
             rest = None if len(self._given) else _with_directions(sample, velocities, directions)
-            return flaw if rest is None else self.read(rest, floor)
+            return flaw if rest is None else self._read(rest, floor)
         if not velocities.any():
             return _flaw("zero")
         numbers = velocities.tobytes()

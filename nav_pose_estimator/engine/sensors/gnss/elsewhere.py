@@ -8,6 +8,7 @@ from nav_pose_estimator.core.gnss.spoof_drift import WalkOff
 from nav_pose_estimator.core.gnss.two_places import TwoPlaces
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Observation
+from nav_pose_estimator.engine.sensors.gnss.latency import Latency
 from nav_pose_estimator.engine.sensors.gnss.other_motion import OtherMotion
 from nav_pose_estimator.engine.solutions import Level
 
@@ -17,23 +18,29 @@ class Elsewhere:
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
-        self.other_motion = OtherMotion(journal)
+        self.other_motion, self.latency = OtherMotion(journal), Latency(journal)
         self._walk_off, self._two_places = WalkOff(), TwoPlaces()
         self._drift = 0.0  # m/s
 
     @property
     def is_on(self) -> bool:
         """Whether any of them says so."""
-        return self.other_motion.is_on or self._walk_off.is_on or self._two_places.apart > 0.0
+        told = self.other_motion.is_on or self.latency.is_on or self._walk_off.is_on
+        return told or self._two_places.apart > 0.0
 
-    def least_sd(self) -> tuple[float, float, float]:
-        """Deviations of the position [m], horizontal and vertical, and of the horizontal velocity [m/s]."""
+    def least_sd(self, speed: float) -> tuple[float, float, float]:
+        """Deviations of the position [m], horizontal and vertical, and of the horizontal velocity [m/s].
+
+        Of a vehicle of this horizontal ``speed`` [m/s].
+        """
         far, fast = self.other_motion.least_sd()
-        return max(far, self._walk_off.least_sd, self._two_places.least_sd), far, fast
+        late = self.latency.least_sd(speed)
+        return max(far, late, self._walk_off.least_sd, self._two_places.least_sd), far, fast
 
     def reason(self) -> str:
         """Why the position is not to be believed as usual, a clause; empty if it is."""
-        return self._two_places.reason or self.other_motion.reason() or self._walk_off.reason
+        told = self._two_places.reason or self.other_motion.reason() or self.latency.reason()
+        return told or self._walk_off.reason
 
     def fix(self, east: float, north: float, stamp_ns: int) -> None:
         """A fix lies so far [m] from where the navigator expects it, whatever becomes of it."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.core.filter import bias_noise, measurements
-from nav_pose_estimator.core.filter.layout import ALT, DPOS
+from nav_pose_estimator.core.filter.layout import ALT, DPOS, VEL
 from nav_pose_estimator.core.gnss import height_reference
 from nav_pose_estimator.core.gnss.height_reference import HeightReference
 from nav_pose_estimator.core.gnss.reacquisition import Reacquisition, ReacquisitionSettings
@@ -24,7 +24,7 @@ from nav_pose_estimator.engine.samples import GnssFix, Vector3
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.gnss.elsewhere import Elsewhere
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
-from nav_pose_estimator.engine.sensors.gnss.lasting_error import whole_sd
+from nav_pose_estimator.engine.sensors.gnss.lasting_error import whole_variance
 from nav_pose_estimator.engine.sensors.gnss.lasting_jump import LastingJump
 from nav_pose_estimator.engine.sensors.gnss.pull import Pull
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
@@ -112,7 +112,7 @@ class GnssPositionSensor(Sensor):
         decision = self._ask_the_guard(o, f)
         if self.velocity.doubt.is_hopeless(o.t) and o.t - self._aiding.fix_used < self._despair_gap:
             self.despair = "GNSS was never away, yet velocities differ, and positions too"
-        (pulled, pull_speed), (far, high, fast) = self.pull.least_sd(), self.elsewhere.least_sd()
+        (pulled, pull_speed), (far, high, fast) = self.pull.least_sd(), self.elsewhere.least_sd(_speed(f))
         vertical = max(_EITHER * self.heights.span, high)
         if decision.use in (Use.GATED, Use.UNGATED) and not math.isnan(decision.reference):
             self.slow_height.note(o.t, -float(self.linearise(o, f)[0][2]))
@@ -149,7 +149,7 @@ class GnssPositionSensor(Sensor):
         R = self._accuracy.lasting(o, R, self.noise, self._journal)
         # what the guard remembers must be the receiver's alone: a filter gone astray would bend it
         fix = local(o.measured, reference, float(f.nav[ALT]), self.origin)
-        off, sd = [*z.tolist(), 0.0][:3], [*whole_sd(R, self.reception.lasting_variance), 0.0][:3]
+        off, sd = [*z.tolist(), 0.0][:3], [*np.sqrt(whole_variance(R, self.reception.lasting)).tolist(), 0.0][:3]
         self.pull.fix(o.t, (-off[0], -off[1]), o.stamp_ns)
         self.elsewhere.fix(off[0], off[1], o.stamp_ns)
         predicted = [place + difference for place, difference in zip(fix, off, strict=True)]
@@ -182,7 +182,7 @@ class GnssPositionSensor(Sensor):
         z, _, R = self.linearise(o, f)
         if len(z) < 3:
             return math.nan
-        own = R.diagonal() + self.reception.lasting_variance
+        own = whole_variance(R, self.reception.lasting)
         sigmas, variances = self.guard.settings.sigmas, own + f.P.diagonal()[DPOS : DPOS + 3]
         if np.any(np.abs(z[:2]) > sigmas * np.sqrt(variances[:2])):
             return self.heights.shift
@@ -247,6 +247,11 @@ class GnssPositionSensor(Sensor):
     def decide_return(self, accept: bool) -> bool:
         """The operator's decision about a held return, or a change that no force explains; False if neither waits."""
         return self.guard.decide(accept) or (accept and self.pull.dismiss())
+
+
+def _speed(f: FilterView) -> float:
+    """Over ground [m/s]."""
+    return math.hypot(f.nav[VEL], f.nav[VEL + 1])
 
 
 def local(

@@ -83,8 +83,9 @@ class Gnss:
             figures[f"nis.{sensor.kind.name}"] = sensor.record.mean
             figures[f"nis.{sensor.kind.name}.p99"] = sensor.record.p99
             figures[f"innovation.{sensor.kind.name}.lag_1"] = sensor.record.lag_one
-        if self._parameters.error_states:
-            figures |= lasting_error.figures(self._parameters, self.reception.shown)
+        lasting = self.reception.lasting
+        if lasting is not None:
+            figures |= lasting_error.figures(self._parameters, lasting.variance, self.reception.shown)
         figures["gnss.noise.position_factor"] = self.position.noise.factor
         figures["gnss.noise.velocity_factor"] = self.velocity.noise.factor
         figures["gnss.gate_radius_m"] = self.position.gate_radius

@@ -56,9 +56,7 @@ class GnssReception:
         """New thresholds and noises; the gate stays open or closed."""
         self.gate.settings = _gate_settings(parameters)
         self._parameters = parameters
-        lasts = lasting_error.position_sd(parameters) if parameters.error_states else np.zeros(3)
-        self.lasting_variance = lasts**2
-        """Of the error (3,) [m^2] that positions share for long, beside the noise that observations state."""
+        self.lasting = lasting_error.LastingPosition(parameters) if parameters.error_states else None
         position = np.array([parameters.position_sd] * 2 + [parameters.vertical_sd])
         velocity = np.array([parameters.velocity_sd] * 2 + [parameters.velocity_vertical_sd])
         self._position_floor, self._velocity_floor = (position**2).tolist(), (velocity**2).tolist()
@@ -102,7 +100,7 @@ class GnssReception:
             self.tell(sample.stamp_ns, notice)
         if not verdict.usable:
             late = verdict.reason == "gnss.rejected.age"
-            why = self._clocks(sample, t - now) if late else in_words(verdict.reason)
+            why = self._clocks(sample, t - now) if late else _why(verdict.reason, self.gate.settings)
             return self.refuse(sample.stamp_ns, verdict.reason, why)
         self._fix_times = tuple(sorted((*self._fix_times, t))[-_PERIOD_MEMORY:])
         self.fix_period = min(max(min((b - a for a, b in pairwise(self._fix_times)), default=1.0), 0.02), 5.0)
@@ -129,8 +127,9 @@ class GnssReception:
         """
         R = _floored(self._known(_horizontal(sample)), self._position_floor)
         shared = 1.0 + self._parameters.position_correlation / self.fix_period
-        if in_filter and self._parameters.error_states:
-            return self.shown.gnss_variance * lasting_error.white_position(R, shared, self._parameters, self.shown)
+        if in_filter and self.lasting is not None:
+            self.lasting.receive(R)
+            return self.shown.gnss_variance * lasting_error.white_position(R, shared, self.lasting.variance, self.shown)
         return R * self.shown.gnss_variance * shared
 
     def velocity_noise(self, sample: GnssVelocity, in_filter: bool = False) -> np.ndarray:
@@ -197,6 +196,16 @@ def _no_place(sample: GnssFix) -> str:
     if _HIGHEST < abs(sample.alt) < math.inf:
         return f"a height of {sample.alt:.4g} m is not a place on Earth: is it in mm?"
     return "the fix holds NaN or is not a place on Earth"
+
+
+def _why(reason: str, settings: GateSettings) -> str:
+    """Why the gate leaves a fix out, a clause."""
+    if reason == "gnss.rejected.satellites":
+        return f"too few satellites, {settings.min_satellites_enter} are needed"
+    if reason == "gnss.rejected.accuracy":
+        limits = f"{settings.max_horizontal_sd:.3g} m horizontal, {settings.max_vertical_sd:.3g} m vertical"
+        return f"{in_words(reason)}: {limits}"
+    return in_words(reason)
 
 
 def _horizontal(sample: GnssFix) -> np.ndarray | None:

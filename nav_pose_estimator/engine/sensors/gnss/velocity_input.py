@@ -42,6 +42,7 @@ class VelocityInput:
         self.way = 0j
         """Where velocities lead, East + i North [m], from anywhere."""
         self._before = (math.inf, 0j)
+        self._place = (math.nan, math.nan)  # deg, of the last fix
         self._learns = True
 
     def forget_time(self) -> None:
@@ -84,13 +85,14 @@ class VelocityInput:
         if not self._learns or self.position_fault or not self._check.fault:
             return
         if felt if self._check.stands_still else self._is_mended and as_received > _AS_RECEIVED:
-            self.position_fault = self._report.positions(self._check, stamp_ns)
+            self.position_fault = self._report.positions(self._check, self._place, stamp_ns)
 
     def fix(self, sample: GnssFix, t: float, sd: float) -> None:
         """A usable fix valid at ``t`` [s], horizontal deviation ``sd`` [m]: what velocities are compared with."""
         if not self._learns:
             return
         check, stamp_ns = self._check, sample.stamp_ns
+        self._place = math.degrees(sample.lat), math.degrees(sample.lon)
         check.fix(t, sample.lat, sample.lon, sample.alt, sd)
         is_withheld = self.doubted
         new = [is_withheld and not self._is_withheld]

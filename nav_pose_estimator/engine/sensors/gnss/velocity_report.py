@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from nav_pose_estimator.core.gnss.climb_check import DOWN, OTHER
 from nav_pose_estimator.core.gnss.climb_check import SILENT as UNFILLED
 from nav_pose_estimator.core.gnss.velocity_check import VelocityCheck
@@ -39,7 +41,9 @@ _POSITION_FAULTS = {
 """By the mistake of the velocity that would explain it as well."""
 
 
-_STAND_STILL = "they hardly move: latitude and longitude look like radians where degrees belong"
+_RADIANS = "they hardly move: latitude and longitude look like radians where degrees belong"
+_FROZEN = "they hardly move: the receiver is frozen, or its positions are not this vehicle's"
+_QUARTER, _HALF = math.radians(90.0), math.radians(180.0)
 
 
 class VelocityReport:
@@ -114,9 +118,14 @@ class VelocityReport:
         )
         self._journal.say(stamp_ns, "gnss.velocity.scale", Level.WARN, text, scale=scale)
 
-    def positions(self, check: VelocityCheck, stamp_ns: int) -> str:
-        """The IMU feels the velocity as it is received: what is wrong with positions; empty if no mistake fits."""
-        fault = _STAND_STILL if check.stands_still else _POSITION_FAULTS.get(check.name, "")
+    def positions(self, check: VelocityCheck, place: tuple[float, float], stamp_ns: int) -> str:
+        """The IMU feels the velocity as it is received: what is wrong with positions; empty if no mistake fits.
+
+        ``place``: latitude and longitude as they came [deg].
+        """
+        fault = _POSITION_FAULTS.get(check.name, "")
+        if check.stands_still:
+            fault = _RADIANS if abs(place[0]) <= _QUARTER and abs(place[1]) <= _HALF else _FROZEN
         if fault:
             text = f"GNSS positions not used: the IMU feels the velocity as it is received: {fault}"
             self._journal.say(stamp_ns, "gnss.position.axes", Level.ERROR, text)

@@ -18,7 +18,7 @@ from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, Obs
 from nav_pose_estimator.engine.sensors import barometer, magnetometer
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.barometer import Barometer
-from nav_pose_estimator.engine.sensors.gnss.lasting_error import whole_sd
+from nav_pose_estimator.engine.sensors.gnss.lasting_error import whole_variance
 from nav_pose_estimator.engine.sensors.gnss.position import CHANCE, GnssPositionSensor, local
 from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss
 from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor, rows_of
@@ -134,7 +134,7 @@ class RoutinePosition:
         sensor.slow_height.note(t, -z[2])
         sensor.elsewhere.fix(z[0], z[1], o.stamp_ns)
         place = local(o.measured, reference, math.nan, sensor.origin)
-        east, north, up = whole_sd(o.stated_R, sensor.reception.lasting_variance)
+        east, north, up = np.sqrt(whole_variance(o.stated_R, sensor.reception.lasting)).tolist()
         sd = max(east, north)
         own_sd = max(result[table.RESULT_SD : table.RESULT_SD + 2])
         sensor.gate_radius = sensor.guard.settings.sigmas * math.hypot(sd, own_sd)

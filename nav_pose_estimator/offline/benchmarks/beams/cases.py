@@ -62,6 +62,7 @@ class Case:
             "aids.beams.scale_sd": _DOUBTED * model.scale_sd,
             "aids.beams.lever": model.lever,
             "aids.beams.delay": model.latency,
+            "aids.beams.delay_sd": 0.0,
         }
         return update(change or Parameters(), values | dict(self.special))
 

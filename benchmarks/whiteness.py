@@ -1,0 +1,150 @@
+# ruff: noqa: E402
+"""What the innovations of GNSS look like, and whether sigma is honest, with and without states for its lasting errors.
+
+    python benchmarks/whiteness.py [BAG...] [--simulated 4] [--skip 30]
+
+For each recorded flight the autocorrelation of the innovations of position and velocity from one to the next (East,
+North, Up), their RMS and the normalised innovation squared (NIS) per row, over the flight from ``--skip`` seconds after
+the start, and the processor time. Simulated are laps of a quadrotor, as many seeds as ``--simulated`` says, with a
+receiver whose positions err by 1.5 m for 20, 60 and 180 s: against the truth RMS, normalised estimation error squared
+per axis (NEES) and share within 3 sigma of the horizontal error, every five seconds.
+"""
+
+import os
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[_name] = "1"  # before numpy is imported
+
+import argparse
+import time
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.engine.samples import Sample
+from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
+from nav_pose_estimator.engine.solutions import NavBlock, Output
+from nav_pose_estimator.offline.flights import latency
+from nav_pose_estimator.offline.flights.flight_window import flight_window
+from nav_pose_estimator.offline.flights.recording import load
+from nav_pose_estimator.sim.recording import Recording
+from nav_pose_estimator.sim.scenarios import find_scenario, generate
+from nav_pose_estimator.sim.sensors import Gnss
+
+OPTION = "gnss.error_states"
+TIMES = (20.0, 60.0, 180.0)  # s: correlation of the simulated errors
+SECONDS = 300.0
+
+
+class Watched(InnovationRecord):
+    """A record that keeps every innovation: (N, 3) with NaN where there is no height, and the NIS per row."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.all: list[list[float]] = []
+        self.nis: list[float] = []
+
+    def add(self, nis: float, z: Iterable[float] | np.ndarray, period: float) -> None:
+        """As in the record, and kept."""
+        row = [float(one) for one in z]
+        super().add(nis, row, period)
+        self.all.append([*row, np.nan][:3])
+        self.nis.append(nis / len(row))
+
+
+def fly(samples: Iterable[Sample], parameters: Parameters) -> tuple[list[Output], list[Watched], float]:
+    """Outputs, the records of position and velocity, and the processor time [s]."""
+    estimator = PoseEstimator(parameters, attitude=False)
+    gnss = estimator.sins.run.gnss
+    gnss.position.record, gnss.velocity.record = records = [Watched(), Watched()]
+    flight, begin = list(samples), time.process_time()
+    outputs = estimator.feed_all(flight)
+    return outputs, records, time.process_time() - begin
+
+
+def in_words(record: Watched, skip: int) -> str:
+    """Three cells: autocorrelation, RMS on each axis, mean NIS per row."""
+    z, nis = np.array(record.all[skip:]).reshape(-1, 3), np.array(record.nis[skip:])
+    if len(z) < 2:
+        return "- | - | -"
+    pairs = z[1:] * z[:-1]
+    lag = [np.nansum(pairs[:, axis]) / np.nansum(z[:, axis] ** 2) for axis in range(3)]
+    size = np.sqrt(np.nanmean(z**2, axis=0))
+    return f"{' '.join(f'{x:.2f}' for x in lag)} | {' '.join(f'{x:.2f}' for x in size)} | {np.mean(nis):.2f}"
+
+
+def recorded(bag: Path, skip: float) -> None:
+    recording = load(bag)
+    option = None if "gnss_latency_est_s" in recording.sidecar else latency.AUTO
+    parameters, _ = latency.choose(recording, Parameters(), option, None, flight_window(recording)[1])
+    for on in (False, True):
+        _, (position, velocity), seconds = fly(recording.samples, update(parameters, {OPTION: on}))
+        few = round(skip * len(position.all) / recording.duration)
+        name = f"{recording.name}, {'with' if on else 'without'}"
+        print(f"| {name} | {in_words(position, few)} | {in_words(velocity, few)} | {seconds:.1f} |", flush=True)
+
+
+def slow(tau: float, seed: int) -> Recording:
+    """Laps with a receiver whose error lasts for ``tau`` [s]."""
+    gnss = Gnss(position_sd=(1.5, 1.5, 2.5), position_tau=tau, position_noise=(0.2, 0.2, 0.3))
+    return generate(replace(find_scenario("laps"), gnss=gnss), SECONDS, seed, imu_rate=50.0)
+
+
+def against_truth(recording: Recording, outputs: list[Output], skip: float) -> tuple[np.ndarray, np.ndarray]:
+    """Squared horizontal error on each axis (N, 2) [m^2] and its variance, every five seconds."""
+    blocks = [one for one in outputs if isinstance(one, NavBlock)]
+    t = 1e-9 * (np.concatenate([one.stamps_ns for one in blocks]) - recording.start_ns)
+    rows = np.concatenate([one.rows for one in blocks])
+    at_time = np.searchsorted(t, np.arange(t[0] + skip, t[-1], 5.0))
+    rows, t, truth = rows[at_time], t[at_time], recording.truth
+    true = lla_to_enu(*(np.interp(t, truth.t, c) for c in (truth.lat, truth.lon, truth.alt)), *recording.origin)
+    error = (lla_to_enu(*rows[:, at.OUT_POS : at.OUT_VEL].T, *recording.origin) - true)[:, :2]
+    return error**2, rows[:, at.OUT_VAR + at.DPOS : at.OUT_VAR + at.DPOS + 2]
+
+
+def simulated(tau: float, seeds: int, skip: float) -> None:
+    for on in (False, True):
+        squares, variances, lags = [], [], []
+        for seed in range(seeds):
+            recording = slow(tau, seed)
+            outputs, (position, _), _ = fly(recording.samples(), update(Parameters(), {OPTION: on}))
+            square, variance = against_truth(recording, outputs, skip)
+            squares.append(square)
+            variances.append(variance)
+            lags.append(position.lag_one)
+        square, variance = np.concatenate(squares), np.concatenate(variances)
+        inside = np.mean(square.sum(axis=1) <= 9.0 * variance.sum(axis=1))
+        rms, sigma = (np.sqrt(one.sum(axis=1).mean()) for one in (square, variance))
+        print(
+            f"| {tau:g} s, {'with' if on else 'without'} | {np.median(lags):.2f} | {rms:.2f} | {sigma:.2f} "
+            f"| {np.mean(square / variance):.2f} | {inside:.0%} |",
+            flush=True,
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("bags", nargs="*", type=Path)
+    parser.add_argument("--simulated", type=int, default=0, metavar="SEEDS", help="flights for each correlation time")
+    parser.add_argument("--skip", type=float, default=30.0, help="seconds at the start that do not count")
+    arguments = parser.parse_args()
+    if arguments.bags:
+        print("| flight, states | position: lag 1 | RMS m | NIS | velocity: lag 1 | RMS m/s | NIS | CPU s |")
+        print("|---|---|---|---|---|---|---|---|")
+    for bag in arguments.bags:
+        recorded(bag, arguments.skip)
+    if arguments.simulated:
+        print("\n| error lasts, states | lag 1 | RMS m | sigma m | NEES | in 3 sigma |\n|---|---|---|---|---|---|")
+        for tau in TIMES:
+            simulated(tau, arguments.simulated, arguments.skip)
+
+
+if __name__ == "__main__":
+    main()

