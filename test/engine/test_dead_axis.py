@@ -99,5 +99,5 @@ def test_an_acceleration_without_gravity_is_not_taken_for_g() -> None:
         rows = second(k)
         rows[:, 6] -= 9.8 if k < 5 else 8.8
         physics.look(k + 1.0, rows, None, journal, 0)
-    assert "takes gravity away" in physics.refusal
+    assert "removes gravity" in physics.refusal
     assert not journal.counters["imu.implausible.in_g"]
