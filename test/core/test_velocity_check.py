@@ -71,8 +71,8 @@ def test_a_sum_over_sparse_velocities_says_nothing_of_clocks(period: float, dens
     """Between them the vehicle may have bent its way: no clock is to be blamed for that."""
     maker, steps = StepMaker(), []
     for k in range(30):
-        maker.velocity(k * period, complex(8.0, 0.0), 0.0)
-        steps.append(maker.fix(k * period, 0.8, 0.15 + k * period * 8.0 / (6.371e6 * math.cos(0.8)), 1.0))
+        east = 0.15 + k * period * 8.0 / (6.371e6 * math.cos(0.8))
+        steps.append(maker.fix(k * period, 0.8, east, 1.0, complex(8.0, 0.0)))
     found = [step for step in steps if step is not None]
     assert found
     assert all(step.dense is dense for step in found)
