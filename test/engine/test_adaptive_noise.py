@@ -82,16 +82,16 @@ def test_late_fixes_are_learned_from_once(noise: str):
 
 
 def test_a_fix_that_acts_before_the_velocity_of_its_epoch_is_learned_from_again():
-    """GIVEN a status asked after each sample, for which each observation acts at once THEN the noise is the same to a
-    thousandth, and the state to a millimetre: the doubts about velocities and heights are not replayed."""
+    """GIVEN a status asked after each sample, for which each observation acts at once THEN the noise is the same to two
+    thousandths, and the state to a millimetre: the doubts about velocities and heights are not replayed."""
     quiet, _ = flown("innovation_adaptive", until_57())
     asked = SinsEngine(parameters("innovation_adaptive"))
     for sample in until_57():
         asked.feed(sample)
         asked.status()
     one, other = asked.run.gnss, quiet.run.gnss
-    assert one.position.noise.factor == pytest.approx(other.position.noise.factor, rel=1e-3)
-    assert one.velocity.noise.factor == pytest.approx(other.velocity.noise.factor, rel=1e-3)
+    assert one.position.noise.factor == pytest.approx(other.position.noise.factor, rel=2e-3)
+    assert one.velocity.noise.factor == pytest.approx(other.velocity.noise.factor, rel=2e-3)
     np.testing.assert_allclose(asked.run.settled.nav, quiet.run.settled.nav, rtol=0.0, atol=1e-3)
 
 

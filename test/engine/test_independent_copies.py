@@ -63,7 +63,7 @@ def parts(root: Any) -> dict[int, Any]:
 def may_change(value: Any) -> bool:
     if isinstance(value, np.ndarray):
         return bool(value.flags.writeable)
-    if callable(value) and not hasattr(value, "__self__"):
+    if isinstance(value, tuple) or (callable(value) and not hasattr(value, "__self__")):
         return False
     return (
         isinstance(value, (list, dict, set, deque)) or hasattr(value, "__dict__") or hasattr(type(value), "__slots__")

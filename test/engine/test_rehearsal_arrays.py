@@ -35,7 +35,8 @@ def test_the_next_process_knows_what_the_rehearsals_have_shown() -> None:
     first, second = shown(), Rehearsals()
     take_over(second.state, arrays_of(first.state))
     assert second.scores() == first.scores()
-    assert second.spread == first.spread
+    assert second.spread() == first.spread()
+    assert second.spread(hovering=True) == first.spread(hovering=True)
     assert second.is_worse("coast", "anfis", 1.5)
 
 

@@ -201,7 +201,7 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "aids.beams.bias_sd": 0.05,
         "aids.beams.scale_sd": 0.05,
         "aids.beams.delay": 0.1,
-        "aids.beams.delay_sd": 0.0,
+        "aids.beams.delay_sd": 0.1,
         "aids.beams.lever": (0.3, 0.3, 0.3),
         "aids.beams.rpy": (0.03, 0.03, 0.03),
         "aids.beams.rpy_sd": 0.05,

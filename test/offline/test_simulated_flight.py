@@ -65,4 +65,4 @@ def test_no_outage_is_judged_that_begins_while_the_navigator_doubts_itself() -> 
     run_outages(simulated, methods.apply(Parameters(), methods.COAST), planned, ("coast",), result)
     (errors,) = result.errors["coast", 5.0]
     assert errors.status == "not_aided"
-    assert "shakes" in errors.why
+    assert "vibrates" in errors.why

@@ -75,5 +75,5 @@ def test_a_doubt_that_has_just_ended_is_still_named() -> None:
     for k in range(6):
         doubt.position(0.5 * k, 6.0)
     doubt.position(3.0, 1.0)
-    assert doubt.lately(6.5) == "until 4 s ago GNSS positions lie 6 sigma off for 2 s"
+    assert doubt.lately(6.5) == "until 4 s ago GNSS positions have been 6 sigma off for 2 s"
     assert doubt.lately(20.0) == ""

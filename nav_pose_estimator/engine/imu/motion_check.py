@@ -62,6 +62,8 @@ class MotionCheck:
         """By how much the squared misfit of velocities as received is below that of the corrected ones."""
         self.heading = HeadingWitness()
         self.agreement = MotionAgreement()
+        self.shakes = False
+        """Whether the IMU vibrates so heavily that its impulses say little of the motion."""
         self.latency = LatencyWitness()
         self.forget_time()
 
@@ -119,7 +121,7 @@ class MotionCheck:
             return
         felt = self._feel(known, received, gyro_bias)
         if forces is None:
-            if received is None and self._stays(end):
+            if received is None and not self.shakes and self._stays(end):
                 self.agreement.compare(self._as_they_are(known, gyro_bias), np.tile(_GRAVITY, (_WINDOW, 1)))
             return
         is_as_received = received is not None and np.array_equal(forces, received)
@@ -129,7 +131,8 @@ class MotionCheck:
             self.felt_as_received += self.misfit**2 - felt**2
         impulses = self._as_they_are(known, gyro_bias)
         self.heading.compare(end - _WINDOW, impulses, forces)
-        self.agreement.compare(impulses, forces)
+        if not self.shakes:
+            self.agreement.compare(impulses, forces)
         if self.agreement.moves:
             self.latency.compare(impulses, lambda shift: _forces(end, self._received, shift))
         squares = np.full(len(self._sums), self.misfit**2)

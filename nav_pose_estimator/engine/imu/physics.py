@@ -143,7 +143,7 @@ class ImuPhysics:
                 f"{second.gravity:.1f} m/s^2: expect errors of the vertical velocity; damp its mount"
             )
             journal.say(stamp_ns, "imu.vibration", Level.WARN, text, vibration=second.vibration)
-        self._shakes = shakes
+        self._shakes = self.motion.shakes = shakes
 
     def figures(self) -> dict[str, float]:
         """What the status shows, by names that begin with ``imu``."""

@@ -28,7 +28,7 @@ class BeamParameters:
     scale_sd: float = param(0.005, "", "Deviation of the common scale error before it is known", 0.0, 0.2)
     delay: float = param(0.0, "s", "Stamp minus time of validity of a beam velocity", -1.0, 1.0)
     delay_sd: float = param(
-        0.1, "s", "Deviation of that delay before it is known; 0: it is as given, else it is estimated", 0.0, 0.5
+        0.0, "s", "Deviation of that delay before it is known; 0: it is as given, else it is estimated", 0.0, 0.5
     )
     lever: tuple[float, ...] = param((0.0, 0.0, 0.0), "m", "From the IMU to the sensor, body frame", -50.0, 50.0)
     rpy: tuple[float, ...] = param(
