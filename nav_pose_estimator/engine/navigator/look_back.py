@@ -87,10 +87,8 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
     run.gnss.reception.velocities.felt(run.imu_physics.felt, run.imu_physics.felt_as_received, stamp_ns)
     if run.timeline.running and run.aiding.gnss_is_good(run.now):
         motion = run.imu_physics.motion
-        agreement = motion.agreement
-        contradicted, apart = agreement.is_contradicted, agreement.apart
-        elsewhere = run.gnss.position.elsewhere
-        elsewhere.other_motion.second(contradicted, apart, agreement.share, stamp_ns)
+        agreement, elsewhere = motion.agreement, run.gnss.position.elsewhere
+        elsewhere.other_motion.second(agreement.is_contradicted, agreement.apart, agreement.share, stamp_ns)
         elsewhere.latency.found(motion.latency.delay, run.parameters.gnss.delay, stamp_ns)
     if run.imu_physics.heading.error and run.timeline.running:
         _turn_heading(run, stamp_ns)

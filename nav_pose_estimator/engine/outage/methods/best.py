@@ -140,8 +140,10 @@ class Best(Anfis):
 
     def _is_vaguer(self, ways: dict[str, Guide], network: str, scores: RehearsalScores) -> bool:
         """Whether the usual drag is to be preferred: by rehearsals, or by what both state where these do not tell."""
-        if scores.is_worse(network, REGIMES, _WORSE) or scores.is_worse(REGIMES, network, _WORSE):
-            return scores.is_worse(network, REGIMES, _WORSE)
+        if scores.is_worse(network, REGIMES, _WORSE):
+            return True
+        if scores.is_worse(REGIMES, network, _WORSE):
+            return False
         return getattr(ways[REGIMES], "doubt", math.inf) < getattr(ways[network], "doubt", math.inf)
 
 
