@@ -27,6 +27,7 @@ def shown() -> Rehearsals:
         rehearsals.state.squares.append({"coast": 100.0 + i, **way})
         rehearsals.state.excess.append({"coast": -3.0, **way})
         rehearsals.state.surprises.append(0.5 + i)
+    rehearsals.state.hover_excess.extend([{"coast": 400.0}, {"coast": 100.0, "anfis": 50.0}])
     rehearsals.state.decisions = Decisions(50.0, 2.0)
     return rehearsals
 
@@ -36,8 +37,20 @@ def test_the_next_process_knows_what_the_rehearsals_have_shown() -> None:
     take_over(second.state, arrays_of(first.state))
     assert second.scores() == first.scores()
     assert second.spread() == first.spread()
-    assert second.spread(hovering=True) == first.spread(hovering=True)
+    assert second.spread(hovering=True) == first.spread(hovering=True) != {}
     assert second.is_worse("coast", "anfis", 1.5)
+
+
+@pytest.mark.parametrize(("travelled", "is_told"), [(0.0, True), (1e4, False)])
+def test_a_file_of_an_earlier_version_tells_who_hovered_where_all_did(travelled: float, is_told: bool) -> None:
+    """GIVEN a state without the rehearsals that hovered WHEN in all of them together the vehicle hardly moved THEN all
+    of them hovered; else nobody knows which did."""
+    arrays = {name: value for name, value in arrays_of(shown().state).items() if not name.startswith("hover")}
+    arrays["decisions"] = np.array([travelled, 0.0])
+    again = Rehearsals()
+    take_over(again.state, arrays)
+    assert again.spread(hovering=True) == (again.spread() if is_told else {})
+    assert again.spread() != {}
 
 
 SPOILED = {
@@ -46,6 +59,7 @@ SPOILED = {
     "negative": ("surprises", lambda values: -values),
     "unknown": ("surprises", lambda values: values * math.nan),
     "decisions": ("decisions", lambda values: values[:1]),
+    "hovering": ("hovering", lambda values: values - 1),
     "text": ("squares.anfis", lambda values: values.astype(str)),
 }
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from nav_pose_estimator.engine.composed.resumption import state_of
+from nav_pose_estimator.engine.navigator.filter_run import state_of
 from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import find_scenario, generate

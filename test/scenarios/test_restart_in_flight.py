@@ -10,8 +10,9 @@ import pytest
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
-from nav_pose_estimator.engine.composed.resumption import resume, state_of
+from nav_pose_estimator.engine.composed.resumption import resume
 from nav_pose_estimator.engine.continuation.saved_state import SavedState
+from nav_pose_estimator.engine.navigator.filter_run import state_of
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import MagSample, Sample, stamp_of

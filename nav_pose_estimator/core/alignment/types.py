@@ -75,6 +75,8 @@ class Alignment:
     """Whether the heading is what a navigator knew before a restart, or what a magnetometer told that it knew."""
     last_fix: float | None = None
     """When GNSS corrected the position last, where that is not by this start itself [s]."""
+    unseen: float = 0.0
+    """Seconds without IMU data before this start, where no fix has shown since where the vehicle went."""
     nis: float = 1.0
     """Mean NIS per degree of freedom of the heading hypothesis that won; 1 where there was none."""
 

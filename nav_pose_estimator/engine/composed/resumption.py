@@ -2,117 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
 
-from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
 from nav_pose_estimator.core.motion.wind import unseen
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.continuation.saved_state import SavedState
-from nav_pose_estimator.engine.continuation.warm_start import WarmStart
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.navigator.filter_run import FilterRun
+from nav_pose_estimator.engine.navigator.filter_run import FilterRun, resumed, state_of
 from nav_pose_estimator.engine.outage import rehearsal_arrays
 from nav_pose_estimator.engine.outage.learner import OutageLearner
 from nav_pose_estimator.engine.outage.model_file import check_bounds
 from nav_pose_estimator.engine.outage.rehearsals import Rehearsals
-from nav_pose_estimator.engine.samples import MagSample, PressureSample
-from nav_pose_estimator.engine.sensors.barometer import Barometer
-from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 from nav_pose_estimator.engine.solutions import Level
 from nav_pose_estimator.errors import UserError
 
 _MODEL, _REHEARSALS = "model.", "rehearsals."  # beginnings of the names of their arrays
-_SURE_HEADING = 0.35  # rad: a wider one is nothing to go on with
-_NOISE_LIFE = 3600.0  # s: by then batteries, payload or propellers may be others
-
-
-def state_of(run: FilterRun) -> SavedState | None:
-    """The present state of ``run``; None while the filter does not run."""
-    if not run.timeline.running or run.origin is None:
-        return None
-    whole, t = run.settled, run.now
-    east, north, up = run.timeline.shift.tolist()
-    nav, base = whole.nav, slice(at.BASE_STATES)
-    gate = run.gnss.reception.gate.state
-    magnetometer, barometer = run.aids[MagSample], run.aids[PressureSample]
-    assert isinstance(magnetometer, Magnetometer)
-    assert isinstance(barometer, Barometer)
-    return SavedState(
-        stamp_ns=run.clock.stamp(t),
-        origin=run.origin,
-        position=tuple(nav[at.LAT : at.VEL].tolist()),
-        velocity=tuple(nav[at.VEL : at.QUAT].tolist()),
-        q_nb=tuple(nav[at.QUAT : at.GYRO_BIAS].tolist()),
-        gyro_bias=tuple(nav[at.GYRO_BIAS : at.ACCEL_BIAS].tolist()),
-        accel_bias=tuple(nav[at.ACCEL_BIAS : at.ACCEL_BIAS + 3].tolist()),
-        cov=whole.P[base, base].copy(),
-        unaided=max(t - run.aiding.fix_used, 0.0),
-        correction_enu=(east, north, up),
-        resets=run.gnss.position.resets,
-        imu_variance=run.noise.imu_variance,
-        gnss_variance=run.noise.gnss_variance,
-        trials=run.noise.trials,
-        error_shares=run.noise.error_shares,
-        compass_offset=magnetometer.offset,
-        baro_offset=barometer.offset,
-        gate_is_open=gate.open or gate.inactive,
-        is_sound=_is_sound(run, t),
-    )
-
-
-def _is_sound(run: FilterRun, t: float) -> bool:
-    """Whether the next process may go on with attitude and position."""
-    doubts = (run.modes.distrust_reason, run.gnss.position.doubt(t), run.imu_physics.refusal, run.despair)
-    heading_sd = math.sqrt(run.settled.P[at.PHI + 2, at.PHI + 2])
-    return not any(doubts) and heading_sd < _SURE_HEADING  # one on trial is on trial again
-
-
-def resumed(saved: SavedState, run: FilterRun, stamp_ns: int) -> FilterRun:
-    """``run``, which has seen nothing yet, with the state ``saved`` taken over at its first IMU sample.
-
-    The origin goes on whatever its age: same vehicle, same map. The noise that was identified is that of IMU, receiver
-    and airframe, and no factor is below one: for an hour it is better than none. The rest ages within a minute.
-    """
-    gap = 1e-9 * (stamp_ns - saved.stamp_ns)
-    warm, noise = WarmStart(saved, -gap, run.parameters), NoiseIdentification()
-    if 0.0 < gap <= _NOISE_LIFE:
-        noise.imu_variance, noise.gnss_variance = saved.imu_variance, saved.gnss_variance
-        noise.trials, noise.error_shares = saved.trials, saved.error_shares
-    origin = run.origin if run.origin_is_fixed else saved.origin
-    twin = FilterRun(run.parameters, run.journal, origin, run.gnss.reception.enabled, None, noise)
-    twin.origin_is_fixed, twin.imu_physics = run.origin_is_fixed, run.imu_physics
-    twin.start_up.warm_start = warm
-    twin.gnss.position.resets = saved.resets + 1
-    if warm.is_fresh:
-        _go_on(twin, saved)
-        text = f"a state from {gap:.1f} s ago was found: origin and noise are kept"
-        if not saved.is_sound:
-            text += "; it was in doubt itself, so attitude and position are found again"
-        run.journal.say(stamp_ns, "resume.begun", Level.INFO, text)
-    elif gap > 0.0:
-        kept = "origin and noise are kept" if gap <= _NOISE_LIFE else "its origin is kept, and nothing else"
-        text = f"a state from {gap:.0f} s ago was found, too old to continue from: {kept}"
-        run.journal.say(stamp_ns, "resume.origin", Level.INFO, text)
-    else:
-        text = (
-            f"the saved state is {-gap:.1f} s younger than the IMU: another clock, or another run; its origin is kept"
-        )
-        run.journal.say(stamp_ns, "resume.origin", Level.WARN, text)
-    return twin
-
-
-def _go_on(twin: FilterRun, saved: SavedState) -> None:
-    """What only a state of less than a minute ago can tell."""
-    twin.timeline.shift = np.array(saved.correction_enu)
-    twin.gnss.reception.gate.state.open = saved.gate_is_open
-    for kind, offset in ((MagSample, saved.compass_offset), (PressureSample, saved.baro_offset)):
-        sensor = twin.aids[kind]
-        if isinstance(sensor, (Magnetometer, Barometer)) and math.isfinite(offset):
-            sensor.begin_with(offset)
 
 
 def arrays_of(estimator: PoseEstimator) -> dict[str, np.ndarray] | None:

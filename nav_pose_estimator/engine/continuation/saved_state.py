@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nav_pose_estimator.core.alignment.types import KnownBiases
 from nav_pose_estimator.core.filter.layout import BASE_STATES, D_ACCEL_BIAS, D_GYRO_BIAS
 from nav_pose_estimator.engine.number_checks import is_covariance, is_position, is_within
 from nav_pose_estimator.engine.samples import Vector3
@@ -21,6 +22,7 @@ _FASTEST = 400.0  # m/s
 _LARGEST_RATE, _LARGEST_FORCE = 1.0, 5.0  # rad/s, m/s^2: no IMU that flies has larger biases
 _FARTHEST = 1e7  # m
 _LARGEST_NOISE = 16.0
+_KNOWN_GYRO_SD = 0.01  # rad/s: a bias less certain than that tells no turn from rest
 _LEAST_SHARE, _LARGEST_SHARE = 0.01, 100.0
 
 
@@ -65,11 +67,13 @@ class SavedState:
         arrays = {"error_shares": np.ones(4), **arrays}  # files of earlier versions do not have them
         values = {name: _value(name, arrays, like) for name, like in _FORM.items()}
         state = cls(**values)
-        if not state._is_possible():
+        if not state.is_possible:
             raise UserError("its numbers are beyond what a vehicle can do")
         return state
 
-    def _is_possible(self) -> bool:
+    @property
+    def is_possible(self) -> bool:
+        """Whether a vehicle can be in this state: nothing in it is NaN or beyond all bounds."""
         offsets = (self.compass_offset, self.baro_offset)
         return (
             self.stamp_ns > 0
@@ -90,11 +94,17 @@ class SavedState:
             and bool((self.cov.diagonal() > 0.0).all())
         )
 
-    def bias_sd(self) -> tuple[float, float]:
-        """Deviation of the worst axis of gyroscope [rad/s] and accelerometer [m/s^2]."""
+    @property
+    def biases(self) -> KnownBiases:
+        """Those of the IMU, each twice as uncertain as they were."""
         variances = self.cov.diagonal()
-        gyro, accel = (math.sqrt(variances[i : i + 3].max()) for i in (D_GYRO_BIAS, D_ACCEL_BIAS))
-        return gyro, accel
+        gyro_sd, accel_sd = (2.0 * math.sqrt(variances[i : i + 3].max()) for i in (D_GYRO_BIAS, D_ACCEL_BIAS))
+        return KnownBiases(self.gyro_bias, self.accel_bias, gyro_sd, accel_sd)
+
+    @property
+    def known_biases(self) -> KnownBiases | None:
+        """``biases`` for an alignment that tells rest from a gentle turn by them; None where they are too uncertain."""
+        return self.biases if self.biases.gyro_sd <= _KNOWN_GYRO_SD else None
 
 
 _FORM: dict[str, Any] = {

@@ -1,8 +1,9 @@
-"""From a saved state to a first state of the filter: a restart in flight is an outage of IMU and GNSS together.
+"""From a saved state to a first state of the filter: over a restart in flight, and over a gap in the IMU data.
 
 What happened in the gap nobody has seen. So position and velocity come from the first fix, which must lie where the
-vehicle can have got to, and in an outage from the saved ones with what an unknown acceleration makes of them. Tilt is
-found anew: from a force that is level, else from one that GNSS explains by an acceleration. The heading is the saved
+vehicle can have got to, and in an outage from the saved ones with what an unknown acceleration and an unknown turn make
+of them. Tilt is found anew: from a force that is level, else from one that GNSS explains by an acceleration; in an
+outage from one that is not too far from level, with a deviation as large as its size allows. The heading is the saved
 one with what an unknown turn makes of it, or that of a magnetometer whose error was known, or what the hypotheses of
 the alignment in motion say so far; it is on trial like every heading that motion has not shown. Where nothing tells it,
 a vehicle in calm flight goes on without, for GNSS tells its position: the covariance says so, and the trial ends with
@@ -29,7 +30,7 @@ from nav_pose_estimator.core.alignment.levelling import (
     unlevel,
 )
 from nav_pose_estimator.core.alignment.recent_rows import RecentRows
-from nav_pose_estimator.core.alignment.types import Alignment, Fix, KnownBiases
+from nav_pose_estimator.core.alignment.types import Alignment, Fix
 from nav_pose_estimator.core.earth.ellipsoid import cos_latitude, radii, step_enu
 from nav_pose_estimator.core.filter.layout import DPOS, DVEL, IMU_T, PHI
 from nav_pose_estimator.core.numerics.rotation import euler_from_quat, quat_rotate
@@ -38,7 +39,8 @@ from nav_pose_estimator.engine.parameters import Parameters
 
 Array = NDArray[np.float64]
 
-LONGEST = 60.0  # s without IMU data over which its biases stay known
+LONGEST = 60.0
+"""s without IMU data over which a navigator goes on from its state."""
 _SAME_MAP = 100e3  # m from where an old state was saved: further off, its origin is of no use here
 _LEVEL_TIME = 1.0  # s of IMU that give a level in motion ...
 _LEAST_LEVEL_TIME = 0.7  # ... and what is enough of it
@@ -46,11 +48,13 @@ _PATIENCE = 2.0  # s that a fix may take to come before the start is without one
 _CALM = 0.2  # rad: off level by less, a vehicle can be flown on with an unknown heading ...
 _LONGEST_SILENCE = 2.2  # s: ... after so long without a better one
 _RETRY = 0.1  # s between two attempts
-_GIVEN_UP = 5.0  # s after which the alignment is left to find everything itself
+_GIVEN_UP = 5.0  # s after which an alignment with fixes is left to find everything itself
+_STEEPEST_UNAIDED = 0.8  # rad: off level by more, the first attitude of an outage is worth nothing
 _FIELD_WINDOW = 0.15  # s of magnetometer that make a heading of a vehicle that may turn
 _LEAST_MOTION = 1.0  # s of GNSS before its heading hypotheses may be believed so far
 WIDEST_HEADING = 0.7
 """rad: of a wider one the filter knows little."""
+_MOVED = slice(DVEL, DPOS + 3)
 _UNKNOWN_HEADING = math.pi / math.sqrt(3.0)  # rad: deviation of a heading that is anything
 
 
@@ -68,17 +72,18 @@ class WarmStart:
     """Sees what an alignment sees, from the first IMU sample on. Times are seconds since the engine's epoch."""
 
     saved: SavedState
+    is_own: bool
+    """Whether the navigator that goes on is the one that saved it: same process, same vehicle."""
 
-    def __init__(self, saved: SavedState, t: float, parameters: Parameters) -> None:
+    def __init__(self, saved: SavedState, t: float, parameters: Parameters, is_own: bool = False) -> None:
         """``t``: when ``saved`` was true."""
-        self.saved, self._t = saved, t
+        self.saved, self._t, self.is_own = saved, t, is_own
         self.is_fresh = 0.0 < -t <= LONGEST  # else old, or of another clock: how old nobody knows
         self._parameters = parameters
         self._rows = RecentRows()
         self._begun = math.inf
         self._tried = -math.inf  # the time of the last attempt
-        gyro_sd, accel_sd = saved.bias_sd()
-        self._biases = KnownBiases(saved.gyro_bias, saved.accel_bias, 2.0 * gyro_sd, 2.0 * accel_sd)
+        self._biases = saved.biases
 
     def imu(self, row: Array) -> None:
         """One IMU row (7,)."""
@@ -129,7 +134,8 @@ class WarmStart:
             return None
         else:
             there, last_fix = self._predicted(now), self._t - self.saved.unaided
-        if there.t - self._tried < _RETRY or now - self._begun > _GIVEN_UP:
+        patience = _GIVEN_UP if last_fix is None else LONGEST + self._t - self._begun
+        if there.t - self._tried < _RETRY or now - self._begun > patience:
             return None
         self._tried = there.t
         return self._first_state(there, aligner, last_fix)
@@ -142,26 +148,39 @@ class WarmStart:
         return replace(fix, velocity=predicted.velocity, velocity_sd=predicted.velocity_sd)
 
     def _predicted(self, t: float) -> Fix:
-        """Where the vehicle is if it has gone on as it was, and how far off an unknown acceleration may have led it."""
+        """Where the vehicle is if it has gone on as it was, and how far off that may be."""
         saved, gap = self.saved, t - self._t
-        limits, variances = self._parameters.gnss.reacquisition, saved.cov.diagonal()
-        push = self._parameters.navigator.gap_force_sd * gap
-        velocity_sd = np.minimum(np.hypot(np.sqrt(variances[DVEL : DVEL + 3]), push), limits.max_speed)
-        position_sd = np.sqrt(variances[DPOS : DPOS + 3] + (gap * velocity_sd) ** 2)
+        deviations = np.sqrt(self._moved(t).diagonal())
         (lat, lon, alt), (east, north, up) = saved.position, (gap * v for v in saved.velocity)
         r_m, r_n = radii(lat)
         place = (lat + north / (r_m + alt), lon + east / ((r_n + alt) * cos_latitude(lat)), alt + up)
-        return Fix(t, place, np.array(saved.velocity), position_sd, velocity_sd)
+        return Fix(t, place, np.array(saved.velocity), deviations[3:], deviations[:3])
+
+    def _moved(self, t: float) -> Array:
+        """Covariance (6, 6) of velocity and position, ENU, at ``t`` of a vehicle that may have done anything since.
+
+        An unknown acceleration changes the velocity, and an unknown turn takes its direction along, up to any direction
+        of the same speed. The position is as uncertain as if that had come at once, and of the covariance of both there
+        is as much as if it may have come at any time.
+        """
+        saved, gap, navigator = self.saved, t - self._t, self._parameters.navigator
+        fly_on = np.eye(6)
+        fly_on[3:, :3] = gap * np.eye(3)
+        turn = math.hypot(*saved.velocity[:2]) * min(navigator.gap_rate_sd * gap, 1.0)
+        push = navigator.gap_force_sd * gap
+        changed = np.minimum(np.hypot(push, [turn, turn, 0.0]), self._parameters.gnss.reacquisition.max_speed) ** 2
+        added = np.kron([[1.0, 0.5 * gap], [0.5 * gap, gap**2]], np.diag(changed))
+        return np.asarray(fly_on @ saved.cov[_MOVED, _MOVED] @ fly_on.T + added)
 
     def _first_state(self, there: Fix, aligner: Aligner, last_fix: float | None) -> Alignment | None:
         rows = self._rows.between(there.t - _LEVEL_TIME, there.t)
         if len(rows) < 3 or rows[0, IMU_T] > there.t - _LEAST_LEVEL_TIME:
             return None
         off_level = unlevel(rows, self._biases.accel)
-        if off_level > STEEPEST:
-            found = self._inclined(there, aligner)
+        if off_level <= (STEEPEST if last_fix is None else _STEEPEST_UNAIDED):
+            found: _Attitude | None = self._levelled(there, rows, off_level, aligner)
         else:
-            found = self._levelled(there, rows, off_level, aligner)
+            found = self._inclined(there, aligner)
         if found is None:
             return None
         # with fixes a heading that is anything bends the filter: it waits as long as it may, and takes it in calm only
@@ -172,10 +191,13 @@ class WarmStart:
         q, tilt_sd, yaw_sd, from_magnetometer = found
         nav, P = in_motion(q, tilt_sd, there, self._biases, self._rows.at(there.t), False)
         P[PHI + 2, PHI + 2] = min(yaw_sd, _UNKNOWN_HEADING) ** 2
+        unseen = 0.0
+        if last_fix is not None:
+            P[_MOVED, _MOVED], unseen = self._moved(there.t), there.t - self._t
         how = f"goes on after {there.t - self._t:.1f} s" + (
             ", heading of the magnetometer" if from_magnetometer else ""
         )
-        return Alignment(there.t, nav, P, how, True, from_magnetometer, continues=True, last_fix=last_fix)
+        return Alignment(there.t, nav, P, how, True, from_magnetometer, True, last_fix, unseen=unseen)
 
     def _levelled(self, there: Fix, rows: Array, off_level: float, aligner: Aligner) -> _Attitude:
         """The mean force is up, as far as ``off_level`` [rad]."""

@@ -1,4 +1,4 @@
-"""One run of the navigator's filter, from the first IMU sample to the next restart: all that a restart forgets.
+"""One run of the navigator's filter, from the first IMU sample to the next restart, and what is left to the next run.
 
 ``intake`` handles each sample that is not the IMU's; the IMU, which carries the filter on, is the business
 of ``SinsEngine``.
@@ -19,6 +19,8 @@ from nav_pose_estimator.core.filter.blocks import keep_blocks
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
 from nav_pose_estimator.core.numerics.deep_copy import deep_copy
 from nav_pose_estimator.core.numerics.jit import COMPILED
+from nav_pose_estimator.engine.continuation.saved_state import SavedState
+from nav_pose_estimator.engine.continuation.warm_start import LONGEST, WarmStart
 from nav_pose_estimator.engine.engine_clock import EngineClock
 from nav_pose_estimator.engine.imu.physics import ImuPhysics
 from nav_pose_estimator.engine.journal import Journal
@@ -29,13 +31,15 @@ from nav_pose_estimator.engine.navigator.split_filter import SplitFilter
 from nav_pose_estimator.engine.navigator.timeline import Timeline
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import GnssFix
+from nav_pose_estimator.engine.samples import GnssFix, MagSample, PressureSample
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.aids import AIDS
+from nav_pose_estimator.engine.sensors.barometer import Barometer
 from nav_pose_estimator.engine.sensors.fusion import Fusion
 from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss
 from nav_pose_estimator.engine.sensors.imu_doubt import ImuDoubt
 from nav_pose_estimator.engine.sensors.magnetic import declination
+from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 from nav_pose_estimator.engine.sensors.rest import Rest
 from nav_pose_estimator.engine.sensors.routine.kinds import kinds
 from nav_pose_estimator.engine.sensors.routine.routine import Routine
@@ -43,7 +47,8 @@ from nav_pose_estimator.engine.solutions import Level
 
 Origin = tuple[float, float, float]
 """Latitude, longitude [rad] and height [m] of the local frame."""
-_KNOWN_GYRO_SD = 0.01  # rad/s: a bias less certain than that tells no turn from rest
+_SURE_HEADING = 0.35  # rad: with fixes, a wider one is nothing to go on with
+_NOISE_LIFE = 3600.0  # s: by then batteries, payload or propellers may be others
 _LATE = "an observation arrived later than the filter's memory reaches; it is not used"
 
 
@@ -59,7 +64,7 @@ class FilterRun:
         known: KnownBiases | None = None,
         noise: NoiseIdentification | None = None,
     ) -> None:
-        """``origin``, ``use_gnss`` and, after a short gap, ``known`` biases and ``noise`` stay from the run before."""
+        """``origin``, ``use_gnss`` and, after a short time, ``known`` biases and ``noise`` stay from the run before."""
         self.parameters, self.journal, self.origin = parameters, journal, origin
         self.origin_is_fixed = parameters.origin.place() is not None  # by the operator: it is never given up
         self.clock = EngineClock()
@@ -92,6 +97,7 @@ class FilterRun:
         self.imu_despair = ""  # why the IMU cannot be one, where that has spoiled the filter
         self.second_due = -math.inf  # when to look back on the last second next
         self.past = Past()
+        self._began, self._unseen = math.inf, 0.0  # s: when the filter started, and ``Alignment.unseen`` then
 
     def copy(self, journal: Journal) -> FilterRun:
         """An independent copy that reports to ``journal``: of all there is, but parameters never change."""
@@ -139,18 +145,9 @@ class FilterRun:
         return self.timeline.filter
 
     @property
-    def known_biases(self) -> KnownBiases | None:
-        """What is known of the IMU's biases, by the filter or from the run before; None where that is little."""
-        if not self.timeline.running:
-            return self.start_up.known_biases
-        nav, variances = self.settled.nav, self.settled.P.diagonal()
-        gyro_sd, accel_sd = (
-            2.0 * math.sqrt(variances[start : start + 3].max()) for start in (at.D_GYRO_BIAS, at.D_ACCEL_BIAS)
-        )
-        if gyro_sd > _KNOWN_GYRO_SD:
-            return None
-        gyro, accel = (tuple(nav[start : start + 3].tolist()) for start in (at.GYRO_BIAS, at.ACCEL_BIAS))
-        return KnownBiases(gyro, accel, gyro_sd, accel_sd)
+    def unseen(self) -> float:
+        """Seconds of motion that nobody has seen since a fix corrected the position last; 0 where there are none."""
+        return self._unseen if self.aiding.fix_used <= self._began else 0.0
 
     # --- start -------------------------------------------------------------------------------------------------------
 
@@ -164,7 +161,7 @@ class FilterRun:
         """Start the filter as soon as attitude and position are known."""
         start, warm = self.start_up.result(), self.start_up.warm_start
         if start is not None and (why := self.start_up.contradiction(start)):
-            self.forget_saved(why)
+            self.forget_saved(why, warm is not None and warm.is_own)
             if warm is not None and warm.is_fresh:  # the alignment may rest on it
                 self.start_up = self.start_up.afresh(self.parameters)
                 return
@@ -177,10 +174,11 @@ class FilterRun:
         """Start the filter at a state with a position, not later than the last IMU sample."""
         nav, P = filter_setup.complete_start(start, self.timeline.filter.constants, self.parameters)
         place = tuple(nav[at.LAT : at.VEL].tolist())
+        self._began, self._unseen = float(nav[at.TIME]), start.unseen
         if start.last_fix is not None:
             self.gnss.go_on(start.last_fix, place)
         else:
-            self.gnss.begin(float(nav[at.TIME]), place)
+            self.gnss.begin(self._began, place)
         if self.origin is None:
             self.origin = place
         elif start_up.is_far(place, self.origin):
@@ -190,19 +188,20 @@ class FilterRun:
         self.timeline.start(nav, P, self.origin)
         if start.from_magnetometer or start.continues:
             attitude = nav[at.QUAT : at.GYRO_BIAS].copy()
-            self.trial = CarriedHeading(float(nav[at.TIME]), attitude, start.from_magnetometer)
+            self.trial = CarriedHeading(self._began, attitude, start.from_magnetometer)
             self.start_up.aligner.go_on_without_magnetometer()
         text = f"aligned ({start.method}), heading to {math.degrees(math.sqrt(P[at.PHI + 2, at.PHI + 2])):.1f} deg"
         self.journal.say(self.clock.stamp(now), "aligned", Level.INFO, text)
         self.update_mode(now)
 
-    def forget_saved(self, why: str) -> None:
-        """Nothing of the state before the restart is true of this vehicle."""
+    def forget_saved(self, why: str, is_own: bool) -> None:
+        """Nothing of the saved state is true of this vehicle, except what is ``is_own``: origin and noise."""
         text = f"the saved state is not used: {why}"
         self.journal.say(self.clock.stamp(self.now), "resume.refused.moved", Level.WARN, text)
-        if not self.origin_is_fixed:
+        if not (self.origin_is_fixed or is_own):
             self.origin = None
-        self.noise = self.gnss.reception.shown = NoiseIdentification()
+        if not is_own:
+            self.noise = self.gnss.reception.shown = NoiseIdentification()
         self.timeline.shift = np.zeros(3)
         self.renew_constants()
 
@@ -232,3 +231,106 @@ class FilterRun:
     def update_mode(self, t: float) -> None:
         """Bring the mode up to ``t``."""
         self.modes.update(t, self.aiding, self.gnss.reception.refusal, self.journal, self.clock.stamp)
+
+
+def state_of(run: FilterRun) -> SavedState | None:
+    """What ``run`` leaves to the next one: its present state, or where it has not started yet, the one it was left.
+
+    None where there is none.
+    """
+    if not run.timeline.running or run.origin is None:
+        warm = run.start_up.warm_start
+        return warm.saved if warm is not None and warm.is_fresh else None
+    whole, t = run.settled, run.now
+    east, north, up = run.timeline.shift.tolist()
+    nav, base = whole.nav, slice(at.BASE_STATES)
+    gate = run.gnss.reception.gate.state
+    magnetometer, barometer = run.aids[MagSample], run.aids[PressureSample]
+    assert isinstance(magnetometer, Magnetometer)
+    assert isinstance(barometer, Barometer)
+    return SavedState(
+        stamp_ns=run.clock.stamp(t),
+        origin=run.origin,
+        position=tuple(nav[at.LAT : at.VEL].tolist()),
+        velocity=tuple(nav[at.VEL : at.QUAT].tolist()),
+        q_nb=tuple(nav[at.QUAT : at.GYRO_BIAS].tolist()),
+        gyro_bias=tuple(nav[at.GYRO_BIAS : at.ACCEL_BIAS].tolist()),
+        accel_bias=tuple(nav[at.ACCEL_BIAS : at.ACCEL_BIAS + 3].tolist()),
+        cov=whole.P[base, base].copy(),
+        unaided=max(t - run.aiding.fix_used, 0.0),
+        correction_enu=(east, north, up),
+        resets=run.gnss.position.resets,
+        imu_variance=run.noise.imu_variance,
+        gnss_variance=run.noise.gnss_variance,
+        trials=run.noise.trials,
+        error_shares=run.noise.error_shares,
+        compass_offset=magnetometer.offset,
+        baro_offset=barometer.offset,
+        gate_is_open=gate.open or gate.inactive,
+        is_sound=_is_sound(run, t),
+    )
+
+
+def _is_sound(run: FilterRun, t: float) -> bool:
+    """Whether the next run may go on with attitude and position."""
+    if run.modes.distrust_reason or run.gnss.position.doubt(t) or run.imu_physics.refusal or run.despair:
+        return False
+    # where fixes come, an alignment finds a better heading; where none come, there is no other
+    heading_sd = math.sqrt(run.settled.P[at.PHI + 2, at.PHI + 2])
+    return heading_sd < _SURE_HEADING or not run.aiding.gnss_is_good(t)  # one on trial is on trial again
+
+
+def take_over(run: FilterRun, before: FilterRun) -> None:
+    """Let ``run`` know what ``before`` knew that does not age: whose the origin is, what IMU and receiver are."""
+    run.origin_is_fixed = before.origin_is_fixed
+    run.imu_physics = before.imu_physics
+    run.imu_physics.forget_time()
+    run.gnss.reception.velocities = before.gnss.reception.velocities
+    run.gnss.reception.velocities.forget_time()
+
+
+def resumed(saved: SavedState, before: FilterRun, stamp_ns: int, why: str = "") -> FilterRun:
+    """The run that begins at its first IMU sample, at ``stamp_ns``, with the state ``saved``, in place of ``before``.
+
+    ``why``: what has interrupted ``before``, which left ``saved``; empty in a new process, which has seen nothing yet.
+    The origin goes on whatever its age: same vehicle, same map. The noise that was identified is that of IMU, receiver
+    and airframe, and no factor is below one: for an hour it is better than none. The rest ages within a minute.
+    """
+    gap = 1e-9 * (stamp_ns - saved.stamp_ns)
+    warm, noise = WarmStart(saved, -gap, before.parameters, is_own=bool(why)), before.noise
+    noise.interrupt()
+    if not warm.is_own and 0.0 < gap <= _NOISE_LIFE:
+        noise.imu_variance, noise.gnss_variance = saved.imu_variance, saved.gnss_variance
+        noise.trials, noise.error_shares = saved.trials, saved.error_shares
+    origin = before.origin if before.origin_is_fixed else saved.origin
+    known = saved.known_biases if warm.is_fresh and saved.is_sound else None
+    twin = FilterRun(before.parameters, before.journal, origin, before.gnss.reception.enabled, known, noise)
+    take_over(twin, before)
+    twin.start_up.warm_start = warm
+    twin.gnss.position.resets = saved.resets + 1
+    if warm.is_fresh:
+        twin.timeline.shift = np.array(saved.correction_enu)
+        twin.gnss.reception.gate.state.open = saved.gate_is_open
+        for kind, offset in ((MagSample, saved.compass_offset), (PressureSample, saved.baro_offset)):
+            sensor = twin.aids[kind]
+            if isinstance(sensor, (Magnetometer, Barometer)) and math.isfinite(offset):
+                sensor.begin_with(offset)
+    before.journal.say(stamp_ns, *_resumption_said(saved, gap, why))
+    return twin
+
+
+def _resumption_said(saved: SavedState, gap: float, why: str) -> tuple[str, Level, str]:
+    """Name, level and text of the event with which the next run begins ``gap`` [s] after ``saved``."""
+    doubt = "" if saved.is_sound else "; it was in doubt itself, so attitude and position are found again"
+    if why:
+        text = f"{why}: the navigator goes on from its state of {gap:.1f} s ago{doubt}"
+        return "resume.begun", Level.WARN, text
+    if 0.0 < gap <= LONGEST:
+        text = f"a state from {gap:.1f} s ago was found: origin and noise are kept{doubt}"
+        return "resume.begun", Level.INFO, text
+    if gap > 0.0:
+        kept = "origin and noise are kept" if gap <= _NOISE_LIFE else "its origin is kept, and nothing else"
+        text = f"a state from {gap:.0f} s ago was found, too old to continue from: {kept}"
+        return "resume.origin", Level.INFO, text
+    text = f"the saved state is {-gap:.1f} s younger than the IMU: another clock, or another run; its origin is kept"
+    return "resume.origin", Level.WARN, text

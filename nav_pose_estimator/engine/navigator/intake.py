@@ -183,6 +183,10 @@ def _motion(run: FilterRun, sample: MotionEvidence) -> None:
         if any(aid.bounds_at(t) for aid in run.aids.values()):
             run.journal.count("outage.evidence.redundant")  # what was learned knows less than the sensor
             return
+        if run.unseen:
+            # it takes for granted that the velocity was known when the outage began, and the place
+            run.journal.count("outage.evidence.unseen")
+            return
         run.observe(Observation(t, sample.stamp_ns, MOTION, sample))
         run.aiding.bound_drift(t, MOTION.name)
         run.journal.count("outage.evidence")

@@ -16,7 +16,7 @@ from nav_pose_estimator.engine.imu.input import ImuInput
 from nav_pose_estimator.engine.imu.rules import GAP, RESTARTS
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import filter_setup, intake, start_up, stretch
-from nav_pose_estimator.engine.navigator.filter_run import FilterRun, Origin
+from nav_pose_estimator.engine.navigator.filter_run import FilterRun, Origin, resumed, state_of, take_over
 from nav_pose_estimator.engine.navigator.go_back import go_back
 from nav_pose_estimator.engine.navigator.status import status_of
 from nav_pose_estimator.engine.parameters import Parameters
@@ -115,7 +115,7 @@ class SinsEngine:
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
         """Forget the solution and align again. The local frame's origin stays."""
         self._input.reset()
-        _start_again(self, stamp_ns, reason)
+        self.run = _afresh(self, stamp_ns, reason)
         return list(self.journal.drain())
 
     def status(self) -> Status:
@@ -164,9 +164,7 @@ class SinsEngine:
             if isinstance(item, Event):
                 self.journal.add(item)
                 if item.name in RESTARTS and self.run.clock.running:
-                    # over a short gap the IMU stays as it is; a clock set back may be another flight
-                    short = item.name == GAP and item.data["gap_s"] < LONGEST
-                    _start_again(self, item.stamp_ns, item.text, self.run.known_biases if short else None)
+                    self.run = _after(self, item)
                 continue
             if self.resume is not None:
                 resume, self.resume = self.resume, None
@@ -183,28 +181,51 @@ class SinsEngine:
             done = int(stamps_ns.searchsorted(last, side="right"))
             stamps_ns, rows = stamps_ns[done:], rows[done:]
             clock = self.run.clock  # the rows that follow count from it
-            _start_again(self, last, self.run.despair)
+            # what the IMU or GNSS has spoiled is not gone on from
+            self.run = _afresh(self, last, self.run.despair)
             self.run.clock = clock
             ahead = stretch.carry(self.run, stamps_ns, rows) if len(rows) else []
             blocks = [*blocks, *ahead]
         return blocks
 
 
-def _start_again(engine: SinsEngine, stamp_ns: int, reason: str, known: KnownBiases | None = None) -> None:
-    """A filter that has seen nothing; counters, origin, declination and the operator's choice stay."""
+def _after(engine: SinsEngine, event: Event) -> FilterRun:
+    """The run after a gap or a new clock.
+
+    Over a gap nothing is wrong with what the filter knew, and it goes on from there. A clock set back may be another
+    flight.
+    """
+    if event.name != GAP:
+        return _afresh(engine, event.stamp_ns, event.text)
+    before, saved = engine.run, state_of(engine.run)
+    if saved is None or not saved.is_possible:
+        is_short = saved is None and event.data["gap_s"] < LONGEST
+        return _afresh(engine, event.stamp_ns, event.text, before.start_up.known_biases if is_short else None)
+    gap = (event.stamp_ns - saved.stamp_ns) * NS
+    if gap > LONGEST:
+        text = f"no IMU data for {gap:.0f} s, nobody knows where the vehicle is without GNSS"
+        return _afresh(engine, event.stamp_ns, text)
+    before.parameters = _parameters(engine)
+    return resumed(saved, before, event.stamp_ns, event.text)
+
+
+def _afresh(engine: SinsEngine, stamp_ns: int, reason: str, known: KnownBiases | None = None) -> FilterRun:
+    """A run that has seen nothing; counters, origin, declination and the operator's choice stay."""
     engine.journal.say(stamp_ns, "reset", Level.WARN, f"the navigator starts again: {reason}")
-    before, parameters = engine.run, engine.run.parameters
-    if parameters.aids.declination == engine.parameters.aids.declination:
-        parameters = engine.parameters  # a field model that said nothing (the clock was not set yet?) is asked again
+    before = engine.run
     noise = None if known is None else before.noise  # the same flight goes on
     forsaken = before.gnss.position.forsakes_origin and not before.origin_is_fixed
     origin = None if forsaken else before.origin
-    engine.run = FilterRun(parameters, engine.journal, origin, before.gnss.reception.enabled, known, noise)
-    engine.run.origin_is_fixed = before.origin_is_fixed
-    engine.run.imu_physics = before.imu_physics
-    engine.run.imu_physics.forget_time()
-    engine.run.gnss.reception.velocities = before.gnss.reception.velocities
-    engine.run.gnss.reception.velocities.forget_time()
+    run = FilterRun(_parameters(engine), engine.journal, origin, before.gnss.reception.enabled, known, noise)
+    take_over(run, before)
+    return run
+
+
+def _parameters(engine: SinsEngine) -> Parameters:
+    """Those of the next run."""
+    if engine.run.parameters.aids.declination == engine.parameters.aids.declination:
+        return engine.parameters  # a field model that said nothing (the clock was not set yet?) is asked again
+    return engine.run.parameters
 
 
 def _undeceived(run: FilterRun) -> FilterRun:

@@ -48,8 +48,15 @@ def status_of(run: FilterRun) -> Status:
         satellites=reception.satellites,
         counters=dict(run.journal.counters),
         values=values,
-        doubt=run.gnss.position.doubt(t) or run.imu_physics.vibration or _unknown_heading(run),
+        doubt=run.gnss.position.doubt(t) or run.imu_physics.vibration or _unseen(run) or _unknown_heading(run),
     )
+
+
+def _unseen(run: FilterRun) -> str:
+    """That the IMU was silent while GNSS was away, one clause; empty where it was not, or a fix has come since."""
+    if not run.unseen:
+        return ""
+    return f"nobody saw {run.unseen:.1f} s of the motion without GNSS: position and velocity are as vague as that"
 
 
 def _unknown_heading(run: FilterRun) -> str:

@@ -9,17 +9,21 @@ from dataclasses import astuple
 import numpy as np
 
 from nav_pose_estimator.core.motion.regimes import Decisions
-from nav_pose_estimator.engine.outage.rehearsals import RehearsalState
+from nav_pose_estimator.engine.outage.rehearsals import RehearsalState, hovered
 from nav_pose_estimator.errors import UserError
 
-_TABLES = ("squares", "excess")  # lists of way -> squared error [m^2]
+_TABLES = ("squares", "excess")  # lists of way -> squared error [m^2], a row for each rehearsal
+_HOVERING = "hover_excess"  # the same of those in which the vehicle hovered, which may reach further back
 _LARGEST = 1e12  # m^2: a thousand kilometres
+_MOST = 1000  # rehearsals that are remembered
+_DO_NOT_FIT = "its rehearsals do not fit together"
 
 
 def arrays_of(state: RehearsalState) -> dict[str, np.ndarray]:
-    """Row i of every array belongs to rehearsal i, NaN where a way was not flown."""
+    """Row i of a table belongs to rehearsal i, NaN where a way was not flown; hovering ones have rows of their own."""
     arrays = {"surprises": np.array(state.surprises, float), "decisions": np.array(astuple(state.decisions))}
-    for table in _TABLES:
+    arrays["hovering"] = np.array(len(state.hover_excess))
+    for table in (*_TABLES, _HOVERING):
         outcomes = getattr(state, table)
         for way in dict.fromkeys(way for outcome in outcomes for way in outcome):
             arrays[f"{table}.{way}"] = np.array([outcome.get(way, math.nan) for outcome in outcomes])
@@ -29,21 +33,35 @@ def arrays_of(state: RehearsalState) -> dict[str, np.ndarray]:
 def take_over(state: RehearsalState, arrays: Mapping[str, np.ndarray]) -> None:
     """Restore ``state`` from what ``arrays_of`` gave. ``UserError`` if it is invalid; then nothing is changed."""
     surprises, decisions = (np.asarray(arrays.get(name, ())) for name in ("surprises", "decisions"))
-    columns = {tuple(name.split(".", 1)): values for name, values in arrays.items() if "." in name}
-    tables = {}
-    for table in _TABLES:
-        ways = {way: values for (of, way), values in columns.items() if of == table}
-        if not all(_is_column(values, len(surprises)) for values in ways.values()):
-            raise UserError("its rehearsals do not fit together")
-        rows = ({way: float(values[i]) for way, values in ways.items()} for i in range(len(surprises)))
-        tables[table] = [{way: value for way, value in row.items() if not math.isnan(value)} for row in rows]
+    tables = {table: _rows(arrays, table, len(surprises)) for table in _TABLES}
     known = _is_column(surprises, len(surprises)) and not np.isnan(surprises).any() and bool((surprises >= 0.0).all())
     if not (known and decisions.shape == (2,) and np.isfinite(decisions).all() and bool((decisions >= 0.0).all())):
-        raise UserError("its rehearsals do not fit together")
+        raise UserError(_DO_NOT_FIT)
+    shown = Decisions(*decisions.tolist())
+    if "hovering" in arrays:
+        tables[_HOVERING] = _rows(arrays, _HOVERING, _count(np.asarray(arrays["hovering"])))
+    else:  # of an earlier version: all hovered, or nobody knows which
+        tables[_HOVERING] = tables["excess"] if hovered(shown) else []
     state.surprises.extend(surprises.tolist())
     for table, outcomes in tables.items():
         getattr(state, table).extend(outcomes)
-    state.decisions = Decisions(*decisions.tolist())
+    state.decisions = shown
+
+
+def _rows(arrays: Mapping[str, np.ndarray], table: str, count: int) -> list[dict[str, float]]:
+    """The ``count`` rows of ``table``, way -> value, without what is NaN."""
+    beginning = f"{table}."
+    ways = {name.removeprefix(beginning): values for name, values in arrays.items() if name.startswith(beginning)}
+    if not all(_is_column(values, count) for values in ways.values()):
+        raise UserError(_DO_NOT_FIT)
+    rows = ({way: float(values[i]) for way, values in ways.items()} for i in range(count))
+    return [{way: value for way, value in row.items() if not math.isnan(value)} for row in rows]
+
+
+def _count(array: np.ndarray) -> int:
+    if array.shape != () or array.dtype.kind != "i" or not 0 <= int(array) <= _MOST:
+        raise UserError(_DO_NOT_FIT)
+    return int(array)
 
 
 def _is_column(values: np.ndarray, count: int) -> bool:

@@ -107,7 +107,7 @@ class Rehearsal:
     tally: Decisions  # of what has been flown already
 
     def run(self) -> Outcome | None:
-        """Fly it and judge it; None where a copy had to align again, for which it lacks GNSS."""
+        """Fly it and judge it; None where a copy had to start again."""
         tally = self.tally
         for epoch in self.epochs:
             tally = _flown(self.contestants, epoch, tally)
@@ -118,7 +118,7 @@ class Rehearsal:
             east, north, _ = step_enu(self.truth[at.LAT : at.VEL], contestant.sins.run.settled.nav[at.LAT : at.VEL])
             squares[name] = float(east**2 + north**2)
             # what an earlier finding has added is no finding
-            added = 2.0 * contestant.spread_psd(_hovered(tally)) * _LENGTH_NS * 1e-9
+            added = 2.0 * contestant.spread_psd(hovered(tally)) * _LENGTH_NS * 1e-9
             excess[name] = squares[name] - max(self._stated(contestant) - added, 0.0)
         surprise = squares[COAST] / max(self._stated(self.contestants[COAST]), 1.0)
         return Outcome(squares, surprise, excess, tally)
@@ -287,7 +287,7 @@ class Rehearsals:
                 self.state.surprises.append(outcome.surprise)
                 self.state.squares.append(outcome.squares)
                 self.state.excess.append(outcome.excess)
-                if _hovered(outcome.decisions):
+                if hovered(outcome.decisions):
                     self.state.hover_excess.append(outcome.excess)
                 self.state.decisions = self.state.decisions + outcome.decisions
 
@@ -322,11 +322,12 @@ def _flown(contestants: Mapping[str, Contestant], epoch: Epoch, tally: Decisions
 
 
 def _has_restarted(contestants: Mapping[str, Contestant]) -> bool:
-    """A gap in the IMU data makes the copies align again, for which they lack GNSS."""
-    return any(one.sins.mode not in (*DENIED, Mode.AIDED) for one in contestants.values())
+    """A gap in the IMU data makes the copies start again, and what happened in it nobody has rehearsed."""
+    copies = [one.sins for one in contestants.values()]
+    return any(sins.run.unseen or sins.mode not in (*DENIED, Mode.AIDED) for sins in copies)
 
 
-def _hovered(decisions: Decisions) -> bool:
+def hovered(decisions: Decisions) -> bool:
     """Whether the vehicle of a rehearsal hovered, as far as the regimes were asked: slow on average."""
     return decisions.travelled < 0.5 * SLOW**2 * _LENGTH_NS * 1e-9
 
