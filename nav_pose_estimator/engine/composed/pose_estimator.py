@@ -33,7 +33,6 @@ from nav_pose_estimator.engine.samples import (
     ImuBlock,
     ImuSample,
     MagSample,
-    MotionEvidence,
     PressureSample,
     Sample,
     SatelliteCount,
@@ -269,8 +268,6 @@ def _helped(aid: OutageAid, sins: SinsEngine, solutions: list[Output]) -> list[O
             outputs.append(_told(sins, last_stamp(solution), wrong))
         for sample in samples:
             outputs += sins.feed(sample)
-            if isinstance(sample, MotionEvidence) and sample.air_velocity is not None:
-                sins.journal.count("outage.evidence.network")
         if drift is not None:
             outputs.append(drift)
     return outputs

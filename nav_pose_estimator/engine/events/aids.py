@@ -180,6 +180,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("outage.evidence", "what this flight has shown of the vehicle's motion was used"),
         Entry("outage.evidence.redundant", "what this flight has shown was not used, because the airspeed is better"),
+        Entry("outage.evidence.unseen", "of it only the usual speed was used, because of a gap in the IMU data before"),
         Entry("outage.evidence.network", "as outage.evidence, with the prediction of the network"),
         Entry(
             "outage.no_model", "GNSS is lost and anfis_node has no model yet", "fly longer with GNSS, or load a model"

@@ -4,7 +4,11 @@ from nav_pose_estimator.engine.events.entry import CLOCKS, SENSOR, Entry
 
 SECTIONS: dict[str, tuple[Entry, ...]] = {
     "IMU": (
-        Entry("imu.gap", "no IMU data for longer than imu.max_gap: aligning again", "find out why the IMU stopped"),
+        Entry(
+            "imu.gap",
+            "no IMU data for longer than imu.max_gap: the navigator continues from its last state, or aligns again",
+            "find out why the IMU stopped",
+        ),
         Entry(
             "imu.clock_jump", "the IMU's stamps went back: aligning again", "a looping bag does this; else " + CLOCKS
         ),

@@ -56,7 +56,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("resume.none", "ros.state.file does not exist yet: there is nothing to continue from"),
         Entry(
             "resume.begun",
-            "a saved state was found: origin, noise and, where possible, pose and biases continue from it",
+            "a saved state, or that before an IMU gap, continues: origin, noise and, where possible, pose and biases",
         ),
         Entry(
             "resume.refused.file", "the saved state cannot be read, or is not one", "nothing; the next one replaces it"
@@ -68,7 +68,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "resume.refused.moved", "GNSS is further away than the vehicle can have travelled since the state was saved"
         ),
         Entry("resume.model.refused", "the saved outage model is of another learner.method"),
-        Entry("resume.heading.wrong", "the heading from before the restart was far off; the navigator aligned again"),
+        Entry("resume.heading.wrong", "the heading from before the restart or IMU gap was far off; aligned again"),
         Entry("state.not_written", "the state could not be written", "check ros.state.file and its disk"),
     ),
     "The way back to the autopilot": (

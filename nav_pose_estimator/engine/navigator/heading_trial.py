@@ -1,4 +1,4 @@
-"""A heading that only a magnetometer, or the time before a restart, has told is on trial until motion confirms it.
+"""A heading that only a magnetometer, or the time before a gap, has told is on trial until motion confirms it.
 
 The navigator starts with it at once. The aligner goes on beside it, without the magnetometer: at the first motion its
 heading hypotheses follow GNSS, and the heading that wins is compared with the one on trial. One that is far off ends
@@ -85,7 +85,7 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
             assert isinstance(magnetometer, Magnetometer)
             magnetometer.condemn(stamp_ns, error)
         else:
-            text = f"the heading from before the restart was {math.degrees(abs(error)):.0f} deg off, as motion shows"
+            text = f"the heading that was carried over was {math.degrees(abs(error)):.0f} deg off, as motion shows"
             run.journal.say(stamp_ns, "resume.heading.wrong", Level.WARN, text, error_deg=math.degrees(error))
         _start_from(run, constants, start)
 

@@ -27,6 +27,7 @@ from nav_pose_estimator.engine.samples import (
     DifferentialPressure,
     GnssFix,
     GnssVelocity,
+    Hypothesis,
     MotionEvidence,
     NavigatorVelocity,
     PressureSample,
@@ -45,6 +46,7 @@ from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 from nav_pose_estimator.engine.sensors.sensor import Aid
 from nav_pose_estimator.engine.solutions import Level
 
+_CRUISE = 60.0  # s for which a wing may keep its velocity
 _UNEVENTFUL = frozenset((AttitudeSample, NavigatorVelocity, *(aid.sample for aid in AIDS if aid.kind.quiet)))
 """Samples that change neither mode nor GNSS unless an observation comes of them."""
 
@@ -184,12 +186,26 @@ def _motion(run: FilterRun, sample: MotionEvidence) -> None:
             run.journal.count("outage.evidence.redundant")  # what was learned knows less than the sensor
             return
         if run.unseen:
-            # it takes for granted that the velocity was known when the outage began, and the place
+            sample = _usual_speed(sample, run.parameters.gnss.reacquisition.max_speed)
             run.journal.count("outage.evidence.unseen")
-            return
         run.observe(Observation(t, sample.stamp_ns, MOTION, sample))
         run.aiding.bound_drift(t, MOTION.name)
         run.journal.count("outage.evidence")
+        if sample.air_velocity is not None:
+            run.journal.count("outage.evidence.network")
+
+
+def _usual_speed(evidence: MotionEvidence, max_speed: float) -> MotionEvidence:
+    """What holds of ``evidence`` where nobody saw a part of the outage: the vehicle is no faster than it can be.
+
+    All else takes for granted that velocity, heading and place were known when the outage began: a hover could not be
+    told from a steady flight, and rehearsals have shown how a state drifts that was known. Of a vehicle whose mean
+    velocity is not zero, a wing or a car, only ``max_speed`` [m/s] is known, at two deviations.
+    """
+    known = [one.velocity_var for one in evidence.hypotheses if one.velocity_var is not None]
+    variance, seconds = (max(known), evidence.correlation) if known else ((0.5 * max_speed) ** 2, _CRUISE)
+    usual = Hypothesis("travel", 1.0, variance, None, velocity_time=seconds)
+    return replace(evidence, air_velocity=None, hypotheses=(usual,), drift_variance=1.0)
 
 
 def _attitude(run: FilterRun, sample: AttitudeSample) -> None:

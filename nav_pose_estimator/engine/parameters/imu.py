@@ -42,7 +42,7 @@ class ImuParameters:
     )
     accel_bias_tau: float = param(300.0, "s", "Correlation time of the accelerometer bias", 1.0, 1e6)
     gap: float = param(0.06, "s", "A longer interval between samples counts as missing data", 0.001, 10.0)
-    max_gap: float = param(1.0, "s", "A longer gap in the IMU data restarts the alignment", 0.05, 60.0)
+    max_gap: float = param(1.0, "s", "After a longer gap the navigator continues from its last state", 0.05, 60.0)
     max_rate: float = param(70.0, "rad/s", "A larger angular rate is rejected as invalid", 1.0, 1000.0)
     max_force: float = param(400.0, "m/s^2", "A larger specific force is rejected as invalid", 20.0, 10000.0)
     stuck_time: float = param(
