@@ -294,13 +294,17 @@ def test_a_bag_without_imu_is_refused(tmp_path, capsys):
     assert "/gps/fix (sensor_msgs/msg/NavSatFix)" in capsys.readouterr().err
 
 
-def test_a_bag_that_never_aligns_still_gets_its_report(tmp_path, capsys):
+def test_a_bag_that_never_aligns_is_bad_input_and_still_gets_its_report(tmp_path, capsys):
     recording = load(_bag_of_imu_only(tmp_path))
     result = replay(recording, Parameters(), [])
     assert len(result.track) == 0
-    assert result.status.waiting_for
-    assert main(["replay", str(recording.path), "--out", str(tmp_path / "o")]) == 0
-    assert "waiting for" in capsys.readouterr().out
+    assert (waiting := result.status.waiting_for)
+    assert main(["replay", str(recording.path), "--out", str(tmp_path / "o")]) == 2
+    told = capsys.readouterr()
+    assert "waiting for" in told.out
+    assert told.err.splitlines()[-1] == f"replay: the navigator never aligned, the estimate is empty. {waiting}"
+    written = {path.name for path in (tmp_path / "o").iterdir()}
+    assert {"report.html", "summary.json", "trajectory.tum", "estimate.csv"} <= written
 
 
 def _bag_of_imu_only(tmp_path) -> Path:

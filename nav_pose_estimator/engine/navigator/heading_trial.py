@@ -80,6 +80,8 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
         return
     run.trial = None
     if abs(error) > _FAR_OFF:
+        for aid in run.aids.values():
+            aid.compare_anew()
         if trial.from_magnetometer:
             magnetometer = run.aids[MagSample]
             assert isinstance(magnetometer, Magnetometer)
@@ -116,12 +118,13 @@ def turn(run: FilterRun, witness: HeadingWitness, stamp_ns: int) -> None:
     run.timeline.restart(constants, *filter_setup.complete_start(bare, constants, run.parameters))
     run.gnss.position.resets += 1
     run.past.forget()
+    for aid in run.aids.values():
+        aid.compare_anew()
     magnetometer, error = run.aids[MagSample], -angle
     assert isinstance(magnetometer, Magnetometer)
     if run.trial is not None and run.trial.from_magnetometer:
         magnetometer.condemn(stamp_ns, error)
     else:
-        magnetometer.compare_anew()
         text = f"the heading was {math.degrees(abs(error)):.0f} deg off, as IMU and GNSS show: corrected"
         run.journal.say(stamp_ns, TURNED, Level.WARN, text, error_deg=math.degrees(error))
     run.trial = None

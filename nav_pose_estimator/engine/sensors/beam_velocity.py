@@ -50,16 +50,13 @@ class BeamVelocitySensor(Aid):
 
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
         super().__init__(parameters, aiding, journal)
-        beams = parameters.aids.beams
+        beams = self._beams = parameters.aids.beams
         given = given_directions(beams.directions)
         self._reader, self._verification = MessageReader(given), Verification(beams.sign, len(given) > 0)
         self._arrangement = Arrangement(rotation_from_rpy(beams.rpy))
-        self.judge, self._was_out = BeamJudge(), [False] * BEAMS
-        self._agreement, self._accusation = Agreement(), Accusation()
-        self._delays = DelayWatch()
-        self.compensator = COMPENSATORS[beams.compensation]()
-        self._last_used = -math.inf  # s
         self._said: set[str] = set()
+        self.compare_anew()
+        self._last_used = -math.inf  # s
         self._states = np.zeros(DVL.size)  # as last estimated
         self._fresh: tuple[np.ndarray, np.ndarray] | None = None  # of a decision, for the linearisation that follows it
 
@@ -71,6 +68,16 @@ class BeamVelocitySensor(Aid):
         self.first_sd = {DVL: (beams.bias_sd,) * BEAMS + (beams.scale_sd,) + (beams.rpy_sd,) * 3}
         if beams.delay_sd > 0.0:
             self.first_sd[DVL_DELAY] = beams.delay_sd
+
+    def compare_anew(self) -> None:
+        """Beams were judged, verified and timed by a velocity in wrong axes."""
+        super().compare_anew()
+        self.judge, self._was_out = BeamJudge(), [False] * BEAMS
+        self._agreement, self._accusation = Agreement(), Accusation()
+        self._delays = DelayWatch()
+        self.compensator = COMPENSATORS[self._beams.compensation]()
+        self._verification.compare_anew()
+        self._said.clear()
 
     # --- on arrival --------------------------------------------------------------------------------------------------
 

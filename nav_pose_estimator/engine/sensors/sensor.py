@@ -102,6 +102,11 @@ class Aid(Sensor):
         """Whether it measures the velocity at ``t`` [s] better than anything that was learned could tell it."""
         return False
 
+    def compare_anew(self) -> None:
+        """The navigator's heading was wrong: what was found out by comparison with it is worth nothing."""
+        self.noise = type(self.noise)()
+        self._noises.clear()
+
     def figures(self) -> dict[str, float]:
         """What it shows in the navigator's status, by names that begin with its family."""
         return {}

@@ -87,6 +87,8 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.rerun is not None:
             rerun_file.write_rerun(arguments.rerun, result)
     print(f"report: {printable(str(folder / REPORT))}")
+    if not len(result.track):
+        raise UserError(f"the navigator never aligned, the estimate is empty. {result.status.waiting_for}")
     return 0
 
 

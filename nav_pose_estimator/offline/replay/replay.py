@@ -22,8 +22,8 @@ STATE_PERIOD_NS = 1_000_000_000
 """Biases are noted once a second: the last IMU sample of a block is then fed by itself."""
 DRAWN = 18_000
 """Rows of a track from which on not every one is drawn: six minutes."""
-RESET = "reset"
-"""Event after which the navigator aligns again."""
+RESETS = frozenset(("reset", "resume.begun"))
+"""Events after which the navigator has to level again, at least, before there is a solution."""
 Progress = Callable[[int], None]
 
 
@@ -61,7 +61,7 @@ class Record:
         return BiasHistory(np.array(self.biases, float).reshape(-1, BiasHistory.COLUMNS))
 
     def _note_event(self, event: Event) -> None:
-        if event.name == RESET:  # until the next solution there is none: the mode before must not seem to last
+        if event.name in RESETS:  # until the next solution there is none: the mode before must not seem to last
             self._note_mode(event.stamp_ns, Mode.ALIGNING)
             self._reset_ns = event.stamp_ns
         if event.text:

@@ -38,6 +38,13 @@ class Verification:
         self._check = GeometryCheck(self._readings)
         self._guess = MountingGuess()
         self.reading: Reading | None = None
+        self._is_own = False  # whether that rests on the sensor's own 3-D velocity
+
+    def compare_anew(self) -> None:
+        """The navigator's velocity was in wrong axes: only a reading that rests on the sensor's own stays."""
+        self._guess = MountingGuess()
+        if not self._is_own:
+            self._check, self.reading = GeometryCheck(self._readings), None
 
     def add(self, beams: Beams, arrangement: Arrangement, navigator: tuple[Array, float] | None, sd: float) -> Said:
         """One message, with the ``navigator``'s velocity (3,) in b [m/s] and its deviation where that is known.
@@ -59,6 +66,7 @@ class Verification:
         self.reading = self._check.decide()
         if self.reading is not None:
             arrangement.settle(self.reading)
+            self._is_own = beams.velocity is not None
             self._guess = MountingGuess()
             return "beam_velocity.geometry", Level.INFO, self._verified(self.reading, arrangement.count, whose)
         return self._refused(whose) if self._check.refusals > refusals else None
