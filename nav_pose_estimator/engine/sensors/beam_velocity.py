@@ -128,7 +128,8 @@ class BeamVelocitySensor(Aid):
         rows = [Row(i, variances[i]) for i, verdict in enumerate(verdicts) if verdict == USED]
         gated = [i for i, verdict in enumerate(verdicts) if verdict == GATED]
         if self._accusation.add(o.t, 0 if gnss_is_good else len(gated)):
-            rows += self._accusing(gated, z, judged)
+            self._journal.count("beam_velocity.accusation")
+            rows += _accusing(gated, z, judged)
         elif self.compensator is not None:
             rows += self._compensated(self.compensator, o, z, judged)
         if not rows:
@@ -168,12 +169,6 @@ class BeamVelocitySensor(Aid):
             self._journal.say(o.stamp_ns, *said)
         elif self._agreement.is_proven and (late := self._delays.missing):
             self._say_once(o.stamp_ns, *words.delayed(self._delay + late, self._delays.sd))
-
-    def _accusing(self, gated: list[int], z: np.ndarray, judged: Judged) -> list[Row]:
-        """Beams that are refused together for long, without GNSS: the navigator follows them, at the gate's edge."""
-        self._journal.count("beam_velocity.accusation")
-        variance = judged.nominal + z**2 / GATE - judged.spread  # which makes their NIS that of the gate
-        return [Row(i, float(variance[i])) for i in gated]
 
     def _compensated(self, compensator: Compensator, o: Observation, z: np.ndarray, judged: Judged) -> list[Row]:
         """Without GNSS: beams that have been found faulty, less the error that is predicted for them."""
@@ -238,3 +233,9 @@ class BeamVelocitySensor(Aid):
             figures[f"beams.{i + 1}.noise_factor"] = float(self.judge.factors[i])
             figures[f"beams.{i + 1}.flag_rate"] = float(self.judge.flag_rates[i])
         return figures | ({} if self.compensator is None else self.compensator.figures())
+
+
+def _accusing(gated: list[int], z: np.ndarray, judged: Judged) -> list[Row]:
+    """Beams that are refused together for long, without GNSS: the navigator follows them, at the gate's edge."""
+    variance = judged.nominal + z**2 / GATE - judged.spread  # which makes their NIS that of the gate
+    return [Row(i, float(variance[i])) for i in gated]
