@@ -48,6 +48,7 @@ class Told:
     speed: np.ndarray
     correction: np.ndarray  # (N, 3) map -> odom
     resets: np.ndarray
+    variances: np.ndarray  # (N, 3) ENU [m^2]
 
     @property
     def off(self) -> np.ndarray:
@@ -148,4 +149,5 @@ def _told(estimator: PoseEstimator, recording: Recording, events: list, pages: _
         np.linalg.norm(rows[:, at.OUT_VEL : at.OUT_QUAT], axis=1),
         np.concatenate(pages.correction) if pages.correction else np.empty((0, 3)),
         np.concatenate(pages.resets) if pages.resets else np.empty(0),
+        rows[:, at.OUT_VAR + at.DPOS : at.OUT_VAR + at.DPOS + 3],
     )

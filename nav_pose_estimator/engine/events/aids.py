@@ -58,6 +58,12 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "look for a blocked port, or one that the propellers blow on",
         ),
         Entry("baro.contradicts.ended", "barometer and GNSS heights agree again"),
+        Entry(
+            "baro.frozen",
+            "the barometer repeats one value exactly, for longer than it has done before; it is not used",
+            "restart the sensor or its driver; does the driver send old values again?",
+        ),
+        Entry("baro.frozen.ended", "the barometer's values change again"),
         Entry("baro.rejected.value", "a pressure outside the atmospheric range", "check the unit: pascal, not hPa"),
         Entry(
             "depth.rejected.value",

@@ -122,6 +122,12 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "set gnss.delay to what the sentence says; then compare the clocks of receiver and IMU",
         ),
         Entry(
+            "gnss.rounded",
+            "all positions lie on a coarse grid; they are used with that error, which sigma covers",
+            "let the driver print latitude and longitude with seven decimals; no single precision",
+        ),
+        Entry("gnss.rounded.ended", "positions have more digits than that"),
+        Entry(
             "gnss.two_places",
             "every other fix is displaced by the same amount, as from two receivers",
             "let one receiver publish on the topic (ros2 topic info -v), or remap one of them",

@@ -20,6 +20,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "imu.saturated.gyroscope", "the gyroscope is at the limit of its range", "choose a wider range, fly gently"
         ),
         Entry("imu.saturated.accelerometer", "the accelerometer is at the limit of its range", "as for the gyroscope"),
+        Entry(
+            "imu.clips",
+            "an axis repeats the largest value of the flight: it is at the end of its range, whatever that is",
+            "choose a wider range (docs of the driver); sigma covers what may be lost",
+        ),
         Entry("imu.saturated.ended", "the IMU is within its range again"),
         Entry(
             "imu.rejected.absent",
@@ -80,7 +85,8 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("imu.implausible.ended", "the IMU is plausible again: the navigator aligns"),
         Entry("imu.vibration", "the IMU vibrates heavily: expect errors of the vertical velocity", "damp its mount"),
         Entry(
-            "imu_doubt.used", "the IMU was stuck, clipped or struck while GNSS was away: sigma is larger from then on"
+            "imu_doubt.used",
+            "the IMU was stuck or struck while GNSS was away, or clipped at any time: sigma is larger from then on",
         ),
         Entry(
             "navigator.distrusted",

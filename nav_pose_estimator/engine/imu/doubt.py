@@ -27,12 +27,16 @@ _BOUNDS = (0.99 * _STRUCK_RATE, 0.99 * _STRUCK_FORCE, CLIPPED_RATE, CLIPPED_FORC
 
 
 class Doubt(NamedTuple):
-    """Deviations to be added to attitude [rad], velocity [m/s] and the biases [rad/s, m/s^2]."""
+    """Deviations to be added to attitude [rad], velocity [m/s] and the biases [rad/s, m/s^2].
+
+    ``lasting``: GNSS does not show at once what is wrong, so that it counts while GNSS is there, too.
+    """
 
     tilt: float
     speed: float
     gyro_bias: float = 0.0
     accel_bias: float = 0.0
+    lasting: bool = False
 
 
 class DoubtMeter:

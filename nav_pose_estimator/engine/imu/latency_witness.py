@@ -4,7 +4,7 @@ A receiver's stamp that is late by tau puts the vehicle where it was tau ago, wi
 shows it for long. So over each window the forces that GNSS velocity tells, taken tau later, are compared with the
 impulses that the IMU feels, turned by the best rotation. What varies in the difference, summed with a fading memory, is
 a parabola in tau; its lowest point is the latency. In steady turns the rotation explains a shift, and nothing is found.
-On ten recorded flights without ``gnss.delay`` it lay within 0.1 s of the latency that is known of them.
+On ten recorded flights without ``gnss.delay`` it lay within 0.2 s of the latency that is known of them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _NONE = 3  # number of the shift that is none
 _MEMORY = 0.95  # of the sums, from window to window
 _BLOW = 20.0  # (m/s)^2: more of one window is a blow
 _LEAST = 0.15  # s: less costs little
-_BETTER, _ENOUGH = 0.5, 3.0
+_BETTER, _ENOUGH = 0.5, 0.8
 """A shift has to leave so little of the difference, and to explain so much of it [(m/s)^2]."""
 _PROOF = 2  # windows in a row
 

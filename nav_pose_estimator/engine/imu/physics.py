@@ -9,6 +9,7 @@ import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.imu import plausibility
+from nav_pose_estimator.engine.imu.clipping import ClipWatch
 from nav_pose_estimator.engine.imu.doubt import Doubt, DoubtMeter
 from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
 from nav_pose_estimator.engine.imu.motion_check import MotionCheck
@@ -31,6 +32,7 @@ _BEARABLE = 5.0  # m/s^2 from sample to sample that the noise of an IMU in fligh
 _UNRESOLVED = 0.1  # of vibration beyond that which sampling does not resolve: it aliases and rectifies
 _NOTABLE = 0.2  # by which noise has to change to be another one
 _HEAVY = 15.0  # m/s^2 from sample to sample: rectification is likely
+_CLIPPED_FOR = 10  # s for which a value that was clipped is worth a word
 
 
 class ImuPhysics:
@@ -40,7 +42,8 @@ class ImuPhysics:
         self._seconds: deque[ImuSecond] = deque(maxlen=plausibility.MEMORY)
         self.motion = MotionCheck()
         """What IMU and GNSS tell of each other."""
-        self._doubt = DoubtMeter()
+        self._doubt, self._clips = DoubtMeter(), ClipWatch()
+        self._clipped, self._clipped_for = "", 0  # in words, and s that they still hold
         self._finding: Finding | None = None
         self._well = 0
         self._shakes = False
@@ -93,7 +96,7 @@ class ImuPhysics:
         own = rows[rows[:, at.IMU_T].searchsorted(end - SECOND) :]
         with_one_more = rows[max(len(rows) - len(own) - 1, 0) :]
         self.motion.second(round(end), with_one_more, np.zeros(3) if gyro_bias is None else gyro_bias)
-        doubt = self._doubt.measure(with_one_more)
+        doubt = self._watch_clipping(with_one_more, self._doubt.measure(with_one_more), journal, stamp_ns)
         second = second_of(own, end)
         if second is None:
             return doubt
@@ -102,6 +105,19 @@ class ImuPhysics:
         self._tell(found, _LEAST < second.gravity < _MOST and self._lives(second), journal, stamp_ns)
         self._watch_vibration(second, journal, stamp_ns)
         return doubt
+
+    def _watch_clipping(self, rows: np.ndarray, doubt: Doubt | None, journal: Journal, stamp_ns: int) -> Doubt | None:
+        """``doubt``, or what clipping of the second that is in ``rows`` makes of it."""
+        self._clipped_for = max(self._clipped_for - 1, 0)
+        clipped = self._clips.second(rows)
+        if clipped is None:
+            return doubt
+        if not self._clipped_for and clipped.words != self._clipped:
+            text = f"the {clipped.words}: what lies beyond is lost, and the attitude or the velocity with it"
+            journal.say(stamp_ns, "imu.clips", Level.WARN, text)
+        self._clipped, self._clipped_for = clipped.words, _CLIPPED_FOR
+        before = doubt or Doubt(0.0, 0.0)
+        return Doubt(max(before.tilt, clipped.angle), max(before.speed, clipped.velocity), lasting=True)
 
     def _lives(self, second: ImuSecond) -> bool:
         """Whether an axis that was dead, if any was, changes again."""
@@ -126,7 +142,9 @@ class ImuPhysics:
 
     @property
     def vibration(self) -> str:
-        """Why the solution is less certain, a clause; empty unless the IMU shakes heavily."""
+        """Why the solution is less certain, a clause; empty unless the IMU shakes heavily or clips."""
+        if self._clipped_for:
+            return f"the {self._clipped}"
         if not (self._shakes and self._seconds):
             return ""
         return f"the IMU vibrates by {self._seconds[-1].vibration:.0f} m/s^2"

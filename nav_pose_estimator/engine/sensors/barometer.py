@@ -17,6 +17,7 @@ from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, Fil
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import PressureSample, WaterPressure
 from nav_pose_estimator.engine.sensors.aiding import Aiding
+from nav_pose_estimator.engine.sensors.frozen import Frozen
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised, Pacer, shared_error
 from nav_pose_estimator.engine.solutions import Level
 
@@ -67,6 +68,7 @@ class Barometer(Aid):
         self._unit_told = False
         self._apart_since = math.inf
         self._contradicts = False
+        self._frozen = Frozen()
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New noise, period and time constant."""
@@ -78,7 +80,8 @@ class Barometer(Aid):
         """A pressure [Pa], at most every ``aids.barometer_period``."""
         if _LOWEST < sample.pressure < _HIGHEST:
             self.pressure = sample.pressure
-        if not self._enabled or not self._pacer.passes(t, self._period):
+            self._watch_for_repeats(sample, t)
+        if not self._enabled or self._frozen.is_suspect or not self._pacer.passes(t, self._period):
             return None
         if not _LOWEST < sample.pressure < _HIGHEST:
             unit = likely_unit(sample.pressure)
@@ -113,6 +116,18 @@ class Barometer(Aid):
     def begin_with(self, offset: float) -> None:
         """Start with what was learned before a restart."""
         self._offset, self._since = offset, -self._tau
+
+    def _watch_for_repeats(self, sample: PressureSample, t: float) -> None:
+        """Tell when one value has come for longer than this barometer repeats itself, and when that ends."""
+        was_frozen = self._frozen.is_frozen
+        self._frozen.note(t, pressure_height(sample.pressure))
+        if self._frozen.is_frozen and not was_frozen:
+            text = (
+                f"barometer not used: it repeats {sample.pressure:.2f} Pa exactly, which it did not do before: frozen"
+            )
+            self._journal.say(sample.stamp_ns, "baro.frozen", Level.WARN, text)
+        elif was_frozen and not self._frozen.is_frozen:
+            self._journal.say(sample.stamp_ns, "baro.frozen.ended", Level.INFO, "the barometer's values change again")
 
     def _refuse_unit(self, stamp_ns: int, pressure: float, unit: str) -> None:
         """Count a pressure that is none in pascal; the first is told, with the ``unit`` that it looks like."""

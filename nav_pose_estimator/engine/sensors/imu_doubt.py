@@ -32,4 +32,4 @@ class ImuDoubt(Sensor):
 
     def settle(self, o: Observation, f: FilterView) -> None:
         """Add the variances."""
-        f.P[_STATES, _STATES] += np.repeat(np.square(o.measured), 3)
+        f.P[_STATES, _STATES] += np.repeat(np.square(o.measured[:4]), 3)

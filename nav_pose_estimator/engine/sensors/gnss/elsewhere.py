@@ -10,14 +10,15 @@ from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.sensors.gnss.latency import Latency
 from nav_pose_estimator.engine.sensors.gnss.other_motion import OtherMotion
+from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
 from nav_pose_estimator.engine.solutions import Level
 
 
 class Elsewhere:
-    """Positions that leave their velocities, that come from two places, or that move otherwise than the IMU feels."""
+    """Positions that leave their velocities, are rounded or of two places, or move otherwise than the IMU feels."""
 
-    def __init__(self, journal: Journal) -> None:
-        self._journal = journal
+    def __init__(self, journal: Journal, rounding: Rounding) -> None:
+        self._journal, self._rounding = journal, rounding
         self.other_motion, self.latency = OtherMotion(journal), Latency(journal)
         self._walk_off, self._two_places = WalkOff(), TwoPlaces()
         self._drift = 0.0  # m/s
@@ -26,7 +27,7 @@ class Elsewhere:
     def is_on(self) -> bool:
         """Whether any of them says so."""
         told = self.other_motion.is_on or self.latency.is_on or self._walk_off.is_on
-        return told or self._two_places.apart > 0.0
+        return told or self._two_places.apart > 0.0 or self._rounding.is_on
 
     def least_sd(self, speed: float) -> tuple[float, float, float]:
         """Deviations of the position [m], horizontal and vertical, and of the horizontal velocity [m/s].
@@ -35,11 +36,13 @@ class Elsewhere:
         """
         far, fast = self.other_motion.least_sd()
         late = self.latency.least_sd(speed)
-        return max(far, late, self._walk_off.least_sd, self._two_places.least_sd), far, fast
+        known = (self._walk_off.least_sd, self._two_places.least_sd, self._rounding.least_sd)
+        return max(far, late, *known), far, fast
 
     def reason(self) -> str:
         """Why the position is not to be believed as usual, a clause; empty if it is."""
-        told = self._two_places.reason or self.other_motion.reason() or self.latency.reason()
+        told = self._two_places.reason or self._rounding.reason
+        told = told or self.other_motion.reason() or self.latency.reason()
         return told or self._walk_off.reason
 
     def fix(self, east: float, north: float, stamp_ns: int) -> None:

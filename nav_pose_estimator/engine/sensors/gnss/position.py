@@ -70,7 +70,7 @@ class GnssPositionSensor(Sensor):
         self.despair = ""  # why the filter should start again: what GNSS says cannot be mended by a reset
         self.jump = LastingJump()
         self.pull = Pull(journal, parameters.gnss.reacquisition.probation)
-        self.elsewhere = Elsewhere(journal)
+        self.elsewhere = Elsewhere(journal, reception.rounding)
         self.forsakes_origin = False  # the start was somewhere else on Earth, and with it the origin
         self._velocity_apart = 0.0  # deviations between the two velocities at the last fix
         self.gate_radius = math.nan  # m: how far off a fix may lie and still be taken as it is

@@ -19,12 +19,14 @@ from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, SatelliteCount
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.gnss import lasting_error
+from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
 from nav_pose_estimator.engine.sensors.gnss.velocity_input import VelocityInput
 from nav_pose_estimator.engine.solutions import Level
 
 _PERIOD_MEMORY = 6  # fixes that the period is taken from
 _STUCK = 4  # repetitions of a position in a row
 _MOVED = 8.0  # m by velocities, while positions that are rounded stay
+_CELLS = 2.0  # steps of a known rounding: beyond, the position has to change
 _INTEGER_DEGREES = 1e5  # deg
 _HIGHEST = 1e5  # m
 _AHEAD = 1.0  # s: a fix with a later stamp is from the future
@@ -43,12 +45,12 @@ class GnssReception:
         self.satellites: int | None = None
         self.shown = NoiseIdentification()  # of the run: noise that the flight has shown
         self.velocities = VelocityInput(journal)
+        self.rounding = Rounding(journal)
         self._usable = False  # the last fix
         self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
         self.fix_period = 1.0
         """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
-        self._repeats, self._last = 0, (math.nan, math.nan, math.nan)
-        self._way_before = 0j  # m: ``velocities.way`` when the position came for the first time
+        self._stay = _Stay()
         self._no_height_told = False
         self._told_ahead = math.nan  # s: the clock offset that was told last
 
@@ -76,12 +78,9 @@ class GnssReception:
         if sample.lat == 0.0 and sample.lon == 0.0:
             why = "latitude and longitude are exactly zero, which is what drivers send before the first fix"
             return self.refuse(sample.stamp_ns, "gnss.rejected.null_island", why)
-        here = (sample.lat, sample.lon, sample.alt)
-        self._repeats, self._last = self._repeats + 1 if here == self._last else 0, here
-        if not self._repeats:
-            self._way_before = self.velocities.way
-        moves = self.velocities.repeats >= _STUCK or abs(self.velocities.way - self._way_before) > _MOVED
-        if moves and self._repeats >= _STUCK:
+        stayed_for = self._stay.note(sample, self.velocities)
+        self.rounding.fix(sample.lat, sample.lon, stayed_for > _MOVED, sample.stamp_ns)
+        if stayed_for > max(_MOVED, _CELLS * self.rounding.step):
             why = "the position repeats to the last digit while the vehicle moves: the receiver is stuck"
             return self.refuse(sample.stamp_ns, "gnss.rejected.stuck", why)
         if self.velocities.position_fault:
@@ -108,7 +107,7 @@ class GnssReception:
         self._aiding.fix_offered = t
         if math.isnan(sample.alt):
             self._tell_no_height(sample.stamp_ns)
-        if self._repeats == 0:
+        if self._stay.is_new and not self.rounding.is_on:
             self.velocities.fix(sample, t, horizontal or 0.0)
         return True
 
@@ -126,6 +125,8 @@ class GnssReception:
         ``in_filter``: without what the filter has states for.
         """
         R = _floored(self._known(_horizontal(sample)), self._position_floor)
+        if self.rounding.is_on:
+            R[0, 0], R[1, 1] = R[0, 0] + self.rounding.sd[0] ** 2, R[1, 1] + self.rounding.sd[1] ** 2
         shared = 1.0 + self._parameters.position_correlation / self.fix_period
         if in_filter and self.lasting is not None:
             self.lasting.receive(R)
@@ -186,6 +187,34 @@ class GnssReception:
         if what:
             self._journal.count(f"gnss.{what}.covariance.flawed")
         return None
+
+
+class _Stay:
+    """A position that repeats itself to the last digit."""
+
+    def __init__(self) -> None:
+        self._repeats = self._stays = 0  # of latitude, longitude and height, and without the height
+        self._last = (math.nan, math.nan, math.nan)
+        self._way_before = 0j  # m: where velocities led when the place came for the first time
+
+    @property
+    def is_new(self) -> bool:
+        """Whether the last fix differed from the one before it."""
+        return self._repeats == 0
+
+    def note(self, sample: GnssFix, velocities: VelocityInput) -> float:
+        """The way [m] by velocities for which the place has repeated itself; infinite if velocities do so, too."""
+        here = (sample.lat, sample.lon, sample.alt)
+        self._repeats = self._repeats + 1 if here == self._last else 0
+        self._stays = self._stays + 1 if here[:2] == self._last[:2] else 0
+        self._last = here
+        if not self._stays:
+            self._way_before = velocities.way
+        if self._stays < _STUCK:
+            return 0.0
+        if min(self._repeats, velocities.repeats) >= _STUCK:
+            return math.inf
+        return abs(velocities.way - self._way_before)
 
 
 def _no_place(sample: GnssFix) -> str:

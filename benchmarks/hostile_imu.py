@@ -1,0 +1,278 @@
+"""How often the pose is wrong and said to be good when an IMU, a barometer or a clock fails in a way that looks sound.
+
+The size, rate, axis and start of every fault are drawn anew for each flight, and so are vehicle and seed.
+
+tools/in_environment.sh python benchmarks/hostile_imu.py --kinds "gyro ramp" "baro frozen" --draws 3
+"""
+
+import argparse
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.parameters.schema import update
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, PressureSample, Sample, SatelliteCount
+from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock
+from nav_pose_estimator.sim import faults, scenarios
+from nav_pose_estimator.sim.recording import Recording
+
+VEHICLES = ("multirotor_outage", "laps", "stop_and_go", "hover", "fixed_wing", "road_vehicle", "closed_curve")
+LOST, LENGTH = 60.0, 25.0  # s: the outage, of the faults that need one
+DURATION = 100.0  # s
+GNSS = (GnssFix, GnssVelocity, SatelliteCount)
+WRONG, LEAST = 3.0, 3.0  # deviations, and metres: a pose that is off by more than both is wrong
+Samples = Iterator[Sample]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight and what has been drawn for it; times [s] from the recording's start."""
+
+    recording: Recording
+    rng: np.random.Generator
+    lost: float
+    """When the outage begins, infinite without one."""
+
+    def seconds(self, stamps_ns: Any) -> Any:
+        """Times of stamps."""
+        return (stamps_ns - self.recording.start_ns) * 1e-9
+
+    def begin(self) -> float:
+        """A fault begins up to 5 s after the outage, or between 20 and 40 s where there is none."""
+        return self.lost + self.rng.uniform(0.0, 5.0) if math.isfinite(self.lost) else self.rng.uniform(20.0, 40.0)
+
+    def axis(self) -> np.ndarray:
+        """A direction (3,) in the body."""
+        axis = self.rng.standard_normal(3)
+        return axis / np.linalg.norm(axis)
+
+
+def on_imu(flight: Flight, change: Callable[[np.ndarray, ImuBlock], ImuBlock]) -> Samples:
+    """The flight with another IMU; ``change`` gets the times (N,) of a block and the block."""
+    for sample in flight.recording.samples():
+        yield change(flight.seconds(sample.stamps_ns), sample) if isinstance(sample, ImuBlock) else sample
+
+
+def sound(flight: Flight) -> Samples:
+    """Nothing is wrong."""
+    return flight.recording.samples()
+
+
+def imu_late(flight: Flight) -> Samples:
+    """The IMU's stamps are 0.25 to 0.8 s late, as those of a driver that stamps on arrival behind a queue."""
+    late = round(flight.rng.uniform(0.25, 0.8) * 1e9)
+    return on_imu(flight, lambda t, b: replace(b, stamps_ns=b.stamps_ns + late))
+
+
+def gnss_late(flight: Flight) -> Samples:
+    """The receiver's stamps are 0.25 to 0.8 s late."""
+    late = round(flight.rng.uniform(0.25, 0.8) * 1e9)
+    for sample in flight.recording.samples():
+        yield replace(sample, stamp_ns=sample.stamp_ns + late) if isinstance(sample, GnssFix | GnssVelocity) else sample
+
+
+def aliased(flight: Flight) -> Samples:
+    """Vibration of 1 to 4 m/s^2 that sampling turns into 0.1 to 1 Hz."""
+    size, rate, axis, begin = flight.rng.uniform(1.0, 4.0), flight.rng.uniform(0.1, 1.0), flight.axis(), flight.begin()
+
+    def change(t: np.ndarray, b: ImuBlock) -> ImuBlock:
+        wave = np.where(t > begin, size * np.sin(2.0 * np.pi * rate * (t - begin)), 0.0)
+        return replace(b, accel=b.accel + wave[:, None] * axis)
+
+    return on_imu(flight, change)
+
+
+def rounded(flight: Flight) -> Samples:
+    """Latitude and longitude with two to four decimals of a degree, or of a minute."""
+    step = 10.0 ** -float(flight.rng.integers(2, 5)) / float(flight.rng.choice([1.0, 60.0]))
+
+    def coarse(angle: float) -> float:
+        return math.radians(round(math.degrees(angle) / step) * step)
+
+    for sample in flight.recording.samples():
+        yield replace(sample, lat=coarse(sample.lat), lon=coarse(sample.lon)) if isinstance(sample, GnssFix) else sample
+
+
+def clipped(flight: Flight) -> Samples:
+    """The gyroscope's range is 40 to 90 % of the largest rate of the flight, and at least 50 deg/s."""
+    bound = max(flight.rng.uniform(0.4, 0.9) * float(np.abs(flight.recording.imu.gyro).max()), math.radians(50.0))
+    return on_imu(flight, lambda t, b: replace(b, gyro=np.clip(b.gyro, -bound, bound)))
+
+
+def ramp(flight: Flight) -> Samples:
+    """A gyroscope whose bias drifts by 1 to 5 deg/s a minute."""
+    slope, axis, begin = math.radians(flight.rng.uniform(1.0, 5.0)) / 60.0, flight.axis(), flight.begin()
+    return on_imu(flight, lambda t, b: replace(b, gyro=b.gyro + slope * np.maximum(t - begin, 0.0)[:, None] * axis))
+
+
+def step(flight: Flight) -> Samples:
+    """A gyroscope whose bias steps by 0.3 to 2 deg/s."""
+    size, axis, begin = math.radians(flight.rng.uniform(0.3, 2.0)), flight.axis(), flight.begin()
+    return on_imu(flight, lambda t, b: replace(b, gyro=b.gyro + np.where(t > begin, size, 0.0)[:, None] * axis))
+
+
+def vibrating(flight: Flight) -> Samples:
+    """Vibration of 4 to 15 m/s^2 on each axis at a wandering frequency above half of the sampling rate, rectified."""
+    rng, begin = flight.rng, flight.begin()
+    size, middle, phases = rng.uniform(4.0, 15.0), rng.uniform(60.0, 250.0), rng.uniform(0.0, 2.0 * np.pi, 6)
+    turning = rng.uniform(0.005, 0.02) * size  # rad/s
+    offset = rng.uniform(0.0005, 0.003) * size**2 * flight.axis()  # m/s^2
+    state = {"phase": 0.0, "off": 0.0, "t": begin}
+
+    def change(t: np.ndarray, b: ImuBlock) -> ImuBlock:
+        phase = np.empty(len(t))
+        for i, now in enumerate(t.tolist()):
+            dt = max(now - state["t"], 0.0)
+            state["off"] += -dt * state["off"] + 5.0 * math.sqrt(2.0 * dt) * rng.standard_normal()  # Hz
+            state["phase"] += 2.0 * np.pi * dt * (middle + state["off"])
+            state["t"] = max(now, state["t"])
+            phase[i] = state["phase"]
+        waves = np.sqrt(2.0) * np.sin(phase[:, None] + phases) * (t > begin)[:, None]
+        shift = np.outer(t > begin, offset)
+        return replace(b, gyro=b.gyro + turning * waves[:, :3], accel=b.accel + size * waves[:, 3:] + shift)
+
+    return on_imu(flight, change)
+
+
+def baro_frozen(flight: Flight) -> Samples:
+    """The barometer repeats its last value."""
+    begin, held = flight.begin(), math.nan
+    for sample in flight.recording.samples():
+        if isinstance(sample, PressureSample):
+            if flight.seconds(sample.stamp_ns) < begin:
+                held = sample.pressure
+            sample = replace(sample, pressure=held)
+        yield sample
+
+
+def baro_late(flight: Flight) -> Samples:
+    """The barometer tells what it was 1 to 5 s ago."""
+    late, memory = flight.rng.uniform(1.0, 5.0), []
+    for sample in flight.recording.samples():
+        if isinstance(sample, PressureSample):
+            memory.append((sample.stamp_ns, sample.pressure))
+            while len(memory) > 1 and memory[1][0] <= sample.stamp_ns - late * 1e9:
+                memory.pop(0)
+            sample = replace(sample, pressure=memory[0][1])
+        yield sample
+
+
+def returned(flight: Flight) -> Samples:
+    """GNSS comes back 5 to 60 m off, and stays there."""
+    far, angle = flight.rng.uniform(5.0, 60.0), flight.rng.uniform(0.0, 2.0 * np.pi)
+    away = (far * math.cos(angle), far * math.sin(angle), 0.0)
+    return flight.recording.with_faults(faults.Shift(GnssFix, flight.lost + LENGTH, math.inf, away)).samples()
+
+
+KINDS: dict[str, tuple[Callable[[Flight], Samples], bool]] = {
+    "sound": (sound, False),
+    "sound, outage": (sound, True),
+    "IMU late": (imu_late, False),
+    "GNSS late": (gnss_late, False),
+    "rounded": (rounded, False),
+    "gyro clipped": (clipped, False),
+    "gyro clipped, outage": (clipped, True),
+    "gyro step": (step, False),
+    "gyro step, outage": (step, True),
+    "gyro ramp": (ramp, False),
+    "gyro ramp, outage": (ramp, True),
+    "aliased": (aliased, False),
+    "aliased, outage": (aliased, True),
+    "vibration": (vibrating, False),
+    "vibration, outage": (vibrating, True),
+    "baro frozen, outage": (baro_frozen, True),
+    "baro late, outage": (baro_late, True),
+    "GNSS returns off": (returned, True),
+}
+"""What is wrong, and whether GNSS is away for a while."""
+
+
+@dataclass
+class Judged:
+    """Of one flight, every 0.2 s of engine time: error and its deviation [m], and whether the status is good."""
+
+    rows: list[tuple[float, float, float, float, float, bool]]
+    words: list[str]
+
+    def lies(self) -> tuple[float, float, float, str]:
+        """Seconds wrong and OK, seconds wrong, the largest error in the former [m], and the worst in words."""
+        if not self.rows:
+            return 0.0, 0.0, 0.0, "no pose"
+        t, off, sd, up, up_sd, ok = (np.array(column) for column in zip(*self.rows, strict=True))
+        wrong = ((off > WRONG * sd) & (off > LEAST)) | ((up > WRONG * up_sd) & (up > LEAST))
+        lie = wrong & ok
+        worst = int(np.argmax(np.where(lie, np.maximum(off / sd, up / up_sd), 0.0)))
+        told = f"h {off[worst]:.0f}/{sd[worst]:.1f} v {up[worst]:.0f}/{up_sd[worst]:.1f} m at {t[worst]:.0f} s"
+        largest = float(np.maximum(off, up)[lie].max()) if lie.any() else 0.0
+        return 0.2 * float(lie.sum()), 0.2 * float(wrong.sum()), largest, told if lie.any() else ""
+
+
+def fly(flight: Flight, samples: Samples, method: str) -> Judged:
+    """The samples, without GNSS in the outage."""
+    estimator = PoseEstimator(update(Parameters(), {"learner.method": method}), attitude=False)
+    recording, now, asked, judged = flight.recording, 0.0, -1.0, Judged([], [])
+    truth = recording.truth
+    for sample in samples:
+        if isinstance(sample, GNSS) and flight.lost <= now < flight.lost + LENGTH:
+            continue
+        for output in estimator.feed(sample):
+            if isinstance(output, Event) and output.level is not Level.INFO and output.text:
+                judged.words.append(f"{flight.seconds(output.stamp_ns):.1f} {output.name}: {output.text}")
+            elif isinstance(output, NavBlock) and output.stamps_ns[-1] * 1e-9 - asked > 0.2 - 1e-6:
+                asked = output.stamps_ns[-1] * 1e-9
+                t, status = flight.seconds(output.stamps_ns[-1]), estimator.status()
+                row = output.rows[-1]
+                error = lla_to_enu(*row[at.OUT_POS : at.OUT_VEL][:3], *recording.origin) - lla_to_enu(
+                    *(np.interp(t, truth.t, c) for c in (truth.lat, truth.lon, truth.alt)), *recording.origin
+                )
+                sd = np.sqrt(row[at.OUT_VAR + at.DPOS : at.OUT_VAR + at.DPOS + 3])
+                good = status.mode is not Mode.EXPIRED and not status.doubt
+                judged.rows.append((t, math.hypot(*error[:2]), math.hypot(*sd[:2]), abs(error[2]), sd[2], good))
+        if isinstance(sample, ImuBlock):
+            now = flight.seconds(sample.stamps_ns[-1])
+    return judged
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=list(KINDS))
+    parser.add_argument("--vehicles", nargs="+", default=list(VEHICLES), choices=list(VEHICLES))
+    parser.add_argument("--draws", type=int, default=1, help="of every kind on every vehicle")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--method", default="coast", help="learner.method")
+    parser.add_argument("--words", action="store_true", help="show every flight and its warnings")
+    options = parser.parse_args()
+    print(
+        f"{'kind':22s} {'flights':>7s} {'with a lie':>10s} {'wrong and OK':>12s} {'wrong':>8s} {'largest':>8s}  worst"
+    )
+    for kind in options.kinds:
+        spoil, has_outage = KINDS[kind]
+        results = []
+        for vehicle in options.vehicles:
+            for draw in range(options.seed, options.seed + options.draws):
+                recording = scenarios.generate(vehicle, DURATION, draw, imu_rate=100.0)
+                rng = np.random.default_rng([draw, VEHICLES.index(vehicle), list(KINDS).index(kind)])
+                flight = Flight(recording, rng, LOST if has_outage else math.inf)
+                judged = fly(flight, spoil(flight), options.method)
+                results.append((vehicle, judged.lies()))
+                if options.words:
+                    print(vehicle, draw, judged.lies(), *(f"    {word}" for word in judged.words), sep="\n")
+        lies = [one for _, one in results]
+        name, worst = max(results, key=lambda one: one[1][2])
+        print(
+            f"{kind:22s} {len(lies):7d} {sum(one[0] > 0.0 for one in lies):10d} {sum(o[0] for o in lies):10.1f} s "
+            f"{sum(o[1] for o in lies):6.1f} s {worst[2]:6.0f} m  {name + ': ' + worst[3] if worst[3] else ''}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()

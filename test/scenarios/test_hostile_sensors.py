@@ -1,0 +1,58 @@
+"""Sensors that fail in a way that looks sound: what is wrong is not said to be good."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, PressureSample, Sample
+from nav_pose_estimator.sim.faults import Freeze
+from nav_pose_estimator.sim.recording import Recording
+from told import flight, silence, tell
+
+pytestmark = pytest.mark.compiled
+
+
+def with_imu_within(recording: Recording, bound: float) -> Iterator[Sample]:
+    """The flight with a gyroscope that ends at ``bound`` [rad/s]."""
+    for sample in recording.samples():
+        yield replace(sample, gyro=np.clip(sample.gyro, -bound, bound)) if isinstance(sample, ImuBlock) else sample
+
+
+def test_a_gyroscope_that_clips_below_usual_ranges_widens_sigma() -> None:
+    """GIVEN a range of 60 deg/s in a vehicle that turns faster WHEN GNSS is lost
+    THEN the status names it, and the error stays within 3 sigma."""
+    recording = flight("stop_and_go", 75.0, seed=2)
+    spoilt = with_imu_within(recording.with_faults(*silence(50.0, 25.0)), math.radians(60.0))
+    told = tell(recording, samples=spoilt, learner__method="coast")
+    assert "gyroscope clips at 1.05 rad/s" in told.event("imu.clips").text
+    assert (told.off < 3.0 * told.sigma + 3.0)[told.between(50.0, 75.0)].all()
+
+
+def test_a_barometer_that_freezes_in_an_outage_holds_no_height() -> None:
+    """GIVEN a fixed wing that climbs in an outage WHEN its barometer repeats one value THEN it is told and left."""
+    recording = flight("fixed_wing", 80.0)
+    told = tell(recording, *silence(45.0, 35.0), Freeze(PressureSample, 46.0), learner__method="coast")
+    assert told.when("baro.frozen")[0] < 56.0
+    up, up_sd = np.abs(told.error[:, 2]), np.sqrt(told.variances[:, 2])
+    assert (up < 3.0 * up_sd + 3.0)[told.between(45.0, 80.0)].all()
+
+
+@pytest.mark.parametrize("decimals", [3, 4])
+def test_positions_with_lost_digits_are_as_vague_as_they_are(decimals: int) -> None:
+    """GIVEN a driver that prints few decimals THEN the status says so, and sigma covers half a step."""
+    recording = flight("multirotor_light", 40.0)
+
+    def rounded() -> Iterator[Sample]:
+        for sample in recording.samples():
+            if isinstance(sample, GnssFix):
+                lat, lon = (math.radians(round(math.degrees(angle), decimals)) for angle in (sample.lat, sample.lon))
+                yield replace(sample, lat=lat, lon=lon)
+            else:
+                yield sample
+
+    told = tell(recording, samples=rounded(), learner__method="coast")
+    assert "the driver has lost digits" in told.estimator.status().doubt
+    assert (told.off < 3.0 * told.sigma)[told.between(5.0, 40.0)].all()
