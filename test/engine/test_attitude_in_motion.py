@@ -91,6 +91,46 @@ def test_the_delay_of_the_magnetometer_is_found_in_turns(method: str) -> None:
     assert subject.snapshot()[0].state[at.MAG_DELAY] == pytest.approx(0.020, abs=0.003)
 
 
+def waving(seconds: float) -> tuple[ImuBlock, np.ndarray, np.ndarray]:
+    """IMU samples of a vehicle that turns about all axes, its attitudes (N, 4), and the Earth's field in b (N, 3)."""
+    t = np.arange(int(seconds * RATE)) / RATE
+    block, q = motion(0.6 * np.sin(1.1 * t), 0.5 * np.sin(0.9 * t), 0.7 + 1.5 * np.sin(0.5 * t))
+    noise = np.random.default_rng(2).normal(0.0, 3e-7, (len(t), 3))
+    return block, q, quat_rotate_many(quat_conjugate_many(q), np.tile(FIELD_N, (len(t), 1))) + noise
+
+
+MAGNET = np.array([4e-6, -6e-6, 15e-6])  # in b; together 37 % of the field
+
+
+@pytest.mark.parametrize("attached", [0, 20])
+@pytest.mark.parametrize(("method", "bound_deg"), [("complementary", 4.0), ("two_stage", 6.0)])
+def test_a_magnet_on_the_vehicle_is_found_and_taken_out(method: str, bound_deg: float, attached: int) -> None:
+    """GIVEN a magnet from the start or from 20 s on, gone after 40 s WHEN it turns THEN it is known, then forgotten."""
+    block, q, field = waving(60.0)
+    field[attached * RATE : 40 * RATE] += MAGNET
+    subject = engine(method)
+    rows = feed_recorded(subject, block.part(0, 40 * RATE), field[: 40 * RATE])
+    state = subject.snapshot()[0].state
+    assert state[at.IRON_USED : at.IRON_USED + 3] == pytest.approx(MAGNET, abs=1.5e-6)
+    assert np.abs(heading_deg(rows.q_nb[30 * RATE :], q[30 * RATE : 40 * RATE])).max() < bound_deg
+    rows = feed_recorded(subject, block.part(40 * RATE, 60 * RATE), field[40 * RATE :])
+    assert not subject.snapshot()[0].state[at.IRON_USED : at.IRON_USED + 3].any()
+    assert np.abs(heading_deg(rows.q_nb[10 * RATE :], q[50 * RATE :])).max() < bound_deg
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_field_that_differs_from_place_to_place_is_no_magnet_on_the_vehicle(method: str) -> None:
+    """GIVEN a field that wanders by a third as the vehicle moves about WHEN it turns THEN nothing is taken out."""
+    block, q, field = waving(60.0)
+    t = np.arange(len(q)) / RATE
+    place = 1e-5 * np.column_stack([np.sin(0.7 * t), np.cos(0.45 * t), np.sin(1.3 * t)])
+    field += quat_rotate_many(quat_conjugate_many(q), place)
+    subject = engine(method)
+    for second in range(60):
+        feed_recorded(subject, block.part(second * RATE, (second + 1) * RATE), field[second * RATE :][:RATE])
+        assert not subject.snapshot()[0].state[at.IRON_USED : at.IRON_USED + 3].any()
+
+
 def standing(seconds: float, navigator: NavigatorVelocity | None, subject: AttitudeEngine, **errors) -> np.ndarray:
     """Attitude at the end of more ``seconds`` at rest, level and nose to the East, told of ``navigator`` at 4 Hz."""
     memory = subject.snapshot()[0]

@@ -36,7 +36,6 @@ from nav_pose_estimator.core.attitude.layout import (
     MOTION_FLOOR,
     MOTION_RISE,
     MOTION_TAU,
-    NEW_HEADING_VAR,
     OWN,
     PERIOD,
     QUAT,
@@ -308,7 +307,7 @@ def _correct_heading(s, P):
     if kind != USUAL:
         for j in range(STATES):
             P[2, j] = P[j, 2] = 0.0
-        P[2, 2] = noise if kind == FIRST else s[NEW_HEADING_VAR]
+        P[2, 2] = noise if kind == FIRST else least
     if kind == FIRST:
         turn_heading(s, error)
         return

@@ -15,10 +15,11 @@ from nav_pose_estimator.core.attitude.layout import (
     HEADING_PSD,
     NAV_HEADING,
     NAV_HEADING_VAR,
+    NEW_HEADING_VAR,
     OFFSET_SUPPORT,
     PLACE_VAR,
 )
-from nav_pose_estimator.core.attitude.magnetic_field import FIRST, NOTHING, USUAL, observe_field
+from nav_pose_estimator.core.attitude.magnetic_field import FIRST, NOTHING, REPLACED, USUAL, observe_field
 from nav_pose_estimator.core.numerics.jit import inlined, kernel
 
 _OFFSET_TAU = 60.0  # s: memory of the compass offset
@@ -29,7 +30,8 @@ _UNKNOWN = 0.35  # rad: a heading of this deviation is replaced, not corrected
 def observe_heading(s):
     """``(kind, error [rad], variance, least)``: the turn that the heading needs, as an observation of that variance.
 
-    Kinds are those of ``observe_field``. ``least`` [rad^2]: before it, the heading's variance cannot be smaller.
+    Kinds are those of ``observe_field``. ``least`` [rad^2]: before it, the heading's variance cannot be smaller. Where
+    the reference was replaced, the heading is worth as little as it contradicts the new field.
     """
     kind, error, window = observe_field(s)
     if s[NAV_HEADING_VAR] > 0.0:
@@ -42,7 +44,10 @@ def observe_heading(s):
     if kind == NOTHING:
         return NOTHING, 0.0, 0.0, 0.0
     variance = s[HEADING_PSD] / (window * max(s[FIELD_TRUST], 1e-12))
-    return kind, _wrapped(error - s[COMPASS_OFFSET]), variance, s[PLACE_VAR] / (1.0 + s[FIELD_TURN])
+    error = _wrapped(error - s[COMPASS_OFFSET])
+    if kind == REPLACED:
+        return kind, error, variance, max(s[COV + 8], min(error * error, s[NEW_HEADING_VAR]))
+    return kind, error, variance, s[PLACE_VAR] / (1.0 + s[FIELD_TURN])
 
 
 @inlined

@@ -12,6 +12,7 @@ that delay whatever the heading, so it is learned, and what it does to the field
 
 import math
 
+from nav_pose_estimator.core.attitude.hard_iron import learn_iron
 from nav_pose_estimator.core.attitude.layout import (
     AGE,
     ANOMALY_GAIN,
@@ -31,6 +32,7 @@ from nav_pose_estimator.core.attitude.layout import (
     MAG_DELAY_VAR,
     MOTION,
     NEW_AFTER,
+    NEW_AGE,
     NEW_ANOMALY,
     NEW_H,
     NEW_LIMIT,
@@ -65,6 +67,7 @@ def observe_field(s):
         return NOTHING, 0.0, 0.0
     sweep = scale(1.0 / count, load3(s, SUM_SWEEP))
     field = add_scaled(scale(1.0 / count, load3(s, SUM_FIELD)), -s[MAG_DELAY], sweep)
+    learn_iron(s, field)
     east, north, down = field[0], field[1], -field[2]
     s[FIELD_COUNT] = 0.0
     store3(s, SUM_FIELD, (0.0, 0.0, 0.0))
@@ -114,7 +117,8 @@ def _weigh_candidate(s, horizontal, down, window):
     """Follow the field of the last seconds; True when it replaces the reference."""
     gain = min(1.0, window / s[ANOMALY_TAU])
     s[NEW_ANOMALY] += gain * (_distance(s, horizontal, down, s[NEW_H], s[NEW_V]) - s[NEW_ANOMALY])
-    slow = min(1.0, window / min(s[NEW_TAU], max(s[FIELD_SUPPORT], 1.0)))  # as young as what it may replace
+    s[NEW_AGE] = s[NEW_AGE] + window if s[NEW_ANOMALY] < s[NEW_LIMIT] else 0.0
+    slow = min(1.0, window / min(s[NEW_TAU], max(s[NEW_AGE], window)))
     s[NEW_H] += slow * (horizontal - s[NEW_H])
     s[NEW_V] += slow * (down - s[NEW_V])
     differs = _distance(s, s[NEW_H], s[NEW_V], s[FIELD_H], s[FIELD_V]) > s[NEW_LIMIT]

@@ -21,6 +21,10 @@ from nav_pose_estimator.core.attitude.layout import (
     GAP_DT,
     GAP_RATE_SD,
     GRAVITY,
+    IRON_AXES,
+    IRON_FIELD,
+    IRON_TIME,
+    IRON_USED,
     LEARN_PSD,
     LOW_FORCE,
     MATRIX,
@@ -83,7 +87,7 @@ _MIN_TRUST = 1e-3
 _MOVING = 0.5  # m/s: a navigator that reports more is not at rest
 _OF_N = (
     SWAY, SWAY_LOW, LOW_FORCE, SUM_FORCE_N, SUM_FIELD, SUM_SWEEP, NAV_ACCEL, BODY_VELOCITY,
-    COLUMNS, COLUMNS + 3, COLUMNS + 6,
+    COLUMNS, COLUMNS + 3, COLUMNS + 6, IRON_FIELD, IRON_AXES, IRON_AXES + 3, IRON_AXES + 6,
 )  # fmt: skip
 _LASTING_SHARE = 0.16  # of the variance of the compass's deviation: lasts however the vehicle turns
 _SURE = 9.0  # square of the deviations by which rest is doubted
@@ -106,6 +110,7 @@ def begin(s, w, f):
     store3(s, SWAY, (0.0, 0.0, 0.0))
     s[AGE], s[STILL_TIME], s[TRUST], s[MOTION] = 0.0, 0.0, 1.0, 0.0
     s[NAV_HOLD], s[NAV_SPEED], s[NAV_HEADING_VAR] = -1.0, -1.0, 0.0
+    s[IRON_TIME] = -math.inf
     clear_sums(s)
 
 
@@ -282,7 +287,7 @@ def take_body_velocity(s, x, y, z, dt, hold):
 @inlined
 def add_field(s, m):
     """Add a magnetic field ``m`` (3) in b, any unit, to the window."""
-    q = load4(s, QUAT)
+    q, m = load4(s, QUAT), add_scaled(m, -1.0, load3(s, IRON_USED))
     m_n, sweep = q_rotate(q, m), q_rotate(q, cross(load3(s, RATE), m))
     for i in range(3):
         s[SUM_FIELD + i] += m_n[i]

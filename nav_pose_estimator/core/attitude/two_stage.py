@@ -23,7 +23,6 @@ from nav_pose_estimator.core.attitude.layout import (
     GRAVITY,
     LEARN_AFTER,
     LOW_FORCE,
-    NEW_HEADING_VAR,
     OWN,
     PERIOD,
     QUAT,
@@ -274,11 +273,11 @@ def _update(s, P, residual, variance):
 @kernel
 def _correct_heading(s, P):
     """Stage 2: the heading error of the horizontal field, a turn about Up. False when it was taken as a whole."""
-    kind, error, noise, _ = observe_heading(s)
+    kind, error, noise, least = observe_heading(s)
     if kind == NOTHING:
         return True
     if kind != USUAL:
-        _forget_heading(s, P, noise if kind == FIRST else s[NEW_HEADING_VAR])
+        _forget_heading(s, P, noise if kind == FIRST else least)
     if kind == FIRST:
         turn_heading(s, error)
         _forget_heading(s, P, noise)
