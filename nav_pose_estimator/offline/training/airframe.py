@@ -19,6 +19,7 @@ from nav_pose_estimator.core.motion.airframe import (
     PastFlight,
     TrainedNetwork,
     air_velocity,
+    as_prior,
     control_of,
 )
 from nav_pose_estimator.core.motion.vehicle_class import MULTIROTOR, UNKNOWN, WHEELS
@@ -71,7 +72,7 @@ def make_airframe(kept: KeptResults, keys: Sequence[str], merged: Merged, order:
     total = reduce(add, [*(member.equations for member in members), *from_files])
     scores, judged = [], []
     for member in members:
-        score, archive = _left_out(member, total, vehicle_class)
+        score, archive = _left_out(member, total, vehicle_class, order.is_one_aircraft)
         scores.append(score)
         judged.append(archive)
     noise, spread = _noise([*judged, *(airframe.archive for _, airframe in merged)])
@@ -132,15 +133,18 @@ def _is_double(member: Member, in_files: dict[str, PastFlight]) -> bool:
     return is_double
 
 
-def _left_out(member: Member, total: NormalEquations, vehicle_class: str) -> tuple[left_out.Score, Archive]:
+def _left_out(
+    member: Member, total: NormalEquations, vehicle_class: str, is_one_aircraft: bool
+) -> tuple[left_out.Score, Archive]:
     """How the flight fares with an archive of all others, and its own archive with the noise that their law leaves on
     it; alone, its own law."""
     epochs, others = member.data().epochs, total - member.equations
     if others.seconds < 1.0:
-        model, ways = learn_air_velocity(epochs), left_out.linear_ways(None, None, vehicle_class)
+        model, ways = learn_air_velocity(epochs), left_out.linear_ways(None, None)
     else:
         model = with_law(epochs, others.law(), vehicle_class == WHEELS)
-        ways = left_out.linear_ways(others.law(), others.archive(model.noise, model.wind_spread), vehicle_class)
+        archive = others.archive(model.noise, model.wind_spread)
+        ways = left_out.linear_ways(others.law(), as_prior(archive, vehicle_class, is_one_aircraft))
     archive = member.equations.archive(left_out.lasting_noise(epochs, model), model.wind_spread)
     return left_out.Score(member.past.name, left_out.judge(epochs, ways)), archive
 
@@ -174,23 +178,26 @@ def _network(
     by_chance = [_with_outputs(member.data(), control, form) for member in members]
     archives, scores = [], []
     for way, flights in ((left_out.STACKED, stacked), (left_out.UNTRAINED, by_chance)):
-        archive, errors = _stacked(flights, vehicle_class, way, noise)
+        archive, errors = _stacked(flights, (vehicle_class, order.is_one_aircraft), way, noise)
         archives.append(archive)
         scores.append(errors)
     return TrainedNetwork(form, weights, *archives), [a | b for a, b in zip(*scores, strict=True)]
 
 
 def _stacked(
-    flights: Sequence[Array], vehicle_class: str, way: str, noise: tuple[Array, float]
+    flights: Sequence[Array], aircraft: tuple[str, bool], way: str, noise: tuple[Array, float]
 ) -> tuple[Archive, list[dict[str, Array]]]:
-    """The archive with a network's outputs, and how each flight fares with that of the others."""
+    """The archive with a network's outputs, and how each flight fares with that of the others.
+
+    ``aircraft``: class, and whether all flights are of one.
+    """
     equations = [NormalEquations.of(epochs, sums.air_velocity(epochs[:, : me.COLUMNS])) for epochs in flights]
     total = reduce(add, equations)
     scores = []
     for epochs, own in zip(flights, equations, strict=True):
-        ways = {way: left_out.stacked_way((total - own).archive(*noise), vehicle_class)}
+        ways = {way: left_out.stacked_way(as_prior((total - own).archive(*noise), *aircraft))}
         if way == left_out.STACKED:
-            ways[left_out.NETWORK] = lambda seen: with_law(seen, left_out.OutputLaw(), vehicle_class == WHEELS)
+            ways[left_out.NETWORK] = lambda seen: with_law(seen, left_out.OutputLaw(), aircraft[0] == WHEELS)
         scores.append(left_out.judge(epochs, ways))
     return total.archive(*noise), scores
 

@@ -5,6 +5,7 @@ flight, every law knowing no more than what was flown before the start. It ranks
 ``benchmark outage --airframe`` tells.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,9 +14,7 @@ from numpy.typing import NDArray
 
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity, with_law
-from nav_pose_estimator.core.motion.airframe import Archive, Beforehand
 from nav_pose_estimator.core.motion.prior import MotionPrior, PriorLaw
-from nav_pose_estimator.core.motion.vehicle_class import WHEELS
 from nav_pose_estimator.core.motion.wind import WIND_TIME
 
 Array = NDArray[np.float64]
@@ -25,7 +24,6 @@ FIRST, LAST, EVERY, LENGTH = 20.0, 130.0, 10.0, 30.0
 """Starts from FIRST to LAST seconds of flight, EVERY so many, LENGTH seconds of dead reckoning [s]."""
 OWN, ARCHIVE, BOTH = "own flight", "archive alone", "own + archive"
 NETWORK, STACKED, UNTRAINED = "network alone", "+ network", "+ untrained"
-_DEFAULTS = Beforehand()
 
 
 class OutputLaw:
@@ -50,26 +48,17 @@ class Score:
     errors: Mapping[str, Array]
 
 
-def prior_of(archive: Archive, vehicle_class: str) -> MotionPrior:
-    """An archive as it counts in flight by default."""
-    noise, spread = archive.noise, archive.wind_spread
-    guided = vehicle_class == WHEELS
-    return MotionPrior(archive.gram, archive.moment, noise, spread, guided, _DEFAULTS.worth, _DEFAULTS.fades)
-
-
-def linear_ways(law: PriorLaw | None, archive: Archive | None, vehicle_class: str) -> dict[str, Learn]:
+def linear_ways(law: PriorLaw | None, prior: MotionPrior | None) -> dict[str, Learn]:
     """The flight alone and with the archive of the others; the first only where there are no others."""
     ways: dict[str, Learn] = {OWN: learn_air_velocity}
-    if law is not None and archive is not None:
-        prior = prior_of(archive, vehicle_class)
-        ways[ARCHIVE] = lambda epochs: with_law(epochs, law, vehicle_class == WHEELS)
+    if law is not None and prior is not None:
+        ways[ARCHIVE] = lambda epochs: with_law(epochs, law, prior.is_guided)
         ways[BOTH] = lambda epochs: learn_air_velocity(epochs, prior=prior)
     return ways
 
 
-def stacked_way(archive: Archive, vehicle_class: str) -> Learn:
+def stacked_way(prior: MotionPrior) -> Learn:
     """The flight with a network's output as input, and what the others say of both."""
-    prior = prior_of(archive, vehicle_class)
     return lambda epochs: learn_air_velocity(epochs, prior=prior)
 
 
@@ -100,7 +89,7 @@ def lasting_noise(epochs: Array, model: AirVelocityModel) -> Array:
     wind = np.einsum("nij,i->nj", me.attitude(epochs)[:, :2], model.wind_mean)
     left = epochs[:, me.BODY_VELOCITY : me.VELOCITY] - model.network.predict(me.inputs(epochs)) - wind
     means = left[: len(left) // count * count].reshape(-1, count, 3).mean(axis=1)
-    by_wind = 2.0 / np.e * model.wind_spread * np.array((1.0, 1.0, 0.0))
+    by_wind = 2.0 / math.e * model.wind_spread * np.array((1.0, 1.0, 0.0))
     return np.maximum(WIND_TIME * (np.square(means).mean(axis=0) - by_wind), model.noise)
 
 
