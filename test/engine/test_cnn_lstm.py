@@ -180,10 +180,10 @@ def test_other_multirotors_say_nothing_of_this_one(vehicle_class, is_one, expect
 
 
 @pytest.mark.parametrize(
-    ("is_one", "seconds", "expected"), [(False, 400.0, 30.0), (True, 400.0, 300.0), (True, 100.0, 100.0)]
+    ("is_one", "seconds", "expected"), [(False, 400.0, 100.0), (True, 400.0, 300.0), (True, 200.0, 200.0)]
 )
 def test_flights_of_the_same_aircraft_count_more(is_one, seconds, expected) -> None:
-    """GIVEN an archive WHEN it is of this very aircraft THEN it is worth ten times as much, at most what it holds."""
+    """GIVEN an archive WHEN it is of this very aircraft THEN it is worth three times as much, at most what it holds."""
     known = airframe(FIXED_WING, is_one)
     prior = Beforehand(FIXED_WING, replace(known, archive=replace(known.archive, seconds=seconds))).prior
     assert prior is not None

@@ -23,11 +23,11 @@ Array = NDArray[np.float64]
 VELOCITY, INCREMENTS = "velocity", "increments"
 FORMS = (VELOCITY, INCREMENTS)
 """What a network says of a second: velocity through the air and its log variance, or the increments of the source."""
-WORTH, FADES = 30.0, 150.0
+WORTH, FADES = 100.0, 150.0
 """Seconds of flight that an archive of other aircraft is worth at the start, and of motion until none counts."""
 CONTROL_SEED = 1
 _FASTEST = 100.0  # m/s
-_SAME = 10.0  # flights of this very aircraft are worth so much more than those of others of its class
+_SAME = 3.0  # flights of this very aircraft are worth so much more than those of others of its class
 
 
 @dataclass(frozen=True)
@@ -90,13 +90,17 @@ class PastFlight:
 
 @dataclass(frozen=True)
 class Airframe:
-    """The content of an airframe file. ``is_one_aircraft``: all flights are of the one that flies with the file."""
+    """The content of an airframe file. ``is_one_aircraft``: all flights are of the one that flies with the file.
+
+    ``made_with``: versions and vector instructions, on which the last bits of a simulated flight depend; may be empty.
+    """
 
     vehicle_class: str
     is_one_aircraft: bool
     archive: Archive
     network: TrainedNetwork | None
     flights: tuple[PastFlight, ...]
+    made_with: str = ""
 
 
 def as_prior(

@@ -28,7 +28,7 @@ class LearnerParameters:
     )
     airframe: str = param("", "", "File made by train: what past flights show of this vehicle; empty: none")
     airframe_seconds: float = param(
-        WORTH, "s", "How much flight the file is worth at the start; ten times as much if of one aircraft", 0.0, 600.0
+        WORTH, "s", "How much flight the file is worth at the start; three times as much if of one aircraft", 0.0, 600.0
     )
     airframe_fades: float = param(
         FADES, "s", "Motion of this flight after which the file is not used any more", 1.0, 1e4

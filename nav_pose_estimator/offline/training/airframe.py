@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nav_pose_estimator import __version__
 from nav_pose_estimator.core.learning.conv_lstm import ConvLstm
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import learn_air_velocity, with_law
@@ -24,6 +26,7 @@ from nav_pose_estimator.core.motion.airframe import (
 )
 from nav_pose_estimator.core.motion.vehicle_class import MULTIROTOR, UNKNOWN, WHEELS
 from nav_pose_estimator.core.motion.windows import SECONDS
+from nav_pose_estimator.engine.outage.airframe_file import LONGEST_NAME
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive.kept import KeptResults
 from nav_pose_estimator.offline.training import archive as sums
@@ -81,8 +84,16 @@ def make_airframe(kept: KeptResults, keys: Sequence[str], merged: Merged, order:
         trained, more = _network(members, vehicle_class, order, (noise, spread))
         scores = [replace(a, errors={**a.errors, **b}) for a, b in zip(scores, more, strict=True)]
     flights = (*(member.past for member in members), *in_files.values())
-    airframe = Airframe(vehicle_class, order.is_one_aircraft, total.archive(noise, spread), trained, flights)
+    archive = total.archive(noise, spread)
+    airframe = Airframe(vehicle_class, order.is_one_aircraft, archive, trained, flights, made_with())
     return airframe, _lines(scores)
+
+
+def made_with() -> str:
+    """Versions of this package and of NumPy, and the vector instructions that NumPy has found."""
+    config: dict[str, Any] = np.show_config(mode="dicts") or {}
+    found = ", ".join(config.get("SIMD Extensions", {}).get("found", []))
+    return f"nav_pose_estimator {__version__}, NumPy {np.__version__} ({found})"[:LONGEST_NAME]
 
 
 def choose_class(members: Sequence[Member], merged: Merged, given: str | None) -> str:
@@ -145,8 +156,8 @@ def _left_out(
         model = with_law(epochs, others.law(), vehicle_class == WHEELS)
         archive = others.archive(model.noise, model.wind_spread)
         ways = left_out.linear_ways(others.law(), as_prior(archive, vehicle_class, is_one_aircraft))
-    archive = member.equations.archive(left_out.lasting_noise(epochs, model), model.wind_spread)
-    return left_out.Score(member.past.name, left_out.judge(epochs, ways)), archive
+    own = member.equations.archive(model.noise, model.wind_spread)
+    return left_out.Score(member.past.name, left_out.judge(epochs, ways)), own
 
 
 def _noise(archives: Sequence[Archive]) -> tuple[Array, float]:
