@@ -179,6 +179,17 @@ def test_other_multirotors_say_nothing_of_this_one(vehicle_class, is_one, expect
     assert replace(known, worth=0.0).prior is None
 
 
+@pytest.mark.parametrize(
+    ("is_one", "seconds", "expected"), [(False, 400.0, 100.0), (True, 400.0, 300.0), (True, 200.0, 200.0)]
+)
+def test_flights_of_the_same_aircraft_count_more(is_one, seconds, expected) -> None:
+    """GIVEN an archive WHEN it is of this very aircraft THEN it is worth three times as much, at most what it holds."""
+    known = airframe(FIXED_WING, is_one)
+    prior = Beforehand(FIXED_WING, replace(known, archive=replace(known.archive, seconds=seconds))).prior
+    assert prior is not None
+    assert prior.worth == expected
+
+
 def test_the_control_needs_the_same_file() -> None:
     with pytest.raises(UserError, match=f"{cnn_lstm.Untrained.name} flies with a trained network"):
         Untrained().knowing(Beforehand(MULTIROTOR))

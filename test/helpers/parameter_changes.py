@@ -215,7 +215,7 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "aids.beams.compensation": "anfis_frcg",
     },
     "first_training": {"learner.rules": 1, "learner.airframe": AIRFRAME},
-    "known_before": {"learner.airframe_seconds": 100.0, "learner.airframe_fades": 30.0},
+    "known_before": {"learner.airframe_seconds": 30.0, "learner.airframe_fades": 30.0},
     "gravity": {"navigator.gravity_sd": 0.001},
     "learning": {
         "learner.enabled": False,

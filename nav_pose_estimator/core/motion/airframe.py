@@ -23,8 +23,11 @@ Array = NDArray[np.float64]
 VELOCITY, INCREMENTS = "velocity", "increments"
 FORMS = (VELOCITY, INCREMENTS)
 """What a network says of a second: velocity through the air and its log variance, or the increments of the source."""
+WORTH, FADES = 100.0, 150.0
+"""Seconds of flight that an archive of other aircraft is worth at the start, and of motion until none counts."""
 CONTROL_SEED = 1
 _FASTEST = 100.0  # m/s
+_SAME = 3.0  # flights of this very aircraft are worth so much more than those of others of its class
 
 
 @dataclass(frozen=True)
@@ -87,13 +90,31 @@ class PastFlight:
 
 @dataclass(frozen=True)
 class Airframe:
-    """The content of an airframe file. ``is_one_aircraft``: all flights are of the one that flies with the file."""
+    """The content of an airframe file. ``is_one_aircraft``: all flights are of the one that flies with the file.
+
+    ``made_with``: versions and vector instructions, on which the last bits of a simulated flight depend; may be empty.
+    """
 
     vehicle_class: str
     is_one_aircraft: bool
     archive: Archive
     network: TrainedNetwork | None
     flights: tuple[PastFlight, ...]
+    made_with: str = ""
+
+
+def as_prior(
+    archive: Archive, vehicle_class: str, is_one_aircraft: bool, worth: float = WORTH, fades: float = FADES
+) -> MotionPrior:
+    """An ``archive`` as it counts in flight, at most as much as it holds.
+
+    ``worth`` [s] of flight if it is of other aircraft; ``fades`` [s] as in ``MotionPrior``.
+    """
+    seconds = min(worth * (_SAME if is_one_aircraft else 1.0), archive.seconds)
+    guided = vehicle_class == WHEELS
+    return MotionPrior(
+        archive.gram, archive.moment, archive.noise, archive.wind_spread, guided, worth=seconds, fades=fades
+    )
 
 
 @dataclass(frozen=True)
@@ -102,8 +123,8 @@ class Beforehand:
 
     vehicle_class: str = UNKNOWN
     airframe: Airframe | None = None
-    worth: float = 30.0  # s of flight
-    fades: float = 150.0  # s of motion
+    worth: float = WORTH  # s of flight if it is of other aircraft
+    fades: float = FADES  # s of motion
 
     @property
     def is_class_known(self) -> bool:
@@ -152,12 +173,4 @@ class Beforehand:
             return None
         if self.vehicle_class == MULTIROTOR and not airframe.is_one_aircraft:
             return None
-        return MotionPrior(
-            archive.gram,
-            archive.moment,
-            archive.noise,
-            archive.wind_spread,
-            self.vehicle_class == WHEELS,
-            self.worth,
-            self.fades,
-        )
+        return as_prior(archive, self.vehicle_class, airframe.is_one_aircraft, self.worth, self.fades)

@@ -1,6 +1,7 @@
 """NAME.airframe: what flights of the past say of an aircraft, as data only, kept as ``array_file`` keeps it.
 
-    about                       JSON in bytes: class, whether all flights are of one aircraft, form, the flights
+    about                       JSON in bytes: class, whether all flights are of one aircraft, form, the flights,
+                                what made it
     archive.*                   normal equations of nine inputs
     network.*                   weights of a network, if there is one; with it
     stacked.*, control.*        normal equations with its outputs, and with those of a network of random weights
@@ -35,7 +36,7 @@ _FASTEST = 150.0  # m/s
 _BOUNDS = {"noise": (1e-4, 1e4), "wind_spread": (0.0, 60.0**2), "seconds": (1.0, 1e9)}  # m^2/s^2, m^2/s^2, s
 _MOST_FLIGHTS = 100_000
 LONGEST_NAME = 200
-"""Characters of the name of a flight."""
+"""Characters of the name of a flight, and of what made the file."""
 
 
 def save_airframe(path: str | Path, airframe: Airframe) -> None:
@@ -48,6 +49,7 @@ def save_airframe(path: str | Path, airframe: Airframe) -> None:
         "class": airframe.vehicle_class,
         "one_aircraft": airframe.is_one_aircraft,
         "form": network.form if network else None,
+        "made_with": airframe.made_with,
         "flights": [[flight.name, flight.digest, round(flight.seconds, 1)] for flight in airframe.flights],
     }
     arrays = {"about": np.frombuffer(json.dumps(about).encode(), np.uint8)}
@@ -84,7 +86,8 @@ def _airframe(arrays: Mapping[str, np.ndarray]) -> Airframe:
         network = TrainedNetwork(form, weights, stacked, control)
     flights = tuple(_flight(item) for item in about["flights"])
     archive = _archive(_part(arrays, "archive"), _INPUTS)
-    return Airframe(about["class"], about["one_aircraft"], archive, network, flights)
+    made_with = about.get("made_with", "")
+    return Airframe(about["class"], about["one_aircraft"], archive, network, flights, made_with)
 
 
 def _about(content: np.ndarray) -> dict[str, Any]:
@@ -97,6 +100,8 @@ def _about(content: np.ndarray) -> dict[str, Any]:
     flights = about.get("flights")
     if not isinstance(about.get("one_aircraft"), bool) or not isinstance(flights, list):
         raise UserError("its description of its flights does not fit")
+    if not _is_short_text(about.get("made_with", "")):  # files of an earlier version do not say it
+        raise UserError("its description of what made it does not fit")
     if len(flights) > _MOST_FLIGHTS or about.get("form") not in (None, *known.FORMS):
         raise UserError("its description of its flights or its network does not fit")
     return about
@@ -107,9 +112,13 @@ def _flight(item: Any) -> PastFlight:
         raise UserError("its list of flights does not fit")
     name, digest, seconds = item
     is_number = isinstance(seconds, (int, float)) and 0.0 <= seconds < _BOUNDS["seconds"][1]
-    if not (is_number and 0 < len(name) <= LONGEST_NAME and name.isprintable() and len(digest) == 64):
+    if not (is_number and name and _is_short_text(name) and len(digest) == 64):
         raise UserError("its list of flights does not fit")
     return PastFlight(name, digest, float(seconds))
+
+
+def _is_short_text(value: Any) -> bool:
+    return isinstance(value, str) and len(value) <= LONGEST_NAME and value.isprintable()
 
 
 def _archive(part: Mapping[str, np.ndarray], inputs: int) -> Archive:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from nav_pose_estimator.core.motion.airframe import FADES, WORTH
 from nav_pose_estimator.core.motion.vehicle_class import CLASSES, UNKNOWN
 from nav_pose_estimator.engine.outage.methods.registry import estimators
 from nav_pose_estimator.engine.parameters.schema import param
@@ -26,9 +27,11 @@ class LearnerParameters:
         choices=(UNKNOWN, *CLASSES),
     )
     airframe: str = param("", "", "File made by train: what past flights show of this vehicle; empty: none")
-    airframe_seconds: float = param(30.0, "s", "How much flight the file is worth at the start", 0.0, 600.0)
+    airframe_seconds: float = param(
+        WORTH, "s", "How much flight the file is worth at the start; three times as much if of one aircraft", 0.0, 600.0
+    )
     airframe_fades: float = param(
-        150.0, "s", "Motion of this flight after which the file is not used any more", 1.0, 1e4
+        FADES, "s", "Motion of this flight after which the file is not used any more", 1.0, 1e4
     )
     prior: str = param("", "", "File made by train prior: how vehicles usually move; empty: that of the package")
     rules: int = param(2, "", "Largest number of rules tried; more than one is used only where clearly better", 1, 8)

@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nav_pose_estimator import __version__
 from nav_pose_estimator.core.learning.conv_lstm import ConvLstm
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import learn_air_velocity, with_law
@@ -19,10 +21,12 @@ from nav_pose_estimator.core.motion.airframe import (
     PastFlight,
     TrainedNetwork,
     air_velocity,
+    as_prior,
     control_of,
 )
 from nav_pose_estimator.core.motion.vehicle_class import MULTIROTOR, UNKNOWN, WHEELS
 from nav_pose_estimator.core.motion.windows import SECONDS
+from nav_pose_estimator.engine.outage.airframe_file import LONGEST_NAME
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive.kept import KeptResults
 from nav_pose_estimator.offline.training import archive as sums
@@ -71,7 +75,7 @@ def make_airframe(kept: KeptResults, keys: Sequence[str], merged: Merged, order:
     total = reduce(add, [*(member.equations for member in members), *from_files])
     scores, judged = [], []
     for member in members:
-        score, archive = _left_out(member, total, vehicle_class)
+        score, archive = _left_out(member, total, vehicle_class, order.is_one_aircraft)
         scores.append(score)
         judged.append(archive)
     noise, spread = _noise([*judged, *(airframe.archive for _, airframe in merged)])
@@ -80,8 +84,16 @@ def make_airframe(kept: KeptResults, keys: Sequence[str], merged: Merged, order:
         trained, more = _network(members, vehicle_class, order, (noise, spread))
         scores = [replace(a, errors={**a.errors, **b}) for a, b in zip(scores, more, strict=True)]
     flights = (*(member.past for member in members), *in_files.values())
-    airframe = Airframe(vehicle_class, order.is_one_aircraft, total.archive(noise, spread), trained, flights)
+    archive = total.archive(noise, spread)
+    airframe = Airframe(vehicle_class, order.is_one_aircraft, archive, trained, flights, made_with())
     return airframe, _lines(scores)
+
+
+def made_with() -> str:
+    """Versions of this package and of NumPy, and the vector instructions that NumPy has found."""
+    config: dict[str, Any] = np.show_config(mode="dicts") or {}
+    found = ", ".join(config.get("SIMD Extensions", {}).get("found", []))
+    return f"nav_pose_estimator {__version__}, NumPy {np.__version__} ({found})"[:LONGEST_NAME]
 
 
 def choose_class(members: Sequence[Member], merged: Merged, given: str | None) -> str:
@@ -132,17 +144,20 @@ def _is_double(member: Member, in_files: dict[str, PastFlight]) -> bool:
     return is_double
 
 
-def _left_out(member: Member, total: NormalEquations, vehicle_class: str) -> tuple[left_out.Score, Archive]:
+def _left_out(
+    member: Member, total: NormalEquations, vehicle_class: str, is_one_aircraft: bool
+) -> tuple[left_out.Score, Archive]:
     """How the flight fares with an archive of all others, and its own archive with the noise that their law leaves on
     it; alone, its own law."""
     epochs, others = member.data().epochs, total - member.equations
     if others.seconds < 1.0:
-        model, ways = learn_air_velocity(epochs), left_out.linear_ways(None, None, vehicle_class)
+        model, ways = learn_air_velocity(epochs), left_out.linear_ways(None, None)
     else:
         model = with_law(epochs, others.law(), vehicle_class == WHEELS)
-        ways = left_out.linear_ways(others.law(), others.archive(model.noise, model.wind_spread), vehicle_class)
-    archive = member.equations.archive(left_out.lasting_noise(epochs, model), model.wind_spread)
-    return left_out.Score(member.past.name, left_out.judge(epochs, ways)), archive
+        archive = others.archive(model.noise, model.wind_spread)
+        ways = left_out.linear_ways(others.law(), as_prior(archive, vehicle_class, is_one_aircraft))
+    own = member.equations.archive(model.noise, model.wind_spread)
+    return left_out.Score(member.past.name, left_out.judge(epochs, ways)), own
 
 
 def _noise(archives: Sequence[Archive]) -> tuple[Array, float]:
@@ -174,23 +189,26 @@ def _network(
     by_chance = [_with_outputs(member.data(), control, form) for member in members]
     archives, scores = [], []
     for way, flights in ((left_out.STACKED, stacked), (left_out.UNTRAINED, by_chance)):
-        archive, errors = _stacked(flights, vehicle_class, way, noise)
+        archive, errors = _stacked(flights, (vehicle_class, order.is_one_aircraft), way, noise)
         archives.append(archive)
         scores.append(errors)
     return TrainedNetwork(form, weights, *archives), [a | b for a, b in zip(*scores, strict=True)]
 
 
 def _stacked(
-    flights: Sequence[Array], vehicle_class: str, way: str, noise: tuple[Array, float]
+    flights: Sequence[Array], aircraft: tuple[str, bool], way: str, noise: tuple[Array, float]
 ) -> tuple[Archive, list[dict[str, Array]]]:
-    """The archive with a network's outputs, and how each flight fares with that of the others."""
+    """The archive with a network's outputs, and how each flight fares with that of the others.
+
+    ``aircraft``: class, and whether all flights are of one.
+    """
     equations = [NormalEquations.of(epochs, sums.air_velocity(epochs[:, : me.COLUMNS])) for epochs in flights]
     total = reduce(add, equations)
     scores = []
     for epochs, own in zip(flights, equations, strict=True):
-        ways = {way: left_out.stacked_way((total - own).archive(*noise), vehicle_class)}
+        ways = {way: left_out.stacked_way(as_prior((total - own).archive(*noise), *aircraft))}
         if way == left_out.STACKED:
-            ways[left_out.NETWORK] = lambda seen: with_law(seen, left_out.OutputLaw(), vehicle_class == WHEELS)
+            ways[left_out.NETWORK] = lambda seen: with_law(seen, left_out.OutputLaw(), aircraft[0] == WHEELS)
         scores.append(left_out.judge(epochs, ways))
     return total.archive(*noise), scores
 

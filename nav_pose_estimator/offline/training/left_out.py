@@ -13,10 +13,7 @@ from numpy.typing import NDArray
 
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity, with_law
-from nav_pose_estimator.core.motion.airframe import Archive, Beforehand
 from nav_pose_estimator.core.motion.prior import MotionPrior, PriorLaw
-from nav_pose_estimator.core.motion.vehicle_class import WHEELS
-from nav_pose_estimator.core.motion.wind import WIND_TIME
 
 Array = NDArray[np.float64]
 Learn = Callable[[Array], AirVelocityModel]
@@ -25,7 +22,6 @@ FIRST, LAST, EVERY, LENGTH = 20.0, 130.0, 10.0, 30.0
 """Starts from FIRST to LAST seconds of flight, EVERY so many, LENGTH seconds of dead reckoning [s]."""
 OWN, ARCHIVE, BOTH = "own flight", "archive alone", "own + archive"
 NETWORK, STACKED, UNTRAINED = "network alone", "+ network", "+ untrained"
-_DEFAULTS = Beforehand()
 
 
 class OutputLaw:
@@ -50,26 +46,17 @@ class Score:
     errors: Mapping[str, Array]
 
 
-def prior_of(archive: Archive, vehicle_class: str) -> MotionPrior:
-    """An archive as it counts in flight by default."""
-    noise, spread = archive.noise, archive.wind_spread
-    guided = vehicle_class == WHEELS
-    return MotionPrior(archive.gram, archive.moment, noise, spread, guided, _DEFAULTS.worth, _DEFAULTS.fades)
-
-
-def linear_ways(law: PriorLaw | None, archive: Archive | None, vehicle_class: str) -> dict[str, Learn]:
+def linear_ways(law: PriorLaw | None, prior: MotionPrior | None) -> dict[str, Learn]:
     """The flight alone and with the archive of the others; the first only where there are no others."""
     ways: dict[str, Learn] = {OWN: learn_air_velocity}
-    if law is not None and archive is not None:
-        prior = prior_of(archive, vehicle_class)
-        ways[ARCHIVE] = lambda epochs: with_law(epochs, law, vehicle_class == WHEELS)
+    if law is not None and prior is not None:
+        ways[ARCHIVE] = lambda epochs: with_law(epochs, law, prior.is_guided)
         ways[BOTH] = lambda epochs: learn_air_velocity(epochs, prior=prior)
     return ways
 
 
-def stacked_way(archive: Archive, vehicle_class: str) -> Learn:
+def stacked_way(prior: MotionPrior) -> Learn:
     """The flight with a network's output as input, and what the others say of both."""
-    prior = prior_of(archive, vehicle_class)
     return lambda epochs: learn_air_velocity(epochs, prior=prior)
 
 
@@ -87,21 +74,6 @@ def _starts(epochs: Array, length: float) -> list[int]:
     ahead = round(length / me.PERIOD)
     starts = np.arange(FIRST, LAST + EVERY / 2, EVERY) / me.PERIOD
     return [int(k) for k in starts if k + ahead <= len(epochs) and _is_whole(epochs[int(k) - 1 : int(k) + ahead])]
-
-
-def lasting_noise(epochs: Array, model: AirVelocityModel) -> Array:
-    """Variance (3,) of a mean over 1 s, body axes, by what ``model`` leaves in means over WIND_TIME: at least its own.
-
-    Of a whole flight more can be told than of a young one: what a law errs lasts as long as the vehicle goes on in the
-    same way, longer than the seconds over which residuals count as correlated. What the wind's change explains is not
-    counted twice: the mean of a first-order Gauss-Markov process over its correlation time has 2/e of its variance.
-    """
-    count = round(WIND_TIME / me.PERIOD)
-    wind = np.einsum("nij,i->nj", me.attitude(epochs)[:, :2], model.wind_mean)
-    left = epochs[:, me.BODY_VELOCITY : me.VELOCITY] - model.network.predict(me.inputs(epochs)) - wind
-    means = left[: len(left) // count * count].reshape(-1, count, 3).mean(axis=1)
-    by_wind = 2.0 / np.e * model.wind_spread * np.array((1.0, 1.0, 0.0))
-    return np.maximum(WIND_TIME * (np.square(means).mean(axis=0) - by_wind), model.noise)
 
 
 def table(scores: Sequence[Score]) -> list[str]:
