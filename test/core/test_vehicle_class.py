@@ -56,8 +56,21 @@ def test_what_is_known_beforehand_yields_to_what_flies() -> None:
     assert Beforehand(FIXED_WING).by_flight(flight) == Beforehand(MULTIROTOR)
     assert Beforehand(FIXED_WING).by_flight(drive()) == Beforehand(FIXED_WING)
     assert Beforehand().by_flight(drive()) == Beforehand(WHEELS)
-    assert Beforehand().by_flight(epochs_of("fixed_wing", 71)).can_hover is False
-    assert Beforehand().by_flight(flight).can_hover is None
+
+
+def test_what_moves_unlike_a_multirotor_is_never_said_to_hover() -> None:
+    """GIVEN four seconds under way, or a flight WHEN asked who may hover THEN no wing, car or boat, told or not yet; a
+    multirotor may before it has done so, and later its flight has to show it."""
+    for scenario in ("fixed_wing", "road_vehicle", "boat_lanes"):
+        epochs = epochs_of(scenario, 71, 220.0)
+        moves = int(np.argmax(np.hypot(epochs[:, me.VELOCITY], epochs[:, me.VELOCITY + 1]) > 2.0))
+        assert tell_class(epochs[: moves + 8]) == UNKNOWN
+        assert Beforehand().can_hover(epochs[: moves + 8]) is False
+        assert Beforehand().can_hover(epochs) is False
+    flight = Flight().epochs()
+    assert Beforehand().can_hover(flight[:60]) is True
+    assert Beforehand().can_hover(flight) is None
+    assert Beforehand().can_hover(flight[:0]) is None
 
 
 def test_a_few_strange_seconds_decide_nothing() -> None:

@@ -320,3 +320,21 @@ def test_the_memory_of_branches_stays_bounded() -> None:
     kept = [m[filter_memory.NEWEST] - m[filter_memory.OLDEST] for m in branches.memories]
     assert max(kept) < 35
     assert len(timeline.queue) < 8
+
+
+def test_what_a_hypothesis_has_made_certain_is_no_evidence_for_it() -> None:
+    """GIVEN a vehicle at a velocity that is hardly known WHEN only the hovering branch is certain that it stands, as
+    its hypothesis says again and again THEN hovering is no more probable than if it were not."""
+    timeline = started(accel_error=0.3)
+    fly(timeline, imu_rows(20.0))
+    weights = []
+    for certain in (1.0, 0.1):
+        branches = copy.deepcopy(timeline.filter.branches)
+        branches.weights[:] = 0.5
+        for (nav, P), part in zip(branches.pairs(), (3.0, certain), strict=True):
+            nav[at.VEL : at.VEL + 3] = 0.0
+            P[at.DVEL : at.DPOS] *= part
+            P[:, at.DVEL : at.DPOS] *= part
+        branches.decide(evidence(timeline))
+        weights.append(branches.probability("hover"))
+    assert weights[1] == pytest.approx(weights[0], abs=1e-6)

@@ -14,6 +14,7 @@ from nav_pose_estimator.core.motion.vehicle_class import (
     MULTIROTOR,
     UNKNOWN,
     WHEELS,
+    is_unlike,
     tell_class,
 )
 from nav_pose_estimator.core.motion.windows import SECONDS
@@ -28,6 +29,7 @@ WORTH, FADES = 100.0, 150.0
 CONTROL_SEED = 1
 _FASTEST = 100.0  # m/s
 _SAME = 3.0  # flights of this very aircraft are worth so much more than those of others of its class
+_YOUNG = 60.0  # s of flight in which a multirotor may not have hovered yet
 
 
 @dataclass(frozen=True)
@@ -142,10 +144,18 @@ class Beforehand:
             return self
         return Beforehand(told)
 
-    @property
-    def can_hover(self) -> bool | None:
-        """False for a fixed wing; None where the flight has to show it: a multirotor on laps might, but does not."""
-        return False if self.vehicle_class == FIXED_WING else None
+    def can_hover(self, epochs: Array) -> bool | None:
+        """Whether the vehicle of the flight of ``epochs`` (N, COLUMNS or more) can; None where that has to show it.
+
+        What moves unlike a multirotor cannot: a car or a boat at constant speed is as calm as a hover. A multirotor
+        that flies laps might, but does not; in its first minute it may not have done so yet.
+        """
+        told = self.by_flight(epochs).vehicle_class
+        if told == UNKNOWN:
+            return False if is_unlike(MULTIROTOR, epochs) else None
+        if told != MULTIROTOR:
+            return False
+        return True if len(epochs) * me.PERIOD < _YOUNG else None
 
     @property
     def prior(self) -> MotionPrior | None:

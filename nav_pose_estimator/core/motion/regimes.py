@@ -54,9 +54,10 @@ class MotionRegimes:
     """Variance of a velocity component [m^2/s^2] and (mean, variance) of the activity, each for travel and hover.
 
     ``travel_time`` [s]: how much flight makes one independent draw of a travelling vehicle's velocity. ``place_var``
-    [m^2]: variance of a horizontal component of its place about where GNSS was lost, ``wander_var`` [m^2] the same of a
-    hover. ``unnoticed_psd`` [m^2/s]: by which the position of a vehicle that is said to hover would spread, had the
-    hover ended; ``hover_time`` [s]: how long one lasts. The flight is known up to the time ``until`` [s].
+    [m^2]: variance of a horizontal component of its place about where GNSS was lost, None where nothing is known of it;
+    ``wander_var`` [m^2] the same of a hover. ``unnoticed_psd`` [m^2/s]: by which the position of a vehicle that is said
+    to hover would spread, had the hover ended; ``hover_time`` [s]: how long one lasts. The flight is known up to the
+    time ``until`` [s].
     """
 
     can_hover: bool
@@ -66,7 +67,7 @@ class MotionRegimes:
     hover_activity: tuple[float, float]
     hover_probability: float
     travel_time: float
-    place_var: float
+    place_var: float | None
     wander_var: float
     unnoticed_psd: float
     hover_time: float

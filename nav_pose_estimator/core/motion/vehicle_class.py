@@ -29,6 +29,7 @@ CLASSES = (MULTIROTOR, FIXED_WING, WHEELS, BOAT)
 FLYING = (MULTIROTOR, FIXED_WING)
 UNKNOWN = "unknown"
 _CERTAIN = 0.95
+_AGAINST = 0.9  # part of what a class is likely before the motion has shown anything
 _UNDER_WAY = 2.0  # m/s: at the pace of a walk it may be carried
 _DRAW = 10.0  # s: so much motion is one draw, for a vehicle keeps its style for a while
 _MOST = 4.0  # logarithm of the most that a class may be more likely than another by one epoch
@@ -45,6 +46,11 @@ def told_class(probability: Mapping[str, float]) -> str:
     """The class of this ``probability`` of each; ``UNKNOWN`` where in doubt."""
     likely = max(probability, key=lambda name: probability[name])
     return likely if probability[likely] >= _CERTAIN else UNKNOWN
+
+
+def is_unlike(vehicle_class: str, epochs: Array) -> bool:
+    """Whether the motion of epochs (N, COLUMNS or more) speaks against this class, certain of another or not."""
+    return class_probabilities(epochs)[vehicle_class] < _AGAINST * _USUAL[vehicle_class]
 
 
 def class_probabilities(epochs: Array) -> dict[str, float]:

@@ -26,6 +26,7 @@ _LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
 _REMEMBERED = 10.0  # s: the longest that checkpoints reach back
 _DRIVING_NOISE = np.r_[at.GYRO_NOISE_PSD, at.ACCEL_NOISE_PSD, at.GYRO_BIAS_PSD, at.ACCEL_BIAS_PSD, GYRO_MATRIX.psd]
 _POSITION, _PLACE = slice(at.DPOS, at.DPOS + 3), slice(at.DPOS, at.DPOS + 2)
+_VELOCITY = slice(at.DVEL, at.DVEL + 2)
 _HAS_LEFT = 9.2  # normalised square of two components that one in a hundred exceeds
 _SURPRISING = 4.0  # normalised square of a horizontal velocity (two on average) beyond which it contradicts a regime
 
@@ -40,6 +41,16 @@ class _Fit(NamedTuple):
 
 
 _IMPOSSIBLE = _Fit(-math.inf, -math.inf, 0.0)
+
+
+class _Situation(NamedTuple):
+    """Of a branch: ``middle``, the nominal state of the mixture, to which the evidence belongs; ``lost_at`` (3,) where
+    GNSS was lost, None for a vehicle that left there; ``assumed_var`` [m^2/s^2] by which the branch is more certain of
+    its velocity than the least certain one."""
+
+    middle: np.ndarray
+    lost_at: np.ndarray | None
+    assumed_var: float
 
 
 class Branches:
@@ -168,6 +179,7 @@ class Branches:
         transition = np.full((count, count), (1.0 - stay) / max(count - 1, 1))
         np.fill_diagonal(transition, stay)
         tempered = min(evidence.interval / evidence.correlation, 1.0)
+        known_to = 0.5 * np.trace(Ps[0][:, _VELOCITY, _VELOCITY], axis1=1, axis2=2)
         exponent = np.empty((count, count))
         for j, hypothesis in enumerate(evidence.hypotheses):
             if hypothesis.lasting is not None and math.isinf(self._ended[j]):
@@ -175,8 +187,9 @@ class Branches:
             for i in range(count):
                 if not self._wind_is_measured:
                     _relax_wind(navs[j, i], evidence)
-                places = middle, self._lost_at if math.isinf(self._left) else None
-                fit = _act(navs[j, i], Ps[j, i], self.constants, places, evidence, hypothesis)
+                lost_at = self._lost_at if math.isinf(self._left) else None
+                situation = _Situation(middle, lost_at, float(known_to.max() - known_to[i]))
+                fit = _act(navs[j, i], Ps[j, i], self.constants, situation, evidence, hypothesis)
                 # what is seen while a regime lasts is correlated; that it could begin at all counts once and in full
                 exponent[j, i] = tempered * fit.likelihood + (i != j) * (1.0 - tempered) * fit.entry
                 if hypothesis.velocity_time is not None:
@@ -200,16 +213,16 @@ def _act(
     nav: np.ndarray,
     P: np.ndarray,
     constants: np.ndarray,
-    places: tuple[np.ndarray, np.ndarray | None],
+    situation: _Situation,
     evidence: MotionEvidence,
     hypothesis: Hypothesis,
 ) -> _Fit:
     """Correct one branch.
 
-    ``places``: nominal state of the mixture, to which the evidence belongs, and position (3,) where GNSS was lost, None
-    for a vehicle that left there.
+    A hypothesis corrects its branch again and again. What it has made certain is no evidence for it: how probable a
+    velocity is follows from the covariance of the least certain branch, which is what the IMU knows.
     """
-    n, (middle, lost_at) = len(P), places
+    n, (middle, lost_at, assumed_var) = len(P), situation
     P[_PLACE, _PLACE] += hypothesis.doubt_psd * evidence.interval * np.eye(2)
     apart = error_between(middle, nav, constants)  # the branch's error were the mixture the truth
     seen, used = [], []  # (z, H, variances): what tells the hypotheses apart, what corrects the branch
@@ -217,7 +230,7 @@ def _act(
     if hypothesis.velocity_var is not None:
         _, H = measurements.horizontal_velocity(nav, n, 0.0, 0.0)
         z, variances = np.array(evidence.velocity[:2]) + H @ apart, np.full(2, hypothesis.velocity_var)
-        seen.append((z, H, variances))
+        seen.append((z, H, variances + assumed_var))
         entry = -0.5 * innovation(P, z, H, np.diag(variances + evidence.unmodelled_var))
         contradiction = -0.5 * max(innovation(P, z, H, np.diag(variances)) - _SURPRISING, 0.0)
         if hypothesis.velocity_time is not None:

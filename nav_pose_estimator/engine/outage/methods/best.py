@@ -9,7 +9,7 @@ from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, is_guided
 from nav_pose_estimator.core.motion.regimes import MotionRegimes, learn_regimes
 from nav_pose_estimator.core.motion.usual_drag import expected_noise, with_usual_drag
-from nav_pose_estimator.core.motion.vehicle_class import MULTIROTOR, UNKNOWN
+from nav_pose_estimator.core.motion.vehicle_class import FIXED_WING
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import (
     HOVER,
     TRAVEL,
@@ -109,8 +109,10 @@ class Best(Anfis):
 
     def with_regimes(self, flight: Flight, model: AirVelocityModel | None, name: str) -> RegimesGuide:
         """The regimes of the flight with ``model``, as the way that rehearsals know by ``name``."""
-        can_hover = self.beforehand.by_flight(flight.epochs).can_hover
+        can_hover = self.beforehand.can_hover(flight.epochs)
         regimes = learn_regimes(flight.epochs, flight.usual, flight.decisions, can_hover)
+        if can_hover is False and self.beforehand.by_flight(flight.epochs).vehicle_class != FIXED_WING:
+            regimes = replace(regimes, place_var=None)  # where a car or a boat goes is not known
         spread, hovering = (found.get(name, 0.0) for found in (flight.spread, flight.hover_spread))
         doubt = math.inf if model is None else expected_noise(model, flight.epochs)
         return RegimesGuide(
@@ -119,10 +121,8 @@ class Best(Anfis):
 
     def _with_usual_drag(self, flight: Flight) -> RegimesGuide:
         """The regimes alone for what is no multirotor, or for too few epochs."""
-        guide, told = self.with_regimes(flight, None, REGIMES), self.beforehand.by_flight(flight.epochs).vehicle_class
-        if len(flight.epochs) < _LEAST_EPOCHS or not guide.regimes.can_hover:
-            return guide
-        if told not in (UNKNOWN, MULTIROTOR) or is_guided(flight.epochs):
+        guide = self.with_regimes(flight, None, REGIMES)
+        if len(flight.epochs) < _LEAST_EPOCHS or not guide.regimes.can_hover or is_guided(flight.epochs):
             return guide
         model = with_usual_drag(flight.epochs, flight.usual.drag)
         return replace(guide, model=model, is_usual=True, doubt=expected_noise(model, flight.epochs))
