@@ -52,7 +52,7 @@ def _copy_tuple(value: tuple, memo: _Memo) -> tuple:
 
 
 def _never_change(items: Collection) -> bool:
-    """Whether all are numbers and the like, or tuples of such: what a history holds, told in a few steps for hundreds."""
+    """Whether all are numbers and the like, or tuples of such, as in a history: told in a few steps for hundreds."""
     kinds = set(map(type, items))
     if tuple not in kinds:
         return kinds <= _ATOMS
