@@ -1,9 +1,14 @@
-"""The ament_python package: modules, executables and what goes into share."""
+"""The ament_python package: modules, executables, what goes into share, and kernels that are compiled in time."""
 
+import os
+import shutil
+import subprocess
 import sys
 from pathlib import Path
 
 from setuptools import find_packages, setup
+from setuptools.command.develop import develop
+from setuptools.command.install import install
 
 NAME = "nav_pose_estimator"
 SHARE = f"share/{NAME}"
@@ -24,13 +29,18 @@ COMMANDS = (
 COMMAND_LINE = f"{NAME}.offline.command_line"
 
 
+def is_colcon() -> bool:
+    """Whether this is ``setup.py install`` or ``develop``."""
+    return bool({"install", "develop"} & set(sys.argv))
+
+
 def executables() -> list[str]:
     """What is installed as a program.
 
-    colcon (``setup.py install`` or ``develop``) puts programs into lib/nav_pose_estimator, where ``ros2 run`` looks:
-    one for each command. pip puts them on the PATH, where names like ``replay`` belong to nobody: one command for all.
+    colcon puts programs into lib/nav_pose_estimator, where ``ros2 run`` looks: one for each command. pip puts them on
+    the PATH, where names like ``replay`` belong to nobody: one command for all.
     """
-    if {"install", "develop"} & set(sys.argv):
+    if is_colcon():
         return [f"{command} = {COMMAND_LINE}:{command}" for command in COMMANDS]
     return [f"{NAME} = {COMMAND_LINE}:main"]
 
@@ -44,11 +54,54 @@ def shared_files(folder: str) -> list[tuple[str, list[str]]]:
     return list(found.items())
 
 
+def compile_kernels(modules: str) -> None:
+    """Compile the numeric kernels of the package in the folder ``modules``, so that no first start has to.
+
+    What lies compiled beside these sources is valid there, too. A build does not fail of this: what is missing is
+    compiled when it is called first.
+    """
+    for path in Path(NAME).rglob("__pycache__/*.nb[ic]"):
+        copy = Path(modules, path)
+        if copy.parent.parent.is_dir() and not copy.exists():
+            copy.parent.mkdir(exist_ok=True)
+            shutil.copyfile(path, copy)
+    print("compiling the numeric kernels, which takes a minute or two the first time", flush=True)
+    path_of_modules = os.pathsep.join(filter(None, [modules, os.environ.get("PYTHONPATH")]))
+    command = [sys.executable, "-m", NAME, "warm_up"]
+    done = subprocess.run(command, cwd=modules, env=os.environ | {"PYTHONPATH": path_of_modules}, check=False)
+    if done.returncode:
+        print("warning: not every kernel was compiled; the first start will do it", flush=True)
+
+
+class InstallWithKernels(install):
+    """``setup.py install``, as ``colcon build`` calls it. Files of a distribution package (--root) stay as they are."""
+
+    def run(self):
+        """Install, then compile."""
+        super().run()
+        if self.single_version_externally_managed and not self.root:
+            compile_kernels(os.path.abspath(self.install_lib))
+
+
+class DevelopWithKernels(develop):
+    """``setup.py develop``, as ``colcon build --symlink-install`` calls it."""
+
+    def run(self):
+        """Install, then compile beside the sources."""
+        super().run()
+        compile_kernels(os.getcwd())
+
+
+def build_commands() -> dict[str, type]:
+    """pip takes its own way, and has compiled nothing when it is done."""
+    return {"install": InstallWithKernels, "develop": DevelopWithKernels} if is_colcon() else {}
+
+
 setup(
     name=NAME,
     version="0.1.0",
     description="Pose estimation for drones that lose GNSS",
-    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description=Path(__file__).resolve().with_name("README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
     license="Apache-2.0",
     maintainer="The nav_pose_estimator maintainers",
@@ -75,4 +128,5 @@ setup(
         "stores": ["fsspec>=2024.2"],
     },
     entry_points={"console_scripts": executables()},
+    cmdclass=build_commands(),
 )

@@ -147,10 +147,10 @@ def least_misfit(seconds: list[Second], u: Array, biases: Iterable[Array], enoug
 
 
 def best_rotation(impulses: Array, forces: Array) -> Array:
-    """(3, 3) by which ``impulses`` (S, 3) fit ``forces`` (S, 3) best (Wahba's problem)."""
-    left, _, right = np.linalg.svd(forces.T @ impulses)
-    flip = np.diag([1.0, 1.0, np.linalg.det(left) * np.linalg.det(right)])
-    return np.asarray(left @ flip @ right)
+    """(..., 3, 3) by which ``impulses`` (S, 3) fit ``forces`` (..., S, 3) best (Wahba's problem)."""
+    left, _, right = np.linalg.svd(np.swapaxes(forces, -1, -2) @ impulses)
+    left[..., 2] *= (np.linalg.det(left) * np.linalg.det(right))[..., None]
+    return np.asarray(left @ right)
 
 
 def impulses(seconds: list[Second], gyros: Array) -> Array:

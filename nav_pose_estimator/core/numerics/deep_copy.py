@@ -9,7 +9,8 @@ from __future__ import annotations
 import copy
 import dataclasses
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from itertools import chain
 from operator import is_
 from types import BuiltinFunctionType, FunctionType, MethodType, NoneType
 from typing import Any, TypeVar
@@ -21,6 +22,7 @@ _Memo = dict[int, Any]
 _Copier = Callable[[Any, _Memo], Any]
 
 _ATOMS = frozenset((NoneType, bool, int, float, complex, str, bytes, type, range, FunctionType, BuiltinFunctionType))
+_ATOMS_AND_TUPLES = _ATOMS | {tuple}
 _HEAP_TYPE = 1 << 9  # flag of a class that was not built into Python (Py_TPFLAGS_HEAPTYPE)
 _OWN_WAYS = ("__getstate__", "__setstate__", "__getnewargs__", "__getnewargs_ex__", "__reduce__", "__reduce_ex__")
 
@@ -49,15 +51,30 @@ def _copy_tuple(value: tuple, memo: _Memo) -> tuple:
     return twin
 
 
+def _never_change(items: Collection) -> bool:
+    """Whether all are numbers and the like, or tuples of such, as in a history: told in a few steps for hundreds."""
+    kinds = set(map(type, items))
+    if tuple not in kinds:
+        return kinds <= _ATOMS
+    tuples = items if len(kinds) == 1 else [item for item in items if type(item) is tuple]
+    return kinds <= _ATOMS_AND_TUPLES and _never_change(list(chain.from_iterable(tuples)))
+
+
 def _copy_list(value: list, memo: _Memo) -> list:
-    twin: list = []
+    if _never_change(value):
+        twin = memo[id(value)] = value.copy()
+        return twin
+    twin = []
     memo[id(value)] = twin
     twin += [item if type(item) in _ATOMS else deep_copy(item, memo) for item in value]
     return twin
 
 
 def _copy_deque(value: deque, memo: _Memo) -> deque:
-    twin: deque = deque(maxlen=value.maxlen)
+    if _never_change(value):
+        twin = memo[id(value)] = value.copy()
+        return twin
+    twin = deque(maxlen=value.maxlen)
     memo[id(value)] = twin
     twin.extend([item if type(item) in _ATOMS else deep_copy(item, memo) for item in value])
     return twin

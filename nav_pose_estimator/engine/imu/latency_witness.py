@@ -9,7 +9,6 @@ On ten recorded flights without ``gnss.delay`` it lay within 0.2 s of the latenc
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,7 +16,7 @@ import numpy as np
 from nav_pose_estimator.core.alignment import motion_story
 
 _STEP = 0.2  # s
-SHIFTS = tuple(_STEP * k for k in range(-3, 4))
+SHIFTS = _STEP * np.arange(-3, 4)
 """s by which velocities may be late."""
 _NONE = 3  # number of the shift that is none
 _MEMORY = 0.95  # of the sums, from window to window
@@ -36,28 +35,25 @@ class LatencyWitness:
     _sums: np.ndarray = field(default_factory=lambda: np.zeros(len(SHIFTS)), init=False)
     _found: int = field(default=0, init=False)
 
-    def compare(self, impulses: np.ndarray, forces: Callable[[float], np.ndarray | None]) -> None:
-        """A window in which the IMU moves: its ``impulses`` (S, 3) [m/s], ``forces`` (S, 3) as GNSS told them later."""
-        shifted = [forces(shift) for shift in SHIFTS]
-        known = [one for one in shifted if one is not None]
-        if len(known) == len(SHIFTS):
-            self._sums = _MEMORY * self._sums + [min(_difference(impulses, one), _BLOW) for one in known]
-            self._conclude()
+    def compare(self, impulses: np.ndarray, forces: np.ndarray | None) -> None:
+        """A window in which the IMU moves: its ``impulses`` (S, 3) [m/s].
+
+        ``forces`` (len(SHIFTS), S, 3) as GNSS told them so much later; None where it did not.
+        """
+        if forces is None:
+            return
+        apart = forces - impulses @ np.swapaxes(motion_story.best_rotation(impulses, forces), -1, -2)
+        about_mean = apart - apart.mean(axis=1, keepdims=True)
+        self._sums = _MEMORY * self._sums + [min(float(np.vdot(one, one)), _BLOW) for one in about_mean]
+        self._conclude()
 
     def _conclude(self) -> None:
         sums = self._sums.tolist()
         best = min(range(len(sums)), key=lambda k: sums[k])
-        delay, least = SHIFTS[best], sums[best]
+        delay, least = float(SHIFTS[best]), sums[best]
         if 0 < best < len(sums) - 1:
             slope, bend = sums[best + 1] - sums[best - 1], sums[best - 1] - 2.0 * least + sums[best + 1]
             delay, least = delay - 0.5 * _STEP * slope / bend, least - 0.125 * slope**2 / bend
         is_late = least < _BETTER * sums[_NONE] and sums[_NONE] - least > _ENOUGH
         self._found = self._found + 1 if is_late else 0
         self.delay = delay if self._found >= _PROOF and abs(delay) > _LEAST else 0.0
-
-
-def _difference(impulses: np.ndarray, forces: np.ndarray) -> float:
-    """What varies in it [(m/s)^2]."""
-    apart = forces - impulses @ motion_story.best_rotation(impulses, forces).T
-    about_mean = apart - apart.mean(axis=0)
-    return float(np.vdot(about_mean, about_mean))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable
-from itertools import pairwise
 
 import numpy as np
 
@@ -13,11 +12,12 @@ from nav_pose_estimator.core.alignment import motion_story
 from nav_pose_estimator.core.alignment.motion_story import DEGREE
 from nav_pose_estimator.engine.imu.agreement import MotionAgreement
 from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
-from nav_pose_estimator.engine.imu.latency_witness import LatencyWitness
+from nav_pose_estimator.engine.imu.latency_witness import SHIFTS, LatencyWitness
 from nav_pose_estimator.engine.imu.plausibility import Finding, G
 from nav_pose_estimator.engine.samples import Vector3
 
 _GRAVITY = np.array([0.0, 0.0, G])  # m/s^2
+_NOW = np.zeros(1)  # s
 _WINDOW = 6  # s that are compared at a time ...
 _EVERY = 3  # s
 _LAG = 2  # s: by then the velocities of a window have arrived
@@ -115,7 +115,7 @@ class MotionCheck:
 
     def _compare(self, end: int, gyro_bias: np.ndarray) -> None:
         seconds = [self._seconds.get(k) for k in range(end - _WINDOW + 1, end + 1)]
-        forces, received = _forces(end, self._velocities), _forces(end, self._received)
+        forces, received = (_first(_forces(end, known)) for known in (self._velocities, self._received))
         known = [one for one in seconds if one is not None]
         if len(known) < _WINDOW:
             return
@@ -134,7 +134,7 @@ class MotionCheck:
         if not self.shakes:
             self.agreement.compare(impulses, forces)
         if self.agreement.moves:
-            self.latency.compare(impulses, lambda shift: _forces(end, self._received, shift))
+            self.latency.compare(impulses, _forces(end, self._received, SHIFTS))
         squares = np.full(len(self._sums), self.misfit**2)
         if self.misfit > _SUSPICIOUS or self._blamed is not None:
             all_of_them = motion_story.fit(known, forces, self._gyros)
@@ -226,21 +226,31 @@ class MotionCheck:
         return ", and ".join(wrong)
 
 
-def _forces(end: float, velocities: Iterable[tuple[float, Vector3]], late: float = 0.0) -> np.ndarray | None:
-    """(S, 3) m/s: what GNSS says of the specific force in each second of the window; None where it says nothing.
+def _forces(end: float, velocities: Iterable[tuple[float, Vector3]], late: np.ndarray = _NOW) -> np.ndarray | None:
+    """(L, S, 3) m/s: what GNSS says of the specific force in each second of the window; None where it says nothing.
 
-    ``late`` [s]: how much older the velocities are than their stamps.
+    ``late`` (L,) [s]: how much older the velocities are than their stamps.
     """
-    end += late
-    begin = end - _WINDOW
-    near = [(t, *v) for t, v in velocities if begin - _VELOCITY_GAP < t < end + _VELOCITY_GAP]
-    if len(near) < 3 or near[0][0] > begin or near[-1][0] < end:
+    ends = end + late
+    begins = ends - _WINDOW
+    least, most = begins.min() - _VELOCITY_GAP, ends.max() + _VELOCITY_GAP
+    table = np.array([(t, *v) for t, v in velocities if least < t < most])
+    if len(table) < 3 or not _covers(table[:, 0], begins, ends):
         return None
-    if max(b[0] - a[0] for a, b in pairwise(near)) > _VELOCITY_GAP:
-        return None
-    table, times = np.array(near), begin + np.arange(_WINDOW + 1.0)
-    at_ends = np.column_stack([np.interp(times, table[:, 0], table[:, axis]) for axis in (1, 2, 3)])
-    return at_ends[1:] - at_ends[:-1] + _GRAVITY
+    times = begins[:, None] + np.arange(_WINDOW + 1.0)
+    at_ends = np.stack([np.interp(times, table[:, 0], table[:, axis]) for axis in (1, 2, 3)], axis=-1)
+    return at_ends[:, 1:] - at_ends[:, :-1] + _GRAVITY
+
+
+def _covers(t: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> bool:
+    """Whether velocities at ``t`` (N,) [s] tell the change from each of ``begins`` to ``ends`` (L,), without a gap."""
+    if t[0] > begins.min() or t[-1] < ends.max():
+        return False
+    return float(np.diff(t).max()) <= _VELOCITY_GAP
+
+
+def _first(forces: np.ndarray | None) -> np.ndarray | None:
+    return None if forces is None else forces[0]
 
 
 def _axes(matrix: np.ndarray) -> str:

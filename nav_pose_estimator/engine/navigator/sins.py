@@ -63,34 +63,29 @@ class SinsEngine:
         """Take samples in the order in which they arrived: the numbers of ``feed``, in fewer and longer blocks."""
         outputs: list[Output] = []
         backlog = stretch.Backlog(self.run)
-
-        def flown(backlog: stretch.Backlog) -> list[Output]:
-            blocks = self._go_on(*backlog.flown())
-            return [*self.journal.drain(), *blocks]
-
         try:
             for sample in samples:
                 if isinstance(sample, ImuBlock) and self.resume is None and backlog.is_open():
                     items = self._input.accept_block(sample)
                     if len(items) == 1 and isinstance(items[0], ImuBlock):
-                        backlog.add(items[0])
+                        outputs += self._let_wait(backlog, items[0])
                     else:
-                        outputs += flown(backlog)
+                        outputs += self._flown(backlog)
                         outputs += self._carry(items)
                 elif backlog.may_wait_for(sample):
                     intake.take(self.run, sample)
                     if self.run.gnss.reception.velocities.misled:
-                        outputs += flown(backlog)
+                        outputs += self._flown(backlog)
                         self.run = _undeceived(self.run)
                 else:
-                    outputs += flown(backlog)
+                    outputs += self._flown(backlog)
                     outputs += self.feed(sample)
                 if backlog.is_full:
-                    outputs += flown(backlog)
+                    outputs += self._flown(backlog)
                 if backlog.run is not self.run:
                     backlog = stretch.Backlog(self.run)
         finally:
-            outputs += flown(backlog)
+            outputs += self._flown(backlog)
         return stretch.packed(outputs)
 
     @property
@@ -156,6 +151,23 @@ class SinsEngine:
             stamp = int(block.stamps_ns[0])
             solutions.append(NavSolution(stamp, block.mode, values, block.correction_enu, block.reset_count))
         return solutions
+
+    def _let_wait(self, backlog: stretch.Backlog, block: ImuBlock) -> list[Output]:
+        """Let ``block`` wait; where it is time to look back within it, what comes before is flown first."""
+        now, later = backlog.cut(block)
+        backlog.add(now)
+        if later is None:
+            return []
+        outputs = self._flown(backlog)
+        if backlog.run is self.run and backlog.is_open():
+            backlog.add(later)
+            return outputs
+        return [*outputs, *self._carry([later])]
+
+    def _flown(self, backlog: stretch.Backlog) -> list[Output]:
+        """What has happened when all that waits has been flown."""
+        blocks = self._go_on(*backlog.flown())
+        return [*self.journal.drain(), *blocks]
 
     def _carry(self, items: list[ImuSample | Event] | list[ImuBlock | Event]) -> list[NavBlock]:
         """What the IMU's input let pass, in order: events, which may end the run, and samples."""

@@ -18,6 +18,7 @@ from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import DVL
 from nav_pose_estimator.core.gnss.doubt import HOPELESS
 from nav_pose_estimator.core.routine import table
+from nav_pose_estimator.engine.engine_clock import NS
 from nav_pose_estimator.engine.navigator import heading_trial
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.look_back import look_back
@@ -147,6 +148,14 @@ class Backlog:
             run.take_observation = self._observe
             run.journal.before_next(self._fly)
         return self._open
+
+    def cut(self, block: ImuBlock) -> tuple[ImuBlock, ImuBlock | None]:
+        """``block`` up to the sample with which it ``is_full``, and what follows, if anything does."""
+        clock = self.run.clock
+        if clock.seconds(int(block.stamps_ns[-1])) < self._limit:
+            return block, None
+        count = int(((block.stamps_ns - clock.zero_ns) * NS).searchsorted(self._limit)) + 1
+        return block.part(0, count), block.part(count, None) if count < len(block) else None
 
     def add(self, block: ImuBlock) -> None:
         """Let a ``block`` wait that the IMU's input has let pass."""

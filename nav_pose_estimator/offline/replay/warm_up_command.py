@@ -9,13 +9,15 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from types import CodeType
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """There are no options."""
     parser.description = (
         "Compile the numeric kernels, which takes a minute or two, and keep them beside the package. Nodes and replays "
-        "then start in seconds. To be repeated after an update of the package, NumPy or numba; `make setup` does it."
+        "then start in seconds. What is left of earlier versions of the package is removed. To be repeated after an "
+        "update of NumPy or numba; `make setup` and `colcon build` do it."
     )
 
 
@@ -24,8 +26,10 @@ def run(arguments: argparse.Namespace) -> int:
     import nav_pose_estimator
     from nav_pose_estimator.core.numerics.jit import COMPILED
 
-    folder = str(Path(nav_pose_estimator.__file__).parent)
-    compileall.compile_dir(folder, quiet=2)
+    folder = Path(nav_pose_estimator.__file__).parent
+    compileall.compile_dir(str(folder), quiet=2)
+    if removed := remove_stale(folder):
+        print(f"{removed} files of earlier kernels removed")
     if not COMPILED:
         print("there is no compiler (numba): kernels run as plain Python")
         return 0
@@ -39,6 +43,30 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{pool.submit(_compile, WHOLE).result():.0f} s", flush=True)
     print(f"every kernel is compiled ({time.monotonic() - began:.0f} s)", file=sys.stderr)
     return 0
+
+
+def remove_stale(folder: Path) -> int:
+    """Delete what numba keeps below ``folder`` of functions that its modules do not have any more; how many files.
+
+    A file is named after module, function and the line at which that begins: ``seconds._apart-101.py312.nbi``.
+    """
+    kept: dict[Path, set[str]] = {}
+    removed = 0
+    for path in sorted(folder.rglob("__pycache__/*.nb[ic]")):
+        source = path.parents[1] / f"{path.name.partition('.')[0]}.py"
+        if source not in kept:
+            kept[source] = _functions_of(source) if source.is_file() else set()
+        if path.name.partition(".py3")[0] not in kept[source]:
+            path.unlink(missing_ok=True)
+            removed += 1
+    return removed
+
+
+def _functions_of(source: Path) -> set[str]:
+    """Module, name and first line of every function in a file, as numba puts them into the names of its own."""
+    module = compile(source.read_bytes(), str(source), "exec", dont_inherit=True)
+    found = [code for code in module.co_consts if isinstance(code, CodeType)]
+    return {f"{source.stem}.{code.co_qualname}-{code.co_firstlineno}" for code in found}
 
 
 def _processes() -> int:

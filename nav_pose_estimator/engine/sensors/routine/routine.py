@@ -48,8 +48,8 @@ class Routine:
         self._kinds, self._aiding, self._fusion = kinds, aiding, fusion
 
     def takes(self, o: Observation) -> bool:
-        """Whether there is a way for observations of the kind of ``o``."""
-        return o.kind.name in self._kinds
+        """Whether there may be a way for ``o``: of its kind there is, and what is new is expected only beside GNSS."""
+        return o.kind.name in self._kinds and (o.decision is not None or self._aiding.gnss_is_good(o.t))
 
     def act(self, vector: np.ndarray, observations: Sequence[Observation], t: float) -> list[list[float]]:
         """Let ``observations`` act that are due, on a filter that stands at ``t`` [s], its covariance up to date.
