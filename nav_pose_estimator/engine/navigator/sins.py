@@ -195,7 +195,8 @@ def _let_wait(engine: SinsEngine, backlog: stretch.Backlog, block: ImuBlock) -> 
     if backlog.run is engine.run and backlog.is_open():
         backlog.add(later)
         return outputs
-    return [*outputs, *engine._carry([later])]
+    rest: list[ImuBlock | Event] = [later]
+    return [*outputs, *engine._carry(rest)]
 
 
 def _flown(engine: SinsEngine, backlog: stretch.Backlog) -> list[Output]:
