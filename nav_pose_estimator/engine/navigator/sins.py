@@ -68,24 +68,24 @@ class SinsEngine:
                 if isinstance(sample, ImuBlock) and self.resume is None and backlog.is_open():
                     items = self._input.accept_block(sample)
                     if len(items) == 1 and isinstance(items[0], ImuBlock):
-                        outputs += self._let_wait(backlog, items[0])
+                        outputs += _let_wait(self, backlog, items[0])
                     else:
-                        outputs += self._flown(backlog)
+                        outputs += _flown(self, backlog)
                         outputs += self._carry(items)
                 elif backlog.may_wait_for(sample):
                     intake.take(self.run, sample)
                     if self.run.gnss.reception.velocities.misled:
-                        outputs += self._flown(backlog)
+                        outputs += _flown(self, backlog)
                         self.run = _undeceived(self.run)
                 else:
-                    outputs += self._flown(backlog)
+                    outputs += _flown(self, backlog)
                     outputs += self.feed(sample)
                 if backlog.is_full:
-                    outputs += self._flown(backlog)
+                    outputs += _flown(self, backlog)
                 if backlog.run is not self.run:
                     backlog = stretch.Backlog(self.run)
         finally:
-            outputs += self._flown(backlog)
+            outputs += _flown(self, backlog)
         return stretch.packed(outputs)
 
     @property
@@ -152,23 +152,6 @@ class SinsEngine:
             solutions.append(NavSolution(stamp, block.mode, values, block.correction_enu, block.reset_count))
         return solutions
 
-    def _let_wait(self, backlog: stretch.Backlog, block: ImuBlock) -> list[Output]:
-        """Let ``block`` wait; where it is time to look back within it, what comes before is flown first."""
-        now, later = backlog.cut(block)
-        backlog.add(now)
-        if later is None:
-            return []
-        outputs = self._flown(backlog)
-        if backlog.run is self.run and backlog.is_open():
-            backlog.add(later)
-            return outputs
-        return [*outputs, *self._carry([later])]
-
-    def _flown(self, backlog: stretch.Backlog) -> list[Output]:
-        """What has happened when all that waits has been flown."""
-        blocks = self._go_on(*backlog.flown())
-        return [*self.journal.drain(), *blocks]
-
     def _carry(self, items: list[ImuSample | Event] | list[ImuBlock | Event]) -> list[NavBlock]:
         """What the IMU's input let pass, in order: events, which may end the run, and samples."""
         blocks: list[NavBlock] = []
@@ -199,6 +182,26 @@ class SinsEngine:
             ahead = stretch.carry(self.run, stamps_ns, rows) if len(rows) else []
             blocks = [*blocks, *ahead]
         return blocks
+
+
+def _let_wait(engine: SinsEngine, backlog: stretch.Backlog, block: ImuBlock) -> list[Output]:
+    """Let ``block`` wait; where it is time to look back within it, what comes before is flown first."""
+    now, later = backlog.cut(block)
+    backlog.add(now)
+    if later is None:
+        return []
+    outputs = _flown(engine, backlog)
+    if backlog.run is engine.run and backlog.is_open():
+        backlog.add(later)
+        return outputs
+    rest: list[ImuBlock | Event] = [later]
+    return [*outputs, *engine._carry(rest)]
+
+
+def _flown(engine: SinsEngine, backlog: stretch.Backlog) -> list[Output]:
+    """What has happened when all that waits has been flown."""
+    blocks = engine._go_on(*backlog.flown())
+    return [*engine.journal.drain(), *blocks]
 
 
 def _after(engine: SinsEngine, event: Event) -> FilterRun:
