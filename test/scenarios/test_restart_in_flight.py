@@ -9,13 +9,15 @@ import pytest
 
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.bias_noise import Wander
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.composed.resumption import arrays_of, resume
 from nav_pose_estimator.engine.continuation.saved_state import SavedState
-from nav_pose_estimator.engine.navigator.filter_run import state_of
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.navigator.filter_run import FilterRun, resumed, state_of
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
-from nav_pose_estimator.engine.samples import MagSample, Sample, stamp_of
+from nav_pose_estimator.engine.samples import MagSample, PressureSample, Sample, stamp_of
 from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock
 from nav_pose_estimator.sim.recording import Recording
 from told import GNSS, flight, silence
@@ -197,6 +199,28 @@ def test_a_flight_that_was_saved_and_restored_has_nearly_the_same_pose_and_sigma
     for a, b, sigma in zip(whole, restored, sigmas[0], strict=True):
         apart = lla_to_enu(*a[at.OUT_POS : at.OUT_VEL], *b[at.OUT_POS : at.OUT_VEL])
         assert np.all(np.abs(apart) < 1.5 * sigma)
+
+
+def test_a_file_of_an_earlier_version_is_read():
+    """GIVEN a file without what later versions keep THEN it is a state in which that is unknown."""
+    _, saved = before(flight("hover", END, 6))
+    assert saved.gyro_wander != Wander()
+    assert saved.baro_variance > 0.0
+    later = ("error_shares", "gyro_wander", "baro_variance")
+    old = SavedState.of({name: values for name, values in saved.arrays().items() if name not in later})
+    assert (old.error_shares, old.gyro_wander, old.baro_variance) == ((1.0,) * 4, Wander(), 0.0)
+
+
+def test_a_height_that_was_vague_is_not_known_better_after_a_restart():
+    """GIVEN a barometer that was compared with a height good to 30 m WHEN the next process begins THEN its heights are
+    no better."""
+    _, saved = before(flight("hover", END, 6))
+    run = after(flight("hover", END, 6), moved(saved, baro_variance=900.0)).engine.sins.run
+    fresh = resumed(
+        moved(saved, baro_variance=900.0), FilterRun(Parameters(), Journal(), None, True), saved.stamp_ns + 1
+    )
+    assert fresh.aids[PressureSample].is_vague
+    assert not run.aids[PressureSample].is_vague  # GNSS has shown it since
 
 
 # --- a state that is wrong ------------------------------------------------------------------------------------------

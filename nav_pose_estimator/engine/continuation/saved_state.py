@@ -32,7 +32,8 @@ class SavedState:
     """A navigator at ``stamp_ns``: frames, units and the order of ``cov`` (15, 15) are those of ``core.filter.layout``.
 
     ``unaided`` [s] since GNSS corrected the position last. ``correction_enu`` [m] and ``resets``: map against odom.
-    ``compass_offset`` [rad] and ``baro_offset`` [m] as the sensors have learned them, NaN where they know none.
+    ``compass_offset`` [rad] and ``baro_offset`` [m] as the sensors have learned them, NaN where they know none;
+    ``baro_variance`` [m^2] of the height that told the latter.
     ``error_shares``: of GNSS positions, then velocities, how fast what lasts of an error moves and how much is white,
     as factors (``core.filter.noise_identification``).
     ``gyro_wander``: of the gyroscope's bias, as ``core.filter.bias_noise.Wander``.
@@ -57,6 +58,7 @@ class SavedState:
     gyro_wander: tuple[float, float, float, float]
     compass_offset: float
     baro_offset: float
+    baro_variance: float
     gate_is_open: bool
     is_sound: bool
 
@@ -68,7 +70,12 @@ class SavedState:
     def of(cls, arrays: Mapping[str, np.ndarray]) -> SavedState:
         """From what ``arrays`` gave. ``UserError`` where something is missing, or is beyond what a vehicle can do."""
         # files of earlier versions do not have them
-        arrays = {"error_shares": np.ones(4), "gyro_wander": np.array(bias_noise.Wander()), **arrays}
+        since = {
+            "error_shares": np.ones(4),
+            "gyro_wander": np.array(bias_noise.Wander()),
+            "baro_variance": np.zeros(()),
+        }
+        arrays = {**since, **arrays}
         values = {name: _value(name, arrays, like) for name, like in _FORM.items()}
         state = cls(**values)
         if not state.is_possible:
@@ -91,6 +98,7 @@ class SavedState:
             and is_within(self.accel_bias, _LARGEST_FORCE)
             and is_within(self.correction_enu, _FARTHEST)
             and 0.0 <= self.unaided < math.inf
+            and 0.0 <= self.baro_variance < math.inf
             and all(1.0 <= one <= _LARGEST_NOISE for one in (self.imu_variance, self.gnss_variance))
             and all(_LEAST_SHARE <= one <= _LARGEST_SHARE for one in self.error_shares)
             and bias_noise.SMALLEST <= self.gyro_wander[0] <= bias_noise.LARGEST
@@ -118,7 +126,8 @@ _FORM: dict[str, Any] = {
     **dict.fromkeys(("origin", "position", "velocity", "gyro_bias", "accel_bias", "correction_enu"), (0.0,) * 3),
     **dict.fromkeys(("q_nb", "error_shares", "gyro_wander"), (0.0,) * 4),
     "cov": np.zeros((BASE_STATES, BASE_STATES)),
-    **dict.fromkeys(("unaided", "imu_variance", "gnss_variance", "compass_offset", "baro_offset"), 0.0),
+    **dict.fromkeys(("unaided", "imu_variance", "gnss_variance"), 0.0),
+    **dict.fromkeys(("compass_offset", "baro_offset", "baro_variance"), 0.0),
     **dict.fromkeys(("gate_is_open", "is_sound"), False),
 }
 """What each field looks like."""

@@ -271,6 +271,7 @@ def state_of(run: FilterRun) -> SavedState | None:
         gyro_wander=bias_noise.learned(nav),
         compass_offset=magnetometer.offset,
         baro_offset=barometer.offset,
+        baro_variance=barometer.offset_variance,
         gate_is_open=gate.open or gate.inactive,
         is_sound=_is_sound(run, t),
     )
@@ -318,15 +319,21 @@ def resumed(saved: SavedState, before: FilterRun, stamp_ns: int, why: str = "") 
     if warm.is_fresh:
         twin.timeline.shift = np.array(saved.correction_enu)
         twin.gnss.reception.gate.state.open = saved.gate_is_open
-        for kind, offset in ((MagSample, saved.compass_offset), (PressureSample, saved.baro_offset)):
-            sensor = twin.aids[kind]
-            if isinstance(sensor, (Magnetometer, Barometer)) and math.isfinite(offset):
-                sensor.begin_with(offset)
+        _begin_with_offsets(twin, saved)
     if warm.is_own and warm.is_fresh and saved.is_sound:
         for sample, aid in twin.aids.items():
             aid.take_over(before.aids[sample])
     before.journal.say(stamp_ns, *_resumption_said(saved, gap, why))
     return twin
+
+
+def _begin_with_offsets(run: FilterRun, saved: SavedState) -> None:
+    """Let magnetometer and barometer know what they have learned, where that is anything."""
+    magnetometer, barometer = run.aids[MagSample], run.aids[PressureSample]
+    if isinstance(magnetometer, Magnetometer) and math.isfinite(saved.compass_offset):
+        magnetometer.begin_with(saved.compass_offset)
+    if isinstance(barometer, Barometer) and math.isfinite(saved.baro_offset):
+        barometer.begin_with(saved.baro_offset, saved.baro_variance)
 
 
 def _resumption_said(saved: SavedState, gap: float, why: str) -> tuple[str, Level, str]:

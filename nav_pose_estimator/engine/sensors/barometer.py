@@ -63,7 +63,8 @@ class Barometer(Aid):
         self._offset = math.nan  # m: barometric minus filter height
         self._since = 0.0
         self.pressure = math.nan  # Pa, the last good one
-        self._offset_var = 0.0  # m^2, of a height that GNSS has not given
+        self.offset_variance = 0.0
+        """m^2, of the height that it was compared with last."""
         self._unit_told = False
         self._apart_since = math.inf
         self._contradicts = False
@@ -108,11 +109,11 @@ class Barometer(Aid):
     @property
     def is_vague(self) -> bool:
         """Whether the height that it was compared with was never GNSS's."""
-        return self._offset_var > VAGUE**2
+        return self.offset_variance > VAGUE**2
 
-    def begin_with(self, offset: float) -> None:
-        """Start with what was learned before a restart."""
-        self._offset, self._since = offset, -self._tau
+    def begin_with(self, offset: float, variance: float) -> None:
+        """Start with what was learned before a restart: ``offset`` [m] and ``offset_variance`` [m^2]."""
+        self._offset, self._since, self.offset_variance = offset, -self._tau, variance
 
     def _refuse_unit(self, stamp_ns: int, pressure: float, unit: str) -> None:
         """Count a pressure that is none in pascal; the first is told, with the ``unit`` that it looks like."""
@@ -137,7 +138,7 @@ class Barometer(Aid):
 
     def learn(self, o: Observation, height: float, variance: float) -> None:
         """Compare ``o`` with the filter's ``height`` [m], of which GNSS leaves a ``variance`` [m^2]."""
-        self._offset_var = variance
+        self.offset_variance = variance
         difference = o.measured - height
         if math.isfinite(self._offset):
             self._watch(o, difference - self._offset)
@@ -149,7 +150,7 @@ class Barometer(Aid):
     def settle(self, o: Observation, f: FilterView) -> None:
         """However often it is repeated, a height is no better than the reference that it started from."""
         if self.is_vague:
-            f.P[_UP, _UP] = max(f.P[_UP, _UP], self._offset_var)
+            f.P[_UP, _UP] = max(f.P[_UP, _UP], self.offset_variance)
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """One row, the height."""
