@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beamed import with_beams
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
@@ -89,6 +90,17 @@ def test_what_the_flight_has_shown_of_its_speed_still_helps() -> None:
     assert is_honest(helped, GAP + 3.0, BACK)
     assert helped.sigma[helped.between(BACK - 1.0, BACK)].max() < 0.3 * alone.sigma[last].max()
     assert helped.count("outage.evidence.unseen") > 40
+
+
+def test_beams_that_have_proved_themselves_hold_the_drift() -> None:
+    """GIVEN a Doppler log that GNSS has verified WHEN it goes on after a gap without GNSS THEN the beams are used."""
+    recording = flight("laps", END)
+    beamed = with_beams(recording.with_faults(*silence(LOST, END - LOST)))
+    told = tell(recording, samples=cut(beamed, recording.start_ns, ((GAP, 3.0),)), learner__enabled=False)
+    last = told.between(END - 1.0, END)
+    assert is_honest(told, GAP + 3.0, END)
+    assert told.sigma[last].max() < 100.0
+    assert told.modes_between(END - 1.0, END) == {Mode.COASTING}
 
 
 def test_outside_an_outage_it_waits_for_a_fix_and_is_aided_again() -> None:

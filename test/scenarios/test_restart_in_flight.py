@@ -9,13 +9,15 @@ import pytest
 
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.bias_noise import Wander
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
-from nav_pose_estimator.engine.composed.resumption import resume
+from nav_pose_estimator.engine.composed.resumption import arrays_of, resume
 from nav_pose_estimator.engine.continuation.saved_state import SavedState
-from nav_pose_estimator.engine.navigator.filter_run import state_of
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.navigator.filter_run import FilterRun, resumed, state_of
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
-from nav_pose_estimator.engine.samples import MagSample, Sample, stamp_of
+from nav_pose_estimator.engine.samples import MagSample, PressureSample, Sample, stamp_of
 from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock
 from nav_pose_estimator.sim.recording import Recording
 from told import GNSS, flight, silence
@@ -170,6 +172,55 @@ def test_a_restart_in_an_outage_goes_on_coasting():
     assert again.modes[-1] is Mode.AIDED
     assert off[-1] < 10.0
     assert again.engine.origin == first.engine.origin
+
+
+def test_a_flight_that_was_saved_and_restored_has_nearly_the_same_pose_and_sigma():
+    """GIVEN a flight that has learned WHEN a process ends, the next one goes on at once, and 35 s later GNSS is lost
+    THEN pose and sigma are nearly those of a process that did not end, aided and without GNSS."""
+    saved_at, lost, end = 80.0, 115.0, 135.0
+    recording = flight("multirotor_light", end).with_faults(*silence(lost, 100.0))
+    parameters = Parameters()
+    engine, tracks = PoseEstimator(parameters), []
+    for sample in within(recording, 0.0, saved_at):
+        engine.feed(sample)
+    arrays = arrays_of(engine)
+    assert arrays is not None
+    again = PoseEstimator(parameters)
+    resume(again, {name: values.copy() for name, values in arrays.items()})
+    for copy in (engine, again):
+        outputs = [o for sample in within(recording, saved_at, end) for o in copy.feed(sample)]
+        blocks = [o for o in outputs if isinstance(o, NavBlock)]
+        t = (np.concatenate([b.stamps_ns for b in blocks]) - recording.start_ns) * 1e-9
+        rows = np.concatenate([b.rows for b in blocks])
+        tracks.append(rows[np.searchsorted(t, [lost - 1.0, lost + 5.0, end - 1.0])])
+    whole, restored = tracks
+    sigmas = [np.sqrt(rows[:, at.OUT_VAR + at.DPOS : at.OUT_VAR + at.DPOS + 3]) for rows in tracks]
+    np.testing.assert_array_less(np.abs(np.log(sigmas[1] / sigmas[0])), math.log(1.6))
+    for a, b, sigma in zip(whole, restored, sigmas[0], strict=True):
+        apart = lla_to_enu(*a[at.OUT_POS : at.OUT_VEL], *b[at.OUT_POS : at.OUT_VEL])
+        assert np.all(np.abs(apart) < 1.5 * sigma)
+
+
+def test_a_file_of_an_earlier_version_is_read():
+    """GIVEN a file without what later versions keep THEN it is a state in which that is unknown."""
+    _, saved = before(flight("hover", END, 6))
+    assert saved.gyro_wander != Wander()
+    assert saved.baro_variance > 0.0
+    later = ("error_shares", "gyro_wander", "baro_variance")
+    old = SavedState.of({name: values for name, values in saved.arrays().items() if name not in later})
+    assert (old.error_shares, old.gyro_wander, old.baro_variance) == ((1.0,) * 4, Wander(), 0.0)
+
+
+def test_a_height_that_was_vague_is_not_known_better_after_a_restart():
+    """GIVEN a barometer that was compared with a height good to 30 m WHEN the next process begins THEN its heights are
+    no better."""
+    _, saved = before(flight("hover", END, 6))
+    run = after(flight("hover", END, 6), moved(saved, baro_variance=900.0)).engine.sins.run
+    fresh = resumed(
+        moved(saved, baro_variance=900.0), FilterRun(Parameters(), Journal(), None, True), saved.stamp_ns + 1
+    )
+    assert fresh.aids[PressureSample].is_vague
+    assert not run.aids[PressureSample].is_vague  # GNSS has shown it since
 
 
 # --- a state that is wrong ------------------------------------------------------------------------------------------

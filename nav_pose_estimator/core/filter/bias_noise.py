@@ -21,6 +21,10 @@ Automatic Control 21(4), 1976 (noise from the corrections of the state).
 """
 
 import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from nav_pose_estimator.core.filter.layout import (
     D_GYRO_BIAS,
@@ -53,6 +57,32 @@ _LONG_MEMORY = 5.0  # windows
 _BENEFIT = 2.0  # upper bound of a ratio that is known from a handful of overlapping windows
 _SMALLEST_FACTOR = 0.25  # of the covariance: half the deviation. What is learned of one state is not pushed further.
 _INFORMED = 0.2  # part of the driving noise that a window must have observed to count
+
+
+class Wander(NamedTuple):
+    """What was learned of a gyroscope: its driving noise over that which is set, and what windows have shown."""
+
+    factor: float = 1.0
+    level: float = 1.0
+    short_windows: float = 0.0
+    mean: float = 1.0
+
+
+def learned(nav: NDArray[np.float64]) -> Wander:
+    """What ``nav`` (NAV_SIZE,) knows, for a filter that goes on later."""
+    floor = float(nav[WANDER_FLOOR])
+    if not floor > 0.0:
+        return Wander()
+    factor = SMALLEST * (1.0 + float(nav[GYRO_WANDER]) / floor)
+    return Wander(factor, float(nav[WANDER_LEVEL]), float(nav[WANDER_SHORT_COUNT]), float(nav[WANDER_MEAN]))
+
+
+def go_on(nav: NDArray[np.float64], wander: Wander) -> None:
+    """After ``begin``: let ``nav`` (NAV_SIZE,) know what was ``learned`` before."""
+    if nav[WANDER_FLOOR] > 0.0:
+        nav[GYRO_WANDER] = nav[WANDER_FLOOR] * (wander.factor / SMALLEST - 1.0)
+        nav[WANDER_LEVEL], nav[WANDER_SHORT_COUNT] = wander.level, wander.short_windows
+        nav[WANDER_MEAN] = wander.mean
 
 
 @kernel
@@ -97,8 +127,11 @@ def observe(nav, P):
 
 @kernel
 def overstatement(nav):
-    """Factor, at most 1, by which the covariance is to be multiplied for what the windows have shown; 1 unlearned."""
-    if not nav[WANDER_FLOOR] > 0.0:
+    """Factor, at most 1, by which the covariance is to be multiplied for what the windows have shown; 1 unlearned.
+
+    It is that of a filter that observations have shaped: before the first long window the first state has.
+    """
+    if not nav[WANDER_FLOOR] > 0.0 or nav[WANDER_COUNT] < 1.0:
         return 1.0
     return min(max(_BENEFIT * nav[WANDER_MEAN], _SMALLEST_FACTOR), 1.0)
 

@@ -12,6 +12,7 @@ from nav_pose_estimator.engine.continuation.saved_state import SavedState
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun, resumed, state_of
 from nav_pose_estimator.engine.outage import rehearsal_arrays
+from nav_pose_estimator.engine.outage.epochs import FlightMemory
 from nav_pose_estimator.engine.outage.learner import OutageLearner
 from nav_pose_estimator.engine.outage.model_file import check_bounds
 from nav_pose_estimator.engine.outage.rehearsals import Rehearsals
@@ -19,12 +20,15 @@ from nav_pose_estimator.engine.solutions import Level
 from nav_pose_estimator.errors import UserError
 
 _MODEL, _REHEARSALS = "model.", "rehearsals."  # beginnings of the names of their arrays
+_FLIGHT = "flight"  # epochs of aided flight
+_FLOWN = 240.0  # s of them: what shows how a vehicle moves, and not too much to write every second
+_SETTLED = 30.0  # s until a navigator that has gone on is a fair sample of one that flies
 
 
 def arrays_of(estimator: PoseEstimator) -> dict[str, np.ndarray] | None:
     """What the next process can go on with, as named arrays; None while nothing is known.
 
-    The state of the navigator, the outage model and what rehearsals have shown.
+    The state of the navigator, the outage model, what it is learned from, and what rehearsals have shown.
     """
     state = state_of(estimator.sins.run)
     if state is None:
@@ -32,6 +36,8 @@ def arrays_of(estimator: PoseEstimator) -> dict[str, np.ndarray] | None:
     arrays, aid = state.arrays(), estimator.outage_aid
     if aid is not None and aid.learner.state.model is not None:
         arrays.update({_MODEL + name: value for name, value in aid.learner.arrays().items()})
+    if aid is not None and len(aid.learner.state.memory):
+        arrays[_FLIGHT] = aid.learner.state.memory.last(_FLOWN)
     if aid is not None and aid.rehearsals.count:
         shown = rehearsal_arrays.arrays_of(aid.rehearsals.state)
         arrays.update({_REHEARSALS + name: value for name, value in shown.items()})
@@ -46,8 +52,11 @@ def resume(estimator: PoseEstimator, arrays: Mapping[str, np.ndarray]) -> None:
     saved = SavedState.of(arrays)
     model, shown = (_named(arrays, beginning) for beginning in (_MODEL, _REHEARSALS))
     check_bounds("the saved state", model)
+    flown = arrays.get(_FLIGHT)
     if shown:
         rehearsal_arrays.take_over(Rehearsals().state, shown)  # refused now, not in flight
+    if flown is not None:
+        FlightMemory().take_over(flown)
 
     def begin(run: FilterRun, stamp_ns: int) -> FilterRun:
         twin, gap = resumed(saved, run, stamp_ns), 1e-9 * (stamp_ns - saved.stamp_ns)
@@ -57,6 +66,9 @@ def resume(estimator: PoseEstimator, arrays: Mapping[str, np.ndarray]) -> None:
                 _load_model(aid.learner, _with_older_wind(model, gap), run.journal, stamp_ns)
             if shown:
                 rehearsal_arrays.take_over(aid.rehearsals.state, shown)
+            if flown is not None:
+                aid.learner.state.memory.take_over(flown)
+                aid.rehearsals.state.next_ns = stamp_ns + round(_SETTLED * 1e9)
         return twin
 
     estimator.sins.resume = begin

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.alignment.types import KnownBiases
+from nav_pose_estimator.core.filter import bias_noise
 from nav_pose_estimator.core.filter.layout import BASE_STATES, D_ACCEL_BIAS, D_GYRO_BIAS
 from nav_pose_estimator.engine.number_checks import is_covariance, is_position, is_within
 from nav_pose_estimator.engine.samples import Vector3
@@ -31,9 +32,11 @@ class SavedState:
     """A navigator at ``stamp_ns``: frames, units and the order of ``cov`` (15, 15) are those of ``core.filter.layout``.
 
     ``unaided`` [s] since GNSS corrected the position last. ``correction_enu`` [m] and ``resets``: map against odom.
-    ``compass_offset`` [rad] and ``baro_offset`` [m] as the sensors have learned them, NaN where they know none.
+    ``compass_offset`` [rad] and ``baro_offset`` [m] as the sensors have learned them, NaN where they know none;
+    ``baro_variance`` [m^2] of the height that told the latter.
     ``error_shares``: of GNSS positions, then velocities, how fast what lasts of an error moves and how much is white,
     as factors (``core.filter.noise_identification``).
+    ``gyro_wander``: of the gyroscope's bias, as ``core.filter.bias_noise.Wander``.
     ``is_sound``: attitude and position may be continued, not only origin and noise.
     """
 
@@ -52,8 +55,10 @@ class SavedState:
     gnss_variance: float
     trials: int
     error_shares: tuple[float, float, float, float]
+    gyro_wander: tuple[float, float, float, float]
     compass_offset: float
     baro_offset: float
+    baro_variance: float
     gate_is_open: bool
     is_sound: bool
 
@@ -64,7 +69,13 @@ class SavedState:
     @classmethod
     def of(cls, arrays: Mapping[str, np.ndarray]) -> SavedState:
         """From what ``arrays`` gave. ``UserError`` where something is missing, or is beyond what a vehicle can do."""
-        arrays = {"error_shares": np.ones(4), **arrays}  # files of earlier versions do not have them
+        # files of earlier versions do not have them
+        since = {
+            "error_shares": np.ones(4),
+            "gyro_wander": np.array(bias_noise.Wander()),
+            "baro_variance": np.zeros(()),
+        }
+        arrays = {**since, **arrays}
         values = {name: _value(name, arrays, like) for name, like in _FORM.items()}
         state = cls(**values)
         if not state.is_possible:
@@ -87,8 +98,11 @@ class SavedState:
             and is_within(self.accel_bias, _LARGEST_FORCE)
             and is_within(self.correction_enu, _FARTHEST)
             and 0.0 <= self.unaided < math.inf
+            and 0.0 <= self.baro_variance < math.inf
             and all(1.0 <= one <= _LARGEST_NOISE for one in (self.imu_variance, self.gnss_variance))
             and all(_LEAST_SHARE <= one <= _LARGEST_SHARE for one in self.error_shares)
+            and bias_noise.SMALLEST <= self.gyro_wander[0] <= bias_noise.LARGEST
+            and all(0.0 <= one < math.inf for one in self.gyro_wander)
             and not any(map(math.isinf, offsets))
             and is_covariance(self.cov, BASE_STATES)
             and bool((self.cov.diagonal() > 0.0).all())
@@ -110,9 +124,10 @@ class SavedState:
 _FORM: dict[str, Any] = {
     **dict.fromkeys(("stamp_ns", "resets", "trials"), 0),
     **dict.fromkeys(("origin", "position", "velocity", "gyro_bias", "accel_bias", "correction_enu"), (0.0,) * 3),
-    **dict.fromkeys(("q_nb", "error_shares"), (0.0,) * 4),
+    **dict.fromkeys(("q_nb", "error_shares", "gyro_wander"), (0.0,) * 4),
     "cov": np.zeros((BASE_STATES, BASE_STATES)),
-    **dict.fromkeys(("unaided", "imu_variance", "gnss_variance", "compass_offset", "baro_offset"), 0.0),
+    **dict.fromkeys(("unaided", "imu_variance", "gnss_variance"), 0.0),
+    **dict.fromkeys(("compass_offset", "baro_offset", "baro_variance"), 0.0),
     **dict.fromkeys(("gate_is_open", "is_sound"), False),
 }
 """What each field looks like."""

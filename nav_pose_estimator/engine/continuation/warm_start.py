@@ -32,7 +32,7 @@ from nav_pose_estimator.core.alignment.levelling import (
 from nav_pose_estimator.core.alignment.recent_rows import RecentRows
 from nav_pose_estimator.core.alignment.types import Alignment, Fix
 from nav_pose_estimator.core.earth.ellipsoid import cos_latitude, radii, step_enu
-from nav_pose_estimator.core.filter.layout import DPOS, DVEL, IMU_T, PHI
+from nav_pose_estimator.core.filter.layout import BASE_STATES, D_GYRO_BIAS, DPOS, DVEL, IMU_T, PHI
 from nav_pose_estimator.core.numerics.rotation import euler_from_quat, quat_rotate
 from nav_pose_estimator.engine.continuation.saved_state import SavedState
 from nav_pose_estimator.engine.parameters import Parameters
@@ -54,7 +54,7 @@ _FIELD_WINDOW = 0.15  # s of magnetometer that make a heading of a vehicle that 
 _LEAST_MOTION = 1.0  # s of GNSS before its heading hypotheses may be believed so far
 WIDEST_HEADING = 0.7
 """rad: of a wider one the filter knows little."""
-_MOVED = slice(DVEL, DPOS + 3)
+_MOVED, _BIASES = slice(DVEL, DPOS + 3), slice(D_GYRO_BIAS, BASE_STATES)
 _UNKNOWN_HEADING = math.pi / math.sqrt(3.0)  # rad: deviation of a heading that is anything
 
 
@@ -172,6 +172,15 @@ class WarmStart:
         added = np.kron([[1.0, 0.5 * gap], [0.5 * gap, gap**2]], np.diag(changed))
         return np.asarray(fly_on @ saved.cov[_MOVED, _MOVED] @ fly_on.T + added)
 
+    def _wandered(self, t: float) -> Array:
+        """Covariance (6, 6) of the IMU's biases at ``t``: they have gone on wandering."""
+        imu, gap = self._parameters.imu, t - self._t
+        gyro, accel = (
+            sd**2 * -math.expm1(-2.0 * gap / tau)
+            for sd, tau in ((imu.gyro_bias_sd, imu.gyro_bias_tau), (imu.accel_bias_sd, imu.accel_bias_tau))
+        )
+        return self.saved.cov[_BIASES, _BIASES] + np.diag([gyro] * 3 + [accel] * 3)
+
     def _first_state(self, there: Fix, aligner: Aligner, last_fix: float | None) -> Alignment | None:
         rows = self._rows.between(there.t - _LEVEL_TIME, there.t)
         if len(rows) < 3 or rows[0, IMU_T] > there.t - _LEAST_LEVEL_TIME:
@@ -191,6 +200,7 @@ class WarmStart:
         q, tilt_sd, yaw_sd, from_magnetometer = found
         nav, P = in_motion(q, tilt_sd, there, self._biases, self._rows.at(there.t), False)
         P[PHI + 2, PHI + 2] = min(yaw_sd, _UNKNOWN_HEADING) ** 2
+        P[_BIASES, _BIASES] = self._wandered(there.t)
         unseen = 0.0
         if last_fix is not None:
             P[_MOVED, _MOVED], unseen = self._moved(there.t), there.t - self._t

@@ -14,6 +14,7 @@ import numpy as np
 from nav_pose_estimator.core.alignment.carried_heading import CarriedHeading
 from nav_pose_estimator.core.alignment.rest import Stillness
 from nav_pose_estimator.core.alignment.types import Alignment, FixNoise, KnownBiases
+from nav_pose_estimator.core.filter import bias_noise
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import keep_blocks
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
@@ -97,6 +98,7 @@ class FilterRun:
         self.imu_despair = ""  # why the IMU cannot be one, where that has spoiled the filter
         self.second_due = -math.inf  # when to look back on the last second next
         self.past = Past()
+        self.gyro_wander = bias_noise.Wander()  # that it begins with
         self._began, self._unseen = math.inf, 0.0  # s: when the filter started, and ``Alignment.unseen`` then
 
     def copy(self, journal: Journal) -> FilterRun:
@@ -173,6 +175,7 @@ class FilterRun:
     def begin(self, start: Alignment) -> None:
         """Start the filter at a state with a position, not later than the last IMU sample."""
         nav, P = filter_setup.complete_start(start, self.timeline.filter.constants, self.parameters)
+        bias_noise.go_on(nav, self.gyro_wander)
         place = tuple(nav[at.LAT : at.VEL].tolist())
         self._began, self._unseen = float(nav[at.TIME]), start.unseen
         if start.last_fix is not None:
@@ -201,7 +204,8 @@ class FilterRun:
         if not (self.origin_is_fixed or is_own):
             self.origin = None
         if not is_own:
-            self.noise = self.gnss.reception.shown = NoiseIdentification()
+            self.noise, self.gyro_wander = NoiseIdentification(), bias_noise.Wander()
+            self.gnss.reception.shown = self.noise
         self.timeline.shift = np.zeros(3)
         self.renew_constants()
 
@@ -264,8 +268,10 @@ def state_of(run: FilterRun) -> SavedState | None:
         gnss_variance=run.noise.gnss_variance,
         trials=run.noise.trials,
         error_shares=run.noise.error_shares,
+        gyro_wander=bias_noise.learned(nav),
         compass_offset=magnetometer.offset,
         baro_offset=barometer.offset,
+        baro_variance=barometer.offset_variance,
         gate_is_open=gate.open or gate.inactive,
         is_sound=_is_sound(run, t),
     )
@@ -308,15 +314,26 @@ def resumed(saved: SavedState, before: FilterRun, stamp_ns: int, why: str = "") 
     take_over(twin, before)
     twin.start_up.warm_start = warm
     twin.gnss.position.resets = saved.resets + 1
+    if 0.0 < gap <= _NOISE_LIFE:
+        twin.gyro_wander = bias_noise.Wander(*saved.gyro_wander)
     if warm.is_fresh:
         twin.timeline.shift = np.array(saved.correction_enu)
         twin.gnss.reception.gate.state.open = saved.gate_is_open
-        for kind, offset in ((MagSample, saved.compass_offset), (PressureSample, saved.baro_offset)):
-            sensor = twin.aids[kind]
-            if isinstance(sensor, (Magnetometer, Barometer)) and math.isfinite(offset):
-                sensor.begin_with(offset)
+        _begin_with_offsets(twin, saved)
+    if warm.is_own and warm.is_fresh and saved.is_sound:
+        for sample, aid in twin.aids.items():
+            aid.take_over(before.aids[sample])
     before.journal.say(stamp_ns, *_resumption_said(saved, gap, why))
     return twin
+
+
+def _begin_with_offsets(run: FilterRun, saved: SavedState) -> None:
+    """Let magnetometer and barometer know what they have learned, where that is anything."""
+    magnetometer, barometer = run.aids[MagSample], run.aids[PressureSample]
+    if isinstance(magnetometer, Magnetometer) and math.isfinite(saved.compass_offset):
+        magnetometer.begin_with(saved.compass_offset)
+    if isinstance(barometer, Barometer) and math.isfinite(saved.baro_offset):
+        barometer.begin_with(saved.baro_offset, saved.baro_variance)
 
 
 def _resumption_said(saved: SavedState, gap: float, why: str) -> tuple[str, Level, str]:

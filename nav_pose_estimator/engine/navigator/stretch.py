@@ -75,7 +75,8 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
     run.timeline.settle()
     times = rows[:, at.IMU_T]
     now = float(times[0])
-    if run.modes.mode is Mode.AIDED and not now - run.aiding.fix_used < run.aiding.lost_after:
+    is_lost = run.modes.mode is Mode.AIDED and not now - run.aiding.fix_used < run.aiding.lost_after
+    if is_lost and not run.unseen:  # a start without fixes has shown nothing of its covariance
         run.timeline.observe(run.gnss.loss_at(now, run.clock.stamp(now)))
     if now >= run.second_due:
         look_back(run, now)

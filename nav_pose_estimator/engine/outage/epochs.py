@@ -9,14 +9,16 @@ from typing import NamedTuple
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.motion.epochs import COLUMNS, PERIOD, epoch
+from nav_pose_estimator.core.motion.epochs import COLUMNS, PERIOD, TIME, epoch
 from nav_pose_estimator.core.numerics.snapshot import SHARED
 from nav_pose_estimator.engine.outage.methods.method import OutageMethod
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
+from nav_pose_estimator.errors import UserError
 
 _PERIOD_NS = round(PERIOD * 1e9)
 _LEAST_SHARE = 0.6  # of the usual number of IMU samples: an epoch with fewer has a gap
 _REMEMBERED = 600.0  # s
+_LARGEST = 1e10  # of any column: the time [s]
 _GOOD_HEADING = 0.2  # rad: with a worse one nothing can be learned of directions
 
 
@@ -94,7 +96,17 @@ class FlightMemory:
 
     def add(self, one: np.ndarray) -> None:
         """Remember an epoch."""
+        if self.epochs and len(self.epochs[-1]) != len(one):
+            self.epochs.clear()  # those that were taken over belong to another method
         self.epochs.append(one)
+
+    def take_over(self, epochs: np.ndarray) -> None:
+        """Begin with ``epochs`` (N, COLUMNS or more) of a process before. ``UserError`` if they are none."""
+        if not (epochs.ndim == 2 and epochs.shape[1] >= COLUMNS and epochs.dtype.kind == "f"):
+            raise UserError("its flight memory is not what it should be")
+        if not (np.abs(epochs) < _LARGEST).all() or (np.diff(epochs[:, TIME]) <= 0.0).any():
+            raise UserError("its flight memory is beyond what a vehicle can do")
+        self.epochs.extend(epochs)
 
     def last(self, seconds: float) -> np.ndarray:
         """The epochs of the last ``seconds`` before the newest one, (N, COLUMNS or more)."""

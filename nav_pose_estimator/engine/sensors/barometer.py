@@ -64,7 +64,8 @@ class Barometer(Aid):
         self._offset = math.nan  # m: barometric minus filter height
         self._since = 0.0
         self.pressure = math.nan  # Pa, the last good one
-        self._offset_var = 0.0  # m^2, of a height that GNSS has not given
+        self.offset_variance = 0.0
+        """m^2, of the height that it was compared with last."""
         self._unit_told = False
         self._apart_since = math.inf
         self._contradicts = False
@@ -111,11 +112,11 @@ class Barometer(Aid):
     @property
     def is_vague(self) -> bool:
         """Whether the height that it was compared with was never GNSS's."""
-        return self._offset_var > VAGUE**2
+        return self.offset_variance > VAGUE**2
 
-    def begin_with(self, offset: float) -> None:
-        """Start with what was learned before a restart."""
-        self._offset, self._since = offset, -self._tau
+    def begin_with(self, offset: float, variance: float) -> None:
+        """Start with what was learned before a restart: ``offset`` [m] and ``offset_variance`` [m^2]."""
+        self._offset, self._since, self.offset_variance = offset, -self._tau, variance
 
     def _watch_for_repeats(self, sample: PressureSample, t: float) -> None:
         """Tell when one value has come for longer than this barometer repeats itself, and when that ends."""
@@ -152,7 +153,7 @@ class Barometer(Aid):
 
     def learn(self, o: Observation, height: float, variance: float) -> None:
         """Compare ``o`` with the filter's ``height`` [m], of which GNSS leaves a ``variance`` [m^2]."""
-        self._offset_var = variance
+        self.offset_variance = variance
         difference = o.measured - height
         if math.isfinite(self._offset):
             self._watch(o, difference - self._offset)
@@ -164,7 +165,7 @@ class Barometer(Aid):
     def settle(self, o: Observation, f: FilterView) -> None:
         """However often it is repeated, a height is no better than the reference that it started from."""
         if self.is_vague:
-            f.P[_UP, _UP] = max(f.P[_UP, _UP], self._offset_var)
+            f.P[_UP, _UP] = max(f.P[_UP, _UP], self.offset_variance)
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """One row, the height."""

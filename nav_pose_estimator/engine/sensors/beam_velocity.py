@@ -8,7 +8,7 @@ against data before anything is used (``core.beams.geometry``), and the whole ag
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -79,6 +79,12 @@ class BeamVelocitySensor(Aid):
         self._verification.compare_anew()
         self._said.clear()
 
+    def take_over(self, before: Self) -> None:
+        """The same beams: how they are meant, that they have proved themselves, and how noisy each is."""
+        self._verification, self._arrangement = before._verification, before._arrangement
+        self.judge, self._was_out = before.judge, before._was_out
+        self._agreement, self._said = before._agreement, before._said
+
     # --- on arrival --------------------------------------------------------------------------------------------------
 
     def observe(self, sample: BeamVelocitySample, t: float) -> Observation | None:
@@ -131,7 +137,7 @@ class BeamVelocitySensor(Aid):
             self._journal.count("beam_velocity.accusation")
             rows += _accusing(gated, z, judged)
         elif self.compensator is not None:
-            rows += self._compensated(self.compensator, o, z, judged)
+            rows += _compensated(self.compensator, gnss_is_good, BeamEvidence(o.t, -z, judged.spread, _flagged(judged)))
         if not rows:
             return LEFT_OUT
         self._fresh = z, H
@@ -169,17 +175,6 @@ class BeamVelocitySensor(Aid):
             self._journal.say(o.stamp_ns, *said)
         elif self._agreement.is_proven and (late := self._delays.missing):
             self._say_once(o.stamp_ns, *words.delayed(self._delay + late, self._delays.sd))
-
-    def _compensated(self, compensator: Compensator, o: Observation, z: np.ndarray, judged: Judged) -> list[Row]:
-        """Without GNSS: beams that have been found faulty, less the error that is predicted for them."""
-        flagged = (judged.verdict != USED) & (judged.verdict != LOST)
-        evidence = BeamEvidence(o.t, -z, judged.spread, flagged)
-        if self._aiding.gnss_is_good(o.t):
-            compensator.learn(evidence)
-            return []
-        error, variance = compensator.predict(evidence)
-        answered = flagged & np.isfinite(error) & np.isfinite(variance)
-        return [Row(i, float(variance[i]), float(error[i])) for i in np.flatnonzero(answered).tolist()]
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """The rows that were decided on."""
@@ -239,3 +234,18 @@ def _accusing(gated: list[int], z: np.ndarray, judged: Judged) -> list[Row]:
     """Beams that are refused together for long, without GNSS: the navigator follows them, at the gate's edge."""
     variance = judged.nominal + z**2 / GATE - judged.spread  # which makes their NIS that of the gate
     return [Row(i, float(variance[i])) for i in gated]
+
+
+def _flagged(judged: Judged) -> np.ndarray:
+    """Which beams (n,) have been found faulty."""
+    return (judged.verdict != USED) & (judged.verdict != LOST)
+
+
+def _compensated(compensator: Compensator, gnss_is_good: bool, evidence: BeamEvidence) -> list[Row]:
+    """Without GNSS: beams that have been found faulty, less the error that is predicted for them."""
+    if gnss_is_good:
+        compensator.learn(evidence)
+        return []
+    error, variance = compensator.predict(evidence)
+    answered = evidence.flagged & np.isfinite(error) & np.isfinite(variance)
+    return [Row(i, float(variance[i]), float(error[i])) for i in np.flatnonzero(answered).tolist()]

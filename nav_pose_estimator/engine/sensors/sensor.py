@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -106,6 +106,9 @@ class Aid(Sensor):
         """The navigator's heading was wrong: what was found out by comparison with it is worth nothing."""
         self.noise = type(self.noise)()
         self._noises.clear()
+
+    def take_over(self, before: Self) -> None:
+        """Go on after a gap in the IMU data with what the same sensor has shown ``before`` and no saved state tells."""
 
     def figures(self) -> dict[str, float]:
         """What it shows in the navigator's status, by names that begin with its family."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from nav_pose_estimator.core.gnss.spoof_drift import WalkOff
@@ -13,6 +14,8 @@ from nav_pose_estimator.engine.sensors.gnss.other_motion import OtherMotion
 from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
 from nav_pose_estimator.engine.solutions import Level
 
+_AGREES = 8.0  # s in a row after which a drift has ended: single fixes of a noisy receiver come and go
+
 
 class Elsewhere:
     """Positions that leave their velocities, are rounded or of two places, or move otherwise than the IMU feels."""
@@ -21,7 +24,7 @@ class Elsewhere:
         self._journal, self._rounding = journal, rounding
         self.other_motion, self.latency = OtherMotion(journal), Latency(journal)
         self._walk_off, self._two_places = WalkOff(), TwoPlaces()
-        self._drift = 0.0  # m/s
+        self._drifted = math.nan  # s: when fixes last drifted away; NaN once that has ended
 
     @property
     def is_on(self) -> bool:
@@ -60,12 +63,11 @@ class Elsewhere:
         speed = self._walk_off.update(o.t, fix, velocity, scatter)
         if speed > 0.0:
             self._journal.count("gnss.drift.fixes")
-        before, self._drift = self._drift, speed
-        if (speed > 0.0) == (before > 0.0):
-            return
-        if speed > 0.0:
-            text = f"GNSS positions drift by {speed:.1f} m/s against the receiver's own velocity: do not trust them"
-            self._journal.say(o.stamp_ns, "gnss.drift", Level.WARN, text, speed=speed)
-        else:
+            if math.isnan(self._drifted):
+                text = f"GNSS positions drift by {speed:.1f} m/s against the receiver's own velocity: do not trust them"
+                self._journal.say(o.stamp_ns, "gnss.drift", Level.WARN, text, speed=speed)
+            self._drifted = o.t
+        elif o.t - self._drifted > _AGREES:
+            self._drifted = math.nan
             text = "GNSS positions agree with the receiver's velocity again"
             self._journal.say(o.stamp_ns, "gnss.drift.ended", Level.INFO, text)
