@@ -55,6 +55,17 @@ def test_a_drag_is_noticed_when_it_begins_and_the_truth_is_taken(name, seed, spe
     assert told.when("gnss.pulled.ended")
 
 
+@pytest.mark.parametrize("speed", [6.0, 15.0])
+def test_a_fast_drag_is_noticed_after_the_filter_has_given_in(speed: float) -> None:
+    """GIVEN an aided navigator WHEN GNSS is dragged off so fast that its velocities are refused at first
+    THEN the doubt about that passes over into the one about the drag, and sigma covers the way."""
+    faults = [Drag(kind, BEGIN, LENGTH, (speed, 0.0)) for kind in (GnssFix, GnssVelocity)]
+    told = tell(flight(duration=80.0), *faults, learner__method="coast")
+    assert "without a force" in told.estimator.status().doubt
+    late = told.between(BEGIN + 8.0, 80.0)
+    assert np.mean(told.off[late] < 3.0 * told.sigma[late]) > 0.98
+
+
 def test_the_status_names_the_drag() -> None:
     """GIVEN a drag that was noticed THEN the status is in doubt and says by how much."""
     faults = [Drag(kind, BEGIN, LENGTH, (2.0, 0.0)) for kind in (GnssFix, GnssVelocity)]

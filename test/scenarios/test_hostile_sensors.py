@@ -56,3 +56,21 @@ def test_positions_with_lost_digits_are_as_vague_as_they_are(decimals: int) -> N
     told = tell(recording, samples=rounded(), learner__method="coast")
     assert "the driver has lost digits" in told.estimator.status().doubt
     assert (told.off < 3.0 * told.sigma)[told.between(5.0, 40.0)].all()
+
+
+def test_a_gyroscope_that_steps_in_an_outage_is_doubted() -> None:
+    """GIVEN a bias that steps by 2 deg/s while GNSS is away THEN soon sigma covers the error, and the status says why;
+    WHEN GNSS is back elsewhere THEN the status says so until it is believed."""
+    recording = flight("multirotor_light", 75.0)
+
+    def stepped() -> Iterator[Sample]:
+        for sample in recording.with_faults(*silence(45.0, 20.0)).samples():
+            if isinstance(sample, ImuBlock):
+                late = (sample.stamps_ns > recording.start_ns + 46_000_000_000)[:, None]
+                sample = replace(sample, gyro=sample.gyro + np.where(late, [math.radians(2.0), 0.0, 0.0], 0.0))
+            yield sample
+
+    told = tell(recording, samples=stepped(), learner__method="coast")
+    assert told.count("imu_doubt.used") >= 1
+    assert told.off.max() > 50.0
+    assert (told.off < 3.0 * told.sigma)[told.between(60.0, 65.0)].all()

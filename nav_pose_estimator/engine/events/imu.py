@@ -83,6 +83,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "check rad/s, signs and axes of both sensors; if they are right: ros.input.velocity_frame, gnss.delay",
         ),
         Entry("imu.implausible.ended", "the IMU is plausible again: the navigator aligns"),
+        Entry(
+            "imu.vibration.risen",
+            "without GNSS the IMU vibrates at least twice as much as ever before: sigma grows with it",
+            "look for a damaged propeller or a loose mount",
+        ),
         Entry("imu.vibration", "the IMU vibrates heavily: expect errors of the vertical velocity", "damp its mount"),
         Entry(
             "imu_doubt.used",

@@ -27,7 +27,7 @@ _BOUNDS = (0.99 * _STRUCK_RATE, 0.99 * _STRUCK_FORCE, CLIPPED_RATE, CLIPPED_FORC
 
 
 class Doubt(NamedTuple):
-    """Deviations to be added to attitude [rad], velocity [m/s] and the biases [rad/s, m/s^2].
+    """Deviations to be added to attitude [rad], velocity [m/s], the biases [rad/s, m/s^2] and the position [m].
 
     ``lasting``: GNSS does not show at once what is wrong, so that it counts while GNSS is there, too.
     """
@@ -36,7 +36,13 @@ class Doubt(NamedTuple):
     speed: float
     gyro_bias: float = 0.0
     accel_bias: float = 0.0
+    way: float = 0.0
     lasting: bool = False
+
+    def with_one_more(self, other: Doubt) -> Doubt:
+        """Both of them, which have nothing to do with each other."""
+        tilt, speed, gyro, accel, way = (math.hypot(a, b) for a, b in zip(self[:5], other[:5], strict=True))
+        return Doubt(tilt, speed, gyro, accel, way, self.lasting or other.lasting)
 
 
 class DoubtMeter:

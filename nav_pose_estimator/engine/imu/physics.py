@@ -15,6 +15,8 @@ from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
 from nav_pose_estimator.engine.imu.motion_check import MotionCheck
 from nav_pose_estimator.engine.imu.plausibility import Finding
 from nav_pose_estimator.engine.imu.seconds import ImuSecond, second_of
+from nav_pose_estimator.engine.imu.speed_doubt import SpeedDoubt
+from nav_pose_estimator.engine.imu.vibration import Vibration
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.samples import Vector3
 from nav_pose_estimator.engine.solutions import Level
@@ -28,10 +30,6 @@ _LEAST, _MOST = 0.6 * plausibility.G, 1.6 * plausibility.G  # m/s^2: gravity is 
 _STEADY_ACCELERATION = ("imu.implausible.no_gravity", "imu.implausible.in_g")
 """Without gravity an acceleration of 1 m/s^2 looks like g in parts of itself; in g there is never less."""
 _TWO_IMUS_LAST = 30  # ... but a vehicle at rest hides a second IMU
-_BEARABLE = 5.0  # m/s^2 from sample to sample that the noise of an IMU in flight includes
-_UNRESOLVED = 0.1  # of vibration beyond that which sampling does not resolve: it aliases and rectifies
-_NOTABLE = 0.2  # by which noise has to change to be another one
-_HEAVY = 15.0  # m/s^2 from sample to sample: rectification is likely
 _CLIPPED_FOR = 10  # s for which a value that was clipped is worth a word
 
 
@@ -46,15 +44,13 @@ class ImuPhysics:
         self._clipped, self._clipped_for = "", 0  # in words, and s that they still hold
         self._finding: Finding | None = None
         self._well = 0
-        self._shakes = False
-        self.vibration_noise = 0.0
-        """m/s^2/sqrt(Hz) by which vibration adds to the accelerometer's noise."""
+        self.vibration, self.speed = Vibration(), SpeedDoubt()
 
     def forget_time(self) -> None:
         """The navigator starts again: forget samples, keep what they have proved."""
         self._seconds.clear()
         self.motion.forget_time()
-        self.vibration_noise = 0.0
+        self.vibration.forget_time()
 
     @property
     def knows_anything(self) -> bool:
@@ -86,11 +82,17 @@ class ImuPhysics:
         return self.motion.felt_as_received
 
     def look(
-        self, end: float, rows: np.ndarray, gyro_bias: np.ndarray | None, journal: Journal, stamp_ns: int
+        self,
+        end: float,
+        rows: np.ndarray,
+        gyro_bias: np.ndarray | None,
+        journal: Journal,
+        stamp_ns: int,
+        is_aided: bool = False,
     ) -> Doubt | None:
         """Judge the second up to ``end`` (a whole one), of which ``rows`` (N, 7) has all and one row more.
 
-        ``gyro_bias`` (3,) [rad/s] that the navigator has found; None where it does not run yet.
+        ``gyro_bias`` (3,) [rad/s] that the navigator has found; None where it does not run yet. ``is_aided``: by GNSS.
         Returns how far it may have led a navigator astray; None where nothing is wrong with it.
         """
         own = rows[rows[:, at.IMU_T].searchsorted(end - SECOND) :]
@@ -103,8 +105,9 @@ class ImuPhysics:
         self._seconds.append(second)
         found = plausibility.find(list(self._seconds), gyro_bias is not None) or self.motion.finding
         self._tell(found, _LEAST < second.gravity < _MOST and self._lives(second), journal, stamp_ns)
-        self._watch_vibration(second, journal, stamp_ns)
-        return doubt
+        shaken = self.vibration.second(second, is_aided or gyro_bias is None, journal, stamp_ns)
+        self.motion.shakes = self.vibration.is_heavy
+        return doubt if shaken is None else shaken if doubt is None else doubt.with_one_more(shaken)
 
     def _watch_clipping(self, rows: np.ndarray, doubt: Doubt | None, journal: Journal, stamp_ns: int) -> Doubt | None:
         """``doubt``, or what clipping of the second that is in ``rows`` makes of it."""
@@ -141,27 +144,9 @@ class ImuPhysics:
             journal.say(stamp_ns, "imu.implausible.ended", Level.INFO, "the IMU is plausible again")
 
     @property
-    def vibration(self) -> str:
+    def doubt(self) -> str:
         """Why the solution is less certain, a clause; empty unless the IMU shakes heavily or clips."""
-        if self._clipped_for:
-            return f"the {self._clipped}"
-        if not (self._shakes and self._seconds):
-            return ""
-        return f"the IMU vibrates by {self._seconds[-1].vibration:.0f} m/s^2"
-
-    def _watch_vibration(self, second: ImuSecond, journal: Journal, stamp_ns: int) -> None:
-        beyond = max(second.vibration**2 - _BEARABLE**2, 0.0)
-        noise = _UNRESOLVED * math.sqrt(beyond / second.samples)
-        if abs(noise - self.vibration_noise) > _NOTABLE * self.vibration_noise:
-            self.vibration_noise = noise
-        shakes = second.vibration > (0.7 * _HEAVY if self._shakes else _HEAVY)
-        if shakes and not self._shakes:
-            text = (
-                f"the IMU vibrates by {second.vibration:.0f} m/s^2 from sample to sample, mean force "
-                f"{second.gravity:.1f} m/s^2: expect errors of the vertical velocity; damp its mount"
-            )
-            journal.say(stamp_ns, "imu.vibration", Level.WARN, text, vibration=second.vibration)
-        self._shakes = self.motion.shakes = shakes
+        return f"the {self._clipped}" if self._clipped_for else self.vibration.reason or self.speed.reason
 
     def figures(self) -> dict[str, float]:
         """What the status shows, by names that begin with ``imu``."""

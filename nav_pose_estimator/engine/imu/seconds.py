@@ -29,6 +29,8 @@ class ImuSecond:
     """m/s^2, mean of the specific force's norm."""
     vibration: float
     """m/s^2: deviation of the specific force from sample to sample."""
+    shaking: float
+    """rad/s: the same of the rate."""
     spread: tuple[float, ...]
     """(6,) largest less smallest value of each axis of rate and force."""
     interleaved: bool
@@ -43,8 +45,9 @@ def second_of(rows: np.ndarray, end: float) -> ImuSecond | None:
     """The numbers of IMU rows (N, 7) of one second up to ``end``; None where too much of it is missing."""
     if len(rows) < 5 or rows[-1, at.IMU_T] - rows[0, at.IMU_T] < _COMPLETE:
         return None
-    force = rows[:, at.IMU_ACCEL :]
-    steps = force[1:] - force[:-1]
+    values = rows[:, at.IMU_GYRO :]
+    steps = values[1:] - values[:-1]
+    turns, pushes = steps[:, :3], steps[:, 3:]
     numbers = np.empty(13)
     interleaved = _summary(rows, numbers)
     rate_x, rate_y, rate_z, force_x, force_y, force_z, *spread, norm = numbers.tolist()
@@ -54,7 +57,8 @@ def second_of(rows: np.ndarray, end: float) -> ImuSecond | None:
         rate=(rate_x, rate_y, rate_z),
         force=(force_x, force_y, force_z),
         norm=norm,
-        vibration=math.sqrt(0.5 * float((steps * steps).sum()) / len(steps)),
+        vibration=math.sqrt(0.5 * float((pushes * pushes).sum()) / len(pushes)),
+        shaking=math.sqrt(0.5 * float((turns * turns).sum()) / len(turns)),
         spread=tuple(spread),
         interleaved=interleaved,
         gravity=math.hypot(force_x, force_y, force_z),

@@ -122,8 +122,12 @@ class FilterRun:
 
     def renew_constants(self) -> None:
         """Renew the filter's constants with the noise identified in flight, keeping the states that it has."""
+        vibration = self.imu_physics.vibration
         constants = filter_setup.constants(
-            self.parameters, self.noise, self.imu_physics.vibration_noise, self.gnss.reception.lasting
+            self.parameters,
+            self.noise,
+            (vibration.rate_noise, vibration.force_noise),
+            self.gnss.reception.lasting,
         )
         keep_blocks(constants, self.timeline.filter.constants)
         self.timeline.filter.constants[:] = constants

@@ -22,21 +22,21 @@ MOST_ROWS = 8
 def constants(
     parameters: Parameters,
     shown: NoiseIdentification,
-    vibration: float = 0.0,
+    vibration: tuple[float, float] = (0.0, 0.0),
     lasting: lasting_error.LastingPosition | None = None,
 ) -> np.ndarray:
     """The vector of filter constants (``core.filter.layout``).
 
-    ``shown``: noise that the flight has shown; ``vibration`` [m/s^2/sqrt(Hz)] adds to the accelerometer's; ``lasting``:
-    what the receiver states of its positions.
+    ``shown``: noise that the flight has shown; ``vibration`` [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)] adds to that of
+    gyroscope and accelerometer; ``lasting``: what the receiver states of its positions.
     How much the gyroscope's bias wanders is followed by ``bias_noise`` and not part of that.
     """
     noise = math.sqrt(shown.imu_variance)
     imu, navigator = parameters.imu, parameters.navigator
     smallest = math.sqrt(bias_noise.SMALLEST) if imu.learn_gyro_bias_sd else 1.0
     return make_constants(
-        gyro_noise=noise * imu.gyro_noise,
-        accel_noise=math.hypot(noise * imu.accel_noise, vibration),
+        gyro_noise=math.hypot(noise * imu.gyro_noise, vibration[0]),
+        accel_noise=math.hypot(noise * imu.accel_noise, vibration[1]),
         gyro_bias_sd=smallest * imu.gyro_bias_sd,
         gyro_bias_tau=imu.gyro_bias_tau,
         accel_bias_sd=noise * imu.accel_bias_sd,

@@ -82,17 +82,21 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
     bias = run.timeline.filter.nav[at.GYRO_BIAS : at.GYRO_BIAS + 3] if run.timeline.running else None
     if run.timeline.running:
         run.imu_physics.heading.attitude(round(end), run.timeline.filter.nav[at.QUAT : at.GYRO_BIAS].copy())
-    shaken = run.imu_physics.vibration_noise
-    doubt = run.imu_physics.look(end, rows, bias, run.journal, stamp_ns)
+    vibration = run.imu_physics.vibration
+    shaken = vibration.force_noise, vibration.rate_noise
+    is_aided = run.aiding.gnss_is_good(run.now)
+    doubt = run.imu_physics.look(end, rows, bias, run.journal, stamp_ns, is_aided)
+    if run.timeline.running:
+        doubt = _doubt_the_speed(run, doubt, is_aided)
     run.gnss.reception.velocities.felt(run.imu_physics.felt, run.imu_physics.felt_as_received, stamp_ns)
-    if run.timeline.running and run.aiding.gnss_is_good(run.now):
+    if run.timeline.running and is_aided:
         motion = run.imu_physics.motion
         agreement, elsewhere = motion.agreement, run.gnss.position.elsewhere
         elsewhere.other_motion.second(agreement.is_contradicted, agreement.apart, agreement.share, stamp_ns)
         elsewhere.latency.found(motion.latency.delay, run.parameters.gnss.delay, stamp_ns)
     if run.imu_physics.heading.error and run.timeline.running:
         _turn_heading(run, stamp_ns)
-    if run.timeline.running and run.imu_physics.vibration_noise != shaken:
+    if run.timeline.running and (vibration.force_noise, vibration.rate_noise) != shaken:
         run.renew_constants()
     refusal = run.imu_physics.refusal
     if refusal or doubt is not None:
@@ -110,11 +114,23 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
 
 def _turn_heading(run: FilterRun, stamp_ns: int) -> None:
     """Where IMU and GNSS have shown that the heading is far off, unless they are in doubt themselves."""
-    doubted = run.gnss.reception.velocities.doubted or run.imu_physics.vibration
+    doubted = run.gnss.reception.velocities.doubted or run.imu_physics.doubt
     good = run.aiding.gnss_is_good(run.now) and not doubted
     if good and run.timeline.filter.branches is None:
         heading_trial.turn(run, run.imu_physics.heading, stamp_ns)
     run.imu_physics.heading.forget()
+
+
+def _doubt_the_speed(run: FilterRun, doubt: Doubt | None, is_aided: bool) -> Doubt | None:
+    """``doubt``, with what a speed that the vehicle has never had adds to it."""
+    whole, usual = run.timeline.filter, run.imu_physics.speed
+    speed = math.hypot(*whole.nav[at.VEL : at.VEL + 2].tolist())
+    if is_aided:
+        usual.aided(speed)
+        return doubt
+    sd = math.sqrt(float(whole.P[at.DVEL, at.DVEL] + whole.P[at.DVEL + 1, at.DVEL + 1]))
+    more = usual.unaided(speed, sd, run.modes.seconds_unaided(whole.time, run.aiding))
+    return doubt if more is None else more if doubt is None else doubt.with_one_more(more)
 
 
 def _doubt_unaided(run: FilterRun, doubt: Doubt | None, refusal: str) -> None:

@@ -48,7 +48,7 @@ def status_of(run: FilterRun) -> Status:
         satellites=reception.satellites,
         counters=dict(run.journal.counters),
         values=values,
-        doubt=run.gnss.position.doubt(t) or run.imu_physics.vibration or _unseen(run) or _unknown_heading(run),
+        doubt=run.gnss.position.doubt(t) or run.imu_physics.doubt or _unseen(run) or _unknown_heading(run),
     )
 
 

@@ -35,6 +35,9 @@ VAGUE = 20.0
 _UP = DPOS + 2
 _APART = 25.0  # m: further from its own reference it contradicts GNSS
 _APART_TIME = 5.0  # s
+_NEWEST = 0.2  # share of the newest height in a mean of what they are off by without GNSS
+_SURE = 4.0  # deviations by which that mean is no noise: the filter is as likely wrong as the barometer ...
+_WIDENING = 2.0  # ... and its covariance of the motion grows by this with every height
 
 
 def standard_height(pressure: float) -> float:
@@ -69,12 +72,13 @@ class Barometer(Aid):
         self._unit_told = False
         self._apart_since = math.inf
         self._contradicts = False
-        self._frozen = Frozen()
+        self._frozen, self._lasting = Frozen(), 0.0
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New noise, period and time constant."""
         aids = parameters.aids
         self._enabled, self._period, self._tau = aids.barometer, aids.barometer_period, aids.barometer_tau
+        self._sd = aids.barometer_sd
         self._R = np.array([[aids.barometer_sd**2 * shared_error(aids.barometer_period)]])
 
     def observe(self, sample: PressureSample, t: float) -> Observation | None:
@@ -101,8 +105,15 @@ class Barometer(Aid):
                 pressure = height_pressure(o.measured)
                 self._refuse_unit(o.stamp_ns, pressure, likely_unit(pressure, height))
             return LEFT_OUT
-        known = math.isfinite(self._offset) and not self._contradicts
-        return Decision(Use.GATED, self._offset) if known else LEFT_OUT
+        if self._contradicts or not math.isfinite(self._offset):
+            return LEFT_OUT
+        beyond = abs(self._lasting) > _SURE * math.hypot(self._sd, math.sqrt(f.P[_UP, _UP]))
+        return Decision(Use.GATED, self._offset, widening=_WIDENING if beyond else 1.0)
+
+    def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
+        """Count it, and keep by how much the filter lies above it [m], a mean over the last second."""
+        self._lasting += _NEWEST * (float(z[0]) - self._lasting)
+        super().note(o, f, z, status, nis)
 
     @property
     def offset(self) -> float:
@@ -153,7 +164,7 @@ class Barometer(Aid):
 
     def learn(self, o: Observation, height: float, variance: float) -> None:
         """Compare ``o`` with the filter's ``height`` [m], of which GNSS leaves a ``variance`` [m^2]."""
-        self.offset_variance = variance
+        self.offset_variance, self._lasting = variance, 0.0
         difference = o.measured - height
         if math.isfinite(self._offset):
             self._watch(o, difference - self._offset)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from nav_pose_estimator.core.filter.layout import D_ACCEL_BIAS, D_GYRO_BIAS, DVEL, PHI
+from nav_pose_estimator.core.filter.layout import D_ACCEL_BIAS, D_GYRO_BIAS, DPOS, DVEL, PHI
 from nav_pose_estimator.engine.imu.doubt import Doubt
 from nav_pose_estimator.engine.observation import Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.sensors.sensor import Sensor
 
-_STATES = np.r_[PHI : PHI + 3, DVEL : DVEL + 3, D_GYRO_BIAS : D_GYRO_BIAS + 3, D_ACCEL_BIAS : D_ACCEL_BIAS + 3]
+_STATES = np.concatenate([np.arange(first, first + 3) for first in (PHI, DVEL, D_GYRO_BIAS, D_ACCEL_BIAS, DPOS)])
 
 
 class ImuDoubt(Sensor):
@@ -32,4 +32,4 @@ class ImuDoubt(Sensor):
 
     def settle(self, o: Observation, f: FilterView) -> None:
         """Add the variances."""
-        f.P[_STATES, _STATES] += np.repeat(np.square(o.measured[:4]), 3)
+        f.P[_STATES, _STATES] += np.repeat(np.square(o.measured[:5]), 3)

@@ -25,7 +25,7 @@ from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.gnss.elsewhere import Elsewhere
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
 from nav_pose_estimator.engine.sensors.gnss.lasting_error import whole_variance
-from nav_pose_estimator.engine.sensors.gnss.lasting_jump import LastingJump
+from nav_pose_estimator.engine.sensors.gnss.lasting_jump import Contradiction, LastingJump
 from nav_pose_estimator.engine.sensors.gnss.pull import Pull
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import StatedAccuracy
@@ -68,7 +68,7 @@ class GnssPositionSensor(Sensor):
         self.resets = 0
         self.last_reset_m = math.nan  # size of the last one
         self.despair = ""  # why the filter should start again: what GNSS says cannot be mended by a reset
-        self.jump = LastingJump()
+        self.jump, self.contradiction = LastingJump(), Contradiction()
         self.pull = Pull(journal, parameters.gnss.reacquisition.probation)
         self.elsewhere = Elsewhere(journal, reception.rounding)
         self.forsakes_origin = False  # the start was somewhere else on Earth, and with it the origin
@@ -122,7 +122,7 @@ class GnssPositionSensor(Sensor):
 
     def doubt(self, t: float) -> str:
         """Why the position at ``t`` is not to be believed as usual, a clause; empty if it is."""
-        told = self.jump.reason(t) or self.elsewhere.reason() or self.pull.reason()
+        told = self.jump.reason(t) or self.contradiction.reason(t) or self.elsewhere.reason() or self.pull.reason()
         if told or not self._aiding.gnss_is_good(t):
             return told
         return self.velocity.doubt.lately(t)
@@ -163,6 +163,7 @@ class GnssPositionSensor(Sensor):
         decision = self.guard.offer(o.t, fix, velocity, sd, predicted, predicted_sd, gap, strange)
         if decision.notice is not None:
             self.reception.tell(o.stamp_ns, decision.notice, offset_m=math.hypot(*decision.offset), gap_s=gap)
+        self.contradiction.note(o.t, decision, self.guard.settings)
         if decision.action in ("wait", "reject"):
             self.reception.refuse(o.stamp_ns, decision.reason, in_words(decision.reason))
             return LEFT_OUT

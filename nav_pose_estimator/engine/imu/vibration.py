@@ -1,0 +1,92 @@
+"""Vibration of the IMU: how much noise it adds, what it does to a filter that GNSS no longer corrects, and what to say.
+
+A vibration that was there while GNSS was good is in the noise that the flight has shown. One that begins or grows in an
+outage is not: whatever of it sampling folds down to low frequencies integrates to velocity and attitude. Nobody knows
+how much that is, so all of what has come on top counts as white noise, and its rectification as a change of the bias.
+"""
+
+from __future__ import annotations
+
+import math
+
+from nav_pose_estimator.engine.imu.doubt import Doubt
+from nav_pose_estimator.engine.imu.seconds import ImuSecond
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.solutions import Level
+
+_BEARABLE = 5.0  # m/s^2 from sample to sample that the noise of an IMU in flight includes
+_BEARABLE_RATE = 0.1  # rad/s
+_UNRESOLVED = 0.1  # of vibration beyond that which sampling does not resolve: it aliases and rectifies
+_NOTABLE = 0.2  # by which noise has to change to be another one
+_HEAVY = 15.0  # m/s^2 from sample to sample: rectification is likely
+_RISEN = 2.0  # times the largest of the flight while GNSS was good
+_MORE = 1.2  # ... by which it has to rise further to count again
+_RECTIFIED = 0.002  # s^2/m: bias of the accelerometer over the square of its vibration
+
+
+class Vibration:
+    """Takes every complete second of the IMU."""
+
+    def __init__(self) -> None:
+        self.force_noise = self.rate_noise = 0.0
+        """m/s^2/sqrt(Hz) and rad/s/sqrt(Hz) by which it adds to the noise of accelerometer and gyroscope."""
+        self.is_heavy = False
+        self._known, self._known_rate = 0.0, 0.0  # m/s^2, rad/s: the largest while GNSS was good
+        self._charged = 0.0  # m/s^2: what has been told to the filter as a change of the bias
+        self._risen = False
+        self._last = 0.0  # m/s^2
+
+    def forget_time(self) -> None:
+        """The navigator starts again."""
+        self.force_noise = self.rate_noise = 0.0
+
+    @property
+    def reason(self) -> str:
+        """Why the solution is less certain, a clause; empty where it is not."""
+        if self._risen:
+            return f"the IMU vibrates by {self._last:.1f} m/s^2, and by {self._known:.1f} at most while GNSS was there"
+        return f"the IMU vibrates by {self._last:.0f} m/s^2" if self.is_heavy else ""
+
+    def second(self, second: ImuSecond, is_aided: bool, journal: Journal, stamp_ns: int) -> Doubt | None:
+        """A second with or without GNSS; returns what a vibration that has risen without GNSS does to the biases."""
+        force, rate = second.vibration, second.shaking
+        self._last = force
+        if is_aided:
+            self._known, self._known_rate = max(self._known, force), max(self._known_rate, rate)
+            self._charged = 0.0
+        risen = not is_aided and force > max(_BEARABLE, _RISEN * self._known)
+        risen_rate = not is_aided and rate > max(_BEARABLE_RATE, _RISEN * self._known_rate)
+        self._tell(second, risen or risen_rate, journal, stamp_ns)
+        if risen:
+            force_noise = _white(force, self._known, second.samples)
+        else:
+            force_noise = _UNRESOLVED * math.sqrt(max(force**2 - _BEARABLE**2, 0.0) / second.samples)
+        rate_noise = _white(rate, self._known_rate, second.samples) if risen_rate else 0.0
+        if abs(force_noise - self.force_noise) > _NOTABLE * self.force_noise:
+            self.force_noise = force_noise
+        if abs(rate_noise - self.rate_noise) > _NOTABLE * self.rate_noise:
+            self.rate_noise = rate_noise
+        bias = _RECTIFIED * (force**2 - self._known**2) if risen else 0.0
+        if bias <= _MORE * self._charged:
+            return None
+        doubt = Doubt(0.0, 0.0, accel_bias=math.sqrt(bias**2 - self._charged**2))
+        self._charged = bias
+        return doubt
+
+    def _tell(self, second: ImuSecond, risen: bool, journal: Journal, stamp_ns: int) -> None:
+        heavy = second.vibration > (0.7 * _HEAVY if self.is_heavy else _HEAVY)
+        if heavy and not self.is_heavy:
+            text = (
+                f"the IMU vibrates by {second.vibration:.0f} m/s^2 from sample to sample, mean force "
+                f"{second.gravity:.1f} m/s^2: expect errors of the vertical velocity; damp its mount"
+            )
+            journal.say(stamp_ns, "imu.vibration", Level.WARN, text, vibration=second.vibration)
+        self.is_heavy = heavy
+        was_risen, self._risen = self._risen, risen
+        if risen and not was_risen:
+            journal.say(stamp_ns, "imu.vibration.risen", Level.WARN, f"{self.reason}: sigma grows with it")
+
+
+def _white(size: float, known: float, samples: int) -> float:
+    """Density per sqrt(Hz) on each axis of a vibration of this ``size`` beyond a ``known`` one, if it is white."""
+    return math.sqrt(max(size**2 - known**2, 0.0) / (3.0 * samples))
