@@ -101,9 +101,9 @@ class MessageReader:
 
     def _flaw_of(self, directions: Array, count: int) -> Flaw | None:
         """What is wrong with ``directions`` for so many velocities; those that were sound before still are."""
-        if 0 < count == len(self._sound) and directions.shape == self._sound.shape:
-            if directions is self._sound or directions.tobytes() == self._sound.tobytes():
-                return None
+        is_like = 0 < count == len(self._sound) and directions.shape == self._sound.shape
+        if is_like and (directions is self._sound or directions.tobytes() == self._sound.tobytes()):
+            return None
         if count == 0 or (directions.shape != (count, 3) and not len(self._given)):
             return _flaw("empty")
         if len(directions) != count:
