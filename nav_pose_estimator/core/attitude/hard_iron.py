@@ -20,6 +20,8 @@ from nav_pose_estimator.core.attitude.layout import (
     IRON_MISFIT,
     IRON_TIME,
     IRON_USED,
+    OFFSET_SUPPORT,
+    OFFSET_TIME,
     QUAT,
     RATE,
 )
@@ -33,6 +35,7 @@ _NOISE, _PLACE, _UNKNOWN = 0.011, 0.045, 0.5
 _TIMING = 0.005  # s: delay of the magnetometer that is not yet compensated
 _WALK, _LOST_WALK = 1e-3, 0.3  # 1/sqrt(s): walk of the iron, usual and while it contradicts the field
 _MISFIT_TAU, _MISFIT = 2.0, 2.0  # s; squared residual, relative, above which it does
+_GUIDED = 2.0  # s since the navigator's heading
 _LARGE, _SURE = 0.1, 100.0  # an iron worth taking out: relative to the field; squared deviations
 
 
@@ -93,11 +96,19 @@ def _observe(s, field, columns, square, elapsed):
 
 @inlined
 def _use(s, square):
-    """Take the iron out of the field from now on, or no longer."""
-    iron = load3(s, IRON)
+    """Take the iron out of the field from now on, or no longer.
+
+    The offset of the compass is that of the field as it was used. So nothing changes once the navigator, which taught
+    it, is gone; while it is there, a change means that the offset is learned anew.
+    """
+    if s[OFFSET_SUPPORT] > 0.0 and s[AGE] - s[OFFSET_TIME] > _GUIDED:
+        return
+    iron, was_used = load3(s, IRON), s[IRON_USED] != 0.0
     known = s[IRON_MISFIT] < _MISFIT and dot(iron, iron) > _LARGE * _LARGE * square
     known = known and _squared_deviations(s, iron) > _SURE
     store3(s, IRON_USED, iron if known else (0.0, 0.0, 0.0))
+    if known != was_used:
+        s[OFFSET_SUPPORT] = 0.0
 
 
 @inlined

@@ -8,6 +8,7 @@ offset, and stays taken out when the navigator's heading is gone.
 import math
 
 from nav_pose_estimator.core.attitude.layout import (
+    AGE,
     COMPASS_OFFSET,
     COV,
     FIELD_TRUST,
@@ -17,6 +18,7 @@ from nav_pose_estimator.core.attitude.layout import (
     NAV_HEADING_VAR,
     NEW_HEADING_VAR,
     OFFSET_SUPPORT,
+    OFFSET_TIME,
     PLACE_VAR,
 )
 from nav_pose_estimator.core.attitude.magnetic_field import FIRST, NOTHING, REPLACED, USUAL, observe_field
@@ -53,6 +55,7 @@ def observe_heading(s):
 @inlined
 def _learn_offset(s, offset, window):
     weight = s[FIELD_TRUST] * window
+    s[OFFSET_TIME] = s[AGE]
     s[OFFSET_SUPPORT] = min(s[OFFSET_SUPPORT] + weight, _OFFSET_TAU)
     s[COMPASS_OFFSET] += weight / max(s[OFFSET_SUPPORT], 1e-9) * _wrapped(offset - s[COMPASS_OFFSET])
 

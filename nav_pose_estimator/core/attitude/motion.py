@@ -35,6 +35,7 @@ from nav_pose_estimator.core.attitude.layout import (
     NAV_HEADING_VAR,
     NAV_HOLD,
     NAV_SPEED,
+    OFFSET_TIME,
     PLACE_VAR,
     POINT,
     QUAT,
@@ -110,7 +111,7 @@ def begin(s, w, f):
     store3(s, SWAY, (0.0, 0.0, 0.0))
     s[AGE], s[STILL_TIME], s[TRUST], s[MOTION] = 0.0, 0.0, 1.0, 0.0
     s[NAV_HOLD], s[NAV_SPEED], s[NAV_HEADING_VAR] = -1.0, -1.0, 0.0
-    s[IRON_TIME] = -math.inf
+    s[IRON_TIME] = s[OFFSET_TIME] = -math.inf
     clear_sums(s)
 
 

@@ -192,7 +192,7 @@ class Timeline:
             before = self.filter.nav[LAT:VEL].copy()
             if self.filter.act(self.queue.next(), self._apply):
                 restructured, self._started = True, self.filter.time
-            if not self._replaying and not np.array_equal(before, self.filter.nav[LAT:VEL]):
+            if not self._replaying and (before != self.filter.nav[LAT:VEL]).any():
                 self.shift = self.shift + step_enu(before, self.filter.nav[LAT:VEL])
         if restructured:
             # a split or a union is the first place to go back to: with everything that acted at its time

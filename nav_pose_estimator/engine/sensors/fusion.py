@@ -21,6 +21,7 @@ from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 
 _RESET_VELOCITY_SD = (0.3, 0.3, 0.5)  # m/s
 _LARGEST_TILT_VAR = math.radians(10.0) ** 2  # rad^2: beyond, an error state is no longer small
+_LARGEST_VELOCITY_VAR, _LARGEST_POSITION_VAR = 100.0**2, 1e4**2  # beyond, nothing is known: no doubt needs more
 _MOTION = (DPOS, DPOS + 1, DPOS + 2, DVEL, DVEL + 1)
 Gates = list[tuple[float, float]]
 """(soft, hard) bounds of the normalised innovation squared for 1, 2, 3 ... rows."""
@@ -83,8 +84,11 @@ class Fusion:
 
 
 def _widen(P: np.ndarray, factor: float) -> None:
-    """Multiply the covariance of the motion by ``factor``, as far as the attitude allows; biases stay as known."""
-    for start, most in ((PHI, _LARGEST_TILT_VAR), (DVEL, math.inf), (DPOS, math.inf)):
+    """Multiply the covariance of the motion by ``factor``, within bounds: doubts may return without end.
+
+    Biases stay as known.
+    """
+    for start, most in ((PHI, _LARGEST_TILT_VAR), (DVEL, _LARGEST_VELOCITY_VAR), (DPOS, _LARGEST_POSITION_VAR)):
         states = slice(start, start + 3)
         factors = np.sqrt(np.clip(most / P.diagonal()[states], 1.0, factor))
         P[states, :] *= factors[:, None]

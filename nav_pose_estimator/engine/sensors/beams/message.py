@@ -81,12 +81,15 @@ class MessageReader:
         if flaw is not None:
             rest = None if len(self._given) else _with_directions(sample, velocities, directions)
             return flaw if rest is None else self._read(rest, floor)
+        directions = self._sound  # the same array for every message, which is quickly recognised
         if not velocities.any():
             return _flaw("zero")
         numbers = velocities.tobytes()
         self._last, self._repeats = numbers, self._repeats + 1 if numbers == self._last else 0
-        velocities[_is_lost(sample, velocities)] = math.nan
-        if self._repeats >= _STUCK and np.isfinite(velocities).any():
+        is_lost = _is_lost(sample, velocities)
+        if is_lost.any():
+            velocities[is_lost] = math.nan
+        if self._repeats >= _STUCK and not is_lost.all():
             return _flaw("stuck")
         variances = np.full(len(velocities), floor)
         if sample.variances is not None:  # one that is unknown (NaN), negative or tiny is the floor
@@ -98,7 +101,8 @@ class MessageReader:
 
     def _flaw_of(self, directions: Array, count: int) -> Flaw | None:
         """What is wrong with ``directions`` for so many velocities; those that were sound before still are."""
-        if 0 < count == len(self._sound) and (directions is self._sound or np.array_equal(directions, self._sound)):
+        is_like = 0 < count == len(self._sound) and directions.shape == self._sound.shape
+        if is_like and (directions is self._sound or directions.tobytes() == self._sound.tobytes()):
             return None
         if count == 0 or (directions.shape != (count, 3) and not len(self._given)):
             return _flaw("empty")

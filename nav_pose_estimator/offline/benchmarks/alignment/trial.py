@@ -59,14 +59,17 @@ def run_trials(case: Case, condition: str, seed: int, methods: tuple[str, ...], 
 
 
 def _errors(engine: SinsEngine, recording: Recording, case: Case, gnss: Gnss) -> np.ndarray:
-    """Rows (N, 11): time [s], errors of attitude, velocity, position (9), NEES per degree of freedom; once a second."""
+    """Rows (N, 11): time [s], errors of attitude, velocity, position (9), NEES per degree of freedom; once a second.
+
+    The start is given once: a navigator that gives up aligns by itself.
+    """
     rows: list[np.ndarray] = []
-    due = 0.0
+    due, has_begun = 0.0, case.misalignment_sd is None
     for sample in recording.samples():
         if isinstance(sample, ImuBlock):
-            if case.misalignment_sd is not None and not engine.run.timeline.running:
+            if case.misalignment_sd is not None and not has_begun:
                 sd = start_deviations(case.misalignment_sd, case.velocity_sd, case.grade, gnss)
-                sample = begin(engine, recording, sample, sd, case.misalignment)
+                sample, has_begun = begin(engine, recording, sample, sd, case.misalignment), True
             engine.feed(sample)
             if engine.run.timeline.running and engine.run.now >= due:
                 rows.append(_look(engine, recording.truth))
