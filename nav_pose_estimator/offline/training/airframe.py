@@ -91,7 +91,7 @@ def make_airframe(kept: KeptResults, keys: Sequence[str], merged: Merged, order:
 
 def made_with() -> str:
     """Versions of this package and of NumPy, and the vector instructions that NumPy has found."""
-    config: dict[str, Any] = np.show_config(mode="dicts") or {}
+    config: Any = np.show_config(mode="dicts")
     found = ", ".join(config.get("SIMD Extensions", {}).get("found", []))
     return f"nav_pose_estimator {__version__}, NumPy {np.__version__} ({found})"[:LONGEST_NAME]
 
