@@ -86,7 +86,7 @@ def load(path: str | Path, kind: Kind) -> dict[str, np.ndarray]:
         raise UserError(text)
     checksum, _, body = rest.partition(b"\n")
     if checksum.decode("ascii", "replace") != hashlib.sha256(body).hexdigest():
-        raise UserError(f"{path} is damaged: its checksum does not match")
+        raise UserError(f"{path} is damaged: its checksum does not match, perhaps it was copied in part")
     return _unpack(path, foreign, body)
 
 

@@ -65,6 +65,7 @@ ABSURD = {
     "a flight without digest": lambda a: {"about": changed(a["about"], flights=[["a", "", 1.0]])},
     "a flight of text": lambda a: {"about": changed(a["about"], flights=[["a", "0" * 64, "long"]])},
     "a name with control characters": lambda a: {"about": changed(a["about"], flights=[["\x1b[2J", "0" * 64, 1.0]])},
+    "a number for what made it": lambda a: {"about": changed(a["about"], made_with=1)},
     "no JSON": lambda a: {"about": np.frombuffer(b"{", np.uint8)},
     "NaN": lambda a: {"archive.moment": np.full_like(a["archive.moment"], np.nan)},
     "a law faster than any vehicle": lambda a: {"archive.moment": 1e3 * a["archive.moment"]},
@@ -78,6 +79,16 @@ ABSURD = {
     "weights beyond reason": lambda a: {"network.head_weight": 1e9 * a["network.head_weight"]},
     "text for numbers": lambda a: {"archive.gram": np.full((10, 10), "1")},
 }
+
+
+def test_a_file_that_does_not_say_what_made_it_is_flown(arrays, tmp_path) -> None:
+    """GIVEN a file of a version that did not write it WHEN loaded THEN only that is missing."""
+    about = json.loads(arrays["about"].tobytes())
+    del about["made_with"]
+    array_file.save(
+        tmp_path / "old.airframe", KIND, arrays | {"about": np.frombuffer(json.dumps(about).encode(), np.uint8)}
+    )
+    assert load_airframe(tmp_path / "old.airframe").made_with == ""
 
 
 @pytest.mark.parametrize("what", ABSURD)

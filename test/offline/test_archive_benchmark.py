@@ -44,16 +44,22 @@ def test_the_efficiency_counts_what_no_worker_makes_shorter(known_costs, tmp_pat
     assert 8.0 + sum(said["lost_s"].values()) == pytest.approx(2.0 * (1.0 + 4.0))
     assert said["efficiency_by_the_clock"] == pytest.approx(16.0 / (2.0 * 10.0))
     assert [row["one_more_s"] for row in said["growth"]] == [None, 1.0]
+    assert said["same_with_workers"]
     assert said["same_without_a_worker"]
     assert said["same_when_resumed"]
     assert "efficiency 80 %" in capsys.readouterr().out
 
 
-def test_another_result_is_said(known_costs, tmp_path, capsys) -> None:
-    """GIVEN a command that loses something with a worker WHEN a worker is killed THEN the benchmark says so."""
-    known_costs[3] = b"another"
-    assert not figures(tmp_path / "out")["same_without_a_worker"]
-    assert "a worker killed: ANOTHER RESULT" in capsys.readouterr().out
+@pytest.mark.parametrize(
+    ("command", "name", "words"),
+    [(2, "same_with_workers", "; ANOTHER RESULT"), (3, "same_without_a_worker", "a worker killed: ANOTHER RESULT")],
+)
+def test_another_result_is_said(command, name, words, known_costs, tmp_path, capsys) -> None:
+    """GIVEN workers that give something else than one process, or a command that loses something with a worker, WHEN
+    measured THEN the benchmark says so."""
+    known_costs[command] = b"another"
+    assert not figures(tmp_path / "out")[name]
+    assert words in capsys.readouterr().out
 
 
 def test_a_command_is_watched(tmp_path) -> None:

@@ -135,7 +135,10 @@ def test_what_cannot_be_read_is_named_and_left_out(bags, flown, tmp_path, capsys
     (tmp_path / "words.ulg").write_text("no log")
     (tmp_path / "flights.txt").write_text(f"{bags['quad_1']}\nwords.ulg\n")
     assert train(flown, out, tmp_path / "flights.txt", *QUADS) == 0
-    assert "words.ulg is left out: " in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert "words.ulg is left out: " in said.err
+    assert "with one flight nothing shows what the file is worth to another one" in said.err
+    assert "multirotor, 1 flight, " in said.out
     assert [one.name for one in load_airframe(out).flights] == ["quad_1"]
 
 

@@ -91,7 +91,7 @@ def make_airframe(kept: KeptResults, keys: Sequence[str], merged: Merged, order:
 
 def made_with() -> str:
     """Versions of this package and of NumPy, and the vector instructions that NumPy has found."""
-    config: Any = np.show_config(mode="dicts") or {}
+    config: Any = np.show_config(mode="dicts")
     found = ", ".join(config.get("SIMD Extensions", {}).get("found", []))
     return f"nav_pose_estimator {__version__}, NumPy {np.__version__} ({found})"[:LONGEST_NAME]
 
@@ -156,7 +156,9 @@ def _left_out(
         model = with_law(epochs, others.law(), vehicle_class == WHEELS)
         archive = others.archive(model.noise, model.wind_spread)
         ways = left_out.linear_ways(others.law(), as_prior(archive, vehicle_class, is_one_aircraft))
-    own = member.equations.archive(model.noise, model.wind_spread)
+    # what the law of other aircraft errs in the same way for long is in the doubt about it, which is small for this one
+    noise = left_out.lasting_noise(epochs, model) if is_one_aircraft else model.noise
+    own = member.equations.archive(noise, model.wind_spread)
     return left_out.Score(member.past.name, left_out.judge(epochs, ways)), own
 
 

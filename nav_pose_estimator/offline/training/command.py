@@ -96,9 +96,15 @@ def _report(out: Path, airframe: Airframe, lines: Sequence[str]) -> None:
             "used in flight: give --one-aircraft if the one that flies with it is the one of these flights",
             file=sys.stderr,
         )
-    minutes = airframe.archive.seconds / 60.0
+    count, minutes = len(airframe.flights), airframe.archive.seconds / 60.0
+    if count == 1:
+        print(
+            "note: with one flight nothing shows what the file is worth to another one: add more flights, or try it "
+            "with benchmark outage --airframe",
+            file=sys.stderr,
+        )
     print(
-        f"{out}: {airframe.vehicle_class}, {len(airframe.flights)} flights, {minutes:.0f} minutes"
+        f"{out}: {airframe.vehicle_class}, {count} flight{'s' if count > 1 else ''}, {minutes:.0f} minutes"
         f"{', with a network' if airframe.network else ''}; name it in learner.airframe"
     )
 

@@ -115,7 +115,7 @@ class Recorded:
 
 
 def fly(recorded: Recorded) -> FlightData:
-    """Replay a recording with GNSS. ``UserError`` where it holds less than ``LEAST`` seconds of aided flight."""
+    """Replay a recording with GNSS. ``UserError`` where it has none, or less than ``LEAST`` seconds of aided flight."""
     path, reading = recorded.path, recorded.reading
     parameters = update(load_parameters(reading.config), {"learner.enabled": False})
     recording = prepared(open_recording(path, reading.log, parameters=parameters), parameters, np.inf)
@@ -123,6 +123,8 @@ def fly(recorded: Recorded) -> FlightData:
     found = list(_good_epochs(recording, parameters))
     rows = np.array(found) if found else np.empty((0, me.COLUMNS + STEPS * CHANNELS + INCREMENTS))
     rows = rows[flown(rows)]
+    if not len(rows) and not recording.fixes:
+        raise UserError(f"{path.name} holds no GNSS fixes, without which nothing can be learned from its motion")
     if len(rows) * me.PERIOD < LEAST:
         raise UserError(
             f"{path.name} holds {len(rows) * me.PERIOD:.0f} s of flight with good GNSS and known heading, "

@@ -5,6 +5,7 @@ flight, every law knowing no more than what was flown before the start. It ranks
 ``benchmark outage --airframe`` tells.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity, with_law
 from nav_pose_estimator.core.motion.prior import MotionPrior, PriorLaw
+from nav_pose_estimator.core.motion.wind import WIND_TIME
 
 Array = NDArray[np.float64]
 Learn = Callable[[Array], AirVelocityModel]
@@ -74,6 +76,21 @@ def _starts(epochs: Array, length: float) -> list[int]:
     ahead = round(length / me.PERIOD)
     starts = np.arange(FIRST, LAST + EVERY / 2, EVERY) / me.PERIOD
     return [int(k) for k in starts if k + ahead <= len(epochs) and _is_whole(epochs[int(k) - 1 : int(k) + ahead])]
+
+
+def lasting_noise(epochs: Array, model: AirVelocityModel) -> Array:
+    """Variance (3,) of a mean over 1 s, body axes, by what ``model`` leaves in means over WIND_TIME: at least its own.
+
+    Of a whole flight more can be told than of a young one: what a law errs lasts as long as the vehicle goes on in the
+    same way, longer than the seconds over which residuals count as correlated. What the wind's change explains is not
+    counted twice: the mean of a first-order Gauss-Markov process over its correlation time has 2/e of its variance.
+    """
+    count = round(WIND_TIME / me.PERIOD)
+    wind = np.einsum("nij,i->nj", me.attitude(epochs)[:, :2], model.wind_mean)
+    left = epochs[:, me.BODY_VELOCITY : me.VELOCITY] - model.network.predict(me.inputs(epochs)) - wind
+    means = left[: len(left) // count * count].reshape(-1, count, 3).mean(axis=1)
+    by_wind = 2.0 / math.e * model.wind_spread * np.array((1.0, 1.0, 0.0))
+    return np.maximum(WIND_TIME * (np.square(means).mean(axis=0) - by_wind), model.noise)
 
 
 def table(scores: Sequence[Score]) -> list[str]:

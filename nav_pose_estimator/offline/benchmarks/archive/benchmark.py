@@ -65,8 +65,9 @@ def run(arguments: argparse.Namespace) -> int:
         flights = _Flights(Path(scratch), arguments.what, counts[-1], arguments.seconds)
         figures = {"growth": _growth(flights, counts)}
         pool = _Workers(arguments.workers, stack if arguments.dask else None)
-        figures |= _several(flights, pool, figures["growth"][-1])
-        figures |= _disturbed(flights, pool)
+        expected = flights.result
+        figures |= _several(flights, pool, figures["growth"][-1], expected)
+        figures |= _disturbed(flights, pool, expected)
         content = {"what": arguments.what, "seconds": arguments.seconds, **figures, "versions": versions()}
         folder.mkdir()
         (folder / "archive.json").write_text(json.dumps(plain(content), indent=1) + "\n", encoding="utf-8")
@@ -128,8 +129,9 @@ def _growth(flights: _Flights, counts: Sequence[int]) -> list[dict]:
     return rows
 
 
-def _several(flights: _Flights, pool: _Workers, alone: dict) -> dict:
+def _several(flights: _Flights, pool: _Workers, alone: dict, expected: bytes) -> dict:
     cost = flights.fly(flights.count, **pool.how())
+    same = flights.result == expected
     of_all = pool.count * cost.longest
     efficiency, by_the_clock = alone["cpu_s"] / of_all, alone["elapsed_s"] / (pool.count * cost.elapsed)
     lost = _lost(cost, alone["cpu_s"], pool.count)
@@ -138,6 +140,7 @@ def _several(flights: _Flights, pool: _Workers, alone: dict) -> dict:
         f"{pool.count} workers: CPU {cost.main:.1f} s in the main process, {workers} s in them, at most "
         f"{cost.workers_memory:.0f} MB each; efficiency {100.0 * efficiency:.0f} %, what lacks: "
         + ", ".join(f"{100.0 * seconds / of_all:.0f} % {why}" for why, seconds in lost.items())
+        + f"; {_verdict(same)}"
     )
     print(
         f"elapsed: {alone['elapsed_s']:.0f} s in one process, {cost.elapsed:.0f} s with {pool.count} workers: "
@@ -145,7 +148,7 @@ def _several(flights: _Flights, pool: _Workers, alone: dict) -> dict:
         flush=True,
     )
     figures = {"main_s": cost.main, "workers_s": list(cost.workers.values()), "elapsed_s": cost.elapsed, "lost_s": lost}
-    return {**figures, "efficiency": efficiency, "efficiency_by_the_clock": by_the_clock}
+    return {**figures, "same_with_workers": same, "efficiency": efficiency, "efficiency_by_the_clock": by_the_clock}
 
 
 def _lost(cost: Cost, alone: float, count: int) -> dict[str, float]:
@@ -158,8 +161,7 @@ def _lost(cost: Cost, alone: float, count: int) -> dict[str, float]:
     }
 
 
-def _disturbed(flights: _Flights, pool: _Workers) -> dict:
-    expected = flights.result
+def _disturbed(flights: _Flights, pool: _Workers, expected: bytes) -> dict:
     cost = flights.fly(flights.count, kill=Kill(flights.count // 4), **pool.how())
     same = flights.result == expected
     print(f"a worker killed: {_verdict(same)}, CPU {cost.total:.1f} s in all", flush=True)
