@@ -48,7 +48,7 @@ class Use(Enum):
     GATED = 1  # behind the gate on its normalised innovation
     UNGATED = 2
     RESET = 3  # the position is put on the observation, whatever the filter thought
-    WIDENING = 4  # the covariance grows by ``Decision.reference``; nothing is corrected
+    WIDENING = 4  # the covariance grows by ``Decision.reference``, and the position moves by ``Decision.shift``
     DOUBTED = 5  # the sensor itself adds to the covariance; nothing is corrected
 
 
@@ -68,7 +68,8 @@ class Decision:
     known (surface of the water [m]). ``velocity`` (3,) [m/s], ENU, is what a reset also puts right, NaN where unknown.
     ``widening`` multiplies the covariance of the motion first; the deviations of the position [m], horizontal and
     vertical, and of the horizontal velocity [m/s] are afterwards at least ``least_sd``. ``rows``: those that are used,
-    of a sensor that judges each row on its own. ``change`` (3,): of the velocity at the sensor, b [m/s^2].
+    of a sensor that judges each row on its own. ``change`` (3,): of the velocity at the sensor, b [m/s^2]. ``shift``
+    [m]: East and North.
     """
 
     use: Use
@@ -78,6 +79,7 @@ class Decision:
     least_sd: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rows: tuple[Row, ...] = ()
     change: Array | None = None
+    shift: tuple[float, float] = (0.0, 0.0)
 
 
 LEFT_OUT, GATED, UNGATED = Decision(Use.LEFT_OUT), Decision(Use.GATED), Decision(Use.UNGATED)

@@ -41,3 +41,14 @@ def test_an_innovation_that_is_no_number_is_left_out() -> None:
     record = record_of(np.ones((3, 2)))
     record.add(math.nan, np.full(2, math.nan), 0.2)
     assert record.lag_one == pytest.approx(2.0 / 3.0)
+
+
+def test_the_offset_is_what_the_last_ten_seconds_have_in_common() -> None:
+    """GIVEN fixes five times a second that are 1 m West for ten seconds, one refused among them THEN that is it."""
+    record = record_of(np.tile([3.0, 0.0], (50, 1)))
+    for z in np.tile([1.0, 0.0], (49, 1)):
+        record.add(0.5, z, 0.2)
+    record.add(90.0, np.array([80.0, 0.0]), 0.2, believed=False)
+    record.add(0.5, np.array([1.0, 0.0]), 0.2)
+    np.testing.assert_allclose(record.offset, [1.0, 0.0])
+    np.testing.assert_array_equal(InnovationRecord().offset, [0.0, 0.0])

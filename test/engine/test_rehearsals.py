@@ -58,7 +58,8 @@ class Navigator:
         nav[at.LAT] = 0.8 + self._drift * self._elapsed / 6.367e6
         P[at.DPOS, at.DPOS] = (self._elapsed / 3.0) ** 2
         settled, timeline = SimpleNamespace(nav=nav, P=P), SimpleNamespace(running=True)
-        return SimpleNamespace(settled=settled, timeline=timeline, past=Past(), unseen=0.0)
+        gnss = SimpleNamespace(offset=np.zeros(2))
+        return SimpleNamespace(settled=settled, timeline=timeline, past=Past(), gnss=gnss, unseen=0.0)
 
 
 def fly(rehearsals: Rehearsals, navigator: Navigator, start: float, end: float, ways=("network",)) -> None:

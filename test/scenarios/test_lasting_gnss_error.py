@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.engine.navigator.filter_run import state_of
+from nav_pose_estimator.engine.samples import GnssVelocity
 from nav_pose_estimator.engine.solutions import Mode
+from nav_pose_estimator.sim.faults import Shift
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import find_scenario, generate
 from nav_pose_estimator.sim.sensors import Gnss
@@ -83,3 +85,14 @@ def test_an_accuracy_that_is_stated_still_counts() -> None:
     told = tell(recording, learner__enabled=False, gnss__error_states=True)
     aided = told.between(40.0, 90.0)
     assert np.mean(told.off[aided] < 3.0 * told.sigma[aided]) > 0.97
+
+
+def test_at_the_loss_the_position_is_that_of_the_fixes() -> None:
+    """GIVEN velocities of the receiver that are 0.2 m/s off for a minute, and hold the position a metre off WHEN GNSS
+    is lost THEN the outage begins where the fixes were."""
+    gnss = Gnss(position_sd=(0.0, 0.0, 0.0), position_noise=(0.3, 0.3, 0.5))
+    hover = generate(replace(find_scenario("hover"), gnss=gnss), 65.0, seed=2, imu_rate=50.0)
+    told = tell(hover, Shift(GnssVelocity, 0.0, 1e9, (0.2, 0.0, 0.0)), *silence(60.0, 5.0), learner__enabled=False)
+    lost = told.modes.index(Mode.DEAD_RECKONING)
+    assert told.off[lost - 1] > 1.0
+    assert told.off[lost] < 0.5

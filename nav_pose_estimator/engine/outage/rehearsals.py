@@ -103,6 +103,7 @@ class Rehearsal:
     contestants: dict[str, Contestant]
     epochs: list[Epoch]
     truth: np.ndarray  # ``nav`` of the aided navigator at the end
+    offset: np.ndarray  # (2,) m, East and North, by which it is off the fixes, as ``Gnss.offset``
     known: float  # m, its horizontal deviation
     tally: Decisions  # of what has been flown already
 
@@ -115,8 +116,8 @@ class Rehearsal:
                 return None
         squares, excess = {}, {}
         for name, contestant in self.contestants.items():
-            east, north, _ = step_enu(self.truth[at.LAT : at.VEL], contestant.sins.run.settled.nav[at.LAT : at.VEL])
-            squares[name] = float(east**2 + north**2)
+            step = step_enu(self.truth[at.LAT : at.VEL], contestant.sins.run.settled.nav[at.LAT : at.VEL])
+            squares[name] = float(np.square(step[:2] + self.offset).sum())
             # what an earlier finding has added is no finding
             added = 2.0 * contestant.spread_psd(hovered(tally)) * _LENGTH_NS * 1e-9
             excess[name] = squares[name] - max(self._stated(contestant) - added, 0.0)
@@ -272,8 +273,9 @@ class Rehearsals:
         self.state.until_ns, self.state.next_ns = stamp_ns + _LENGTH_NS, stamp_ns + _PERIOD_NS
 
     def _judge(self, sins: SinsEngine) -> None:
-        truth, known = sins.run.settled.nav.copy(), horizontal_deviation(sins.run)
-        ended = Rehearsal(dict(self.contestants), self.state.epochs, truth, known, self.state.tally)
+        truth, offset = sins.run.settled.nav.copy(), sins.run.gnss.offset
+        known = horizontal_deviation(sins.run)
+        ended = Rehearsal(dict(self.contestants), self.state.epochs, truth, offset, known, self.state.tally)
         self._under_way.append(ended.run if self._elsewhere is None else self._elsewhere(ended.run))
         if self._elsewhere is None:
             self._collect()

@@ -13,6 +13,7 @@ import numpy as np
 from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.core.filter import bias_noise
 from nav_pose_estimator.core.filter.blocks import GNSS_ERROR
+from nav_pose_estimator.core.filter.error_state import inject
 from nav_pose_estimator.core.filter.kalman import ACCEPTED, correct, gated_correct
 from nav_pose_estimator.core.filter.layout import ALT, DPOS, DVEL, LAT, LON, PHI, VEL
 from nav_pose_estimator.core.filter.vertical_channel import gated_height
@@ -42,6 +43,9 @@ class Fusion:
             o.decision = sensor.decide(o, f)
         if o.decision.use is Use.WIDENING:
             f.P[:] *= o.decision.reference * bias_noise.overstatement(f.nav)
+            error = np.zeros(len(f.P))
+            error[DPOS : DPOS + 2] = -np.array(o.decision.shift)
+            inject(f.nav, f.constants, error)
             return
         if o.decision.widening != 1.0:
             _widen(f.P, o.decision.widening)

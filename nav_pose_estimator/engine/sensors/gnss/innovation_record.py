@@ -21,11 +21,19 @@ class InnovationRecord:
         self._recent: deque[float] = deque(maxlen=_RECENT)
         self._horizontal: deque[tuple[float, float]] = deque(maxlen=_RECENT)
         self._new: deque[tuple[float, float]] = deque(maxlen=_RECENT)
+        self._believed: deque[tuple[float, float]] = deque(maxlen=_RECENT)
+        self._period = math.inf  # s
 
-    def add(self, nis: float, z: Sequence[float] | np.ndarray, period: float) -> None:
-        """An innovation ``z`` of two or more rows, East and North first; they come every ``period`` [s]."""
+    def add(self, nis: float, z: Sequence[float] | np.ndarray, period: float, believed: bool = True) -> None:
+        """An innovation ``z`` of two or more rows, East and North first; they come every ``period`` [s].
+
+        ``believed``: the measurement was used as it is, neither refused nor with less weight.
+        """
         if not math.isfinite(nis):
             return
+        if believed:
+            self._believed.append((float(z[0]), float(z[1])))
+            self._period = period
         self.mean += min(period / _AVERAGED, 0.2) * (min(nis / len(z), _LARGEST) - self.mean)
         self._recent.append(nis / len(z))
         self._horizontal.append((float(z[0]), float(z[1])))
@@ -36,6 +44,12 @@ class InnovationRecord:
         new = list(self._new)
         self._new.clear()
         return new
+
+    @property
+    def offset(self) -> np.ndarray:
+        """Mean of the horizontal innovations that were believed, East and North (2,), over the last ten seconds."""
+        count = max(round(_AVERAGED / self._period), 1)
+        return np.mean(list(self._believed)[-count:], axis=0) if self._believed else np.zeros(2)
 
     @property
     def p99(self) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.core.filter import bias_noise, measurements
+from nav_pose_estimator.core.filter.kalman import ACCEPTED
 from nav_pose_estimator.core.filter.layout import ALT, DPOS, VEL
 from nav_pose_estimator.core.gnss import height_reference
 from nav_pose_estimator.core.gnss.height_reference import HeightReference
@@ -231,7 +232,7 @@ class GnssPositionSensor(Sensor):
             self.resets += 1
             self.last_reset_m = float(np.linalg.norm(z))
         elif o.decision.use is Use.GATED:
-            self.record.add(nis, z, self.reception.fix_period)
+            self.record.add(nis, z, self.reception.fix_period, believed=status == ACCEPTED)
             if status == 0:
                 reason = "gnss.rejected.position_innovation"
                 self.reception.refuse(o.stamp_ns, reason, "the position disagrees with the filter")

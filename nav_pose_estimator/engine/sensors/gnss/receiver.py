@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
@@ -18,7 +20,8 @@ _LARGEST_FACTOR = 9.0  # of the covariance: three times the deviation
 
 
 class GnssLoss(Sensor):
-    """No measurement: from its time on the covariance is scaled by what the last innovations have shown."""
+    """No measurement: from its time on the covariance is scaled by what the last innovations have shown, and the
+    position lies where the last fixes were on average."""
 
     kind = Kind("gnss_loss", precedence=2, whole=True)
 
@@ -26,8 +29,9 @@ class GnssLoss(Sensor):
         """It has none."""
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
-        """By the factor that was known when the loss was declared."""
-        return Decision(Use.WIDENING, o.measured)
+        """By the factor and the shift that were known when the loss was declared."""
+        factor, east, north = o.measured
+        return Decision(Use.WIDENING, factor, shift=(east, north))
 
 
 class Gnss:
@@ -64,8 +68,21 @@ class Gnss:
         self._aiding.use_fix(last_fix)
 
     def loss_at(self, t: float, stamp_ns: int) -> Observation:
-        """At ``t`` GNSS counts as lost: the covariance is scaled by what the last innovations have shown."""
-        return Observation(t, stamp_ns, self.loss.kind, self.variance_factor)
+        """At ``t`` GNSS counts as lost: what the last innovations have shown acts on covariance and position."""
+        east, north = (-self.offset).tolist()
+        return Observation(t, stamp_ns, self.loss.kind, (self.variance_factor, east, north))
+
+    @property
+    def offset(self) -> np.ndarray:
+        """By how much the filter has lately been off the fixes, East and North (2,) [m].
+
+        A velocity of the receiver that is off by a tenth of a metre per second for minutes holds the filter a metre
+        off the positions. They are right on average, so that they tell better where the vehicle is. At most the
+        deviation of a fix: more than that is no such error.
+        """
+        offset, largest = self.position.record.offset, self._parameters.position_sd
+        size = float(np.hypot(*offset))
+        return offset if size <= largest else offset * (largest / size)
 
     @property
     def variance_factor(self) -> float:
