@@ -45,9 +45,12 @@ class Event:
     data: dict[str, float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class AttitudeSolution:
-    """Attitude at one stamp. ``values`` (HEAD_SIZE,) of ``core.attitude.layout``; the properties are parts of it."""
+    """Attitude at one stamp. ``values`` (HEAD_SIZE,) of ``core.attitude.layout``; the properties are parts of it.
+
+    To be treated as frozen, like ``NavSolution``.
+    """
 
     stamp_ns: int
     values: np.ndarray
@@ -78,11 +81,12 @@ class AttitudeSolution:
         return self.values[head.BIAS : head.BIAS + 3]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class NavSolution:
     """Navigation solution at one stamp. ``values`` (SOLUTION_SIZE,) of ``layout``; the properties are parts of it.
 
-    Hundreds are made per second and few are read: nothing is unpacked before it is asked for.
+    Hundreds are made per second and few are read: nothing is unpacked before it is asked for. To be treated as frozen;
+    freezing it would cost a fifth of the navigator's time for a sample.
     """
 
     stamp_ns: int

@@ -87,7 +87,8 @@ def velocity_change(past, nav, P, t, lever, gnss_is_good, delay):
         vague = max(P[DVEL, DVEL], P[DVEL + 1, DVEL + 1], P[DVEL + 2, DVEL + 2])
         variance = (nav[DVL_DELAY] * nav[DVL_DELAY] + spread) * vague / (span * span)
     if begin == _NEW:
-        past[_OLD:_NEW] = past[_NEW:_SETTLED]
+        for i in range(_NEW - _OLD):  # no slices: their errors take seconds to compile
+            past[_OLD + i] = past[_NEW + i]
         past[_NEW] = t
-        past[_NEW + 1 : _SETTLED] = velocity
+        store3(past, _NEW + 1, load3(velocity, 0))
     return change, math.sqrt(spread), variance

@@ -62,7 +62,7 @@ def absent(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
 def dead_axis(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
     """One axis that never changes while the two others do."""
     last = seconds[-_CONSTANT:]
-    if len(last) < _CONSTANT:
+    if len(last) < _CONSTANT or all(last[-1].spread):
         return None
     for name, first, moves in (("gyroscope", 0, 0.05), ("accelerometer", 3, 0.3)):
         for axis in range(3):

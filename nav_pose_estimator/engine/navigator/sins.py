@@ -142,8 +142,8 @@ class SinsEngine:
         run = self.run
         t = (sample.stamp_ns - run.clock.zero_ns) * NS
         if t < run.quiet_until and self._input.passes(sample):
-            mounting = self._input.mounting
-            values = run.timeline.advance_one(t, mounting.vector(sample.gyro), mounting.force(sample.accel))
+            in_body = self._input.mounting.sample(sample)
+            values = run.timeline.advance_one(t, in_body.gyro, in_body.accel)
             return [NavSolution(sample.stamp_ns, run.modes.mode, values, run.timeline.shift, run.gnss.position.resets)]
         solutions: list[NavSolution] = []
         for block in self._carry(self._input.accept(sample)):  # of one sample, at which the filter stands

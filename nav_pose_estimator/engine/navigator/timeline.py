@@ -112,7 +112,8 @@ class Timeline:
             imu.make_room(1)
         solution = self.filter.carry_one(imu.rows, imu.last, t, gyro, accel)
         imu.last += 1
-        self.tidy()
+        if t >= self._tidy_at:
+            self._forget()
         return solution
 
     def settle(self) -> None:

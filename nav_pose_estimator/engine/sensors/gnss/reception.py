@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -61,7 +60,7 @@ class GnssReception:
         self.lasting = lasting_error.LastingPosition(parameters) if parameters.error_states else None
         position = np.array([parameters.position_sd] * 2 + [parameters.vertical_sd])
         velocity = np.array([parameters.velocity_sd] * 2 + [parameters.velocity_vertical_sd])
-        self._position_floor, self._velocity_floor = (position**2).tolist(), (velocity**2).tolist()
+        self._position_floor, self._velocity_floor = np.diag(position**2), np.diag(velocity**2)
 
     def count(self, sample: SatelliteCount, t: float) -> None:
         """Take a satellite count valid at ``t``."""
@@ -247,11 +246,13 @@ def _horizontal(sample: GnssFix) -> np.ndarray | None:
     return cov
 
 
-def _floored(cov: np.ndarray | None, floor: Sequence[float]) -> np.ndarray:
-    """``cov`` with at least ``floor`` on its diagonal; the floor alone where the receiver states nothing."""
-    R = np.zeros((3, 3)) if cov is None else np.array(cov, dtype=float)
-    for i, least in enumerate(floor):
-        R[i, i] = max(R[i, i], least)
+def _floored(cov: np.ndarray | None, floor: np.ndarray) -> np.ndarray:
+    """``cov`` with at least the diagonal of ``floor`` (3, 3); the floor alone where the receiver states nothing."""
+    if cov is None:
+        return floor.copy()
+    R = np.array(cov, dtype=float)
+    for i in range(3):
+        R[i, i] = max(R[i, i], floor[i, i])
     return R
 
 

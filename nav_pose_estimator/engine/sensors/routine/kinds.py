@@ -134,7 +134,7 @@ class RoutinePosition:
         sensor.slow_height.note(t, -z[2])
         sensor.elsewhere.fix(z[0], z[1], o.stamp_ns)
         place = local(o.measured, reference, math.nan, sensor.origin)
-        east, north, up = np.sqrt(whole_variance(o.stated_R, sensor.reception.lasting)).tolist()
+        east, north, up = map(math.sqrt, whole_variance(o.stated_R, sensor.reception.lasting).tolist())
         sd = max(east, north)
         own_sd = max(result[table.RESULT_SD : table.RESULT_SD + 2])
         sensor.gate_radius = sensor.guard.settings.sigmas * math.hypot(sd, own_sd)
