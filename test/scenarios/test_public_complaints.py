@@ -137,7 +137,8 @@ def test_without_heights_the_horizontal_position_goes_on(name, cases, sound, tmp
 @pytest.mark.parametrize("name", NEVER_ALIGNED)
 def test_what_cannot_be_is_not_flown_with(name, cases, tmp_path):
     told = replay(cases, tmp_path, name)
-    assert told.returncode == 0, told.stderr
+    assert told.returncode == 2
+    assert "the navigator never aligned" in told.stderr
     assert "AIDED" not in told.stdout
     assert re.search(f"waiting for: .*{NEVER_ALIGNED[name]}", told.stdout)
 
