@@ -9,6 +9,7 @@ import pytest
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline import command_line
+from nav_pose_estimator.offline.benchmarks.command import PARTS
 from nav_pose_estimator.offline.command_line import COMMANDS, main, run_command
 
 
@@ -125,6 +126,14 @@ def test_every_command_has_help_with_an_example(name, capsys):
         run_command(name, ["--help"])
     assert stop.value.code == 0
     assert "examples:" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_every_benchmark_explains_its_options(part, capsys):
+    with pytest.raises(SystemExit) as stop:
+        run_command("benchmark", [part, "--help"])
+    assert stop.value.code == 0
+    assert "options:" in capsys.readouterr().out
 
 
 def test_help_loads_neither_ros_nor_the_compiler():

@@ -2,13 +2,15 @@
 
 One refused velocity is the receiver's fault. Half of them refused, or positions several deviations off for seconds, are
 the filter's: it is surer of itself than it is right, and each refusal keeps it so. Its covariance is then multiplied by
-the variance of unit weight of its last innovations until they pass again (fading memory, Fagin 1964). Pure Python,
-without a clock.
+the variance of unit weight of its last innovations until they pass again (fading memory, Fagin 1964). An error of the
+filter points the same way from one innovation to the next; errors that do not are noise of the receiver, and no doubt.
+Pure Python, without a clock.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 _COUNT = 10  # velocities that are looked at
@@ -17,6 +19,8 @@ _STALE = 12.0  # s: older ones say nothing
 OFF = 4.0
 """Deviations of a position from which on it casts doubt."""
 _OFF_TIME = 2.0  # s
+_OFF_COUNT = 5  # ... and fixes at least: of noise one in 81 points the same way so often
+_SAME_WAY = 0.5  # cosine of the angle between two innovations
 _PERIOD = 1.0  # s between two widenings
 _WIDENED = 4  # times in one doubt: what that does not mend is no matter of the covariance
 _LARGEST_FACTOR = 9.0  # of the covariance at a time
@@ -35,6 +39,8 @@ class Doubt:
     _velocities: tuple[tuple[float, float, float], ...] = field(default=(), init=False)  # t, refusal 0..1, NIS per row
     _off_since: float = field(default=math.inf, init=False)
     _off: float = field(default=0.0, init=False)
+    _off_count: int = field(default=0, init=False)
+    _ways: tuple[tuple[float, ...], tuple[float, ...]] = field(default=((), ()), init=False)  # position, velocity
     _widened: float = field(default=-math.inf, init=False)
     _times: int = field(default=0, init=False)
     _both_since: float = field(default=math.inf, init=False)
@@ -46,18 +52,27 @@ class Doubt:
             return self.reason
         return f"until {max(t - self._last[0], 0.0):.0f} s ago {self._last[1]}"
 
-    def velocity(self, t: float, refusal: float, nis: float) -> None:
-        """A velocity at ``t`` [s]: ``refusal`` 1 left out, 0.5 with more noise, 0 taken; its ``nis`` per row."""
-        recent = tuple(one for one in self._velocities if t - one[0] < _STALE)
-        self._velocities = (*recent, (t, refusal, nis))[-_COUNT:]
+    def velocity(self, t: float, refusal: float, nis: float, innovation: Sequence[float]) -> None:
+        """A velocity at ``t`` [s]: ``refusal`` 1 left out, 0.5 with more noise, 0 taken; its ``nis`` per row.
 
-    def position(self, t: float, deviations: float) -> float:
-        """A position at ``t`` [s] as far off (Mahalanobis distance); the factor that the covariance is to grow by."""
-        self._off_since, self._off = (min(self._off_since, t), deviations) if deviations > OFF else (math.inf, 0.0)
+        ``innovation`` [m/s] (3,) or (2,): which way it is off.
+        """
+        place, before = self._ways
+        self._ways = place, tuple(innovation)
+        recent = tuple(one for one in self._velocities if t - one[0] < _STALE)
+        told = refusal if _is_same_way(before, innovation) else 0.0
+        self._velocities = (*recent, (t, told, nis))[-_COUNT:]
+
+    def position(self, t: float, deviations: float, innovation: Sequence[float]) -> float:
+        """A position at ``t`` [s] as far off (Mahalanobis distance), by ``innovation`` (2,) [m] East and North.
+
+        Returns the factor that the covariance is to grow by.
+        """
+        self._note_off(t, deviations, innovation)
         refused = self._refused()
         if refused >= _REFUSED:
             self.reason = f"it refuses {100.0 * refused:.0f} % of the GNSS velocities"
-        elif t - self._off_since >= _OFF_TIME:
+        elif t - self._off_since >= _OFF_TIME and self._off_count >= _OFF_COUNT:
             self.reason = f"GNSS positions have been {deviations:.0f} sigma off for {t - self._off_since:.0f} s"
         elif refused <= _EASED and deviations <= OFF:
             self.reason, self._times, self._both_since = "", 0, math.inf
@@ -78,7 +93,7 @@ class Doubt:
 
     def agrees(self) -> None:
         """``position`` within ``OFF`` where doubt ``is_calm``: it widens nothing."""
-        self._off_since, self._off = math.inf, 0.0
+        self._off_since, self._off, self._off_count = math.inf, 0.0, 0
 
     @property
     def nis(self) -> float:
@@ -89,6 +104,18 @@ class Doubt:
         """Whether velocities and positions have contradicted the filter for so long that widening mends nothing."""
         return t - self._both_since > HOPELESS
 
+    def _note_off(self, t: float, deviations: float, innovation: Sequence[float]) -> None:
+        """Since when positions have been off the same way."""
+        before, velocity = self._ways
+        self._ways = tuple(innovation), velocity
+        if deviations <= OFF:
+            self.agrees()
+            return
+        if not _is_same_way(before, innovation):
+            self._off_since, self._off_count, self._both_since = t, 0, math.inf
+        self._off_since, self._off = min(self._off_since, t), deviations
+        self._off_count += 1
+
     def _velocity_nis(self) -> float:
         """Mean per row of the last velocities; 1 without any."""
         nis = [one[2] for one in self._velocities if math.isfinite(one[2])]
@@ -98,3 +125,11 @@ class Doubt:
         if len(self._velocities) < _COUNT:
             return 0.0
         return sum(one[1] for one in self._velocities) / _COUNT
+
+
+def _is_same_way(before: Sequence[float], now: Sequence[float]) -> bool:
+    """Whether two innovations point the same way; also where nothing came before."""
+    if not before or len(before) != len(now):
+        return True
+    along = sum(a * b for a, b in zip(before, now, strict=True))
+    return along > _SAME_WAY * math.hypot(*before) * math.hypot(*now)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 _PAUSE = 2.0  # s: over a longer one nothing can be summed up
+_MEDIAN = 3  # differences of which the middle counts: one fix that is far off is neither a mark nor a drift
 _MARK_PERIOD = 5.0  # s between the differences that are kept
 _MARKS = 12  # ... which reach back a minute
 _SPEED = 0.5  # m/s: what velocities of honest receivers may be wrong by for long
@@ -27,6 +28,7 @@ class _State:
     t: float = -math.inf
     velocity: tuple[float, float] = (0.0, 0.0)
     travelled: tuple[float, float] = (0.0, 0.0)
+    recent: tuple[Mark, ...] = ()
     marks: tuple[Mark, ...] = ()
     leaving_since: float = math.inf  # s
     last_leaving: float = -math.inf
@@ -84,11 +86,13 @@ class WalkOff:
             return 0.0
         v = float(velocity_enu[0]), float(velocity_enu[1])
         if not 0.0 < t - s.t < _PAUSE:
-            self.state = _State(t, v, marks=((t, float(position_enu[0]), float(position_enu[1])),))
+            here = t, float(position_enu[0]), float(position_enu[1])
+            self.state = _State(t, v, recent=(here,), marks=(here,))
             return 0.0
         half = 0.5 * (t - s.t)
         x, y = (p + half * (a + b) for p, a, b in zip(s.travelled, s.velocity, v, strict=True))
-        here = (t, float(position_enu[0]) - x, float(position_enu[1]) - y)
+        recent = (*s.recent, (t, float(position_enu[0]) - x, float(position_enu[1]) - y))[-_MEDIAN:]
+        here = t, _middle(recent, 1), _middle(recent, 2)
         marks = s.marks if t - s.marks[-1][0] < _MARK_PERIOD else (*s.marks, here)[-_MARKS:]
         speed, then = _leaving(marks, here, scatter)
         last = t if then else s.last_leaving
@@ -99,8 +103,12 @@ class WalkOff:
         way = 0.0 if left is None else math.hypot(here[1] - left[1], here[2] - left[2])
         if left is not None and (way < scatter or t > until):
             left, way = None, 0.0
-        self.state = _State(t, v, (x, y), marks, since, last, left, until, way)
+        self.state = _State(t, v, (x, y), recent, marks, since, last, left, until, way)
         return speed
+
+
+def _middle(recent: tuple[Mark, ...], column: int) -> float:
+    return sorted(one[column] for one in recent)[len(recent) // 2]
 
 
 def _leaving(marks: tuple[Mark, ...], now: Mark, scatter: float) -> tuple[float, Mark | None]:

@@ -133,7 +133,7 @@ class GnssPositionSensor(Sensor):
         z, H, R = (part[:2] for part in self.linearise(o, f))
         doubt = self.velocity.doubt
         was = doubt.reason
-        factor = doubt.position(o.t, distance(z, H, f.P, R[:, :2]))
+        factor = doubt.position(o.t, distance(z, H, f.P, R[:, :2]), z.tolist())
         if doubt.reason and not was:
             text = f"the navigator is in doubt: {doubt.reason}; its sigma grows until they agree"
             self._journal.say(o.stamp_ns, "doubt.begun", Level.WARN, text)

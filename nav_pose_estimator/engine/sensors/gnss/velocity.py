@@ -81,7 +81,7 @@ class GnssVelocitySensor(Sensor):
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count it; a refusal is told once, for it has no place in ``refusal`` beside the positions."""
         self.record.add(nis, z, self.reception.fix_period)
-        self.doubt.velocity(o.t, _REFUSALS[status], nis / len(z))
+        self.doubt.velocity(o.t, _REFUSALS[status], nis / len(z), z.tolist())
         if status:
             if status == 2:
                 self._journal.count("gnss.inflated.velocity")
@@ -100,7 +100,7 @@ class GnssVelocitySensor(Sensor):
         assert o.stated_R is not None
         rows = rows_of(o)
         self.record.add(nis, z[:rows], period)
-        self.doubt.velocity(o.t, 0.0, nis / rows)
+        self.doubt.velocity(o.t, 0.0, nis / rows, z[:rows])
         self._is_refused = False
         self._journal.count("gnss.used.velocity")
         R = self._accuracy.lasting(o, o.stated_R[:rows, :rows], self.noise, self._journal)

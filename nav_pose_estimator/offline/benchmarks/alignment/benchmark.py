@@ -25,7 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of ``benchmark alignment``."""
     add = parser.add_argument
     add("--cases", default="ship,drone", metavar="C,...", help=f"of {', '.join(CASES)} (default: ship,drone)")
-    add("--conditions", default="all", metavar="C,...", help=f"of {', '.join(CONDITIONS)} (default: all)")
+    names = ", ".join(CONDITIONS).replace("%", "%%")
+    add("--conditions", default="all", metavar="C,...", help=f"of {names} (default: all)")
     add("--methods", default="all", metavar="M,...", help=f"noise, of {', '.join(MODELS)} (default: all)")
     add_seeds(parser, "alignments")
     add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them; noises are the benchmark's")
