@@ -14,7 +14,7 @@ from nav_pose_estimator.core.filter.layout import VEL
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.observation import Decision, FilterView, Row, Use
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import BeamVelocitySample, stamp_of
+from nav_pose_estimator.engine.samples import BeamVelocitySample, PressureSample, stamp_of
 from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.sim.scenarios import generate
 from pieces import one_by_one
@@ -238,18 +238,21 @@ def test_two_faulty_beams_do_not_move_a_sound_navigator_at_once(flight, without)
 
 
 def test_beams_that_accuse_the_navigator_for_long_are_followed(flight):
-    """GIVEN a navigator whose velocity is wrong by 9 m/s in an outage THEN four beams that agree put it right."""
-    samples = list(with_beams(flight))
+    """GIVEN a navigator that sinks by 12 m/s too fast in an outage THEN four beams that agree put it right.
+
+    There is no barometer, which would show it sooner, and over ground the speed is not unusual.
+    """
+    samples = [sample for sample in with_beams(flight) if not isinstance(sample, PressureSample)]
     cut = next(i for i, sample in enumerate(samples) if (stamp_of(sample) or 0) > flight.start_ns + (LOST + 5.0) * 1e9)
     engine = SinsEngine(Parameters())
     for sample in samples[:cut]:
         engine.feed(sample)
-    engine.run.settled.nav[VEL] += 9.0
+    engine.run.settled.nav[VEL + 2] -= 12.0
     engine.run.timeline.start(engine.run.timeline.filter.nav.copy(), engine.run.timeline.filter.P.copy())
     for sample in samples[cut:]:
         engine.feed(sample)
     assert engine.journal.counters["beam_velocity.accusation"] > 0
-    assert np.linalg.norm(engine.run.settled.nav[VEL : VEL + 2] - flight.truth.v_n[-1, :2]) < 0.5
+    assert np.linalg.norm(engine.run.settled.nav[VEL : VEL + 3] - flight.truth.v_n[-1]) < 1.5
 
 
 def test_each_row_keeps_its_own_variance_whatever_its_place(sound, flight):

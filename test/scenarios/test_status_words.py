@@ -35,13 +35,13 @@ def without(samples: list[Sample], gaps: tuple[tuple[int, int], ...]) -> list[Sa
     return [sample for sample in samples if stays(sample)]
 
 
-def test_every_restart_has_its_reason():
-    """GIVEN an IMU that falls silent three times WHEN the navigator starts again THEN each time it says why."""
+def test_every_gap_is_told():
+    """GIVEN an IMU that falls silent three times WHEN the navigator goes on from its state THEN it says why."""
     flight = generate("hover", duration=30.0, seed=3, imu_rate=50.0)
     gaps = tuple((flight.start_ns + s * 10**9, flight.start_ns + (s + 2) * 10**9) for s in (8, 14, 20))
     engine = SinsEngine()
     outputs = [output for sample in without(list(flight.samples()), gaps) for output in engine.feed(sample)]
-    told = [o.text for o in outputs if isinstance(o, Event) and o.name == "reset"]
+    told = [o.text for o in outputs if isinstance(o, Event) and o.name == "resume.begun"]
     assert len(told) == 3
     assert all("no IMU data for 2." in text for text in told), told
 

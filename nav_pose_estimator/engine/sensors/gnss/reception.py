@@ -78,7 +78,7 @@ class GnssReception:
             why = "latitude and longitude are exactly zero, which is what drivers send before the first fix"
             return self.refuse(sample.stamp_ns, "gnss.rejected.null_island", why)
         stayed_for = self._stay.note(sample, self.velocities)
-        self.rounding.fix(sample.lat, sample.lon, stayed_for > _MOVED, sample.stamp_ns)
+        self.rounding.fix(sample.lat, sample.lon, _MOVED < stayed_for < math.inf, sample.stamp_ns)
         if stayed_for > max(_MOVED, _CELLS * self.rounding.step):
             why = "the position repeats to the last digit while the vehicle moves: the receiver is stuck"
             return self.refuse(sample.stamp_ns, "gnss.rejected.stuck", why)
