@@ -17,7 +17,7 @@ NOW = 10**18
 
 
 class Untried:
-    """No rehearsal has condemned anything."""
+    """No rehearsal has rejected anything."""
 
     def is_worse(self, name: str, rival: str, ratio: float) -> bool:
         return False

@@ -15,7 +15,7 @@ from nav_pose_estimator.engine.outage.epochs import EpochCollector
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import AirVelocityGuide
 from nav_pose_estimator.engine.outage.methods.method import Flight as FlightSoFar
 from nav_pose_estimator.engine.outage.methods.registry import estimators
-from nav_pose_estimator.engine.outage.rehearsals import COAST, Contestant, Rehearsals
+from nav_pose_estimator.engine.outage.rehearsals import COAST, Candidate, Rehearsals
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.engine.samples import (
     GnssFix,
@@ -86,7 +86,7 @@ def test_a_rehearsal_lasts_half_a_minute_and_comes_every_minute() -> None:
     assert rehearsals.rms("regimes") is None
 
 
-def test_it_needs_three_rehearsals_to_condemn() -> None:
+def test_it_needs_three_rehearsals_to_reject() -> None:
     """GIVEN a way that is twice as bad as its rival WHEN rehearsed THEN it is refused from the third time on."""
     assert [rehearsed([1.0, 2.0], n).is_worse("network", COAST, 1.1) for n in (1, 2, 3, 4)] == [
         False,
@@ -134,7 +134,7 @@ def test_what_the_stated_deviation_lacks_is_found(monkeypatch) -> None:
     assert 2.0 * 30.0 * one["network"] == pytest.approx(lacking / 3.0, rel=0.05)  # the stated one is worth two
     assert 2.0 * 30.0 * six["network"] == pytest.approx(lacking * 6.0 / 8.0, rel=0.05)
     monkeypatch.setattr(
-        Contestant, "spread_psd", lambda self, hovered: 100.0 / 60.0
+        Candidate, "spread_psd", lambda self, hovered: 100.0 / 60.0
     )  # all that the filter states comes from this
     assert 2.0 * 30.0 * rehearsed([1.0, 1.0], 6).spread()["network"] == pytest.approx(900.0 * 6.0 / 8.0, rel=0.05)
 
@@ -247,8 +247,8 @@ def test_a_clock_that_went_back_does_not_stop_the_rehearsals() -> None:
 def test_a_copy_goes_on_with_a_rehearsal_of_its_own() -> None:
     rehearsals, navigator = Rehearsals(), Navigator([1.0, 2.0])
     fly(rehearsals, navigator, 1000.0, 1015.0)
-    for contestant in navigator.copies:
-        contestant._drifts = [contestant._drift]
+    for candidate in navigator.copies:
+        candidate._drifts = [candidate._drift]
     twin = rehearsals.copy()
     fly(twin, navigator, 1015.0, 1031.5)
     assert (rehearsals.count, twin.count) == (0, 1)
@@ -335,7 +335,7 @@ def test_a_computer_that_cannot_keep_up_flies_none() -> None:
             t = (int(sample.stamps_ns[-1]) - recording.start_ns) * 1e-9
             part = "before" if t < 60.0 else "resting" if t < 100.0 else "after"
             engine.outage_aid.state.rests = part == "resting"
-            flown[part].append(bool(engine.outage_aid.rehearsals.contestants))
+            flown[part].append(bool(engine.outage_aid.rehearsals.candidates))
     assert flown["before"][-1]
     assert not any(flown["resting"][len(flown["resting"]) // 20 :])
     assert any(flown["after"])

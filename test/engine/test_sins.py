@@ -137,11 +137,11 @@ def test_the_operator_can_take_gnss_away(flight: Recording) -> None:
 
 
 @pytest.mark.parametrize("size", [1, 100])
-def test_despair_while_aligning_starts_the_alignment_again(flight: Recording, size: int) -> None:
+def test_a_failure_while_aligning_starts_the_alignment_again(flight: Recording, size: int) -> None:
     """GIVEN a navigator that aligns WHEN it should start again THEN it does, losing no row, in blocks as by samples."""
     engine, block = SinsEngine(), flight.imu
     engine.feed(block.part(0, 500))
-    engine.run.imu_despair = "no IMU"
+    engine.run.imu_failure = "no IMU"
     outputs = [o for i in range(500, 4000, size) for o in engine.feed(block.part(i, i + size))]
     assert [o.text for o in outputs if isinstance(o, Event) and o.name == "reset"] == [
         "the navigator starts again: no IMU"

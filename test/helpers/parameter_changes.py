@@ -158,7 +158,7 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
     "creeping_return": {
         "gnss.reacquisition.velocity_tolerance": 20.0,
     },
-    "despair": {
+    "failure": {
         "gnss.reacquisition.despair_gap": 0.0,
     },
     "air": {
@@ -355,7 +355,7 @@ FLIGHTS: dict[str, Callable[[], list[Sample]]] = {
         80.0, *silence(45.0, 8.0), *(fault(GnssFix, 53.0, 100.0, (far, 0.0, 0.0)) for fault, far in _ELSEWHERE)
     ),
     # it comes back with another velocity, too
-    "despair": lambda: _spoiled(
+    "failure": lambda: _spoiled(
         110.0,
         *silence(45.0, 8.0),
         Shift(GnssVelocity, 53.0, 100.0, (20.0, 0.0, 0.0)),

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nav_pose_estimator.core.alignment import motion_story
+from nav_pose_estimator.core.alignment import motion_history
 
 _MOVES = 0.01  # of the squared force varies: about 1 m/s^2
 _MOVES_AT_ALL = 0.002  # ... and so much will do to show that both agree
@@ -49,7 +49,7 @@ class MotionAgreement:
 
     def compare(self, impulses: np.ndarray, forces: np.ndarray) -> None:
         """A window: ``impulses`` (S, 3) [m/s] in the axes of its beginning, ``forces`` (S, 3) as GNSS tells them."""
-        felt = impulses @ motion_story.best_rotation(impulses, forces).T
+        felt = impulses @ motion_history.best_rotation(impulses, forces).T
         total = float(np.vdot(forces, forces))
         gnss, imu, apart = (_varying(part) / total for part in (forces, felt, forces - felt))
         moves = max(gnss, imu)

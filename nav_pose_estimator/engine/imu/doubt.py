@@ -1,4 +1,4 @@
-"""How far a second of IMU data may have led the navigator astray: dead, clipped or struck sensors."""
+"""How large an error a second of IMU data may have caused: dead, clipped or struck sensors."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ class DoubtMeter:
         step = np.diff(rows[:, at.IMU_T])
         same = rows[1:, at.IMU_GYRO :] == rows[:-1, at.IMU_GYRO :]
         usual = values.mean(axis=0) if self._usual is None else self._usual
-        tilt = _led_astray(step, values[:, :3], same[:, :3], usual[:3], _STRUCK_RATE, _USUAL_RATE, CLIPPED_RATE)
-        speed = _led_astray(step, values[:, 3:], same[:, 3:], usual[3:], _STRUCK_FORCE, _USUAL_FORCE, CLIPPED_FORCE)
+        tilt = _possible_error(step, values[:, :3], same[:, :3], usual[:3], _STRUCK_RATE, _USUAL_RATE, CLIPPED_RATE)
+        speed = _possible_error(step, values[:, 3:], same[:, 3:], usual[3:], _STRUCK_FORCE, _USUAL_FORCE, CLIPPED_FORCE)
         tilt += _led_by_an_axis(step, values[:, :3], same[:, :3], usual[:3], _USUAL_RATE, _OTHERS_RATE)
         speed += _led_by_an_axis(step, values[:, 3:], same[:, 3:], usual[3:], _USUAL_FORCE, _OTHERS_FORCE)
         if tilt < _LEAST_TILT and speed < _LEAST_SPEED:
@@ -72,7 +72,7 @@ class DoubtMeter:
         return Doubt(min(tilt, _MOST_TILT), min(speed, _MOST_SPEED))
 
 
-def _led_astray(
+def _possible_error(
     step: np.ndarray,
     values: np.ndarray,
     same: np.ndarray,

@@ -8,11 +8,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from nav_pose_estimator.core.alignment import motion_story
-from nav_pose_estimator.core.alignment.motion_story import DEGREE
+from nav_pose_estimator.core.alignment import motion_history
+from nav_pose_estimator.core.alignment.motion_history import DEGREE
 from nav_pose_estimator.engine.imu.agreement import MotionAgreement
-from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
-from nav_pose_estimator.engine.imu.latency_witness import SHIFTS, LatencyWitness
+from nav_pose_estimator.engine.imu.heading_monitor import HeadingMonitor
+from nav_pose_estimator.engine.imu.latency_monitor import SHIFTS, LatencyMonitor
 from nav_pose_estimator.engine.imu.plausibility import Finding, G
 from nav_pose_estimator.engine.samples import Vector3
 
@@ -47,7 +47,7 @@ class MotionCheck:
     """
 
     def __init__(self) -> None:
-        turns = motion_story.axis_rotations()
+        turns = motion_history.axis_rotations()
         self._gyros = np.concatenate([k * turns for k in (1.0, -1.0, DEGREE, -DEGREE)] + [turns[:1] / DEGREE])
         self._sums = np.zeros(2 * len(self._gyros))
         self._wins = np.zeros(len(self._sums))
@@ -60,16 +60,16 @@ class MotionCheck:
         """Whether the IMU has lately felt the changes of velocity that GNSS reports."""
         self.felt_as_received = 0.0
         """By how much the squared misfit of velocities as received is below that of the corrected ones."""
-        self.heading = HeadingWitness()
+        self.heading = HeadingMonitor()
         self.agreement = MotionAgreement()
         self.shakes = False
         """Whether the IMU vibrates so heavily that its impulses say little of the motion."""
-        self.latency = LatencyWitness()
+        self.latency = LatencyMonitor()
         self.forget_time()
 
     def forget_time(self) -> None:
         """The clock is another one: forget samples, keep what they have proved."""
-        self._seconds: dict[int, motion_story.Second] = {}
+        self._seconds: dict[int, motion_history.Second] = {}
         self._velocities: deque[tuple[float, Vector3]] = deque(maxlen=400)
         self._received: deque[tuple[float, Vector3]] = deque(maxlen=400)
         self._places: deque[tuple[float, float, float]] = deque(maxlen=400)
@@ -96,11 +96,11 @@ class MotionCheck:
         ``gyro_bias`` (3,) [rad/s] as far as the navigator knows it: that of a poor gyroscope is no mistake.
         """
         self._forget_before(k - _WINDOW - _LAG)
-        whole = motion_story.second_of(rows, float(k - 1))
+        whole = motion_history.second_of(rows, float(k - 1))
         if whole is not None:
             self._seconds[k] = whole
             self.heading.carry(k, whole.without(gyro_bias).angle)
-            motion = motion_story.unrest(whole.angle)
+            motion = motion_history.unrest(whole.angle)
             if motion < self._least_motion:
                 self._offset, self._least_motion = whole.angle.sum(axis=0), motion
         if k % _EVERY == 0:
@@ -137,7 +137,7 @@ class MotionCheck:
             self.latency.compare(impulses, _forces(end, self._received, SHIFTS))
         squares = np.full(len(self._sums), self.misfit**2)
         if self.misfit > _SUSPICIOUS or self._blamed is not None:
-            all_of_them = motion_story.fit(known, forces, self._gyros)
+            all_of_them = motion_history.fit(known, forces, self._gyros)
             squares = np.concatenate([all_of_them.misfit, all_of_them.inverted_misfit]) ** 2
             squares[0] = self.misfit**2
         if self.agreement.only_imu_moves:
@@ -147,9 +147,9 @@ class MotionCheck:
         self._calm = self._calm + 1 if self.misfit < _SUSPICIOUS else 0
         self._judge()
 
-    def _as_they_are(self, known: list[motion_story.Second], gyro_bias: np.ndarray) -> np.ndarray:
+    def _as_they_are(self, known: list[motion_history.Second], gyro_bias: np.ndarray) -> np.ndarray:
         """Impulses (S, 3) [m/s] of the IMU as it is, in the axes of the window's beginning."""
-        return motion_story.impulses([one.without(gyro_bias) for one in known], self._gyros[:1])[0]
+        return motion_history.impulses([one.without(gyro_bias) for one in known], self._gyros[:1])[0]
 
     def _stays(self, end: int) -> bool:
         """Whether the fixes of the window, of which there are enough, lie in one place."""
@@ -159,7 +159,7 @@ class MotionCheck:
         spread = np.ptp(np.array(near)[:, 1:], axis=0)
         return bool(spread.max() < _ONE_PLACE)
 
-    def _feel(self, known: list[motion_story.Second], received: np.ndarray | None, gyro_bias: np.ndarray) -> float:
+    def _feel(self, known: list[motion_history.Second], received: np.ndarray | None, gyro_bias: np.ndarray) -> float:
         """The misfit of the velocities as they were ``received``, NaN without; notes whether the IMU feels those."""
         if received is None:
             self.felt = False
@@ -169,9 +169,9 @@ class MotionCheck:
         self.felt = _EXCITED < excitation < _UNREAL and misfit < _FELT * excitation
         return misfit
 
-    def _own_misfit(self, known: list[motion_story.Second], forces: np.ndarray, gyro_bias: np.ndarray) -> float:
+    def _own_misfit(self, known: list[motion_history.Second], forces: np.ndarray, gyro_bias: np.ndarray) -> float:
         """Of the IMU as it is, or without one of the biases that its gyroscope may have; the best of them."""
-        return motion_story.least_misfit(known, forces, (np.zeros(3), gyro_bias, self._offset), enough=_SUSPICIOUS)
+        return motion_history.least_misfit(known, forces, (np.zeros(3), gyro_bias, self._offset), enough=_SUSPICIOUS)
 
     def _judge(self) -> None:
         sums = self._sums

@@ -11,7 +11,7 @@ from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.imu import plausibility
 from nav_pose_estimator.engine.imu.clipping import ClipWatch
 from nav_pose_estimator.engine.imu.doubt import Doubt, DoubtMeter
-from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
+from nav_pose_estimator.engine.imu.heading_monitor import HeadingMonitor
 from nav_pose_estimator.engine.imu.motion_check import MotionCheck
 from nav_pose_estimator.engine.imu.plausibility import Finding
 from nav_pose_estimator.engine.imu.seconds import ImuSecond, second_of
@@ -72,7 +72,7 @@ class ImuPhysics:
         return self.motion.felt
 
     @property
-    def heading(self) -> HeadingWitness:
+    def heading(self) -> HeadingMonitor:
         """Whether the heading is the one in which GNSS velocity shows the forces."""
         return self.motion.heading
 

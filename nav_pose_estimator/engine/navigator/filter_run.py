@@ -95,7 +95,7 @@ class FilterRun:
         self.modes = ModeKeeper(parameters.navigator)
         self.stillness = Stillness()
         self.imu_physics = ImuPhysics()
-        self.imu_despair = ""  # why the IMU cannot be one, where that has spoiled the filter
+        self.imu_failure = ""  # why the IMU cannot be one, where that has spoiled the filter
         self.second_due = -math.inf  # when to look back on the last second next
         self.past = Past()
         self.gyro_wander = bias_noise.Wander()  # that it begins with
@@ -140,9 +140,9 @@ class FilterRun:
         return self.timeline.filter.time if self.timeline.running else self.start_up.time
 
     @property
-    def despair(self) -> str:
+    def failure(self) -> str:
         """Why the filter should start again; empty where it need not."""
-        return self.gnss.position.despair or self.imu_despair
+        return self.gnss.position.failure or self.imu_failure
 
     @property
     def settled(self) -> SplitFilter:
@@ -283,7 +283,7 @@ def state_of(run: FilterRun) -> SavedState | None:
 
 def _is_sound(run: FilterRun, t: float) -> bool:
     """Whether the next run may go on with attitude and position."""
-    if run.modes.distrust_reason or run.gnss.position.doubt(t) or run.imu_physics.refusal or run.despair:
+    if run.modes.distrust_reason or run.gnss.position.doubt(t) or run.imu_physics.refusal or run.failure:
         return False
     # where fixes come, an alignment finds a better heading; where none come, there is no other
     heading_sd = math.sqrt(run.settled.P[at.PHI + 2, at.PHI + 2])

@@ -58,11 +58,11 @@ def _again(run: FilterRun) -> FilterRun | None:
     twin.gnss.reception.velocities = run.gnss.reception.velocities.in_hindsight(journal)
     for now, sample in heard:
         rows = _carry(twin, rows, now)
-        if twin.despair:
+        if twin.failure:
             return None
         intake.take(twin, sample)
     _carry(twin, rows, math.inf)
-    return None if twin.despair or twin.timeline.running < run.timeline.running else twin
+    return None if twin.failure or twin.timeline.running < run.timeline.running else twin
 
 
 def _carry(run: FilterRun, rows: np.ndarray, until: float) -> np.ndarray:

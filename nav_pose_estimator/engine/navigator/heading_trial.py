@@ -22,7 +22,7 @@ from nav_pose_estimator.core.earth.ellipsoid import step_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.strapdown import propagate
 from nav_pose_estimator.core.numerics.rotation import euler_from_quat, quat_from_euler
-from nav_pose_estimator.engine.imu.heading_witness import HeadingWitness
+from nav_pose_estimator.engine.imu.heading_monitor import HeadingMonitor
 from nav_pose_estimator.engine.navigator import filter_setup
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.samples import MagSample
@@ -85,23 +85,23 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
         if trial.from_magnetometer:
             magnetometer = run.aids[MagSample]
             assert isinstance(magnetometer, Magnetometer)
-            magnetometer.condemn(stamp_ns, error)
+            magnetometer.reject(stamp_ns, error)
         else:
             text = f"the heading that was carried over was {math.degrees(abs(error)):.0f} deg off, as motion shows"
             run.journal.say(stamp_ns, "resume.heading.wrong", Level.WARN, text, error_deg=math.degrees(error))
         _start_from(run, constants, start)
 
 
-def turn(run: FilterRun, witness: HeadingWitness, stamp_ns: int) -> None:
+def turn(run: FilterRun, monitor: HeadingMonitor, stamp_ns: int) -> None:
     """Turn the heading, for IMU and GNSS have shown it to be far off.
 
-    A filter with a wrong heading has bent tilt and biases until they fitted: roll and pitch are the witness's, too.
+    A filter with a wrong heading has bent tilt and biases until they fitted: roll and pitch are the monitor's, too.
     """
-    whole, angle = run.settled, witness.error
+    whole, angle = run.settled, monitor.error
     nav, P = whole.nav.copy(), whole.P.copy()
     own = nav[at.QUAT : at.GYRO_BIAS]
-    roll, pitch, _ = euler_from_quat(own if witness.level is None else witness.level)
-    nav[at.ACCEL_BIAS : at.ACCEL_BIAS + 3] = 0.0  # as in the witness's roll and pitch
+    roll, pitch, _ = euler_from_quat(own if monitor.level is None else monitor.level)
+    nav[at.ACCEL_BIAS : at.ACCEL_BIAS + 3] = 0.0  # as in the monitor's roll and pitch
     own[:] = quat_from_euler(roll, pitch, euler_from_quat(own)[2] + angle)
     tilt = max(float(P.diagonal()[at.PHI : at.PHI + 2].max()), _TURNED_TILT_SD**2)
     for start, variances in (
@@ -123,7 +123,7 @@ def turn(run: FilterRun, witness: HeadingWitness, stamp_ns: int) -> None:
     magnetometer, error = run.aids[MagSample], -angle
     assert isinstance(magnetometer, Magnetometer)
     if run.trial is not None and run.trial.from_magnetometer:
-        magnetometer.condemn(stamp_ns, error)
+        magnetometer.reject(stamp_ns, error)
     else:
         text = f"the heading was {math.degrees(abs(error)):.0f} deg off, as IMU and GNSS show: corrected"
         run.journal.say(stamp_ns, TURNED, Level.WARN, text, error_deg=math.degrees(error))

@@ -105,7 +105,7 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
         if refusal:
             run.start_up = run.start_up.afresh(run.parameters)
     elif run.modes.mode not in DENIED or t - run.aiding.fix_offered < run.aiding.lost_after:
-        run.imu_despair = refusal
+        run.imu_failure = refusal
         if doubt is not None and doubt.lasting:
             run.observe(run.imu_doubt.observe(doubt, run.timeline.filter.time, stamp_ns))
     else:

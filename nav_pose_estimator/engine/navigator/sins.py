@@ -55,7 +55,7 @@ class SinsEngine:
             outputs += self._carry(self._input.accept_block(sample))
         else:
             intake.take(self.run, sample)
-            self.run = _undeceived(self.run)
+            self.run = _without_wrong_velocities(self.run)
         events = self.journal.drain()
         return [*events, *outputs] if events else outputs
 
@@ -76,7 +76,7 @@ class SinsEngine:
                     intake.take(self.run, sample)
                     if self.run.gnss.reception.velocities.misled:
                         outputs += _flown(self, backlog)
-                        self.run = _undeceived(self.run)
+                        self.run = _without_wrong_velocities(self.run)
                 else:
                     outputs += _flown(self, backlog)
                     outputs += self.feed(sample)
@@ -169,15 +169,15 @@ class SinsEngine:
         return blocks
 
     def _go_on(self, ahead: list[NavBlock], stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
-        """``ahead`` is what became of IMU ``rows``; where the filter despaired, the rest is left to the next one."""
+        """``ahead`` is what became of IMU ``rows``; where the filter failed, the rest is left to the next one."""
         blocks = ahead
-        while self.run.despair:
+        while self.run.failure:
             last = int(ahead[-1].stamps_ns[-1] if ahead else stamps_ns[0])  # an alignment stops after one row
             done = int(stamps_ns.searchsorted(last, side="right"))
             stamps_ns, rows = stamps_ns[done:], rows[done:]
             clock = self.run.clock  # the rows that follow count from it
             # what the IMU or GNSS has spoiled is not gone on from
-            self.run = _afresh(self, last, self.run.despair)
+            self.run = _afresh(self, last, self.run.failure)
             self.run.clock = clock
             ahead = stretch.carry(self.run, stamps_ns, rows) if len(rows) else []
             blocks = [*blocks, *ahead]
@@ -229,8 +229,8 @@ def _afresh(engine: SinsEngine, stamp_ns: int, reason: str, known: KnownBiases |
     engine.journal.say(stamp_ns, "reset", Level.WARN, f"the navigator starts again: {reason}")
     before = engine.run
     noise = None if known is None else before.noise  # the same flight goes on
-    forsaken = before.gnss.position.forsakes_origin and not before.origin_is_fixed
-    origin = None if forsaken else before.origin
+    abandoned = before.gnss.position.abandons_origin and not before.origin_is_fixed
+    origin = None if abandoned else before.origin
     run = FilterRun(_parameters(engine), engine.journal, origin, before.gnss.reception.enabled, known, noise)
     take_over(run, before)
     return run
@@ -243,7 +243,7 @@ def _parameters(engine: SinsEngine) -> Parameters:
     return engine.run.parameters
 
 
-def _undeceived(run: FilterRun) -> FilterRun:
+def _without_wrong_velocities(run: FilterRun) -> FilterRun:
     """``run``, or where GNSS velocities have just proved to be wrong, what it would be without them."""
     velocities = run.gnss.reception.velocities
     if not velocities.misled:

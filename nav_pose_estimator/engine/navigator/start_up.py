@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nav_pose_estimator.core.alignment import motion_story
+from nav_pose_estimator.core.alignment import motion_history
 from nav_pose_estimator.core.alignment.aligner import Aligner
 from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, FixNoise, KnownBiases
 from nav_pose_estimator.core.beams import delay
@@ -224,8 +224,8 @@ def warm_up(constants: np.ndarray) -> None:
     delay.velocity_change(delay.no_past(), nav, P, 0.0, zero, True, 0)
     delay.velocity_at(nav, zero)
     gated_height(nav, P, constants, 0.0, 1.0, 10.0, 100.0)
-    still = np.zeros((motion_story.BINS, 3))
-    motion_story.least_misfit([motion_story.Second(still, still)], np.ones((1, 3)), [np.zeros(3)], enough=1.0)
+    still = np.zeros((motion_history.BINS, 3))
+    motion_history.least_misfit([motion_history.Second(still, still)], np.ones((1, 3)), [np.zeros(3)], enough=1.0)
     bias_noise.begin(nav, constants)
     bias_noise.observe(nav, P)
     bias_noise.overstatement(nav)

@@ -48,7 +48,7 @@ _FIRST = operator.itemgetter(0)
 def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
     """Carry the filter, or its alignment, over IMU ``rows`` (N, 7) stamped ``stamps_ns`` (N,).
 
-    Where the filter despairs the rows that follow are left to the next one.
+    Where the filter fails, the rows that follow are left to the next one.
     """
     if rows[-1, at.IMU_T] < run.quiet_until:
         return _blocks(run, stamps_ns, run.timeline.advance(rows))
@@ -64,7 +64,7 @@ def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBl
             done = sum(len(block.stamps_ns) for block in ahead)
             blocks += ahead
         stamps_ns, rows = stamps_ns[done:], rows[done:]
-        if run.despair:
+        if run.failure:
             break
     return blocks
 
@@ -83,7 +83,7 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
     telling = run.timeline.queue.due_besides_quiet(drifts=run.modes.mode is Mode.DEAD_RECKONING)
     limit = min(run.modes.deadline(now, run.aiding), telling, run.second_due)
     count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
-    if run.modes.at(now, run.aiding) is not run.modes.mode or run.despair:
+    if run.modes.at(now, run.aiding) is not run.modes.mode or run.failure:
         count = 1  # the change has the time of its row, whatever the size of the blocks
     out = run.timeline.advance(rows[:count])
     if run.trial is not None:
@@ -215,7 +215,7 @@ class Backlog:
         run, self._left = self.run, (stamps, rows)
         reception, done, count, self._count = run.gnss.reception, 0, self._count, 0
         period_now = reception.fix_period
-        while done < count and not run.despair:
+        while done < count and not run.failure:
             reception.fix_period = self._period(done)
             coming = _hear(run, coming)
             out, coming = self._leg(rows[done:], coming, done)
@@ -285,7 +285,7 @@ def is_uneventful(run: FilterRun) -> bool:
 def _is_routine(run: FilterRun) -> bool:
     """Whether GNSS aids one filter of which nothing is in question."""
     whole = run.timeline.running and run.timeline.filter.branches is None
-    return whole and run.modes.mode is Mode.AIDED and run.trial is None and not run.despair
+    return whole and run.modes.mode is Mode.AIDED and run.trial is None and not run.failure
 
 
 def _first_late(rows: np.ndarray, coming: list[Coming]) -> int:

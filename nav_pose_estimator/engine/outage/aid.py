@@ -98,7 +98,7 @@ class OutageAid:
             return OutageHelp()
         stamp = last_stamp(output)
         if self.state.rests:
-            self.rehearsals.contestants.clear()
+            self.rehearsals.candidates.clear()
         elif self.rehearsals.is_due(stamp, sins) and (flight := self._flight(_REHEARSE_AFTER)) is not None:
             self.rehearsals.start(stamp, sins, self._pilot.state.collector, self.learner.method.ways(flight))
         self._pilot.learn(finished)

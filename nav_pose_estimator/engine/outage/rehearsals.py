@@ -51,7 +51,7 @@ _FROM_GNSS = (GnssFix, GnssVelocity, SatelliteCount, SetPose, ReturnDecision)
 
 
 @dataclass
-class Contestant:
+class Candidate:
     """One way through the outage: a navigator of its own, and what helps it."""
 
     sins: SinsEngine
@@ -63,9 +63,9 @@ class Contestant:
         added = getattr(self.guide, "spread_psd", 0.0)
         return float(getattr(self.guide, "hover_spread_psd", added) if hovered else added)
 
-    def copy(self) -> Contestant:
+    def copy(self) -> Candidate:
         """An independent copy."""
-        return Contestant(self.sins.snapshot(), snapshot(self.collector), self.guide)
+        return Candidate(self.sins.snapshot(), snapshot(self.collector), self.guide)
 
     def feed(self, sample: Sample) -> None:
         """Fly on, and take in what the motion says."""
@@ -98,9 +98,9 @@ class Outcome(NamedTuple):
 
 @dataclass
 class Rehearsal:
-    """A rehearsal that has ended, with all that its contestants still have to fly, epoch by epoch."""
+    """A rehearsal that has ended, with all that its candidates still have to fly, epoch by epoch."""
 
-    contestants: dict[str, Contestant]
+    candidates: dict[str, Candidate]
     epochs: list[Epoch]
     truth: np.ndarray  # ``nav`` of the aided navigator at the end
     offset: np.ndarray  # (2,) m, East and North, by which it is off the fixes, as ``Gnss.offset``
@@ -111,22 +111,22 @@ class Rehearsal:
         """Fly it and judge it; None where a copy had to start again."""
         tally = self.tally
         for epoch in self.epochs:
-            tally = _flown(self.contestants, epoch, tally)
-            if _has_restarted(self.contestants):
+            tally = _flown(self.candidates, epoch, tally)
+            if _has_restarted(self.candidates):
                 return None
         squares, excess = {}, {}
-        for name, contestant in self.contestants.items():
-            step = step_enu(self.truth[at.LAT : at.VEL], contestant.sins.run.settled.nav[at.LAT : at.VEL])
+        for name, candidate in self.candidates.items():
+            step = step_enu(self.truth[at.LAT : at.VEL], candidate.sins.run.settled.nav[at.LAT : at.VEL])
             squares[name] = float(np.square(step[:2] + self.offset).sum())
             # what an earlier finding has added is no finding
-            added = 2.0 * contestant.spread_psd(hovered(tally)) * _LENGTH_NS * 1e-9
-            excess[name] = squares[name] - max(self._stated(contestant) - added, 0.0)
-        surprise = squares[COAST] / max(self._stated(self.contestants[COAST]), 1.0)
+            added = 2.0 * candidate.spread_psd(hovered(tally)) * _LENGTH_NS * 1e-9
+            excess[name] = squares[name] - max(self._stated(candidate) - added, 0.0)
+        surprise = squares[COAST] / max(self._stated(self.candidates[COAST]), 1.0)
         return Outcome(squares, surprise, excess, tally)
 
-    def _stated(self, contestant: Contestant) -> float:
+    def _stated(self, candidate: Candidate) -> float:
         """Variance [m^2] of its horizontal position, beyond that of the aided navigator."""
-        return horizontal_deviation(contestant.sins.run) ** 2 - self.known**2
+        return horizontal_deviation(candidate.sins.run) ** 2 - self.known**2
 
 
 Elsewhere = Callable[[Callable[[], Outcome | None]], Callable[[], Outcome | None]]
@@ -135,7 +135,7 @@ Elsewhere = Callable[[Callable[[], Outcome | None]], Callable[[], Outcome | None
 
 @dataclass
 class RehearsalState:
-    """What the contestants still have to fly, when the rehearsal ends, and what the last ones have shown."""
+    """What the candidates still have to fly, when the rehearsal ends, and what the last ones have shown."""
 
     waiting: list[Sample] = field(default_factory=list)  # what the copies get at the end of the epoch
     epochs: list[Epoch] = field(default_factory=list)  # the same of earlier epochs, where it is flown elsewhere
@@ -150,7 +150,7 @@ class RehearsalState:
     decisions: Decisions = field(default_factory=Decisions)  # of all that have ended
 
     def drop(self) -> None:
-        """Forget what the contestants still have to fly."""
+        """Forget what the candidates still have to fly."""
         self.waiting, self.epochs, self.tally, self.waiting_since = [], [], Decisions(), 0
 
 
@@ -161,7 +161,7 @@ class Rehearsals:
         """``elsewhere`` flies whole rehearsals when they have ended; by default they are flown here, as data come."""
         self._rules, self._elsewhere = rules or RehearsalRules(), elsewhere
         self._under_way: list[Callable[[], Outcome | None]] = []
-        self.contestants: dict[str, Contestant] = {}
+        self.candidates: dict[str, Candidate] = {}
         kept = self._rules.kept
         self.state = RehearsalState(
             squares=deque(maxlen=kept),
@@ -174,7 +174,7 @@ class Rehearsals:
         """An independent copy, running rehearsals included."""
         self._collect()
         twin = Rehearsals(self._rules, self._elsewhere)
-        twin.contestants = {name: contestant.copy() for name, contestant in self.contestants.items()}
+        twin.candidates = {name: candidate.copy() for name, candidate in self.candidates.items()}
         twin.state = snapshot(self.state)
         return twin
 
@@ -240,7 +240,7 @@ class Rehearsals:
 
     def feed(self, sample: Sample) -> None:
         """Hand a sample to the copies; nothing that comes from GNSS reaches them."""
-        if not self.contestants or isinstance(sample, _FROM_GNSS):
+        if not self.candidates or isinstance(sample, _FROM_GNSS):
             return
         self.state.waiting.append(sample)
         if isinstance(sample, (ImuSample, ImuBlock)):
@@ -253,29 +253,29 @@ class Rehearsals:
         """Called several times a second behind ``feed``; judges what has ended. True when ``start`` is to be called."""
         east, north = sins.run.settled.nav[at.VEL : at.VEL + 2].tolist()
         self._catch_up((east, north))
-        flies = sins.mode is Mode.AIDED and not _has_restarted(self.contestants)
-        if flies and not self.contestants:
+        flies = sins.mode is Mode.AIDED and not _has_restarted(self.candidates)
+        if flies and not self.candidates:
             return stamp_ns >= self.state.next_ns or stamp_ns < self.state.next_ns - _PERIOD_NS
         if flies and stamp_ns < self.state.until_ns:
             return False
         if flies:
             self._judge(sins)
-        self.contestants.clear()
+        self.candidates.clear()
         self.state.drop()
         return False
 
     def start(self, stamp_ns: int, sins: SinsEngine, collector: EpochCollector, ways: Mapping[str, Guide]) -> None:
         """Begin a rehearsal of coasting and of every way in ``ways``."""
         self.state.drop()
-        self.contestants = {COAST: Contestant(_copy_of(sins), EpochCollector(), None)}
+        self.candidates = {COAST: Candidate(_copy_of(sins), EpochCollector(), None)}
         for name, guide in ways.items():
-            self.contestants[name] = Contestant(_copy_of(sins), snapshot(collector), guide)
+            self.candidates[name] = Candidate(_copy_of(sins), snapshot(collector), guide)
         self.state.until_ns, self.state.next_ns = stamp_ns + _LENGTH_NS, stamp_ns + _PERIOD_NS
 
     def _judge(self, sins: SinsEngine) -> None:
         truth, offset = sins.run.settled.nav.copy(), sins.run.gnss.offset
         known = horizontal_deviation(sins.run)
-        ended = Rehearsal(dict(self.contestants), self.state.epochs, truth, offset, known, self.state.tally)
+        ended = Rehearsal(dict(self.candidates), self.state.epochs, truth, offset, known, self.state.tally)
         self._under_way.append(ended.run if self._elsewhere is None else self._elsewhere(ended.run))
         if self._elsewhere is None:
             self._collect()
@@ -298,8 +298,8 @@ class Rehearsals:
         waiting, self.state.waiting, self.state.waiting_since = self.state.waiting, [], 0
         epoch = Epoch(waiting, velocity)
         if self._elsewhere is None:
-            self.state.tally = _flown(self.contestants, epoch, self.state.tally)
-        elif self.contestants:
+            self.state.tally = _flown(self.candidates, epoch, self.state.tally)
+        elif self.candidates:
             self.state.epochs.append(epoch)
 
 
@@ -310,7 +310,7 @@ def _copy_of(sins: SinsEngine) -> SinsEngine:
     return twin
 
 
-def _flown(contestants: Mapping[str, Contestant], epoch: Epoch, tally: Decisions) -> Decisions:
+def _flown(candidates: Mapping[str, Candidate], epoch: Epoch, tally: Decisions) -> Decisions:
     """Fly the copies on; returns ``tally`` with the decisions of the epoch.
 
     The other samples go ahead of the IMU's: an observation acts at its own time, however early it is known.
@@ -318,14 +318,14 @@ def _flown(contestants: Mapping[str, Contestant], epoch: Epoch, tally: Decisions
     imu = [sample for sample in epoch.samples if isinstance(sample, (ImuSample, ImuBlock))]
     ahead: list[Sample] = [sample for sample in epoch.samples if not isinstance(sample, (ImuSample, ImuBlock))]
     for sample in [*ahead, joined(imu)] if imu else ahead:
-        for contestant in contestants.values():
-            contestant.feed(sample)
-    return tally + _decided(epoch.velocity, contestants)
+        for candidate in candidates.values():
+            candidate.feed(sample)
+    return tally + _decided(epoch.velocity, candidates)
 
 
-def _has_restarted(contestants: Mapping[str, Contestant]) -> bool:
+def _has_restarted(candidates: Mapping[str, Candidate]) -> bool:
     """A gap in the IMU data makes the copies start again, and what happened in it nobody has rehearsed."""
-    copies = [one.sins for one in contestants.values()]
+    copies = [one.sins for one in candidates.values()]
     return any(sins.run.unseen or sins.mode not in (*DENIED, Mode.AIDED) for sins in copies)
 
 
@@ -334,13 +334,13 @@ def hovered(decisions: Decisions) -> bool:
     return decisions.travelled < 0.5 * SLOW**2 * _LENGTH_NS * 1e-9
 
 
-def _decided(velocity: tuple[float, float] | None, contestants: Mapping[str, Contestant]) -> Decisions:
+def _decided(velocity: tuple[float, float] | None, candidates: Mapping[str, Candidate]) -> Decisions:
     """Decisions of one epoch at the true ``velocity``, by the last of the copies that tells regimes apart."""
     square = 0.0 if velocity is None else 0.5 * (velocity[0] ** 2 + velocity[1] ** 2)
     if 2.0 * square < SLOW**2:
         return Decisions()
-    for contestant in reversed(list(contestants.values())):
-        branches = contestant.sins.run.timeline.filter.branches
+    for candidate in reversed(list(candidates.values())):
+        branches = candidate.sins.run.timeline.filter.branches
         if branches is not None and HOVER in branches.names:
             return Decisions(PERIOD * square, PERIOD * square * branches.probability(HOVER))
     return Decisions()

@@ -91,9 +91,9 @@ class Magnetometer(Aid):
             return LEFT_OUT
         return Decision(Use.GATED, self._offset)
 
-    def condemn(self, stamp_ns: int, error: float) -> None:
+    def reject(self, stamp_ns: int, error: float) -> None:
         """Motion has shown that the heading from the magnetometer was wrong by ``error`` [rad]: it steers nothing."""
-        self._check = CompassCheck(is_condemned=True)  # and what it saw was compared with a wrong heading
+        self._check = CompassCheck(is_rejected=True)  # and what it saw was compared with a wrong heading
         self._offset = math.nan
         text = (
             f"the magnetic heading at the start was {math.degrees(abs(error)):.0f} deg off, as motion shows: aligned "

@@ -68,11 +68,11 @@ class GnssPositionSensor(Sensor):
         self.origin: tuple[float, float, float] | None = None
         self.resets = 0
         self.last_reset_m = math.nan  # size of the last one
-        self.despair = ""  # why the filter should start again: what GNSS says cannot be mended by a reset
+        self.failure = ""  # why the filter should start again: what GNSS says cannot be mended by a reset
         self.jump, self.contradiction = LastingJump(), Contradiction()
         self.pull = Pull(journal, parameters.gnss.reacquisition.probation)
         self.elsewhere = Elsewhere(journal, reception.rounding)
-        self.forsakes_origin = False  # the start was somewhere else on Earth, and with it the origin
+        self.abandons_origin = False  # the start was somewhere else on Earth, and with it the origin
         self._velocity_apart = 0.0  # deviations between the two velocities at the last fix
         self.gate_radius = math.nan  # m: how far off a fix may lie and still be taken as it is
 
@@ -112,7 +112,7 @@ class GnssPositionSensor(Sensor):
         widening = self._doubted(o, f) if self._aiding.gnss_is_good(o.t) else 1.0
         decision = self._ask_the_guard(o, f)
         if self.velocity.doubt.is_hopeless(o.t) and o.t - self._aiding.fix_used < self._despair_gap:
-            self.despair = "GNSS was never away, yet velocities differ, and positions too"
+            self.failure = "GNSS was never away, yet velocities differ, and positions too"
         (pulled, pull_speed), (far, high, fast) = self.pull.least_sd(), self.elsewhere.least_sd(_speed(f))
         vertical = max(_EITHER * self.heights.span, high)
         if decision.use in (Use.GATED, Use.UNGATED) and not math.isnan(decision.reference):
@@ -173,10 +173,10 @@ class GnssPositionSensor(Sensor):
             return Decision(Use.GATED if decision.gated else Use.UNGATED, reference)
         self.jump.note(o.t, gap, decision, self.guard.settings)
         if math.hypot(*decision.offset) > _ANOTHER_PLACE:
-            self.forsakes_origin = True
-            self.despair = f"GNSS is {1e-3 * math.hypot(*decision.offset):.0f} km from where the navigator started"
+            self.abandons_origin = True
+            self.failure = f"GNSS is {1e-3 * math.hypot(*decision.offset):.0f} km from where the navigator started"
         elif broken:
-            self.despair = f"GNSS was never away, yet velocities differ by {self._velocity_apart:.0f} sigma"
+            self.failure = f"GNSS was never away, yet velocities differ by {self._velocity_apart:.0f} sigma"
         return Decision(Use.RESET, reference, tuple(velocity or ()))
 
     def _height_reference(self, o: Observation, f: FilterView) -> float:

@@ -30,22 +30,22 @@ class CompassCheck:
     A doubt acts at once and is told when it lasts: for some seconds after a start it may be the filter that is wrong.
     """
 
-    def __init__(self, is_condemned: bool = False) -> None:
-        """``is_condemned``: motion has proved a heading wrong that the magnetometer gave; it is doubted for good."""
+    def __init__(self, is_rejected: bool = False) -> None:
+        """``is_rejected``: motion has proved a heading wrong that the magnetometer gave; it is doubted for good."""
         self._swing = CompassSwing(_SWING_MEMORY)
         self._seconds = 0.0
         self._square = 0.0
-        self._is_condemned = is_condemned
+        self._is_rejected = is_rejected
         self._is_turned = False
         self._is_unsteady = False
         self._doubt_lasts = 0.0
-        self._is_told = is_condemned
+        self._is_told = is_rejected
         self._cause_is_told = False
 
     @property
     def doubted(self) -> bool:
         """Whether the magnetic heading must not be used."""
-        return self._is_condemned or self._is_turned or self._is_unsteady
+        return self._is_rejected or self._is_turned or self._is_unsteady
 
     @property
     def spread(self) -> float:

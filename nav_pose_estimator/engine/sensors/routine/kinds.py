@@ -102,7 +102,7 @@ class RoutinePosition:
                 sensor.noise.learns
                 or sensor.pull.is_on
                 or sensor.elsewhere.is_on
-                or sensor.despair
+                or sensor.failure
                 or state.tracks
                 or state.loose
             )

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nav_pose_estimator.core.alignment import motion_story
+from nav_pose_estimator.core.alignment import motion_history
 
 _STEP = 0.2  # s
 SHIFTS = _STEP * np.arange(-3, 4)
@@ -28,7 +28,7 @@ _PROOF = 2  # windows in a row
 
 
 @dataclass(eq=False)
-class LatencyWitness:
+class LatencyMonitor:
     """``delay`` [s]: stamp minus validity of GNSS beyond ``gnss.delay``; 0 while none is proved."""
 
     delay: float = field(default=0.0, init=False)
@@ -42,7 +42,7 @@ class LatencyWitness:
         """
         if forces is None:
             return
-        apart = forces - impulses @ np.swapaxes(motion_story.best_rotation(impulses, forces), -1, -2)
+        apart = forces - impulses @ np.swapaxes(motion_history.best_rotation(impulses, forces), -1, -2)
         about_mean = apart - apart.mean(axis=1, keepdims=True)
         self._sums = _MEMORY * self._sums + [min(float(np.vdot(one, one)), _BLOW) for one in about_mean]
         self._conclude()

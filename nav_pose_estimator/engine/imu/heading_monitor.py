@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nav_pose_estimator.core.alignment.motion_story import best_rotation
+from nav_pose_estimator.core.alignment.motion_history import best_rotation
 from nav_pose_estimator.core.numerics.rotation import (
     euler_from_quat,
     quat_from_matrix,
@@ -37,7 +37,7 @@ _PROOF = 2  # windows in a row
 
 
 @dataclass(eq=False)
-class HeadingWitness:
+class HeadingMonitor:
     """``error`` [rad]: by how much the navigator's heading has to be turned, counter-clockwise; 0 while it need not."""
 
     error: float = field(default=0.0, init=False)
