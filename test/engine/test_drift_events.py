@@ -29,8 +29,8 @@ def told(sd: float, drift: float, quiet: float = 20.0) -> list[str]:
 def test_a_receiver_that_is_noisier_than_it_states_does_not_flap() -> None:
     """GIVEN fixes that scatter so widely that single ones look like a drift THEN it begins once, and ends once they are
     quiet for seconds."""
-    assert told(sd=9.0, drift=0.0) == ["gnss.drift", "gnss.drift.ended"]
-    assert told(sd=9.0, drift=0.0, quiet=0.0) == ["gnss.drift"]
+    assert told(sd=12.0, drift=0.0) == ["gnss.drift", "gnss.drift.ended"]
+    assert told(sd=12.0, drift=0.0, quiet=0.0) == ["gnss.drift"]
 
 
 def test_a_drift_is_told_once() -> None:

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 _PAUSE = 2.0  # s: over a longer one nothing can be summed up
-_MEDIAN = 3  # differences of which the middle counts: one fix that is far off is neither a mark nor a drift
+_MEDIAN = 5  # differences of which the middle counts: two fixes that are far off are neither a mark nor a drift
+_LEFT = 2  # marks that a drift leaves behind: one alone may lie wrong
 _MARK_PERIOD = 5.0  # s between the differences that are kept
 _MARKS = 12  # ... which reach back a minute
 _SPEED = 0.5  # m/s: what velocities of honest receivers may be wrong by for long
@@ -86,14 +87,14 @@ class WalkOff:
             return 0.0
         v = float(velocity_enu[0]), float(velocity_enu[1])
         if not 0.0 < t - s.t < _PAUSE:
-            here = t, float(position_enu[0]), float(position_enu[1])
-            self.state = _State(t, v, recent=(here,), marks=(here,))
+            self.state = _State(t, v, recent=((t, float(position_enu[0]), float(position_enu[1])),))
             return 0.0
         half = 0.5 * (t - s.t)
         x, y = (p + half * (a + b) for p, a, b in zip(s.travelled, s.velocity, v, strict=True))
         recent = (*s.recent, (t, float(position_enu[0]) - x, float(position_enu[1]) - y))[-_MEDIAN:]
         here = t, _middle(recent, 1), _middle(recent, 2)
-        marks = s.marks if t - s.marks[-1][0] < _MARK_PERIOD else (*s.marks, here)[-_MARKS:]
+        is_due = not s.marks or t - s.marks[-1][0] >= _MARK_PERIOD
+        marks = (*s.marks, here)[-_MARKS:] if is_due and len(recent) == _MEDIAN else s.marks
         speed, then = _leaving(marks, here, scatter)
         last = t if then else s.last_leaving
         since = min(s.leaving_since, t) if then or t - last < _FLICKERS else math.inf
@@ -112,13 +113,15 @@ def _middle(recent: tuple[Mark, ...], column: int) -> float:
 
 
 def _leaving(marks: tuple[Mark, ...], now: Mark, scatter: float) -> tuple[float, Mark | None]:
-    """The largest speed away from one of ``marks`` that is more than chance, and which; 0.0 where none is."""
-    fastest, from_where = 0.0, None
+    """The largest speed away from one of ``marks`` that is more than chance, and which; 0.0 where it is less for all,
+    or for all but one."""
+    fastest, from_where, left = 0.0, None, 0
     for then in marks:
         seconds, east, north = now[0] - then[0], now[1] - then[1], now[2] - then[2]
         bound = scatter + _SPEED * seconds
         if seconds > 0.0 and bound > 0.0 and east * east + north * north > _NEARLY * bound * bound:
             apart = math.hypot(east, north)
+            left += apart > bound
             if apart > bound and apart > fastest * seconds:
                 fastest, from_where = apart / seconds, then
-    return fastest, from_where
+    return (fastest, from_where) if left >= _LEFT else (0.0, None)
