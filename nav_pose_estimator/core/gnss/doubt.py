@@ -40,7 +40,8 @@ class Doubt:
     _off_since: float = field(default=math.inf, init=False)
     _off: float = field(default=0.0, init=False)
     _off_count: int = field(default=0, init=False)
-    _ways: tuple[tuple[float, ...], tuple[float, ...]] = field(default=((), ()), init=False)  # position, velocity
+    _position_way: tuple[float, ...] = field(default=(), init=False)  # the last innovation of each
+    _velocity_way: tuple[float, ...] = field(default=(), init=False)
     _widened: float = field(default=-math.inf, init=False)
     _times: int = field(default=0, init=False)
     _both_since: float = field(default=math.inf, init=False)
@@ -57,8 +58,7 @@ class Doubt:
 
         ``innovation`` [m/s] (3,) or (2,): which way it is off.
         """
-        place, before = self._ways
-        self._ways = place, tuple(innovation)
+        before, self._velocity_way = self._velocity_way, tuple(innovation)
         recent = tuple(one for one in self._velocities if t - one[0] < _STALE)
         told = refusal if _is_same_way(before, innovation) else 0.0
         self._velocities = (*recent, (t, told, nis))[-_COUNT:]
@@ -106,8 +106,7 @@ class Doubt:
 
     def _note_off(self, t: float, deviations: float, innovation: Sequence[float]) -> None:
         """Since when positions have been off the same way."""
-        before, velocity = self._ways
-        self._ways = tuple(innovation), velocity
+        before, self._position_way = self._position_way, tuple(innovation)
         if deviations <= OFF:
             self.agrees()
             return
