@@ -35,7 +35,7 @@ class EngineClock:
         if stamp_ns <= 0:
             journal.say(stamp_ns, f"{family}.zero_stamp", Level.WARN, "a message came without a time stamp")
             return None
-        return self.seconds(stamp_ns)
+        return (stamp_ns - self.zero_ns) * NS
 
     def imu_rows(self, samples: ImuSample | ImuBlock) -> tuple[np.ndarray, np.ndarray]:
         """Stamps (N,) and IMU rows (N, 7) of ``core.filter.layout``; the first ones start the clock."""

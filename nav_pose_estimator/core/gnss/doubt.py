@@ -36,7 +36,7 @@ class Doubt:
 
     reason: str = field(default="", init=False)
     """Why the filter is in doubt, a clause; empty while it is not."""
-    _velocities: tuple[tuple[float, float, float], ...] = field(default=(), init=False)  # t, refusal 0..1, NIS per row
+    _velocities: list[tuple[float, float, float]] = field(default_factory=list, init=False)  # t, refusal, NIS per row
     _off_since: float = field(default=math.inf, init=False)
     _off: float = field(default=0.0, init=False)
     _off_count: int = field(default=0, init=False)
@@ -59,9 +59,9 @@ class Doubt:
         ``innovation`` [m/s] (3,) or (2,): which way it is off.
         """
         before, self._velocity_way = self._velocity_way, tuple(innovation)
-        recent = tuple(one for one in self._velocities if t - one[0] < _STALE)
+        recent = [one for one in self._velocities if t - one[0] < _STALE]
         told = refusal if _is_same_way(before, innovation) else 0.0
-        self._velocities = (*recent, (t, told, nis))[-_COUNT:]
+        self._velocities = [*recent, (t, told, nis)][-_COUNT:]
 
     def position(self, t: float, deviations: float, innovation: Sequence[float]) -> float:
         """A position at ``t`` [s] as far off (Mahalanobis distance), by ``innovation`` (2,) [m] East and North.
@@ -89,7 +89,7 @@ class Doubt:
     @property
     def is_calm(self) -> bool:
         """Whether no doubt is near: positions within ``OFF`` and velocities that are taken cannot bring one about."""
-        return not self.reason and sum(one[1] for one in self._velocities) < _REFUSED * _COUNT
+        return not self.reason and sum([one[1] for one in self._velocities]) < _REFUSED * _COUNT
 
     def agrees(self) -> None:
         """``position`` within ``OFF`` where doubt ``is_calm``: it widens nothing."""
@@ -130,5 +130,5 @@ def _is_same_way(before: Sequence[float], now: Sequence[float]) -> bool:
     """Whether two innovations point the same way; also where nothing came before."""
     if not before or len(before) != len(now):
         return True
-    along = sum(a * b for a, b in zip(before, now, strict=True))
+    along = sum([a * b for a, b in zip(before, now, strict=True)])
     return along > _SAME_WAY * math.hypot(*before) * math.hypot(*now)

@@ -120,7 +120,7 @@ def _copier_of(kind: type) -> _Copier:
     has_dictionary = kind.__dictoffset__ != 0
     if dataclasses.is_dataclass(kind) and kind.__dataclass_params__.frozen:  # type: ignore[attr-defined]
         return _copier_of_frozen(kind, slots, has_dictionary)
-    return _copier_of_objects(kind, slots, has_dictionary)
+    return _copier_of_objects(kind, slots, has_dictionary) if slots else _copy_plain
 
 
 def _slots_of(kind: type) -> tuple[str, ...]:
@@ -134,6 +134,16 @@ def _content(value: Any, slots: list[str], has_dictionary: bool) -> dict[str, An
         if hasattr(value, name):
             content[name] = getattr(value, name)
     return content
+
+
+def _copy_plain(value: Any, memo: _Memo) -> Any:
+    """An object that has all it holds in its dictionary, and no way of its own to set it."""
+    twin: Any = object.__new__(type(value))
+    memo[id(value)] = twin
+    content = twin.__dict__
+    for name, item in value.__dict__.items():
+        content[name] = item if type(item) in _ATOMS else deep_copy(item, memo)
+    return twin
 
 
 def _copier_of_objects(kind: type, slots: list[str], has_dictionary: bool) -> _Copier:

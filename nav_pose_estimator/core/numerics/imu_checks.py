@@ -42,7 +42,8 @@ def is_calm(rows, usual, bounds, dead):
 
     Each row but the first continues the one before it. ``usual`` (6,) rates and forces; ``bounds``: how far away from
     them rate and force are a blow, and the rate and force beyond which an axis that repeats itself is clipped.
-    ``dead`` (2,): of a whole sensor, and of one axis. False says nothing: the exact measure has to look.
+    ``dead`` (2,): of a whole sensor, and of one axis. False says nothing: the exact measure has to look. Where it is
+    True, ``usual`` becomes the mean of all rows but the first.
     """
     struck_rate, struck_force, clipped_rate, clipped_force = bounds
     silent_gyro = silent_accel = 0.0  # s since the first of equal values, its own step counted in
@@ -74,6 +75,11 @@ def is_calm(rows, usual, bounds, dead):
         silent_accel = step + (silent_accel if same_accel == 3 else 0.0)
         if max(silent_gyro, silent_accel) >= 0.99 * dead[0]:
             return False
+    for k in range(6):
+        total = 0.0
+        for i in range(1, len(rows)):
+            total += rows[i, 1 + k]
+        usual[k] = total / (len(rows) - 1)
     return True
 
 

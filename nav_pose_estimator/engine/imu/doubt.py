@@ -55,11 +55,9 @@ class DoubtMeter:
         """Of the IMU rows (N, 7) of a second, with one from before it; None where nothing is wrong with them."""
         if len(rows) < 3:
             return None
-        values = rows[1:, at.IMU_GYRO :]
         if COMPILED and self._usual is not None and is_calm(rows, self._usual, _BOUNDS, (_DEAD, _DEAD_AXIS)):
-            self._usual = values.mean(axis=0)
             return None
-        step = np.diff(rows[:, at.IMU_T])
+        step, values = np.diff(rows[:, at.IMU_T]), rows[1:, at.IMU_GYRO :]
         same = rows[1:, at.IMU_GYRO :] == rows[:-1, at.IMU_GYRO :]
         usual = values.mean(axis=0) if self._usual is None else self._usual
         tilt = _possible_error(step, values[:, :3], same[:, :3], usual[:3], _STRUCK_RATE, _USUAL_RATE, CLIPPED_RATE)

@@ -106,7 +106,8 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
     observation = run.gnss.velocity.observe(usable, t)
     run.imu_physics.velocity(observation.t, usable.vel_enu, sample.vel_enu)
     run.gnss.position.pull.velocity(observation.t, usable.vel_enu)
-    run.start_up.velocity(observation.t, usable.vel_enu, run.gnss.reception.velocity_noise(usable))
+    if run.trial is not None or not run.timeline.running:
+        run.start_up.velocity(observation.t, usable.vel_enu, run.gnss.reception.velocity_noise(usable))
     if run.timeline.running:
         run.observe(observation)
         if run.trial is not None:

@@ -76,8 +76,6 @@ class SinsEngine:
                 else:
                     outputs += _flown(self, backlog)
                     outputs += self.feed(sample)
-                if backlog.is_full:
-                    outputs += _flown(self, backlog)
                 if backlog.run is not self.run:
                     backlog = stretch.Backlog(self.run)
         finally:
@@ -192,16 +190,17 @@ class SinsEngine:
 
 def _let_wait(engine: SinsEngine, backlog: stretch.Backlog, block: ImuBlock) -> list[Output]:
     """Let ``block`` wait; where it is time to look back within it, what comes before is flown first."""
-    now, later = backlog.cut(block)
-    backlog.add(now)
-    if later is None:
-        return []
-    outputs = _flown(engine, backlog)
-    if backlog.run is engine.run and backlog.is_open():
-        backlog.add(later)
-        return outputs
-    rest: list[ImuBlock | Event] = [later]
-    return [*outputs, *engine._carry(rest)]
+    outputs: list[Output] = []
+    later: ImuBlock | None = block
+    while later is not None:
+        if backlog.run is not engine.run or not backlog.is_open():
+            rest: list[ImuBlock | Event] = [later]
+            return [*outputs, *engine._carry(rest)]
+        now, later = backlog.cut(later)
+        backlog.add(now)
+        if backlog.is_full:
+            outputs += _flown(engine, backlog)
+    return outputs
 
 
 def _flown(engine: SinsEngine, backlog: stretch.Backlog) -> list[Output]:

@@ -101,7 +101,7 @@ class GnssReception:
             why = self._clocks(sample, t - now) if late else _why(verdict.reason, self.gate.settings)
             return self.refuse(sample.stamp_ns, verdict.reason, why)
         self._fix_times = tuple(sorted((*self._fix_times, t))[-_PERIOD_MEMORY:])
-        self.fix_period = min(max(min((b - a for a, b in pairwise(self._fix_times)), default=1.0), 0.02), 5.0)
+        self.fix_period = min(max(min([b - a for a, b in pairwise(self._fix_times)], default=1.0), 0.02), 5.0)
         self._usable = True
         self._aiding.fix_offered = t
         if math.isnan(sample.alt):
