@@ -18,7 +18,6 @@ from nav_pose_estimator.engine.imu.seconds import ImuSecond, second_of
 from nav_pose_estimator.engine.imu.speed_doubt import SpeedDoubt
 from nav_pose_estimator.engine.imu.vibration import Vibration
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.samples import Vector3
 from nav_pose_estimator.engine.solutions import Level
 
 SECOND = 1.0
@@ -61,10 +60,6 @@ class ImuPhysics:
     def refusal(self) -> str:
         """Why the IMU cannot be used, one sentence; empty where it can."""
         return "" if self._finding is None else f"The IMU is not plausible: {self._finding.sentence}."
-
-    def velocity(self, t: float, used: Vector3 | None, received: Vector3) -> None:
-        """GNSS velocity ENU [m/s] valid at ``t`` [s], None where it is not used, and as it was ``received``."""
-        self.motion.velocity(t, used, received)
 
     @property
     def felt(self) -> bool:

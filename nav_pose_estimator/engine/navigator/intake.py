@@ -100,11 +100,11 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
     usable = run.gnss.reception.velocity(sample, t)
     if usable is None:
         if run.gnss.reception.velocities.doubted:
-            run.imu_physics.velocity(t, None, sample.vel_enu)
+            run.imu_physics.motion.velocity(t, None, sample.vel_enu)
         return
     t -= (sample.stamp_ns - usable.stamp_ns) * NS  # a late one
     observation = run.gnss.velocity.observe(usable, t)
-    run.imu_physics.velocity(observation.t, usable.vel_enu, sample.vel_enu)
+    run.imu_physics.motion.velocity(observation.t, usable.vel_enu, sample.vel_enu)
     run.gnss.position.pull.velocity(observation.t, usable.vel_enu)
     if run.trial is not None or not run.timeline.running:
         run.start_up.velocity(observation.t, usable.vel_enu, run.gnss.reception.velocity_noise(usable))
@@ -123,7 +123,7 @@ def _aid(run: FilterRun, sample: Any) -> None:
         return
     if run.timeline.running:
         observation = aid.observe(sample, t)
-        if observation is None or _give_blocks(run, aid):
+        if observation is not None and _give_blocks(run, aid):
             run.observe(observation)
     elif isinstance(aid, Magnetometer):
         run.start_up.mag(t, aid.receive(sample))

@@ -9,7 +9,6 @@ import bisect
 import itertools
 import math
 import operator
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -38,8 +37,8 @@ from nav_pose_estimator.engine.samples import (
 from nav_pose_estimator.engine.sensors.routine.routine import Coming, Leg, moved
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, Output
 
-Tell = Callable[[Observation, int, list[float]], None]
-"""Takes an observation that has acted, the number of the row ahead of which it did, and its result."""
+Periods = list[tuple[int, float]]
+"""Numbers of rows, and the time between fixes [s] from each of them on; the first one is not behind row 0."""
 _WAIT = frozenset((GnssVelocity, MagSample, PressureSample, SatelliteCount))
 _AHEAD = 1.0  # s: an observation further ahead is refused
 _FIRST = operator.itemgetter(0)
@@ -123,7 +122,7 @@ class Backlog:
         self._waiting: list[ImuBlock] = []
         self._left = np.empty(0, np.int64), np.empty((0, at.IMU_COLUMNS))
         self._count = 0
-        self._periods: list[tuple[int, float]] = []  # first row of each block, and the receiver's period then
+        self._periods: Periods = []
         self._coming: list[Coming] = []
         self._ahead: set[float] = set()  # s: times of observations that have arrived before their time
         self._limit = -math.inf
@@ -161,7 +160,9 @@ class Backlog:
     def add(self, block: ImuBlock) -> None:
         """Let a ``block`` wait that the IMU's input has let pass."""
         run = self.run
-        self._periods.append((self._count, run.gnss.reception.fix_period))
+        period = run.gnss.reception.fix_period
+        if not self._periods or self._periods[-1][1] != period:
+            self._periods.append((self._count, period))
         self._waiting.append(block)
         self._count += len(block)
         run.waiting_until = run.clock.seconds(int(block.stamps_ns[-1]))
@@ -216,7 +217,7 @@ class Backlog:
         reception, done, count, self._count = run.gnss.reception, 0, self._count, 0
         period_now = reception.fix_period
         while done < count and not run.failure:
-            reception.fix_period = self._period(done)
+            reception.fix_period = _period(self._periods, done)
             coming = _hear(run, coming)
             out, coming = self._leg(rows[done:], coming, done)
             if len(out):
@@ -232,10 +233,6 @@ class Backlog:
         reception.fix_period = period_now
         return coming
 
-    def _period(self, row: int) -> float:
-        """Time between fixes [s] when ``row`` arrived."""
-        return self._periods[bisect.bisect_right(self._periods, row, key=_FIRST) - 1][1]
-
     def _leg(self, rows: np.ndarray, coming: list[Coming], done: int) -> tuple[np.ndarray, list[Coming]]:
         """As far as the routine goes from row ``done`` on: output rows, and what has not been heard of by then."""
         run = self.run
@@ -245,15 +242,12 @@ class Backlog:
         if not ahead or not _is_routine(run):
             return rows[:0], coming
 
-        def tell(o: Observation, row: int, result: list[float]) -> None:
-            assert run.timeline.routine is not None
-            run.timeline.routine.tell(o, result, self._period(done + row))
-
         punctual = coming[: _first_late(rows, coming)]
         late = coming[len(punctual) :]  # the past is flown again before anything goes on behind it
         ahead = min(ahead, late[0].behind) if late else ahead
         is_followed = ahead < len(rows) and not (late and late[0].behind == ahead)
-        out, left = fly(run.timeline, (rows[:ahead], is_followed), punctual, tell)
+        periods = [(row - done, period) for row, period in self._periods]
+        out, left = fly(run.timeline, (rows[:ahead], is_followed), punctual, periods)
         run.quiet_until = -math.inf
         return out, left + [Coming(one.behind - len(out), one.observation) for one in late]
 
@@ -305,11 +299,12 @@ def _hear(run: FilterRun, coming: list[Coming]) -> list[Coming]:
 
 
 def fly(
-    timeline: Timeline, stretch: tuple[np.ndarray, bool], coming: list[Coming], tell: Tell
+    timeline: Timeline, stretch: tuple[np.ndarray, bool], coming: list[Coming], periods: Periods
 ) -> tuple[np.ndarray, list[Coming]]:
     """``Timeline.advance`` by routine, with observations that come behind some of the rows; none is late.
 
-    ``stretch``: IMU rows (N, 7), and whether they are followed by others that have arrived. Ends early where something
+    ``stretch``: IMU rows (N, 7), and whether they are followed by others that have arrived; ``periods`` when they did.
+    Ends early where something
     is unusual. Returns output rows (N, OUT_COLUMNS) as far as it went, and what of ``coming`` has not been heard of by
     then, in order of arrival and counted from there.
     """
@@ -326,7 +321,7 @@ def fly(
     queue.add_acted([one.observation for one in acted])
     unfinished = _note_moves(timeline, begin, acted, leg)
     for one, result in zip(acted, leg.results, strict=True):
-        tell(one.observation, int(result[table.RESULT_AHEAD]), result)
+        routine.tell(one.observation, result, _period(periods, int(result[table.RESULT_AHEAD])))
     last, left = imu.rows[imu.last - 1, at.IMU_T], []
     for one in rest:
         if one.behind <= leg.rows and (leg.within or one.observation.t > last):
@@ -339,6 +334,11 @@ def fly(
         timeline.moves.append((leg.rows, before))
     timeline.tidy()
     return out[: leg.rows], sorted(left, key=lambda one: one.observation.arrival)
+
+
+def _period(periods: Periods, row: int) -> float:
+    """Time between fixes [s] when ``row`` arrived."""
+    return periods[bisect.bisect_right(periods, row, key=_FIRST) - 1][1]
 
 
 def _note_moves(timeline: Timeline, begin: int, acted: list[Coming], leg: Leg) -> list[float] | None:

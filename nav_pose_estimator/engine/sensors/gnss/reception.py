@@ -88,7 +88,7 @@ class GnssReception:
             return self.refuse(sample.stamp_ns, "gnss.rejected.future", self._clocks(sample, t - now))
         if not self.enabled:
             return self.refuse(sample.stamp_ns, "gnss.rejected.disabled", "GNSS is switched off by the operator")
-        cov = self._known(_horizontal(sample), "position")
+        cov = None if sample.cov_enu is None else self._known(_horizontal(sample.alt, sample.cov_enu), "position")
         sd = None if cov is None else np.sqrt(np.diag(cov))
         horizontal = None if sd is None else float(max(sd[0], sd[1]))
         vertical = None if sd is None or math.isnan(sample.alt) else float(sd[2])
@@ -123,7 +123,8 @@ class GnssReception:
 
         ``in_filter``: without what the filter has states for.
         """
-        R = _floored(self._known(_horizontal(sample)), self._position_floor)
+        cov = None if sample.cov_enu is None else self._known(_horizontal(sample.alt, sample.cov_enu))
+        R = _floored(cov, self._position_floor)
         if self.rounding.is_on:
             R[0, 0], R[1, 1] = R[0, 0] + self.rounding.sd[0] ** 2, R[1, 1] + self.rounding.sd[1] ** 2
         shared = 1.0 + self._parameters.position_correlation / self.fix_period
@@ -134,7 +135,8 @@ class GnssReception:
 
     def velocity_noise(self, sample: GnssVelocity, in_filter: bool = False) -> np.ndarray:
         """R (3, 3) [(m/s)^2]: the floor, or what the receiver states where that is larger; ``in_filter`` as above."""
-        R = _floored(self._known(sample.cov_enu, "velocity"), self._velocity_floor)
+        cov = None if sample.cov_enu is None else self._known(sample.cov_enu, "velocity")
+        R = _floored(cov, self._velocity_floor)
         if in_filter and self._parameters.error_states:
             R = lasting_error.white_velocity(R, self._parameters, self.shown)
         return self.shown.gnss_variance * R
@@ -179,9 +181,9 @@ class GnssReception:
         stamp = 1e-9 * sample.stamp_ns
         return clock_offset.in_words(self._told_ahead, stamp, stamp - self._told_ahead)
 
-    def _known(self, cov: np.ndarray | None, what: str = "") -> np.ndarray | None:
+    def _known(self, cov: np.ndarray, what: str = "") -> np.ndarray | None:
         """``cov`` unless it is no covariance: then it is as good as unknown, and counted as ``what``."""
-        if cov is None or is_covariance(cov, 3):
+        if is_covariance(cov, 3):
             return cov
         if what:
             self._journal.count(f"gnss.{what}.covariance.flawed")
@@ -236,10 +238,9 @@ def _why(reason: str, settings: GateSettings) -> str:
     return in_words(reason)
 
 
-def _horizontal(sample: GnssFix) -> np.ndarray | None:
-    """The covariance of a fix; where it has no height, what is said of that is left out."""
-    cov = sample.cov_enu
-    if cov is None or not math.isnan(sample.alt) or cov.shape != (3, 3):
+def _horizontal(alt: float, cov: np.ndarray) -> np.ndarray:
+    """The covariance of a fix; where it has no height ``alt``, what is said of that is left out."""
+    if not math.isnan(alt) or cov.shape != (3, 3):
         return cov
     cov = np.array(cov, dtype=float)
     cov[2, :] = cov[:, 2] = 0.0

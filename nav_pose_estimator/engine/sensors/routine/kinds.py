@@ -36,7 +36,7 @@ class RoutineKind(Protocol):
     number: ClassVar[int]
     """Of ``core.routine.table``."""
 
-    def prepare(self, settings: np.ndarray, t: float) -> bool:
+    def prepare(self, settings: list[float], t: float) -> bool:
         """Write what the kernel has to know from ``t`` [s] on; False while the sensor has to decide itself."""
 
     def values(self, o: Observation) -> list[float]:
@@ -57,9 +57,9 @@ class RoutineVelocity:
     def __init__(self, sensor: GnssVelocitySensor) -> None:
         self._sensor = sensor
 
-    def prepare(self, settings: np.ndarray, t: float) -> bool:
+    def prepare(self, settings: list[float], t: float) -> bool:
         """While the noise is what is stated."""
-        settings[table.LEVER : table.DOUBTFUL] = self._sensor.lever
+        settings[table.LEVER : table.DOUBTFUL] = self._sensor.lever.tolist()
         return not self._sensor.noise.learns
 
     def values(self, o: Observation) -> list[float]:
@@ -87,11 +87,11 @@ class RoutinePosition:
         self._sensor, self._aiding = sensor, aiding
         self._decision = GATED  # the last one, which mostly stays the same
 
-    def prepare(self, settings: np.ndarray, t: float) -> bool:
+    def prepare(self, settings: list[float], t: float) -> bool:
         """While neither the guard nor the doubts have anything to say."""
         sensor, guard = self._sensor, self._sensor.guard.settings
         heights = sensor.heights
-        settings[table.LEVER : table.DOUBTFUL] = sensor.lever
+        settings[table.LEVER : table.DOUBTFUL] = sensor.lever.tolist()
         settings[table.RETURN_AFTER], settings[table.SIGMAS] = guard.loss_time, guard.sigmas
         settings[table.DOUBTFUL] = doubt.OFF
         settings[table.HEIGHT_STEP : table.BARO_APART] = height_reference.STEP, height_reference.PAUSE, *heights.last
@@ -155,7 +155,7 @@ class RoutineHeight:
     def __init__(self, sensor: Barometer) -> None:
         self._sensor = sensor
 
-    def prepare(self, settings: np.ndarray, t: float) -> bool:
+    def prepare(self, settings: list[float], t: float) -> bool:
         """They correct nothing."""
         settings[table.BARO_APART], settings[table.VAGUE_VAR] = barometer.FAR, barometer.VAGUE**2
         return True
@@ -182,7 +182,7 @@ class RoutineHeading:
     def __init__(self, sensor: Magnetometer) -> None:
         self._sensor = sensor
 
-    def prepare(self, settings: np.ndarray, t: float) -> bool:
+    def prepare(self, settings: list[float], t: float) -> bool:
         """They correct nothing."""
         settings[table.HEADING_SD] = magnetometer.KNOWN_HEADING
         settings[table.DECLINATION] = self._sensor.declination

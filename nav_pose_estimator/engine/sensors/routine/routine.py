@@ -60,7 +60,7 @@ class Routine:
         settings = self._settings()
         events = self._events([Coming(0, o) for o in observations], settings, t)
         results = np.empty((len(events), table.RESULT_COLUMNS))
-        done = flight.act_now(vector, events, 0, len(events), 0, settings, results)
+        done = flight.act_now(vector, events, 0, len(events), 0, np.array(settings), results)
         return self._told(observations, results[:done])
 
     def fly_again(
@@ -74,7 +74,7 @@ class Routine:
         events = self._events([Coming(0, o) for o in observations], settings, float(vector[memory.NAV + TIME]))
         results = np.empty((len(events), table.RESULT_COLUMNS))
         out = np.empty((rows[2] - rows[1], OUT_COLUMNS))
-        done, acted, _ = flight.fly(vector, *rows, False, events, settings, out, results)
+        done, acted, _ = flight.fly(vector, *rows, False, events, np.array(settings), out, results)
         self._told(observations, results[:acted])
         return done, acted
 
@@ -85,7 +85,7 @@ class Routine:
         settings = self._settings()
         events = self._events(coming, settings, float(vector[memory.NAV + TIME]))
         results = np.empty((len(events), table.RESULT_COLUMNS))
-        done, acted, where = flight.fly(vector, *rows, events, settings, out, results)
+        done, acted, where = flight.fly(vector, *rows, events, np.array(settings), out, results)
         return Leg(done, results[:acted].tolist(), where == flight.AT_TIME)
 
     def is_calm(self, t: float) -> bool:
@@ -107,14 +107,14 @@ class Routine:
             self.tell(observation, result)
         return told
 
-    def _settings(self) -> np.ndarray:
-        settings, aiding, gates = np.empty(table.SETTINGS_SIZE), self._aiding, self._fusion.gates
+    def _settings(self) -> list[float]:
+        settings, aiding, gates = [0.0] * table.SETTINGS_SIZE, self._aiding, self._fusion.gates
         settings[: table.RETURN_AFTER] = aiding.fix_used, aiding.height_used, aiding.lost_after
         for rows in range(3):
             settings[table.SOFT + rows], settings[table.HARD + rows] = gates[rows]
         return settings
 
-    def _events(self, coming: Sequence[Coming], settings: np.ndarray, t: float) -> np.ndarray:
+    def _events(self, coming: Sequence[Coming], settings: list[float], t: float) -> np.ndarray:
         ready: dict[str, bool] = {}
         events = []
         for behind, o in coming:
