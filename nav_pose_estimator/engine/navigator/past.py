@@ -37,6 +37,7 @@ class Past:
         self._heard: list[tuple[float, Sample]] = []  # time of the last IMU row before it
         self._seconds: list[np.ndarray] = []  # IMU rows
         self._until = -math.inf  # s: the last of them
+        self._is_told = False  # whether a GNSS velocity has come since the last copy
 
     def __deepcopy__(self, _memo: dict) -> Past:
         """A copy with lists of its own and the same things in them."""
@@ -50,8 +51,10 @@ class Past:
 
     def hear(self, run: FilterRun, sample: Sample) -> None:
         """What arrives, before it acts."""
-        if not self._starts and isinstance(sample, GnssVelocity):
-            self._keep(run)
+        if isinstance(sample, GnssVelocity):
+            if not self._starts:
+                self._keep(run)
+            self._is_told = True
         if self._starts:
             self._heard.append((run.now, sample))
 
@@ -61,6 +64,10 @@ class Past:
             return
         self._keep_rows(run)
         age = run.now - self._starts[-1].t
+        if not self._is_told:  # no velocity has come that could be wrong
+            if age > _LONGEST:
+                self.forget()
+            return
         if run.now - self._starts[0].t > _LONGEST:
             self.forget()
             self._keep(run)
@@ -93,6 +100,7 @@ class Past:
         self._keep_rows(run)
         twin = run.copy(Journal())
         twin.past = Past()
+        self._is_told = False
         self._starts.append(_Start(run.now, twin, len(self._heard), len(self._seconds)))
 
     def _drop_first(self) -> None:
