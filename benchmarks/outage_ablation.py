@@ -40,7 +40,7 @@ from nav_pose_estimator.engine.outage.methods.method import (
 from nav_pose_estimator.engine.outage.methods.registry import registered
 from nav_pose_estimator.engine.samples import VelocityError
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task, run_task
+from nav_pose_estimator.offline.benchmarks.outage.trials import Task, run_task
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,8 @@ import numpy as np
 
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, run_outages
 from nav_pose_estimator.offline.benchmarks.outage.statistics import Row, bootstrap, comparable, rms
+from nav_pose_estimator.offline.benchmarks.outage.trials import FlightResult, run_outages
 from nav_pose_estimator.offline.flights import methods
 from nav_pose_estimator.offline.flights.outages import periodic
 from nav_pose_estimator.offline.flights.simulated_flight import in_memory

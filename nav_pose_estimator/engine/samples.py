@@ -334,3 +334,10 @@ Sample = (
 def stamp_of(sample: Sample) -> int | None:
     """The stamp of a sample, of a block its last one; None for a count that came without a header."""
     return int(sample.stamps_ns[-1]) if isinstance(sample, ImuBlock) else sample.stamp_ns
+
+
+def known_stamp(sample: Sample) -> int:
+    """``stamp_of`` a sample that is known to have one."""
+    stamp = stamp_of(sample)
+    assert stamp is not None
+    return stamp

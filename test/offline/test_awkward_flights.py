@@ -11,7 +11,7 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, run_outages
+from nav_pose_estimator.offline.benchmarks.outage.trials import FlightResult, run_outages
 from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
 from nav_pose_estimator.offline.flights import latency, methods
 from nav_pose_estimator.offline.flights.outages import Outage
