@@ -25,16 +25,15 @@ _PATIENCE = {True: 20.0, False: 40.0}  # s that a wrong and a true return are wa
 
 def waited(engine: PoseEstimator, recording: Recording, start: Start, offset: float) -> float | None:
     """Seconds from the outage's end to the first fix that is used, ``offset`` [m] to the north; None if none is."""
-    engine.restore(start.snapshot)
+    engine.restore(start.snapshots[0])
     delay_ns = round(engine.parameters.gnss.delay * 1e9)
     begin = recording.epoch_ns + round(start.outage.start * 1e9)
     end, row = begin + round(start.outage.length * 1e9), start.row
     run = engine.sins.run
     back = run.clock.seconds(end)
-    for sample in recording.samples[start.index :]:
+    for sample in recording.held[start.index :]:
         if isinstance(sample, ImuBlock):
-            sample = ImuBlock(sample.stamps_ns[row:], sample.gyro[row:], sample.accel[row:])
-            row = 0
+            sample, row = sample.part(row, None), 0
             if len(sample) and sample.stamps_ns[0] > end + _PATIENCE[offset > 0.0] * 1e9:
                 return None
         elif isinstance(sample, (GnssFix, GnssVelocity)) and begin <= sample.stamp_ns - delay_ns < end:
@@ -65,7 +64,7 @@ def main() -> None:
         starts = np.arange(first, end - options.length - 45.0, max(20.0, (end - first) / 12))
         engine, outages = PoseEstimator(parameters, attitude=False), [Outage(float(s), options.length) for s in starts]
         true, wrong = [], []
-        for start in aided_pass(recording, parameters, outages):
+        for start in aided_pass(recording, [parameters], outages):
             true.append(waited(engine, recording, start, 0.0))
             wrong.append(waited(engine, recording, start, options.offset))
         taken = sum(value is not None for value in wrong)

@@ -70,13 +70,14 @@ def run(arguments: argparse.Namespace) -> int:
         ]
         means = summarise(rows)
         folder.mkdir()
-        _write_tables(folder, rows, means, arguments.advance)
+        write_files(folder, rows, means, arguments.advance)
     print(attitude_report.text_table(means))
     print(f"report: {arguments.out / REPORT}")
     return 0
 
 
-def _write_tables(folder: Path, rows: list[Row], means: list[Row], advance: float) -> None:
+def write_files(folder: Path, rows: list[Row], means: list[Row], advance: float) -> None:
+    """Tables and report; ``advance`` [s] as in ``judge``."""
     write_csv(folder / TRIALS, rows, ".4f")
     write_csv(folder / SUMMARY_CSV, means, ".4f")
     write_json(folder / SUMMARY_JSON, {"means": [asdict(m) for m in means], "advance_s": advance})
