@@ -14,7 +14,7 @@ from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
-from nav_pose_estimator.engine.samples import ImuBlock, Sample, stamp_of
+from nav_pose_estimator.engine.samples import ImuBlock, Sample, SetPose, stamp_of
 from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock
 from nav_pose_estimator.offline.flights.recording import load
 from pieces import one_by_one
@@ -80,6 +80,17 @@ def test_the_status_says_so_until_a_fix_has_come() -> None:
     told = fly("laps", (GAP, 3.0), outage=(LOST, math.inf))
     assert "nobody saw" in told.estimator.status().doubt
     assert not fly("laps", (GAP, 3.0)).estimator.status().doubt
+
+
+def test_a_pose_from_outside_leaves_only_the_velocity_in_doubt() -> None:
+    """GIVEN a gap that nobody saw WHEN an operator sets the pose THEN the status no longer doubts the position."""
+    told = fly("laps", (GAP, 3.0), outage=(LOST, math.inf))
+    engine = told.estimator
+    assert "position and velocity are as vague" in engine.status().doubt
+    position = tuple(told.last.position_enu.tolist())
+    engine.feed(SetPose(told.last.stamp_ns, position, tuple(told.last.q_nb.tolist())))
+    assert "nobody saw" in engine.status().doubt
+    assert "the velocity is as vague" in engine.status().doubt
 
 
 def test_what_the_flight_has_shown_of_its_speed_still_helps() -> None:

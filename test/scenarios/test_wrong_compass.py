@@ -116,6 +116,17 @@ def test_turns_show_the_cause(name, cause):
     assert any(cause in event.text for event in told.events if event.name.startswith("mag.heading"))
 
 
+def test_a_rejected_compass_stays_out_when_the_heading_is_corrected_later():
+    # GIVEN a compass that motion has rejected
+    magnetometer = flown("turned by 90 deg").estimator.sins.run.aids[MagSample]
+    assert np.isnan(magnetometer.offset)
+    # WHEN IMU and GNSS correct the navigator's heading once more, and the compass agrees with that
+    magnetometer.compare_anew()
+    magnetometer.begin_with(0.0)
+    # THEN it still steers nothing
+    assert np.isnan(magnetometer.offset)
+
+
 def test_the_odometry_does_not_jump_when_the_heading_is_put_right():
     # GIVEN a compass turned by 180 deg, WHEN the navigator goes on from another state
     told = flown("turned by 180 deg")

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.alignment.first_states import STEEPEST, from_level, heading_prior, in_motion, inclined
+from nav_pose_estimator.core.alignment.fix_motion import FixMotion
 from nav_pose_estimator.core.alignment.heading_hypotheses import HeadingHypotheses
 from nav_pose_estimator.core.alignment.levelling import (
     Compass,
@@ -86,6 +87,7 @@ class Aligner:
     _rest: RestDetector
     _rows: RecentRows
     _fixes: deque[Fix]
+    _motion: FixMotion
     _now: float
     _level: RestLevel | None
     bank: HeadingHypotheses | None
@@ -118,6 +120,7 @@ class Aligner:
         self._rows = RecentRows()
         self._fixes = deque()
         self.recent = deque(maxlen=_RECENT)
+        self._motion = FixMotion(s.rest_speed)
         self.compass = Compass(s.declination)
         self.outside = OutsideLevels()
         self._now = -math.inf
@@ -169,6 +172,7 @@ class Aligner:
             t_valid, (lat, lon, alt), velocity, np.array([pos_sd, pos_sd, max(1.7 * pos_sd, height_sd)]), velocity_sd
         )
         self.last_fix = fix
+        self._motion.note(fix)
         if velocity is not None:
             self.recent.append(fix)
         if t_valid <= self._now:
@@ -228,9 +232,7 @@ class Aligner:
     # --- rest --------------------------------------------------------------------------------------------------------
 
     def _is_resting(self) -> bool:
-        fix = self.last_fix
-        moving = fix is not None and fix.velocity is not None and math.hypot(*fix.velocity) > self.settings.rest_speed
-        return self._rest.at_rest and not moving
+        return self._rest.at_rest and not self._motion.moves
 
     def _learn_from_rest(self) -> None:
         """Level and gyroscope bias; and with a magnetic heading the result."""
@@ -247,7 +249,7 @@ class Aligner:
             self._done = None
             return
         fix = self.last_fix
-        known = fix is not None and self._now - fix.t < _FIX_AGE
+        known = fix is not None and self._now - fix.t < _FIX_AGE and self._motion.has_shown_rest
         nav, P = from_level(self._level, yaw, fix if known else None, self._rows.at(self._now), self._is_resting())
         P[PHI + 2, PHI + 2] = s.mag_heading_sd**2
         self._done = Alignment(self._now, nav, 0.5 * (P + P.T), "at rest, magnetic heading", bool(known), True)
@@ -258,6 +260,8 @@ class Aligner:
         """Let a fix act at its time, which the IMU has reached."""
         if self._is_resting() or self.is_complete:
             return
+        if self._rest.at_rest:  # but the fix moves: what was learned from this rest was learned in a steady motion
+            self._level = None
         # Without acceleration nothing is learned of the heading: a bank does not start while the IMU rests, even
         # though a receiver that has just been switched on may report motion.
         if self.bank is None and not self._rest.at_rest:

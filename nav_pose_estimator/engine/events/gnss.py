@@ -237,6 +237,18 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("gnss.rejected.contradiction", "consistent fixes contradict a filter that GNSS still aids", "see above"),
         Entry(
+            "gnss.waiting.unexplained",
+            "position and velocity of the fixes lie where no drift of the navigator since the loss leads",
+            "wait: gnss.reacquisition.contradiction_time decides; if it recurs, look for spoofing or reflections",
+        ),
+        Entry("gnss.rejected.unexplained", "fixes that no drift of the navigator explains", "as above"),
+        Entry(
+            "gnss.waiting.doubtful",
+            "the fixes fit what the navigator may have drifted only just, and have to last longer",
+            "wait",
+        ),
+        Entry("gnss.rejected.doubtful", "fixes that fit the navigator only just, and have not lasted long", "wait"),
+        Entry(
             "gnss.waiting.implausible",
             "the vehicle cannot have reached the position that the fixes give",
             "check gnss.reacquisition.max_speed; if it is right, the fixes are wrong",

@@ -100,6 +100,7 @@ class FilterRun:
         self.past = Past()
         self.gyro_wander = bias_noise.Wander()  # that it begins with
         self._began, self._unseen = math.inf, 0.0  # s: when the filter started, and ``Alignment.unseen`` then
+        self.pose_given = False  # by set_pose since the filter started
 
     def copy(self, journal: Journal) -> FilterRun:
         """An independent copy that reports to ``journal``: of all there is, but parameters never change."""
@@ -181,7 +182,7 @@ class FilterRun:
         nav, P = filter_setup.complete_start(start, self.timeline.filter.constants, self.parameters)
         bias_noise.go_on(nav, self.gyro_wander)
         place = tuple(nav[at.LAT : at.VEL].tolist())
-        self._began, self._unseen = float(nav[at.TIME]), start.unseen
+        self._began, self._unseen, self.pose_given = float(nav[at.TIME]), start.unseen, False
         if start.last_fix is not None:
             self.gnss.go_on(start.last_fix, place)
         else:

@@ -229,6 +229,7 @@ def _set_pose(run: FilterRun, sample: SetPose) -> None:
     nav, P = run.timeline.filter.nav, run.timeline.filter.P
     start_up.set_pose(nav, P, sample, run.origin)
     run.timeline.start(nav, P)
+    run.pose_given = True
     run.gnss.position.resets += 1
     run.noise.interrupt()
     run.journal.say(sample.stamp_ns, "set_pose", Level.INFO, "the pose was set from outside")

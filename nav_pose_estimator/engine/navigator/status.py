@@ -56,7 +56,8 @@ def _unseen(run: FilterRun) -> str:
     """That the IMU was silent while GNSS was away, one clause; empty where it was not, or a fix has come since."""
     if not run.unseen:
         return ""
-    return f"nobody saw {run.unseen:.1f} s of the motion without GNSS: position and velocity are as vague as that"
+    what = "the velocity is" if run.pose_given else "position and velocity are"
+    return f"nobody saw {run.unseen:.1f} s of the motion without GNSS: {what} as vague as that"
 
 
 def _unknown_heading(run: FilterRun) -> str:

@@ -102,8 +102,8 @@ class Magnetometer(Aid):
         self._journal.say(stamp_ns, WRONG_START, Level.WARN, text, error_deg=math.degrees(error))
 
     def compare_anew(self) -> None:
-        """What has been seen was compared with a wrong heading."""
-        self._check, self._offset = CompassCheck(), math.nan
+        """What has been seen was compared with a wrong heading. A magnetometer that motion has rejected stays out."""
+        self._check, self._offset = CompassCheck(self._check.is_rejected), math.nan
 
     @property
     def offset(self) -> float:

@@ -35,7 +35,7 @@ class CompassCheck:
         self._swing = CompassSwing(_SWING_MEMORY)
         self._seconds = 0.0
         self._square = 0.0
-        self._is_rejected = is_rejected
+        self.is_rejected = is_rejected
         self._is_turned = False
         self._is_unsteady = False
         self._doubt_lasts = 0.0
@@ -45,7 +45,7 @@ class CompassCheck:
     @property
     def doubted(self) -> bool:
         """Whether the magnetic heading must not be used."""
-        return self._is_rejected or self._is_turned or self._is_unsteady
+        return self.is_rejected or self._is_turned or self._is_unsteady
 
     @property
     def spread(self) -> float:
