@@ -5,8 +5,11 @@ plain Python runs faster than numpy calls on 3-vectors.
 """
 
 import hashlib
+import importlib
+import importlib.util
 import os
 import sys
+from contextlib import suppress
 from functools import cache
 from types import ModuleType
 from typing import Any
@@ -22,6 +25,30 @@ _PACKAGE = __name__.partition(".")[0]  # kernels of every room are compiled into
 _FOLDER = os.path.dirname(sys.modules[_PACKAGE].__file__ or "")
 COMPILED: bool = numba is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
 """True when kernels run as machine code in this process."""
+
+
+def _spare_scipy_linalg() -> None:
+    """Let numba find its BLAS without the whole of ``scipy.linalg``, which takes 0.2 s to load and is not used here.
+
+    Once, with its forms of NumPy's functions, numba imports ``scipy.linalg.cython_blas``. For that an empty package in
+    the same place will do. Both are taken away again: who imports ``scipy.linalg`` later gets the real one.
+    """
+    if "scipy.linalg" in sys.modules:
+        return
+    with suppress(ImportError):  # without SciPy there is nothing to spare
+        spec = importlib.util.find_spec("scipy.linalg")
+        if spec is None:
+            return
+        sys.modules["scipy.linalg"] = importlib.util.module_from_spec(spec)
+        try:
+            importlib.import_module("numba.np.arraymath")
+        finally:
+            for name in ("scipy.linalg.cython_blas", "scipy.linalg"):
+                sys.modules.pop(name, None)
+
+
+if COMPILED:
+    _spare_scipy_linalg()
 
 
 def kernel(function):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -42,13 +42,14 @@ class SplitFilter:
         self.P = vector[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
         self.view = FilterView(self.nav, self.P, self.constants)
 
-    def __deepcopy__(self, memo: dict) -> SplitFilter:
-        """A copy whose parts are parts of its own vector."""
-        twin = copy.copy(self)
-        own = {name: value for name, value in vars(self).items() if name not in _PARTS}
-        twin.__dict__ = copy.deepcopy(own, memo)
-        twin._hold(twin.vector)
-        return twin
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the parts of the vector."""
+        return {name: value for name, value in vars(self).items() if name not in _PARTS}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """In a copy the parts are those of its own vector."""
+        vars(self).update(state)
+        self._hold(self.vector)
 
     def start(
         self, constants: np.ndarray, nav: np.ndarray, P: np.ndarray, origin: tuple[float, float, float] | None
