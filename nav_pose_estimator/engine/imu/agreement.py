@@ -49,9 +49,9 @@ class MotionAgreement:
 
     def compare(self, impulses: np.ndarray, forces: np.ndarray) -> None:
         """A window: ``impulses`` (S, 3) [m/s] in the axes of its beginning, ``forces`` (S, 3) as GNSS tells them."""
-        felt = impulses @ motion_history.best_rotation(impulses, forces).T
         total = float(np.vdot(forces, forces))
-        gnss, imu, apart = (_varying(part) / total for part in (forces, felt, forces - felt))
+        imu, apart = (part / total for part in motion_history.unexplained(impulses, forces))
+        gnss = motion_history.varying(forces) / total
         moves = max(gnss, imu)
         self.share = apart / moves if moves > 0.0 else 0.0
         self._has_agreed = self._has_agreed or (imu > 0.5 * _MOVES_AT_ALL and apart < _UNLIKE * moves)
@@ -65,9 +65,3 @@ class MotionAgreement:
         elif self._alike >= _TAKEN_BACK:
             self.is_contradicted = False
         self.apart = math.sqrt(apart * total) if self.is_contradicted and unlike else 0.0
-
-
-def _varying(parts: np.ndarray) -> float:
-    """Sum of the squares of (S, 3) less their mean."""
-    about_mean = parts - parts.mean(axis=0)
-    return float(np.vdot(about_mean, about_mean))

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.imu_checks import finest_and_largest
 
 _LEAST = (0.8, 12.0)  # rad/s, m/s^2: no IMU has a smaller range
 _RUN = 3  # equal values in a row
@@ -67,14 +68,13 @@ class _Range:
 
     def second(self, rows: np.ndarray) -> float:
         """Integral of what lay beyond the range, 0 while that is not proved."""
-        t, columns = rows[:, at.IMU_T], rows[:, at.IMU_GYRO + self.first : at.IMU_GYRO + self.first + 3]
-        steps = np.abs(np.diff(columns, axis=0))
-        self._finest = min(self._finest, float(steps[steps > 0.0].min(initial=math.inf)))
-        largest = float(np.abs(columns).max())
+        finest, largest = finest_and_largest(rows, at.IMU_GYRO + self.first)
+        self._finest = min(self._finest, finest)
         if largest < max(_LEAST[self.first // 3], self.bound * (1.0 - _SAME)):
             return 0.0
         if largest > self.bound * (1.0 + _SAME):
             self.bound, self._evidence, self._waiting = largest, 0.0, 0.0
+        t, columns = rows[:, at.IMU_T], rows[:, at.IMU_GYRO + self.first : at.IMU_GYRO + self.first + 3]
         for sign in (1.0, -1.0):
             for axis in np.flatnonzero((sign * columns).max(axis=0) >= self.bound * (1.0 - _SAME)).tolist():
                 self._look_at(t, sign * columns[:, axis])

@@ -18,14 +18,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nav_pose_estimator.core.alignment.motion_history import best_rotation
-from nav_pose_estimator.core.numerics.rotation import (
-    euler_from_quat,
-    quat_from_matrix,
-    quat_from_rotvec,
-    quat_multiply,
-    quat_to_matrix,
-)
+from nav_pose_estimator.core.alignment.motion_history import correlation
+from nav_pose_estimator.core.numerics.jit import kernel
+from nav_pose_estimator.core.numerics.rotation import euler_from_quat, quat_multiply
+from nav_pose_estimator.core.numerics.vectors import add_scaled, load3, q_exp, q_multiply, q_rotate
+from nav_pose_estimator.core.numerics.wahba import best_rotation
 
 _MEMORY = 0.7  # of the sums, from one window to the next
 _EXCITED = 0.6  # m/s: root of the sum of squared changes; GNSS velocities scatter by 0.1 to 0.2
@@ -64,12 +61,12 @@ class HeadingMonitor:
         for known in (self._attitudes, self._turned, self._rotations):
             known.pop(k - _REMEMBERED, None)
 
-    def carry(self, k: int, angles: np.ndarray) -> None:
-        """The rotation of the second that ends at ``k``, in parts (N, 3) [rad]: what else turned the heading?"""
-        rotation = np.array([1.0, 0.0, 0.0, 0.0])
-        for part in angles.reshape(-1, _PARTS, 3).sum(axis=1):
-            rotation = quat_multiply(rotation, quat_from_rotvec(part))
-        self._rotations[k] = rotation
+    def carry(self, k: int, angles: np.ndarray, bias: np.ndarray) -> None:
+        """The rotation of the second that ends at ``k``, in parts (N, 3) [rad]: what else turned the heading?
+
+        ``bias`` (3,) [rad/s] of the gyroscope is in them.
+        """
+        rotation = self._rotations[k] = _rotation_of(angles, bias)
         before, now = self._attitudes.get(k - 1), self._attitudes.get(k)
         if before is None or now is None:
             self._turned = {k: 0.0}
@@ -87,18 +84,17 @@ class HeadingMonitor:
         q, turned = self._attitudes.get(begin), self._turned.get(begin)
         if q is None or turned is None:
             return
-        in_n = impulses @ quat_to_matrix(q).T
-        u, h = (_varying(part) for part in (forces, in_n))
-        self._cross = _MEMORY * self._cross + complex(np.vdot(h, u)) * cmath.rect(1.0, turned)
-        self._gnss = _MEMORY * self._gnss + float(np.vdot(u, u).real)
-        self._felt = _MEMORY * self._felt + float(np.vdot(h, h).real)
+        along, across, gnss, felt = _regression(q, impulses, forces)
+        self._cross = _MEMORY * self._cross + complex(along, across) * cmath.rect(1.0, turned)
+        self._gnss = _MEMORY * self._gnss + gnss
+        self._felt = _MEMORY * self._felt + felt
         angle = math.remainder(cmath.phase(self._cross) - self._turned[max(self._turned)], 2.0 * math.pi)
         excited = min(self._gnss, self._felt) > _EXCITED**2
         coherent = abs(self._cross) > _COHERENT * math.sqrt(self._gnss * self._felt)
         self._wrong = self._wrong + 1 if excited and coherent and abs(angle) > _WRONG else 0
         self.error = angle if self._wrong >= _PROOF else 0.0
         if self.error:
-            self.level = self._carried(begin, quat_from_matrix(best_rotation(impulses, forces)))
+            self.level = self._carried(begin, np.array(best_rotation(correlation(impulses, forces))[0]))
 
     def _carried(self, begin: int, q_nb: np.ndarray) -> np.ndarray | None:
         """``q_nb`` (4,) of the second ``begin`` as it is at the last one; None across a gap."""
@@ -109,7 +105,37 @@ class HeadingMonitor:
         return q_nb
 
 
-def _varying(parts: np.ndarray) -> np.ndarray:
-    """East + i North of (S, 3), less the mean."""
-    horizontal = parts[:, 0] + 1j * parts[:, 1]
-    return np.asarray(horizontal - horizontal.mean())
+@kernel
+def _rotation_of(angles, bias):
+    """Quaternion (4,) of a second's rotation, ``angles`` (N, 3) [rad] in parts, less the ``bias`` (3,) [rad/s]."""
+    rotation, count = (1.0, 0.0, 0.0, 0.0), len(angles)
+    for first in range(0, count, _PARTS):
+        part = (0.0, 0.0, 0.0)
+        for i in range(first, min(first + _PARTS, count)):
+            part = add_scaled(add_scaled(part, 1.0, load3(angles[i], 0)), -1.0 / count, load3(bias, 0))
+        rotation = q_multiply(rotation, q_exp(part))
+    return np.array(rotation)
+
+
+@kernel
+def _regression(q_nb, impulses, forces):
+    """Sums of u conj(h), both parts, of abs(u)^2 and of abs(h)^2.
+
+    u and h are the horizontal parts of ``forces`` (S, 3) in n and of ``impulses`` (S, 3) in b, less their means.
+    """
+    count = len(forces)
+    felt, mean = np.empty((count, 2)), np.zeros(4)
+    for k in range(count):
+        felt[k, 0], felt[k, 1], _ = q_rotate(q_nb, load3(impulses[k], 0))
+        for axis in range(2):
+            mean[axis] += forces[k, axis] / count
+            mean[2 + axis] += felt[k, axis] / count
+    along = across = gnss_power = felt_power = 0.0
+    for k in range(count):
+        east, north = forces[k, 0] - mean[0], forces[k, 1] - mean[1]
+        x, y = felt[k, 0] - mean[2], felt[k, 1] - mean[3]
+        along += east * x + north * y
+        across += north * x - east * y
+        gnss_power += east * east + north * north
+        felt_power += x * x + y * y
+    return along, across, gnss_power, felt_power

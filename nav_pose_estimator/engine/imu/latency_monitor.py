@@ -42,9 +42,8 @@ class LatencyMonitor:
         """
         if forces is None:
             return
-        apart = forces - impulses @ np.swapaxes(motion_history.best_rotation(impulses, forces), -1, -2)
-        about_mean = apart - apart.mean(axis=1, keepdims=True)
-        self._sums = _MEMORY * self._sums + [min(float(np.vdot(one, one)), _BLOW) for one in about_mean]
+        apart = [motion_history.unexplained(impulses, shifted)[1] for shifted in forces]
+        self._sums = _MEMORY * self._sums + np.minimum(apart, _BLOW)
         self._conclude()
 
     def _conclude(self) -> None:

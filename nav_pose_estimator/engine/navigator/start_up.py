@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nav_pose_estimator.core.alignment import motion_history
 from nav_pose_estimator.core.alignment.aligner import Aligner
 from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, FixNoise, KnownBiases
 from nav_pose_estimator.core.beams import delay
@@ -20,8 +19,10 @@ from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import state_count
 from nav_pose_estimator.core.filter.kalman import correct, gated_correct
 from nav_pose_estimator.core.filter.vertical_channel import gated_height
+from nav_pose_estimator.core.gnss import unfelt_change
 from nav_pose_estimator.core.numerics.deep_copy import deep_copy
 from nav_pose_estimator.engine.continuation.warm_start import WarmStart
+from nav_pose_estimator.engine.imu import motion_check
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
@@ -224,8 +225,10 @@ def warm_up(constants: np.ndarray) -> None:
     delay.velocity_change(delay.no_past(), nav, P, 0.0, zero, True, 0)
     delay.velocity_at(nav, zero)
     gated_height(nav, P, constants, 0.0, 1.0, 10.0, 100.0)
-    still = np.zeros((motion_history.BINS, 3))
-    motion_history.least_misfit([motion_history.Second(still, still)], np.ones((1, 3)), [np.zeros(3)], enough=1.0)
+    motion_check.warm_up()
+    means = np.ones((unfelt_change.SPANS, unfelt_change.COLUMNS))
+    unfelt_change.UnfeltChange().find(means)
+    unfelt_change.second_of(np.ones((2, 4)), np.ones((1, 4)), 0.0, 0.0, 0.0, means[0])
     bias_noise.begin(nav, constants)
     bias_noise.observe(nav, P)
     bias_noise.overstatement(nav)
