@@ -1,14 +1,15 @@
-"""Do gyroscope and accelerometer tell the motion that GNSS velocity tells? And if not, which usual mistake would?
+"""Consistency of IMU and GNSS velocity, and a search for the unit, sign or axis error that explains a misfit.
 
-Over a second the velocity changes by ``u = dv - g T`` as far as forces cause it. The IMU says the same as ``c R s``:
-the impulse ``s``, its specific force integrated with its own rates from some first attitude on, turned by one rotation
-``R`` that nobody knows, and ``c`` = 1. Over some seconds the rotation is found by least squares (Wahba's problem;
-Markley, J. Astronaut. Sci. 36(3), 1988, by singular values), and what it leaves is the misfit. A wrong unit, sign or
-axis of one sensor leaves a misfit that no rotation mends, but the inverse of the mistake does.
+Over a second of length T, non-gravitational forces change the velocity by ``u = dv - g T``, with dv from GNSS. The IMU
+predicts it as ``c R s``. Here ``s`` is the specific force integrated with the gyroscope's rates in the axes at some
+first instant, ``R`` the unknown rotation from those axes to n, and ``c`` a scale factor, 1 for a correct IMU. Over
+several seconds R follows by least squares (Wahba's problem, solved by singular values: Markley, J. Astronaut. Sci.
+36(3), 1988), and the norm of the residual is the misfit. A wrong unit, sign or axis of one sensor leaves a misfit that
+no rotation removes; undoing the error removes it.
 
-Turning both sensors alike changes nothing here. So the gyroscope's axes against the accelerometer's are the 24
-rotations that map axes on axes, times the sign of the gyroscope, times the sign of the accelerometer; the last one
-costs nothing, because ``-s`` only turns the sign of the smallest singular value.
+A rotation common to both sensors is absorbed by R. The hypotheses are therefore the gyroscope's axes against those of
+the accelerometer: the 24 rotations that map axes on axes, times the sign of the gyroscope, times the sign of the
+accelerometer. The last sign needs no second decomposition: ``-s`` only changes the sign of the smallest singular value.
 """
 
 import itertools
@@ -36,8 +37,8 @@ from nav_pose_estimator.core.numerics.vectors import (
 Array = NDArray[np.float64]
 
 BINS = 25
-"""Parts of a second in which rates and forces are summed before they are integrated."""
-_LONGEST_STEP = 0.25  # s: what one IMU sample may stand for
+"""Bins per second in which rates and forces are summed before they are integrated."""
+_LONGEST_STEP = 0.25  # s: longest interval that one IMU sample may stand for
 DEGREE = math.pi / 180.0
 _AS_PUBLISHED = np.eye(3)[None]
 
@@ -56,20 +57,20 @@ def axis_rotations() -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Second:
-    """One second of an IMU: sums over its ``BINS`` of rate (BINS, 3) [rad] and of specific force (BINS, 3) [m/s]."""
+    """One second of IMU data: integrals of rate (BINS, 3) [rad] and of specific force (BINS, 3) [m/s] over its bins."""
 
     angle: Array
     impulse: Array
 
     def without(self, bias: Array) -> "Second":
-        """The same without a ``bias`` (3,) [rad/s] of the gyroscope."""
+        """The same second with a gyroscope ``bias`` (3,) [rad/s] subtracted."""
         return Second(self.angle - bias / BINS, self.impulse)
 
 
 def second_of(rows: Array, start: float) -> Second | None:
-    """The second that begins at ``start`` [s], of IMU rows (N, 7) with one from before it first; None if it has holes.
+    """The second that begins at ``start`` [s], from IMU rows (N, 7), the first of them before it; None if it has gaps.
 
-    Each row stands for the time since the one before it.
+    Each row stands for the interval since the row before it.
     """
     if len(rows) < 6 or abs(rows[-1, 0] - start - 1.0) > _LONGEST_STEP:
         return None
@@ -79,7 +80,7 @@ def second_of(rows: Array, start: float) -> Second | None:
 
 @kernel
 def _sum_up(rows, start, angle, impulse):
-    """Add rates and forces times their steps to the bins; False where a step is too long."""
+    """Integrate rates and forces into the bins; False where a step is too long."""
     for i in range(1, len(rows)):
         step = rows[i, 0] - rows[i - 1, 0]
         if step > _LONGEST_STEP:
@@ -106,17 +107,21 @@ def unrest(parts):
 
 
 class Fit(NamedTuple):
-    """How well hypotheses (H,) fit: ``misfit`` of the forces' norm, and the ``scale`` by which to multiply force."""
+    """Relative ``misfit`` (H,) of each hypothesis, 0 to 1, and the ``scale`` (H,) that the force needs as a factor."""
 
     misfit: Array
     scale: Array
     inverted_misfit: Array
-    """... were the accelerometer's sign inverted."""
+    """Misfit with the accelerometer's sign inverted."""
     inverted_scale: Array
+    """Scale with the accelerometer's sign inverted."""
 
 
 def fit(seconds: list[Second], u: Array, gyros: Array) -> Fit:
-    """Compare consecutive ``seconds`` with ``u`` (S, 3), for ``gyros`` (H, 3, 3): true from published rates."""
+    """Compare consecutive ``seconds`` with ``u`` (S, 3) [m/s], for the hypotheses ``gyros`` (H, 3, 3).
+
+    Each of ``gyros`` is a matrix that maps the published rates to the true ones.
+    """
     s = impulses(seconds, gyros)
     B = np.einsum("ji,hjk->hik", u, s)
     left, singular, right = np.linalg.svd(B)
@@ -128,9 +133,9 @@ def fit(seconds: list[Second], u: Array, gyros: Array) -> Fit:
 
 
 def least_misfit(seconds: list[Second], u: Array, biases: Iterable[Array], enough: float) -> float:
-    """The least ``misfit`` of ``fit`` for gyroscopes as published, without one of ``biases`` (3,) [rad/s].
+    """Smallest ``misfit`` of the IMU as published, over the candidate gyroscope ``biases`` (3,) [rad/s].
 
-    The first one below ``enough`` will do.
+    The search ends at the first misfit below ``enough``.
     """
     angle, impulse = np.array([one.angle for one in seconds]), np.array([one.impulse for one in seconds])
     wanted, least, out = float(np.vdot(u, u)), math.inf, np.empty((1, len(seconds), 3))
@@ -147,14 +152,14 @@ def least_misfit(seconds: list[Second], u: Array, biases: Iterable[Array], enoug
 
 
 def best_rotation(impulses: Array, forces: Array) -> Array:
-    """(..., 3, 3) by which ``impulses`` (S, 3) fit ``forces`` (..., S, 3) best (Wahba's problem)."""
+    """Rotation (..., 3, 3) that maps ``impulses`` (S, 3) onto ``forces`` (..., S, 3) best (Wahba's problem)."""
     left, _, right = np.linalg.svd(np.swapaxes(forces, -1, -2) @ impulses)
     left[..., 2] *= (np.linalg.det(left) * np.linalg.det(right))[..., None]
     return np.asarray(left @ right)
 
 
 def impulses(seconds: list[Second], gyros: Array) -> Array:
-    """(H, S, 3) [m/s]: the specific force of each second, integrated in the axes at the beginning of the first one."""
+    """(H, S, 3) [m/s]: specific force integrated over each second, in the axes of b at the start of the first one."""
     out = np.empty((len(gyros), len(seconds), 3))
     _integrate(np.array([one.angle for one in seconds]), np.array([one.impulse for one in seconds]), gyros, out)
     return out
@@ -162,7 +167,7 @@ def impulses(seconds: list[Second], gyros: Array) -> Array:
 
 @kernel
 def _integrate(angle, impulse, gyros, out):
-    """``impulses`` from sums (S, BINS, 3) of rate [rad] and specific force [m/s]."""
+    """``impulses`` from the bins (S, BINS, 3) of rate [rad] and specific force [m/s]."""
     for h in range(len(gyros)):
         attitude = (1.0, 0.0, 0.0, 0.0)
         for s in range(len(angle)):
