@@ -1,4 +1,4 @@
-"""Velocity over ground in a sensor's own axes: Doppler log, optical flow, wheels."""
+"""Body velocity: velocity over ground in a sensor's own axes (Doppler log, optical flow, wheels)."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import BodyVelocity
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised
 
-_LARGEST_SPEED = 1e3  # m/s
-_UNMEASURED = 1e6  # (m/s)^2: an axis that is not measured says nothing
+_LARGEST_SPEED = 1e3  # m/s: a larger component is rejected
+_UNMEASURED = 1e6  # (m/s)^2: variance of an axis that is not measured
 
 
 class _Measured(NamedTuple):
@@ -25,7 +25,7 @@ class _Measured(NamedTuple):
 
 
 class BodyVelocitySensor(Aid):
-    """Three rows in body axes, at the sensor's place and time."""
+    """Three rows: velocity in b of the point at the sensor's lever arm, at its time of validity."""
 
     kind = Kind("body_velocity", holds=True)
     sample, family = BodyVelocity, "body_velocity"
@@ -33,7 +33,7 @@ class BodyVelocitySensor(Aid):
 
     @classmethod
     def noise_model(cls, parameters: Parameters) -> str:
-        """By ``aids.body_velocity_noise``."""
+        """The model of ``aids.body_velocity_noise``."""
         return parameters.aids.body_velocity_noise
 
     def set_parameters(self, parameters: Parameters) -> None:
@@ -44,7 +44,7 @@ class BodyVelocitySensor(Aid):
         self._axes = rotation_from_rpy(aids.body_velocity_rpy)
 
     def observe(self, sample: BodyVelocity, t: float) -> Observation | None:
-        """A velocity of which at least one axis is a number."""
+        """The observation of a velocity with at least one finite axis."""
         if not self._enabled:
             return None
         measured = [value for value in sample.velocity if not math.isnan(value)]
@@ -63,7 +63,7 @@ class BodyVelocitySensor(Aid):
         return Observation(t - self._delay, sample.stamp_ns, self.kind, _Measured(velocity, self._lever), R)
 
     def figures(self) -> dict[str, float]:
-        """How much noisier it is than stated."""
+        """Status: estimated noise variance relative to the stated one."""
         return {"body_velocity.noise.factor": self.noise.factor}
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
