@@ -9,6 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from nav_pose_estimator.core.alignment import motion_history
+from nav_pose_estimator.core.alignment.body_motion import BodyMotion
 from nav_pose_estimator.core.alignment.motion_history import DEGREE
 from nav_pose_estimator.engine.imu.agreement import MotionAgreement
 from nav_pose_estimator.engine.imu.heading_monitor import HeadingMonitor
@@ -65,6 +66,8 @@ class MotionCheck:
         self.shakes = False
         """Whether the IMU vibrates so heavily that its impulses say little of the motion."""
         self.latency = LatencyMonitor()
+        self.body = BodyMotion()
+        """Whether a velocity in body axes is one."""
         self.forget_time()
 
     def forget_time(self) -> None:
@@ -75,6 +78,7 @@ class MotionCheck:
         self._places: deque[tuple[float, float, float]] = deque(maxlen=400)
         self.heading.forget()
         self.agreement.forget_time()
+        self.body.forget_time()
 
     def velocity(self, t: float, used: Vector3 | None, received: Vector3) -> None:
         """GNSS velocity ENU [m/s] valid at ``t`` [s]; one without a vertical component says nothing here.
@@ -119,6 +123,7 @@ class MotionCheck:
         known = [one for one in seconds if one is not None]
         if len(known) < _WINDOW:
             return
+        self.body.compare(end - _WINDOW, [one.without(gyro_bias) for one in known], self._received)
         felt = self._feel(known, received, gyro_bias)
         if forces is None:
             if received is None and not self.shakes and self._stays(end):
