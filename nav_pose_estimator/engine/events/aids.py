@@ -82,6 +82,13 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("body_velocity.rejected.value", "a velocity without a finite component", SENSOR),
         Entry(
+            "body_velocity.implausible",
+            "the body velocity does not change as the IMU feels, or its size is not that of GNSS velocity; not used",
+            "the sentence names the likely mistake: set aids.body_velocity_rpy or _delay, or let the driver send "
+            "Forward-Left-Up in m/s",
+        ),
+        Entry("body_velocity.rejected.axes", "a body velocity that contradicts the IMU and was not used", "as above"),
+        Entry(
             "beam_velocity.geometry",
             "directions and signs of the beams are verified: the log line names the convention",
         ),

@@ -48,6 +48,12 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "let the driver give heights above the ellipsoid in every fix",
         ),
         Entry(
+            "gnss.height.stuck",
+            "the height of fixes is exactly zero from the beginning, or repeats itself while they move; not used",
+            "let the driver fill the altitude; a barometer holds the height meanwhile",
+        ),
+        Entry("gnss.height.stuck.ended", "GNSS heights change again and are used"),
+        Entry(
             "gnss.height.missing",
             "a fix has no altitude: the height is the barometer's, or held",
             "let the driver fill the altitude; connect a barometer",

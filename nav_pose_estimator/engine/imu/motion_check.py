@@ -8,6 +8,7 @@ from collections import deque
 import numpy as np
 
 from nav_pose_estimator.core.alignment import motion_history
+from nav_pose_estimator.core.alignment.body_motion import BodyMotion
 from nav_pose_estimator.core.alignment.motion_history import ANGLE, DEGREE
 from nav_pose_estimator.core.alignment.velocity_history import GAP, VelocityHistory
 from nav_pose_estimator.core.filter import layout as at
@@ -65,6 +66,8 @@ class MotionCheck:
         self.shakes = False
         """Whether the IMU vibrates so heavily that its impulses do not show the motion."""
         self.latency = LatencyMonitor()
+        self.body = BodyMotion()
+        """Whether a velocity in body axes is one."""
         self.forget_time()
 
     def forget_time(self) -> None:
@@ -74,6 +77,7 @@ class MotionCheck:
         self._places: deque[tuple[float, float, float]] = deque(maxlen=400)
         self.heading.forget()
         self.agreement.forget_time()
+        self.body.forget_time()
 
     def velocity(self, t: float, used: Vector3 | None, received: Vector3) -> None:
         """Add a GNSS velocity ENU [m/s] valid at ``t`` [s]; one without a vertical component is ignored.
@@ -121,8 +125,9 @@ class MotionCheck:
             return
         seconds = np.array([self._seconds[k] for k in range(end - _WINDOW + 1, end + 1)])
         biases = np.array([np.zeros(3), gyro_bias, self._offset])  # one of which its gyroscope may have
-        felt = self._feel(seconds, received, biases)
         impulses = motion_history.impulses(seconds, gyro_bias, _AS_PUBLISHED)
+        self.body.compare(end - _WINDOW, seconds, gyro_bias, impulses, self._received.rows())
+        felt = self._feel(seconds, received, biases)
         if forces is None:
             if received is None and not self.shakes and self._stays(end):
                 self.agreement.compare(impulses, np.tile([0.0, 0.0, G], (_WINDOW, 1)))

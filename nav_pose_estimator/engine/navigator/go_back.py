@@ -6,6 +6,7 @@ useless. So an older copy of the run (``past``) goes the same way again, with wh
 
 from __future__ import annotations
 
+import copy
 import math
 
 import numpy as np
@@ -56,6 +57,7 @@ def _again(run: FilterRun) -> FilterRun | None:
     twin = start.copy(journal)
     twin.origin, twin.origin_is_fixed = run.origin, run.origin_is_fixed
     twin.gnss.reception.velocities = run.gnss.reception.velocities.in_hindsight(journal)
+    twin.imu_physics.motion.body = copy.deepcopy(run.imu_physics.motion.body)
     for now, sample in heard:
         rows = _carry(twin, rows, now)
         if twin.failure:

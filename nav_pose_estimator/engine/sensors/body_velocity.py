@@ -14,6 +14,7 @@ from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import BodyVelocity
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised
+from nav_pose_estimator.engine.solutions import Level
 
 _LARGEST_SPEED = 1e3  # m/s: a larger component is rejected
 _UNMEASURED = 1e6  # (m/s)^2: variance of an axis that is not measured
@@ -30,6 +31,7 @@ class BodyVelocitySensor(Aid):
     kind = Kind("body_velocity", holds=True)
     sample, family = BodyVelocity, "body_velocity"
     bounds_drift = True
+    _told = ""  # what is wrong with it
 
     @classmethod
     def noise_model(cls, parameters: Parameters) -> str:
@@ -58,9 +60,27 @@ class BodyVelocitySensor(Aid):
         for axis in range(3):
             if not math.isfinite(sample.velocity[axis]):
                 R[axis, axis] = _UNMEASURED
-        velocity = self._axes @ np.nan_to_num(np.array(sample.velocity))
+        velocity = np.nan_to_num(self.in_body(sample))
         R = self._axes @ R @ self._axes.T
-        return Observation(t - self._delay, sample.stamp_ns, self.kind, _Measured(velocity, self._lever), R)
+        return Observation(self.time_of(t), sample.stamp_ns, self.kind, _Measured(velocity, self._lever), R)
+
+    def in_body(self, sample: BodyVelocity) -> np.ndarray:
+        """The velocity (3,) of a sample in b; NaN where an axis is not measured."""
+        return self._axes @ np.array(sample.velocity, float)
+
+    def time_of(self, t: float) -> float:
+        """When a velocity that is stamped ``t`` [s] was measured."""
+        return t - self._delay
+
+    def refuse_axes(self, fault: str, stamp_ns: int) -> bool:
+        """It contradicts the IMU, and ``fault`` says how where that is beyond doubt; whether that is new."""
+        self._refuse("axes")
+        if not fault or fault == self._told:
+            return False
+        self._told = fault
+        text = f"body velocity not used: {fault}; set aids.body_velocity_rpy, or the driver right"
+        self._journal.say(stamp_ns, "body_velocity.implausible", Level.ERROR, text)
+        return True
 
     def figures(self) -> dict[str, float]:
         """Status: estimated noise variance relative to the stated one."""
