@@ -72,8 +72,10 @@ def test_the_benchmark_runs_wherever_replay_runs(flight):
 
 
 @pytest.mark.parametrize("flight", FLIGHTS.values(), ids=FLIGHTS)
-def test_a_latency_is_found_or_the_default_stands(flight):
-    """The search of the benchmark never ends a run; when it is asked for, it says why it cannot."""
+def test_a_latency_is_found_or_the_default_stands(flight, monkeypatch):
+    """The search of the benchmark never ends a run; how fine it is does not matter here."""
+    monkeypatch.setattr(latency, "COARSE", np.array([0.0, 0.3]))
+    monkeypatch.setattr(latency, "RESOLUTION", 0.05)
     parameters, how = latency.choose(flight(), COASTING, None, None, 60.0, search=True)
     assert abs(parameters.gnss.delay) <= 0.7
     assert how.startswith("GNSS latency ")
