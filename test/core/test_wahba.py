@@ -12,7 +12,7 @@ def test_it_is_the_solution_by_singular_values(seed: int) -> None:
     """GIVEN noisy vectors, rotated or mirrored, THEN rotation and trace are those that singular values give."""
     rng = np.random.default_rng(seed)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    s = rng.normal(size=(6, 3)) + [0.0, 0.0, 9.8]
+    s = rng.normal([0.0, 0.0, 9.8], 1.0, (6, 3))
     B = (s @ turn.T + rng.normal(0.0, 0.3, s.shape)).T @ s
     left, singular, right = np.linalg.svd(B)
     sign = np.linalg.det(left @ right)

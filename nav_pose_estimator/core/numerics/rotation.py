@@ -117,6 +117,12 @@ def euler_from_quat(q):
 
 
 @kernel
+def yaw_of(q):
+    """The yaw of ``euler_from_quat``."""
+    return euler_from_quat(q)[2]
+
+
+@kernel
 def quat_from_euler(roll, pitch, yaw):
     """Unit quaternion ``q_nb`` (4,) of roll, pitch, yaw [rad]."""
     cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)

@@ -21,7 +21,7 @@ import numpy as np
 
 from nav_pose_estimator.core.alignment.motion_history import correlation
 from nav_pose_estimator.core.numerics.jit import kernel
-from nav_pose_estimator.core.numerics.rotation import euler_from_quat, quat_multiply
+from nav_pose_estimator.core.numerics.rotation import quat_multiply, yaw_of
 from nav_pose_estimator.core.numerics.vectors import add_scaled, load3, q_exp, q_multiply, q_rotate
 from nav_pose_estimator.core.numerics.wahba import best_rotation
 
@@ -74,7 +74,7 @@ class HeadingMonitor:
             self._turned = {k: 0.0}
             return
         felt = quat_multiply(before, rotation)
-        turned = math.remainder(float(euler_from_quat(now)[2] - euler_from_quat(felt)[2]), 2.0 * math.pi)
+        turned = math.remainder(float(yaw_of(now) - yaw_of(felt)), 2.0 * math.pi)
         self._turned[k] = self._turned.get(k - 1, 0.0) + turned
 
     def compare(self, begin: int, impulses: np.ndarray, forces: np.ndarray) -> None:

@@ -5,7 +5,7 @@ everywhere. ``rules`` is the only definition of a valid sample. :meth:`ImuInput.
 comparisons that no rule applies to a block, and otherwise processes it sample by sample.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.imu.mounting import Mounting
 from nav_pose_estimator.engine.imu.rules import CLIPPED_FORCE, CLIPPED_RATE, ImuMemory, ImuRules, count_one
 from nav_pose_estimator.engine.parameters.imu import ImuParameters
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Vector3
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Vector3, joined
 from nav_pose_estimator.engine.solutions import Event
 
 _FEW = 4  # blocks of up to this many samples are checked faster one by one than by whole-array comparisons
@@ -80,6 +80,20 @@ class ImuInput:
             return [self.mounting.sample(sample)]
         good, events = self._rules.judge(sample)
         return [*events, self.mounting.sample(sample)] if good else [*events]
+
+    def accept_all(self, blocks: Sequence[ImuBlock]) -> bool:
+        """True where ``accept_block`` would give every one of ``blocks`` and nothing else: they then count as accepted.
+
+        They still have to be turned into the body. False leaves everything as it was.
+        """
+        if not (COMPILED and len(blocks) > 1):
+            return False
+        whole = joined(blocks)
+        if not self._block_passes(whole):
+            return False
+        stamp = int(whole.stamps_ns[-1])
+        self._remember_end(whole, (stamp, stamp))
+        return True
 
     def accept_block(self, block: ImuBlock) -> list[ImuBlock | Event]:
         """Events of ``block`` and the accepted runs of its samples in body axes, in order."""

@@ -63,15 +63,11 @@ class SinsEngine:
         """Take samples in the order in which they arrived: the numbers of ``feed``, in fewer and longer blocks."""
         outputs: list[Output] = []
         backlog = stretch.Backlog(self.run)
+        all_pass = self._input.accept_all([sample for sample in samples if isinstance(sample, ImuBlock)])
         try:
             for sample in samples:
-                if isinstance(sample, ImuBlock) and self.resume is None and backlog.is_open():
-                    items = self._input.accept_block(sample)
-                    if len(items) == 1 and isinstance(items[0], ImuBlock):
-                        outputs += _let_wait(self, backlog, items[0])
-                    else:
-                        outputs += _flown(self, backlog)
-                        outputs += self._carry(items)
+                if isinstance(sample, ImuBlock):
+                    outputs += self._on_block(backlog, sample, all_pass)
                 elif backlog.may_wait_for(sample):
                     intake.take(self.run, sample)
                     if self.run.gnss.reception.velocities.misled:
@@ -151,6 +147,16 @@ class SinsEngine:
             stamp = int(block.stamps_ns[0])
             solutions.append(NavSolution(stamp, block.mode, values, block.correction_enu, block.reset_count))
         return solutions
+
+    def _on_block(self, backlog: stretch.Backlog, block: ImuBlock, passes: bool) -> list[Output]:
+        """A ``block`` waits in ``backlog``, or is flown. ``passes``: the IMU's input has accepted it."""
+        items: list[ImuBlock | Event]
+        items = [self._input.mounting.block(block)] if passes else self._input.accept_block(block)
+        whole = items[0] if len(items) == 1 else None
+        if isinstance(whole, ImuBlock) and self.resume is None and backlog.is_open():
+            return _let_wait(self, backlog, whole)
+        outputs, blocks = _flown(self, backlog), self._carry(items)
+        return [*outputs, *self.journal.drain(), *blocks]
 
     def _carry(self, items: list[ImuSample | Event] | list[ImuBlock | Event]) -> list[NavBlock]:
         """What the IMU's input let pass, in order: events, which may end the run, and samples."""

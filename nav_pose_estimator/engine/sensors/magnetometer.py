@@ -13,7 +13,7 @@ import numpy as np
 from nav_pose_estimator.core.alignment.levelling import likely_unit
 from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.core.filter.layout import PHI, QUAT
-from nav_pose_estimator.core.numerics.rotation import euler_from_quat, quat_rotate
+from nav_pose_estimator.core.numerics.rotation import quat_rotate, yaw_of
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_within
 from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, FilterView, Kind, Observation, Use
@@ -124,8 +124,8 @@ class Magnetometer(Aid):
 
     def _compare(self, o: Observation, q: np.ndarray, error: float) -> None:
         deviation = 0.0 if math.isnan(self._offset) else math.remainder(error - self._offset, 2.0 * math.pi)
-        east, north, _ = quat_rotate(q, np.array(o.measured))
-        to_body = cmath.rect(1.0, -float(euler_from_quat(q)[2]))
+        east, north, _ = quat_rotate(q, np.array(o.measured)).tolist()
+        to_body = cmath.rect(1.0, -float(yaw_of(q)))
         magnetic_north = cmath.rect(1.0, 0.5 * math.pi - self.declination)
         offset = error if math.isnan(self._offset) else self._offset
         name, text = self._check.add(
