@@ -126,7 +126,7 @@ class WarmStart:
         if not bank.heading()[1] * math.sqrt(max(bank.nis, 1.0)) <= WIDEST_HEADING:
             return None
         nav, P = bank.merged()
-        how = f"goes on after {bank.time - self._t:.1f} s, heading of the motion so far"
+        how = f"continues after {bank.time - self._t:.1f} s, heading from the motion so far"
         return Alignment(bank.time, nav, 0.5 * (P + P.T), how, continues=True, nis=bank.nis)
 
     def _own(self, aligner: Aligner) -> Alignment | None:
@@ -210,8 +210,8 @@ class WarmStart:
         unseen = 0.0
         if last_fix is not None:
             P[_MOVED, _MOVED], unseen = self._moved(there.t), there.t - self._t
-        how = f"goes on after {there.t - self._t:.1f} s" + (
-            ", heading of the magnetometer" if from_magnetometer else ""
+        how = f"continues after {there.t - self._t:.1f} s" + (
+            ", heading from the magnetometer" if from_magnetometer else ""
         )
         return Alignment(there.t, nav, P, how, True, from_magnetometer, True, last_fix, unseen=unseen)
 
