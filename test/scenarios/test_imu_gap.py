@@ -83,14 +83,14 @@ def test_the_status_says_so_until_a_fix_has_come() -> None:
 
 
 def test_a_pose_from_outside_leaves_only_the_velocity_in_doubt() -> None:
-    """GIVEN a gap that nobody saw WHEN an operator sets the pose THEN the status no longer doubts the position."""
+    """GIVEN a gap that no sensor observed WHEN an operator sets the pose THEN the status no longer doubts the position."""
     told = fly("laps", (GAP, 3.0), outage=(LOST, math.inf))
     engine = told.estimator
-    assert "position and velocity are as vague" in engine.status().doubt
+    assert "position and velocity are less certain" in engine.status().doubt
     position = tuple(told.last.position_enu.tolist())
     engine.feed(SetPose(told.last.stamp_ns, position, tuple(told.last.q_nb.tolist())))
-    assert "nobody saw" in engine.status().doubt
-    assert "the velocity is as vague" in engine.status().doubt
+    assert "no sensor observed" in engine.status().doubt
+    assert "the velocity is less certain" in engine.status().doubt
 
 
 def test_what_the_flight_has_shown_of_its_speed_still_helps() -> None:
