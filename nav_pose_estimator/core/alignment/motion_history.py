@@ -1,14 +1,15 @@
-"""Do gyroscope and accelerometer tell the motion that GNSS velocity tells? And if not, which usual mistake would?
+"""Consistency of IMU and GNSS velocity, and a search for the unit, sign or axis error that explains a misfit.
 
-Over a second the velocity changes by ``u = dv - g T`` as far as forces cause it. The IMU says the same as ``c R s``:
-the impulse ``s``, its specific force integrated with its own rates from some first attitude on, turned by one rotation
-``R`` that nobody knows, and ``c`` = 1. Over some seconds the rotation is found by least squares (Wahba's problem;
-Markley, J. Astronaut. Sci. 36(3), 1988, by singular values), and what it leaves is the misfit. A wrong unit, sign or
-axis of one sensor leaves a misfit that no rotation mends, but the inverse of the mistake does.
+Over a second of length T, non-gravitational forces change the velocity by ``u = dv - g T``, with dv from GNSS. The IMU
+predicts it as ``c R s``. Here ``s`` is the specific force integrated with the gyroscope's rates in the axes at some
+first instant, ``R`` the unknown rotation from those axes to n, and ``c`` a scale factor, 1 for a correct IMU. Over
+several seconds R follows by least squares (Wahba's problem, solved by singular values: Markley, J. Astronaut. Sci.
+36(3), 1988), and the norm of the residual is the misfit. A wrong unit, sign or axis of one sensor leaves a misfit that
+no rotation removes; undoing the error removes it.
 
-Turning both sensors alike changes nothing here. So the gyroscope's axes against the accelerometer's are the 24
-rotations that map axes on axes, times the sign of the gyroscope, times the sign of the accelerometer; the last one
-costs nothing, because ``-s`` only turns the sign of the smallest singular value.
+A rotation common to both sensors is absorbed by R. The hypotheses are therefore the gyroscope's axes against those of
+the accelerometer: the 24 rotations that map axes on axes, times the sign of the gyroscope, times the sign of the
+accelerometer. The last sign needs no second decomposition: ``-s`` only changes the sign of the smallest singular value.
 """
 
 import itertools
@@ -35,10 +36,10 @@ from nav_pose_estimator.core.numerics.wahba import best_rotation
 Array = NDArray[np.float64]
 
 BINS = 25
-"""Parts of a second in which rates and forces are summed before they are integrated."""
+"""Bins per second in which rates and forces are summed before they are integrated."""
 ANGLE, IMPULSE = 0, 1
-"""A second of an IMU is an array (2, BINS, 3): sums of rate [rad] and of specific force [m/s]."""
-_LONGEST_STEP = 0.25  # s: what one IMU sample may stand for
+"""A second of IMU data is an array (2, BINS, 3): integrals of rate [rad] and of specific force [m/s] over its bins."""
+_LONGEST_STEP = 0.25  # s: longest interval that one IMU sample may stand for
 DEGREE = math.pi / 180.0
 
 
@@ -55,9 +56,9 @@ def axis_rotations() -> Array:
 
 
 def second_of(rows: Array, start: float) -> Array | None:
-    """The second (2, BINS, 3) that begins at ``start`` [s], of IMU rows (N, 7) with one from before it first.
+    """The second (2, BINS, 3) that begins at ``start`` [s], from IMU rows (N, 7), the first of them before it.
 
-    Each row stands for the time since the one before it. None if there are holes in it.
+    Each row stands for the interval since the row before it. None if there are gaps.
     """
     if len(rows) < 6 or abs(rows[-1, 0] - start - 1.0) > _LONGEST_STEP:
         return None
@@ -67,7 +68,7 @@ def second_of(rows: Array, start: float) -> Array | None:
 
 @kernel
 def _sum_up(rows, start, second):
-    """Add rates and forces times their steps to the bins; False where a step is too long."""
+    """Integrate rates and forces into the bins; False where a step is too long."""
     for i in range(1, len(rows)):
         step = rows[i, 0] - rows[i - 1, 0]
         if step > _LONGEST_STEP:
@@ -94,19 +95,20 @@ def unrest(parts):
 
 
 class Fit(NamedTuple):
-    """How well hypotheses (H,) fit: ``misfit`` of the forces' norm, and the ``scale`` by which to multiply force."""
+    """Relative ``misfit`` (H,) of each hypothesis, 0 to 1, and the ``scale`` (H,) that the force needs as a factor."""
 
     misfit: Array
     scale: Array
     inverted_misfit: Array
-    """... were the accelerometer's sign inverted."""
+    """Misfit with the accelerometer's sign inverted."""
     inverted_scale: Array
+    """Scale with the accelerometer's sign inverted."""
 
 
 def fit(seconds: Array, u: Array, gyros: Array) -> Fit:
-    """Compare consecutive ``seconds`` (S, 2, BINS, 3) with ``u`` (S, 3).
+    """Compare consecutive ``seconds`` (S, 2, BINS, 3) with ``u`` (S, 3) [m/s], for the hypotheses ``gyros`` (H, 3, 3).
 
-    ``gyros`` (H, 3, 3): true rates from published ones.
+    Each of ``gyros`` is a matrix that maps the published rates to the true ones.
     """
     s = np.array([impulses(seconds, np.zeros(3), gyro) for gyro in gyros])
     B = np.einsum("ji,hjk->hik", u, s)
@@ -120,9 +122,10 @@ def fit(seconds: Array, u: Array, gyros: Array) -> Fit:
 
 @kernel
 def impulses(seconds, bias, gyro):
-    """(S, 3) [m/s]: the specific force of each second, integrated in the axes at the beginning of the first one.
+    """(S, 3) [m/s]: specific force integrated over each second, in the axes of b at the start of the first one.
 
-    ``seconds`` (S, 2, BINS, 3) follow one another. Rates are less a ``bias`` (3,) [rad/s], times ``gyro`` (3, 3).
+    ``seconds`` (S, 2, BINS, 3) are consecutive. The matrix ``gyro`` (3, 3) maps the published rates, less ``bias``
+    (3,) [rad/s], to the true ones.
     """
     out = np.empty((len(seconds), 3))
     attitude = (1.0, 0.0, 0.0, 0.0)

@@ -39,6 +39,10 @@ class VelocityHistory:
             left = self._rows[first : self._count].copy()
             self._rows[: len(left)], self._count = left, len(left)
 
+    def rows(self) -> Array:
+        """View (N, 4) of the stored velocities: time [s] and velocity ENU [m/s]; read only."""
+        return self._rows[: self._count]
+
     def forces(self, ends: np.ndarray, seconds: int, gravity: float) -> Array | None:
         """(L, S, 3) [m/s]: what they tell of the specific force in each of the S ``seconds`` up to each of ``ends``.
 

@@ -1,13 +1,14 @@
-"""Is the heading the one in which GNSS velocity shows the forces? Asked of the IMU alone, over six seconds at a time.
+"""Heading monitor: heading error by correlation of GNSS velocity changes with the specific force, independent of P.
 
-A filter can make itself believe any heading for a while: a tilt that is wrong by a/g looks like an acceleration a. But
-what the tilt is wrong by does not change within seconds, and the accelerations do. So the horizontal changes of GNSS
-velocity from second to second, less their mean over the window, are compared with the impulses of the specific force,
-integrated with the gyroscope from the navigator's attitude at the window's beginning, less theirs. As complex numbers
-u and h the angle of sum u conj(h) is what the heading is wrong by (regression; the correlation says how well). Windows
-add up with what corrections have turned the heading by since.
+A filter can be consistent with a wrong heading for a while, because a tilt error of a/g looks like an acceleration a.
+But the tilt error is constant over seconds, and the accelerations are not. Per window of six seconds, two sequences are
+compared, each with its mean over the window removed: the horizontal changes of GNSS velocity from second to second, and
+the specific force integrated with the gyroscope from the navigator's attitude at the beginning of the window. As
+complex numbers u and h, East + i North, the angle of sum u conj(h) is the heading error, by linear regression, and the
+correlation coefficient is its quality. The sums fade from window to window, and follow the rotations of the heading by
+the filter's updates.
 
-On thirteen recorded flights the angle was 29 deg at most where it counts, but for one of 42 deg just after a launch.
+On thirteen recorded flights the angle was at most 29 deg where it counts, except one of 42 deg just after a launch.
 """
 
 from __future__ import annotations
@@ -24,47 +25,48 @@ from nav_pose_estimator.core.numerics.rotation import quat_multiply, yaw_of
 from nav_pose_estimator.core.numerics.vectors import add_scaled, load3, q_exp, q_multiply, q_rotate
 from nav_pose_estimator.core.numerics.wahba import best_rotation
 
-_MEMORY = 0.7  # of the sums, from one window to the next
-_EXCITED = 0.6  # m/s: root of the sum of squared changes; GNSS velocities scatter by 0.1 to 0.2
-_COHERENT = 0.7
-_WRONG = math.radians(40.0)
-_REMEMBERED = 12  # s
-_PARTS = 5  # of a second's rotations that are taken for one
-_PROOF = 2  # windows in a row
+_MEMORY = 0.7  # forgetting factor of the sums from one window to the next
+_EXCITED = 0.6  # m/s: smallest root of the sum of squared changes that counts; GNSS velocities scatter by 0.1 to 0.2
+_COHERENT = 0.7  # smallest correlation coefficient that counts
+_WRONG = math.radians(40.0)  # heading error that counts as wrong
+_REMEMBERED = 12  # s for which attitudes and rotations are kept
+_PARTS = 5  # consecutive bins of a second whose rotation angles are summed to one rotation vector
+_PROOF = 2  # consecutive windows with a wrong heading that establish it
 
 
 @dataclass(eq=False)
 class HeadingMonitor:
-    """``error`` [rad]: by how much the navigator's heading has to be turned, counter-clockwise; 0 while it need not."""
+    """``error`` [rad]: correction of the navigator's heading, counter-clockwise; 0 unless an error is established."""
 
     error: float = field(default=0.0, init=False)
-    _attitudes: dict[int, np.ndarray] = field(default_factory=dict, init=False)  # at whole seconds
-    _turned: dict[int, float] = field(default_factory=dict, init=False)  # rad, by corrections since the beginning
+    _attitudes: dict[int, np.ndarray] = field(default_factory=dict, init=False)  # (4,) of the navigator, by second
+    _turned: dict[int, float] = field(default_factory=dict, init=False)  # rad: total turn by the filter's updates
     level: np.ndarray | None = field(default=None, init=False)
-    """Attitude (4,) at the last whole second by IMU and GNSS alone; its roll and pitch are as good as its gyroscope."""
-    _rotations: dict[int, np.ndarray] = field(default_factory=dict, init=False)  # (4,) of the second that ends there
-    _cross: complex = field(default=0j, init=False)
-    _gnss: float = field(default=0.0, init=False)
-    _felt: float = field(default=0.0, init=False)
-    _wrong: int = field(default=0, init=False)
+    """Attitude (4,) at the last whole second from IMU and GNSS velocity alone, when an error is established."""
+    _rotations: dict[int, np.ndarray] = field(default_factory=dict, init=False)  # (4,) over the second that ends there
+    _cross: complex = field(default=0j, init=False)  # sum of u conj(h), turned by ``_turned`` [(m/s)^2]
+    _gnss: float = field(default=0.0, init=False)  # sum of |u|^2 [(m/s)^2]
+    _felt: float = field(default=0.0, init=False)  # sum of |h|^2 [(m/s)^2]
+    _wrong: int = field(default=0, init=False)  # consecutive windows with a wrong heading
 
     def forget(self) -> None:
-        """The attitude or the clock is another one."""
+        """Forget everything: the attitude was reset, or the clock changed."""
         self._attitudes.clear()
         self._turned.clear()
         self._rotations.clear()
         self._cross, self._gnss, self._felt, self._wrong, self.error = 0j, 0.0, 0.0, 0, 0.0
 
     def attitude(self, k: int, q_nb: np.ndarray) -> None:
-        """The navigator's attitude (4,) at the whole second ``k``."""
+        """Store the navigator's attitude (4,) at the whole second ``k``."""
         self._attitudes[k] = q_nb
         for known in (self._attitudes, self._turned, self._rotations):
             known.pop(k - _REMEMBERED, None)
 
     def carry(self, k: int, angles: np.ndarray, bias: np.ndarray) -> None:
-        """The rotation of the second that ends at ``k``, in parts (N, 3) [rad]: what else turned the heading?
+        """Store the rotation over the second that ends at ``k``, given as parts (N, 3) [rad].
 
-        ``bias`` (3,) [rad/s] of the gyroscope is in them.
+        The parts contain the gyroscope's ``bias`` (3,) [rad/s]. What the heading turned beyond that rotation is due to
+        the filter's updates.
         """
         rotation = self._rotations[k] = _rotation_of(angles, bias)
         before, now = self._attitudes.get(k - 1), self._attitudes.get(k)
@@ -76,10 +78,10 @@ class HeadingMonitor:
         self._turned[k] = self._turned.get(k - 1, 0.0) + turned
 
     def compare(self, begin: int, impulses: np.ndarray, forces: np.ndarray) -> None:
-        """A window from second ``begin`` on.
+        """Evaluate the window that begins at second ``begin``.
 
-        ``impulses`` (S, 3) [m/s] of the specific force in b as it was then; ``forces`` (S, 3) what GNSS says of them in
-        ENU.
+        ``impulses`` (S, 3) [m/s] are the specific force integrated over each second, in the axes of b at ``begin``;
+        ``forces`` (S, 3) [m/s] the same in ENU according to GNSS velocity.
         """
         q, turned = self._attitudes.get(begin), self._turned.get(begin)
         if q is None or turned is None:
@@ -97,7 +99,7 @@ class HeadingMonitor:
             self.level = self._carried(begin, np.array(best_rotation(correlation(impulses, forces))[0]))
 
     def _carried(self, begin: int, q_nb: np.ndarray) -> np.ndarray | None:
-        """``q_nb`` (4,) of the second ``begin`` as it is at the last one; None across a gap."""
+        """``q_nb`` (4,) at second ``begin``, propagated to the last second by the gyroscope; None across a gap."""
         for k in range(begin + 1, max(self._turned) + 1):
             if k not in self._rotations:
                 return None
@@ -107,7 +109,7 @@ class HeadingMonitor:
 
 @kernel
 def _rotation_of(angles, bias):
-    """Quaternion (4,) of a second's rotation, ``angles`` (N, 3) [rad] in parts, less the ``bias`` (3,) [rad/s]."""
+    """Quaternion (4,) of a second's rotation from its parts ``angles`` (N, 3) [rad], without ``bias`` (3,) [rad/s]."""
     rotation, count = (1.0, 0.0, 0.0, 0.0), len(angles)
     for first in range(0, count, _PARTS):
         part = (0.0, 0.0, 0.0)
@@ -119,9 +121,10 @@ def _rotation_of(angles, bias):
 
 @kernel
 def _regression(q_nb, impulses, forces):
-    """Sums of u conj(h), both parts, of abs(u)^2 and of abs(h)^2.
+    """Real and imaginary part of the sum of u conj(h), sum of abs(u)^2, sum of abs(h)^2.
 
-    u and h are the horizontal parts of ``forces`` (S, 3) in n and of ``impulses`` (S, 3) in b, less their means.
+    u and h: horizontal components, East + i North, of ``forces`` (S, 3) in n and of ``impulses`` (S, 3) in b rotated by
+    ``q_nb`` (4,), with their means removed.
     """
     count = len(forces)
     felt, mean = np.empty((count, 2)), np.zeros(4)
