@@ -200,7 +200,7 @@ def test_nothing_is_learned_in_an_outage(at_loss) -> None:
     assert learned.model is model
     assert aid.guide is guide
     assert rehearsals.count == 1
-    assert not rehearsals.candidates
+    assert rehearsals.running is None
     Flown(estimator, between(BACK, END))
     assert learned.memory.seconds > seconds
     assert aid.guide is None

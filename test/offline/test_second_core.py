@@ -2,6 +2,7 @@
 
 import os
 import signal
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,12 @@ def test_a_second_core_changes_no_bit(flown_twice):
     assert copied.status.counters["outage.evidence"] > 10
 
 
+def fatal_unless_in(process: int) -> int:
+    if os.getpid() != process:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 7
+
+
 def begun_in_a_copy(core: SecondCore, work):
     core.rehearse(lambda: None)()  # the first one is done here
     return core.rehearse(work)
@@ -53,14 +60,16 @@ def test_work_is_done_in_another_process():
 
 @needs_two_cores
 def test_work_whose_copy_is_killed_is_done_here():
-    def fatal_elsewhere() -> int:
-        if os.getpid() != here:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return 7
-
-    here = os.getpid()
     with SecondCore() as core:
-        assert begun_in_a_copy(core, fatal_elsewhere)() == 7
+        fatal = partial(fatal_unless_in, os.getpid())
+        assert begun_in_a_copy(core, fatal)() == 7
+        assert core.rehearse(fatal)() == 7  # there is no copy any more
+
+
+@needs_two_cores
+def test_work_that_fails_in_the_copy_fails_here_as_it_would_alone():
+    with SecondCore() as core, pytest.raises(ZeroDivisionError):
+        begun_in_a_copy(core, partial(divmod, 1, 0))()
 
 
 @needs_two_cores
@@ -68,6 +77,7 @@ def test_a_replay_that_ends_leaves_no_process_behind():
     before = children()
     with SecondCore() as core:
         begun_in_a_copy(core, signal.pause)
+        core.rehearse(signal.pause)
         assert children() > before
     assert children() == before
 

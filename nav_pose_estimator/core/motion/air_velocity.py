@@ -353,7 +353,7 @@ def _residuals(epochs: Array, network: Law, wind: Array) -> Array:
 def _unseen_residuals(epochs: Array, blocks: Sequence[NDArray[np.intp]], fit: Fit) -> Array:
     residual = np.empty((len(epochs), 3))
     for block in blocks:
-        others = np.setdiff1d(np.arange(len(epochs)), block)
+        others = np.concatenate([other for other in blocks if other is not block])
         residual[block] = _residuals(epochs[block], *fit(epochs[others]))
     return residual
 

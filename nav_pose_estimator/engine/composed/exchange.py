@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.numerics.imu_checks import stays_in_period
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, NavigatorVelocity
-from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
+from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution, Output
 
 _PERIOD_NS = 250_000_000
 _GOOD_TILT = 0.05  # rad: about what manoeuvres cost the attitude filter on its own
@@ -20,39 +21,61 @@ _GOOD_TILT = 0.05  # rad: about what manoeuvres cost the attitude filter on its 
 
 @dataclass
 class ExchangeClock:
-    """The estimators exchange data at the first IMU sample of every quarter second, whatever the block size."""
+    """The estimators exchange data at the first IMU sample of every quarter second, whatever the block size.
+
+    ``periods`` other than 1: look at every second, third ... exchange only, counted from the zero of the stamps, and at
+    those with a gap before them.
+    """
 
     period: int = 0  # number of the quarter of a second in which the last IMU sample fell
 
-    def pieces(self, block: ImuBlock) -> Iterator[tuple[int, int]]:
+    def pieces(self, block: ImuBlock, periods: int = 1) -> Iterator[tuple[int, int]]:
         """Where to cut: behind each sample at which the estimators talk. Blocks so give what single samples give."""
         count = len(block)
         if stays_in_period(block.stamps_ns, self.period, _PERIOD_NS):
             return iter([(0, count)])
-        periods = block.stamps_ns // _PERIOD_NS
-        ends = np.flatnonzero(periods[1:] != periods[:-1]) + 2
-        cuts = [0, *([1] if periods[0] != self.period else []), *ends.tolist(), count]
-        if cuts[-2] >= count:
-            del cuts[-2]
-        return itertools.pairwise(cuts)
+        now = block.stamps_ns // _PERIOD_NS
+        ends = np.flatnonzero(_talk(np.append(self.period, now[:-1]), now, periods)) + 1
+        cuts = [0, *ends.tolist()]
+        return itertools.pairwise(cuts if cuts[-1] == count else [*cuts, count])
 
-    def talks_behind(self, block: ImuBlock) -> bool:
-        """Whether ``is_due`` will be true of it."""
-        return int(block.stamps_ns[-1]) // _PERIOD_NS != self.period
-
-    def is_due(self, sample: ImuSample | ImuBlock) -> bool:
+    def is_due(self, sample: ImuSample | ImuBlock, periods: int = 1) -> bool:
         """Whether the estimators talk behind ``sample``."""
-        stamp = sample.stamp_ns if isinstance(sample, ImuSample) else int(sample.stamps_ns[-1])
-        before, self.period = self.period, stamp // _PERIOD_NS
-        return self.period != before
+        before, self.period = self.period, newest_stamp(sample) // _PERIOD_NS
+        return bool(_talk(before, self.period, periods))
 
 
-def navigator_velocity(output: NavBlock | NavSolution) -> NavigatorVelocity:
-    """The navigator's newest velocity and attitude, for the attitude filter."""
+def newest_stamp(sample: ImuSample | ImuBlock) -> int:
+    """Stamp [ns] of the last IMU sample."""
+    return sample.stamp_ns if isinstance(sample, ImuSample) else int(sample.stamps_ns[-1])
+
+
+def _talk(before: Any, now: Any, periods: int) -> Any:
+    """Whether the estimators talk behind an IMU sample in the period ``now``, the one before it being in ``before``."""
+    return (now // periods != before // periods) | (abs(now - before) > 1)
+
+
+def navigator_velocity(outputs: Iterable[Output], after_ns: int, until_ns: int) -> NavigatorVelocity | None:
+    """The navigator's velocity and attitude at ``until_ns``, for the attitude filter.
+
+    None where ``outputs`` have none that is later than ``after_ns``.
+    """
+    newest: tuple[NavBlock | NavSolution, int] | None = None
+    for output in outputs:
+        if isinstance(output, NavSolution) and after_ns < output.stamp_ns <= until_ns:
+            newest = output, 0
+        elif isinstance(output, NavBlock):
+            row = int(output.stamps_ns.searchsorted(until_ns, side="right")) - 1
+            if row >= 0 and output.stamps_ns[row] > after_ns:
+                newest = output, row
+    return None if newest is None else _velocity(*newest)
+
+
+def _velocity(output: NavBlock | NavSolution, row: int) -> NavigatorVelocity:
     if isinstance(output, NavSolution):
         stamp, velocity, q_nb, variances = output.stamp_ns, output.vel_n, output.q_nb, np.diag(output.cov)[:3]
     else:
-        stamp, last = int(output.stamps_ns[-1]), output.rows[-1]
+        stamp, last = int(output.stamps_ns[row]), output.rows[row]
         velocity, q_nb = last[at.OUT_VEL : at.OUT_QUAT], last[at.OUT_QUAT : at.OUT_RATE]
         variances = last[at.OUT_VAR : at.OUT_VAR + 3]
     is_aided = output.mode is Mode.AIDED

@@ -12,7 +12,7 @@ import numpy as np
 from nav_pose_estimator.engine import warm_up_flight
 from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
 from nav_pose_estimator.engine.composed import sensor_batch
-from nav_pose_estimator.engine.composed.exchange import ExchangeClock, navigator_velocity
+from nav_pose_estimator.engine.composed.exchange import ExchangeClock, navigator_velocity, newest_stamp
 from nav_pose_estimator.engine.composed.sensor_batch import SensorBatch
 from nav_pose_estimator.engine.navigator import stretch
 from nav_pose_estimator.engine.navigator.go_back import UNDONE
@@ -54,6 +54,7 @@ from nav_pose_estimator.engine.solutions import (
 _ANOTHER_STATE = (WRONG_START, UNDONE, TURNED)
 _BETWEEN = (GnssFix, GnssVelocity, MagSample, PressureSample, SatelliteCount, BeamVelocitySample)
 """Samples that the navigator takes together with the IMU's."""
+_EPOCH, _SECOND = 2, 4  # exchanges
 Early = Sequence[tuple[int, Sample]]
 """Samples that came behind so many IMU samples of a block; the navigator hears of them before the block."""
 
@@ -89,6 +90,7 @@ class PoseEstimator:
         helps = learner.enabled and estimators()[learner.method].helps
         self.outage_aid = OutageAid(learner, train, rehearse) if helps else None
         self._clock = ExchangeClock()
+        self._ahead = _EPOCH if helps else _SECOND
 
     def feed(self, sample: Sample) -> list[Output]:
         """Take one sample; returns solutions and events in order: attitude first, then navigation."""
@@ -99,7 +101,8 @@ class PoseEstimator:
     def feed_all(self, samples: Sequence[Sample]) -> list[Output]:
         """Take samples in the order in which they arrived: the numbers of ``feed``, in fewer and longer blocks.
 
-        While GNSS aids the navigator, it gets all samples between two exchanges at once. Without GNSS, and where
+        While GNSS aids the navigator, the others tell it nothing, and it flies ahead of them: by half a second, or by a
+        whole one where there is no method that looks at the solution every half second. Without GNSS, and where
         ``sensor_batch`` allows it, it hears of magnetometer and barometer ahead of a long block instead of between
         short ones; they act at their own time.
         """
@@ -122,17 +125,18 @@ class PoseEstimator:
         return outputs
 
     def _gather(self, samples: Sequence[Sample], first: int, outputs: list[Output]) -> int:
-        """Take ``samples`` from ``first`` on up to the next exchange, or to one of another kind; returns how many."""
+        """Take ``samples`` from ``first`` on as far as the navigator may fly ahead, or to one of another kind; returns
+        how many."""
         waiting: list[Sample] = []
-        done = first
+        clock, done = replace(self._clock), first
         while done < len(samples):
             sample = samples[done]
             if isinstance(sample, ImuBlock):
                 done += 1
-                for a, b in self._clock.pieces(sample):
+                for a, b in clock.pieces(sample, self._ahead):
                     part = _part(sample, a, b)
                     waiting.append(part)
-                    if self._clock.talks_behind(part):
+                    if clock.is_due(part, self._ahead):
                         outputs += self._feed(waiting)
                         waiting = []
                 if not waiting:
@@ -152,13 +156,16 @@ class PoseEstimator:
         return self._clock.pieces(block)
 
     def _feed(self, samples: Sequence[Sample], early: Early = ()) -> list[Output]:
-        """Take samples between which the estimators do not talk, and ``early`` ones with the only one."""
+        """Take samples that the navigator may fly ahead of the others, and ``early`` ones with the only one."""
         if isinstance(samples[0], VelocityError):
             if self.outage_aid is not None:
                 self.outage_aid.predicted(samples[0])
             return []
-        outputs = [] if self.attitude is None else _attitudes(self.attitude, samples, early)
-        solutions = _navigated(self.sins, samples, early, outputs)
+        solutions = [event for _, other in early for event in self.sins.feed(other)]
+        solutions += self.sins.feed(samples[0]) if len(samples) == 1 else self.sins.feed_all(samples)
+        outputs = _attitudes(self.attitude, self._clock, samples, early, solutions)
+        if self.sins.mode in LEVELLING:
+            solutions += [event for tilt in _tilts(outputs) for event in self.sins.feed(tilt)]
         outputs += solutions
         if self.outage_aid is not None:
             if any(isinstance(one, Event) and one.name in _ANOTHER_STATE for one in solutions):
@@ -166,13 +173,8 @@ class PoseEstimator:
             for sample in (*(other for _, other in early), *samples):
                 self.outage_aid.hear(sample)
             outputs += _helped(self.outage_aid, self.sins, solutions)
-        is_due = [self._clock.is_due(sample) for sample in samples if isinstance(sample, (ImuSample, ImuBlock))]
-        if self.attitude is not None:
-            moved = [one for one in solutions if isinstance(one, (NavBlock, NavSolution))]
-            if any(is_due) and moved:
-                self.attitude.feed(navigator_velocity(moved[-1]))
-            if any(isinstance(sample, GnssFix) for sample in samples):
-                self.attitude.set_declination(self.sins.run.parameters.aids.declination)
+        if self.attitude is not None and any(isinstance(sample, GnssFix) for sample in samples):
+            self.attitude.set_declination(self.sins.run.parameters.aids.declination)
         return outputs
 
     @property
@@ -234,27 +236,37 @@ class PoseEstimator:
         self._clock = replace(snapshot.clock)
 
 
-def _attitudes(attitude: AttitudeEngine, samples: Sequence[Sample], early: Early) -> list[Output]:
-    """What the attitude filter reports on samples. The navigator reports IMU events too: once is enough."""
+def _attitudes(
+    attitude: AttitudeEngine | None,
+    clock: ExchangeClock,
+    samples: Sequence[Sample],
+    early: Early,
+    solutions: list[Output],
+) -> list[Output]:
+    """What the attitude filter reports on samples. At every exchange it gets the velocity out of ``solutions``."""
     outputs: list[Output] = []
-    for sample in samples:
-        if isinstance(sample, ImuBlock):
-            parts: Iterator[Sample] = _in_order(sample, early)
-        elif isinstance(sample, (ImuSample, MagSample)):
-            parts = iter((sample,))
-        else:
-            continue
-        outputs += [output for part in parts for output in attitude.feed(part) if not _is_imu_event(output)]
+    exchanged_ns = 0
+    for part in _cut(samples, clock):
+        if attitude is not None and isinstance(part, (ImuBlock, ImuSample, MagSample)):
+            parts = _in_order(part, early) if isinstance(part, ImuBlock) else [part]
+            # the navigator reports IMU events too: once is enough
+            outputs += [one for each in parts for one in attitude.feed(each) if not _is_imu_event(one)]
+        if isinstance(part, (ImuBlock, ImuSample)) and clock.is_due(part) and attitude is not None:
+            since_ns, exchanged_ns = exchanged_ns, newest_stamp(part)
+            velocity = navigator_velocity(solutions, since_ns, exchanged_ns)
+            if velocity is not None:
+                attitude.feed(velocity)
     return outputs
 
 
-def _navigated(sins: SinsEngine, samples: Sequence[Sample], early: Early, attitudes: list[Output]) -> list[Output]:
-    """Feed the navigator, which levels by the ``attitudes`` of the filter."""
-    solutions = [event for _, other in early for event in sins.feed(other)]
-    solutions += sins.feed(samples[0]) if len(samples) == 1 else sins.feed_all(samples)
-    if sins.mode in LEVELLING:
-        solutions += [event for tilt in _tilts(attitudes) for event in sins.feed(tilt)]
-    return solutions
+def _cut(samples: Sequence[Sample], clock: ExchangeClock) -> Iterator[Sample]:
+    """``samples`` with the IMU's cut behind every exchange; the ``clock`` is to be told of each before the next."""
+    for sample in samples:
+        if isinstance(sample, ImuBlock):
+            for a, b in clock.pieces(sample):
+                yield _part(sample, a, b)
+        else:
+            yield sample
 
 
 def _helped(aid: OutageAid, sins: SinsEngine, solutions: list[Output]) -> list[Output]:

@@ -98,7 +98,7 @@ class OutageAid:
             return OutageHelp()
         stamp = last_stamp(output)
         if self.state.rests:
-            self.rehearsals.candidates.clear()
+            self.rehearsals.break_off()
         elif self.rehearsals.is_due(stamp, sins) and (flight := self._flight(_REHEARSE_AFTER)) is not None:
             self.rehearsals.start(stamp, sins, self._pilot.state.collector, self.learner.method.ways(flight))
         self._pilot.learn(finished)

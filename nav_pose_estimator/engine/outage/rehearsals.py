@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -98,35 +99,60 @@ class Outcome(NamedTuple):
 
 @dataclass
 class Rehearsal:
-    """A rehearsal that has ended, with all that its candidates still have to fly, epoch by epoch."""
+    """One rehearsal: what its candidates begin with, what they have still to fly, and how it went so far.
+
+    It begins with the candidate that coasts. The others are copies of it, made when they first fly. So a rehearsal that
+    has yet to be flown is small, and can be carried to another process.
+    """
 
     candidates: dict[str, Candidate]
-    epochs: list[Epoch]
-    truth: np.ndarray  # ``nav`` of the aided navigator at the end
-    offset: np.ndarray  # (2,) m, East and North, by which it is off the fixes, as ``Gnss.offset``
-    known: float  # m, its horizontal deviation
-    tally: Decisions  # of what has been flown already
+    ways: Mapping[str, Guide]  # that have no candidate yet
+    collector: EpochCollector  # with which these begin
+    epochs: list[Epoch] = field(default_factory=list)
+    tally: Decisions = field(default_factory=Decisions)  # of what has been flown
 
-    def run(self) -> Outcome | None:
-        """Fly it and judge it; None where a copy had to start again."""
-        tally = self.tally
-        for epoch in self.epochs:
-            tally = _flown(self.candidates, epoch, tally)
-            if _has_restarted(self.candidates):
-                return None
-        squares, excess = {}, {}
+    def copy(self) -> Rehearsal:
+        """An independent copy."""
+        candidates = {name: candidate.copy() for name, candidate in self.candidates.items()}
+        return Rehearsal(candidates, self.ways, snapshot(self.collector), list(self.epochs), self.tally)
+
+    @property
+    def has_restarted(self) -> bool:
+        """A gap in the IMU data makes the copies start again, and what happened in it nobody has rehearsed."""
+        copies = [one.sins for one in self.candidates.values()]
+        return any(sins.run.unseen or sins.mode not in (*DENIED, Mode.AIDED) for sins in copies)
+
+    def fly(self) -> None:
+        """Fly what there is, up to where a copy has to start again."""
+        for name, guide in self.ways.items():
+            twin = _copy_of(self.candidates[COAST].sins)
+            self.candidates[name] = Candidate(twin, snapshot(self.collector), guide)
+        self.ways, epochs, self.epochs = {}, self.epochs, []
+        for epoch in epochs:
+            self.tally = _flown(self.candidates, epoch, self.tally)
+            if self.has_restarted:
+                return
+
+    def outcome(self, truth: np.ndarray, offset: np.ndarray, known: float) -> Outcome | None:
+        """Fly it to its end and judge it; None where a copy had to start again.
+
+        ``truth`` is ``nav`` of the aided navigator at the end, ``known`` its horizontal deviation [m], and ``offset``
+        (2,) [m], East and North, how far it is off the fixes, as ``Gnss.offset``.
+        """
+        self.fly()
+        if self.has_restarted:
+            return None
+        squares, excess, variances = {}, {}, {}
         for name, candidate in self.candidates.items():
-            step = step_enu(self.truth[at.LAT : at.VEL], candidate.sins.run.settled.nav[at.LAT : at.VEL])
-            squares[name] = float(np.square(step[:2] + self.offset).sum())
+            step = step_enu(truth[at.LAT : at.VEL], candidate.sins.run.settled.nav[at.LAT : at.VEL])
+            squares[name] = float(np.square(step[:2] + offset).sum())
+            # of its horizontal position, beyond that of the aided navigator
+            variances[name] = horizontal_deviation(candidate.sins.run) ** 2 - known**2
             # what an earlier finding has added is no finding
-            added = 2.0 * candidate.spread_psd(hovered(tally)) * _LENGTH_NS * 1e-9
-            excess[name] = squares[name] - max(self._stated(candidate) - added, 0.0)
-        surprise = squares[COAST] / max(self._stated(self.candidates[COAST]), 1.0)
-        return Outcome(squares, surprise, excess, tally)
-
-    def _stated(self, candidate: Candidate) -> float:
-        """Variance [m^2] of its horizontal position, beyond that of the aided navigator."""
-        return horizontal_deviation(candidate.sins.run) ** 2 - self.known**2
+            added = 2.0 * candidate.spread_psd(hovered(self.tally)) * _LENGTH_NS * 1e-9
+            excess[name] = squares[name] - max(variances[name] - added, 0.0)
+        surprise = squares[COAST] / max(variances[COAST], 1.0)
+        return Outcome(squares, surprise, excess, self.tally)
 
 
 Elsewhere = Callable[[Callable[[], Outcome | None]], Callable[[], Outcome | None]]
@@ -135,11 +161,9 @@ Elsewhere = Callable[[Callable[[], Outcome | None]], Callable[[], Outcome | None
 
 @dataclass
 class RehearsalState:
-    """What the candidates still have to fly, when the rehearsal ends, and what the last ones have shown."""
+    """What the copies get next, when the rehearsal ends, and what the last ones have shown."""
 
     waiting: list[Sample] = field(default_factory=list)  # what the copies get at the end of the epoch
-    epochs: list[Epoch] = field(default_factory=list)  # the same of earlier epochs, where it is flown elsewhere
-    tally: Decisions = field(default_factory=Decisions)  # of the rehearsal that runs, where it is flown here
     waiting_since: int = 0  # ns, IMU stamp
     next_ns: int = 0
     until_ns: int = 0
@@ -150,8 +174,8 @@ class RehearsalState:
     decisions: Decisions = field(default_factory=Decisions)  # of all that have ended
 
     def drop(self) -> None:
-        """Forget what the candidates still have to fly."""
-        self.waiting, self.epochs, self.tally, self.waiting_since = [], [], Decisions(), 0
+        """Forget what waits for the end of the epoch."""
+        self.waiting, self.waiting_since = [], 0
 
 
 class Rehearsals:
@@ -161,7 +185,7 @@ class Rehearsals:
         """``elsewhere`` flies whole rehearsals when they have ended; by default they are flown here, as data come."""
         self._rules, self._elsewhere = rules or RehearsalRules(), elsewhere
         self._under_way: list[Callable[[], Outcome | None]] = []
-        self.candidates: dict[str, Candidate] = {}
+        self.running: Rehearsal | None = None
         kept = self._rules.kept
         self.state = RehearsalState(
             squares=deque(maxlen=kept),
@@ -174,7 +198,7 @@ class Rehearsals:
         """An independent copy, running rehearsals included."""
         self._collect()
         twin = Rehearsals(self._rules, self._elsewhere)
-        twin.candidates = {name: candidate.copy() for name, candidate in self.candidates.items()}
+        twin.running = None if self.running is None else self.running.copy()
         twin.state = snapshot(self.state)
         return twin
 
@@ -240,43 +264,45 @@ class Rehearsals:
 
     def feed(self, sample: Sample) -> None:
         """Hand a sample to the copies; nothing that comes from GNSS reaches them."""
-        if not self.candidates or isinstance(sample, _FROM_GNSS):
+        if self.running is None or isinstance(sample, _FROM_GNSS):
             return
         self.state.waiting.append(sample)
         if isinstance(sample, (ImuSample, ImuBlock)):
             stamp = sample.stamp_ns if isinstance(sample, ImuSample) else int(sample.stamps_ns[-1])
             self.state.waiting_since = self.state.waiting_since or stamp
             if not 0 <= stamp - self.state.waiting_since <= _LONGEST_WAIT_NS:
-                self._catch_up()
+                self._catch_up(self.running)
 
     def is_due(self, stamp_ns: int, sins: SinsEngine) -> bool:
         """Called several times a second behind ``feed``; judges what has ended. True when ``start`` is to be called."""
+        running, is_aided = self.running, sins.mode is Mode.AIDED
+        if running is None:
+            return is_aided and not self.state.next_ns - _PERIOD_NS <= stamp_ns < self.state.next_ns
         east, north = sins.run.settled.nav[at.VEL : at.VEL + 2].tolist()
-        self._catch_up((east, north))
-        flies = sins.mode is Mode.AIDED and not _has_restarted(self.candidates)
-        if flies and not self.candidates:
-            return stamp_ns >= self.state.next_ns or stamp_ns < self.state.next_ns - _PERIOD_NS
-        if flies and stamp_ns < self.state.until_ns:
-            return False
-        if flies:
-            self._judge(sins)
-        self.candidates.clear()
-        self.state.drop()
+        self._catch_up(running, (east, north))
+        if not is_aided or running.has_restarted:
+            self.break_off()
+        elif stamp_ns >= self.state.until_ns:
+            self._judge(running, sins)
+            self.break_off()
         return False
 
     def start(self, stamp_ns: int, sins: SinsEngine, collector: EpochCollector, ways: Mapping[str, Guide]) -> None:
         """Begin a rehearsal of coasting and of every way in ``ways``."""
-        self.state.drop()
-        self.candidates = {COAST: Candidate(_copy_of(sins), EpochCollector(), None)}
-        for name, guide in ways.items():
-            self.candidates[name] = Candidate(_copy_of(sins), snapshot(collector), guide)
+        self.break_off()
+        coasting = Candidate(_copy_of(sins), EpochCollector(), None)
+        self.running = Rehearsal({COAST: coasting}, ways, snapshot(collector))
         self.state.until_ns, self.state.next_ns = stamp_ns + _LENGTH_NS, stamp_ns + _PERIOD_NS
 
-    def _judge(self, sins: SinsEngine) -> None:
+    def break_off(self) -> None:
+        """End the rehearsal that runs, if one does, without a judgement."""
+        self.running = None
+        self.state.drop()
+
+    def _judge(self, ended: Rehearsal, sins: SinsEngine) -> None:
         truth, offset = sins.run.settled.nav.copy(), sins.run.gnss.offset
-        known = horizontal_deviation(sins.run)
-        ended = Rehearsal(dict(self.candidates), self.state.epochs, truth, offset, known, self.state.tally)
-        self._under_way.append(ended.run if self._elsewhere is None else self._elsewhere(ended.run))
+        judge = partial(ended.outcome, truth, offset, horizontal_deviation(sins.run))
+        self._under_way.append(judge if self._elsewhere is None else self._elsewhere(judge))
         if self._elsewhere is None:
             self._collect()
 
@@ -293,14 +319,12 @@ class Rehearsals:
                     self.state.hover_excess.append(outcome.excess)
                 self.state.decisions = self.state.decisions + outcome.decisions
 
-    def _catch_up(self, velocity: tuple[float, float] | None = None) -> None:
+    def _catch_up(self, running: Rehearsal, velocity: tuple[float, float] | None = None) -> None:
         """What the copies get up to the last IMU sample: a quarter of the work that each sample by itself would be."""
-        waiting, self.state.waiting, self.state.waiting_since = self.state.waiting, [], 0
-        epoch = Epoch(waiting, velocity)
+        running.epochs.append(Epoch(self.state.waiting, velocity))
+        self.state.drop()
         if self._elsewhere is None:
-            self.state.tally = _flown(self.candidates, epoch, self.state.tally)
-        elif self.candidates:
-            self.state.epochs.append(epoch)
+            running.fly()
 
 
 def _copy_of(sins: SinsEngine) -> SinsEngine:
@@ -321,12 +345,6 @@ def _flown(candidates: Mapping[str, Candidate], epoch: Epoch, tally: Decisions) 
         for candidate in candidates.values():
             candidate.feed(sample)
     return tally + _decided(epoch.velocity, candidates)
-
-
-def _has_restarted(candidates: Mapping[str, Candidate]) -> bool:
-    """A gap in the IMU data makes the copies start again, and what happened in it nobody has rehearsed."""
-    copies = [one.sins for one in candidates.values()]
-    return any(sins.run.unseen or sins.mode not in (*DENIED, Mode.AIDED) for sins in copies)
 
 
 def hovered(decisions: Decisions) -> bool:

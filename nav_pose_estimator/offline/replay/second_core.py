@@ -1,16 +1,20 @@
-"""Trainings and rehearsals of a replay on another core, in copies of this process.
+"""Trainings and rehearsals of a replay on another core, in a copy of this process.
 
-A copy has all that the work needs, and only the result travels. The result counts when it counts where everything is
-done in one process: whoever asks for it earlier waits. Where there is one core, or no such copy, the work is done here.
+The copy is made once. Work travels to it and the result travels back, one after the other. The result counts when it
+counts where everything is done in one process: whoever asks for it earlier waits. Where there is one core, or no such
+copy, the work is done here.
 """
 
 import os
 import pickle
 import signal
+import socket
 import sys
 import warnings
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
+from io import BufferedRWPair
 from typing import Any
 
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
@@ -28,7 +32,7 @@ class SecondCore:
     def __init__(self) -> None:
         self._can_copy = sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1
         self._seen: set[str] = set()
-        self._running: set[int] = set()
+        self._copy: _Copy | None = None
         self._trainings: list[tuple[float, OutageLearner, Work]] = []
         self.engine: PoseEstimator | None = None
         """Whose trainings these are."""
@@ -37,11 +41,9 @@ class SecondCore:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for process in self._running:
-            with suppress(ProcessLookupError):
-                os.kill(process, signal.SIGKILL)
-            os.waitpid(process, 0)
-        self._running.clear()
+        if self._copy is not None:
+            self._copy.end()
+            self._copy = None
 
     def rehearse(self, work: Work) -> Work:
         """Begin a rehearsal; what is returned waits for its outcome."""
@@ -64,39 +66,67 @@ class SecondCore:
                 aid.accept(outcome)
 
     def _begin(self, kind: str, work: Work) -> Work:
-        """The first of a ``kind`` is done here: its kernels are loaded then, and every copy has them."""
+        """The first of a ``kind`` is done here: its kernels are loaded then, and an outage finds them."""
         if not self._can_copy or kind not in self._seen:
             self._seen.add(kind)
             result = work()
             return lambda: result
-        reader, writer = os.pipe()
+        if self._copy is None:
+            self._copy = _Copy()
+        return self._copy.begin(work)
+
+
+class _Copy:
+    """A copy of this process that does one piece of work after the other until this process ends it, or ends itself."""
+
+    def __init__(self) -> None:
+        ours, theirs = socket.socketpair()
         with warnings.catch_warnings():
             # of threads: those of the libraries take no part in what the copy does
             warnings.simplefilter("ignore", DeprecationWarning)
-            process = os.fork()
-        if process == 0:
-            _work_and_end(work, writer)
-        os.close(writer)
-        self._running.add(process)
-        return lambda: self._result(process, reader, work)
+            self._process = os.fork()
+        if self._process == 0:
+            ours.close()
+            _serve(theirs.makefile("rwb"))
+        theirs.close()
+        self._pipe = ours.makefile("rwb")
+        ours.close()
+        self._talk = ThreadPoolExecutor(max_workers=1)  # waits for the copy, so that the flight does not
 
-    def _result(self, process: int, reader: int, work: Work) -> Any:
-        with os.fdopen(reader, "rb") as pipe:
-            data = pipe.read()
-        _, status = os.waitpid(process, 0)
-        self._running.discard(process)
-        if status != 0:  # killed for want of memory, say: nothing of this process was changed
-            return work()
-        return pickle.loads(data)
+    def begin(self, work: Work) -> Work:
+        """Begin ``work`` as soon as all before it is done; what is returned waits for the result."""
+        answer = self._talk.submit(self._answer, work)
+        return lambda: _result(answer, work)
+
+    def end(self) -> None:
+        """End it, with what it has not done yet."""
+        with suppress(ProcessLookupError):
+            os.kill(self._process, signal.SIGKILL)
+        os.waitpid(self._process, 0)
+        self._talk.shutdown(cancel_futures=True)
+        with suppress(OSError):
+            self._pipe.close()
+
+    def _answer(self, work: Work) -> Any:
+        self._pipe.write(pickle.dumps(work))
+        self._pipe.flush()
+        return pickle.load(self._pipe)
 
 
-def _work_and_end(work: Work, writer: int) -> None:
+def _result(answer: Future, work: Work) -> Any:
+    try:
+        return answer.result()
+    except (OSError, EOFError):  # the copy was killed, for want of memory, say: nothing of this process was changed
+        return work()
+
+
+def _serve(pipe: BufferedRWPair) -> None:
     """In the copy: nothing but the work, above all no cleaning up of what belongs to the original."""
     try:
         for kind in _KINDS:
             signal.signal(kind, signal.SIG_DFL)
-        with os.fdopen(writer, "wb") as pipe:
-            pickle.dump(work(), pipe)
-        os._exit(0)
+        while True:
+            pickle.dump(pickle.load(pipe)(), pipe)
+            pipe.flush()
     finally:
-        os._exit(1)
+        os._exit(0)
