@@ -13,7 +13,7 @@ from nav_pose_estimator.sim.recording import Recording
 from told import Told, flight, silence, tell
 
 pytestmark = pytest.mark.compiled
-SECONDS, AIRBORNE, MANOEUVRED = 60.0, 12.0, 45.0  # of the flight: its length, take-off, when it has turned and braked
+SECONDS, MANOEUVRED = 60.0, 45.0  # of the flight: its length, when it has turned and braked
 G, DEGREES = 9.80665, 180.0 / np.pi
 SAME = np.eye(3)
 FRD = np.diag([1.0, -1.0, -1.0])
