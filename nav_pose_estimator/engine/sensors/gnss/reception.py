@@ -51,7 +51,7 @@ class GnssReception:
         self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
         self.fix_period = 1.0
         """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
-        self._stay, self._height = _Stay(), _Height()
+        self._stay, self._height = _Stay(), _Height(journal)
         self._no_height_told = False
         self._told_ahead = math.nan  # s: the clock offset that was told last
 
@@ -81,7 +81,7 @@ class GnssReception:
             return self.refuse(sample.stamp_ns, "gnss.rejected.null_island", why)
         stayed_for = self._stay.note(sample, self.velocities)
         if self._stay.is_new:
-            self._watch_height(sample, t)
+            self._height.note(sample, t)
         self.rounding.fix(sample.lat, sample.lon, _MOVED < stayed_for < math.inf, sample.stamp_ns)
         if stayed_for > max(_MOVED, _CELLS * self.rounding.step):
             why = "the position repeats to the last digit while the vehicle moves: the receiver is stuck"
@@ -171,15 +171,6 @@ class GnssReception:
         """Hand on what gate or guard have to say."""
         self._journal.say(stamp_ns, notice.name, _LEVELS[notice.severity], notice.text, **data)
 
-    def _watch_height(self, sample: GnssFix, t: float) -> None:
-        was = self._height.reason
-        self._height.note(sample.alt, t)
-        if self._height.reason and not was:
-            text = f"GNSS height not used: {self._height.reason}; it is the barometer's or held"
-            self._journal.say(sample.stamp_ns, "gnss.height.stuck", Level.WARN, text)
-        elif was and not self._height.reason:
-            self._journal.say(sample.stamp_ns, "gnss.height.stuck.ended", Level.INFO, "GNSS heights change again")
-
     def _tell_no_height(self, stamp_ns: int) -> None:
         if self._no_height_told:
             self._journal.count("gnss.height.missing")
@@ -235,19 +226,24 @@ class _Stay:
 class _Height:
     """A height that the driver never fills, or that has stopped while latitude and longitude go on."""
 
-    def __init__(self) -> None:
-        self._frozen = Frozen()
+    def __init__(self, journal: Journal) -> None:
+        self._journal, self._frozen = journal, Frozen()
         self._zeros, self._is_filled = 0, False
         self._t = -math.inf
 
-    def note(self, height: float, t: float) -> None:
-        """The ``height`` [m] of a fix valid at ``t`` [s] that lies elsewhere than the one before it."""
-        if math.isnan(height) or t <= self._t:
+    def note(self, sample: GnssFix, t: float) -> None:
+        """A fix valid at ``t`` [s] that differs from the one before it: tell when its height says nothing, or again."""
+        if math.isnan(sample.alt) or t <= self._t:
             return
-        self._t = t
-        self._is_filled = self._is_filled or height != 0.0
+        was, self._t = self.reason, t
+        self._is_filled = self._is_filled or sample.alt != 0.0
         self._zeros += not self._is_filled
-        self._frozen.note(t, height)
+        self._frozen.note(t, sample.alt)
+        if self.reason and not was:
+            text = f"GNSS height not used: {self.reason}; it is the barometer's or held"
+            self._journal.say(sample.stamp_ns, "gnss.height.stuck", Level.WARN, text)
+        elif was and not self.reason:
+            self._journal.say(sample.stamp_ns, "gnss.height.stuck.ended", Level.INFO, "GNSS heights change again")
 
     @property
     def reason(self) -> str:
