@@ -16,8 +16,6 @@ from nav_pose_estimator.engine.samples import MotionEvidence, Vector3
 MOTION = Kind("motion")
 """Observations that split the filter into branches and weigh them; what they measured is a MotionEvidence."""
 
-_PARTS = ("nav", "constants", "P", "view")  # of ``SplitFilter.vector``
-
 Apply = Callable[[Observation, FilterView], None]
 """Lets an observation act on a filter that stands at its time."""
 
@@ -42,12 +40,8 @@ class SplitFilter:
         self.P = vector[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
         self.view = FilterView(self.nav, self.P, self.constants)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """All but the parts of the vector."""
-        return {name: value for name, value in vars(self).items() if name not in _PARTS}
-
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """In a copy the parts are those of its own vector."""
+        """In a copy, too, the parts are parts of its own vector."""
         vars(self).update(state)
         self._hold(self.vector)
 
