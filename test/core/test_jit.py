@@ -87,6 +87,32 @@ def test_a_kernel_is_compiled_once_for_all_constants(tmp_path):
     assert run(tmp_path) == "19.0 1 1"
 
 
+LIGHT = """import sys
+import numba, numpy
+from nav_pose_estimator.core.numerics.jit import kernel
+
+@kernel
+def half(x):
+    return 0.5 * x
+
+@numba.njit
+def product(a, b):
+    return numpy.dot(a, b)
+
+half(1.0)
+print("scipy.linalg" in sys.modules, product(numpy.eye(2), numpy.full(2, 3.0))[1])
+from scipy.linalg import lu_factor
+print(lu_factor(numpy.eye(2))[0].tolist())
+"""
+
+
+@pytest.mark.compiled
+def test_kernels_need_no_scipy_linalg_and_leave_it_whole(tmp_path):
+    """GIVEN a process with kernels WHEN others use BLAS in compiled code, and scipy.linalg THEN both work."""
+    (tmp_path / "user.py").write_text(LIGHT)
+    assert run(tmp_path).split("\n") == ["False 3.0", "[[1.0, 0.0], [0.0, 1.0]]"]
+
+
 def test_mode_follows_the_environment():
     expected = numba is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
     assert expected == COMPILED

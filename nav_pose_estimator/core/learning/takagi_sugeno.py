@@ -58,7 +58,6 @@ def log_firing(premises: Premises, inputs: np.ndarray, slopes: np.ndarray | None
     (n, rules), samples = premises.centre.shape, inputs.shape[1]
     centre, slope = premises.centre[:, :, None], premises.slope[:, :, None]
     log_width2 = 2.0 * np.log(premises.width)[:, :, None]
-    factors = 2.0 * slope, np.expm1(0.5 - slope)
     log_w = np.empty((rules, samples))
     block = max(32, _BLOCK // (n * rules))
     for start in range(0, samples, block):
@@ -74,7 +73,7 @@ def log_firing(premises: Premises, inputs: np.ndarray, slopes: np.ndarray | None
         total = power + 1.0
         if slopes is not None:
             complement = np.divide(power, total, out=power)  # 1 - mu
-            _fill_slopes(slopes[..., part], distance, complement, log_u2, *factors)
+            _fill_slopes(slopes[..., part], distance, complement, log_u2, slope)
         np.sum(np.log(total, out=total), axis=0, out=log_w[:, part])
     return np.negative(log_w, out=log_w)
 
@@ -84,12 +83,11 @@ def _fill_slopes(
     distance: np.ndarray,
     complement: np.ndarray,
     log_u2: np.ndarray,
-    twice_slope: np.ndarray,
-    by_raw: np.ndarray,
+    slope: np.ndarray,
 ) -> None:
     by_centre, by_width, by_slope = slopes
-    np.multiply(np.multiply(log_u2, complement, out=log_u2), by_raw, out=by_slope)
-    np.multiply(complement, twice_slope, out=by_width)
+    np.multiply(np.multiply(log_u2, complement, out=log_u2), np.expm1(0.5 - slope), out=by_slope)
+    np.multiply(complement, 2.0 * slope, out=by_width)
     np.divide(by_width, distance, out=by_centre)
 
 

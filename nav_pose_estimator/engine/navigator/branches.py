@@ -139,10 +139,13 @@ class Branches:
         """
         navs, Ps = self._stacked()
         count = len(navs)
-        after_navs, after_Ps = np.tile(navs, (count, 1, 1)), np.tile(Ps, (count, 1, 1, 1))  # hypothesis, branch, ...
+        # hypothesis, branch, ...
+        after_navs, after_Ps = (np.broadcast_to(one, (count, *one.shape)).copy() for one in (navs, Ps))
+        if not self._wind_is_measured:
+            _relax_wind(after_navs, evidence)
         before = float(navs[0, at.TIME])
-        if self._leaves(evidence):
-            self._left = min(self._left, before)
+        if self._left > before and self._leaves(evidence):
+            self._left = before
         self._ended = [
             ended if likely > 0.5 else min(ended, before)
             for ended, likely in zip(self._ended, self.weights, strict=True)
@@ -180,14 +183,12 @@ class Branches:
         np.fill_diagonal(transition, stay)
         tempered = min(evidence.interval / evidence.correlation, 1.0)
         known_to = 0.5 * np.trace(Ps[0][:, _VELOCITY, _VELOCITY], axis1=1, axis2=2)
+        lost_at = self._lost_at if math.isinf(self._left) else None
         exponent = np.empty((count, count))
         for j, hypothesis in enumerate(evidence.hypotheses):
             if hypothesis.lasting is not None and math.isinf(self._ended[j]):
                 hypothesis = hypothesis.lasting
             for i in range(count):
-                if not self._wind_is_measured:
-                    _relax_wind(navs[j, i], evidence)
-                lost_at = self._lost_at if math.isinf(self._left) else None
                 situation = _Situation(middle, lost_at, float(known_to.max() - known_to[i]))
                 fit = _act(navs[j, i], Ps[j, i], self.constants, situation, evidence, hypothesis)
                 # what is seen while a regime lasts is correlated; that it could begin at all counts once and in full
@@ -203,9 +204,9 @@ class Branches:
         return np.asarray(transition * self.weights * likely)  # the transition is symmetric
 
 
-def _relax_wind(nav: np.ndarray, evidence: MotionEvidence) -> None:
-    """The wind goes back to its mean."""
-    mean, wind = np.array(evidence.wind_mean), nav[WIND.estimates]
+def _relax_wind(navs: np.ndarray, evidence: MotionEvidence) -> None:
+    """The wind of branches (..., NAV_SIZE) goes back to its mean."""
+    mean, wind = np.array(evidence.wind_mean), navs[..., WIND.estimates]
     wind[:] = mean + math.exp(-evidence.interval / evidence.wind_tau) * (wind - mean)
 
 
@@ -267,7 +268,9 @@ def _usual_place(
 
 def _as_one(observations: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Independent observations (z, H, variances) as one: z, H, R."""
-    z, H, variances = (np.concatenate(parts) for parts in zip(*observations, strict=True))
+    z, H, variances = observations[0]
+    if len(observations) > 1:
+        z, H, variances = (np.concatenate(parts) for parts in zip(*observations, strict=True))
     return z, H, np.diag(variances)
 
 

@@ -16,8 +16,6 @@ from nav_pose_estimator.engine.samples import MotionEvidence, Vector3
 MOTION = Kind("motion")
 """Observations that split the filter into branches and weight them; ``measured`` is a MotionEvidence."""
 
-_PARTS = ("nav", "constants", "P", "view")  # attributes that are views of ``SplitFilter.vector``
-
 Apply = Callable[[Observation, FilterView], None]
 """Applies an observation to a filter that is at its time."""
 
@@ -41,10 +39,6 @@ class SplitFilter:
         self.constants = vector[memory.CONSTANTS : memory.ORIGIN]
         self.P = vector[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
         self.view = FilterView(self.nav, self.P, self.constants)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Everything but the views of the vector."""
-        return {name: value for name, value in vars(self).items() if name not in _PARTS}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore a copy; its views refer to its own vector."""

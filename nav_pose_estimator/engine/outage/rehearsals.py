@@ -278,13 +278,16 @@ class Rehearsals:
         running, is_aided = self.running, sins.mode is Mode.AIDED
         if running is None:
             return is_aided and not self.state.next_ns - _PERIOD_NS <= stamp_ns < self.state.next_ns
-        east, north = sins.run.settled.nav[at.VEL : at.VEL + 2].tolist()
-        self._catch_up(running, (east, north))
+        truth, run = sins.run.settled.nav, sins.run
+        self._catch_up(running, (float(truth[at.VEL]), float(truth[at.VEL + 1])))
         if not is_aided or running.has_restarted:
             self.break_off()
         elif stamp_ns >= self.state.until_ns:
-            self._judge(running, sins)
+            judge = partial(running.outcome, truth.copy(), run.gnss.offset, horizontal_deviation(run))
             self.break_off()
+            self._under_way.append(judge if self._elsewhere is None else self._elsewhere(judge))
+            if self._elsewhere is None:
+                self._collect()
         return False
 
     def start(self, stamp_ns: int, sins: SinsEngine, collector: EpochCollector, ways: Mapping[str, Guide]) -> None:
@@ -298,13 +301,6 @@ class Rehearsals:
         """End the rehearsal that runs, if one does, without a judgement."""
         self.running = None
         self.state.drop()
-
-    def _judge(self, ended: Rehearsal, sins: SinsEngine) -> None:
-        truth, offset = sins.run.settled.nav.copy(), sins.run.gnss.offset
-        judge = partial(ended.outcome, truth, offset, horizontal_deviation(sins.run))
-        self._under_way.append(judge if self._elsewhere is None else self._elsewhere(judge))
-        if self._elsewhere is None:
-            self._collect()
 
     def _collect(self) -> None:
         """Take the results of what has ended; wherever they were made, they count from the same moment on."""
