@@ -69,7 +69,7 @@ class Decision:
     ``widening`` multiplies the covariance of the motion first; the deviations of the position [m], horizontal and
     vertical, and of the horizontal velocity [m/s] are afterwards at least ``least_sd``. ``rows``: those that are used,
     of a sensor that judges each row on its own. ``change`` (3,): of the velocity at the sensor, b [m/s^2]. ``shift``
-    [m]: East and North.
+    [m]: East and North. ``once_more``: what the sensor has kept corrects the filter behind the widening.
     """
 
     use: Use
@@ -80,6 +80,7 @@ class Decision:
     rows: tuple[Row, ...] = ()
     change: Array | None = None
     shift: tuple[float, float] = (0.0, 0.0)
+    once_more: bool = False
 
 
 LEFT_OUT, GATED, UNGATED = Decision(Use.LEFT_OUT), Decision(Use.GATED), Decision(Use.UNGATED)

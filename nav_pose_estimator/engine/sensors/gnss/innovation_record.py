@@ -47,8 +47,12 @@ class InnovationRecord:
 
     @property
     def offset(self) -> np.ndarray:
-        """Mean of the horizontal innovations that were believed, East and North (2,), over the last ten seconds."""
-        count = max(round(_AVERAGED / self._period), 1)
+        """``lately`` over ten seconds."""
+        return self.lately(_AVERAGED)
+
+    def lately(self, seconds: float) -> np.ndarray:
+        """Mean of the horizontal innovations that were believed, East and North (2,), over the last ``seconds``."""
+        count = max(round(seconds / self._period), 1)
         return np.mean(list(self._believed)[-count:], axis=0) if self._believed else np.zeros(2)
 
     @property
