@@ -69,7 +69,7 @@ class Decision:
     on the covariance of the motion before the update. ``least_sd``: floors, after the update, of the standard
     deviations of the position [m], horizontal and vertical, and of the horizontal velocity [m/s]. ``rows``: the rows in
     use of a sensor that tests each row by itself. ``change`` (3,) [m/s^2]: rate of change of the velocity at the
-    sensor, b. ``shift`` [m]: East and North.
+    sensor, b. ``shift`` [m]: East and North. ``once_more``: apply the stored measurement again after the widening.
     """
 
     use: Use
@@ -80,6 +80,7 @@ class Decision:
     rows: tuple[Row, ...] = ()
     change: Array | None = None
     shift: tuple[float, float] = (0.0, 0.0)
+    once_more: bool = False
 
 
 LEFT_OUT, GATED, UNGATED = Decision(Use.LEFT_OUT), Decision(Use.GATED), Decision(Use.UNGATED)

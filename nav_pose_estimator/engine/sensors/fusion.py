@@ -44,10 +44,7 @@ class Fusion:
         if o.decision is None:
             o.decision = sensor.decide(o, f)
         if o.decision.use is Use.WIDENING:
-            f.P[:] *= o.decision.reference * bias_noise.overstatement(f.nav)
-            error = np.zeros(len(f.P))
-            error[DPOS : DPOS + 2] = -np.array(o.decision.shift)
-            inject(f.nav, f.constants, error)
+            self._lose(sensor, o, o.decision, f)
             return
         if o.decision.widening != 1.0:
             _widen(f.P, o.decision.widening)
@@ -61,6 +58,16 @@ class Fusion:
             if sd > 0.0:
                 f.P[state, state] = max(f.P[state, state], sd**2)
         sensor.settle(o, f)
+
+    def _lose(self, sensor: Sensor, o: Observation, decision: Decision, f: FilterView) -> None:
+        """The covariance grows, the position moves, and what surprised the filter may act once more."""
+        f.P[:] *= decision.reference * bias_noise.overstatement(f.nav)
+        error = np.zeros(len(f.P))
+        error[DPOS : DPOS + 2] = -np.array(decision.shift)
+        inject(f.nav, f.constants, error)
+        _widen(f.P, decision.widening)
+        if decision.once_more:
+            correct(*f, *sensor.linearise(o, f))
 
     def _correct(self, sensor: Sensor, o: Observation, decision: Decision, f: FilterView, first: bool) -> None:
         z, H, R = sensor.linearise(o, f)

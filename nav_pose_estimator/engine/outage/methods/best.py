@@ -27,6 +27,7 @@ _LEAST_FLIGHT = 4.0  # s
 _LEAST_EPOCHS = 8  # of which the usual drag is adapted to the flight
 REGIMES, ALONE = "regimes", "alone"
 _HOVER_TIME = 2.0  # s over which the velocity of a hover counts as one draw
+_WANDER_TIME = 15.0  # s over which its displacement does: it is half as large as ever after 5 to 20 s
 _DRAW = 1.1  # errors this much larger than the simpler way's are still a draw
 _WORSE = 1.5  # the same for giving up the network where coasting is about as good: chance makes a ratio of 1.2
 _CLEARLY = 6.0  # coasting three times better at 30 s is a draw at 60 s; three rehearsals tell it to a factor of two
@@ -85,7 +86,8 @@ class RegimesGuide(AirVelocityGuide):
             air_corrects=False,  # a network errs by more than a hover moves
         )
         # a hover that goes on is held in its place: its velocity changes sign soon, and its displacement has a bound
-        return replace(begun, lasting=replace(begun, velocity_time=me.PERIOD, place_var=regimes.wander_var))
+        held = replace(begun, velocity_time=me.PERIOD, place_var=regimes.wander_var, place_time=_WANDER_TIME)
+        return replace(begun, lasting=held)
 
 
 class Best(Anfis):

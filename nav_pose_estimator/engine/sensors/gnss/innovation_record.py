@@ -47,8 +47,12 @@ class InnovationRecord:
 
     @property
     def offset(self) -> np.ndarray:
-        """Mean of the horizontal innovations that were believed, East and North (2,), over the last ten seconds."""
-        count = max(round(_AVERAGED / self._period), 1)
+        """Mean of the accepted horizontal innovations, East and North (2,), over the last ten seconds."""
+        return self.mean_of_last(_AVERAGED)
+
+    def mean_of_last(self, seconds: float) -> np.ndarray:
+        """Mean of the accepted horizontal innovations, East and North (2,), over the last ``seconds``."""
+        count = max(round(seconds / self._period), 1)
         return _pairs(list(self._believed)[-count:]).mean(axis=0) if self._believed else np.zeros(2)
 
     @property

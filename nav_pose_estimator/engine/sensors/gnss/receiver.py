@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from nav_pose_estimator.core.filter import bias_noise, measurements
+from nav_pose_estimator.core.filter.kalman import innovation
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Decision, FilterView, Kind, Observation, Use
 from nav_pose_estimator.engine.parameters import Parameters
@@ -14,14 +16,40 @@ from nav_pose_estimator.engine.sensors.gnss import lasting_error
 from nav_pose_estimator.engine.sensors.gnss.position import GnssPositionSensor
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
 from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
-from nav_pose_estimator.engine.sensors.sensor import Sensor
+from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 
 _LARGEST_FACTOR = 9.0  # of the covariance: three times the deviation
+_LATELY = 3.0  # s over which velocities that disagree are no chance any more, and a tilt has not yet gone on
+_LASTING_SD = 0.3  # m/s: what a receiver's velocities may have in common for so long
+_SURPRISING = 4.0  # normalised square of two components (two on average) up to which they may have that in common
+_LARGEST_WIDENING = 100.0  # factor on the covariance of the motion
+
+
+class Shown(NamedTuple):
+    """What the last innovations have shown of the filter when GNSS is lost.
+
+    ``factor`` by which its covariance is too small; estimate minus measurement, East and North, of positions (2,) [m]
+    and of velocities (2,) [m/s].
+    """
+
+    factor: float
+    position: np.ndarray
+    velocity: np.ndarray
+
+    @property
+    def was_too_fast(self) -> bool:
+        """Whether the positions, too, say so: a receiver's wrong velocity would have drawn the filter the other way."""
+        return float(self.velocity @ self.position) > 0.0
 
 
 class GnssLoss(Sensor):
     """No measurement: from its time on the covariance is scaled by what the last innovations have shown, and the
-    position lies where the last fixes were on average."""
+    position lies where the last fixes were on average.
+
+    A filter whose velocity was off for seconds, farther than it states, was wrong about more than that: its tilt went
+    wrong first. Then its motion is as uncertain as the disagreement says. Where the positions confirm that it was too
+    fast, the velocities are taken in once more; else they may be the receiver's error.
+    """
 
     kind = Kind("gnss_loss", precedence=2, whole=True)
 
@@ -29,9 +57,21 @@ class GnssLoss(Sensor):
         """It has none."""
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
-        """By the factor and the shift that were known when the loss was declared."""
-        factor, east, north = o.measured
-        return Decision(Use.WIDENING, factor, shift=(east, north))
+        """By what was known when the loss was declared."""
+        shown = o.measured
+        stated = shown.factor * bias_noise.overstatement(f.nav) * f.P
+        z, H, R = self.linearise(o, f)
+        square = innovation(stated, z, H, R)
+        is_surprised = square > _SURPRISING
+        widening = min(square / len(z), _LARGEST_WIDENING) if is_surprised else 1.0
+        east, north = (-shown.position).tolist()
+        once_more = is_surprised and shown.was_too_fast
+        return Decision(Use.WIDENING, shown.factor, widening=widening, shift=(east, north), once_more=once_more)
+
+    def linearise(self, o: Observation, f: FilterView) -> Linearised:
+        """The mean innovation of the last velocities."""
+        _, H = measurements.horizontal_velocity(f.nav, len(f.P), 0.0, 0.0)
+        return o.measured.velocity.copy(), H, _LASTING_SD**2 * np.eye(2)
 
 
 class Gnss:
@@ -68,9 +108,11 @@ class Gnss:
         self._aiding.use_fix(last_fix)
 
     def loss_at(self, t: float, stamp_ns: int) -> Observation:
-        """At ``t`` GNSS counts as lost: what the last innovations have shown acts on covariance and position."""
-        east, north = (-self.offset).tolist()
-        return Observation(t, stamp_ns, self.loss.kind, (self.variance_factor, east, north))
+        """At ``t`` GNSS counts as lost: what the last innovations have shown acts on the filter."""
+        last = self.velocity.misfit
+        is_recent = last is not None and last.t > self._aiding.fix_used - _LATELY
+        velocity = self.velocity.record.mean_of_last(_LATELY) if is_recent else np.zeros(2)
+        return Observation(t, stamp_ns, self.loss.kind, Shown(self.variance_factor, self.offset, velocity))
 
     @property
     def offset(self) -> np.ndarray:

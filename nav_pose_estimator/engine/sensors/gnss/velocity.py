@@ -80,7 +80,7 @@ class GnssVelocitySensor(Sensor):
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count it; a refusal is told once, for it has no place in ``refusal`` beside the positions."""
-        self.record.add(nis, z, self.reception.fix_period)
+        self.record.add(nis, z, self.reception.fix_period, believed=status != 0)
         self.doubt.velocity(o.t, _REFUSALS[status], nis / len(z), z.tolist())
         if status:
             if status == 2:
