@@ -35,7 +35,7 @@ class Doubt:
     """The test. It receives the outcome of each velocity and position while GNSS aids the filter."""
 
     reason: str = field(default="", init=False)
-    """Why the filter is in doubt, one clause for the user; empty where it is not."""
+    """Why the filter is in doubt, a clause; empty while it is not."""
     _velocities: tuple[tuple[float, float, float], ...] = field(default=(), init=False)  # t, refusal 0..1, NIS per row
     _off_since: float = field(default=math.inf, init=False)
     _off: float = field(default=0.0, init=False)
@@ -88,7 +88,7 @@ class Doubt:
 
     @property
     def is_calm(self) -> bool:
-        """Whether positions within ``OFF`` and used velocities cannot raise a doubt."""
+        """Whether no doubt is near: positions within ``OFF`` and velocities that are taken cannot bring one about."""
         return not self.reason and sum(one[1] for one in self._velocities) < _REFUSED * _COUNT
 
     def agrees(self) -> None:

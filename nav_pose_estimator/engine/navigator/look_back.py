@@ -15,8 +15,8 @@ from nav_pose_estimator.engine.navigator import heading_trial
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
 
-_GROUNDED = 1.0  # m/s: a resting vehicle that is slower stands on the ground
-_ROWS = 1.5 * noise_identification.PERIOD  # s of rows: a second and the row before it
+_GROUNDED = 1.0  # m/s
+_ROWS = 1.5 * noise_identification.PERIOD  # s: the last second began with the row before it
 
 
 def look_back(run: FilterRun, t: float) -> None:

@@ -40,9 +40,9 @@ from nav_pose_estimator.engine.sensors.routine.routine import Coming, Leg, moved
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, Output
 
 Tell = Callable[[Observation, int, list[float]], None]
-"""Takes an observation that has acted, the number of the row before which it did, and its result."""
-_WAIT = frozenset((GnssVelocity, MagSample, PressureSample, SatelliteCount))  # may be evaluated ahead of waiting rows
-_AHEAD = 1.0  # s: an observation further in the future is refused
+"""Takes an observation that has acted, the number of the row ahead of which it did, and its result."""
+_WAIT = frozenset((GnssVelocity, MagSample, PressureSample, SatelliteCount))
+_AHEAD = 1.0  # s: an observation further ahead is refused
 _FIRST = operator.itemgetter(0)
 
 
@@ -310,9 +310,9 @@ def fly(
 ) -> tuple[np.ndarray, list[Coming]]:
     """``Timeline.advance`` by the compiled routine, with observations that arrive between the rows; none is late.
 
-    ``stretch``: IMU rows (N, 7), and whether further rows have arrived. Ends early at anything unexpected. Returns the
-    output rows (N, OUT_COLUMNS) up to there, and the observations of ``coming`` that have not been taken, in order of
-    arrival and counted from there.
+    ``stretch``: IMU rows (N, 7), and whether they are followed by others that have arrived. Ends early where something
+    is unusual. Returns output rows (N, OUT_COLUMNS) as far as it went, and what of ``coming`` has not been heard of by
+    then, in order of arrival and counted from there.
     """
     (rows, is_followed), imu, queue, routine = stretch, timeline.imu, timeline.queue, timeline.routine
     assert routine is not None

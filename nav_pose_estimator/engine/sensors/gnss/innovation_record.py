@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-_RECENT = 300  # innovations for the 99th percentile and the autocorrelation
-_AVERAGED = 10.0  # s over which the means are taken
-_LARGEST = 100.0  # cap of one NIS per degree of freedom in the mean, against outliers
+_RECENT = 300  # innovations that the 99th percentile and the autocorrelation are taken from
+_AVERAGED = 10.0  # s over which the mean slides
+_LARGEST = 100.0  # a blunder is no measure of the filter
 
 
 class InnovationRecord:

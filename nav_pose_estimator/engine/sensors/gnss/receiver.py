@@ -16,12 +16,12 @@ from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
 from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
 from nav_pose_estimator.engine.sensors.sensor import Sensor
 
-_LARGEST_FACTOR = 9.0  # upper bound of the covariance factor at a loss: three times the standard deviation
+_LARGEST_FACTOR = 9.0  # of the covariance: three times the deviation
 
 
 class GnssLoss(Sensor):
-    """Correction at the loss of GNSS: the covariance is scaled by the mean NIS of the last innovations, and the
-    position moves to the mean of the last fixes."""
+    """No measurement: from its time on the covariance is scaled by what the last innovations have shown, and the
+    position lies where the last fixes were on average."""
 
     kind = Kind("gnss_loss", precedence=2, whole=True)
 
@@ -29,7 +29,7 @@ class GnssLoss(Sensor):
         """It has no parameters."""
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
-        """Apply the factor and the shift as they were when the loss was declared."""
+        """By the factor and the shift that were known when the loss was declared."""
         factor, east, north = o.measured
         return Decision(Use.WIDENING, factor, shift=(east, north))
 
@@ -68,7 +68,7 @@ class Gnss:
         self._aiding.use_fix(last_fix)
 
     def loss_at(self, t: float, stamp_ns: int) -> Observation:
-        """The observation of the loss of GNSS at ``t`` [s], with the present factor and offset."""
+        """At ``t`` GNSS counts as lost: what the last innovations have shown acts on covariance and position."""
         east, north = (-self.offset).tolist()
         return Observation(t, stamp_ns, self.loss.kind, (self.variance_factor, east, north))
 

@@ -50,7 +50,7 @@ class GnssReception:
         self._usable = False  # the last fix
         self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
         self.fix_period = 1.0
-        """s: period of fixes, the shortest of the last intervals, so that a late fix does not change it."""
+        """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
         self._stay, self._height = _Stay(), _Height()
         self._no_height_told = False
         self._told_ahead = math.nan  # s: clock offset of the last event
@@ -138,7 +138,7 @@ class GnssReception:
         return R * self.shown.gnss_variance * shared
 
     def velocity_noise(self, sample: GnssVelocity, in_filter: bool = False) -> np.ndarray:
-        """R (3, 3) [(m/s)^2]: the stated covariance, at least the floor; ``in_filter`` as of ``position_noise``."""
+        """R (3, 3) [(m/s)^2]: the floor, or what the receiver states where that is larger; ``in_filter`` as above."""
         R = _floored(self._known(sample.cov_enu, "velocity"), self._velocity_floor)
         if in_filter and self._parameters.error_states:
             R = lasting_error.white_velocity(R, self._parameters, self.shown)
@@ -194,7 +194,7 @@ class GnssReception:
         return clock_offset.in_words(self._told_ahead, stamp, stamp - self._told_ahead)
 
     def _known(self, cov: np.ndarray | None, what: str = "") -> np.ndarray | None:
-        """``cov`` if it is a valid covariance, else None, and counted under ``what``."""
+        """``cov`` unless it is no covariance: then it is as good as unknown, and counted as ``what``."""
         if cov is None or is_covariance(cov, 3):
             return cov
         if what:
@@ -239,7 +239,7 @@ class _Height:
         self._t = -math.inf
 
     def note(self, height: float, t: float) -> None:
-        """Take the ``height`` [m] of a fix valid at ``t`` [s] whose position differs from the last one."""
+        """The ``height`` [m] of a fix valid at ``t`` [s] that lies elsewhere than the one before it."""
         if math.isnan(height) or t <= self._t:
             return
         self._t = t
@@ -280,7 +280,7 @@ def _why(reason: str, settings: GateSettings) -> str:
 
 
 def _horizontal(sample: GnssFix) -> np.ndarray | None:
-    """Covariance of a fix, with rows and columns of a missing height set to zero."""
+    """The covariance of a fix; where it has no height, what is said of that is left out."""
     cov = sample.cov_enu
     if cov is None or not math.isnan(sample.alt) or cov.shape != (3, 3):
         return cov

@@ -79,7 +79,7 @@ class GnssVelocitySensor(Sensor):
         return z[:rows], H[:rows], o.stated_R[:rows, :rows]
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
-        """Count the outcome; the first of consecutive rejections gives an event (``refusal`` is for positions)."""
+        """Count it; a refusal is told once, for it has no place in ``refusal`` beside the positions."""
         self.record.add(nis, z, self.reception.fix_period)
         self.doubt.velocity(o.t, _REFUSALS[status], nis / len(z), z.tolist())
         if status:

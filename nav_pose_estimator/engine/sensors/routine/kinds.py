@@ -38,7 +38,7 @@ class RoutineKind(Protocol):
     """Its number in ``core.routine.table``."""
 
     def prepare(self, settings: np.ndarray, t: float) -> bool:
-        """Write the sensor's settings for the kernel from ``t`` [s] on; False while the sensor must decide itself."""
+        """Write what the kernel has to know from ``t`` [s] on; False while the sensor has to decide itself."""
 
     def values(self, o: Observation) -> list[float]:
         """Event of ``o``: number of rows, value (3,) and noise covariance (9,), row-major."""
@@ -59,7 +59,7 @@ class RoutineVelocity:
         self._sensor = sensor
 
     def prepare(self, settings: np.ndarray, t: float) -> bool:
-        """Ready while the sensor does not adapt the noise."""
+        """While the noise is what is stated."""
         settings[table.LEVER : table.DOUBTFUL] = self._sensor.lever
         return not self._sensor.noise.learns
 
@@ -89,7 +89,7 @@ class RoutinePosition:
         self._decision = GATED  # the last decision, kept because it rarely changes
 
     def prepare(self, settings: np.ndarray, t: float) -> bool:
-        """Ready while no monitor of the position is active and the heights are undisturbed."""
+        """While neither the guard nor the doubts have anything to say."""
         sensor, guard = self._sensor, self._sensor.guard.settings
         heights = sensor.heights
         settings[table.LEVER : table.DOUBTFUL] = sensor.lever
@@ -157,7 +157,7 @@ class RoutineHeight:
         self._sensor = sensor
 
     def prepare(self, settings: np.ndarray, t: float) -> bool:
-        """Always ready: the height does not correct the filter."""
+        """They correct nothing."""
         settings[table.BARO_APART], settings[table.VAGUE_VAR] = barometer.FAR, barometer.VAGUE**2
         return True
 
@@ -184,7 +184,7 @@ class RoutineHeading:
         self._sensor = sensor
 
     def prepare(self, settings: np.ndarray, t: float) -> bool:
-        """Always ready: the heading does not correct the filter."""
+        """They correct nothing."""
         settings[table.HEADING_SD] = magnetometer.KNOWN_HEADING
         settings[table.DECLINATION] = self._sensor.declination
         return True
