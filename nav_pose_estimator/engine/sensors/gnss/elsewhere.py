@@ -49,7 +49,7 @@ class Elsewhere:
         return told or self._walk_off.reason
 
     def fix(self, east: float, north: float, stamp_ns: int) -> None:
-        """Process a fix that differs by so much [m] from the navigator, whether it is used or not."""
+        """Process a fix, used or not, that is this far [m] (East, North) from the navigator."""
         was = self._two_places.apart
         self._two_places.note(east, north)
         if self._two_places.apart and not was:
