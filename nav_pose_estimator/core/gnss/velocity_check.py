@@ -24,17 +24,16 @@ from nav_pose_estimator.core.gnss.velocity_mistakes import ANY, BODY, COUNT, LIK
 from nav_pose_estimator.core.gnss.velocity_steps import Step, StepMaker
 
 _PRIOR, _CLEARED, _SUSPECT, _PROVED, _MOST = -10.0, 0.0, 5.0, 20.0, 45.0
-"""Levels of 2 ln(odds) of a hypothesis: prior, cleared, suspect, established, upper bound. On thirteen recorded flights
-the odds rise to at most -2.4."""
-_DOWN_TOO = 15.0  # increase of 2 ln(odds) of North-East by a vertical velocity that is positive down, unless a step ...
-_REFUTED = 9.0  # ... has lowered them by this much; on a leg to the North-East no step can
-_STANDS = 6.0  # decrease of 2 ln(odds) by an uninformative step, so that no suspicion outlasts a stop
-_ALONE = 12.0  # smallest lead of 2 ln(odds) over all other hypotheses with which a velocity is corrected
-_GOES = 3.0  # tolerances that a vehicle has to move in a step to discriminate between very small units
-_HARDLY = 0.05  # factor of a velocity below which positions hardly move compared with it
-_HELD = 2  # steps that a hypothesis has to explain after it is established before a velocity is corrected
-_SAYS = 0.5  # smallest weight of an informative step
-_SCALE_LEAST, _SCALE_SURE = 0.03, 3.0  # smallest difference of a scale from 1, and its significance in deviations
+"""Twice the logarithm of the odds of a mistake. On thirteen recorded flights they rise to -2.4 at most."""
+_DOWN_TOO = 15.0  # by which a vertical that is positive down raises the odds of North-East, as long as no step ...
+_REFUTED = 9.0  # ... has cost them that much; on a leg to the North-East none can
+_STANDS = 6.0  # of which a step takes off where nothing moves: no suspicion outlasts a stand
+_ALONE = 12.0  # by which the odds of one mistake exceed those of all others where it may be undone
+_GOES = 3.0  # floors that a vehicle has to move in a step that tells cm/s from mm/s
+_HARDLY = 0.05  # of what a velocity says
+_HELD = 2  # steps that a mistake has to explain after the proof before it is undone
+_SAYS = 0.5  # least weight of a step that teaches anything
+_SCALE_LEAST, _SCALE_SURE = 0.03, 3.0  # of the way, and deviations, by which a scale has to differ from 1
 
 
 @dataclass(eq=False)

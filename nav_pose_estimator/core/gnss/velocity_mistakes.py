@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 from nav_pose_estimator.core.gnss.velocity_steps import Step
 from nav_pose_estimator.core.numerics.jit import inlined, kernel
 
-_SCALE = 0.1  # standard deviation of the displacement relative to it: coarse sampling, multipath
-_WORST = 25.0  # cap of the squared normalised residual of one step
-_ANYWHERE, _NEAR = 40.0, 15.0  # m: radius of the displacement for an unknown error, for a repeated velocity
-_LEARNS = 1.5  # effective number of steps after which the similarity is used for prediction ...
-_KNOWN = 5.0  # ... and to correct a velocity
-_UNLIKE = 0.2  # difference of a similarity from 1 that counts
-_OTHER_WAY = math.radians(75.0)  # difference in direction of steps that distinguishes a fixed rotation from body axes
-_MEMORY = 0.93  # forgetting factor of the similarity per step
+_SCALE = 0.1  # of the way: coarse sampling, reflections
+_WORST = 25.0  # squared deviations: a worse step says no more
+_ANYWHERE, _NEAR = 40.0, 15.0  # m: how far the way of a step leads that has nothing to do with what was said
+_LEARNS = 1.5  # steps of which the similarity between way and sum is known well enough to predict with ...
+_KNOWN = 5.0  # ... and to undo a mistake with
+_UNLIKE = 0.2  # of a similarity that differs from that of a sound velocity
+_OTHER_WAY = math.radians(75.0)  # between steps that tell a turn by one angle from body axes
+_MEMORY = 0.93  # of the similarity, from step to step
 
 NED, TURNED, SILENT, UNIT, UNEXPLAINED = "ned", "turned", "silent", "unit", "unexplained"
 """Kinds of errors: North-East-Down; axes rotated, mirrored or of the body; repeated values while the vehicle moves;

@@ -206,7 +206,7 @@ class Branches:
 
 
 def _relax_wind(nav: np.ndarray, evidence: MotionEvidence) -> None:
-    """Relax the wind towards its mean over the interval of the evidence (first-order Gauss-Markov)."""
+    """The wind goes back to its mean."""
     mean, wind = np.array(evidence.wind_mean), nav[WIND.estimates]
     wind[:] = mean + math.exp(-evidence.interval / evidence.wind_tau) * (wind - mean)
 
@@ -268,7 +268,7 @@ def _usual_place(
 
 
 def _as_one(observations: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stack independent observations (z, H, variances) into one: z, H, R."""
+    """Independent observations (z, H, variances) as one: z, H, R."""
     z, H, variances = (np.concatenate(parts) for parts in zip(*observations, strict=True))
     return z, H, np.diag(variances)
 

@@ -26,10 +26,10 @@ from nav_pose_estimator.engine.samples import Hypothesis
 _LEAST_FLIGHT = 4.0  # s: least flight before an outage that the method can bridge
 _LEAST_EPOCHS = 8  # least number of epochs to which the population's drag is adapted
 REGIMES, ALONE = "regimes", "alone"
-_HOVER_TIME = 2.0  # s: hovering that makes one independent draw of the velocity
-_DRAW = 1.1  # ratio of RMS errors up to which the network with regimes is not worse than the network alone
-_WORSE = 1.5  # the same between network and usual drag; chance alone makes a ratio of 1.2
-_CLEARLY = 6.0  # the same against coasting: a ratio of 3 at 30 s is 1 at 60 s, and 3 rehearsals show it within 2
+_HOVER_TIME = 2.0  # s over which the velocity of a hover counts as one draw
+_DRAW = 1.1  # errors this much larger than the simpler way's are still a draw
+_WORSE = 1.5  # the same for giving up the network where coasting is about as good: chance makes a ratio of 1.2
+_CLEARLY = 6.0  # coasting three times better at 30 s is a draw at 60 s; three rehearsals tell it to a factor of two
 
 
 @dataclass(frozen=True, kw_only=True)
