@@ -1,4 +1,4 @@
-"""Do fixes move? What says so where the receiver tells no velocity: a steady motion leaves the IMU as still as rest."""
+"""Detection of motion from GNSS fixes, with or without their velocity: to the IMU, steady motion looks like rest."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 from nav_pose_estimator.core.alignment.types import Fix
 from nav_pose_estimator.core.earth.ellipsoid import radii
 
-_MEMORY = 5.0  # s of fixes that are compared ...
-_LEAST = 4  # ... and as many fixes at least
-_LEAST_TIME = 2.0  # s that tell rest from a steady motion
-_SURE = 3.0  # deviations
+_MEMORY = 5.0  # s of fixes through which the line is fitted ...
+_LEAST = 4  # ... and the least number of fixes
+_LEAST_TIME = 2.0  # s of fixes without velocity that are needed to show rest
+_SURE = 3.0  # standard deviations of the speed that are subtracted for its lower bound
 
 
 @dataclass(eq=False, slots=True)
@@ -22,18 +22,18 @@ class FixMotion:
     """The fixes of the last seconds."""
 
     rest_speed: float
-    """m/s above which there is no rest."""
+    """Speed [m/s] above which the vehicle is not at rest."""
     _fixes: deque[Fix] = field(default_factory=deque)
 
     def note(self, fix: Fix) -> None:
-        """One more fix, in order of time."""
+        """Add a fix, in order of time."""
         self._fixes.append(fix)
         while len(self._fixes) > _LEAST and fix.t - self._fixes[0].t > _MEMORY:
             self._fixes.popleft()
 
     @property
     def moves(self) -> bool:
-        """Whether the last fix shows motion, by its velocity, or else by the way from those before it."""
+        """Whether the fixes show motion, by the velocity of the last one or else by their displacement."""
         if not self._fixes:
             return False
         velocity = self._fixes[-1].velocity
@@ -43,7 +43,7 @@ class FixMotion:
 
     @property
     def has_shown_rest(self) -> bool:
-        """Whether fixes have been there for long enough to show motion, and show none."""
+        """Whether there have been enough fixes to show motion, and they show none."""
         if not self._fixes or self.moves:
             return False
         first, last = self._fixes[0], self._fixes[-1]
@@ -51,7 +51,7 @@ class FixMotion:
 
 
 def _speed(fixes: deque[Fix]) -> float:
-    """What the horizontal speed [m/s] of the straight line through ``fixes`` is at least."""
+    """Lower bound of the horizontal speed [m/s], from a straight line fitted through ``fixes``."""
     first = fixes[0]
     r_m, r_n = radii(first.position[0])
     way = [

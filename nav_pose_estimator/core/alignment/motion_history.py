@@ -149,9 +149,9 @@ def _times(matrix, v):
 
 @kernel
 def least_misfit(seconds, u, biases, enough):
-    """The least ``misfit`` of ``fit`` for gyroscopes as published, without one of ``biases`` (K, 3) [rad/s].
+    """Smallest ``misfit`` of ``fit`` for the IMU as published, over the candidate gyroscope ``biases`` (K, 3) [rad/s].
 
-    The first one below ``enough`` will do.
+    The search ends at the first misfit below ``enough``.
     """
     least, wanted, as_published = math.inf, _squares(u), np.eye(3)
     for k in range(len(biases)):
@@ -176,9 +176,9 @@ def correlation(impulses, forces):
 
 @kernel
 def unexplained(impulses, forces):
-    """What varies [(m/s)^2] in ``impulses`` (S, 3) and in what of ``forces`` (S, 3) their best rotation leaves.
+    """Variation [(m/s)^2] of ``impulses`` (S, 3), and of the residuals of ``forces`` (S, 3) after the best rotation.
 
-    Sums of the squares of differences from the mean: a constant difference is tilt, bias or scale.
+    The variation is the sum of squares about the mean, for a constant difference is tilt, bias or scale.
     """
     q, _ = best_rotation(correlation(impulses, forces))
     apart = np.empty_like(forces)
@@ -189,7 +189,7 @@ def unexplained(impulses, forces):
 
 @kernel
 def varying(parts):
-    """Sum of the squares of (S, 3) less their mean."""
+    """Variation of ``parts`` (S, 3): sum of squares about their mean."""
     total, count = 0.0, len(parts)
     for axis in range(3):
         mean = 0.0
@@ -202,7 +202,7 @@ def varying(parts):
 
 @kernel
 def _squares(parts):
-    """Sum of the squares of (S, 3)."""
+    """Sum of squares of ``parts`` (S, 3)."""
     total = 0.0
     for k in range(len(parts)):
         total += dot(load3(parts[k], 0), load3(parts[k], 0))

@@ -1,1 +1,1 @@
-"""What can be believed of GNSS: quality gate, return after an outage, slow drift."""
+"""Integrity of GNSS: quality gate, return after an outage, and tests of positions, velocities and heights."""

@@ -1,8 +1,8 @@
-"""Does a receiver's vertical velocity say how its height changes? And if not, which of the two is wrong?
+"""Consistency of GNSS height and vertical velocity, with the barometer as the arbiter.
 
-Over a climb the sum of the vertical velocities must be the height gained. A barometer, where there is one, tells which
-of them to blame: the velocity (never filled, positive down) or the height (in another unit, positive down). Pure
-Python, without a clock: time comes with the samples, in seconds since the engine's epoch.
+Over a climb the integral of the vertical velocities must equal the change of height. A barometer, where there is one,
+shows which of them is wrong: the velocity (not filled in, positive down) or the height (in another unit, positive
+down). Pure Python, without a clock: time comes with the samples, in seconds since the engine's epoch.
 """
 
 from __future__ import annotations
@@ -10,25 +10,25 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-_PAUSE = 6.0  # s: over a longer one nothing can be summed up
-_LONGEST = 20.0  # s: in a slower climb biases of a decimetre per second count
-_SCATTER = 2.0  # m between two heights seconds apart, at least
-_SHARE = 0.3  # of the climb that honest sums are wrong by
-_STEEPEST = 60.0  # m/s
-_CLIMB = 6.0  # m of height after which vertical sums are compared
-_CLIMB_TO_SCATTER = 3.0
-_PROOF = 2  # climbs in a row that prove it
-_CURE = 3  # ... that clear it
-_UNFILLED = 10  # samples with a vertical velocity of exactly zero, and none before with another
-_HIGH, _NO_WEATHER = 300.0, 500.0  # m above which weather is a part of the height; by which no weather changes it
-_LIKE = 0.25  # by which a ratio may differ from a unit's
+_PAUSE = 6.0  # s: longest pause over which velocities are integrated
+_LONGEST = 20.0  # s: longest climb, so that velocity biases of 0.1 m/s do not matter
+_SCATTER = 2.0  # m: smallest tolerance of a difference of heights
+_SHARE = 0.3  # relative tolerance of a climb
+_STEEPEST = 60.0  # m/s: faster changes of the height are jumps
+_CLIMB = 6.0  # m: smallest climb that is evaluated
+_CLIMB_TO_SCATTER = 3.0  # ... and its smallest ratio to the tolerance
+_PROOF = 2  # consecutive climbs that establish a fault
+_CURE = 3  # consecutive climbs that clear it
+_UNFILLED = 10  # samples with a vertical velocity of exactly zero from the start, after which it is suspect
+_HIGH, _NO_WEATHER = 300.0, 500.0  # m: height above which a unit is tested; difference that weather cannot cause
+_LIKE = 0.25  # relative tolerance of a ratio that identifies a unit
 
 SILENT, DOWN, OTHER = "silent", "down", "other"
-"""Of a velocity: never filled; positive down; wrong in another way, as the barometer shows."""
+"""Faults of a vertical velocity: not filled in; positive down; wrong in another way according to the barometer."""
 _NEITHER = "?"
 _HEIGHT = "height"
 _UNITS = {"in feet": 3.281, "in cm": 100.0, "in mm": 1000.0, "positive down": -1.0}
-"""Numbers for 1 m."""
+"""Value of 1 m in that unit."""
 
 
 @dataclass
@@ -44,17 +44,17 @@ class _Climb:
 
 @dataclass(eq=False)
 class ClimbCheck:
-    """Offer it every height with its vertical velocity.
+    """The test. It receives every height with its vertical velocity.
 
-    ``fault`` is what is proved to be wrong with the velocity, or empty; ``height_fault`` what is wrong with the height.
+    ``fault`` is the established fault of the velocity, or empty; ``height_fault`` that of the height.
     """
 
     fault: str = field(default="", init=False)
     height_fault: str = field(default="", init=False)
     suspect: bool = field(default=False, init=False)
-    """Whether the last climb contradicted it, or it has been exactly zero from the beginning while others were not."""
+    """Whether the last climb contradicted the velocity, or it alone of all components has been exactly zero so far."""
     baro: float = field(default=math.nan, init=False)
-    """To be set: the barometer's height [m] in the standard atmosphere."""
+    """To be set by the caller: pressure altitude [m] of the barometer."""
     _zeros: float = field(default=0.0, init=False)
     _climb: _Climb | None = field(default=None, init=False)
     _verdicts: tuple[str, ...] = field(default=(), init=False)
@@ -62,20 +62,20 @@ class ClimbCheck:
 
     @property
     def goes_up(self) -> bool:
-        """Whether the last climb bore out a velocity that is positive up."""
+        """Whether the last climb confirmed a velocity that is positive up."""
         return bool(self._verdicts) and not self._verdicts[-1]
 
     @property
     def goes_down(self) -> bool:
-        """Whether the last climb bore out a velocity that is positive down."""
+        """Whether the last climb confirmed a velocity that is positive down."""
         return bool(self._verdicts) and self._verdicts[-1] == DOWN
 
     def interrupt(self) -> None:
-        """What comes next does not follow what came before."""
+        """End the climb: the next samples do not follow the last ones."""
         self._climb = None
 
     def velocity(self, east: float, north: float, up: float) -> None:
-        """A velocity [m/s] as it arrives."""
+        """Add a velocity [m/s] as received."""
         if up != 0.0:
             if self._zeros < math.inf and not self._verdicts:
                 self.suspect = False  # it is filled
@@ -85,7 +85,7 @@ class ClimbCheck:
             self.suspect = self.suspect or self._zeros >= _UNFILLED
 
     def height(self, t: float, alt: float, up: float, variance: float) -> None:
-        """The height [m] at ``t`` with the vertical velocity [m/s] of its epoch; ``variance`` [m^2] of a fix."""
+        """Add a height [m] at ``t`` [s] with the vertical velocity [m/s] of its epoch; ``variance`` [m^2] of a fix."""
         if self.baro > _HIGH:
             self._look_at(alt)
         climb = self._climb
@@ -96,7 +96,7 @@ class ClimbCheck:
             self._climb = _Climb(t, up, alt, alt, self.baro, t)
             return
         if abs(alt - climb.alt) > _STEEPEST * (t - climb.t) + _SCATTER:
-            self._climb = _Climb(t, up, alt, alt, self.baro, t)  # heights that jump are no witness
+            self._climb = _Climb(t, up, alt, alt, self.baro, t)  # heights that jump are not used
             return
         climb.summed += 0.5 * (t - climb.t) * (climb.up + up)
         climb.t, climb.up, climb.alt = t, up, alt
@@ -108,17 +108,17 @@ class ClimbCheck:
             return
         undecided = abs(gained - climb.summed) > scatter and max(abs(gained), abs(climb.summed)) < 2.0 * _CLIMB
         if undecided and _agree(gained, climb.summed, scatter):
-            return  # a longer climb tells
+            return  # a longer climb decides
         self._climb = _Climb(t, up, alt, alt, self.baro, t)
         self._conclude(self._verdict(gained, climb.summed, self.baro - climb.baro_start, scatter))
 
     def _look_at(self, alt: float) -> None:
-        """Far from the barometer's, a height shows its unit by itself."""
+        """Identify the unit of a height that is far from the barometer's."""
         if abs(alt - self.baro) > _NO_WEATHER and (unit := _unit(alt / self.baro)):
             self.height_fault = unit
 
     def _verdict(self, gained: float, summed: float, by_baro: float, scatter: float) -> str:
-        """Empty where height and velocity agree, the fault that explains it, or a question mark."""
+        """Result of a climb: empty where height and velocity agree, else the fault that explains it, or "?"."""
         if _agree(gained, summed, scatter):
             return ""
         if math.isfinite(by_baro) and not _agree(gained, by_baro, scatter):
@@ -151,5 +151,5 @@ def _agree(a: float, b: float, scatter: float) -> bool:
 
 
 def _unit(ratio: float) -> str:
-    """What a height is that is ``ratio`` times as much as the true one; empty where nothing fits."""
+    """Error of a height that is ``ratio`` times the true one, in words; empty where nothing fits."""
     return next((words for words, numbers in _UNITS.items() if abs(ratio / numbers - 1.0) < _LIKE), "")

@@ -1,4 +1,4 @@
-"""By how much two clocks differ, in words, and what usually makes them differ by just that."""
+"""Offset between the clocks of a receiver and the IMU, in words, with its likely cause."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ _DAY = 86_400.0  # s
 _YEAR = 365.25 * _DAY
 _WEEK_ROLLOVER = 1024 * 7 * _DAY
 _LEAP_SECONDS = (16.0, 17.0, 18.0)  # GPS time minus UTC: since July 2012, July 2015, 2017
-_LATENCY = 0.7  # s: the offset of a stamp on arrival is seen with the latency in it
-_BOOT = 10.0 * _YEAR  # an earlier stamp counts from the start of a board and not from 1970
+_LATENCY = 0.7  # s: tolerance of an offset, because the latency of the messages is contained in it
+_BOOT = 10.0 * _YEAR  # earlier stamps count from the boot of a board and not from 1970
 
 
 def in_words(ahead: float, stamp: float, reference: float) -> str:
-    """One clause: how far a stamp lies from the IMU's clock, and the likely cause.
+    """One clause for the user: offset of a stamp from the IMU's clock, and its likely cause.
 
     Args:
         ahead: stamp minus time of the IMU [s], not zero.
-        stamp, reference: the two in seconds since 1970, as they came.
+        stamp, reference: stamp and time of the IMU as received, in seconds since 1970.
     """
     cause = _cause(ahead, stamp, reference)
     return f"its stamps are {_amount(abs(ahead))} {'ahead of' if ahead > 0.0 else 'behind'} the IMU's: {cause}"

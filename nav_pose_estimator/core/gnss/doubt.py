@@ -1,10 +1,10 @@
-"""A filter that GNSS keeps contradicting: when to doubt it, and by how much its covariance is then too small.
+"""Test of the filter's consistency with GNSS, and the factor by which an overconfident covariance has to grow.
 
-One refused velocity is the receiver's fault. Half of them refused, or positions several deviations off for seconds, are
-the filter's: it is surer of itself than it is right, and each refusal keeps it so. Its covariance is then multiplied by
-the variance of unit weight of its last innovations until they pass again (fading memory, Fagin 1964). An error of the
-filter points the same way from one innovation to the next; errors that do not are noise of the receiver, and no doubt.
-Pure Python, without a clock.
+A single rejected velocity is the receiver's fault. If half of the velocities are rejected, or positions differ by
+several standard deviations for seconds, the filter is overconfident, and each rejection keeps it so. Its covariance is
+then multiplied by the variance of unit weight of its last innovations until they pass again (fading memory, Fagin
+1964). An error of the filter has the same direction in consecutive innovations; errors with changing directions are
+noise of the receiver and do not count. Pure Python, without a clock.
 """
 
 from __future__ import annotations
@@ -13,26 +13,26 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-_COUNT = 10  # velocities that are looked at
-_REFUSED = 0.5  # share of them
-_STALE = 12.0  # s: older ones say nothing
+_COUNT = 10  # last velocities that are evaluated
+_REFUSED = 0.5  # fraction of rejected ones at which a doubt begins
+_STALE = 12.0  # s: older velocities are dropped
 OFF = 4.0
-"""Deviations of a position from which on it casts doubt."""
+"""Mahalanobis distance of a position above which it contributes to a doubt."""
 _OFF_TIME = 2.0  # s
 _OFF_COUNT = 5  # ... and fixes at least: of noise one in 81 points the same way so often
 _SAME_WAY = 0.5  # cosine of the angle between two innovations
-_PERIOD = 1.0  # s between two widenings
-_WIDENED = 4  # times in one doubt: what that does not mend is no matter of the covariance
-_LARGEST_FACTOR = 9.0  # of the covariance at a time
-_LINGERS = 8.0  # s
+_PERIOD = 1.0  # s between two enlargements of the covariance
+_WIDENED = 4  # enlargements per doubt; if these do not help, the covariance is not the cause
+_LARGEST_FACTOR = 9.0  # largest factor on the covariance at a time
+_LINGERS = 8.0  # s after its end for which a doubt is still reported
 HOPELESS = 6.0
-"""Seconds of doubt about velocity and position alike."""
-_EASED = 0.2  # share of refusals below which the doubt ends
+"""s of doubt about velocity and position together after which the filter has to be restarted."""
+_EASED = 0.2  # fraction of rejected velocities below which a doubt ends
 
 
 @dataclass(eq=False)
 class Doubt:
-    """Tell it what became of each velocity and how far off each position was, while GNSS aids the filter."""
+    """The test. It receives the outcome of each velocity and position while GNSS aids the filter."""
 
     reason: str = field(default="", init=False)
     """Why the filter is in doubt, a clause; empty while it is not."""
@@ -48,15 +48,15 @@ class Doubt:
     _last: tuple[float, str] = field(default=(-math.inf, ""), init=False)  # when [s] and why it was in doubt
 
     def lately(self, t: float) -> str:
-        """``reason``, also for some seconds after it: a widened filter agrees with GNSS, right or wrong."""
+        """``reason``, also for some seconds after its end: an enlarged covariance agrees with GNSS, right or wrong."""
         if self.reason or t - self._last[0] > _LINGERS:
             return self.reason
         return f"until {max(t - self._last[0], 0.0):.0f} s ago {self._last[1]}"
 
     def velocity(self, t: float, refusal: float, nis: float, innovation: Sequence[float]) -> None:
-        """A velocity at ``t`` [s]: ``refusal`` 1 left out, 0.5 with more noise, 0 taken; its ``nis`` per row.
+        """Add a velocity at ``t`` [s]: ``refusal`` 1 rejected, 0.5 inflated, 0 used; its ``nis`` per row.
 
-        ``innovation`` [m/s] (3,) or (2,): which way it is off.
+        ``innovation`` (3,) or (2,) [m/s] gives the direction of its error.
         """
         before, self._velocity_way = self._velocity_way, tuple(innovation)
         recent = [one for one in self._velocities if t - one[0] < _STALE]
@@ -64,9 +64,9 @@ class Doubt:
         self._velocities = [*recent, (t, told, nis)][-_COUNT:]
 
     def position(self, t: float, deviations: float, innovation: Sequence[float]) -> float:
-        """A position at ``t`` [s] as far off (Mahalanobis distance), by ``innovation`` (2,) [m] East and North.
+        """Add a position at ``t`` [s] with Mahalanobis distance ``deviations`` and horizontal ``innovation`` (2,) [m].
 
-        Returns the factor that the covariance is to grow by.
+        Returns the factor by which the covariance has to be multiplied.
         """
         self._note_off(t, deviations, innovation)
         refused = self._refused()
@@ -92,20 +92,20 @@ class Doubt:
         return not self.reason and sum([one[1] for one in self._velocities]) < _REFUSED * _COUNT
 
     def agrees(self) -> None:
-        """``position`` within ``OFF`` where doubt ``is_calm``: it widens nothing."""
+        """Same as ``position`` for a distance within ``OFF`` while ``is_calm``: no factor."""
         self._off_since, self._off, self._off_count = math.inf, 0.0, 0
 
     @property
     def nis(self) -> float:
-        """Mean per row of the last velocities; without any, that of the last position where it is far off."""
+        """Mean NIS per row of the last velocities; without any, that of the last position where it is large."""
         return self._velocity_nis() if self._velocities else max(self._off**2 / 2.0, 1.0)
 
     def is_hopeless(self, t: float) -> bool:
-        """Whether velocities and positions have contradicted the filter for so long that widening mends nothing."""
+        """Whether velocities and positions have contradicted the filter for so long that it has to restart."""
         return t - self._both_since > HOPELESS
 
     def _note_off(self, t: float, deviations: float, innovation: Sequence[float]) -> None:
-        """Since when positions have been off the same way."""
+        """Update the time since which positions have been off in the same direction."""
         before, self._position_way = self._position_way, tuple(innovation)
         if deviations <= OFF:
             self.agrees()
@@ -116,7 +116,7 @@ class Doubt:
         self._off_count += 1
 
     def _velocity_nis(self) -> float:
-        """Mean per row of the last velocities; 1 without any."""
+        """Mean NIS per row of the last velocities; 1 without any."""
         nis = [one[2] for one in self._velocities if math.isfinite(one[2])]
         return sum(nis) / len(nis) if nis else 1.0
 
@@ -127,7 +127,7 @@ class Doubt:
 
 
 def _is_same_way(before: Sequence[float], now: Sequence[float]) -> bool:
-    """Whether two innovations point the same way; also where nothing came before."""
+    """Whether two innovations have the same direction; True without an earlier one."""
     if not before or len(before) != len(now):
         return True
     along = sum([a * b for a, b in zip(before, now, strict=True)])

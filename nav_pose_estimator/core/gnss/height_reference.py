@@ -1,9 +1,9 @@
-"""Heights that jump while the position beside them stays: a receiver that changes what it measures height from.
+"""Monitor of the height reference: heights that jump while the horizontal position stays.
 
-Between geoid and ellipsoid lie up to 107 m. A vehicle does not climb that far between two fixes without moving in any
-other way, so such a height is left out at first; where it stays, the step is remembered and taken off, so that the
-height of a flight goes on from the reference it began with. A receiver that
-changes back and forth gives no height at all. Pure Python, without a clock.
+Geoid and ellipsoid differ by up to 107 m, and some receivers change between them. A vehicle does not climb that far
+between two fixes without any other motion. So such a height is left out at first; if it persists, the step is
+subtracted from later heights, and the flight continues with its first reference. The heights of a receiver that changes
+back and forth are not used. Pure Python, without a clock.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import math
 from dataclasses import dataclass, field
 
 STEP = 6.0
-"""m between two fixes in a row."""
-_SAME = 6.0  # m within which heights agree on the new reference
-_PROOF = 5.0  # s for which they do
+"""m: change of height between consecutive fixes that counts as a step."""
+_SAME = 6.0  # m within which heights agree on a new reference
+_PROOF = 5.0  # s for which they have to agree
 PAUSE = 20.0
-"""s: over a longer one a height may have changed for many reasons; steps count together."""
-_SWITCHES = 4  # steps within ``PAUSE`` after which nobody knows which height is which
+"""s: after a longer pause the height may have changed for other reasons. Steps within it are counted together."""
+_SWITCHES = 4  # steps within ``PAUSE`` after which the reference is ambiguous
 
 USED, LEFT_OUT, MOVED = "used", "left out", "moved"
 
@@ -31,36 +31,39 @@ class _Candidate:
 
 @dataclass(eq=False)
 class HeightReference:
-    """Offer it the height of every fix beside a good horizontal position; ``shift`` [m] is to be taken off them."""
+    """The monitor. It receives the height of every fix with a good horizontal position.
+
+    ``shift`` [m] is to be subtracted from the heights.
+    """
 
     shift: float = field(default=0.0, init=False)
     span: float = field(default=0.0, init=False)
-    """Metres between the heights of a receiver that changes back and forth, 0 for any other."""
+    """m: step between the references of a receiver that changes back and forth, 0 for others."""
     _before: tuple[float, float] = field(default=(-math.inf, 0.0), init=False)
     _steps: tuple[float, ...] = field(default=(), init=False)  # times [s] of the last ones
     _candidate: _Candidate | None = field(default=None, init=False)
 
     @property
     def last(self) -> tuple[float, float]:
-        """Time [s] of the last height, and how far it was off [m]."""
+        """Time [s] of the last height, and its difference from the filter [m]."""
         return self._before
 
     def is_calm(self, t: float) -> bool:
-        """Whether no change of the reference is under way at ``t`` [s]: a height without a step is then ``USED``."""
+        """Whether no change of the reference is suspected at ``t`` [s]: a height without a step is then ``USED``."""
         switches = len(self._steps) >= _SWITCHES and t - self._steps[-1] < PAUSE
         return self._candidate is None and self.span == 0.0 and not switches
 
     def agrees(self, t: float, off: float) -> None:
-        """``offer`` of a height without a step and within its bound, where all ``is_calm``."""
+        """Same as ``offer`` for a height without a step and within its bound, while ``is_calm``."""
         self._before = (t, off)
 
     def offer(self, t: float, off: float, bound: float, scatter: float, known: bool) -> str:
-        """What becomes of a height valid at ``t`` [s].
+        """Decide on a height valid at ``t`` [s]: ``USED``, ``LEFT_OUT`` or ``MOVED`` (used with a new ``shift``).
 
         Args:
-            off: height less ``shift`` minus that of the filter [m].
-            bound: how far a good one may be off [m].
-            scatter: how far two heights in a row may differ by chance [m].
+            off: height less ``shift`` minus the filter's height [m].
+            bound: largest ``off`` of a good height [m].
+            scatter: largest difference of two consecutive heights by noise [m].
             known: whether fixes have corrected the filter's height up to now.
         """
         before, self._before = self._before, (t, off)
@@ -83,6 +86,6 @@ class HeightReference:
             self._candidate = None
             return MOVED
         if candidate is None and not (known and stepped):
-            return USED  # no step of the receiver's: the filter's height has gone astray, or was never known
+            return USED  # no step of the receiver: the filter's height has drifted, or was never known
         self._candidate = _Candidate(t, t, off)
         return LEFT_OUT

@@ -1,7 +1,7 @@
-"""Do velocities say where the positions went some time ago? Tells a receiver, or a driver, whose velocities are late.
+"""Latency of GNSS velocities relative to positions, by a sequential test of candidate delays.
 
-A velocity that is late by tau adds up to the way between fixes when the sum begins and ends later by tau. Where nothing
-speeds up, brakes or turns, that is the same. Sequential probability ratio test as in ``velocity_check``.
+With velocities that are late by tau, the integral equals the displacement between fixes if it begins and ends later by
+tau. Without acceleration there is no difference. Sequential probability ratio test as in ``velocity_check``.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from operator import itemgetter
 
 from nav_pose_estimator.core.gnss.velocity_steps import Step
 
-DELAYS = (0.5, 0.75, 1.0, 1.5, 2.0)  # s
-_MEMORY = 16.0  # s of sums
-_PRIOR, _MOST = -10.0, 45.0  # twice the logarithm of the odds
-_PROVED, _CLEARED = 5.0, 0.0
-_WORST = 10.0  # squared deviations: a worse step says no more
-_EXPLAINED = 5.0  # ... within which a delay has to explain a step for which it is to be blamed
-_TIMING = 0.15  # s by which a delay is not known: half of the distance to the next one
-_TURNS = 6.0  # m/s by which the velocity changes within a step; more is noise
-_SCALE = 0.05  # of the way
+DELAYS = (0.5, 0.75, 1.0, 1.5, 2.0)  # s: candidate delays
+_MEMORY = 16.0  # s of integrated velocities that are kept
+_PRIOR, _MOST = -10.0, 45.0  # prior and upper bound of 2 ln(odds)
+_PROVED, _CLEARED = 5.0, 0.0  # 2 ln(odds) at which a delay is established, and dropped
+_WORST = 10.0  # cap of the squared normalised residual of one step
+_EXPLAINED = 5.0  # largest squared normalised residual with which a step may raise the odds of a delay
+_TIMING = 0.15  # s: uncertainty of a delay, half of the distance to the next candidate
+_TURNS = 6.0  # m/s: limit of the change of velocity within a step; more is noise
+_SCALE = 0.05  # standard deviation of the displacement relative to it
 _FIRST = itemgetter(0)
 
 
 @dataclass(eq=False)
 class Lateness:
-    """Offer it every velocity and every stretch; ``delay`` [s] is what is proved, 0 where nothing is."""
+    """The test. It receives every velocity and every step; ``delay`` [s] is the established delay, 0 without one."""
 
     delay: float = field(default=0.0, init=False)
     _sums: deque[tuple[float, complex, complex]] = field(default_factory=deque, init=False)  # t, velocity, m so far
@@ -35,14 +35,14 @@ class Lateness:
     _odds: list[float] = field(default_factory=lambda: [_PRIOR] * len(DELAYS), init=False)
 
     def interrupt(self) -> None:
-        """What comes next does not follow what came before; what is not proved by now is forgotten."""
+        """Drop all samples, because the next ones do not follow them; an established delay is kept."""
         self._sums.clear()
         self._waiting.clear()
         if not self.delay:
             self._odds = [_PRIOR] * len(DELAYS)
 
     def velocity(self, t: float, velocity: complex) -> None:
-        """A velocity valid at ``t`` [s], as its stamp says."""
+        """Add a velocity valid at ``t`` [s] according to its stamp."""
         total = 0j
         if self._sums:
             before, last, total = self._sums[-1]
@@ -56,7 +56,7 @@ class Lateness:
             self._weigh(self._waiting.popleft())
 
     def stretch(self, stretch: Step) -> None:
-        """A way to be explained, once the velocities are there that may belong to it."""
+        """Add a step; it is evaluated when the velocities of the longest delay have arrived."""
         self._waiting.append(stretch)
 
     def _weigh(self, s: Step) -> None:
@@ -76,7 +76,7 @@ class Lateness:
             self.delay = 0.0
 
     def _square(self, s: Step, delay: float) -> float | None:
-        """Squared deviations of the way from the sum that begins later by ``delay``; None where that is not known."""
+        """Squared normalised residual of a step for ``delay`` [s]; None where its velocities are missing."""
         begin, end = self._sum_at(s.begin + delay), self._sum_at(s.end + delay)
         if begin is None or end is None:
             return None

@@ -1,20 +1,20 @@
-"""Is this fix good enough? The gate by satellite count, fix status, age and stated accuracy.
+"""Quality gate of GNSS fixes: by satellite count, fix status, age and stated accuracy.
 
-Pure Python and without a clock: time comes with each call, float seconds since the engine's epoch. All that changes
-is one ``state``; ``core.numerics.snapshot`` copies the gate with it.
+Pure Python and without a clock: time comes with each call, float seconds since the engine's epoch. Everything that
+changes is in one ``state``, so that ``core.numerics.snapshot`` can copy the gate.
 """
 
 import math
 from dataclasses import dataclass, field
 
-_STEPS = 6  # between fixes, from which the period is taken
-_LONGEST_PERIOD = 10.0  # s: a receiver that is slower is taken as one that keeps failing
-_PERIODS = 2.2  # of a slow receiver pass before its count is stale
+_STEPS = 6  # intervals between fixes from which the period is estimated
+_LONGEST_PERIOD = 10.0  # s: longest period; a receiver that is slower counts as failing
+_PERIODS = 2.2  # periods of a slow receiver after which its count is stale
 
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Something the pilot should hear of: dotted ``name``, ``severity`` info, warn or error, one sentence ``text``."""
+    """An event for the operator: dotted ``name``, ``severity`` info, warn or error, and one sentence ``text``."""
 
     name: str
     severity: str
@@ -30,33 +30,33 @@ class GateSettings:
     min_satellites_leave: int
     hold: float  # the count stays at or above the enter threshold this long before the gate opens
     count_max_age: float  # an older count is stale
-    count_timeout: float  # without a known count for this long the gate stops waiting for one
-    max_age: float  # an older fix is useless
+    count_timeout: float  # without a known count for this long the gate works without one
+    max_age: float  # an older fix is rejected
     max_horizontal_sd: float
     max_vertical_sd: float
 
 
 @dataclass(slots=True)
 class GateState:
-    """All that changes in a ``GnssGate``."""
+    """Everything that changes in a ``GnssGate``."""
 
     open: bool = False
-    inactive: bool = False  # no count to be had: status and accuracy decide alone
+    inactive: bool = False  # no count is available: status and accuracy decide alone
     count: int = 0  # the last known one
     count_state: str = "missing"  # known, unknown, stale, missing
     count_time: float = -math.inf  # of the last known count
     last_update: float = -math.inf  # of the last count message, known or not
-    counting_since: float = -math.inf  # first fix after a silence: a receiver that was away owes no count for it
+    counting_since: float = -math.inf  # first fix after a pause, for which no count could be expected
     last_fix: float = -math.inf
     steps: tuple[float, ...] = ()  # s between the last fixes
-    good_since: float = math.inf  # count at or above the enter threshold without a break; inf: it is not
-    usable_since: float | None = None  # fixes usable without a break
+    good_since: float = math.inf  # time since which the count has been at or above the enter threshold; inf: it is not
+    usable_since: float | None = None  # time since which all fixes have been usable
     notices: tuple[Notice, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """``usable`` or not, the dotted ``reason`` (a counter), and what happened since the last verdict."""
+    """Whether a fix is ``usable``, the dotted ``reason`` (a counter), and the events since the last verdict."""
 
     usable: bool
     reason: str
@@ -74,9 +74,9 @@ class GnssGate:
     ``min_satellites_leave``. Receivers that send the count without a header send it after its fix, so a fix is judged
     by the last count that is not older than ``count_max_age``.
 
-    A count that is unknown (``None``) or stale neither opens nor closes the gate: it stays as it is, and the change of
-    ``state.count_state`` is a notice. Only when no count has been known for ``count_timeout`` does the gate give up
-    counting, loudly: ``state.inactive``; status and accuracy then decide alone until a count is known again.
+    A count that is unknown (``None``) or stale neither opens nor closes the gate; the change of ``state.count_state``
+    is an event. When no count has been known for ``count_timeout``, the gate becomes inactive, with an error event:
+    status and accuracy then decide alone until a count is known again.
     """
 
     settings: GateSettings
@@ -94,16 +94,16 @@ class GnssGate:
 
     @property
     def period(self) -> float:
-        """Time between fixes [s], used or not: the shortest of the last few, so that a pause does not count."""
+        """Period of fixes [s], used or not: the shortest of the last intervals, so that a pause does not count."""
         return min(min(self.state.steps, default=0.0), _LONGEST_PERIOD)
 
     @property
     def _count_max_age(self) -> float:
-        """A slow receiver counts as seldom as it fixes."""
+        """Largest age of a count [s]; longer for a slow receiver, whose counts have the period of its fixes."""
         return max(self.settings.count_max_age, _PERIODS * self.period)
 
     def update_count(self, t: float, count: int | None) -> None:
-        """Take a satellite count; ``None`` means that the receiver does not know."""
+        """Process a satellite count at ``t`` [s]; ``None`` means that the receiver does not know it."""
         s = self.state
         if t < s.last_update:
             self._note("gnss.count.out_of_order", "info", "A satellite count older than the last one is ignored.")
@@ -132,7 +132,7 @@ class GnssGate:
         vertical_sd: float | None = None,
         age: float = 0.0,
     ) -> Verdict:
-        """Judge one fix: NavSatStatus ``status``, accuracy [m] or ``None`` if unknown, ``age`` [s] on arrival."""
+        """Assess one fix: NavSatStatus ``status``, accuracy [m] or ``None`` if unknown, ``age`` [s] on arrival."""
         s = self.state
         if t > s.last_fix > -math.inf:
             s.steps = (*s.steps, t - s.last_fix)[-_STEPS:]
@@ -161,7 +161,7 @@ class GnssGate:
         return "gnss.rejected.accuracy" if bad_horizontal or bad_vertical else ""
 
     def _count_reason(self, t: float) -> str:
-        """Why the count keeps the fix out; empty if it does not."""
+        """Why the satellite count rejects the fix; empty if it does not."""
         s, settings = self.state, self.settings
         if s.inactive:
             return ""

@@ -1,7 +1,7 @@
-"""Is GNSS back, and is it GNSS? The state machine for the return from an outage.
+"""Re-acquisition of GNSS after an outage: the state machine that decides when fixes are trusted again.
 
-Pure Python and without a clock: time comes with each call, float seconds since the engine's epoch. All that changes
-is one ``state``; ``core.numerics.snapshot`` copies the guard with it.
+Pure Python and without a clock: time comes with each call, float seconds since the engine's epoch. Everything that
+changes is in one ``state``, so that ``core.numerics.snapshot`` can copy the guard.
 """
 
 import math
@@ -19,21 +19,21 @@ class ReacquisitionSettings:
 
     policy: str  # blend, reset, hold
     fixes: int  # mutually consistent fixes before GNSS is trusted again
-    min_duration: float  # ... that span at least this time
-    loss_time: float  # no fused fix for longer: GNSS counts as lost
-    sigmas: float  # k: width of every statistical bound
+    min_duration: float  # s that these fixes must span
+    loss_time: float  # s without a fused fix after which GNSS counts as lost
+    sigmas: float  # width of every statistical bound in standard deviations
     max_speed: float
     max_acceleration: float
-    velocity_tolerance: float  # disagreement of a fix's own velocity with its own motion
+    velocity_tolerance: float  # allowed difference between the velocity of a fix and its motion
     contradiction_time: float  # persistence that outweighs the filter's covariance
     implausible_time: float  # persistence that outweighs the physical bound
-    track_timeout: float  # a track without a fix for longer is forgotten
+    track_timeout: float  # s without a fix after which a track is dropped
     probation: float  # longest time during which a return can be reopened cheaply
 
 
 @dataclass(frozen=True, slots=True)
 class Fix:
-    """A fix as the state machine remembers it; ``sd`` (3,) one sigma, ENU."""
+    """A fix: time [s], position (3,) [m] in the local frame, and its standard deviations ``sd`` (3,) [m], ENU."""
 
     t: float
     position: Vector3
@@ -42,15 +42,15 @@ class Fix:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Consistent fixes: the first one, carried along by the fixes' own velocities, and how often it was confirmed.
+    """A series of consistent fixes: the first one, propagated by their velocities, and the number of confirmations.
 
-    ``unexplained`` (``return_evidence``) is the worst that its first fixes were found with: waiting alone, while
-    the filter's sigma grows, makes no doubtful track a credible one.
+    ``unexplained`` (``return_evidence``) is the largest value of its first fixes. It does not fall while the filter's
+    sigma grows: waiting alone must not make a doubtful track credible.
     """
 
     first: Fix
     t: float
-    position: Vector3  # where the first fix has got to by t, according to the velocities
+    position: Vector3  # the first fix, propagated to t by the velocities
     last_position: Vector3
     velocity: Vector3 | None
     count: int = 1
@@ -58,13 +58,13 @@ class Track:
 
     @property
     def duration(self) -> float:
-        """Seconds between its first and last fix."""
+        """s between its first and last fix."""
         return self.t - self.first.t
 
 
 @dataclass(frozen=True, slots=True)
 class Return:
-    """How GNSS came back: the offset of GNSS from the unaided prediction, with the prediction's sigma and the zone."""
+    """A return of GNSS: its offset from the unaided prediction, with the prediction's sigma and the zone."""
 
     t: float
     until: float  # end of the probation
@@ -75,24 +75,24 @@ class Return:
 
 @dataclass(slots=True)
 class ReacquisitionState:
-    """All that changes in a ``Reacquisition``."""
+    """Everything that changes in a ``Reacquisition``."""
 
     anchor: Fix | None = None  # last fused fix that is beyond doubt
-    approved: Fix | None = None  # last fix that was let through
+    approved: Fix | None = None  # last fix that was accepted
     tracks: tuple[Track, ...] = ()
-    loose: Track | None = None  # fixes that follow each other in space, whatever their velocities say
+    loose: Track | None = None  # fixes that are continuous in space, regardless of their velocities
     returned: Return | None = None
-    held: bool = False  # a return that is as good as it can prove waits for the operator
-    confirmed: bool = False  # the operator agrees to the next jump
+    held: bool = False  # a return has passed all tests and waits for the operator
+    confirmed: bool = False  # the operator has accepted the next jump
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What to do with a fix.
+    """Decision on a fix.
 
-    ``action``: ``fuse``: correct the filter (through its own gate only if ``gated``); ``reset``: set position and
-    velocity to the fix; ``wait`` and ``reject``: leave it. ``offset`` (3,) is fix minus prediction, ENU [m],
-    ``sigmas`` the same in standard deviations. ``notice`` is set when the pilot should hear of it.
+    ``action``: ``fuse``: correct the filter (behind its own gate only if ``gated``); ``reset``: set position and
+    velocity to the fix; ``wait`` and ``reject``: do not use it. ``offset`` (3,) is fix minus prediction, ENU [m],
+    ``sigmas`` the same in standard deviations. ``notice`` is an event for the operator, where there is one.
     """
 
     action: str
@@ -107,39 +107,40 @@ EXPECTED, CONTRADICTION, UNEXPLAINED, IMPLAUSIBLE, INCONSISTENT = range(5)
 _ZONES = ("expected", "contradiction", "unexplained", "implausible", "inconsistent")
 _SEVERITIES = ("info", "warn", "error", "error", "error")
 HELD = "gnss.held"
-_MAX_TRACKS = 4
-_SCATTER = 0.33  # fixes within seconds share most of their error: what scatters between them is a third of their sigma
-_EASY = 0.5  # share of the bound on what is unexplained up to which a return is as good as any
-_DRIFT_SPEED = 8.0  # m/s, of a navigator a minute into an outage: to doubt a jump must not cost more than the jump
-_DECISIVE = 6.0  # difference of squared deviations that makes one of two places twenty times more likely
-_TINY = 1e-6  # m: a sigma of zero must not divide; s: rounding of times
+_MAX_TRACKS = 4  # tracks that are followed at a time
+_SCATTER = 0.33  # scatter of fixes within seconds relative to their sigma: most of their error is common
+_EASY = 0.5  # fraction of the bound on ``unexplained`` up to which a return needs no additional time
+# m/s: drift of a navigator a minute into an outage. It limits the additional time, so that waiting costs no more than
+# the jump itself.
+_DRIFT_SPEED = 8.0
+_DECISIVE = 6.0  # difference of squared deviations that makes one of two positions twenty times more likely
+_TINY = 1e-6  # m: avoids a division by a zero sigma; s: tolerance for the rounding of times
 
 
 @dataclass(eq=False)
 class Reacquisition:
-    """Guard in front of the filter: offer it every usable fix, while GNSS is fused and after an outage alike.
+    """Guard in front of the filter. It receives every usable fix, while GNSS is fused and after an outage alike.
 
-    After an outage a fix counts only as part of a track: ``fixes`` of them over ``min_duration`` that agree with each
-    other, each one being where the first one and the velocities in between say. How long a track must last depends on
-    where it lies:
+    After an outage fixes count only as a track: at least ``fixes`` of them over ``min_duration`` that agree with the
+    first one propagated by the velocities in between. How long a track must last depends on its zone:
 
-    * expected: within ``sigmas`` of the filter's prediction: at once;
-    * contradiction: outside, but the filter may simply have drifted more than it knows: ``contradiction_time``;
-    * unexplained: no drift that fits the receiver's own velocity leads there (``core.gnss.return_evidence``), as when a
-      position comes back 300 m off while its velocity is right: up to ``implausible_time``, and a loud notice. The
-      nearer a track comes to this and the larger the jump, the longer it has to last;
+    * expected: within ``sigmas`` of the filter's prediction: no longer;
+    * contradiction: outside, but the filter may have drifted more than its sigma: ``contradiction_time``;
+    * unexplained: no drift that agrees with the receiver's velocity leads there (``core.gnss.return_evidence``), as
+      when the position returns 300 m off with a correct velocity: up to ``implausible_time``, and an error event. The
+      closer a track comes to this zone and the larger the jump, the longer it has to last;
     * implausible: out of reach (``max_speed`` times the time since the last trusted fix, plus ``sigmas``), or faster
       than ``max_speed``: the same;
-    * inconsistent: fixes that follow each other, but contradict their own velocities, as those of a spoofer or of a
-      receiver with a broken velocity: the same.
+    * inconsistent: fixes that are continuous but contradict their own velocities, as from a spoofer or a receiver with
+      a broken velocity: the same.
 
-    So nothing locks GNSS out for ever, neither after an outage nor when a step makes the filter reject every fix. A
-    return stays open to doubt for as long as the outage lasted (at most ``probation``): a track that agrees better
-    with the prediction from before the return replaces it at once, one that agrees as well when it has lasted as long
-    as what it contradicts. A false cluster at the end of an outage is left as soon as the truth speaks.
+    So GNSS is never locked out permanently, neither after an outage nor when a step makes the filter reject every fix.
+    A return can be reopened for as long as the outage lasted (at most ``probation``): a track that agrees better with
+    the prediction from before the return replaces it at once; one that agrees equally well, when it has lasted as long
+    as the track that it contradicts. A false cluster at the end of an outage is thus left as soon as true fixes follow.
 
-    Policies: ``blend``: an expected return is an ordinary correction, any other a reset; ``reset``: every return is a
-    reset; ``hold``: only expected returns are taken, all others wait for ``decide()``.
+    Policies: ``blend``: an expected return is an ordinary update, any other a reset; ``reset``: every return is a
+    reset; ``hold``: only expected returns are accepted, all others wait for ``decide()``.
     """
 
     settings: ReacquisitionSettings
@@ -150,10 +151,10 @@ class Reacquisition:
         self.state = ReacquisitionState()
 
     def decide(self, accept: bool) -> bool:
-        """What the operator says of a return that is held (policy ``hold``); False where none is.
+        """The operator's decision on a held return (policy ``hold``); False where none is held.
 
-        An accepted one is taken with its next fix. A refused one is forgotten: what goes on there has to prove itself
-        anew, and is held again.
+        An accepted return is used with its next fix. A refused one is dropped; if its fixes continue, they have to pass
+        all tests again and are held again.
         """
         if not self.state.held:
             return False
@@ -181,10 +182,10 @@ class Reacquisition:
             position_enu, predicted_enu: fix and filter at ``t`` (3,) in one local frame [m].
             velocity_enu: (3,) [m/s] or ``None``; a missing component is NaN.
             sd, predicted_sd: one sigma [m], a number or (3,) ENU.
-            gap_s: seconds since the last fix that the filter took. A fix that was approved here and then refused by
-                the filter's own gate shows up as a gap that goes on.
-            unexplained: what of position and velocity together no drift explains (``core.gnss.return_evidence``), 0.0
-                when there is no velocity.
+            gap_s: s since the last fix that the filter used. It keeps growing if a fix that was approved here was then
+                rejected by the filter's own gate.
+            unexplained: distance of position and velocity that no drift explains (``core.gnss.return_evidence``), 0.0
+                without a velocity.
         """
         fix = Fix(t, _vector(position_enu), _vector(sd))
         offset = _difference(fix.position, _vector(predicted_enu))
@@ -207,19 +208,19 @@ class Reacquisition:
         return self._approve(fix, track, zone, offset, sigmas, predicted_sd, gap_s)
 
     def expected(self, fix: Fix, gap_s: float) -> None:
-        """Let a ``fix`` through that lies where it is expected, while GNSS is fused."""
+        """Accept a ``fix`` that agrees with the prediction while GNSS is fused."""
         self._note_fused(fix.t - gap_s)
         self.state.approved = fix
 
     @property
     def soonest_reset(self) -> float:
-        """How long fixes that leave the filter must last at least [s] before they are a reason for a reset."""
+        """Shortest time [s] that contradicting fixes must last before a reset."""
         if self.state.returned is not None:
             return self.settings.min_duration
         return min(self.settings.contradiction_time, self.settings.implausible_time)
 
     def _note_fused(self, last_fused: float) -> None:
-        """Once an approved fix has been fused, rivals start anew and, after probation, the fix becomes the anchor."""
+        """After an approved fix has been fused: drop rival tracks, and make the fix the anchor after the probation."""
         s = self.state
         if s.approved is None or last_fused < s.approved.t - 1e-6:
             return
@@ -230,7 +231,7 @@ class Reacquisition:
             s.loose = None
 
     def _follow(self, fix: Fix, velocity: Vector3 | None) -> Track:
-        """The track that the fix belongs to, carried on to it; a new one if it fits none."""
+        """The track that the fix belongs to, propagated to it; a new one if it fits none."""
         timeout, loose = self.settings.track_timeout, self.state.loose
         new = Track(fix, fix.t, fix.position, fix.position, velocity)
         if loose is not None and fix.t - loose.t <= timeout and self._fits(loose, fix, None):
@@ -261,7 +262,7 @@ class Reacquisition:
         return math.dist(fix.position, _carried(track, fix.t, velocity)) <= slack + drift
 
     def _weighed(self, track: Track, unexplained: float) -> Track:
-        """The track, which stands first, with the worst that was found of it while it was young."""
+        """The first track with the largest ``unexplained`` of its first fixes."""
         if track.count <= self.settings.fixes and unexplained > track.unexplained:
             track = replace(track, unexplained=unexplained)
             self.state.tracks = (track, *self.state.tracks[1:])
@@ -281,7 +282,7 @@ class Reacquisition:
         return EXPECTED if sigmas <= settings.sigmas else CONTRADICTION
 
     def _waiting_for(self, track: Track, zone: int, offset: Vector3, lost: bool) -> str:
-        """Reason to go on waiting, empty when the track has earned trust."""
+        """Reason to continue waiting; empty when the track is trusted."""
         settings = self.settings
         if track.count < settings.fixes or track.duration < settings.min_duration - _TINY:
             return "gnss.waiting.consistency" if lost else "gnss.rejected.innovation"
@@ -296,7 +297,7 @@ class Reacquisition:
         return ""
 
     def _required(self, zone: int, track: Track, offset: Vector3) -> float:
-        """How long a track in ``zone`` must last [s]."""
+        """Time [s] that a track in ``zone`` must last."""
         settings, returned = self.settings, self.state.returned
         if zone >= IMPLAUSIBLE:
             return settings.implausible_time
@@ -317,7 +318,7 @@ class Reacquisition:
 
     @staticmethod
     def _from_unaided(returned: Return, track: Track, offset: Vector3) -> float:
-        """How far the track lies from where the filter was before the return that is now in doubt, in deviations."""
+        """Distance of the track, in standard deviations, from the prediction before the return that is now in doubt."""
         return _sigmas(_sum(offset, returned.offset), track.first.sd, returned.sd)
 
     def _approve(
@@ -327,7 +328,7 @@ class Reacquisition:
         returned = s.returned
         reopened = zone != EXPECTED and returned is not None and track.first.t <= returned.until
         if reopened and returned is not None:
-            # the doubt is still about the same outage: go on comparing with the prediction from before its end
+            # still the same outage: compare with the prediction before its end
             near = self._from_unaided(returned, track, offset) <= settings.sigmas
             first_zone = EXPECTED if near else CONTRADICTION
             s.returned = replace(returned, t=fix.t, offset=_sum(offset, returned.offset), zone=first_zone)
@@ -346,7 +347,7 @@ class Reacquisition:
 
 
 def _carried(track: Track, t: float, velocity: Vector3) -> Vector3:
-    """Where the track's first fix has got to by ``t`` (trapezoidal rule on the velocities)."""
+    """The track's first fix propagated to ``t`` [s] (trapezoidal rule on the velocities)."""
     before = velocity if track.velocity is None else track.velocity
     half = 0.5 * (t - track.t)
     x, y, z = (p + half * (a + b) for p, a, b in zip(track.position, before, velocity, strict=True))
@@ -370,7 +371,7 @@ def _vector(value: float | Sequence[float]) -> Vector3:
 
 
 def _velocity(value: Sequence[float] | None) -> Vector3 | None:
-    """Velocity with the missing vertical component taken as zero; ``None`` if the horizontal ones are missing."""
+    """Velocity with a missing vertical component set to zero; ``None`` if a horizontal one is missing."""
     if value is None or not (math.isfinite(value[0]) and math.isfinite(value[1])):
         return None
     return float(value[0]), float(value[1]), float(value[2]) if math.isfinite(value[2]) else 0.0

@@ -1,15 +1,15 @@
-"""Does the navigator's own drift explain where GNSS comes back?
+"""Joint test of position and velocity at the return of GNSS: whether the navigator's own drift explains both.
 
 After an outage the filter's sigma may be hundreds of metres, and a position 300 m off lies within it. But errors of
-position and velocity have grown from the same causes: an inertial navigator that is 300 m off after a minute is metres
-per second off as well. A receiver whose velocity agrees with the navigator's while its position does not is therefore
-far less likely than its position alone says.
+position and velocity have the same causes: an inertial navigator that is 300 m off after a minute is also metres per
+second off. A return whose velocity agrees with the navigator's while its position does not is therefore far less likely
+than its position alone suggests.
 
-A filter may also be overconfident. That is allowed for as far as the velocity shows it: the filter's covariance is
-first widened until the velocity fits.
+The filter may also be overconfident. This is allowed for as far as the velocity shows it: its covariance is first
+enlarged until the velocity agrees.
 
-On three recorded flights, after 60 s without GNSS, true returns were 0.5 to 3.1 off by this measure (medians of a
-flight), returns 300 m off 5.8 to 10; by position alone, most of the latter lay within 3 sigma.
+On three recorded flights, after 60 s without GNSS, this distance was 0.5 to 3.1 for true returns (medians of a flight)
+and 5.8 to 10 for returns 300 m off. By position alone, most of the latter were within 3 sigma.
 """
 
 import math
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 def unexplained(z: Array, H: Array, P: Array, R: Array, position_rows: int = 3) -> float:
-    """What of a fix with its velocity no drift of the filter explains, as a Mahalanobis distance.
+    """Mahalanobis distance of a fix and its velocity, after the covariance is enlarged until the velocity agrees.
 
     Args:
         z: innovation (m,), first ``position_rows`` of position [m], then of velocity [m/s].
@@ -38,5 +38,5 @@ def unexplained(z: Array, H: Array, P: Array, R: Array, position_rows: int = 3) 
 
 
 def distance(z: Array, H: Array, P: Array, R: Array) -> float:
-    """Mahalanobis distance of an innovation; arguments as for ``unexplained``, infinite in the same cases."""
+    """Mahalanobis distance of an innovation; arguments as of ``unexplained``, infinite in the same cases."""
     return math.sqrt(innovation(P, z, H, np.ascontiguousarray(R)))

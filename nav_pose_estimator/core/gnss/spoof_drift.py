@@ -1,8 +1,8 @@
-"""Do a receiver's positions go where its velocities say? They diverge when a spoofer drags the position slowly away.
+"""Detection of positions that drift away from the receiver's own velocities, as under a slow spoofing attack.
 
-A spoofer that moves the position by a metre per second passes every gate on single fixes: the filter follows. But the
-sum of the receiver's own velocities does not. Single fixes scatter, so what counts is how the difference between
-position and summed velocity has changed since some seconds ago. Without a clock.
+A spoofer that moves the position by a metre per second passes every gate on single fixes, because the filter follows.
+But the integral of the receiver's velocities does not follow. Single fixes scatter, so the test uses the change, over
+some seconds, of the difference between position and integrated velocity. Without a clock.
 """
 
 import math
@@ -12,34 +12,34 @@ import numpy as np
 
 from nav_pose_estimator.core.numerics.jit import kernel
 
-_PAUSE = 2.0  # s: over a longer one nothing can be summed up
-_MEDIAN = 5  # differences of which the middle counts: two fixes that are far off are neither a mark nor a drift
-_LEFT_BEHIND = 2  # marks that a drift leaves behind: one alone may lie wrong
-_MARK_PERIOD = 5.0  # s between the differences that are kept
-_MARKS = 12  # ... which reach back a minute
-_SPEED = 0.5  # m/s: what velocities of honest receivers may be wrong by for long
-_LASTS = 2.0  # s of a drift, which single fixes that are far off are not
-_FLICKERS = 0.5  # s for which it may seem to stop meanwhile
-_REMEMBERED = 60.0  # s for which a position that has left its velocities is doubted after it has stopped to do so
-_CREDIBLE = 2.0  # deviations that cover where positions are and where velocities lead
+_PAUSE = 2.0  # s: longest pause over which velocities are integrated
+_MEDIAN = 5  # differences whose median is used, so that two outliers are neither a mark nor a drift
+_LEFT_BEHIND = 2  # marks that a drift must have left: a single one may be wrong
+_MARK_PERIOD = 5.0  # s between the differences that are kept as marks
+_MARKS = 12  # marks that are kept: one minute
+_SPEED = 0.5  # m/s: lasting error of the velocity of a sound receiver
+_LASTS = 2.0  # s that a drift has to last, in contrast to single outliers
+_FLICKERS = 0.5  # s for which it may pause meanwhile
+_REMEMBERED = 60.0  # s after its end for which a drifted position is doubted
+_CREDIBLE = 2.0  # standard deviations that cover the distance between position and integrated velocity
 
-# --- the numbers of a ``WalkOff`` -----------------------------------------------------------------------------------
-_T = 0  # s: the last fix
-_VELOCITY, _TRAVELLED = 1, 3  # 2, 2: m/s, m by velocities, East and North
-_LEAVING_SINCE, _LAST_LEAVING = 5, 6  # s
-_LEFT = 7  # 3: what positions have left, a row as below; its time is NaN while there is nothing
-_LEFT_UNTIL = 10  # s
-_WAY = 11  # m from there
-_RECENT, _MARKED = 12, 13  # how many rows there are of the newest differences, and of those that are kept
+# --- the state of a ``WalkOff``: index of each quantity, with its size if that is not 1 ------------------------------
+_T = 0  # s: time of the last fix
+_VELOCITY, _TRAVELLED = 1, 3  # (2) m/s: last velocity, (2) m: its integral, East and North
+_LEAVING_SINCE, _LAST_LEAVING = 5, 6  # s: begin of the present drift, and the last time of a significant speed
+_LEFT = 7  # (3): the mark that positions have left, a row as in ``_marks``; its time is NaN while there is none
+_LEFT_UNTIL = 10  # s: when that is forgotten
+_WAY = 11  # m: present distance from it
+_RECENT, _MARKED = 12, 13  # numbers of rows in ``_recent`` and ``_marks``
 _SIZE = 14
 
 
 class WalkOff:
-    """Offer it every fix that is fused, with the receiver's velocity at that time."""
+    """The test. It receives every fused fix with the receiver's velocity at that time."""
 
     def __init__(self) -> None:
         self._state = np.empty(_SIZE)
-        # rows of time [s] and of the difference between position and travelled way [m], East and North
+        # rows of time [s] and difference between position and integrated velocity [m], East and North
         self._recent, self._marks = np.empty((_MEDIAN, 3)), np.empty((_MARKS, 3))
         self.reset()
 
@@ -49,22 +49,22 @@ class WalkOff:
 
     @property
     def is_on(self) -> bool:
-        """Whether positions have left their velocities, and not come back."""
+        """Whether positions have drifted away from their velocities and not returned."""
         return not math.isnan(self._state[_LEFT])
 
     @property
     def way(self) -> float:
-        """How far [m] positions are by now from where velocities lead."""
+        """Present distance [m] of positions from the integrated velocities."""
         return float(self._state[_WAY])
 
     @property
     def least_sd(self) -> float:
-        """Deviation [m] that covers both, on each axis."""
+        """Standard deviation [m] on each axis that covers both."""
         return self.way / _CREDIBLE
 
     @property
     def reason(self) -> str:
-        """Why the position is not to be believed as usual, a clause; empty if it is."""
+        """Why the position is less certain than usual, one clause for the user; empty where it is not."""
         if not self.is_on:
             return ""
         return (
@@ -74,12 +74,13 @@ class WalkOff:
     def update(
         self, t: float, position_enu: Sequence[float], velocity_enu: Sequence[float] | None, scatter: float
     ) -> float:
-        """Speed [m/s] at which positions leave their velocities, 0.0 while that may be chance.
+        """Speed [m/s] at which positions drift away from their velocities, 0.0 where it is insignificant.
 
         Args:
             t: time of validity [s], increasing.
-            position_enu: (3,) in a local frame [m]; Up is not looked at, as is that of the velocity [m/s].
-            scatter: how far two honest fixes may differ by chance [m].
+            position_enu: (3,) in a local frame [m]; Up is not used, neither here nor of the velocity.
+            velocity_enu: (3,) [m/s], or None without one.
+            scatter: largest difference of two sound fixes by noise [m].
         """
         if velocity_enu is None:
             return 0.0
@@ -89,7 +90,7 @@ class WalkOff:
 
 @kernel
 def _begin(state, t, v_east, v_north):
-    """A fix that follows no other."""
+    """Restart at a fix that does not follow the last one."""
     for i in range(_SIZE):
         state[i] = 0.0
     state[_T], state[_VELOCITY], state[_VELOCITY + 1] = t, v_east, v_north
@@ -127,7 +128,7 @@ def _update(state, recent, marks, t, place, velocity, scatter):
 
 @kernel
 def _leave(state, mark, until):
-    """Positions have left their velocities at a ``mark``, unless they had before."""
+    """Note that positions have drifted away from a ``mark``, unless they already had."""
     if math.isnan(state[_LEFT]):
         for i in range(3):
             state[_LEFT + i] = mark[i]
@@ -136,7 +137,7 @@ def _leave(state, mark, until):
 
 @kernel
 def _stay_away(state, east, north, scatter):
-    """How far they are from there; they are back within ``scatter`` [m], or after a while."""
+    """Update the distance from the mark that was left; the drift is over within ``scatter`` [m] or after some time."""
     if math.isnan(state[_LEFT]):
         return
     state[_WAY] = math.hypot(east - state[_LEFT + 1], north - state[_LEFT + 2])
@@ -146,7 +147,7 @@ def _stay_away(state, east, north, scatter):
 
 @kernel
 def _added(rows, count, t, east, north):
-    """A row more behind the ``count`` newest ones of ``rows`` (N, 3), without the oldest where there is no room."""
+    """Append a row to the first ``count`` of ``rows`` (N, 3), dropping the oldest if full; returns the new count."""
     if count == len(rows):
         count -= 1
         for i in range(count):
@@ -158,7 +159,7 @@ def _added(rows, count, t, east, north):
 
 @kernel
 def _middle(values):
-    """The one of ``values`` (N,) that has half of the others below it."""
+    """Median of ``values`` (N,), N odd."""
     for i in range(len(values)):
         below = equal = 0
         for k in range(len(values)):
@@ -171,9 +172,9 @@ def _middle(values):
 
 @kernel
 def _leaving(marks, t, east, north, scatter):
-    """The largest speed away from one of ``marks`` (N, 3) that is more than chance, and which one.
+    """Largest significant speed [m/s] away from one of ``marks`` (N, 3), and the index of that mark.
 
-    0.0 and -1 where it is less for all, or for all but one.
+    0.0 and -1 unless the speed is significant for two marks.
     """
     fastest, from_where, left = 0.0, -1, 0
     for i in range(len(marks)):

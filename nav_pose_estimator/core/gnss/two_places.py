@@ -1,7 +1,6 @@
-"""Does every other fix lie elsewhere? Two receivers on one topic, or a driver that mixes two solutions.
+"""Detection of two receivers on one topic, or of two alternating solutions: every second fix is displaced.
 
-Each of them may be sound. A filter that sits between them, or on one of them while it refuses the other, has no reason
-to prefer it. Pure Python, without a clock.
+Each of the two may be valid, and a filter has no reason to prefer one of them. Pure Python, without a clock.
 """
 
 from __future__ import annotations
@@ -9,22 +8,22 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-_COUNT = 12  # fixes that are looked at together
-_LEAST = 1.5  # m
-_SURE = 6.0  # deviations of the difference
-_AGREED = 2  # looks in a row
+_COUNT = 12  # fixes per test
+_LEAST = 1.5  # m: smallest displacement that counts
+_SURE = 6.0  # its significance in standard errors
+_AGREED = 2  # consecutive tests that establish it
 
 
 @dataclass(eq=False)
 class TwoPlaces:
-    """Offer it by how much every fix is off; ``apart`` [m] is how far the two places are from each other, 0 for one."""
+    """The test. It receives the innovation of every fix; ``apart`` [m] is the displacement of the two, else 0."""
 
     apart: float = field(default=0.0, init=False)
     _off: list[complex] = field(default_factory=list, init=False)  # East + i North [m]
     _found: int = field(default=0, init=False)
 
     def note(self, east: float, north: float) -> None:
-        """A fix lies so far [m] from where the navigator expects it, whatever becomes of it."""
+        """Add a fix that differs by so much [m] from the navigator, whether it is used or not."""
         self._off.append(complex(east, north))
         if len(self._off) < _COUNT:
             return
@@ -34,19 +33,19 @@ class TwoPlaces:
 
     @property
     def least_sd(self) -> float:
-        """Deviation [m] on each axis that covers both places."""
+        """Standard deviation [m] on each axis that covers both places."""
         return 0.5 * self.apart
 
     @property
     def reason(self) -> str:
-        """Why the position is not to be believed as usual, a clause; empty if it is."""
+        """Why the position is less certain than usual, one clause for the user; empty where it is not."""
         if not self.apart:
             return ""
         return f"every other GNSS fix lies {self.apart:.1f} m off: two receivers probably publish on one topic"
 
 
 def _apart(off: list[complex]) -> float:
-    """How far the mean of every other of them lies from that of the rest, 0.0 where that is chance or little."""
+    """Distance between the means of even and odd items, 0 where it is insignificant or small."""
     sets = off[::2], off[1::2]
     means = [sum(part) / len(part) for part in sets]
     square = sum(abs(one - mean) ** 2 for part, mean in zip(sets, means, strict=True) for one in part) / len(off)

@@ -1,12 +1,12 @@
-"""Does a receiver's velocity change by what the IMU feels? It does not when a spoofer begins to drag the fix along.
+"""Detection of GNSS velocity changes that the IMU does not measure, as at the beginning of a spoofed drift.
 
-A spoofer whose positions go where its velocities say passes every test of GNSS against itself. But to begin, or to end,
-its velocity has to change, and the vehicle feels no force for that. A steady drag is no acceleration and leaves no
-trace: what is missed in the first seconds cannot be noticed later, and a drag that sets in as slowly as the
-navigator's tilt is uncertain (0.1 deg is 0.017 m/s^2) is never noticed. So the mean difference between the receiver's
-velocity and one that only the IMU carries along is compared over seconds, by the measure of what is usual in the same
-flight, and with what tilt, heading, turns and accelerations may do. A change has to be over and to stay: a difference
-that grows on and on is a wrong tilt. Without a clock.
+A spoofer whose positions agree with its velocities passes every test of GNSS against itself. But when the drift begins
+or ends, its velocity changes without a force on the vehicle. A steady drift is no acceleration and cannot be observed:
+a change that is missed in the first seconds is never found, nor one as slow as the navigator's tilt is uncertain (0.1
+deg is 0.017 m/s^2). So the difference between the receiver's velocity and one propagated by the IMU alone is averaged
+over seconds, and its change is compared with the uncertainty by tilt, heading, turns and accelerations, and with the
+changes usual in the same flight. A change must be complete and lasting; a difference that keeps growing is a tilt
+error. Without a clock.
 """
 
 from __future__ import annotations
@@ -24,49 +24,49 @@ Array = NDArray[np.float64]
 
 Vector2 = tuple[float, float]
 
-_SPAN = 4  # s of means before and after a change
-_CHANGE = 1  # s that may lie between them
+_SPAN = 4  # s that are averaged before and after a change
+_CHANGE = 1  # s that a change itself may take
 SPANS = 2 * _SPAN + _CHANGE
-"""Seconds that are looked at."""
+"""s of data that the test uses."""
 LASTS = _SPAN
 """s that a change has lasted when it is found."""
-_VELOCITY_SD = 0.1  # m/s of one velocity on each axis
-_SHARED = 0.05  # m/s that all velocities of a span have in common
-_TIMING = 0.1  # s between the clocks of receiver and IMU: an acceleration looks like a change until it ends
-_SCALE = 0.04  # of a change of velocity: scales and cross-axis errors
-_RATIO = 4.2  # to what is usual ...
-_USUAL_AT_LEAST = 0.25
-_LEAST, _MOST = 0.4, 20.0  # m/s: smaller ones are chance; a receiver that is faster still is another vehicle's
-_SETTLED = 0.35  # of the change, by which the seconds after it may differ: what goes on and on is a wrong tilt
-_HISTORY = 20  # comparisons before anything is concluded
-_MEMORY = 300.0  # comparisons: what is usual may change with the flight
+_VELOCITY_SD = 0.1  # m/s: white noise of one velocity on each axis
+_SHARED = 0.05  # m/s: error that all velocities of a span have in common
+_TIMING = 0.1  # s: time offset of receiver and IMU, by which an acceleration looks like a change until it ends
+_SCALE = 0.04  # scale and cross-axis errors relative to a change of velocity
+_RATIO = 4.2  # smallest ratio of a change to the usual ones
+_USUAL_AT_LEAST = 0.25  # floor of the usual changes, in standard deviations
+_LEAST, _MOST = 0.4, 20.0  # m/s: range of changes that count; a receiver that is faster still is of another vehicle
+_SETTLED = 0.35  # largest difference of the seconds after a change, relative to it
+_HISTORY = 20  # comparisons before the first conclusion
+_MEMORY = 300.0  # comparisons over which the usual changes are averaged
 
 
-# --- columns of a second's means ------------------------------------------------------------------------------------
-APART = 0  # 2: m/s, East and North: the receiver's velocity less the IMU's, up to a constant
-VELOCITY = 2  # 2: m/s, the IMU's
-COUNT = 4  # velocities that are in it
-HEADING_SD = 5  # rad
-DRIFT_SD = 6  # m/s^2, by which the IMU's velocity may drift away: tilt, and bias of the accelerometer
+# --- columns of a second's means: index of each quantity, with its size if that is not 1 -----------------------------
+APART = 0  # (2) m/s, East and North: the receiver's velocity less that of the IMU, up to a constant
+VELOCITY = 2  # (2) m/s, East and North: velocity propagated by the IMU
+COUNT = 4  # number of GNSS velocities in the means
+HEADING_SD = 5  # rad: standard deviation of the heading
+DRIFT_SD = 6  # m/s^2: standard deviation of the IMU velocity's drift, by tilt and accelerometer bias
 COLUMNS = 7
 
 
 @dataclass(eq=False)
 class UnfeltChange:
-    """Ask it every second; what is usual is learned from the answers, a few seconds late."""
+    """The test, called every second; the usual size of changes is learned from earlier calls."""
 
     usual: float = field(default=0.0, init=False)
-    """Root mean square of what has been found so far, in deviations."""
+    """RMS of the changes so far, in standard deviations."""
     ratio: float = field(default=0.0, init=False)
-    """Of the last comparison to that."""
+    """Ratio of the last change to it."""
     _compared: int = field(default=0, init=False)
     _fresh: deque[float] = field(default_factory=deque, init=False)  # deviations that may be part of a change
 
     def find(self, seconds: Array) -> Vector2 | None:
         """The change [m/s] of the receiver's velocity in the last of ``seconds`` that no force explains, or None.
 
-        ``seconds`` (N, COLUMNS) follow one another and belong to one IMU velocity that nothing has corrected;
-        ``SPANS`` say enough.
+        ``seconds`` (N, COLUMNS) are consecutive and belong to one velocity propagated by the IMU without corrections;
+        ``SPANS`` of them are enough.
         """
         if len(seconds) < 2 * _SPAN:
             return None
@@ -91,7 +91,7 @@ def _has_settled(seconds: Array, size: float) -> bool:
 
 @kernel
 def _largest_change(seconds):
-    """The larger one of the changes that are or are not over at once: in deviations, and East and North in m/s."""
+    """The largest change over all gaps: in standard deviations, and its East and North components [m/s]."""
     largest = (-1.0, 0.0, 0.0)
     for gap in range(min(_CHANGE, len(seconds) - 2 * _SPAN) + 1):
         found = _change(seconds, gap)
@@ -102,7 +102,7 @@ def _largest_change(seconds):
 
 @kernel
 def _change(seconds, gap):
-    """The change between the last seconds and those ``gap`` [s] before them, in deviations and in m/s."""
+    """Change between the last seconds and those ``gap`` [s] before them, in standard deviations and in m/s."""
     after = len(seconds) - _SPAN
     before = after - gap - _SPAN
     means, counts, heading_sd, drift_sd = np.zeros(4), np.zeros(2), 0.0, 0.0
@@ -126,7 +126,7 @@ def _change(seconds, gap):
 
 @kernel
 def _acceleration(seconds, first):
-    """m/s^2, mean over a span of ``seconds`` from the ``first`` on."""
+    """Mean acceleration [m/s^2] over a span of ``seconds`` from the ``first`` on."""
     last = first + _SPAN - 1
     east = seconds[last, VELOCITY] - seconds[first, VELOCITY]
     north = seconds[last, VELOCITY + 1] - seconds[first, VELOCITY + 1]
@@ -135,9 +135,10 @@ def _acceleration(seconds, first):
 
 @kernel
 def second_of(trace, received, begin, heading_sd, drift_sd, out):
-    """Means of the second from ``begin`` [s] on into ``out`` (COLUMNS,); False where nothing was received in it.
+    """Write the means of the second from ``begin`` [s] on to ``out`` (COLUMNS,); False without a GNSS velocity in it.
 
-    ``trace`` (M, 4): time [s] and velocity [m/s] of the IMU in order, ``received`` (K, 4): the receiver's.
+    ``trace`` (M, 4): time [s] and velocity [m/s] propagated by the IMU, in order of time; ``received`` (K, 4): the same
+    of the receiver.
     """
     for i in range(COLUMNS):
         out[i] = 0.0

@@ -1,11 +1,11 @@
-"""Does a receiver's velocity say where its positions go? If not, which usual mistake would explain it?
+"""Consistency of GNSS velocities with positions: a sequential test of a correct velocity against usual errors.
 
-Over a second or so the sum of the velocities must be the way between the fixes. Every such step multiplies the odds of
-each usual mistake (``velocity_mistakes``) against a sound velocity by the ratio of their likelihoods (sequential
-probability ratio test; A. Wald, Annals of Mathematical Statistics 16(2), 1945). The odds are limited, so that one
-blunder proves nothing and what was sound for an hour is found out within seconds.
+Over about a second the integral of the velocities must equal the displacement between fixes. Every such step multiplies
+the odds of each error hypothesis (``velocity_mistakes``) against a correct velocity by their likelihood ratio
+(sequential probability ratio test; A. Wald, Annals of Mathematical Statistics 16(2), 1945). The odds are bounded, so
+that one outlier establishes nothing, and an error that begins after an hour is detected within seconds.
 
-Whether velocity or position is at fault cannot be told from the two alone. Without a clock.
+From the two alone one cannot decide whether velocity or position is wrong. Without a clock.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ _SCALE_LEAST, _SCALE_SURE = 0.03, 3.0  # of the way, and deviations, by which a 
 
 @dataclass(eq=False)
 class VelocityCheck:
-    """Offer it every usable fix and every velocity.
+    """The test. It receives every usable fix and every velocity.
 
-    ``fault`` is the kind of mistake that is proved, or empty, and ``name`` which one; ``suspect`` while a mistake is
-    likelier than none; ``certain`` once it is told from all others, so that it can be undone (``mended``).
+    ``fault`` is the kind of an established error, or empty, and ``name`` the error; ``suspect`` while an error is more
+    likely than none; ``certain`` once it is distinguished from all others, so that it can be corrected (``mended``).
     """
 
     fault: str = field(default="", init=False)
@@ -49,11 +49,11 @@ class VelocityCheck:
     suspect: bool = field(default=False, init=False)
     certain: bool = field(default=False, init=False)
     misfit: float = field(default=0.0, init=False)
-    """Speed [m/s] by which sum and way differed in the last step that says anything."""
+    """m/s: difference of integral and displacement in the last informative step."""
     sound_steps: int = field(default=0, init=False)
-    """Steps that did not contradict a sound velocity, since the last one that did."""
+    """Consecutive steps that agree with a correct velocity."""
     felt: bool = field(default=False, init=False)
-    """To be set: whether an IMU feels what the velocity says. What is unexplained is the positions' fault then."""
+    """To be set by the caller: whether the IMU confirms the velocity. An unexplained error is then in the positions."""
     climb: ClimbCheck = field(default_factory=ClimbCheck, init=False)
     late: Lateness = field(default_factory=Lateness, init=False)
     _steps: StepMaker = field(default_factory=StepMaker, init=False)
@@ -70,10 +70,10 @@ class VelocityCheck:
 
     @property
     def scale(self) -> float:
-        """Way between fixes in parts of what velocities say, where that is surely not 1; else 1.0.
+        """Displacement between fixes relative to the integrated velocity, where it is significantly not 1; else 1.0.
 
-        Time is the only thing that all the velocities of a receiver can share an error in: a clock that stamps 8 % too
-        few seconds makes the way 8 % longer.
+        The only error that all velocities of a receiver have in common is that of time: with a clock that stamps 8 %
+        too few seconds the displacement is 8 % larger.
         """
         if self._square == 0.0:
             return 1.0
@@ -82,11 +82,11 @@ class VelocityCheck:
 
     @property
     def stands_still(self) -> bool:
-        """Whether the velocity is so much too large that positions may as well be what is wrong: they hardly move."""
+        """Whether positions hardly move compared with the velocity, so that they may be wrong instead."""
         return 0 <= self._found < len(LINEAR) and abs(LINEAR[self._found].a) + abs(LINEAR[self._found].b) < _HARDLY
 
     def forget_time(self) -> None:
-        """The clock is another one, or the filter starts again: forget samples, keep what they have proved."""
+        """The clock changed or the filter starts again: forget the samples, keep established errors."""
         self._steps.interrupt()
         self.climb.interrupt()
         self.late.interrupt()
@@ -95,7 +95,7 @@ class VelocityCheck:
             self.suspect, self._odds = False, np.full(COUNT, _PRIOR)
 
     def velocity(self, t: float, east: float, north: float, up: float) -> None:
-        """A velocity [m/s] valid at ``t``, as the driver names its axes."""
+        """Add a velocity [m/s] valid at ``t`` [s], in the axes that the driver claims."""
         self._last = east, north, up
         self._filled = self._filled[0] or east != 0.0, self._filled[1] or north != 0.0
         self._steps.velocity(t - self.late.delay, complex(east, north), up)
@@ -103,9 +103,9 @@ class VelocityCheck:
         self.late.velocity(t, complex(east, north))
 
     def fix(self, t: float, lat: float, lon: float, alt: float, sd: float = 0.0) -> None:
-        """A position [rad, rad, m] valid at ``t`` with the horizontal deviation ``sd`` [m] that the receiver states.
+        """Add a position [rad, rad, m] valid at ``t`` [s] with the stated horizontal deviation ``sd`` [m].
 
-        It counts once a later one is there, and so its own velocity.
+        It is processed when a later one has arrived, because its own velocity may arrive after it.
         """
         if self._waiting and t <= self._waiting[-1][0]:
             return
@@ -124,7 +124,7 @@ class VelocityCheck:
             self._weigh(step)
 
     def _weigh(self, step: Step) -> None:
-        """Let a step speak for and against every mistake."""
+        """Update the odds of all hypotheses by a step."""
         says = step.weight > _SAYS
         if says:
             self._similarity.learn(step)
@@ -142,9 +142,9 @@ class VelocityCheck:
         self._conclude(self._with_witnesses())
 
     def _with_witnesses(self) -> NDArray[np.float64]:
-        """The odds with what else is known."""
+        """The odds, combined with the evidence of IMU and vertical velocity."""
         odds = self._odds.copy()
-        if self.felt:  # by the IMU, what the velocity says: the blame for the unexplained is left with the positions
+        if self.felt:  # the IMU confirms the velocity, so an unexplained error is in the positions
             odds[ANY] = _PRIOR
         if self.climb.fault == DOWN and not self._is_not_ned:
             odds[NORTH_EAST] += _DOWN_TOO
@@ -182,7 +182,7 @@ class VelocityCheck:
         return self._found < len(LINEAR) or (self._found == LIKE and by_turn)
 
     def _is_like_found(self, i: int) -> bool:
-        """Whether a mistake is undone in the same way as the one found, or says nothing."""
+        """Whether hypothesis ``i`` has the same correction as the one found, or none at all."""
         if i in (self._found, ANY, LIKE):
             return True
         if self._found == LIKE:
@@ -190,7 +190,7 @@ class VelocityCheck:
         return mistakes.is_near_unit(i) and mistakes.is_near_unit(self._found)
 
     def mended(self, east: float, north: float) -> tuple[float, float]:
-        """A velocity without the mistake that is ``certain``."""
+        """A velocity [m/s], corrected for the ``certain`` error."""
         said = complex(east, north)
         if self._found == LIKE:
             said *= self._similarity.factor
@@ -201,7 +201,7 @@ class VelocityCheck:
         return said.real, said.imag
 
     def _in_words(self, i: int) -> tuple[str, str]:
-        """Kind and name."""
+        """Kind and name of hypothesis ``i``."""
         if i < len(LINEAR):
             return LINEAR[i].kind, LINEAR[i].name
         if i == LIKE:

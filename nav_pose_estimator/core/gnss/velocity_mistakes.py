@@ -1,8 +1,10 @@
-"""The usual mistakes of a velocity, and how well each of them explains a step (``velocity_steps``).
+"""Hypotheses about errors in GNSS velocities (axes, signs, units), and their likelihoods for a step.
 
-As complex numbers, East + i North, most are linear: ``way = a said + b conj(said)``. North and East exchanged are
-b = i, an axis of the wrong sign is b = 1 or -1, a turn by an angle is a = exp(i angle), a unit is a real ``a``. Body
-axes keep the length and lose the direction; a velocity that repeats itself, and anything else, leaves the way unknown.
+A step (``velocity_steps``) has the displacement between two fixes (``way``) and the integral of the velocities between
+them (``said``), as complex numbers East + i North. Most hypotheses are linear: ``way = a said + b conj(said)``.
+Exchanged North and East are b = i, an axis of the wrong sign is b = 1 or -1, a rotation is a = exp(i angle), a wrong
+unit is a real ``a``. With body axes only the length of ``way`` is known; with a velocity that repeats itself, and with
+an unknown error, ``way`` is not known at all.
 """
 
 from __future__ import annotations
@@ -30,14 +32,14 @@ _OTHER_WAY = math.radians(75.0)  # between steps that tell a turn by one angle f
 _MEMORY = 0.93  # of the similarity, from step to step
 
 NED, TURNED, SILENT, UNIT, UNEXPLAINED = "ned", "turned", "silent", "unit", "unexplained"
-"""Kinds of mistakes. North-East-Down; axes turned, mirrored or the body's; the same again and again while the vehicle
-travels; right axes, but another unit; anything else."""
+"""Kinds of errors: North-East-Down; axes rotated, mirrored or of the body; repeated values while the vehicle moves;
+right axes in another unit; any other error."""
 _UNITS = {"knots": 1.944, "mph": 2.237, "ft/s": 3.281, "km/h": 3.6, "cm/s": 100.0, "mm/s": 1000.0}
-"""Numbers in that unit for 1 m/s."""
+"""Value of 1 m/s in that unit."""
 
 
 class Mistake(NamedTuple):
-    """``way = a said + b conj(said)``, and what to call it."""
+    """A linear hypothesis ``way = a said + b conj(said)`` with its kind and name."""
 
     kind: str
     name: str
@@ -45,7 +47,7 @@ class Mistake(NamedTuple):
     b: complex
 
     def undo(self, said: complex) -> complex:
-        """The velocity behind what was said."""
+        """The true velocity of a received one under this hypothesis."""
         return self.a * said + self.b * said.conjugate()
 
 
@@ -61,48 +63,48 @@ LINEAR = (
     Mistake(UNIT, "57 times m/s", math.radians(1.0), 0j),
 )
 NORTH_EAST = 0
-"""Number of what a driver that sends North-East-Down does to the horizontal axes."""
+"""Index of the hypothesis of exchanged horizontal axes, as from a driver that sends North-East-Down."""
 BODY, STUCK, LIKE, ANY = (len(LINEAR) + i for i in range(4))
-"""Numbers of the mistakes that are not linear, or whose factor the flight has to show."""
+"""Indices of the hypotheses that are not linear, or whose factor is estimated in flight."""
 COUNT = len(LINEAR) + 4
 
 
-_STRAIGHT, _MIRRORED = np.array([one.a for one in LINEAR]), np.array([one.b for one in LINEAR])
-_NEVER = 1e9  # squared deviations of what is impossible
-_EXPLAINED = 5.0  # squared deviations within which a mistake has to explain a step for which it is to be blamed
+_STRAIGHT, _MIRRORED = np.array([one.a for one in LINEAR]), np.array([one.b for one in LINEAR])  # a and b of each
+_NEVER = 1e9  # squared normalised residual of an impossible hypothesis
+_EXPLAINED = 5.0  # largest squared normalised residual with which a step may raise the odds of a hypothesis
 
 
 @dataclass(eq=False)
 class Similarity:
-    """Way over sum of the last steps: its length is a scale, its argument the angle [rad] to turn the sum by."""
+    """Least-squares factor from ``said`` to ``way`` over the last steps: a scale and a rotation angle [rad]."""
 
-    _cross: complex = field(default=0j, init=False)  # m^2: ways times sums, and sums squared, that fade
+    _cross: complex = field(default=0j, init=False)  # m^2: faded sums of way times conj(said), and of |said| squared
     _power: float = field(default=0.0, init=False)
     _steps: float = field(default=0.0, init=False)
     _ways: deque[complex] = field(default_factory=lambda: deque(maxlen=30), init=False)
 
     @property
     def factor(self) -> complex:
-        """1 of a sound velocity."""
+        """The complex factor; 1 for a correct velocity."""
         return self._cross / self._power if self._power > 0.0 else 1.0 + 0j
 
     @property
     def predicts(self) -> bool:
-        """Whether it says anything else than a sound velocity does."""
+        """Whether it is known and differs from that of a correct velocity."""
         return self._steps > _LEARNS and abs(self.factor - 1.0) > _UNLIKE < abs(self.factor)
 
     @property
     def is_known(self) -> bool:
-        """Whether it is known well enough to undo a mistake with."""
+        """Whether it is known well enough to correct a velocity."""
         return self._steps > _KNOWN
 
     @property
     def has_turned(self) -> bool:
-        """Whether the last steps have led in ways different enough to tell one angle for all of them."""
+        """Whether the directions of the last steps differ enough to show that one rotation angle fits all of them."""
         return any(abs(cmath.phase(a / b)) > _OTHER_WAY for a, b in combinations(self._ways, 2))
 
     def learn(self, step: Step) -> None:
-        """From a step that says something."""
+        """Learn from an informative step."""
         self._cross = _MEMORY * self._cross + step.way * step.said.conjugate()
         self._power = _MEMORY * self._power + abs(step.said) ** 2
         self._steps = _MEMORY * self._steps + 1.0
@@ -110,25 +112,25 @@ class Similarity:
             self._ways.append(step.way)
 
     def in_words(self) -> tuple[str, str]:
-        """Kind and name of the mistake."""
+        """Kind and name of the error."""
         size, angle = cmath.polar(self.factor)
         if abs(angle) > _UNLIKE:
             return TURNED, f"turned by {abs(math.degrees(angle)):.0f} deg"
         return UNIT, f"{1.0 / size:.2g} times m/s"
 
     def is_like(self, mistake: Mistake) -> bool:
-        """Whether a mistake is undone in nearly the same way."""
+        """Whether ``mistake`` is corrected by nearly the same factor."""
         return not mistake.b and abs(mistake.a - self.factor) < _UNLIKE
 
 
 def is_near_unit(i: int) -> bool:
-    """Whether a mistake is one of the units that differ too little for a name, and enough for a scale."""
+    """Whether hypothesis ``i`` is a unit close to m/s, which is corrected by the estimated scale."""
     return i < len(LINEAR) and LINEAR[i].kind == UNIT and abs(LINEAR[i].a) > _UNLIKE
 
 
 def odds_of(step: Step, similarity: Similarity) -> tuple[bool, NDArray[np.float64], NDArray[np.bool_]]:
-    """What a step says: whether a sound velocity explains it, and of every mistake (COUNT,) what it adds to the odds
-    against a sound velocity (twice their logarithm), and whether it explains the step."""
+    """Evidence of a step: whether a correct velocity explains it and, for each hypothesis (COUNT,), the increase of
+    2 ln(odds) against a correct velocity, and whether the hypothesis explains the step."""
     gains, explained = np.empty(COUNT), np.empty(COUNT, dtype=bool)
     like = similarity.factor if similarity.predicts else complex(math.nan)
     numbers = step.way, step.said, step.floor, step.timing
@@ -138,7 +140,8 @@ def odds_of(step: Step, similarity: Similarity) -> tuple[bool, NDArray[np.float6
 
 @kernel
 def _weigh(numbers, same, like, gains, explained):
-    """``odds_of`` by way, sum, floor and timing of a step, and whether all, East, North repeat the same."""
+    """``odds_of`` with the ``numbers`` way, said, floor, timing of a step; ``same``: all velocities identical, East
+    zero, North zero."""
     way, said, _, timing = numbers
     sound = _fit(numbers, said, timing)
     for i in range(len(_STRAIGHT)):
@@ -159,14 +162,14 @@ def _weigh(numbers, same, like, gains, explained):
 
 @inlined
 def _gain(sound, fit):
-    """Whether a ``fit`` explains the step, and its gain on a ``sound`` velocity; none where it does not."""
+    """Whether a ``fit`` explains the step, and its log likelihood gain (twice) over a ``sound`` velocity."""
     gain = sound[1] - fit[1]
     return fit[0] < _EXPLAINED, (gain if fit[0] < _EXPLAINED else min(gain, 0.0))
 
 
 @inlined
 def _fit(numbers, predicted, timing):
-    """By how many squared deviations a prediction is off, and minus twice its log-likelihood."""
+    """Squared normalised residual of a hypothesis for one step, and -2 ln of its likelihood."""
     variance = _variance(numbers, predicted, timing)
     square = abs(numbers[0] - predicted) ** 2 / variance
     return square, min(square, _WORST) + 2.0 * math.log(2.0 * math.pi * variance)
@@ -174,7 +177,7 @@ def _fit(numbers, predicted, timing):
 
 @inlined
 def _stuck(way, said, variance, same):
-    """The same velocity again and again says nothing; an axis that is always zero leaves the other one."""
+    """Fit of a repeated velocity, which carries no information, or of a zero axis, which leaves the other axis."""
     if same[0]:
         return 0.0, _spread(way, _NEAR)
     if not (same[1] or same[2]):
@@ -193,5 +196,5 @@ def _variance(numbers, predicted, timing):
 
 @inlined
 def _spread(way, radius):
-    """Minus twice the log-likelihood of a way that may lead anywhere within ``radius`` [m], or where it does."""
+    """-2 ln likelihood of a displacement that is uniform within ``radius`` [m], or within its own length if larger."""
     return 2.0 * math.log(math.pi * max(radius, abs(way)) ** 2)

@@ -1,7 +1,7 @@
-"""Steps of a second or so: the way between fixes beside the sum of the velocities, and what they may differ by.
+"""Steps of about one second: displacement between fixes, integral of the velocities, and the tolerance between them.
 
-A vehicle that is slow takes longer steps. Without a clock: time comes with the samples, in seconds since the engine's
-epoch. Places are complex numbers, East + i North [m].
+The steps of a slow vehicle are longer. Without a clock: time comes with the samples, in seconds since the engine's
+epoch. Positions are complex numbers, East + i North [m].
 """
 
 from __future__ import annotations
@@ -16,72 +16,72 @@ from numpy.typing import NDArray
 from nav_pose_estimator.core.numerics.jit import kernel
 
 _EARTH = 6.371e6  # m
-_APART = 0.3  # s: a velocity farther from a fix in time is not its own
-_PAUSE = 6.0  # s: over a longer one nothing can be summed up
-_PAUSES, _SHORTEST_PAUSE = 2.5, 1.0  # usual periods and s: a longer one is an outage as well
-_SLOWER = 1.2  # by which the usual period grows from one fix to the next, at most
-_SHORTEST, _LONGEST = 0.9, 6.0  # s of a step; the longest is that of a vehicle that is too slow to show anything
-_FLOOR = 0.6  # m by which way and sum differ in a second, at least; recorded flights: 0.1 to 0.5 (rms)
-_SLOW_BIAS = 0.25  # m/s by which the velocity of a slow antenna is wrong for seconds
-_TIMING = 0.3  # s between the clocks of position and velocity, filters of receivers included
-_STATED_MOST = 5.0  # m: of more than that a receiver only seldom means its drift
-_DRIFT = 0.8  # of a stated deviation a receiver may drift in a step
-_COVERS = 2.0  # deviations of fixes that scatter
-_SHORT = 0.5  # s: over a longer one an acceleration looks like scatter
-_DENSE = 1.2  # s: over a longer one the sum leaves out bends
-_FADING = 0.1  # share of the newest in the mean of the scatter
-_INFORMATIVE = 4.0  # floors: of a shorter step every hypothesis says the same
+_APART = 0.3  # s: largest time difference of a fix and its own velocity
+_PAUSE = 6.0  # s: longest pause over which velocities are integrated
+_PAUSES, _SHORTEST_PAUSE = 2.5, 1.0  # usual periods, and s: a longer pause also ends a step
+_SLOWER = 1.2  # largest growth of the usual period from one fix to the next
+_SHORTEST, _LONGEST = 0.9, 6.0  # s: duration of a step; the longest is for a vehicle too slow to be informative
+_FLOOR = 0.6  # m: smallest standard deviation of displacement less integral in a second; recorded flights: 0.1 to 0.5
+_SLOW_BIAS = 0.25  # m/s: bias of the velocity of a slow antenna over seconds
+_TIMING = 0.3  # s: time offset between position and velocity, filters in the receiver included
+_STATED_MOST = 5.0  # m: larger stated deviations of positions rarely mean a drift
+_DRIFT = 0.8  # drift of the position in a step relative to its stated deviation
+_COVERS = 2.0  # standard deviations of the scatter of fixes that the tolerance covers
+_SHORT = 0.5  # s: over longer periods an acceleration looks like scatter
+_DENSE = 1.2  # s: over longer periods the integral misses curves of the path
+_FADING = 0.1  # weight of the newest value in the mean of the scatter
+_INFORMATIVE = 4.0  # tolerances: shorter steps do not discriminate between hypotheses
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """From one fix to another."""
+    """Displacement and integrated velocity from one fix to another."""
 
     begin: float  # s
-    end: float
-    way: complex  # m, between the fixes
-    said: complex  # m, the sum of the velocities
+    end: float  # s
+    way: complex  # m: displacement between the fixes
+    said: complex  # m: integral of the velocities
     turn: float
-    """m/s by which the velocity changed."""
+    """m/s: change of the velocity."""
     floor: float
-    """m by which way and sum may differ whatever the motion."""
+    """m: standard deviation of way less said, independent of the motion."""
     timing: float
-    """m by which they may differ because the velocity changed."""
+    """m: additional standard deviation because of the change of velocity and the time offset."""
     all_same: bool
     """Whether the velocity was the same to the last digit."""
     silent: tuple[bool, bool]
     """Whether East and North were zero to the last digit."""
     dense: bool = True
-    """Whether velocities followed one another closely enough for their sum to be exact."""
+    """Whether the velocities were frequent enough for an accurate integral."""
 
     @property
     def weight(self) -> float:
-        """0 of a step that says nothing, 1 of one that is long enough to tell anything apart."""
+        """Information of the step, from 0 (none) to 1 (long enough to discriminate between all hypotheses)."""
         return min(max(abs(self.way), abs(self.said)) / (_INFORMATIVE * self.floor), 1.0) ** 2
 
     @property
     def misfit(self) -> float:
-        """Speed [m/s] by which way and sum differ."""
+        """Difference of way and said as a speed [m/s]."""
         return abs(self.way - self.said) / (self.end - self.begin)
 
 
-# --- the numbers of a ``StepMaker`` ---------------------------------------------------------------------------------
-_LAT, _LON, _BEGIN = 0, 1, 2  # rad, rad, s: first fix of the step that goes on; NaN while none does
-_T = 3  # s: the last fix so far
-_FIRST, _LAST = 4, 6  # 2, 2: m/s, velocities of the two, East and North
-_PLACE, _SAID = 8, 10  # 2, 2: m from the first fix, where the last one is and where velocities lead
-_LONGEST_PERIOD = 12  # s between its fixes
-_ALL_SAME, _SILENT = 13, 14  # 1, 2: 1 while velocities have been the same, East and North zero; else 0
-_MOVED = 16  # 2: m between the last two fixes, NaN where they are far apart
-_PERIOD = 18  # s between fixes, the shortest lately
-_VARIANCE = 19  # m^2 of a fix on each axis, by second differences
-_STATED = 20  # m: a receiver that still converges drifts by what it states
+# --- the state of a ``StepMaker``: index of each quantity, with its size if that is not 1 ----------------------------
+_LAT, _LON, _BEGIN = 0, 1, 2  # rad, rad, s: first fix of the step in progress; NaN while there is none
+_T = 3  # s: time of the last fix
+_FIRST, _LAST = 4, 6  # (2), (2) m/s: velocities of the first and the last fix, East and North
+_PLACE, _SAID = 8, 10  # (2), (2) m: displacement since the first fix, by fixes and by integrated velocities
+_LONGEST_PERIOD = 12  # s: longest time between fixes of the step
+_ALL_SAME, _SILENT = 13, 14  # (1), (2): 1 while all velocities are identical, and while East and North are zero; else 0
+_MOVED = 16  # (2) m: displacement between the last two fixes; NaN where these are far apart in time
+_PERIOD = 18  # s: recent shortest time between fixes
+_VARIANCE = 19  # m^2: variance of a fix on each axis, from second differences
+_STATED = 20  # m: stated deviation of the last fix; a receiver that still converges drifts by as much
 _SIZE = 21
 
 
 @dataclass(eq=False)
 class StepMaker:
-    """Offer it every velocity and every usable fix; a fix may end a step."""
+    """Makes steps from velocities and usable fixes; a fix may end a step."""
 
     _velocities: deque[tuple[float, complex, float]] = field(default_factory=lambda: deque(maxlen=40), init=False)
     _state: NDArray[np.float64] = field(init=False)
@@ -93,11 +93,11 @@ class StepMaker:
 
     @property
     def variance(self) -> float:
-        """m^2 of a fix on each axis, by second differences."""
+        """Variance [m^2] of a fix on each axis, from second differences."""
         return float(self._state[_VARIANCE])
 
     def interrupt(self) -> None:
-        """What comes next does not follow what came before."""
+        """End the step in progress: the next samples do not follow the last ones."""
         self._velocities.clear()
         self._break_off()
 
@@ -105,11 +105,11 @@ class StepMaker:
         self._state[_BEGIN] = self._state[_MOVED] = math.nan
 
     def velocity(self, t: float, velocity: complex, up: float) -> None:
-        """A velocity [m/s] valid at ``t``."""
+        """Add a velocity [m/s] valid at ``t`` [s]."""
         self._velocities.append((t, velocity, up))
 
     def own(self, t: float) -> tuple[complex, float] | None:
-        """The velocity, horizontal and vertical, that belongs to a fix at ``t``; None where none is near."""
+        """Horizontal and vertical velocity of a fix at ``t`` [s]; None where none is close in time."""
         if self._velocities and self._velocities[-1][0] == t:  # nearly always
             return self._velocities[-1][1:]
         apart = [abs(one[0] - t) for one in self._velocities]
@@ -117,7 +117,7 @@ class StepMaker:
         return None if least > _APART else self._velocities[apart.index(least)][1:]
 
     def fix(self, t: float, lat: float, lon: float, sd: float, velocity: complex | None) -> Step | None:
-        """A position [rad, rad] with its ``own`` velocity; ``sd`` [m] that is stated. The step that ends there."""
+        """Add a position [rad, rad] with stated ``sd`` [m] and its ``own`` velocity; returns the step that it ends."""
         self._state[_STATED] = min(sd, _STATED_MOST)
         if velocity is None:
             self._break_off()
@@ -129,13 +129,13 @@ class StepMaker:
         return done
 
     def floor(self, seconds: float) -> float:
-        """By which way and sum differ over so many seconds whatever the motion [m]."""
+        """Standard deviation [m] of way less said over so many seconds, independent of the motion."""
         return float(_floor(self._state, seconds))
 
 
 @kernel
 def _take(state, t, lat, lon, velocity):
-    """A fix with its velocity carries the step on, or begins one; True where it ends it."""
+    """Continue the step in progress by a fix with its velocity, or begin one; True where the fix ends the step."""
     if math.isnan(state[_BEGIN]) or _is_outage(state, t - state[_T]):
         _begin(state, t, lat, lon, velocity)
         return False
@@ -154,7 +154,7 @@ def _take(state, t, lat, lon, velocity):
 
 @kernel
 def _is_outage(state, period):
-    """Whether fixes have paused: where they go on, the guard of the return asks, and no velocity answers."""
+    """Whether fixes have paused: the return after a pause is tested by the guard, not by velocities."""
     usual = state[_PERIOD]
     state[_PERIOD] = min(period, _SLOWER * usual)
     return period > min(max(_PAUSES * usual, _SHORTEST_PAUSE), _PAUSE)
@@ -162,7 +162,7 @@ def _is_outage(state, period):
 
 @kernel
 def _begin(state, t, lat, lon, velocity):
-    """A step begins at a fix."""
+    """Begin a step at a fix."""
     state[_LAT], state[_LON], state[_BEGIN], state[_T] = lat, lon, t, t
     state[_FIRST] = state[_LAST] = velocity.real
     state[_FIRST + 1] = state[_LAST + 1] = velocity.imag
@@ -174,7 +174,7 @@ def _begin(state, t, lat, lon, velocity):
 
 @kernel
 def _move_to(state, east, north, period):
-    """The next fix. White errors of fixes show in their second differences, whose variance is six times theirs."""
+    """Take a fix, and update the variance of fixes from second differences, which is six times that of white noise."""
     moved_east, moved_north = east - state[_PLACE], north - state[_PLACE + 1]
     state[_PLACE], state[_PLACE + 1] = east, north
     if period > _SHORT:
@@ -188,7 +188,7 @@ def _move_to(state, east, north, period):
 
 @kernel
 def _hear(state, axis, velocity, period):
-    """The next velocity on one axis."""
+    """Take a velocity of one axis [m/s], ``period`` [s] after the last one."""
     state[_SAID + axis] += 0.5 * period * (state[_LAST + axis] + velocity)
     state[_LAST + axis] = velocity
     if velocity != state[_FIRST + axis]:

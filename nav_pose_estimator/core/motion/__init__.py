@@ -1,1 +1,1 @@
-"""How vehicles move: epochs, regimes, velocity through the air, wind."""
+"""Models of vehicle motion, learned in aided flight: epochs, regimes, velocity through the air, wind, priors."""

@@ -1,9 +1,9 @@
-"""What the network learns for an outage: the vehicle's velocity through the air, from what the IMU feels.
+"""The regression model behind the learned outage methods: velocity through the air, predicted from the IMU.
 
-Read literally, the source text trains the network on the filter's own position corrections, which are noise as long as
-GNSS is good, and teaches it nothing. What can be learned is how the vehicle moves. Rotor drag, lift and sideslip tie
-the velocity through the air, resolved in the body frame, to specific force, angular rate and attitude; the wind,
-resolved in the level frame, is the same for every attitude:
+Read literally, the source text trains the network on the filter's own position corrections. As long as GNSS is good
+these are noise and teach the network nothing. What can be learned is how the vehicle moves. Rotor drag, lift and
+sideslip tie the velocity through the air, resolved in the body frame, to specific force, angular rate and attitude; the
+wind, resolved in the level frame, does not depend on the attitude:
 
     C' v = g(f, w, u) + C' (w_mean + w(t))        u: the upward direction resolved in b                          (1)
 
@@ -11,14 +11,16 @@ The network g is trained on half-second means of aided flight, the mean wind w_m
 The predicted error of the navigator's velocity is then v - C g - w, exactly the increment of the position error that
 the source text asks for, and its coefficient on the navigator's own velocity is one by construction, not by training.
 
-A vehicle on wheels does not care about the wind: with w = 0 eq. (1) is the non-holonomic constraint, and it is learned
-like everything else. The wind is left out where the vehicle never goes sideways or up.
+The wind does not move a vehicle on wheels: with w = 0 eq. (1) contains the non-holonomic constraint, which is learned
+like everything else. The wind is left out where the vehicle never moves sideways or up.
 
-What g does not explain becomes noise, honestly: its residuals are those of blocks of time that it was not trained on;
-the part that persists in the level frame is the change of the wind w(t), a first-order Gauss-Markov process that goes
-on to be estimated in the outage; the rest counts with its spectral density at low frequency, because half-second
-residuals are not independent. A short flight shows little of g: the variance of its coefficients, in the direction of
-the inputs of the moment, counts as noise, too.
+What g does not explain is stated as noise:
+
+- The residuals are cross-validated: each block of time is predicted by a model that was not trained on it.
+- The part that persists in the level frame is the change of the wind w(t), a first-order Gauss-Markov process that the
+  filter goes on to estimate in the outage.
+- The rest counts with its spectral density at low frequency, because half-second residuals are not independent.
+- A short flight determines g poorly: the variance of its coefficients, projected on the present inputs, is added.
 
 Sources: CN113777645A, claim 3 (inputs, network, training); P. Martin and E. Salaun, "The true role of accelerometer
 feedback in quadrotor control", ICRA 2010 (rotor drag); M. Khaghani and J. Skaloud, "Autonomous vehicle dynamic
@@ -42,25 +44,25 @@ from nav_pose_estimator.errors import UserError
 
 Array = NDArray[np.float64]
 Fit = Callable[[Array], "tuple[Law, Array]"]
-"""Epochs (N, COLUMNS) -> the law of their motion and their mean wind (2,)."""
+"""Fits a model: epochs (N, COLUMNS) -> the law g of eq. (1) and the mean wind (2,) [m/s], East and North."""
 
-_BLOCKS = 4  # blocks of time for the residuals of data not trained on
-_RIDGE = 1e-3
-_WIND_RIDGE = 1e-2  # strong: without turns the wind cannot be told from the vehicle's own mean velocity
+_BLOCKS = 4  # blocks of time of the cross-validation
+_RIDGE = 1e-3  # ridge penalty on standardised coefficients, per epoch
+_WIND_RIDGE = 1e-2  # the same on the wind; strong, as without turns it is not observable beside the own mean velocity
 _ITERATIONS = 20  # of the conjugate gradient
-_MEMORY = 8.0  # s over which residuals count as correlated
-_FLOOR = 0.05**2  # m^2/s^2 in one second
-_UNSEEN_HOVER = 10.0  # s of hovering that the guess about it is worth
-_CLEARLY = 0.9  # part of one rule's squared error below which more rules are better
-_SLIPS = 0.002  # part of the squared speed ahead that the others are below on wheels, with a mount 2.5 degrees off
-_MOVING = 1.0  # m^2/s^2: mean squared speed that says something of slipping
-_GUIDED_TIME = 60.0  # s: a drone, too, may fly straight on for a while
-_LASTING = 20.0  # s that a wrong coefficient errs in the same way: it is not white noise
+_MEMORY = 8.0  # s: longest lag at which residuals count as correlated
+_FLOOR = 0.05**2  # m^2/s^2: smallest variance of a mean over one second
+_UNSEEN_HOVER = 10.0  # s of hovering: weight of the guessed noise in a hover
+_CLEARLY = 0.9  # more rules are used only where they reduce the squared error to less than this fraction
+_SLIPS = 0.002  # largest mean square of sideways or vertical over forward speed on wheels: a mount 2.5 degrees off
+_MOVING = 1.0  # m^2/s^2: least mean square of the forward speed for that test
+_GUIDED_TIME = 60.0  # s: least flight for that test, as a multirotor, too, may fly straight on for a while
+_LASTING = 20.0  # s: correlation time of the error that a wrong coefficient makes, which is not white noise
 _STRANGE = 10.0  # factor on the noise of a prediction far from the training data
 
 
 class Law(Protocol):
-    """What can take the place of g in eq. (1): an ``Anfis``, or a law of physics."""
+    """The interface of g in eq. (1): an ``Anfis`` network, or a law of physics."""
 
     @property
     def rules(self) -> int: ...
@@ -70,14 +72,13 @@ class Law(Protocol):
 
 @dataclass(frozen=True)
 class AirVelocityModel:
-    """A trained network with everything that turns its output into an observation.
+    """A fitted law with the wind and the noise that turn its output into an observation.
 
-    ``wind_mean`` (2,) of the training window; ``wind`` (2,) its change since, East and North [m/s], with covariance
-    ``wind_cov`` (2, 2) now and variance ``wind_spread`` in the long run. ``noise``, ``hover_noise`` (3,): variance of a
-    mean over one second, body axes [m^2/s^2].
-    ``parameter_cov`` (10, 10), larger with more inputs: how little the flight has shown of a linear law's coefficients,
-    for a noise of one;
-    ``errors``: number of rules -> squared error on blocks not trained on.
+    ``wind_mean`` (2,): mean wind of the training window, East and North [m/s]. ``wind`` (2,): its present change, with
+    covariance ``wind_cov`` (2, 2) and stationary variance ``wind_spread`` [m^2/s^2]. ``noise``, ``hover_noise`` (3,):
+    variance of the residual's mean over one second, body axes [m^2/s^2]. ``parameter_cov`` (10, 10), larger with more
+    inputs: covariance of a linear law's coefficients for unit noise. ``errors``: number of rules -> cross-validated
+    mean squared error [m^2/s^2].
     """
 
     network: Law
@@ -89,22 +90,22 @@ class AirVelocityModel:
     hover_noise: Array
     parameter_cov: Array
     errors: Mapping[int, float]
-    target_square: float  # mean square of what was to be learned
+    target_square: float  # m^2/s^2: mean square of the training target
 
     def predict(self, epoch: Array) -> tuple[Array, float]:
-        """Air velocity in b (3,) [m/s] at one epoch (COLUMNS,), and the factor on the noise for strange inputs."""
+        """Air velocity in b (3,) [m/s] at one epoch (COLUMNS,), and the factor on its noise (``doubt``)."""
         x = inputs(epoch[None])
         return self.network.predict(x)[0], float(self.doubt(x)[0])
 
     def doubt(self, x: Array) -> Array:
-        """Factor (N,) on the noise of what inputs (N, n) give: for strange ones, and for a law seen little of."""
+        """Factor (N,) on the noise at inputs (N, n): for extrapolation, and for poorly determined coefficients."""
         strange = 1.0 + (_STRANGE - 1.0) * np.clip(self.network.novelty(x) - 1.0, 0.0, 1.0)
         z = np.column_stack([x, np.ones(len(x))])
         return strange * (1.0 + _LASTING * np.einsum("ni,ij,nj->n", z, self.parameter_cov, z))
 
     @property
     def is_guided(self) -> bool:
-        """Whether the ground guides the vehicle: it goes where its nose points, and no wind moves it."""
+        """Whether the vehicle is guided by the ground (non-holonomic): it moves along its x axis, unmoved by wind."""
         return self.wind_spread == 0.0
 
     @property
@@ -113,13 +114,13 @@ class AirVelocityModel:
         return self.network.rules
 
     def follow(self, epoch: Array) -> "AirVelocityModel":
-        """The model with its wind brought on by one more aided epoch (COLUMNS,)."""
+        """The model with its wind updated by one more aided epoch (COLUMNS,)."""
         residual = _residuals(epoch[None], self.network, self.wind_mean)
         wind, cov, _ = track(attitude(epoch[None]), residual, self.noise, self.wind_spread, self.wind, self.wind_cov)
         return replace(self, wind=wind, wind_cov=cov)
 
     def state(self) -> dict[str, np.ndarray]:
-        """Named arrays for a file. ``from_state`` gives the same model."""
+        """Named arrays for a file; the inverse of ``from_state``."""
         if not isinstance(self.network, Anfis):
             raise UserError(
                 "a drag law, or what an airframe file says, is not a network of this flight: there is nothing to save"
@@ -132,9 +133,9 @@ class AirVelocityModel:
 
     @classmethod
     def from_state(cls, state: Mapping[str, np.ndarray], added: int = 0) -> "AirVelocityModel":
-        """The model of ``state()`` whose network has ``added`` inputs by the method.
+        """The model that ``state()`` stored; ``added``: number of inputs that the method adds.
 
-        ``UserError`` when parts of it are damaged, ``KeyError`` when one is missing.
+        Raises ``UserError`` for damaged parts, ``KeyError`` for a missing one.
         """
         network = Anfis.from_state(
             {k.removeprefix("network."): v for k, v in state.items() if k.startswith("network.")}
@@ -156,11 +157,11 @@ _ARRAYS = {
     "hover_noise": (3,),
     "target_square": (),
 }
-"""Parts of a saved model with their shapes; that of ``parameter_cov`` grows with what a method adds."""
+"""Parts of a saved model with their shapes; that of ``parameter_cov`` grows with the inputs that a method adds."""
 
 
 def _check_parts(network: Anfis, parts: Mapping[str, Array], errors: Array, count: int) -> None:
-    """``UserError`` for parts of a saved model that do not fit, or that no training yields: they are not flown."""
+    """Raise ``UserError`` for parts of a saved model that do not fit together or that no training yields."""
     expected = _ARRAYS | {"parameter_cov": (count + 1, count + 1)}
     shapes = [parts[name].shape == shape for name, shape in expected.items()]
     scaling = network.network.scaling
@@ -177,10 +178,10 @@ def _check_parts(network: Anfis, parts: Mapping[str, Array], errors: Array, coun
 def learn_air_velocity(
     epochs: Array, rules: tuple[int, ...] = (1,), weigh: Weigh = axis_weights, prior: MotionPrior | None = None
 ) -> AirVelocityModel:
-    """Train on aided epochs (N, COLUMNS) in order of time, N at least a hundred, or eight with a ``prior``.
+    """Fit eq. (1) to aided epochs (N, COLUMNS) in order of time, N at least 100, or 8 with a ``prior``.
 
-    ``rules``: numbers of rules to try; more than the first have to be clearly better on blocks not trained on.
-    ``weigh``: how much each body axis counts for the wind. As long as a ``prior`` counts, the law is linear.
+    ``rules``: numbers of rules to try; any but the first has to have a clearly smaller cross-validated error.
+    ``weigh``: weights of the body axes in the estimate of the wind. While a ``prior`` has weight, the law is linear.
     """
     blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
     seconds = 0.0 if prior is None else prior.seconds(epochs)
@@ -201,10 +202,10 @@ def learn_air_velocity(
 
 
 def with_law(epochs: Array, law: Law, windless: bool = False, weigh: Weigh = axis_weights) -> AirVelocityModel:
-    """A ``law`` from elsewhere on a flight of ``epochs`` (N, COLUMNS or more): its wind, and the noise left."""
+    """A given ``law`` on a flight of ``epochs`` (N, COLUMNS or more): only the wind and the noise are estimated."""
     left, wind = _residuals(epochs, law, np.zeros(2)), np.zeros(2)
     if not windless:
-        nothing = np.zeros((len(epochs), 1))  # the law is fixed: no input can explain a part of the wind
+        nothing = np.zeros((len(epochs), 1))  # the law is fixed: its inputs explain no part of the wind
         wind = mean_wind(attitude(epochs), left, nothing, np.eye(1), _WIND_RIDGE, weigh)
     residual = left - _in_body(epochs, wind)
     errors = {law.rules: float(np.square(residual).mean())}
@@ -212,7 +213,7 @@ def with_law(epochs: Array, law: Law, windless: bool = False, weigh: Weigh = axi
 
 
 def wind_along(model: AirVelocityModel, epochs: Array) -> Array:
-    """The wind (N, 2) [m/s] at every epoch of a flight, as the ``model`` of it follows it."""
+    """The wind (N, 2) [m/s], East and North, at every epoch of a flight, tracked with the ``model`` of that flight."""
     seen = _residuals(epochs, model.network, model.wind_mean)
     unknown = model.wind_spread * np.eye(2)
     _, _, expected = track(attitude(epochs), seen, model.noise, model.wind_spread, np.zeros(2), unknown)
@@ -222,7 +223,7 @@ def wind_along(model: AirVelocityModel, epochs: Array) -> Array:
 def _begun(
     law: Law, wind: Array, epochs: Array, unseen: Array, errors: Mapping[int, float], weigh: Weigh | None
 ) -> AirVelocityModel:
-    """A model before its noise is known and without doubt about the law; ``weigh`` None: no wind moves the vehicle."""
+    """A model whose noise and coefficient covariance are still to be set; ``weigh`` None: a vehicle without wind."""
     size = inputs(epochs[:1]).shape[1] + 1
     return AirVelocityModel(
         network=law,
@@ -239,7 +240,7 @@ def _begun(
 
 
 def _with_prior(model: AirVelocityModel, epochs: Array, unseen: Array, prior: MotionPrior) -> AirVelocityModel:
-    """The model with noise, wind and doubt as flight and prior show them, each by its seconds."""
+    """The model with noise, wind and coefficient covariance of flight and prior, each weighted by its seconds."""
     seconds = prior.seconds(epochs)
     share = seconds / (seconds + len(epochs) * PERIOD)
     spread = 0.0 if model.is_guided else share * prior.wind_spread + (1.0 - share) * model.wind_spread
@@ -259,9 +260,9 @@ def _with_prior(model: AirVelocityModel, epochs: Array, unseen: Array, prior: Mo
 
 
 class DragLaw:
-    """Linear rotor drag, the classical rival: air velocity along x and y is specific force times ``-1 / D``.
+    """Linear rotor drag, the classical baseline: air velocity along body x and y is ``-1 / D`` times specific force.
 
-    ``gain`` (2,): 1 / D [s] along body x and y. It says nothing of the vertical.
+    ``gain`` (2,): 1 / D [s] along body x and y. The predicted vertical velocity is zero.
     """
 
     rules = 1
@@ -274,12 +275,12 @@ class DragLaw:
         return np.column_stack([-self.gain * x[:, :2], np.zeros(len(x))])
 
     def novelty(self, x: Array) -> Array:
-        """A law of physics holds everywhere."""
+        """Zero (N,): a law of physics holds everywhere."""
         return np.zeros(len(x))
 
 
 def learn_drag(epochs: Array) -> AirVelocityModel:
-    """Drag coefficients and wind by least squares over aided epochs (N, COLUMNS): the same observation, no network."""
+    """Fit drag coefficients and wind to aided epochs (N, COLUMNS) by least squares: eq. (1) without a network."""
     blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
     unseen = _unseen_residuals(epochs, blocks, _fit_drag)
     law, wind = _fit_drag(epochs)
@@ -304,7 +305,7 @@ def _fit_drag(epochs: Array) -> tuple[DragLaw, Array]:
 
 
 def is_guided(epochs: Array) -> bool:
-    """Whether the vehicle goes where its nose points, neither sideways nor up: what flies has to tilt or to climb."""
+    """Whether the vehicle moves along its x axis only, neither sideways nor up; anything that flies does not."""
     if len(epochs) * PERIOD < _GUIDED_TIME:
         return False
     ahead, sideways, upwards = np.square(epochs[:, BODY_VELOCITY:VELOCITY]).mean(axis=0)
@@ -312,7 +313,7 @@ def is_guided(epochs: Array) -> bool:
 
 
 def _parameter_cov(epochs: Array) -> Array:
-    """Covariance (10, 10) or more of a linear law's coefficients of (inputs, 1) for a noise of one in one second."""
+    """Covariance (n + 1, n + 1) of a linear law's coefficients of (inputs, 1), for unit noise of a one-second mean."""
     x = inputs(epochs)
     spread = x.std(axis=0)
     scale = 1.0 / np.where(spread > 1e-9, spread, 1.0)
@@ -324,7 +325,7 @@ def _parameter_cov(epochs: Array) -> Array:
 
 
 def _fit(epochs: Array, rules: int, windless: bool, weigh: Weigh) -> tuple[Anfis, Array]:
-    """Network and mean wind (2,). The wind comes from the linear model, whose least squares see both together."""
+    """Network and mean wind (2,). The wind is that of the linear model, which is solved for both jointly."""
     wind = np.zeros(2) if windless else _joint_wind(epochs, weigh)
     target = epochs[:, BODY_VELOCITY:VELOCITY] - _in_body(epochs, wind)
     network = Anfis(rules=rules, ridge=_RIDGE, partition="fcm", iterations=_ITERATIONS)
@@ -346,7 +347,7 @@ def _in_body(epochs: Array, wind: Array) -> Array:
 
 
 def _residuals(epochs: Array, network: Law, wind: Array) -> Array:
-    """Body velocity (N, 3) that network and wind do not explain."""
+    """Residuals (N, 3) of eq. (1) [m/s] in b."""
     return epochs[:, BODY_VELOCITY:VELOCITY] - network.predict(inputs(epochs)) - _in_body(epochs, wind)
 
 
@@ -359,7 +360,7 @@ def _unseen_residuals(epochs: Array, blocks: Sequence[NDArray[np.intp]], fit: Fi
 
 
 def _with_noise(model: AirVelocityModel, epochs: Array, unseen: Array, blend: Blend = ALONE) -> AirVelocityModel:
-    """The model with its wind of today and with the noise that is left when the wind is followed."""
+    """The model with its present wind, and with the noise that remains when the wind is tracked."""
     seen = _residuals(epochs, model.network, model.wind_mean)
     density = blend.doubt * blend.of(np.maximum(_low_frequency_density(unseen), _FLOOR))
     C = attitude(epochs)
@@ -373,9 +374,9 @@ def _with_noise(model: AirVelocityModel, epochs: Array, unseen: Array, blend: Bl
 
 
 def _low_frequency_density(residual: Array) -> Array:
-    """Variance (3,) of a mean over one second of white noise as strong as ``residual`` (N, 3) at low frequency.
+    """Variance (3,) of a one-second mean of white noise with the low-frequency density of ``residual`` (N, 3).
 
-    Bartlett's estimate of the spectral density at zero, at least the density of independent residuals.
+    Bartlett's estimate of the spectral density at zero; at least the density of independent residuals.
     """
     count = len(residual)
     lags = min(round(_MEMORY / PERIOD), count // 4)
@@ -387,7 +388,7 @@ def _low_frequency_density(residual: Array) -> Array:
 
 
 def _hover_noise(epochs: Array, unseen: Array) -> Array:
-    """What the residuals are while the vehicle hovers; a guess where it never did: there the network knows nothing."""
+    """Variance (3,) [m^2/s^2] of the residuals in a hover, shrunk towards a guess: without hovering it is the guess."""
     square = np.square(epochs[:, VELOCITY : VELOCITY + 2]).sum(axis=1)
     hovers = square < SLOW**2
     seconds = float(hovers.sum()) * PERIOD

@@ -1,4 +1,4 @@
-"""What is known of an aircraft before it takes off: its class, an archive of flights, and a network trained on them."""
+"""Prior knowledge of an aircraft: its class, an archive of past flights, and a network trained on them."""
 
 from dataclasses import dataclass
 
@@ -23,18 +23,18 @@ Array = NDArray[np.float64]
 
 VELOCITY, INCREMENTS = "velocity", "increments"
 FORMS = (VELOCITY, INCREMENTS)
-"""What a network says of a second: velocity through the air and its log variance, or the increments of the source."""
+"""Outputs of a network for each second: air velocity and its log variance, or the increments of the source text."""
 WORTH, FADES = 100.0, 150.0
-"""Seconds of flight that an archive of other aircraft is worth at the start, and of motion until none counts."""
+"""Initial weight of an archive of other aircraft [s of flight], and motion after which the weight is zero [s]."""
 CONTROL_SEED = 1
-_FASTEST = 100.0  # m/s
-_SAME = 3.0  # flights of this very aircraft are worth so much more than those of others of its class
-_YOUNG = 60.0  # s of flight in which a multirotor may not have hovered yet
+_FASTEST = 100.0  # m/s: limit of each component of a network's output
+_SAME = 3.0  # weight of flights of the same aircraft over that of other aircraft of the class
+_YOUNG = 60.0  # s of flight: a multirotor that has not hovered by then is judged by its motion
 
 
 @dataclass(frozen=True)
 class Archive:
-    """Normal equations of ``prior`` eq. (1) over ``seconds`` of flight, with what is left on flights not used for it.
+    """Normal equations of ``prior`` eq. (1) over ``seconds`` [s] of flight, with cross-validated noise.
 
     ``gram`` (n + 1, n + 1), ``moment`` (n + 1, 3), ``noise`` (3,) and ``wind_spread`` as in ``MotionPrior``.
     """
@@ -48,10 +48,10 @@ class Archive:
 
 @dataclass(frozen=True)
 class TrainedNetwork:
-    """A network and what its output is worth: archives of ten inputs more than its own three outputs.
+    """A network with archives whose inputs include the network's outputs, which show what these are worth.
 
-    ``archive`` is made with the outputs of networks that had not seen the flight, ``control`` with those of a network
-    of random weights.
+    ``archive`` was made with the outputs of networks that were not trained on the flight in question
+    (cross-validation), ``control`` with those of a network of random weights.
     """
 
     form: str
@@ -60,30 +60,30 @@ class TrainedNetwork:
     control: Archive
 
     def velocity(self, window: Array) -> Array:
-        """Air velocity in b (3,) [m/s] by the last second, ``windows.window``."""
+        """Air velocity in b (3,) [m/s] predicted from the last second (``windows.window``)."""
         return air_velocity(self.weights, self.form, window)
 
     @property
     def untrained(self) -> "TrainedNetwork":
-        """The control: the same shape and scales, weights by chance."""
+        """The control: the same shape and scales, random weights."""
         return TrainedNetwork(self.form, control_of(self.weights), self.control, self.control)
 
 
 def air_velocity(weights: ConvLstm, form: str, window: Array) -> Array:
-    """What a network of this ``form`` says of the air velocity in b (3,) [m/s]; no more than any aircraft flies."""
+    """Air velocity in b (3,) [m/s] predicted by a network of this ``form``, limited to a plausible speed."""
     said = weights.predict(window[:, : weights.channels])[:3]
     return np.clip(said if form == VELOCITY else said / SECONDS, -_FASTEST, _FASTEST)
 
 
 def control_of(weights: ConvLstm) -> ConvLstm:
-    """A network of the same shape and scales that has learned nothing."""
+    """A network of the same shape and scales with random weights."""
     scales = {name: getattr(weights, name) for name in ("input_mean", "input_scale", "output_mean", "output_scale")}
     return untrained(scales, CONTROL_SEED)
 
 
 @dataclass(frozen=True)
 class PastFlight:
-    """A recording that went into an archive: its name, the SHA-256 of what it was read from, seconds of flight."""
+    """A recording that is part of an archive: its name, the SHA-256 of the file, and its length [s]."""
 
     name: str
     digest: str
@@ -92,9 +92,10 @@ class PastFlight:
 
 @dataclass(frozen=True)
 class Airframe:
-    """The content of an airframe file. ``is_one_aircraft``: all flights are of the one that flies with the file.
+    """The content of an airframe file. ``is_one_aircraft``: all flights are of the aircraft that flies with the file.
 
-    ``made_with``: versions and vector instructions, on which the last bits of a simulated flight depend; may be empty.
+    ``made_with``: software versions and vector instructions, on which the last bits of a simulated flight depend; may
+    be empty.
     """
 
     vehicle_class: str
@@ -108,9 +109,9 @@ class Airframe:
 def as_prior(
     archive: Archive, vehicle_class: str, is_one_aircraft: bool, worth: float = WORTH, fades: float = FADES
 ) -> MotionPrior:
-    """An ``archive`` as it counts in flight, at most as much as it holds.
+    """The ``archive`` as a prior, with at most the weight of the flight time that it holds.
 
-    ``worth`` [s] of flight if it is of other aircraft; ``fades`` [s] as in ``MotionPrior``.
+    ``worth`` [s]: weight of an archive of other aircraft; ``fades`` [s] as in ``MotionPrior``.
     """
     seconds = min(worth * (_SAME if is_one_aircraft else 1.0), archive.seconds)
     guided = vehicle_class == WHEELS
@@ -121,23 +122,23 @@ def as_prior(
 
 @dataclass(frozen=True)
 class Beforehand:
-    """What a flight begins with: the class of the vehicle and, perhaps, an airframe; how much the archive is worth."""
+    """Knowledge at the start of a flight: the class of the vehicle and, optionally, an airframe file and its weight."""
 
     vehicle_class: str = UNKNOWN
     airframe: Airframe | None = None
-    worth: float = WORTH  # s of flight if it is of other aircraft
-    fades: float = FADES  # s of motion
+    worth: float = WORTH  # s of flight: weight of an archive of other aircraft
+    fades: float = FADES  # s of motion after which the archive has no weight
 
     @property
     def is_class_known(self) -> bool:
-        """Whether the regimes of motion can be told from the first seconds on."""
+        """Whether the class is known, so that the regimes of motion are defined from the first seconds on."""
         return self.vehicle_class != UNKNOWN
 
     def by_flight(self, epochs: Array) -> "Beforehand":
-        """What is left of it when the flight of ``epochs`` (N, COLUMNS or more) has shown what the vehicle is.
+        """The knowledge that still holds after the flight of ``epochs`` (N, COLUMNS or more).
 
-        A multirotor that the file, or the user, takes for a fixed wing, or a fixed wing for anything but that, is what
-        it shows. On the ground it shows nothing: a wing taxies, and a multirotor is driven to where it starts.
+        Where the motion clearly shows a flying class other than the stated one, the motion wins and the airframe is
+        dropped. Motion on the ground is no evidence: a fixed wing taxies, and a multirotor is driven to its start.
         """
         told = tell_class(epochs)
         if self.is_class_known and (told not in FLYING or told == self.vehicle_class):
@@ -145,10 +146,11 @@ class Beforehand:
         return Beforehand(told)
 
     def can_hover(self, epochs: Array) -> bool | None:
-        """Whether the vehicle of the flight of ``epochs`` (N, COLUMNS or more) can; None where that has to show it.
+        """Whether the vehicle of the flight of ``epochs`` (N, COLUMNS or more) can hover; None: the flight decides.
 
-        What moves unlike a multirotor cannot: a car or a boat at constant speed is as calm as a hover. A multirotor
-        that flies laps might, but does not; in its first minute it may not have done so yet.
+        A vehicle that moves unlike a multirotor cannot, for a car or a boat at constant speed is as calm as a hover. A
+        multirotor that only flies laps never does; in its first minute this cannot be decided yet, and it is assumed
+        to be able to.
         """
         told = self.by_flight(epochs).vehicle_class
         if told == UNKNOWN:
@@ -161,14 +163,15 @@ class Beforehand:
     def prior(self) -> MotionPrior | None:
         """The archive as a prior.
 
-        None for multirotors unless they are the same aircraft: frames, propellers and loads differ too much.
+        None for a multirotor unless the archive is of the same aircraft: frames, propellers and loads differ too much.
         """
         return None if self.airframe is None else self.prior_of(self.airframe.archive)
 
     def flown(self, epochs: Array) -> Array:
-        """Those of ``epochs`` (N, COLUMNS or more) that the archive's law can hold for, while it counts.
+        """Those of ``epochs`` (N, COLUMNS or more) for which the archive's law is valid, while it has weight.
 
-        A wing at rest on the runway feels what it feels in cruise: its law would take the difference for wind.
+        At rest on the runway the IMU of a fixed wing measures the same as in cruise: the law would predict the cruise
+        speed, and the difference would be taken for wind.
         """
         prior = self.prior
         if prior is None or self.vehicle_class != FIXED_WING or prior.seconds(epochs) == 0.0:
@@ -177,7 +180,7 @@ class Beforehand:
         return epochs[np.flatnonzero(stands)[-1] + 1 :] if stands.any() else epochs
 
     def prior_of(self, archive: Archive) -> MotionPrior | None:
-        """The same of another ``archive`` of the airframe."""
+        """Another ``archive`` of the airframe as a prior; None as for ``prior``."""
         airframe = self.airframe
         if airframe is None or self.worth <= 0.0:
             return None

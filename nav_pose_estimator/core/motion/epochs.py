@@ -1,8 +1,8 @@
-"""Half-second means of a navigation solution: what is learned from, and what a prediction is made of.
+"""Epochs: half-second means of the navigation solution, the data of training and prediction.
 
 An epoch is one row (COLUMNS,): time of its end, mean attitude matrix, and the means of velocity (body and level frame),
-specific force, angular rate and position. Velocity in b is the mean of ``C^T v``, not a product of means: an aerobatic
-aircraft rolls far within half a second.
+specific force, angular rate and position. Velocity in b is the mean of ``C^T v``, not the product of the means: an
+aerobatic aircraft rolls far within half a second.
 """
 
 import numpy as np
@@ -11,12 +11,12 @@ from nav_pose_estimator.core.filter.layout import OUT_FORCE, OUT_POS, OUT_QUAT, 
 from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
 
-PERIOD = 0.5  # s
+PERIOD = 0.5  # s: length of an epoch
 TIME, ATTITUDE, BODY_VELOCITY, VELOCITY, FORCE, RATE, POSITION, COLUMNS = 0, 1, 10, 13, 16, 19, 22, 25
 """Columns: s, C_nb row-major (9), C^T v [m/s] (3), v_n [m/s] (3), f_b [m/s^2] (3), w_b [rad/s] (3), lat, lon, alt."""
 ACTIVITY_EPOCHS = 4
-"""Epochs over which the activity is taken: two seconds tell a hovering multirotor from a moving one."""
-_STILL = 1e-4  # (m/s^2)^2: below, activity is not told apart
+"""Epochs over which ``activity`` is averaged: two seconds, enough to tell a hovering multirotor from a moving one."""
+_STILL = 1e-4  # (m/s^2)^2: added to the mean square acceleration, so that its logarithm is bounded at rest
 
 
 @kernel
@@ -46,18 +46,18 @@ def attitude(epochs: np.ndarray) -> np.ndarray:
 
 
 def inputs(epochs: np.ndarray) -> np.ndarray:
-    """What a law of motion goes by, (N, 9 + K) of epochs (N, COLUMNS + K): specific force, angular rate, upward
-    direction in b, and what the method adds to an epoch."""
+    """Inputs of a law of motion, (N, 9 + K), from epochs (N, COLUMNS + K): specific force, angular rate and upward
+    direction in b, and the K columns that the method adds to an epoch."""
     return np.concatenate([epochs[:, FORCE:POSITION], attitude(epochs)[:, 2], epochs[:, COLUMNS:]], axis=1)
 
 
 def horizontal_acceleration(epochs: np.ndarray) -> np.ndarray:
-    """East and North of the specific force in n, (N, 2) [m/s^2]: without a tilt error, the acceleration over ground."""
+    """Horizontal specific force in n, (N, 2) [m/s^2], East and North: but for tilt errors, the acceleration."""
     return np.einsum("nij,nj->ni", attitude(epochs)[:, :2], epochs[:, FORCE:RATE])
 
 
 def activity(epochs: np.ndarray) -> np.ndarray:
-    """Logarithm (N,) of the RMS horizontal acceleration over the last two seconds up to each epoch."""
+    """Logarithm (N,) of the RMS horizontal acceleration [m/s^2] over the two seconds that end with each epoch."""
     square = np.square(horizontal_acceleration(epochs)).sum(axis=1)
     summed = np.cumsum(np.concatenate([np.zeros(1), square]))
     last = np.arange(1, len(square) + 1)

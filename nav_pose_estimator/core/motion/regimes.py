@@ -1,9 +1,9 @@
-"""How a vehicle moves, learned from its flight: it hovers or it travels, and each regime has its own statistics.
+"""Statistics of the two regimes of motion, hovering and travelling, estimated from the flight so far.
 
-A multirotor that hovers keeps its velocity near zero and hardly accelerates; one that travels does neither. Velocity
-spread, activity (``motion_epochs.activity``) and how local the flight is are estimated from the flight so far, shrunk
-towards what is usual, so that a flight that has not travelled yet expects it like others. A vehicle that never slows
-down (a fixed wing) has one regime only.
+A hovering multirotor keeps its velocity near zero and hardly accelerates; a travelling one does neither. The variance
+of the velocity, the activity (``epochs.activity``) and the extent of the flight are shrunk towards population values
+(``usual``), so that they are defined before the flight has shown both regimes. A vehicle that never slows down (a fixed
+wing) has one regime only.
 """
 
 from __future__ import annotations
@@ -23,41 +23,42 @@ from nav_pose_estimator.core.motion.usual import (
     wander_squares,
 )
 
-_ABLE = 5.0  # m/s: a vehicle that spends a tenth of its flight below this can hover
-_SHARE = 10.0  # percent
-_FLOWN = 20.0  # s since the vehicle was fast for the first time that tell whether it can hover, too
-_RECENT = round(5.0 / PERIOD)  # epochs that say in which regime the vehicle is
-_USUAL_TIME = 20.0  # s of a regime that the usual values are worth: three draws of a velocity
-_USUAL_PLACE = 60.0  # s of flight that the usual displacement is worth: two draws
-_USUAL_DEPARTURES = 2.0  # ends of a hover that the usual one is worth
-_USUAL_DECISIONS = 30.0  # s of travelling in rehearsals that the usual share of wrong decisions is worth
-_DOUBT = 0.02  # no regime is certain
+_ABLE = 5.0  # m/s: a vehicle that spends a tenth of its flight below this speed can hover
+_SHARE = 10.0  # percent: that tenth, as a percentile of the speed
+_FLOWN = 20.0  # s: least flight since the first fast motion on which that test relies; with less, all data count
+_RECENT = round(5.0 / PERIOD)  # epochs: the share of hovering among them is the prior probability of a hover
+_USUAL_TIME = 20.0  # s of a regime: weight of its population values, about three independent draws of a velocity
+_USUAL_PLACE = 60.0  # s of flight: weight of the population's displacement, two draws
+_USUAL_DEPARTURES = 2.0  # ends of a hover: weight of the population's length of a hover
+_USUAL_DECISIONS = 30.0  # s of travelling in rehearsals: weight of the population's share of wrong decisions
+_DOUBT = 0.02  # least probability of either regime
 
 
 @dataclass(frozen=True)
 class Decisions:
-    """What rehearsals show of the regimes: how much the vehicle ``travelled``, and what of it was ``missed``.
+    """How well rehearsals identified the regimes: motion that ``travelled``, and the part of it that was ``missed``.
 
-    Both are squares of a velocity component, summed over time [m^2/s]: it is fast motion that must not be missed.
+    Both are integrals over time of the square of a velocity component [m^2/s], for fast motion matters most. Missed is
+    what was taken for hovering.
     """
 
     travelled: float = 0.0
     missed: float = 0.0
 
     def __add__(self, other: Decisions) -> Decisions:
-        """Both together."""
+        """The sum of both."""
         return Decisions(self.travelled + other.travelled, self.missed + other.missed)
 
 
 @dataclass(frozen=True)
 class MotionRegimes:
-    """Variance of a velocity component [m^2/s^2] and (mean, variance) of the activity, each for travel and hover.
+    """Statistics of both regimes: variance of a velocity component [m^2/s^2] and (mean, variance) of the activity.
 
-    ``travel_time`` [s]: how much flight makes one independent draw of a travelling vehicle's velocity. ``place_var``
-    [m^2]: variance of a horizontal component of its place about where GNSS was lost, None where nothing is known of it;
-    ``wander_var`` [m^2] the same of a hover. ``unnoticed_psd`` [m^2/s]: by which the position of a vehicle that is said
-    to hover would spread, had the hover ended; ``hover_time`` [s]: how long one lasts. The flight is known up to the
-    time ``until`` [s].
+    ``travel_time`` [s]: flight that makes one independent draw of a travelling vehicle's velocity. ``place_var`` [m^2]:
+    variance of a horizontal component of the displacement from where GNSS was lost, None where it is unknown;
+    ``wander_var`` [m^2]: the same for a hover. ``unnoticed_psd`` [m^2/s]: spectral density with which the position
+    spreads if the vehicle has left a hover unnoticed; ``hover_time`` [s]: mean length of a hover. ``until`` [s]: time
+    up to which the flight is known.
     """
 
     can_hover: bool
@@ -74,16 +75,16 @@ class MotionRegimes:
     until: float
 
     def doubt_psd(self, time: float) -> float:
-        """By which the position of a hover spreads [m^2/s] at a ``time`` [s]: it may have ended since GNSS was lost."""
+        """Spectral density [m^2/s] of a hover's position at ``time`` [s]: it may have ended since GNSS was lost."""
         return self.unnoticed_psd * -math.expm1(-max(time - self.until, 0.0) / self.hover_time)
 
 
 def learn_regimes(
     epochs: np.ndarray, usual: UsualMotion, decisions: Decisions | None = None, can_hover: bool | None = None
 ) -> MotionRegimes:
-    """Statistics of aided epochs (N, COLUMNS) in order of time; N may be zero.
+    """Estimate the statistics from aided epochs (N, COLUMNS) in order of time; N may be zero.
 
-    ``can_hover``: what the class of the vehicle says; None where it is unknown and the flight has to show it.
+    ``usual``: population values. ``can_hover``: by the class of the vehicle; None where the flight has to show it.
     """
     square = np.square(epochs[:, VELOCITY : VELOCITY + 2]).sum(axis=1)
     hovers = hovering(epochs)
@@ -109,14 +110,14 @@ def learn_regimes(
 
 
 def shows_hovering(epochs: np.ndarray) -> bool:
-    """Whether the vehicle of epochs (N, COLUMNS) can hover: it is slow now and then; N may be zero."""
+    """Whether the vehicle of epochs (N, COLUMNS) can hover, because it is slow now and then; N may be zero."""
     return _slow_speed(np.hypot(epochs[:, VELOCITY], epochs[:, VELOCITY + 1])) < _ABLE
 
 
 def _slow_speed(speed: np.ndarray) -> float:
-    """Speed [m/s] that nine tenths of the flight were faster than, from speeds (N,).
+    """Tenth percentile [m/s] of the speeds (N,) since the vehicle was fast for the first time.
 
-    What came before the first fast flight may have been the way to the start, on the ground or being carried.
+    Earlier motion may have been on the way to the start, on the ground or being carried.
     """
     fast = speed > _ABLE
     first = int(np.argmax(fast)) if fast.any() else len(speed)
@@ -127,16 +128,16 @@ def _slow_speed(speed: np.ndarray) -> float:
 
 
 def _unnoticed(travel_var: float, usual: Hover, decisions: Decisions) -> float:
-    """Mean square [m^2/s^2] of a velocity component that may be taken for hovering, as far as no rehearsal has seen it.
+    """Mean square [m^2/s^2] of a velocity component that may be taken for hovering, as long as rehearsals are few.
 
-    Where the vehicle has travelled in rehearsals, they tell what its stated position lacks.
+    Where the vehicle has travelled in rehearsals, their own results replace this population value.
     """
     worth = _USUAL_DECISIONS * travel_var
     return travel_var * usual.missed * worth / (worth + decisions.travelled)
 
 
 def _hover_time(epochs: np.ndarray, usual: Hover) -> float:
-    """Mean length of a hover [s]: that of a Poisson process with the usual rate as its prior."""
+    """Mean length of a hover [s]: posterior of a Poisson process whose prior is the population's rate."""
     hovered = float(hovering(epochs).sum()) * PERIOD
     return (_USUAL_DEPARTURES * usual.time + hovered) / (_USUAL_DEPARTURES + departures(epochs))
 

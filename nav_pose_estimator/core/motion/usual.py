@@ -1,8 +1,8 @@
-"""How vehicles usually move: what a flight begins with, and what it shows replaces (empirical Bayes).
+"""Population statistics of vehicle motion: the prior of a flight, which its own data replace (empirical Bayes).
 
-Every number is one that a single flight has, too, averaged over airframes (each counts once, however far it flew), so
-that a flight can be shrunk towards it. Squares are averaged for scales: a vehicle whose speed is not known yet has the
-mean square of all, and with it the deviation that covers the fast ones.
+Each number is a statistic of a single flight averaged over airframes (each counts once, however far it flew), so that
+the estimate from a flight can be shrunk towards it. Scales are root mean squares: a vehicle whose speed is not known
+yet gets a standard deviation that covers the fast ones, too.
 """
 
 from collections.abc import Sequence
@@ -17,20 +17,20 @@ from nav_pose_estimator.core.numerics.rotation import wrap_angle_many
 
 Array = NDArray[np.float64]
 
-SLOW = 0.8  # m/s: slower counts as hovering
-LOITER_LAG = 30.0  # s: by then the path has bent back on most flights, and the displacement hardly grows any more
-_LAG = round(LOITER_LAG / PERIOD)
-_LONGEST_LAG = 20.0  # s for the correlation of velocities
-_UNKNOWN_WANDER = 1.5  # m, where no flight has hovered for half a minute
-_LEAST = 10.0  # s in a regime below which a flight says nothing of it
+SLOW = 0.8  # m/s over ground: a slower vehicle counts as hovering
+LOITER_LAG = 30.0  # s: after that the path of most flights has turned back, and the displacement hardly grows further
+_LAG = round(LOITER_LAG / PERIOD)  # the same in epochs
+_LONGEST_LAG = 20.0  # s: longest correlation time of the velocity that is looked for
+_UNKNOWN_WANDER = 1.5  # m: wander of a hover where no flight has hovered for half a minute
+_LEAST = 10.0  # s: least time in a regime from which its statistics are taken
 
 
 @dataclass(frozen=True)
 class Travel:
-    """A vehicle under way. ``speed``: RMS of each horizontal velocity component [m/s].
+    """Statistics of a travelling vehicle. ``speed``: RMS of each horizontal velocity component [m/s].
 
-    ``velocity_time`` [s]: so much flight makes one independent draw of the velocity. ``loiter`` [s]: RMS displacement
-    of each axis in half a minute over ``speed``: how local flights are.
+    ``velocity_time`` [s]: flight that makes one independent draw of the velocity. ``loiter`` [s]: RMS displacement of
+    each axis in half a minute, divided by ``speed``; small where flights stay local.
     """
 
     speed: float
@@ -40,10 +40,11 @@ class Travel:
 
 @dataclass(frozen=True)
 class Hover:
-    """A vehicle that can hover. ``speed`` as in ``Travel``, hovering; activities: mean and deviation of the logarithm.
+    """Statistics of a vehicle that can hover. ``speed``: as in ``Travel``, while hovering.
 
-    ``wander`` [m]: RMS displacement of each axis in half a minute of a hover. ``time`` [s]: how long one lasts. Of the
-    square of a travelling vehicle's speed the regimes take ``missed`` for hovering when there is no GNSS.
+    ``activity``, ``travel_activity``: mean and standard deviation of ``epochs.activity`` in a hover and under way.
+    ``wander`` [m]: RMS displacement of each axis in half a minute of a hover. ``time`` [s]: mean length of a hover.
+    ``missed``: fraction of a travelling vehicle's squared speed that is taken for hovering without GNSS.
     """
 
     speed: float
@@ -57,7 +58,8 @@ class Hover:
 @dataclass(frozen=True)
 class Drag:
     """Rotor drag of multirotors. ``rate``: specific force along body x or y over velocity through the air [1/s], with
-    deviation ``rate_spread`` over airframes. ``noise``: deviation of a mean over one second of what it leaves [m/s]."""
+    standard deviation ``rate_spread`` over airframes. ``noise``: standard deviation of the residual velocity's
+    one-second mean [m/s]."""
 
     rate: float
     rate_spread: float
@@ -66,7 +68,7 @@ class Drag:
 
 @dataclass(frozen=True)
 class UsualMotion:
-    """What is usual for each kind of vehicle. One that rolls is guided by the ground: nothing is expected of it."""
+    """Population statistics for each kind of vehicle; there are none for ground vehicles, which the ground guides."""
 
     multirotor: Travel
     fixed_wing: Travel
@@ -76,9 +78,9 @@ class UsualMotion:
 
 @dataclass(frozen=True)
 class Shown:
-    """What flights of one airframe have shown: aided ``epochs`` (N, COLUMNS) of each.
+    """Data of one airframe: aided ``epochs`` (N, COLUMNS) of each flight.
 
-    ``travelled``, ``missed`` [m^2/s]: in rehearsals, and how much of that was taken for hovering (``Decisions``).
+    ``travelled``, ``missed`` [m^2/s]: motion in rehearsals, and the part of it taken for hovering (``Decisions``).
     """
 
     epochs: tuple[Array, ...]
@@ -87,33 +89,33 @@ class Shown:
 
 
 def hovering(epochs: Array) -> NDArray[np.bool_]:
-    """Whether the vehicle hovers, (N,), by its speed over ground."""
+    """Whether the vehicle hovers at each epoch, (N,), by its speed over ground."""
     return np.asarray(np.square(epochs[:, VELOCITY : VELOCITY + 2]).sum(axis=1) < SLOW**2)
 
 
 def departures(epochs: Array) -> int:
-    """How often a hover ended in epochs (N, COLUMNS)."""
+    """Number of ends of a hover in epochs (N, COLUMNS)."""
     hovers = hovering(epochs)
     return int((hovers[:-1] & ~hovers[1:]).sum())
 
 
 def displacement_squares(epochs: Array) -> Array:
-    """Squared displacements in ``LOITER_LAG``, mean of both horizontal axes [m^2], (M,) of epochs (N, COLUMNS).
+    """Squared displacements over ``LOITER_LAG``, mean of both horizontal axes (M,) [m^2], of epochs (N, COLUMNS).
 
-    Of those half minutes that begin or end under way: what stands on the ground or hovers says nothing of travelling.
+    Only half minutes that begin or end under way count: standing or hovering is no evidence of travelling.
     """
     hovers = hovering(epochs)
     return _displacement_squares(epochs, ~(hovers[_LAG:] & hovers[:-_LAG]))
 
 
 def wander_squares(epochs: Array) -> Array:
-    """The same of those half minutes in which the vehicle hovers throughout."""
+    """Squared displacements as ``displacement_squares``, of half minutes in which the vehicle hovers throughout."""
     hovered = np.concatenate([[0], np.cumsum(hovering(epochs))])
     return _displacement_squares(epochs, hovered[_LAG + 1 :] - hovered[: -_LAG - 1] == _LAG + 1)
 
 
 def _displacement_squares(epochs: Array, counts: NDArray[np.bool_]) -> Array:
-    """Squares of those half minutes that ``counts`` (N - _LAG,) names and that have no gap."""
+    """Squared displacements of the half minutes selected by ``counts`` (N - _LAG,), without those that have a gap."""
     if len(epochs) <= _LAG:
         return np.empty(0)
     counts = counts & (epochs[_LAG:, TIME] - epochs[:-_LAG, TIME] < LOITER_LAG + 0.5 * PERIOD)
@@ -124,7 +126,7 @@ def _displacement_squares(epochs: Array, counts: NDArray[np.bool_]) -> Array:
 
 
 def fit_travel(airframes: Sequence[Shown]) -> Travel:
-    """The mean of ``airframes`` of one kind, at least one."""
+    """Statistics of travelling over ``airframes`` of one kind, at least one."""
     squares = [_mean(_travel_squares(one)) for one in airframes]
     loiter = [
         float(np.concatenate([displacement_squares(e) for e in one.epochs]).mean()) / square
@@ -136,7 +138,7 @@ def fit_travel(airframes: Sequence[Shown]) -> Travel:
 
 
 def fit_hover(airframes: Sequence[Shown]) -> Hover:
-    """The mean of ``airframes`` that hover, at least one."""
+    """Statistics of hovering over ``airframes`` that can hover, at least one."""
     speeds, hover, travel, wander, times, missed = [], [], [], [], [], []
     for one in airframes:
         hovers = np.concatenate([hovering(e) for e in one.epochs])
@@ -171,7 +173,7 @@ def _travel_squares(one: Shown) -> list[float]:
 
 
 def _correlation_time(epochs: Array) -> float:
-    """Time [s] in which the correlation of the velocity with itself falls to 1 / e."""
+    """Time [s] after which the autocorrelation of the velocity falls to 1 / e."""
     v = epochs[:, VELOCITY : VELOCITY + 2]
     square = float(np.square(v).sum(axis=1).mean())
     before = 1.0
@@ -184,7 +186,7 @@ def _correlation_time(epochs: Array) -> float:
 
 
 def _moments(groups: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Mean and deviation of what a flight of an airframe not known yet will show, from (mean, variance) of several."""
+    """Predictive mean and standard deviation for an unknown airframe, from (mean, variance) of several."""
     means, variances = np.array(groups).T
     return float(means.mean()), float(np.sqrt(means.var() + variances.mean()))
 

@@ -1,17 +1,17 @@
-"""What kind of vehicle moves like this: told by its flight, with the doubt that the flight leaves.
+"""Classification of the vehicle from its motion: a probability of each class by Bayes' rule.
 
-Each class ties motion to body in its own way. With the velocity in b (ahead x, to the left y, up z), the upward
+Each class relates motion to attitude in its own way. With the velocity v in b (x forward, y left, z up), the upward
 direction u in b and the specific force f:
 
-    multirotor   is carried by thrust along z: it leans where it wants to go (u), and feels but drag along x and y;
-                 it goes any way, fast or slow, and when gently flown as level as a boat
-    fixed wing   is fast along x, its nose a little above where it goes, and banks, so that it feels nothing sideways
-    wheels       go where x points, up only as the road does, and are level: they feel what speeds and turns them
-    boat         goes along x with some drift, not up, and is level: it feels what speeds and turns it
+    multirotor   thrust acts along z: it tilts towards where it accelerates (u), and only drag acts along x and y; it
+                 moves in any direction, fast or slow, and is as level as a boat when flown gently
+    fixed wing   fast along x at a small angle of attack; it banks in coordinated turns, with no lateral specific force
+    wheels       move along x, climb only as the road does, and stay level: f shows their accelerations
+    boat         moves along x with some drift and does not climb; it stays level: f shows its accelerations
 
-Densities of these deviations, normal ones with scales of everyday mechanics, make a likelihood of every epoch under
-way, and Bayes' rule a probability of every class. Half seconds of one manoeuvre say the same: one counts as a twentieth
-of a draw. None decides by itself, for a gust or a landing fits no class.
+The deviations from these relations have normal densities, whose scales are those of everyday mechanics. They give a
+likelihood of each epoch under way. Epochs of the same manoeuvre are not independent: each counts as a twentieth of a
+draw, and none can decide alone, for a gust or a landing fits no class.
 """
 
 import math
@@ -28,28 +28,28 @@ MULTIROTOR, FIXED_WING, WHEELS, BOAT = "multirotor", "fixed_wing", "wheels", "bo
 CLASSES = (MULTIROTOR, FIXED_WING, WHEELS, BOAT)
 FLYING = (MULTIROTOR, FIXED_WING)
 UNKNOWN = "unknown"
-_CERTAIN = 0.95
-_AGAINST = 0.9  # part of what a class is likely before the motion has shown anything
-_UNDER_WAY = 2.0  # m/s: at the pace of a walk it may be carried
-_DRAW = 10.0  # s: so much motion is one draw, for a vehicle keeps its style for a while
-_MOST = 4.0  # logarithm of the most that a class may be more likely than another by one epoch
+_CERTAIN = 0.95  # least probability of a class that is taken as known
+_AGAINST = 0.9  # the motion speaks against a class whose posterior over prior probability is below this
+_UNDER_WAY = 2.0  # m/s: least speed of an epoch that counts; slower, the vehicle may be carried by hand
+_DRAW = 10.0  # s of motion that count as one independent draw, for a vehicle keeps its style for a while
+_MOST = 4.0  # largest log likelihood ratio of two classes from one epoch
 _USUAL = {MULTIROTOR: 0.48, FIXED_WING: 0.34, WHEELS: 0.12, BOAT: 0.06}
-"""Probability before the motion has shown anything: drones are what carries this mostly."""
+"""Prior probability of each class: most users fly drones."""
 
 
 def tell_class(epochs: Array) -> str:
-    """The class of the vehicle of aided epochs (N, COLUMNS or more), N may be zero; ``UNKNOWN`` where in doubt."""
+    """The class of the vehicle from aided epochs (N, COLUMNS or more), N may be zero; ``UNKNOWN`` where in doubt."""
     return told_class(class_probabilities(epochs))
 
 
 def told_class(probability: Mapping[str, float]) -> str:
-    """The class of this ``probability`` of each; ``UNKNOWN`` where in doubt."""
+    """The class that has almost all of the ``probability``; ``UNKNOWN`` where none has."""
     likely = max(probability, key=lambda name: probability[name])
     return likely if probability[likely] >= _CERTAIN else UNKNOWN
 
 
 def is_unlike(vehicle_class: str, epochs: Array) -> bool:
-    """Whether the motion of epochs (N, COLUMNS or more) speaks against this class, certain of another or not."""
+    """Whether the motion of epochs (N, COLUMNS or more) makes this class less probable than it was a priori."""
     return class_probabilities(epochs)[vehicle_class] < _AGAINST * _USUAL[vehicle_class]
 
 
@@ -65,7 +65,7 @@ def class_probabilities(epochs: Array) -> dict[str, float]:
 
 
 def _log_likelihoods(epochs: Array) -> dict[str, Array]:
-    """Logarithm of the density of each epoch (N,) by class."""
+    """Log likelihood (N,) of each epoch, by class."""
     vx, vy, vz = epochs[:, BODY_VELOCITY:VELOCITY].T
     fx, fy, climb = epochs[:, FORCE], epochs[:, FORCE + 1], epochs[:, VELOCITY + 2]
     ux, uy, _ = attitude(epochs)[:, 2].T
@@ -76,7 +76,7 @@ def _log_likelihoods(epochs: Array) -> dict[str, Array]:
     banking = _normal(ux - 0.07, 0.15) + _normal(uy, 0.35) + _normal(fx - 0.7, 1.5) + _normal(fy, 0.7)
     any_way = _normal(vx, 7.0) + _normal(vy, 0.7 * v + 0.3) + _normal(vz + ux * vx + uy * vy, 0.15 * v + 0.4)
     fast = _normal(vx - 18.0, 6.0) + _normal(vy, 0.2 * v + 0.3) + _normal(vz + 0.06 * v, 0.08 * v + 0.3)
-    along = 0.04 * v + 0.1  # m/s: a mount two degrees off
+    along = 0.04 * v + 0.1  # m/s: cross-axis velocity of a mount two degrees off
     rolling = _normal(vx, 12.0) + _normal(vy, along) + _normal(vz, along) + _normal(climb, 0.07 * v + 0.1)
     afloat = _normal(vx - 3.0, 4.0) + _normal(vy, 0.15 * v + 0.2) + _normal(vz, 0.05 * v + 0.15) + _normal(climb, 0.2)
     return {
@@ -88,7 +88,7 @@ def _log_likelihoods(epochs: Array) -> dict[str, Array]:
 
 
 def _either(one: Array, other: Array, share: float = 0.5) -> Array:
-    """Logarithm of a mixture: ``share`` of the first density."""
+    """Log density of a mixture of two log densities, the first with weight ``share``."""
     return np.asarray(np.logaddexp(math.log(share) + one, math.log(1.0 - share) + other))
 
 

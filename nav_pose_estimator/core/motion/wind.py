@@ -1,10 +1,10 @@
-"""The wind in what a prediction of the air velocity leaves unexplained.
+"""Estimation of the wind from the residuals of a predicted air velocity.
 
-    r = C' w + n        r: residual resolved in b, w: wind East and North, n: what the prediction does not know    (1)
+    r = C' w + n        r: residual resolved in b, w: wind East and North, n: noise of the prediction             (1)
 
-The noise n differs by axis: a fixed wing's speed ahead is hard to tell from its IMU, its sideslip is next to zero. So
-every axis counts by its own variance, or the axis that knows least would decide about the wind. The change of the wind
-about its mean is a first-order Gauss-Markov process on each level axis.
+The noise n differs by axis: the IMU of a fixed wing determines its forward speed poorly, but its sideslip is next to
+zero. So each body axis is weighted by its own variance; otherwise the noisiest one would dominate. The change of the
+wind about its mean is a first-order Gauss-Markov process on each level axis.
 """
 
 import math
@@ -20,25 +20,25 @@ Array = NDArray[np.float64]
 Weigh = Callable[[Array], Array]
 
 WIND_TIME = 40.0  # s: correlation time of the wind's change
-_LAG = round(10.0 / PERIOD)  # epochs: what is still alike after that is wind
-_SMALLEST, _LARGEST = 0.03, 0.9  # parts of the residual's square that the wind may be
-_STEADY = 0.05  # part of the spread that a second's noise is taken to be at the least
-_PASSES = 2  # of the least squares: equal weights first, then those of what is left
+_LAG = round(10.0 / PERIOD)  # epochs: residuals that are still correlated after this lag are wind
+_SMALLEST, _LARGEST = 0.03, 0.9  # bounds of the wind's variance as a fraction of the residual's mean square
+_STEADY = 0.05  # least noise variance of a one-second mean as a fraction of the wind's variance
+_PASSES = 2  # of the least squares: with equal weights first, then with those of the residuals
 
 
 def axis_weights(variances: Array) -> Array:
-    """Weights (3,) of the body axes from their residual variances (3,), one for the best of them."""
+    """Weights (3,) of the body axes, inversely proportional to their residual ``variances`` (3,); at most one."""
     return np.asarray((variances.min() + 1e-6) / (variances + 1e-6))
 
 
 def wind_spread(C: Array, residual: Array, weigh: Weigh = axis_weights) -> float:
-    """Variance [m^2/s^2] of the wind's change on each axis, from residuals (N, 3) in b and attitudes (N, 3, 3).
+    """Variance [m^2/s^2] of the wind's change on each axis, from residuals (N, 3) in b and attitudes C (N, 3, 3).
 
-    The part of the residuals that is alike ten seconds later and points the same way in n, whatever the attitude.
+    It is the covariance of the residuals, resolved in n, with those ten seconds later.
     """
     weights = weigh(np.square(residual).mean(axis=0))
     along = np.einsum("nij,nj->ni", C, weights * residual)[:, :2]
-    by_wind = np.einsum("nij,j,nkj->nik", C, weights, C)[:, :2, :2]  # what a wind of one does to ``along``
+    by_wind = np.einsum("nij,j,nkj->nik", C, weights, C)[:, :2, :2]  # response of ``along`` to unit wind
     scale = float(np.square(by_wind).sum(axis=(1, 2)).mean())
     square = float(np.square(along).sum(axis=1).mean()) / scale
     if len(along) <= 3 * _LAG:
@@ -51,10 +51,10 @@ def wind_spread(C: Array, residual: Array, weigh: Weigh = axis_weights) -> float
 def mean_wind(
     C: Array, body_velocity: Array, z: Array, ridge: Array, wind_ridge: float, weigh: Weigh = axis_weights
 ) -> Array:
-    """The wind (2,) [m/s] of ``body_velocity`` (N, 3) = z b + C' w by weighted least squares over b and w together.
+    """Mean wind w (2,) [m/s] of ``body_velocity`` (N, 3) = z b + C' w by weighted least squares over b and w jointly.
 
-    ``z`` (N, K) are the inputs of a linear law with a penalty ``ridge`` (K, K); what it can explain of the wind's
-    directions is projected out, axis by axis.
+    ``z`` (N, K): inputs of the linear law, whose penalty is ``ridge`` (K, K). The law is eliminated axis by axis: the
+    part of the wind's directions that its inputs explain is projected out.
     """
     directions = C[:, :2].transpose(0, 2, 1)  # (N, 3, 2): East and North resolved in b
     gram = z.T @ z + ridge
@@ -72,16 +72,16 @@ def mean_wind(
 
 
 def unseen(wind: Array, cov: Array, spread: float, seconds: float) -> tuple[Array, Array]:
-    """Change of the wind (2,) and its covariance (2, 2) after ``seconds`` without a residual."""
+    """Predict the change of the wind (2,) and its covariance (2, 2) over ``seconds`` without an observation."""
     decay = math.exp(-seconds / WIND_TIME)
     return decay * wind, decay**2 * cov + (1.0 - decay**2) * spread * np.eye(2)
 
 
 def mean_wind_cov(C: Array, z: Array, ridge: Array, noise: Array, unknown: float) -> Array:
-    """Covariance (2, 2) [m^2/s^2] of what ``mean_wind`` finds, of variance ``unknown`` before, and of the law with it.
+    """Covariance (2, 2) [m^2/s^2] of the estimate of ``mean_wind``, whose prior variance is ``unknown``.
 
-    ``noise`` (3,): variance of a mean over 1 s of each axis. Without turns the law explains the wind away: it is as
-    uncertain as the law then, whatever the number of epochs.
+    ``noise`` (3,): variance of a one-second mean of each axis. Without turns the wind is not observable beside the
+    coefficients of the law: it is then as uncertain as these, whatever the number of epochs.
     """
     gram, information = z.T @ z + ridge, np.eye(2) / unknown
     for axis in range(3):
@@ -94,10 +94,10 @@ def mean_wind_cov(C: Array, z: Array, ridge: Array, noise: Array, unknown: float
 def track(
     C: Array, residual: Array, noise: Array, spread: float, wind: Array, cov: Array
 ) -> tuple[Array, Array, Array]:
-    """Follow the change of the wind through residuals (N, 3) in b; ``noise`` (3,) is the variance of a mean over 1 s.
+    """Track the change of the wind through residuals (N, 3) in b with a Kalman filter.
 
-    ``wind`` (2,) and ``cov`` (2, 2) at the beginning; returns both at the end, and what was expected of the wind before
-    each residual, (N, 2).
+    ``noise`` (3,): variance of a one-second mean. ``wind`` (2,) and ``cov`` (2, 2) are the initial state; returns both
+    at the end, and the wind predicted ahead of each residual, (N, 2).
     """
     R = np.maximum(noise, _STEADY * spread) / PERIOD
     wind, cov, expected = wind.copy(), cov.copy(), np.empty((len(residual), 2))
@@ -115,7 +115,7 @@ def _track(C, residual, R, spread, wind, cov, expected):
             for k in range(2):
                 cov[i, k] *= decay * decay
             cov[i, i] += (1.0 - decay * decay) * spread
-        for axis in range(3):  # independent noise: one axis after the other
+        for axis in range(3):  # the noise is independent: sequential scalar updates
             h0, h1 = C[n, 0, axis], C[n, 1, axis]
             g0, g1 = cov[0, 0] * h0 + cov[0, 1] * h1, cov[0, 1] * h0 + cov[1, 1] * h1
             s = h0 * g0 + h1 * g1 + R[axis]

@@ -1,6 +1,6 @@
-"""The last second of a solution as a network takes it: 50 means a second, whatever the rate of the IMU.
+"""The last second of the solution as the input of a network: 50 means per second, whatever the rate of the IMU.
 
-Means, not samples: what lies above 25 Hz is vibration, which sampling would fold down into the motion.
+Means rather than samples, for content above 25 Hz is vibration, which sampling would alias into the motion.
 """
 
 import numpy as np
@@ -13,16 +13,18 @@ from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
 Array = NDArray[np.float64]
 
 SECONDS = 1.0
+"""Length of the window [s]."""
 CHANNELS = 9
 """Specific force (3) [m/s^2], angular rate (3) [rad/s], upward direction (3), all in b."""
 INCREMENTS = 9
-_SMALLEST = 1e-9  # rad
+"""Number of values that ``increments`` returns."""
+_SMALLEST = 1e-9  # rad: below, the rotation vector needs no scaling
 
 
 def window(rows: Array) -> Array:
-    """(STEPS, CHANNELS) of the second that ends with the newest of ``rows`` (N, OUT_COLUMNS), N > 0.
+    """Means (STEPS, CHANNELS) over the second that ends with the newest of ``rows`` (N, OUT_COLUMNS), N > 0.
 
-    A sample holds since the one before it; where the rows begin later, the first ones hold since before.
+    A sample holds from the one before it; where the rows begin later than the window, the first one is extended back.
     """
     values = np.empty((len(rows), CHANNELS))
     values[:, :3], values[:, 3:6] = rows[:, OUT_FORCE : OUT_FORCE + 3], rows[:, OUT_RATE : OUT_RATE + 3]
@@ -41,7 +43,7 @@ def window(rows: Array) -> Array:
 
 
 def increments(rows: Array) -> Array:
-    """What happened within that second, (INCREMENTS,): dp [m], dtheta [rad], dv [m/s], in b at its end.
+    """Increments over that second, (INCREMENTS,): dp [m], dtheta [rad], dv [m/s], resolved in b at its end.
 
     dtheta is the rotation vector Log(C_begin' C_end), dp the integral of the velocity.
     """

@@ -85,9 +85,9 @@ def is_calm(rows, usual, bounds, dead):
 
 @kernel
 def finest_and_largest(rows, first):
-    """The smallest step other than zero from one of ``rows`` (N, 7) to the next, and the largest absolute value.
+    """Smallest nonzero step between consecutive ``rows`` (N, 7), and largest absolute value.
 
-    Of three columns from ``first`` on; the step is infinite where nothing changes.
+    Both over three columns from ``first`` on; the step is infinite where no value changes.
     """
     finest, largest = math.inf, 0.0
     for i in range(len(rows)):

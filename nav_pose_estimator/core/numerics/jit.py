@@ -28,10 +28,10 @@ COMPILED: bool = numba is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") 
 
 
 def _spare_scipy_linalg() -> None:
-    """Let numba find its BLAS without the whole of ``scipy.linalg``, which takes 0.2 s to load and is not used here.
+    """Let numba find its BLAS without importing all of ``scipy.linalg``, which takes 0.2 s and is not used here.
 
-    Once, with its forms of NumPy's functions, numba imports ``scipy.linalg.cython_blas``. For that an empty package in
-    the same place will do. Both are taken away again: who imports ``scipy.linalg`` later gets the real one.
+    With its versions of NumPy's functions, numba imports ``scipy.linalg.cython_blas``, for which an empty parent
+    package suffices. Both modules are removed again, so that a later import of ``scipy.linalg`` gets the real one.
     """
     if "scipy.linalg" in sys.modules:
         return

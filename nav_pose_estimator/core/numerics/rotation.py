@@ -118,7 +118,7 @@ def euler_from_quat(q):
 
 @kernel
 def yaw_of(q):
-    """The yaw of ``euler_from_quat``."""
+    """Yaw [rad] of quaternion ``q`` (4,), as of ``euler_from_quat``."""
     return euler_from_quat(q)[2]
 
 

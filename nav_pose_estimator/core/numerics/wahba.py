@@ -1,9 +1,9 @@
-"""The rotation that takes vectors nearest to others (Wahba's problem), for the inside of kernels.
+"""Wahba's problem in kernels: the rotation that best maps a set of vectors onto another one.
 
 Davenport's q method: the quaternion that maximises the trace is the eigenvector of the largest eigenvalue of a
 symmetric matrix (4, 4), and the eigenvalue is that trace (Markley & Crassidis, Fundamentals of Spacecraft Attitude
-Determination and Control, 2014, section 5.3). Eigenvalues by Jacobi's method, which is exact to rounding for any of
-them; of vectors that are all parallel it finds one of the many rotations.
+Determination and Control, 2014, section 5.3). The eigenvalues are found by Jacobi's method, which is accurate to
+rounding even for multiple ones. For parallel vectors the solution is not unique, and one of the solutions is returned.
 """
 
 import math
@@ -14,14 +14,14 @@ from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.core.numerics.vectors import load4
 
 _SWEEPS = 12  # quadratic convergence needs four or five
-_NEGLIGIBLE = 1e-34  # squared, of what is beside the diagonal in parts of the matrix
+_NEGLIGIBLE = 1e-34  # sum of squares off the diagonal, relative to that of the matrix, that counts as zero
 
 
 @kernel
 def best_rotation(B):
-    """Quaternion (4 numbers) of the rotation R with the largest tr R'B, ``B`` (3, 3) = sum u s', and that trace.
+    """Quaternion (a tuple of 4) of the rotation R that maximises tr R'B, ``B`` (3, 3) = sum u s', and that trace.
 
-    R takes the vectors s nearest to the vectors u.
+    R maps the vectors s onto the vectors u with the least sum of squared residuals.
     """
     K, V = np.empty((4, 4)), np.eye(4)
     K[0, 0] = B[0, 0] + B[1, 1] + B[2, 2]
@@ -40,7 +40,7 @@ def best_rotation(B):
 
 @kernel
 def _diagonalise(A, V):
-    """Jacobi's rotations until the symmetric ``A`` (4, 4) is diagonal; they are collected in ``V`` (4, 4)."""
+    """Diagonalise the symmetric ``A`` (4, 4) by Jacobi rotations, accumulated in the eigenvectors ``V`` (4, 4)."""
     for _ in range(_SWEEPS):
         beside, total = 0.0, 0.0
         for i in range(4):
@@ -56,7 +56,7 @@ def _diagonalise(A, V):
 
 @kernel
 def _rotate(A, V, p, q):
-    """Turn ``A`` (4, 4) in the plane of axes ``p`` and ``q`` so that their element vanishes."""
+    """Rotate ``A`` (4, 4) in the plane of axes ``p`` and ``q`` so that its element (p, q) vanishes."""
     if A[p, q] == 0.0:
         return
     slope = (A[q, q] - A[p, p]) / (2.0 * A[p, q])

@@ -1,1 +1,1 @@
-"""Flight in which nothing is unusual, in compiled code: IMU rows and the observations between them in one call."""
+"""Routine flight in compiled code: IMU rows and the expected observations between them in one call."""

@@ -1,4 +1,4 @@
-"""The loop of routine flight: IMU rows carry the filter on, and the observations between them act at their own time."""
+"""Loop of routine flight: propagation over IMU rows, with the observations between them applied at their own times."""
 
 import math
 
@@ -9,15 +9,15 @@ from nav_pose_estimator.core.routine import table
 from nav_pose_estimator.core.routine.observations import act
 
 AT_ROW, AT_TIME = 0, 1
-"""Where the filter stands when the routine ends: ahead of a row, or at the time of an observation behind one of which
-others have acted already."""
+"""State of the filter at the end: before a row, or at the time of an observation of which others of the same time have
+already been applied."""
 
 
 @kernel
 def act_now(memory, events, begin, end, behind, settings, results):
-    """Let ``events`` from ``begin`` on act that are of the time of the filter, and arrived behind row ``behind``.
+    """Apply ``events`` from ``begin`` on that are due at the time of the filter and arrived by row ``behind``.
 
-    Returns the number of the first one that did not: it is later, or no matter of routine (see ``is_due``).
+    Returns the index of the first one that was not applied: it is later, or not routine (see ``is_due``).
     """
     n = int(memory[at.STATES])
     nav, constants = memory[at.NAV : at.CONSTANTS], memory[at.CONSTANTS : at.ORIGIN]
@@ -31,26 +31,26 @@ def act_now(memory, events, begin, end, behind, settings, results):
 
 @kernel
 def is_due(memory, events, k, behind):
-    """Whether event ``k`` has arrived and its time has come."""
+    """Whether event ``k`` has arrived and is not later than the filter."""
     return events[k, table.EVENT_BEHIND] <= behind and events[k, table.EVENT_T] <= memory[at.NAV + TIME]
 
 
 @kernel
 def fly(memory, rows, begin, end, is_followed, events, settings, out, results):
-    """Carry the filter over IMU rows ``begin`` to ``end`` of ``rows`` (N, 7) and let ``events`` (K, ...) act.
+    """Propagate the filter over IMU rows ``begin`` to ``end`` of ``rows`` (N, 7) and apply ``events`` (K, ...).
 
-    There is a row ahead of ``begin``. An event that arrived behind as many of these rows as it says acts at its own
-    time, but not before it arrived; where that is the time of the row ahead of it, on the filter as that row left it.
-    Those that came behind the last row act only if it ``is_followed`` by another: until then more may come. It ends
-    ahead of an event that is not a matter of routine, or of a row at which GNSS counts as lost. ``out`` (end - begin,
-    OUT_COLUMNS) receives the state after each row.
+    There must be a row before ``begin``. An event arrives after ``EVENT_BEHIND`` of these rows. It is applied at its
+    own time, but not before its arrival; at the time of the row before it, to the filter as that row left it. Events
+    that arrive after the last row are applied only if it ``is_followed`` by another row, because until then more events
+    may arrive. The loop ends before an event that is not routine, or before a row at which GNSS counts as lost. ``out``
+    (end - begin, OUT_COLUMNS) receives the state after each row.
 
-    Returns how many rows and how many events are done, and where the filter stands (``AT_ROW`` or ``AT_TIME``).
+    Returns the numbers of processed rows and events, and the state of the filter (``AT_ROW`` or ``AT_TIME``).
     """
     done, k, count, size = 0, 0, len(events), end - begin
     while True:
         behind = int(events[k, table.EVENT_BEHIND]) if k < count else -1
-        # of the time of the last row, and not of a place between rows at which an earlier flight ended
+        # at the time of the last row, and not at a time between rows at which an earlier call ended
         at_row = behind == done and events[k, table.EVENT_T] <= rows[begin + done - 1, IMU_T]
         if done == size and not (is_followed and at_row):
             return done, k, AT_ROW
@@ -74,7 +74,7 @@ def fly(memory, rows, begin, end, is_followed, events, settings, out, results):
 
 @kernel
 def _still_aided(rows, begin, done, stop, settings):
-    """``stop``, or the first row from ``done`` on at which the last fix is too long ago."""
+    """``stop``, or the first row from ``done`` on at which GNSS counts as lost."""
     used, patience = settings[table.FIX_USED], settings[table.LOST_AFTER]
     while stop > done:
         t = rows[begin + stop - 1, IMU_T]

@@ -1,8 +1,7 @@
-"""Observations about which nothing is unusual: each kind is tested, taken in and answered by one kernel.
+"""Kernels of routine observations: each kind is tested and applied, and its result reported, in compiled code.
 
-Every test is the one that the sensor itself makes (``engine.sensors``), with the same numbers. Where one fails, the
-kernel says so and leaves the filter as it was: the sensor then decides. So these kernels never decide anything but
-that the observation is a matter of routine.
+The tests are those of the sensors (``engine.sensors``), with the same numbers. Where one fails, the kernel leaves the
+filter unchanged, and the sensor decides. So these kernels only ever decide that an observation is routine.
 """
 
 import math
@@ -16,15 +15,14 @@ from nav_pose_estimator.core.gnss import slow_height
 from nav_pose_estimator.core.numerics.jit import inlined, kernel
 from nav_pose_estimator.core.routine import table
 
-_SURE = 1.0 - 1e-6  # of a bound that the sensor computes in another order
+_SURE = 1.0 - 1e-6  # margin of a bound that the sensor computes in another order, for rounding
 
 
 @kernel
 def act(nav, P, constants, event, settings, result):
-    """Let the observation of one ``event`` act on a filter that stands at its time, with ``P`` up to date.
+    """Apply the observation of one ``event`` to a filter that is at its time, with ``P`` up to date.
 
-    False, and nothing has changed, where it is not a matter of routine. Else ``result`` (RESULT_COLUMNS,) tells what
-    came of it.
+    Returns False, with nothing changed, where it is not routine; else ``result`` (RESULT_COLUMNS,) is filled.
     """
     kind = int(event[table.EVENT_KIND])
     for i in range(3):
@@ -44,7 +42,7 @@ def act(nav, P, constants, event, settings, result):
 
 @kernel
 def _gnss(nav, P, constants, event, settings, result):
-    """A GNSS velocity or position that agrees with a filter that GNSS aids, or one that acts again."""
+    """A GNSS velocity or position that agrees with a filter aided by GNSS, or one that a replay applies again."""
     kind, t, m = int(event[table.EVENT_KIND]), event[table.EVENT_T], int(event[table.EVENT_ROWS])
     is_new = kind == table.VELOCITY or kind == table.POSITION
     if is_new and not t - settings[table.FIX_USED] <= settings[table.LOST_AFTER]:
@@ -63,7 +61,7 @@ def _gnss(nav, P, constants, event, settings, result):
         return False
     if kind != table.NO_GNSS:
         soft = settings[table.SOFT + m - 1]
-        hard = soft if is_new else settings[table.HARD + m - 1]  # of what is new only what is ACCEPTED is routine
+        hard = soft if is_new else settings[table.HARD + m - 1]  # a new observation is routine only if ACCEPTED
         status, nis = gated_correct(nav, P, constants, z[:m], H[:m], _noise(event, m), soft, hard)
         if is_new and status != ACCEPTED:
             return False
@@ -91,7 +89,7 @@ def _gnss(nav, P, constants, event, settings, result):
 
 @kernel
 def _is_usual(t, z, H, P, event, settings, result):
-    """Whether a fix lies where the filter expects it, while fixes are used."""
+    """Whether a fix agrees with the filter while fixes are used."""
     if not t - settings[table.FIX_USED] <= settings[table.RETURN_AFTER]:
         return False
     if not math.sqrt(innovation(P, z[:2], H[:2], _noise(event, 2))) <= settings[table.DOUBTFUL]:
@@ -106,14 +104,14 @@ def _is_usual(t, z, H, P, event, settings, result):
 
 @kernel
 def _keep_height_vague(P, sd):
-    """The height's deviation is at least ``sd`` [m]."""
+    """Floor of the height's standard deviation at ``sd`` [m]."""
     if sd > 0.0:
         P[DPOS + 2, DPOS + 2] = max(P[DPOS + 2, DPOS + 2], sd * sd)
 
 
 @kernel
 def _is_expected(z, P, R, sigmas):
-    """Whether a fix lies surely within ``sigmas``, horizontally and vertically, and on each horizontal axis."""
+    """Whether a fix is within ``sigmas``, horizontally and vertically, and on each horizontal axis."""
     square = 0.0
     for i in range(2):
         variance = R[i, i] + P[DPOS + i, DPOS + i]
@@ -126,7 +124,7 @@ def _is_expected(z, P, R, sigmas):
 
 @kernel
 def _has_usual_height(t, z, P, R, settings):
-    """Whether the height neither steps from the last one nor lies far off."""
+    """Whether the height has no step from the last one and is within its bound."""
     off, sigmas = -z[2], settings[table.SIGMAS]
     scatter = 0.5 * sigmas * math.sqrt(R[2, 2])
     is_next = t - settings[table.LAST_HEIGHT_T] < settings[table.HEIGHT_PAUSE]
@@ -137,7 +135,7 @@ def _has_usual_height(t, z, P, R, settings):
 
 @kernel
 def _height(nav, P, event, settings, result):
-    """A barometric height while GNSS shows the height: it is compared and corrects nothing."""
+    """A barometric height while GNSS is good: it is compared only."""
     t, variance = event[table.EVENT_T], P[DPOS + 2, DPOS + 2]
     for used in (settings[table.FIX_USED], settings[table.HEIGHT_USED]):
         if not t - used <= settings[table.LOST_AFTER]:
@@ -151,7 +149,7 @@ def _height(nav, P, event, settings, result):
 
 @kernel
 def _heading(nav, P, event, settings, result):
-    """A magnetic heading while GNSS shows the heading: it is compared and corrects nothing."""
+    """A magnetic heading while GNSS shows the heading: it is compared only."""
     if not event[table.EVENT_T] - settings[table.FIX_USED] <= settings[table.LOST_AFTER]:
         return False
     if not math.sqrt(P[PHI + 2, PHI + 2]) < settings[table.HEADING_SD]:

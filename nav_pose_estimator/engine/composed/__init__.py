@@ -1,1 +1,1 @@
-"""All engines in one: what `pose_estimator` and `replay` run."""
+"""The composed estimator of `pose_estimator` and `replay`: attitude filter, navigator and outage aid."""

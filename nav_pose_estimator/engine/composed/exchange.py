@@ -1,4 +1,4 @@
-"""When the estimators of one process exchange data, and what the navigator passes to the attitude filter."""
+"""The exchange of data between the estimators of one process: its clock, and the navigator's velocity."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, NavigatorVelo
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution, Output
 
 _PERIOD_NS = 250_000_000
-_GOOD_TILT = 0.05  # rad: about what manoeuvres cost the attitude filter on its own
+_GOOD_TILT = 0.05  # rad: about the tilt error that manoeuvres cause in the attitude filter alone
 
 
 @dataclass
 class ExchangeClock:
     """The estimators exchange data at the first IMU sample of every quarter second, whatever the block size.
 
-    ``periods`` other than 1: look at every second, third ... exchange only, counted from the zero of the stamps, and at
-    those with a gap before them.
+    With ``periods`` other than 1, only every second, third ... exchange counts, numbered from the zero of the stamps,
+    and any exchange after a gap.
     """
 
     period: int = 0  # number of the quarter of a second in which the last IMU sample fell
 
     def pieces(self, block: ImuBlock, periods: int = 1) -> Iterator[tuple[int, int]]:
-        """Where to cut: behind each sample at which the estimators talk. Blocks so give what single samples give."""
+        """Cuts a block behind each sample at which data are exchanged, so that blocks give what single samples give."""
         count = len(block)
         if stays_in_period(block.stamps_ns, self.period, _PERIOD_NS):
             return iter([(0, count)])
@@ -40,7 +40,7 @@ class ExchangeClock:
         return itertools.pairwise(cuts if cuts[-1] == count else [*cuts, count])
 
     def is_due(self, sample: ImuSample | ImuBlock, periods: int = 1) -> bool:
-        """Whether the estimators talk behind ``sample``."""
+        """Whether the estimators exchange data behind ``sample``; advances the clock."""
         before, self.period = self.period, newest_stamp(sample) // _PERIOD_NS
         return bool(_talk(before, self.period, periods))
 
@@ -51,7 +51,7 @@ def newest_stamp(sample: ImuSample | ImuBlock) -> int:
 
 
 def _talk(before: Any, now: Any, periods: int) -> Any:
-    """Whether the estimators talk behind an IMU sample in the period ``now``, the one before it being in ``before``."""
+    """Whether data are exchanged behind an IMU sample in the period ``now``, if the one before was in ``before``."""
     return (now // periods != before // periods) | (abs(now - before) > 1)
 
 

@@ -1,4 +1,4 @@
-"""Attitude filter, navigator and learner composed: what the ``pose_estimator`` node and ``replay`` run."""
+"""The estimator of the ``pose_estimator`` node and ``replay``: attitude filter, navigator and outage aid."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ from nav_pose_estimator.engine.solutions import (
 _ANOTHER_STATE = (WRONG_START, UNDONE, TURNED)
 _BETWEEN = (GnssFix, GnssVelocity, MagSample, PressureSample, SatelliteCount, BeamVelocitySample)
 """Samples that the navigator takes together with the IMU's."""
-_EPOCH, _SECOND = 2, 4  # exchanges
+_EPOCH, _SECOND = 2, 4  # number of exchanges in half a second and in a second
 Early = Sequence[tuple[int, Sample]]
-"""Samples that came behind so many IMU samples of a block; the navigator hears of them before the block."""
+"""Samples with the number of IMU samples of a block before their arrival; the navigator gets them before the block."""
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Everything of a ``PoseEstimator`` that changes."""
+    """The mutable state of a ``PoseEstimator``."""
 
     sins: Any
     attitude: Any
@@ -70,7 +70,7 @@ class Snapshot:
 
 
 class PoseEstimator:
-    """The three estimators with direct calls between them: the same exchanges that the nodes make over topics."""
+    """The three estimators with direct calls between them, for the same exchanges that the nodes make over topics."""
 
     def __init__(
         self,
@@ -79,9 +79,9 @@ class PoseEstimator:
         train: Train | None = None,
         rehearse: Elsewhere | None = None,
     ) -> None:
-        """``attitude`` False leaves the attitude filter out (benchmarks that look at the position only).
+        """``attitude``: False omits the attitude filter, for benchmarks of the position only.
 
-        ``train`` and ``rehearse`` carry out trainings and rehearsals elsewhere (``OutageAid``); by default it is here.
+        ``train`` and ``rehearse`` run trainings and rehearsals elsewhere (``OutageAid``); by default they run here.
         """
         self.parameters = parameters or Parameters()
         self.sins = SinsEngine(self.parameters)
@@ -99,12 +99,12 @@ class PoseEstimator:
         return self._feed([sample])
 
     def feed_all(self, samples: Sequence[Sample]) -> list[Output]:
-        """Take samples in the order in which they arrived: the numbers of ``feed``, in fewer and longer blocks.
+        """Take samples in order of arrival; the same numbers as from ``feed``, in fewer and longer blocks.
 
-        While GNSS aids the navigator, the others tell it nothing, and it flies ahead of them: by half a second, or by a
-        whole one where there is no method that looks at the solution every half second. Without GNSS, and where
-        ``sensor_batch`` allows it, it hears of magnetometer and barometer ahead of a long block instead of between
-        short ones; they act at their own time.
+        While GNSS aids the navigator, it needs nothing from the other estimators and is processed ahead of them: by
+        half a second, or by a second where no method evaluates the solution every half second. Without GNSS, and where
+        ``sensor_batch`` allows it, it gets samples of magnetometer and barometer ahead of a long block instead of
+        between short ones; they act at their own time.
         """
         outputs: list[Output] = []
         done = 0
@@ -125,8 +125,8 @@ class PoseEstimator:
         return outputs
 
     def _gather(self, samples: Sequence[Sample], first: int, outputs: list[Output]) -> int:
-        """Take ``samples`` from ``first`` on as far as the navigator may fly ahead, or to one of another kind; returns
-        how many."""
+        """Process ``samples`` from ``first`` on, as many as the navigator may process ahead, up to one of another kind;
+        returns their number."""
         waiting: list[Sample] = []
         clock, done = replace(self._clock), first
         while done < len(samples):
@@ -150,13 +150,13 @@ class PoseEstimator:
         return done - first
 
     def _pieces(self, block: ImuBlock) -> Iterator[tuple[int, int]]:
-        """Where to cut a block; a navigator that levels wants every attitude."""
+        """Cuts a block for processing; a navigator that is levelling needs the attitude of each sample."""
         if self.attitude is not None and self.sins.mode in LEVELLING:
             return itertools.pairwise(range(len(block) + 1))
         return self._clock.pieces(block)
 
     def _feed(self, samples: Sequence[Sample], early: Early = ()) -> list[Output]:
-        """Take samples that the navigator may fly ahead of the others, and ``early`` ones with the only one."""
+        """Take samples that the navigator may process before the attitude filter, or one block with ``early`` ones."""
         if isinstance(samples[0], VelocityError):
             if self.outage_aid is not None:
                 self.outage_aid.predicted(samples[0])
@@ -169,7 +169,7 @@ class PoseEstimator:
         outputs += solutions
         if self.outage_aid is not None:
             if any(isinstance(one, Event) and one.name in _ANOTHER_STATE for one in solutions):
-                self.outage_aid.reset()  # what it has learned so far was seen along a wrong state
+                self.outage_aid.reset()  # what it has learned so far is based on a wrong state
             for sample in (*(other for _, other in early), *samples):
                 self.outage_aid.hear(sample)
             outputs += _helped(self.outage_aid, self.sins, solutions)
@@ -188,11 +188,11 @@ class PoseEstimator:
         return self.sins.origin
 
     def set_use_gnss(self, flag: bool) -> None:
-        """Switch GNSS off and on again (outage drill)."""
+        """Switch the use of GNSS off and on, for an outage drill."""
         self.sins.set_use_gnss(flag)
 
     def set_parameters(self, parameters: Parameters) -> None:
-        """Change what is marked mutable in flight."""
+        """Take new values of the parameters that are mutable in flight."""
         self.parameters = parameters
         self.sins.set_parameters(parameters)
         if self.attitude is not None:
@@ -203,7 +203,7 @@ class PoseEstimator:
         return self.sins.status()
 
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
-        """Start again."""
+        """Restart all estimators; returns the events."""
         self._clock = ExchangeClock()
         if self.outage_aid is not None:
             self.outage_aid.reset()
@@ -211,14 +211,14 @@ class PoseEstimator:
         return attitude + self.sins.reset(stamp_ns, reason)
 
     def warm_up(self) -> None:
-        """Compile every kernel now."""
+        """Compile all kernels now."""
         self.sins.warm_up()
         if self.attitude is not None:
             self.attitude.warm_up()
         warm_up_flight.warm_up(lambda: PoseEstimator(self.parameters))
 
     def snapshot(self) -> Snapshot:
-        """Everything that changes, to be given to ``restore``."""
+        """A copy of the mutable state, for ``restore``."""
         return Snapshot(
             sins=self.sins.snapshot(),
             attitude=None if self.attitude is None else self.attitude.snapshot(),
@@ -227,7 +227,7 @@ class PoseEstimator:
         )
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go back to an earlier ``snapshot``."""
+        """Restore an earlier ``snapshot``."""
         self.sins.restore(snapshot.sins)
         if self.attitude is not None and snapshot.attitude is not None:
             self.attitude.restore(snapshot.attitude)
@@ -243,13 +243,13 @@ def _attitudes(
     early: Early,
     solutions: list[Output],
 ) -> list[Output]:
-    """What the attitude filter reports on samples. At every exchange it gets the velocity out of ``solutions``."""
+    """Feed the attitude filter, at each exchange also the velocity from ``solutions``; returns its outputs."""
     outputs: list[Output] = []
     exchanged_ns = 0
     for part in _cut(samples, clock):
         if attitude is not None and isinstance(part, (ImuBlock, ImuSample, MagSample)):
             parts = _in_order(part, early) if isinstance(part, ImuBlock) else [part]
-            # the navigator reports IMU events too: once is enough
+            # IMU events are omitted, as the navigator reports them, too
             outputs += [one for each in parts for one in attitude.feed(each) if not _is_imu_event(one)]
         if isinstance(part, (ImuBlock, ImuSample)) and clock.is_due(part) and attitude is not None:
             since_ns, exchanged_ns = exchanged_ns, newest_stamp(part)
@@ -260,7 +260,7 @@ def _attitudes(
 
 
 def _cut(samples: Sequence[Sample], clock: ExchangeClock) -> Iterator[Sample]:
-    """``samples`` with the IMU's cut behind every exchange; the ``clock`` is to be told of each before the next."""
+    """``samples`` with IMU blocks cut behind each exchange; ``clock`` must get each part before the next is taken."""
     for sample in samples:
         if isinstance(sample, ImuBlock):
             for a, b in clock.pieces(sample):
@@ -270,7 +270,7 @@ def _cut(samples: Sequence[Sample], clock: ExchangeClock) -> Iterator[Sample]:
 
 
 def _helped(aid: OutageAid, sins: SinsEngine, solutions: list[Output]) -> list[Output]:
-    """Show the solutions to what learns from them; in an outage let the navigator hear what it says."""
+    """Pass ``solutions`` to the outage aid and, in an outage, its evidence to the navigator; returns new outputs."""
     outputs: list[Output] = []
     for solution in solutions:
         if not isinstance(solution, (NavBlock, NavSolution)):
@@ -286,7 +286,7 @@ def _helped(aid: OutageAid, sins: SinsEngine, solutions: list[Output]) -> list[O
 
 
 def _told(sins: SinsEngine, stamp_ns: int, text: str) -> Event:
-    """A warning that the navigator counts."""
+    """A warning, counted in the navigator's journal."""
     event = Event(stamp_ns, "outage.class", Level.WARN, text, {})
     sins.journal.counters[event.name] += 1
     return event
@@ -299,7 +299,7 @@ def _part(block: ImuBlock, begin: int, end: int) -> ImuBlock:
 
 
 def _in_order(block: ImuBlock, others: Sequence[tuple[int, Sample]]) -> Iterator[Sample]:
-    """A block in parts, with the other samples where they arrived."""
+    """The parts of a block and, between them, the other samples where they arrived."""
     done = 0
     for place, other in others:
         if place > done:
@@ -310,7 +310,7 @@ def _in_order(block: ImuBlock, others: Sequence[tuple[int, Sample]]) -> Iterator
 
 
 def _tilts(outputs: list[Output]) -> Iterator[AttitudeSample]:
-    """The attitudes of a filter, for a navigator that aligns: what it takes from them is the tilt and its deviation."""
+    """Attitudes of the filter as samples for an aligning navigator, which uses their tilt and its deviation."""
     for output in outputs:
         if isinstance(output, AttitudeSolution):
             yield AttitudeSample(output.stamp_ns, tuple(output.q_nb.tolist()), output.cov_n)

@@ -1,4 +1,4 @@
-"""What an estimator leaves to the next process, and how that one begins with it."""
+"""Saves the state of an estimator for the next process, and lets that process continue from it."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from nav_pose_estimator.engine.outage.rehearsals import Rehearsals
 from nav_pose_estimator.engine.solutions import Level
 from nav_pose_estimator.errors import UserError
 
-_MODEL, _REHEARSALS = "model.", "rehearsals."  # beginnings of the names of their arrays
-_FLIGHT = "flight"  # epochs of aided flight
-_FLOWN = 240.0  # s of them: what shows how a vehicle moves, and not too much to write every second
-_SETTLED = 30.0  # s until a navigator that has gone on is a fair sample of one that flies
+_MODEL, _REHEARSALS = "model.", "rehearsals."  # prefixes of the names of their arrays
+_FLIGHT = "flight"  # name of the array of epochs of aided flight
+_FLOWN = 240.0  # s of saved epochs: enough for training, and little enough to be written every second
+_SETTLED = 30.0  # s after a continuation until the navigator is representative enough for a rehearsal
 
 
 def arrays_of(estimator: PoseEstimator) -> dict[str, np.ndarray] | None:
-    """What the next process can go on with, as named arrays; None while nothing is known.
+    """The state to be saved, as named arrays; None before the navigator has one.
 
-    The state of the navigator, the outage model, what it is learned from, and what rehearsals have shown.
+    It consists of the state of the navigator, the outage model, its training data, and the results of rehearsals.
     """
     state = state_of(estimator.sins.run)
     if state is None:
@@ -45,9 +45,9 @@ def arrays_of(estimator: PoseEstimator) -> dict[str, np.ndarray] | None:
 
 
 def resume(estimator: PoseEstimator, arrays: Mapping[str, np.ndarray]) -> None:
-    """Let an estimator that has seen nothing go on from ``arrays``, if its first IMU sample allows that.
+    """Let an estimator without data continue from ``arrays``, if its first IMU sample permits.
 
-    ``UserError`` where they are not what ``arrays_of`` gave, or beyond what a vehicle can do.
+    Raises ``UserError`` for arrays that ``arrays_of`` did not make, or that are implausible.
     """
     saved = SavedState.of(arrays)
     model, shown = (_named(arrays, beginning) for beginning in (_MODEL, _REHEARSALS))
@@ -75,14 +75,14 @@ def resume(estimator: PoseEstimator, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def _named(arrays: Mapping[str, np.ndarray], beginning: str) -> dict[str, np.ndarray]:
-    """Those whose names begin so, without the beginning."""
+    """The arrays whose names have the prefix ``beginning``, without it."""
     return {name.removeprefix(beginning): value for name, value in arrays.items() if name.startswith(beginning)}
 
 
 def _with_older_wind(model: Mapping[str, np.ndarray], seconds: float) -> Mapping[str, np.ndarray]:
-    """``model`` with its wind ``seconds`` later, of which nobody has seen anything."""
+    """``model`` with its wind predicted ``seconds`` ahead, without observations."""
     if not all(name in model for name in ("wind", "wind_cov", "wind_spread")):
-        return model  # of a method that knows no wind
+        return model  # of a method without wind
     wind, cov = unseen(model["wind"], model["wind_cov"], float(model["wind_spread"]), seconds)
     return {**model, "wind": wind, "wind_cov": cov}
 

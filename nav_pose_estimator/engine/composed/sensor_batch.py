@@ -1,7 +1,7 @@
-"""IMU blocks joined over samples of sensors that a navigator may know ahead of their time.
+"""Joins IMU blocks across samples of sensors that the navigator may get ahead of their time.
 
-Only a sample that is valid after the IMU sample behind which it arrived can go ahead: known early or not, it then acts
-between the same two rows. One of the same time acts behind that row, or ahead of it where it is known before.
+A sample may go ahead only if it is valid after the IMU sample behind which it arrived: it then acts between the same
+two rows in either order. A sample of the same time would act before that row if known early, and behind it otherwise.
 """
 
 from __future__ import annotations
@@ -14,14 +14,15 @@ import numpy as np
 from nav_pose_estimator.engine.samples import ImuBlock, MagSample, PressureSample, Sample, joined
 
 _QUIET = (MagSample, PressureSample)  # their observations never change the mode
-_LONGEST_NS = 1_000_000_000  # of a batch
-_AHEAD_NS = 500_000_000  # a stamp further ahead of the IMU's is for the navigator to judge when it comes
-_STEP_NS = 100_000_000  # IMU samples further apart may make it start again: a gap is met sample by sample
+_LONGEST_NS = 1_000_000_000  # longest batch
+_AHEAD_NS = 500_000_000  # a sample stamped further ahead of the IMU is left to the navigator to judge
+_STEP_NS = 100_000_000  # IMU samples further apart may cause a restart, so a gap is fed sample by sample
 
 
 @dataclass(frozen=True)
 class SensorBatch:
-    """One IMU block, ``others`` that arrived within it (behind how many IMU samples), and those that came after it."""
+    """An IMU block, the ``others`` that arrived within it, each with the number of IMU samples before it, and those
+    that arrived ``after`` it."""
 
     imu: ImuBlock
     others: list[tuple[int, Sample]]
@@ -29,7 +30,7 @@ class SensorBatch:
 
     @classmethod
     def of(cls, samples: Sequence[Sample]) -> SensorBatch:
-        """From samples of which ``length`` says that they go together."""
+        """A batch of samples that belong together by ``length``."""
         blocks: list[ImuBlock] = []
         others: list[tuple[int, Sample]] = []
         count = 0
@@ -43,12 +44,12 @@ class SensorBatch:
         return cls(joined(blocks), within, [sample for _, sample in others[len(within) :]])
 
     def early(self, begin: int, end: int) -> list[tuple[int, Sample]]:
-        """What arrived within the IMU samples ``begin`` to ``end``, with its place counted from ``begin``."""
+        """The others that arrived within IMU samples ``begin`` to ``end``, with their place counted from ``begin``."""
         return [(place - begin, sample) for place, sample in self.others if begin <= place < end]
 
 
 def length(samples: Sequence[Sample], first: int) -> int:
-    """How many of ``samples`` from ``first`` on go together, at least one."""
+    """Number of ``samples`` from ``first`` on that can form a batch, at least one."""
     block = samples[first]
     if not isinstance(block, ImuBlock) or not _is_steady(block):
         return 1
@@ -66,6 +67,6 @@ def length(samples: Sequence[Sample], first: int) -> int:
 
 
 def _is_steady(block: ImuBlock) -> bool:
-    """Whether every sample follows the one before it closely."""
+    """Whether the samples of a block follow each other without a gap."""
     steps = np.diff(block.stamps_ns)
     return len(block) == 1 or (len(block) > 1 and bool(steps.min() > 0 and steps.max() <= _STEP_NS))

@@ -82,9 +82,9 @@ class ImuInput:
         return [*events, self.mounting.sample(sample)] if good else [*events]
 
     def accept_all(self, blocks: Sequence[ImuBlock]) -> bool:
-        """True where ``accept_block`` would give every one of ``blocks`` and nothing else: they then count as accepted.
+        """Accept all ``blocks`` together if ``accept_block`` would return each of them and no event; else return False.
 
-        They still have to be turned into the body. False leaves everything as it was.
+        Accepted blocks still have to be rotated into b. False leaves the state unchanged.
         """
         if not (COMPILED and len(blocks) > 1):
             return False

@@ -67,7 +67,7 @@ class MotionCheck:
         """Whether the IMU vibrates so heavily that its impulses do not show the motion."""
         self.latency = LatencyMonitor()
         self.body = BodyMotion()
-        """Whether a velocity in body axes is one."""
+        """The test of a body velocity against the IMU."""
         self.forget_time()
 
     def forget_time(self) -> None:
@@ -124,7 +124,7 @@ class MotionCheck:
         if not all(k in self._seconds for k in range(end - _WINDOW + 1, end + 1)):
             return
         seconds = np.array([self._seconds[k] for k in range(end - _WINDOW + 1, end + 1)])
-        biases = np.array([np.zeros(3), gyro_bias, self._offset])  # one of which its gyroscope may have
+        biases = np.array([np.zeros(3), gyro_bias, self._offset])  # candidates for that of the gyroscope
         impulses = motion_history.impulses(seconds, gyro_bias, _AS_PUBLISHED)
         self.body.compare(end - _WINDOW, seconds, gyro_bias, impulses, self._received.rows())
         felt = self._feel(seconds, received, biases)

@@ -1,10 +1,11 @@
-"""Two hypotheses of what the vehicle does, each with a navigator of its own, while nothing else bounds the drift.
+"""Multiple-model filter for outages: one branch of the filter for each hypothesis on the vehicle's motion.
 
-The filter splits when GNSS is lost: one branch travels as the network predicts, one hovers. Every half second each
-branch takes in what its hypothesis says of the velocity; how well that fits decides how probable it is (interacting
-multiple model, Blom and Bar-Shalom 1988). A wrong hypothesis cannot spoil the other, and what comes out, mean and
-covariance of the mixture, is as uncertain as the decision. It differs from the textbook in that the branches are mixed
-after the hypotheses have been weighed on each of them (generalised pseudo-Bayesian, second order).
+The filter splits when GNSS is lost and nothing else bounds the drift: in one branch the vehicle travels as the network
+predicts, in the other it hovers. Every half second each branch is corrected by what its hypothesis implies for the
+velocity, and the likelihood of that observation updates its probability (interacting multiple model, Blom and
+Bar-Shalom 1988). A wrong hypothesis cannot corrupt the other branch, and the output, mean and covariance of the
+mixture, includes the uncertainty of the decision. Unlike the textbook's algorithm, the branches are mixed after each
+hypothesis has been evaluated on each branch (generalised pseudo-Bayesian filter of second order, GPB2).
 """
 
 from __future__ import annotations
@@ -22,18 +23,18 @@ from nav_pose_estimator.core.filter.kalman import correct, innovation, log_densi
 from nav_pose_estimator.core.filter.mixture import blend_rows, merge
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence
 
-_LEAST_WEIGHT = 1e-4  # no hypothesis is given up for good
-_REMEMBERED = 10.0  # s: the longest that checkpoints reach back
+_LEAST_WEIGHT = 1e-4  # smallest probability of a hypothesis, so that it can recover
+_REMEMBERED = 10.0  # s: the longest memory of checkpoints
 _DRIVING_NOISE = np.r_[at.GYRO_NOISE_PSD, at.ACCEL_NOISE_PSD, at.GYRO_BIAS_PSD, at.ACCEL_BIAS_PSD, GYRO_MATRIX.psd]
 _POSITION, _PLACE = slice(at.DPOS, at.DPOS + 3), slice(at.DPOS, at.DPOS + 2)
 _VELOCITY = slice(at.DVEL, at.DVEL + 2)
-_HAS_LEFT = 9.2  # normalised square of two components that one in a hundred exceeds
-_SURPRISING = 4.0  # normalised square of a horizontal velocity (two on average) beyond which it contradicts a regime
+_HAS_LEFT = 9.2  # 99 % quantile of chi-square with two degrees of freedom
+_SURPRISING = 4.0  # NIS of a horizontal velocity (expected 2) above which it contradicts a regime
 
 
 class _Fit(NamedTuple):
-    """How a hypothesis fits a branch, as logarithms of likelihoods: of all that was observed, of the regime's beginning
-    here, and of that part of the velocity's square that is beyond chance."""
+    """How well a hypothesis fits a branch, as log likelihoods: of all observations, of a transition into its regime
+    here, and of the part of the velocity's NIS that is beyond chance."""
 
     likelihood: float
     entry: float
@@ -44,9 +45,9 @@ _IMPOSSIBLE = _Fit(-math.inf, -math.inf, 0.0)
 
 
 class _Situation(NamedTuple):
-    """Of a branch: ``middle``, the nominal state of the mixture, to which the evidence belongs; ``lost_at`` (3,) where
-    GNSS was lost, None for a vehicle that left there; ``assumed_var`` [m^2/s^2] by which the branch is more certain of
-    its velocity than the least certain one."""
+    """The context of a branch. ``middle``: nominal state of the mixture, to which the evidence refers. ``lost_at``
+    (3,): where GNSS was lost, None once the vehicle has left that area. ``assumed_var`` [m^2/s^2]: by how much the
+    branch's velocity variance is below that of the least certain branch."""
 
     middle: np.ndarray
     lost_at: np.ndarray | None
@@ -54,18 +55,18 @@ class _Situation(NamedTuple):
 
 
 class Branches:
-    """Branches of the filter with their weights: one ``core.filter.memory`` each, with wind block and checkpoints."""
+    """Branches of the filter with their weights; each is a ``core.filter.memory`` with wind states and checkpoints."""
 
     def __init__(self, trunk: np.ndarray, slots: int, evidence: MotionEvidence) -> None:
-        """Split the filter of the memory ``trunk`` into the hypotheses of ``evidence``, with its wind."""
+        """Split the filter of the memory ``trunk`` into the hypotheses of ``evidence``, and add wind states from it."""
         n = int(trunk[memory.STATES])
         self._drift_variance = evidence.drift_variance
         self._lost_at = trunk[memory.NAV + at.LAT : memory.NAV + at.VEL].copy()  # where GNSS was lost
-        self._left = math.inf  # s: when the vehicle clearly left there
-        self._ended = [math.inf] * len(evidence.hypotheses)  # s: when each was not the likely one for the first time
+        self._left = math.inf  # s: when the vehicle clearly left that area
+        self._ended = [math.inf] * len(evidence.hypotheses)  # s: when each first had a probability of at most one half
         stated = trunk[memory.HEAD : memory.HEAD + n * n].reshape(n, n)
         known = self._drift_variance * stated
-        # nobody has seen how wrong the position was that GNSS left
+        # rehearsals say nothing about the error of the position at the loss of GNSS: it keeps its stated variance
         known[_POSITION, _POSITION] += (1.0 - self._drift_variance) * stated[_POSITION, _POSITION]
         constants, P = trunk[memory.CONSTANTS : memory.ORIGIN].copy(), known
         self._wind_is_measured = WIND.is_in(constants)
@@ -88,20 +89,20 @@ class Branches:
         self._decisions = [(-math.inf, self.weights)]  # (time, weights from then on), as far back as checkpoints
 
     def probability(self, name: str) -> float:
-        """Of the hypothesis ``name``."""
+        """Probability of the hypothesis ``name``."""
         return float(self.weights[self.names.index(name)])
 
     def pairs(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Nominal state and covariance of every branch; writing to them changes the branch."""
+        """Nominal state and covariance of each branch, as views into its memory."""
         return [(_nav(one), _covariance(one)) for one in self.memories]
 
     @property
     def constants(self) -> np.ndarray:
-        """Filter constants of every branch."""
+        """Filter constants, the same for all branches."""
         return self.memories[0, memory.CONSTANTS : memory.ORIGIN]
 
     def run(self, rows: np.ndarray, begin: int, end: int, due: float, out: np.ndarray) -> int:
-        """``memory.run_block`` along every branch; ``out`` receives the solution of the mixture."""
+        """``memory.run_block`` for each branch; ``out`` receives the solution of the mixture."""
         own = np.empty((len(self.memories), *out.shape))
         for one, own_rows in zip(self.memories, own, strict=True):
             stop = memory.run_block(one, rows, begin, end, due, own_rows)
@@ -110,7 +111,7 @@ class Branches:
         return stop
 
     def restore_before(self, t: float) -> float:
-        """Go back to the last checkpoint before ``t``; returns its time."""
+        """Restore the last checkpoint before ``t`` [s]; returns its time."""
         for one in self.memories:
             memory.restore_before(one, t)
         now = float(self.memories[0][memory.NAV + at.TIME])
@@ -122,7 +123,7 @@ class Branches:
         return now
 
     def mix_into(self, trunk: np.ndarray) -> None:
-        """Make the filter of the memory ``trunk`` the mixture of the branches, without the wind block."""
+        """Merge the branches into the filter of the memory ``trunk``, without the wind states that were added."""
         memory.mix(self.memories, self.weights, trunk)
         trunk[memory.NAV + at.GYRO_WANDER] /= self._drift_variance
 
@@ -132,10 +133,10 @@ class Branches:
         return self.memories[:, memory.NAV : memory.CONSTANTS].copy(), Ps.copy()
 
     def decide(self, evidence: MotionEvidence) -> None:
-        """Let every hypothesis act on every branch, weigh what comes out, and merge it hypothesis by hypothesis.
+        """Apply each hypothesis to each branch, weight the results by their likelihoods, and merge by hypothesis.
 
-        A vehicle that travels at 7 m/s cannot hover the next moment: how well a hypothesis fits is asked of each branch
-        that it may have come from, not of their mixture, in which everything is possible.
+        A vehicle that travels at 7 m/s cannot hover the next moment. So the likelihood of a hypothesis is evaluated on
+        each branch that it may follow, not on their mixture, whose covariance allows both.
         """
         navs, Ps = self._stacked()
         count = len(navs)
@@ -163,9 +164,10 @@ class Branches:
         self._decisions = [*(d for d in self._decisions if d[0] >= now - _REMEMBERED), (now, self.weights)]
 
     def _leaves(self, evidence: MotionEvidence) -> bool:
-        """Whether a branch is surely farther from where GNSS was lost than its flight has ever been in that time.
+        """Whether a branch is significantly farther from where GNSS was lost than its flight usually goes.
 
-        From then on nothing pulls it back: on a flight straight ahead the drift would soon hide that it has left.
+        From then on the prior on the place is dropped: on a straight flight, the growing drift would otherwise soon
+        make it consistent again and pull the vehicle back.
         """
         for hypothesis, (nav, P) in zip(evidence.hypotheses, self.pairs(), strict=True):
             if hypothesis.place_var is not None:
@@ -175,7 +177,7 @@ class Branches:
         return False
 
     def _joint_weights(self, navs: np.ndarray, Ps: np.ndarray, evidence: MotionEvidence) -> np.ndarray:
-        """Correct ``navs``, ``Ps`` [j, i] for hypothesis j behind branch i; returns the weights of the pairs, or 0."""
+        """Correct ``navs``, ``Ps`` [j, i] by hypothesis j, following branch i; returns unnormalised weights [j, i]."""
         count = len(navs)
         middle, _ = merge(navs[0], Ps[0], self.constants, self.weights)
         stay = math.exp(-evidence.interval / evidence.dwell) if count > 1 else 1.0
@@ -191,10 +193,10 @@ class Branches:
             for i in range(count):
                 situation = _Situation(middle, lost_at, float(known_to.max() - known_to[i]))
                 fit = _act(navs[j, i], Ps[j, i], self.constants, situation, evidence, hypothesis)
-                # what is seen while a regime lasts is correlated; that it could begin at all counts once and in full
+                # observations within a regime are correlated and tempered; a transition into it counts in full, once
                 exponent[j, i] = tempered * fit.likelihood + (i != j) * (1.0 - tempered) * fit.entry
                 if hypothesis.velocity_time is not None:
-                    # calm goes on for long and says little; a velocity that contradicts is news again so much later
+                    # a contradicting velocity decorrelates faster than agreement does, so it is tempered less
                     sooner = max(evidence.interval / hypothesis.velocity_time - tempered, 0.0)
                     exponent[j, i] += sooner * fit.contradiction
         known = np.isfinite(exponent)
@@ -218,15 +220,15 @@ def _act(
     evidence: MotionEvidence,
     hypothesis: Hypothesis,
 ) -> _Fit:
-    """Correct one branch.
+    """Correct one branch by a hypothesis; returns how well it fits.
 
-    A hypothesis corrects its branch again and again. What it has made certain is no evidence for it: how probable a
-    velocity is follows from the covariance of the least certain branch, which is what the IMU knows.
+    A hypothesis corrects its branch repeatedly, and the certainty that it creates is no evidence for it. So likelihoods
+    of the velocity use the velocity variance of the least certain branch, which is what the IMU alone would know.
     """
     n, (middle, lost_at, assumed_var) = len(P), situation
     P[_PLACE, _PLACE] += hypothesis.doubt_psd * evidence.interval * np.eye(2)
-    apart = error_between(middle, nav, constants)  # the branch's error were the mixture the truth
-    seen, used = [], []  # (z, H, variances): what tells the hypotheses apart, what corrects the branch
+    apart = error_between(middle, nav, constants)  # error of the branch relative to the mixture
+    seen, used = [], []  # (z, H, variances): observations for the likelihood, and those that correct the branch
     likelihood, entry, contradiction = hypothesis.log_likelihood, 0.0, 0.0
     if hypothesis.velocity_var is not None:
         _, H = measurements.horizontal_velocity(nav, n, 0.0, 0.0)
@@ -235,13 +237,13 @@ def _act(
         entry = -0.5 * innovation(P, z, H, np.diag(variances + evidence.unmodelled_var))
         contradiction = -0.5 * max(innovation(P, z, H, np.diag(variances)) - _SURPRISING, 0.0)
         if hypothesis.velocity_time is not None:
-            # a velocity persists: it tells the regimes apart at once, but corrects the filter little by little
+            # the prior on a correlated velocity discriminates at once, but its correction is spread over its time
             used.append((z, H, variances * hypothesis.velocity_time / evidence.interval))
     if evidence.air_velocity is not None and hypothesis.air_noise is not None:
         means = evidence.attitude, np.array(evidence.velocity), np.array(evidence.body_velocity)
         air_velocity = np.array(evidence.air_velocity)
         z, H = measurements.mean_air_velocity(nav, n, WIND.states(constants).start, *means, air_velocity)
-        base = slice(at.BASE_STATES)  # the wind is the branch's own already
+        base = slice(at.BASE_STATES)  # the wind is that of the branch already
         air = z + H[:, base] @ apart[base], H, np.array(hypothesis.air_noise)
         seen.append(air)
         if hypothesis.air_corrects:
@@ -258,9 +260,9 @@ def _act(
 def _usual_place(
     nav: np.ndarray, P: np.ndarray, lost_at: np.ndarray, var: float, draws: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(z, H, variances) of the observation that flights are local: the vehicle is not far from ``lost_at``.
+    """(z, H, variances) of the prior that flights are local: the vehicle is not far from ``lost_at``.
 
-    ``var`` [m^2] of each horizontal component; so many such observations make one independent draw.
+    ``var`` [m^2]: variance of each horizontal component; ``draws``: number of epochs that make one independent draw.
     """
     z, H = measurements.gnss_position(nav, len(P), lost_at[0], lost_at[1], nav[at.ALT], np.zeros(3))
     return z[:2], np.ascontiguousarray(H[:2]), np.full(2, var * draws)

@@ -1,4 +1,4 @@
-"""What happens to each sample that is not the IMU's: it becomes an observation on the time line, or helps to align."""
+"""Intake of all samples but the IMU's: each becomes an observation on the time line, or takes part in the alignment."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 from nav_pose_estimator.engine.sensors.sensor import Aid
 from nav_pose_estimator.engine.solutions import Level
 
-_CRUISE = 60.0  # s for which a wing may keep its velocity
+_CRUISE = 60.0  # s: correlation time of the velocity of a fixed wing in cruise
 _UNEVENTFUL = frozenset((AttitudeSample, NavigatorVelocity, *(aid.sample for aid in AIDS if aid.kind.quiet)))
-"""Samples that change neither mode nor GNSS unless an observation comes of them."""
+"""Samples that change neither the mode nor the state of GNSS, unless they become an observation."""
 
 
 def take(run: FilterRun, sample: Sample) -> None:
-    """Take one sample that is not the IMU's."""
+    """Take a sample of any sensor but the IMU."""
     kind = type(sample)
     if kind not in _UNEVENTFUL:
         run.quiet_until = -math.inf
@@ -89,7 +89,7 @@ def _fix(run: FilterRun, sample: GnssFix) -> None:
             run.start_up.fix(t, sample, run.gnss.reception.position_noise(sample))
             heading_trial.judge(run, run.trial, sample.stamp_ns)
     else:
-        run.gnss.reception.refusal = ""  # it helps to align
+        run.gnss.reception.refusal = ""  # it takes part in the alignment
         run.start_up.fix(t, sample, run.gnss.reception.position_noise(sample))
         run.try_start()
 
@@ -104,7 +104,7 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
         if run.gnss.reception.velocities.doubted:
             run.imu_physics.motion.velocity(t, None, sample.vel_enu)
         return
-    t -= (sample.stamp_ns - usable.stamp_ns) * NS  # a late one
+    t -= (sample.stamp_ns - usable.stamp_ns) * NS  # the receiver's velocity is older than its stamp
     observation = run.gnss.velocity.observe(usable, t)
     run.imu_physics.motion.velocity(observation.t, usable.vel_enu, sample.vel_enu)
     run.gnss.position.pull.velocity(observation.t, usable.vel_enu)
@@ -134,7 +134,7 @@ def _aid(run: FilterRun, sample: Any) -> None:
 
 
 def _body_velocity(run: FilterRun, sample: BodyVelocity) -> None:
-    """One that does not change as the IMU feels is left out, and once that is proved, its effect is undone."""
+    """Omit a velocity that contradicts the IMU; once that is established, its effect on the filter is undone."""
     sensor, body = run.aids[BodyVelocity], run.imu_physics.motion.body
     assert isinstance(sensor, BodyVelocitySensor)
     if run.timeline.running and run.parameters.aids.body_velocity:
@@ -147,7 +147,7 @@ def _body_velocity(run: FilterRun, sample: BodyVelocity) -> None:
 
 
 def _give_blocks(run: FilterRun, aid: Aid) -> bool:
-    """Let the filter have the states that ``aid`` asks for; False while it is split and cannot be given any."""
+    """Add the states that ``aid`` needs to the filter; False while it is split, when that is impossible."""
     before = run.timeline.filter.constants
     added = {
         block: np.diag(np.broadcast_to(np.square(aid.first_sd[block]), block.size))
@@ -168,7 +168,7 @@ def _give_blocks(run: FilterRun, aid: Aid) -> bool:
 
 
 def _airspeed(run: FilterRun, sample: Airspeed) -> None:
-    """One without a header holds at the last IMU sample."""
+    """A sample without a header is valid at the last IMU sample."""
     if sample.stamp_ns is None:
         if not run.clock.running:
             return
@@ -177,7 +177,7 @@ def _airspeed(run: FilterRun, sample: Airspeed) -> None:
 
 
 def _pressure(run: FilterRun, sample: PressureSample) -> None:
-    """Of the air or of the water, as the parameter says."""
+    """A pressure of the air, or of the water where the parameter says so."""
     in_water = run.parameters.aids.water_density > 0.0
     run.gnss.reception.velocities.barometric_height(
         math.nan if in_water else barometer.standard_height(sample.pressure)
@@ -186,7 +186,7 @@ def _pressure(run: FilterRun, sample: PressureSample) -> None:
 
 
 def _differential_pressure(run: FilterRun, sample: DifferentialPressure) -> None:
-    """To true airspeed, by the density of the air that the barometer tells, else that of the height."""
+    """Convert to true airspeed with the air density from the barometer or, without one, from the height."""
     sensor = run.aids[PressureSample]
     pressure = sensor.pressure if isinstance(sensor, Barometer) else math.nan
     if math.isnan(pressure):
@@ -199,7 +199,7 @@ def _motion(run: FilterRun, sample: MotionEvidence) -> None:
     t = run.clock.time_of(sample.stamp_ns, "outage.rejected", run.journal)
     if t is not None and run.timeline.running and run.modes.mode in DENIED:
         if any(aid.bounds_at(t) for aid in run.aids.values()):
-            run.journal.count("outage.evidence.redundant")  # what was learned knows less than the sensor
+            run.journal.count("outage.evidence.redundant")  # better than learned motion
             return
         if run.unseen:
             sample = _usual_speed(sample, run.parameters.gnss.reacquisition.max_speed)
@@ -212,11 +212,11 @@ def _motion(run: FilterRun, sample: MotionEvidence) -> None:
 
 
 def _usual_speed(evidence: MotionEvidence, max_speed: float) -> MotionEvidence:
-    """What holds of ``evidence`` where nobody saw a part of the outage: the vehicle is no faster than it can be.
+    """Reduce ``evidence`` to a prior on the speed, for an outage of which a part was not observed.
 
-    All else takes for granted that velocity, heading and place were known when the outage began: a hover could not be
-    told from a steady flight, and rehearsals have shown how a state drifts that was known. Of a vehicle whose mean
-    velocity is not zero, a wing or a car, only ``max_speed`` [m/s] is known, at two deviations.
+    Everything else in it assumes that velocity, heading and position were known when the outage began: otherwise a
+    hover cannot be told from steady flight, and rehearsals, which begin with a known state, do not apply. For a vehicle
+    whose mean velocity is not zero, a fixed wing or a car, ``max_speed`` [m/s] is taken as two standard deviations.
     """
     known = [one.velocity_var for one in evidence.hypotheses if one.velocity_var is not None]
     variance, seconds = (max(known), evidence.correlation) if known else ((0.5 * max_speed) ** 2, _CRUISE)
@@ -252,7 +252,7 @@ def _set_pose(run: FilterRun, sample: SetPose) -> None:
 
 
 def _set_origin(run: FilterRun, sample: SetOrigin) -> None:
-    """Move the zero of the local frame. The vehicle stays where it is on Earth, and in odom: map moves against it."""
+    """Move the origin of the local frame. The vehicle stays where it is on Earth and in odom; the map frame moves."""
     place = (sample.lat, sample.lon, sample.alt)
     if not is_position(*place):
         _refuse_origin(run, sample, "value", "it is not a latitude, longitude and height")
@@ -291,7 +291,7 @@ def _return(run: FilterRun, sample: ReturnDecision) -> None:
 
 
 def _not_for_us(run: FilterRun, sample: Sample) -> None:
-    """Meant for the estimators around this one."""
+    """Ignore a sample that is meant for another estimator."""
 
 
 _HANDLERS: dict[type, Callable[[FilterRun, Any], None]] = {

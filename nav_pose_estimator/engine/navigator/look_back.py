@@ -1,4 +1,4 @@
-"""What the last second of IMU data showed: whether the vehicle rests, and how noisy its sensors are."""
+"""Evaluation of the IMU data of each second: rest, noise of the sensors, and plausibility against GNSS and physics."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _ROWS = 1.5 * noise_identification.PERIOD  # s: the last second began with the r
 
 
 def look_back(run: FilterRun, t: float) -> None:
-    """Ahead of the IMU row at ``t``, the first one of a second, on what the rows up to the one before showed.
+    """Evaluate the second before the IMU row at ``t`` [s], the first one of a new second, before that row is processed.
 
-    It is decided with what has arrived by then, and stays when the past is replayed.
+    Only what has arrived by then counts, and the results stay when the past is replayed.
     """
     end = math.floor(t / Stillness.PERIOD) * Stillness.PERIOD
     run.second_due = end + Stillness.PERIOD
@@ -45,7 +45,7 @@ def _look_at_motion(run: FilterRun) -> None:
 
 
 def _watch_for_a_pull(run: FilterRun) -> None:
-    """Does GNSS move without a force? Only a filter that it aids can tell."""
+    """Check whether the fixes move without a measured force (a drag-off); only an aided filter can tell."""
     whole, pull = run.timeline.filter, run.gnss.position.pull
     if whole.branches is not None or not run.aiding.gnss_is_good(whole.time):
         pull.interrupt()
@@ -56,7 +56,7 @@ def _watch_for_a_pull(run: FilterRun) -> None:
 
 def _identify_noise(run: FilterRun, rests: bool) -> None:
     whole = run.timeline.filter
-    # a smooth cruise looks like rest; motors that do not run tell nothing of vibration
+    # rest is told from a smooth cruise by the speed; on the ground, with motors off, there is no vibration to identify
     grounded = rests and math.hypot(*whole.nav[at.VEL : at.VEL + 3].tolist()) < _GROUNDED
     if grounded or not run.aiding.gnss_is_good(whole.time) or whole.branches is not None:
         run.noise.interrupt()
@@ -73,10 +73,10 @@ def _identify_noise(run: FilterRun, rests: bool) -> None:
 
 
 def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
-    """Could the rows of the second up to ``end`` have been an IMU's?
+    """Check that the rows of the second up to ``end`` [s] are physically possible IMU data.
 
-    One that proves to be none spoils attitude and biases for good: the filter starts again and waits. Without GNSS that
-    would be the end of the solution; it goes on as EXPIRED, with growing variances, until GNSS is back.
+    Impossible data corrupt attitude and biases permanently, so the filter restarts and waits. Without GNSS a restart
+    would end the solution; it continues as EXPIRED instead, with growing variances, until GNSS is back.
     """
     rows, stamp_ns = run.timeline.rows_since(end - physics.REACH), run.clock.stamp(t)
     bias = run.timeline.filter.nav[at.GYRO_BIAS : at.GYRO_BIAS + 3] if run.timeline.running else None
@@ -113,7 +113,7 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
 
 
 def _turn_heading(run: FilterRun, stamp_ns: int) -> None:
-    """Where IMU and GNSS have shown that the heading is far off, unless they are in doubt themselves."""
+    """Try another heading where IMU and GNSS show a large heading error, unless they are in doubt themselves."""
     doubted = run.gnss.reception.velocities.doubted or run.imu_physics.doubt
     good = run.aiding.gnss_is_good(run.now) and not doubted
     if good and run.timeline.filter.branches is None:
@@ -122,7 +122,7 @@ def _turn_heading(run: FilterRun, stamp_ns: int) -> None:
 
 
 def _doubt_the_speed(run: FilterRun, doubt: Doubt | None, is_aided: bool) -> Doubt | None:
-    """``doubt``, with what a speed that the vehicle has never had adds to it."""
+    """``doubt``, enlarged where the unaided speed exceeds what the vehicle has reached before."""
     whole, usual = run.timeline.filter, run.imu_physics.speed
     speed = math.hypot(*whole.nav[at.VEL : at.VEL + 2].tolist())
     if is_aided:
@@ -134,7 +134,7 @@ def _doubt_the_speed(run: FilterRun, doubt: Doubt | None, is_aided: bool) -> Dou
 
 
 def _doubt_unaided(run: FilterRun, doubt: Doubt | None, refusal: str) -> None:
-    """Without GNSS, what is known of the IMU makes the solution less certain, or worthless."""
+    """Without GNSS: enlarge the covariance by the ``doubt`` about the IMU, or declare the solution unusable."""
     whole = run.timeline.filter
     stamp_ns = run.clock.stamp(whole.time)
     if doubt is not None:
@@ -146,7 +146,7 @@ def _doubt_unaided(run: FilterRun, doubt: Doubt | None, refusal: str) -> None:
 
 
 def _too_fast(nav: np.ndarray, fastest: float) -> str:
-    """One sentence where the navigator's own speed is above ``fastest`` [m/s], else empty."""
+    """A sentence for the user where the navigator's own speed exceeds ``fastest`` [m/s], else empty."""
     speed = math.hypot(nav[at.VEL], nav[at.VEL + 1])
     if speed <= fastest:
         return ""

@@ -1,6 +1,7 @@
-"""IMU rows through the filter, cut where the mode may change: one block of solutions for each stretch.
+"""Propagation of the filter over IMU rows, in stretches of constant mode: one block of solutions for each.
 
-While GNSS aids the filter and nothing is unusual, many rows and the observations between them are flown at once.
+While GNSS aids the filter and everything is as expected, many rows and the observations between them are processed by
+one call of compiled code (``core.routine``).
 """
 
 from __future__ import annotations
@@ -45,9 +46,9 @@ _FIRST = operator.itemgetter(0)
 
 
 def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
-    """Carry the filter, or its alignment, over IMU ``rows`` (N, 7) stamped ``stamps_ns`` (N,).
+    """Propagate the filter, or its alignment, over IMU ``rows`` (N, 7) with stamps ``stamps_ns`` (N,) [ns].
 
-    Where the filter fails, the rows that follow are left to the next one.
+    After a failure of the filter, the remaining rows are left to its successor.
     """
     if rows[-1, at.IMU_T] < run.quiet_until:
         return _blocks(run, stamps_ns, run.timeline.advance(rows))
@@ -69,13 +70,13 @@ def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBl
 
 
 def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
-    """As many rows as the mode stays the same for: up to a deadline or to an observation that may change it."""
-    # what late observations move is a correction of the map, not motion of the vehicle
+    """Process rows up to the next deadline, or up to the next observation, that may change the mode."""
+    # a shift by late observations is a correction of the map frame, not motion of the vehicle
     run.timeline.settle()
     times = rows[:, at.IMU_T]
     now = float(times[0])
     is_lost = run.modes.mode is Mode.AIDED and not now - run.aiding.fix_used < run.aiding.lost_after
-    if is_lost and not run.unseen:  # a start without fixes has shown nothing of its covariance
+    if is_lost and not run.unseen:  # after a start without fixes there are no innovations to test the covariance
         run.timeline.observe(run.gnss.loss_at(now, run.clock.stamp(now)))
     if now >= run.second_due:
         look_back(run, now)
@@ -83,7 +84,7 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
     limit = min(run.modes.deadline(now, run.aiding), telling, run.second_due)
     count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
     if run.modes.at(now, run.aiding) is not run.modes.mode or run.failure:
-        count = 1  # the change has the time of its row, whatever the size of the blocks
+        count = 1  # the mode changes at its row, independent of the block size
     out = run.timeline.advance(rows[:count])
     if run.trial is not None:
         heading_trial.carry(run, run.trial, rows[:count], out)
@@ -95,7 +96,7 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
 
 
 def _blocks(run: FilterRun, stamps_ns: np.ndarray, out: np.ndarray) -> list[NavBlock]:
-    """The rows of the last ``advance``, one block for each stretch of constant correction."""
+    """The output rows of the last ``advance``, one block for each stretch of constant map correction."""
     timeline, mode, resets = run.timeline, run.modes.mode, run.gnss.position.resets
     blocks: list[NavBlock] = []
     done = 0
@@ -107,12 +108,12 @@ def _blocks(run: FilterRun, stamps_ns: np.ndarray, out: np.ndarray) -> list[NavB
 
 
 class Backlog:
-    """IMU rows that wait to be flown with the observations that arrive between them, for a second at most.
+    """Collects IMU rows and the observations between them, for a second at most, to process them together.
 
-    What arrives in the meantime is judged as if they had been flown. That is right because it waits only while nothing
-    of that depends on the filter: GNSS aids it, no sensor has a doubt, no fix can change when GNSS counts as lost, and
-    none can make the filter give up.
-    The rows are flown ahead of everything else: another kind of sample, an event, a refusal.
+    Samples that arrive in the meantime are evaluated as if the rows had been processed. This is exact, because rows
+    wait only while that evaluation does not depend on the filter: GNSS aids it, no sensor is in doubt, no fix can
+    change when GNSS counts as lost, and none can make the filter fail. The rows are processed before anything else:
+    another kind of sample, an event, a refusal.
     """
 
     def __init__(self, run: FilterRun) -> None:
@@ -124,11 +125,11 @@ class Backlog:
         self._count = 0
         self._periods: Periods = []
         self._coming: list[Coming] = []
-        self._ahead: set[float] = set()  # s: times of observations that have arrived before their time
+        self._ahead: set[float] = set()  # s: times of observations that are valid after the newest row
         self._limit = -math.inf
 
     def is_open(self) -> bool:
-        """Whether samples may wait from now on, or go on to wait."""
+        """Whether samples may wait, or continue to wait."""
         return self._open or self._opens()
 
     def _opens(self) -> bool:
@@ -139,7 +140,7 @@ class Backlog:
         if run.parameters.aids.declination_from_model or run.parameters.aids.water_density > 0.0:
             return False
         now = run.timeline.filter.time
-        # what arrives after the filter has given up is for the next one to judge
+        # samples that arrive after a failure of the filter are for its successor
         soonest = min(run.gnss.position.guard.soonest_reset, HOPELESS)
         self._limit = min(run.second_due, run.aiding.fix_used + run.aiding.lost_after, now + soonest)
         self._open = now < self._limit and routine.is_calm(now)
@@ -150,7 +151,7 @@ class Backlog:
         return self._open
 
     def cut(self, block: ImuBlock) -> tuple[ImuBlock, ImuBlock | None]:
-        """``block`` up to the sample with which it ``is_full``, and what follows, if anything does."""
+        """Cut ``block`` behind the sample with which the backlog ``is_full``; the second part may be None."""
         clock = self.run.clock
         if clock.seconds(int(block.stamps_ns[-1])) < self._limit:
             return block, None
@@ -158,7 +159,7 @@ class Backlog:
         return block.part(0, count), block.part(count, None) if count < len(block) else None
 
     def add(self, block: ImuBlock) -> None:
-        """Let a ``block`` wait that the IMU's input has let pass."""
+        """Add a ``block`` that has passed the checks of the IMU's input."""
         run = self.run
         period = run.gnss.reception.fix_period
         if not self._periods or self._periods[-1][1] != period:
@@ -169,12 +170,12 @@ class Backlog:
 
     @property
     def is_full(self) -> bool:
-        """Whether it is time to look back, or GNSS may be lost, or the filter may give up."""
+        """Whether the rows must be processed now: a second is complete, GNSS may be lost, or the filter may fail."""
         until = self.run.waiting_until
         return until is not None and until >= self._limit
 
     def may_wait_for(self, sample: Sample) -> bool:
-        """Whether a ``sample`` may be judged before the rows that wait have been flown."""
+        """Whether a ``sample`` may be evaluated before the waiting rows have been processed."""
         kind = type(sample)
         waits = kind in _WAIT or (kind is GnssFix and self.run.gnss.reception.is_quick)
         if kind is BeamVelocitySample:  # the first one changes the filter's states
@@ -182,13 +183,13 @@ class Backlog:
         return waits and (self._open or self._opens())
 
     def flown(self) -> tuple[list[NavBlock], np.ndarray, np.ndarray]:
-        """All solutions that are new, stamps and rows of the last flight."""
+        """Process the backlog; returns all new solutions, and stamps and rows of the last stretch."""
         self._fly()
         blocks, self._blocks = self._blocks, []
         return blocks, *self._left
 
     def _observe(self, o: Observation) -> bool:
-        """Let an observation wait; False where it cannot: nothing waits any more."""
+        """Add an observation to the backlog. False where it cannot wait; the backlog has then been processed."""
         now = self.run.now
         if (o.t < now and not o.kind.holds) or o.t > now + _AHEAD or o.t in self._ahead:
             self._fly()
@@ -200,7 +201,7 @@ class Backlog:
         return True
 
     def _fly(self) -> None:
-        """Fly what waits."""
+        """Process the backlog."""
         run = self.run
         run.take_observation = run.waiting_until = None
         run.journal.before_next(None)
@@ -212,7 +213,7 @@ class Backlog:
         _hear(run, coming)
 
     def _fly_rows(self, stamps: np.ndarray, rows: np.ndarray, coming: list[Coming]) -> list[Coming]:
-        """Fly IMU ``rows`` (N, 7); returns the observations that came behind the last one."""
+        """Process IMU ``rows`` (N, 7); returns the observations that arrived behind the last one."""
         run, self._left = self.run, (stamps, rows)
         reception, done, count, self._count = run.gnss.reception, 0, self._count, 0
         period_now = reception.fix_period
@@ -234,7 +235,7 @@ class Backlog:
         return coming
 
     def _leg(self, rows: np.ndarray, coming: list[Coming], done: int) -> tuple[np.ndarray, list[Coming]]:
-        """As far as the routine goes from row ``done`` on: output rows, and what has not been heard of by then."""
+        """Process rows from ``done`` on as far as the routine goes; returns output rows and remaining observations."""
         run = self.run
         if run.timeline.late:
             run.timeline.settle()
@@ -243,7 +244,7 @@ class Backlog:
             return rows[:0], coming
 
         punctual = coming[: _first_late(rows, coming)]
-        late = coming[len(punctual) :]  # the past is flown again before anything goes on behind it
+        late = coming[len(punctual) :]  # a late observation first replays the past
         ahead = min(ahead, late[0].behind) if late else ahead
         is_followed = ahead < len(rows) and not (late and late[0].behind == ahead)
         periods = [(row - done, period) for row, period in self._periods]
@@ -253,7 +254,7 @@ class Backlog:
 
 
 def packed(outputs: list[Output]) -> list[Output]:
-    """The same with neighbouring blocks made one where their rows share the rest."""
+    """``outputs`` with neighbouring blocks joined where they have mode, reset count and correction in common."""
     out: list[Output] = []
     for alike, group in itertools.groupby(outputs, _what_rows_share):
         some = list(group)
@@ -272,18 +273,18 @@ def _what_rows_share(output: Output) -> tuple[Mode, int, list[float]] | None:
 
 
 def is_uneventful(run: FilterRun) -> bool:
-    """Whether nothing that comes is likely to change more than the filter."""
+    """Whether the next samples are likely to change nothing but the state of the filter."""
     return _is_routine(run) and not run.parameters.aids.declination_from_model
 
 
 def _is_routine(run: FilterRun) -> bool:
-    """Whether GNSS aids one filter of which nothing is in question."""
+    """Whether the filter is single, aided by GNSS, and neither on trial nor failed."""
     whole = run.timeline.running and run.timeline.filter.branches is None
     return whole and run.modes.mode is Mode.AIDED and run.trial is None and not run.failure
 
 
 def _first_late(rows: np.ndarray, coming: list[Coming]) -> int:
-    """The place in ``coming`` of the first observation that is older than the row behind which it arrived."""
+    """Index in ``coming`` of the first observation that is older than the row behind which it arrived."""
     for place, (behind, observation) in enumerate(coming):
         if observation.t < rows[behind - 1, at.IMU_T]:
             return place
@@ -291,7 +292,7 @@ def _first_late(rows: np.ndarray, coming: list[Coming]) -> int:
 
 
 def _hear(run: FilterRun, coming: list[Coming]) -> list[Coming]:
-    """Observations that have arrived by now, to the time line; the rest is returned."""
+    """Pass observations that have arrived by now to the time line; returns the others."""
     for one in coming:
         if one.behind <= 0:
             run.observe(one.observation)
@@ -301,7 +302,7 @@ def _hear(run: FilterRun, coming: list[Coming]) -> list[Coming]:
 def fly(
     timeline: Timeline, stretch: tuple[np.ndarray, bool], coming: list[Coming], periods: Periods
 ) -> tuple[np.ndarray, list[Coming]]:
-    """``Timeline.advance`` by routine, with observations that come behind some of the rows; none is late.
+    """``Timeline.advance`` by the compiled routine, with observations that arrive between the rows; none is late.
 
     ``stretch``: IMU rows (N, 7), and whether they are followed by others that have arrived; ``periods`` when they did.
     Ends early where something
@@ -342,11 +343,11 @@ def _period(periods: Periods, row: int) -> float:
 
 
 def _note_moves(timeline: Timeline, begin: int, acted: list[Coming], leg: Leg) -> list[float] | None:
-    """What observations did to the position: one by one, or at once where they came behind the row of their time.
+    """Account for the corrections of the position, in ``moves`` and ``shift`` of the time line, as without routine.
 
-    The rows of the flight begin at ``begin`` of the time line's. Its ``moves`` and ``shift`` become what they are
-    without routine. Returns the first result of those at the time of the last row where others of that time have not
-    acted yet.
+    Observations count one by one, or together where they came behind the row of their time. ``begin``: index of the
+    first row in the time line. If observations at the time of the last row have acted and others of that time have not,
+    the first result of these is returned, else None.
     """
     timeline.moves, k = [], 0
     while k < len(acted):

@@ -1,8 +1,8 @@
-"""The filter on its time line: IMU rows carry it on, observations act at their own time of validity, however late.
+"""The time line of the filter: IMU rows propagate it, and each observation acts at its time of validity, however late.
 
-The time line keeps the last second or so of IMU rows, observations and checkpoints of the filter. An observation from
-the past restores the last checkpoint before it and replays what came after. Because every observation splits the IMU
-interval at its own time, a late or out-of-order observation leads to the same numbers as a punctual one.
+The time line keeps IMU rows, observations and checkpoints of the filter over its memory (about a second by default). A
+late observation restores the last checkpoint before its time and replays everything since. Because every observation
+splits the IMU interval at its own time, late and out-of-order observations lead to the same numbers as punctual ones.
 """
 
 from __future__ import annotations
@@ -20,36 +20,36 @@ from nav_pose_estimator.engine.observation_queue import ObservationQueue
 from nav_pose_estimator.engine.samples import Vector3
 from nav_pose_estimator.engine.sensors.routine.routine import Routine, moved
 
-_CHECKPOINT_PERIOD = 0.05  # s: what came after one is done again when an observation is late
-_TIDY_PERIOD = 0.2  # s
+_CHECKPOINT_PERIOD = 0.05  # s between checkpoints: a replay begins at most so much before the late observation
+_TIDY_PERIOD = 0.2  # s between two removals of old rows, observations and checkpoints
 
 
 class Timeline:
-    """``filter`` stands at the last IMU row and has a memory of ``window`` seconds."""
+    """A filter, standing at the last IMU row, with a memory of ``window`` [s] into the past."""
 
     def __init__(self, constants: np.ndarray, apply: Apply, window: float, routine: Routine | None = None) -> None:
-        """Observations act by ``routine``, if given, those that it does not expect by ``apply``."""
+        """Expected observations act by the compiled ``routine``, if given, all others by ``apply``."""
         self._apply, self.routine = apply, routine
         self._window = window
-        # as many as the window can hold, one before it, and the one being added
+        # checkpoints: as many as the window can hold, one before it, and the one being added
         self.filter = SplitFilter(constants, math.ceil(window / _CHECKPOINT_PERIOD) + 2, _CHECKPOINT_PERIOD)
         self.imu = ImuBuffer()
         self.queue = ObservationQueue()
-        # earliest time of an observation that has not acted; who lets all of them act (``stretch.fly``) sets it back
+        # earliest time of an observation that has not acted, reset by ``settle`` and by ``stretch.fly``
         self.dirty: float | None = None
-        self.late = False  # whether time has passed since then, so that the past must be replayed
-        self._started = -math.inf  # what came before can no longer be replayed
-        self._tidy_at = -math.inf  # when what has become too old is dropped next
+        self.late = False  # whether that time lies in the past, so that the past must be replayed
+        self._started = -math.inf  # s: earlier times cannot be replayed
+        self._tidy_at = -math.inf  # s: when old data are dropped next
         self.running = False
         self._replaying = False  # True while ``settle`` is at work
-        self.shift = np.zeros(3)  # m, ENU: sum of what observations did to the position; replaced, never written to
-        # where that changed within the last ``advance``: how many of its rows came before, and ``shift`` until then
+        self.shift = np.zeros(3)  # m, ENU: sum of all corrections of the position; replaced, never written to
+        # changes of ``shift`` within the last ``advance``: number of rows before the change, and ``shift`` until then
         self.moves: list[tuple[int, np.ndarray]] = []
 
     def start(self, nav: np.ndarray, P: np.ndarray, origin: tuple[float, float, float] | None = None) -> None:
-        """Begin at ``nav[TIME]`` with rows already known (``remember``) replayed up to the present.
+        """Begin at ``nav[TIME]``, and replay rows already known (``remember``) up to the present.
 
-        ``origin`` latitude, longitude [rad], height [m] of the local frame; None keeps the one there is.
+        ``origin``: latitude, longitude [rad], height [m] of the local frame; None keeps the present one.
         """
         self.restart(self.filter.constants, nav, P, origin)
 
@@ -60,7 +60,7 @@ class Timeline:
         P: np.ndarray,
         origin: tuple[float, float, float] | None = None,
     ) -> None:
-        """The same with other ``constants``, which may have other states."""
+        """``start`` with other filter ``constants``, which may define other states."""
         self.filter.start(constants, nav, P, origin)
         self.running, self._started = True, self.filter.time
         self.queue.keep_after(self.filter.time)
@@ -69,18 +69,18 @@ class Timeline:
         self._run(*self.imu.between(self.filter.time, math.inf))
 
     def remember(self, rows: np.ndarray) -> None:
-        """Keep IMU ``rows`` (N, 7) without a running filter, so that an alignment in the past can catch up."""
+        """Keep IMU ``rows`` (N, 7) while no filter runs: an alignment at a past time is later propagated over them."""
         self.imu.append(rows)
         self.imu.drop_before(rows[-1, IMU_T] - self._window)
 
     def rows_since(self, t: float) -> np.ndarray:
-        """The IMU rows (N, 7) later than ``t`` [s], as far as the memory reaches; not to be written to."""
+        """The IMU rows (N, 7) after ``t`` [s], as far as the memory reaches; read-only."""
         return self.imu.recent(t)
 
     # --- input -------------------------------------------------------------------------------------------------------
 
     def observe(self, observation: Observation) -> bool:
-        """Take an observation in. False when it is older than the memory: then nothing happens."""
+        """Insert an observation. False, without effect, when it is older than the memory."""
         t = observation.t
         if self.running:
             now = self.filter.time
@@ -95,7 +95,7 @@ class Timeline:
         return True
 
     def advance(self, rows: np.ndarray) -> np.ndarray:
-        """Carry the filter over IMU ``rows`` (N, 7), later than its time; returns output rows (N, OUT_COLUMNS)."""
+        """Propagate the filter over IMU ``rows`` (N, 7) after its time; returns output rows (N, OUT_COLUMNS)."""
         self.settle()
         self.imu.append(rows)
         out = np.empty((len(rows), OUT_COLUMNS))
@@ -104,7 +104,7 @@ class Timeline:
         return out
 
     def advance_one(self, t: float, gyro: Vector3, accel: Vector3) -> np.ndarray:
-        """``advance`` by one sample that no observation waits for, on a settled time line; returns (SOLUTION_SIZE,)."""
+        """``advance`` by one sample ahead of which no observation is due, on a settled time line; (SOLUTION_SIZE,)."""
         if self.filter.branches is not None:
             return self.filter.complete(self.advance(np.array([[t, *gyro, *accel]]))[0])
         imu = self.imu
@@ -117,7 +117,7 @@ class Timeline:
         return solution
 
     def settle(self) -> None:
-        """Replay from the earliest observation that has not acted yet. ``filter`` is then up to date."""
+        """Let all observations act that have not yet, with a replay where they are late: ``filter`` is up to date."""
         if self.dirty is None:
             return
         now, dirty, late = self.filter.time, self.dirty, self.late
@@ -136,7 +136,7 @@ class Timeline:
                 self.queue.skip(acted)
             self._run(begin, end)
         else:
-            # on the filter as it is, and on a checkpoint just made: in numbers as if they had been known before
+            # on the present filter, after a checkpoint made now: the same numbers as if they had been known before
             self.filter.carry(self.imu.rows, self.imu.last - 1, self.imu.last, now, np.empty((0, OUT_COLUMNS)))
             self._observe_up_to(now)
             self.filter.renew_checkpoints()
@@ -144,9 +144,9 @@ class Timeline:
         self.shift = self.shift + step_enu(before, self.filter.nav[LAT:VEL])
 
     def finish(self, place: np.ndarray) -> None:
-        """What ``settle`` does where by routine some observations of the present time have acted, but not all.
+        """``settle`` when some observations of the present time have acted by routine, and others have not.
 
-        The first of them moved the filter from ``place``: latitude, longitude, height.
+        ``place`` (3,): latitude, longitude [rad], height [m] before the first of them.
         """
         self._replaying = True
         self._observe_up_to(self.filter.time)
@@ -157,7 +157,7 @@ class Timeline:
     # --- inside ------------------------------------------------------------------------------------------------------
 
     def _run(self, begin: int, end: int, out: np.ndarray | None = None) -> None:
-        """Process rows ``begin`` to ``end`` of the buffer with the observations that fall into them."""
+        """Process rows ``begin`` to ``end`` of the buffer with the observations that are due within them."""
         out = np.empty((end - begin, OUT_COLUMNS)) if out is None else out
         first, self.moves = end - len(out), []
         while True:
@@ -171,14 +171,14 @@ class Timeline:
                 self.moves.append((begin - first, before))
 
     def _routine_of_next(self) -> Routine | None:
-        """The routine, where the next observation is of a kind that it knows."""
+        """The routine, where it may take the next observation, else None."""
         routine, front = self.routine, self.queue.front
         if routine is None or front is None or self.filter.branches is not None or not routine.takes(front):
             return None
         return routine
 
     def _observe_up_to(self, due: float) -> None:
-        """Let what is due act on the filter, which stands at ``due`` with its covariance up to date."""
+        """Let observations up to ``due`` [s] act on the filter, which stands there with its covariance up to date."""
         restructured = False
         while self.queue.due <= due:
             routine = self._routine_of_next()
@@ -196,18 +196,18 @@ class Timeline:
             if not self._replaying and (before != self.filter.nav[LAT:VEL]).any():
                 self.shift = self.shift + step_enu(before, self.filter.nav[LAT:VEL])
         if restructured:
-            # a split or a union is the first place to go back to: with everything that acted at its time
+            # no replay can begin before a split or a union: the checkpoint here includes all that acted at its time
             self.filter.renew_checkpoints()
 
     def tidy(self) -> None:
-        """Forget what is too old, now and then."""
+        """Drop old data if it is time to."""
         if self.filter.time >= self._tidy_at:
             self._forget()
 
     def _forget(self) -> float:
-        """Drop what lies before the window; returns the time that the memory reaches back to.
+        """Drop data from before the window; returns the time that the memory reaches back to.
 
-        To be done before an observation is judged too old, else now and then.
+        Must be called before an observation is refused as too old, otherwise from time to time.
         """
         now = self.filter.time
         oldest = self.filter.forget_before(now - self._window)

@@ -1,1 +1,1 @@
-"""What is learned while GNSS is good, rehearsed, and used when it is lost."""
+"""GNSS outages: methods that learn the vehicle's motion while GNSS is good, their rehearsals, and their use."""

@@ -1,4 +1,4 @@
-"""Everything that helps the navigator of this process through an outage, behind one call per solution."""
+"""The outage aid of a navigator in the same process: learning, rehearsals and evidence for the filter."""
 
 from __future__ import annotations
 
@@ -20,23 +20,24 @@ from nav_pose_estimator.engine.samples import Sample, VelocityError
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 
 _CLASSES = {MULTIROTOR: "a multirotor", FIXED_WING: "a fixed wing", WHEELS: "a vehicle on wheels", BOAT: "a boat"}
-_LARGEST_SPEED = 1e3  # m/s
-_REHEARSE_AFTER = 20.0  # s of flight: a rehearsal that begins sooner says little of later ones
+_LARGEST_SPEED = 1e3  # m/s: a larger velocity error from another process is not used
+_REHEARSE_AFTER = 20.0  # s of flight before the first rehearsal: an earlier one is not representative
 
 
 @dataclass
 class AidState:
-    """What changes of an aid, except its pilot and its rehearsals."""
+    """The mutable state of an ``OutageAid``, except its pilot and its rehearsals."""
 
     external: VelocityError | None = None
     """The last prediction of a network in another process."""
     class_told: bool = False
+    """Whether the warning about the vehicle's class has been given."""
     rests: bool = False
-    """True: no rehearsal begins, and the one that runs is broken off."""
+    """True: no rehearsal begins, and the running one is aborted."""
 
 
 class OutageAid:
-    """Learns while GNSS is good, rehearses outages, and helps when GNSS is lost."""
+    """Learns while GNSS is good, rehearses outages, and gives the navigator evidence when GNSS is lost."""
 
     def __init__(
         self,
@@ -45,18 +46,18 @@ class OutageAid:
         rehearse: Elsewhere | None = None,
         pilot: OutagePilot | None = None,
     ) -> None:
-        """``train`` carries out a job and hands its result to ``accept``; by default here and now.
+        """``train`` runs a training job and hands its result to ``accept``; by default jobs run here, at once.
 
-        ``rehearse`` flies rehearsals in another process.
+        ``rehearse`` flies rehearsals in another process. Raises ``UserError`` for an unusable file of the parameters.
         """
-        load_usual_motion(parameters.prior)  # a wrong file is refused before the flight
+        load_usual_motion(parameters.prior)  # an unusable file is refused before the flight
         self._parameters, self._train, self._rehearse = parameters, train, rehearse
         self._pilot = pilot or OutagePilot(parameters, train)
         self.rehearsals = Rehearsals(self.learner.method.rehearsal, self._rehearse)
         self.state = AidState()
 
     def reset(self) -> None:
-        """Forget the flight; the model stays, the next training replaces it."""
+        """Forget the flight; the model stays until the next training replaces it."""
         self._pilot.reset()
         self.rehearsals = Rehearsals(self.learner.method.rehearsal, self._rehearse)
         self.state.external = None
@@ -70,12 +71,12 @@ class OutageAid:
 
     @property
     def learner(self) -> OutageLearner:
-        """What has been learned."""
+        """The learner, which holds the model."""
         return self._pilot.learner
 
     @property
     def guide(self) -> Guide | None:
-        """The guide of the present outage; None outside an outage, and to coast."""
+        """The guide of the present outage; None outside an outage, and while coasting."""
         return self._pilot.state.guide
 
     def accept(self, result: TrainingResult) -> None:
@@ -83,16 +84,16 @@ class OutageAid:
         self._pilot.accept(result)
 
     def predicted(self, error: VelocityError) -> None:
-        """A prediction of a network in another process; one that is not finite is not used."""
+        """Take a prediction of a network in another process; an implausible one is not used."""
         if is_within(error.dv_n, _LARGEST_SPEED) and is_covariance(error.cov, 3):
             self.state.external = error
 
     def hear(self, sample: Sample) -> None:
-        """Every sample that the navigator gets: the rehearsals live on it."""
+        """Take each sample that the navigator gets; the rehearsals need all of them."""
         self.rehearsals.feed(sample)
 
     def step(self, output: NavBlock | NavSolution, sins: SinsEngine) -> OutageHelp:
-        """Called with every piece of the solution."""
+        """Take a piece of the solution of ``sins``; returns evidence for it in an outage. Called with every piece."""
         finished = self._pilot.collect(output)
         if finished is None:
             return OutageHelp()
@@ -107,7 +108,7 @@ class OutageAid:
         return self._pilot.advise(stamp, self.choose, self.state.external)
 
     def wrong_class(self) -> str:
-        """One sentence, once, where the flight shows another class than the file or the parameter says."""
+        """A warning, given once, where the flight shows another class than file or parameter state; else empty."""
         shown, known = self.learner.state.shown_class, self.learner.method.beforehand.vehicle_class
         if not shown or self.state.class_told:
             return ""
@@ -119,7 +120,7 @@ class OutageAid:
         )
 
     def choose(self) -> Guide | None:
-        """What to go by in an outage that begins now."""
+        """The guide for an outage that begins now; None to coast."""
         flight = self._flight(self.learner.method.least_flight)
         return None if flight is None else self.learner.method.choose(flight, self.rehearsals)
 
@@ -136,5 +137,5 @@ class OutageAid:
         )
 
     def status(self) -> dict[str, float]:
-        """Numbers for diagnostics."""
+        """Values for diagnostics."""
         return self.learner.scores() | self.rehearsals.scores()

@@ -1,13 +1,13 @@
-"""NAME.airframe: what flights of the past say of an aircraft, as data only, kept as ``array_file`` keeps it.
+"""Airframe files (NAME.airframe): the knowledge of an aircraft from past flights, in the container of ``array_file``.
 
-    about                       JSON in bytes: class, whether all flights are of one aircraft, form, the flights,
-                                what made it
+    about                       JSON in bytes: class, whether all flights are of one aircraft, form of the network,
+                                list of flights, software that made the file
     archive.*                   normal equations of nine inputs
-    network.*                   weights of a network, if there is one; with it
-    stacked.*, control.*        normal equations with its outputs, and with those of a network of random weights
+    network.*                   weights of a network, optional; with it
+    stacked.*, control.*        normal equations with its outputs as inputs, and with those of a random network
 
-Such a file is shared between people. So what it says is checked against what a vehicle can do before anything flies
-with it, in ``load_airframe`` and nowhere else.
+Such files are shared between people. So their content, which is data only, is checked for plausibility before it is
+used, in ``load_airframe`` and nowhere else.
 """
 
 import json
@@ -31,18 +31,18 @@ KIND = array_file.Kind("airframe", 1)
 _INPUTS, _ADDED = 9, 3
 _SHAPES = {known.VELOCITY: (CHANNELS, 6), known.INCREMENTS: (6, INCREMENT_COUNT)}
 """Channels and outputs of a network of each form."""
-_LARGEST_SQUARE = 1e4  # of an input in its fixed scale, in the mean
-_FASTEST = 150.0  # m/s
+_LARGEST_SQUARE = 1e4  # largest mean square of an input in its fixed scale
+_FASTEST = 150.0  # m/s: largest speed that a law may predict
 _BOUNDS = {"noise": (1e-4, 1e4), "wind_spread": (0.0, 60.0**2), "seconds": (1.0, 1e9)}  # m^2/s^2, m^2/s^2, s
 _MOST_FLIGHTS = 100_000
 LONGEST_NAME = 200
-"""Characters of the name of a flight, and of what made the file."""
+"""Largest number of characters of a flight's name and of the software that made the file."""
 
 
 def save_airframe(path: str | Path, airframe: Airframe) -> None:
-    """Write ``airframe`` to ``path``, all of it or nothing.
+    """Write ``airframe`` to ``path``, completely or not at all.
 
-    ``UserError`` when that is impossible, and for what ``load_airframe`` would refuse.
+    Raises ``UserError`` when that is impossible, and for content that ``load_airframe`` would refuse.
     """
     network = airframe.network
     about = {
@@ -65,7 +65,7 @@ def save_airframe(path: str | Path, airframe: Airframe) -> None:
 
 
 def load_airframe(path: str | Path) -> Airframe:
-    """The content of the file. ``UserError``, one sentence, for one that is damaged, foreign, newer or implausible."""
+    """Read an airframe file. Raises ``UserError`` for one that is damaged, foreign, newer or implausible."""
     arrays = array_file.load(path, KIND)
     try:
         return _airframe(arrays)
@@ -122,7 +122,7 @@ def _is_short_text(value: Any) -> bool:
 
 
 def _archive(part: Mapping[str, np.ndarray], inputs: int) -> Archive:
-    """``UserError`` for numbers that no flights yield."""
+    """The normal equations in ``part``. Raises ``UserError`` for numbers that no flight yields."""
     shapes = {"gram": (inputs + 1, inputs + 1), "moment": (inputs + 1, 3), "noise": (3,)}
     shapes |= {"wind_spread": (), "seconds": ()}
     values = {name: np.array(part[name]) for name in shapes}

@@ -1,4 +1,4 @@
-"""From navigation solutions to half-second epochs, and the memory of those flown with good GNSS."""
+"""Reduces navigation solutions to half-second epochs, and keeps those of aided flight."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
 from nav_pose_estimator.errors import UserError
 
 _PERIOD_NS = round(PERIOD * 1e9)
-_LEAST_SHARE = 0.6  # of the usual number of IMU samples: an epoch with fewer has a gap
-_REMEMBERED = 600.0  # s
-_LARGEST = 1e10  # of any column: the time [s]
-_GOOD_HEADING = 0.2  # rad: with a worse one nothing can be learned of directions
+_LEAST_SHARE = 0.6  # an epoch with a smaller fraction of the usual number of IMU samples has a gap
+_REMEMBERED = 600.0  # s of aided flight in memory
+_LARGEST = 1e10  # largest plausible value of any column, which is the time [s]
+_GOOD_HEADING = 0.2  # rad: largest standard deviation of the heading with which directions can be learned
 
 
 class FinishedEpoch(NamedTuple):
-    """``values`` (COLUMNS + K,) of an epoch, and whether it is worth learning from: aided, complete, heading known."""
+    """``values`` (COLUMNS + K,) of an epoch, and whether it can be learned from: aided, complete, heading known."""
 
     values: np.ndarray
     is_good: bool
@@ -31,15 +31,15 @@ class FinishedEpoch(NamedTuple):
 
 @dataclass
 class EpochCollector:
-    """Collects the rows of navigation solutions, epoch by epoch, with what the method adds to them."""
+    """Forms epochs from the rows of navigation solutions, with the columns that the method adds."""
 
     method: OutageMethod = field(default_factory=OutageMethod, metadata=SHARED)
-    epochs: deque[np.ndarray] = field(default_factory=deque)  # the last ones, whatever the mode
-    rows: list[np.ndarray] = field(default_factory=list)  # of the epoch to come
+    epochs: deque[np.ndarray] = field(default_factory=deque)  # the last ones, in any mode
+    rows: list[np.ndarray] = field(default_factory=list)  # of the epoch under way
     before: np.ndarray = field(default_factory=lambda: np.empty((0, at.OUT_COLUMNS)))  # rows of the last epoch
-    period: int = 0  # number of the epoch to come, counted from the zero of the stamps
-    usual: float = 0.0  # rows in an epoch
-    is_aided: bool = True  # so far, throughout the epoch to come
+    period: int = 0  # number of the epoch under way, counted from the zero of the stamps
+    usual: float = 0.0  # usual number of rows in an epoch
+    is_aided: bool = True  # whether the epoch under way has been aided throughout
 
     @property
     def recent(self) -> np.ndarray:
@@ -47,10 +47,10 @@ class EpochCollector:
         return np.array(self.epochs)
 
     def feed(self, output: NavBlock | NavSolution) -> FinishedEpoch | None:
-        """Take a solution whose last sample may end an epoch; returns the epoch when it does."""
+        """Take a solution, in which only the last sample may end an epoch; returns the epoch when it does."""
         stamp, rows = last_stamp(output), solution_rows(output)
         if isinstance(output, NavBlock) and len(rows) > 1 and self._begins_with(output):
-            # as sample by sample: the first one is where collecting begins, the last one may end an epoch already
+            # as sample by sample: the first sample begins an epoch, and the last one may already end it
             self.feed(replace(output, stamps_ns=output.stamps_ns[:1], rows=rows[:1]))
             return self.feed(replace(output, stamps_ns=output.stamps_ns[1:], rows=rows[1:]))
         self.rows.append(rows)
@@ -76,13 +76,13 @@ class EpochCollector:
         return FinishedEpoch(finished, bool(is_good))
 
     def _begins_with(self, block: NavBlock) -> bool:
-        """Whether the first sample of ``block`` does not continue what has been collected: a start, or a gap."""
+        """Whether the first sample of ``block`` does not continue the epoch under way, after a start or a gap."""
         return not 0 <= int(block.stamps_ns[0]) // _PERIOD_NS - self.period <= 1
 
 
 @dataclass
 class FlightMemory:
-    """The epochs of the last ten minutes of aided flight, COLUMNS and what the method adds."""
+    """The epochs (COLUMNS + K,) of the last ten minutes of aided flight; K is what the method adds."""
 
     epochs: deque[np.ndarray] = field(default_factory=lambda: deque(maxlen=round(_REMEMBERED / PERIOD)))
 
@@ -91,17 +91,17 @@ class FlightMemory:
 
     @property
     def seconds(self) -> float:
-        """How much flight is remembered."""
+        """Length of the flight in memory [s]."""
         return len(self.epochs) * PERIOD
 
     def add(self, one: np.ndarray) -> None:
         """Remember an epoch."""
         if self.epochs and len(self.epochs[-1]) != len(one):
-            self.epochs.clear()  # those that were taken over belong to another method
+            self.epochs.clear()  # epochs of a saved state that belong to another method
         self.epochs.append(one)
 
     def take_over(self, epochs: np.ndarray) -> None:
-        """Begin with ``epochs`` (N, COLUMNS or more) of a process before. ``UserError`` if they are none."""
+        """Begin with ``epochs`` (N, COLUMNS or more) of an earlier process. Raises ``UserError`` for bad ones."""
         if not (epochs.ndim == 2 and epochs.shape[1] >= COLUMNS and epochs.dtype.kind == "f"):
             raise UserError("its flight memory is not what it should be")
         if not (np.abs(epochs) < _LARGEST).all() or (np.diff(epochs[:, TIME]) <= 0.0).any():

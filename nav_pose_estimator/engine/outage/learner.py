@@ -1,7 +1,8 @@
-"""When the method of the flight trains, when a result counts, and which model is in use.
+"""Schedules the trainings of an outage method and keeps the model in use.
 
-A training is a ``TrainingJob``, plain data that may travel to another process. A result is taken over five seconds of
-flight after its data ended, whoever computed it, so that a replay learns the same at the same time as the node.
+A training is a ``TrainingJob``: plain data that may be sent to another process. Its result takes effect five seconds of
+flight after the end of its data, wherever it was computed, so that a replay learns the same at the same time as the
+node.
 """
 
 from __future__ import annotations
@@ -29,25 +30,25 @@ from nav_pose_estimator.engine.outage.methods.registry import estimators
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.errors import UserError
 
-TAKE_OVER = 5.0  # s between the end of the data and the use of what was learned from them
-_LOOK = 20.0  # s between two looks at what class the flight shows
-_YOUNG = 0.5  # a young flight is learned from again when it has grown by this part
+TAKE_OVER = 5.0  # s between the end of the training data and the use of the model
+_LOOK = 20.0  # s between two classifications of the vehicle
+_YOUNG = 0.5  # early in a flight, the next training is due when the flight has grown by this fraction
 
 
 @dataclass
 class LearnerState:
-    """Everything of a learner that changes in flight."""
+    """The mutable state of a learner."""
 
     memory: FlightMemory = field(default_factory=FlightMemory)
     model: Model | None = None
     reason: str = "no flight has been seen yet"  # why there is no model in use
-    trainings: int = 0  # whose result was taken over
-    begun: int = 0  # trainings
-    next_s: float = 0.0  # when the next training is due
-    result: TrainingResult | None = None  # waits for its time
-    look_s: float = 0.0  # when the class is looked at next
+    trainings: int = 0  # number of results that took effect
+    begun: int = 0  # number of trainings begun
+    next_s: float = 0.0  # time of the next training [s]
+    result: TrainingResult | None = None  # a finished training that has not taken effect yet
+    look_s: float = 0.0  # time of the next classification of the vehicle [s]
     told: dict[str, float] = field(default_factory=dict)  # probabilities of the vehicle's class, for diagnostics
-    shown_class: str = ""  # that the flight has shown and that is not the one known beforehand
+    shown_class: str = ""  # class shown by the flight, where it contradicts the one known beforehand
 
 
 class OutageLearner:
@@ -56,8 +57,8 @@ class OutageLearner:
     def __init__(
         self, parameters: LearnerParameters, model: Model | None = None, method: OutageMethod | None = None
     ) -> None:
-        """``model`` comes from an earlier flight; the next training replaces it. ``method``: that of the parameters,
-        where it is at hand; else it is made, for which the airframe file is read. ``UserError`` for a bad file."""
+        """``model``: from an earlier flight, until the next training replaces it. ``method``: that of the parameters,
+        where it exists already; else it is made, which reads the airframe file. Raises ``UserError`` for a bad file."""
         self._parameters = parameters
         self.method = method or estimators()[parameters.method].knowing(_beforehand(parameters))
         self.state = LearnerState(model=model)
@@ -71,11 +72,11 @@ class OutageLearner:
         return twin
 
     def warm_up(self) -> None:
-        """Compile (or load) what a model needs when it comes into use, which may be in the middle of an outage."""
+        """Compile (or load) the kernels of a model before its first use, which may be in the middle of an outage."""
         self.method.warm_up()
 
     def learn(self, epoch: np.ndarray) -> TrainingJob | None:
-        """Take an epoch of aided flight; returns a job when a training is due. Hand its result to ``accept``."""
+        """Take an epoch of aided flight; returns a job when a training is due. Its result goes to ``accept``."""
         state, now = self.state, float(epoch[me.TIME])
         state.memory.add(epoch)
         if state.model is not None:
@@ -85,7 +86,7 @@ class OutageLearner:
             self._look_at_class()
         if state.result is not None and now >= state.result.until + TAKE_OVER:
             self._take_over(state.result)
-        # a clock that went back does not wait for the old time
+        # after a clock has gone back, the old due time does not delay the training
         waits = 0.0 < state.next_s - now <= self._parameters.period
         return None if waits or not self.method.trains else self.job()
 
@@ -97,7 +98,7 @@ class OutageLearner:
         state.shown_class = shown if UNKNOWN not in (known, shown) and shown != known else ""
 
     def job(self) -> TrainingJob | None:
-        """A training on the window up to the newest epoch; ``None``, with a reason, when none is possible."""
+        """A training on the window up to the newest epoch; ``None``, with a ``reason``, when impossible."""
         if not self.method.trains:
             return None
         state = self.state
@@ -132,19 +133,19 @@ class OutageLearner:
         state.model = model
 
     def scores(self) -> dict[str, float]:
-        """What diagnostics show of the learning."""
+        """Values for diagnostics."""
         state = self.state
         scores = {"learner.flight_s": state.memory.seconds, "learner.trainings": float(state.trainings)} | state.told
         return scores if state.model is None else scores | self.method.scores(state.model)
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """The model as named arrays. ``UserError`` without one."""
+        """The model as named arrays. Raises ``UserError`` when there is none."""
         if self.state.model is None:
             raise UserError(f"there is no model yet: {self.state.reason}")
         return self.state.model.state()
 
     def load(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Begin with a saved model; the next training replaces it. ``UserError`` when parts are missing or not used."""
+        """Begin with a saved model, until the next training replaces it. Raises ``UserError`` for an unusable one."""
         if not self.method.trains:
             raise UserError(f"the method {self.method.name} uses no model")
         try:
@@ -155,7 +156,7 @@ class OutageLearner:
 
 
 def _beforehand(parameters: LearnerParameters) -> Beforehand:
-    """What the parameters know before the flight."""
+    """Prior knowledge from the parameters and the airframe file that they name."""
     vehicle_class = parameters.vehicle_class
     if not parameters.airframe:
         return Beforehand(vehicle_class)

@@ -1,8 +1,8 @@
-"""Trained models on disk, written so that a kill never loses the last good one.
+"""Files of trained models, written atomically: a crash never loses the last good one.
 
-The container is that of ``engine.array_file``. Its checksum shows that the file is as it was written, not who
-wrote it. So a model is also checked against what a vehicle can do: speeds, winds and variances outside those bounds are
-refused before anything flies with them.
+The container is that of ``engine.array_file``. Its checksum shows that the file is as it was written, not who wrote it.
+So the content is also checked for plausibility: a model with speeds, winds or variances out of bounds is refused before
+it is used.
 """
 
 from collections.abc import Mapping
@@ -17,11 +17,11 @@ from nav_pose_estimator.errors import UserError
 
 VERSION = 1
 _MODEL = array_file.Kind("model", VERSION)
-_NETWORK = "network."  # beginning of the names of its arrays
-_FASTEST = 150.0  # m/s
-_STRONGEST = 60.0  # m/s of wind
+_NETWORK = "network."  # prefix of the names of the network's arrays
+_FASTEST = 150.0  # m/s: largest speed that a network may predict
+_STRONGEST = 60.0  # m/s: largest wind
 _BOUNDS: dict[str, tuple[float, float]] = {
-    "wind": (-2.0 * _STRONGEST, 2.0 * _STRONGEST),  # a change since the mean
+    "wind": (-2.0 * _STRONGEST, 2.0 * _STRONGEST),  # the change from the mean
     "wind_mean": (-_STRONGEST, _STRONGEST),
     "wind_cov": (-(_STRONGEST**2), _STRONGEST**2),
     "wind_spread": (0.0, _STRONGEST**2),
@@ -33,13 +33,13 @@ _BOUNDS: dict[str, tuple[float, float]] = {
     "*option.rules": (1, 64),
     "*option.iterations": (0, 100_000),
 }
-"""What the arrays of an outage model may hold, by name; ``*`` stands for any beginning."""
+"""Bounds of the arrays of an outage model, by name; ``*`` stands for any prefix."""
 
 
 def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write ``arrays`` to ``path``: all of them or, whatever happens, the file that was there before.
+    """Write ``arrays`` to ``path`` atomically: on failure the previous file remains.
 
-    ``UserError`` when that is impossible.
+    Raises ``UserError`` when the file cannot be written.
     """
     array_file.save(path, _MODEL, arrays)
 
@@ -47,7 +47,7 @@ def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
 def load_arrays(path: str | Path) -> dict[str, np.ndarray]:
     """The arrays that ``save_arrays`` wrote, bit for bit.
 
-    ``UserError`` for a damaged, foreign or newer file, and for a model that says what no vehicle can do.
+    Raises ``UserError`` for a damaged, foreign or newer file, and for an implausible model.
     """
     arrays = array_file.load(path, _MODEL)
     check_bounds(str(path), arrays)
@@ -55,7 +55,7 @@ def load_arrays(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def check_bounds(path: str, arrays: Mapping[str, np.ndarray]) -> None:
-    """``UserError``, which names ``path``, for a model that says what no vehicle can do."""
+    """Raise ``UserError``, with ``path`` in its message, for an implausible model."""
     for name, values in arrays.items():
         if values.dtype.kind not in "fiub":
             continue
@@ -76,7 +76,7 @@ def check_bounds(path: str, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def _fastest(model: Anfis) -> float:
-    """The largest velocity [m/s] that a network predicts where its rules lie, and a deviation beside that."""
+    """The largest speed [m/s] that a network predicts at the centres of its rules and one deviation around them."""
     scaling, centres = model.network.scaling, model.network.premises.centre.T
     steps = np.concatenate([np.zeros((1, centres.shape[1])), np.eye(centres.shape[1]), -np.eye(centres.shape[1])])
     z = (centres[:, None, :] + steps).reshape(-1, centres.shape[1])
@@ -86,12 +86,12 @@ def _fastest(model: Anfis) -> float:
 
 
 def save_model(path: str | Path, model: Anfis) -> None:
-    """Write a trained network to ``path``, see ``save_arrays``."""
+    """Write a trained network to ``path`` with ``save_arrays``."""
     save_arrays(path, model.state())
 
 
 def load_model(path: str | Path) -> Anfis:
-    """The network that ``save_model`` wrote: its predictions are the same, bit for bit."""
+    """The network that ``save_model`` wrote; its predictions are the same, bit for bit."""
     arrays = load_arrays(path)
     try:
         return Anfis.from_state(arrays)

@@ -1,4 +1,4 @@
-"""One flight and its outage: epochs are collected and learned from, and in an outage a guide is asked about them."""
+"""Follows the solution of a navigator: learns from epochs of aided flight, asks a guide about those of an outage."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Choose = Callable[[], Guide | None]
 
 
 class OutageHelp(NamedTuple):
-    """What comes out of half a second of an outage: ``samples`` for the navigator, and the drift that a model sees."""
+    """The result of one epoch of an outage: ``samples`` for the navigator, and the drift that a model predicts."""
 
     samples: tuple[Sample, ...] = ()
     drift: PredictedDrift | None = None
@@ -31,7 +31,10 @@ class OutageHelp(NamedTuple):
 
 @dataclass
 class PilotState:
-    """What changes of a pilot, except its learner. ``position_error`` (3,): sum since the loss of GNSS [m], ENU."""
+    """The mutable state of a pilot, except its learner.
+
+    ``position_error`` (3,) [m], ENU: the predicted velocity error, integrated since the loss of GNSS.
+    """
 
     collector: EpochCollector
     guide: Guide | None = None
@@ -44,7 +47,7 @@ class OutagePilot:
     def __init__(
         self, parameters: LearnerParameters, train: Train | None = None, learner: OutageLearner | None = None
     ) -> None:
-        """``train`` carries out a job and hands its result to ``accept``; by default here and now."""
+        """``train`` runs a training job and hands its result to ``accept``; by default jobs run here, at once."""
         self._parameters, self._elsewhere = parameters, train
         self.learner = learner or OutageLearner(parameters)
         self.state = PilotState(EpochCollector(self.learner.method))
@@ -56,16 +59,16 @@ class OutagePilot:
         return twin
 
     def reset(self) -> None:
-        """Forget the flight; the model stays, the next training replaces it."""
+        """Forget the flight; the model stays until the next training replaces it."""
         self.learner = OutageLearner(self._parameters, self.learner.state.model, self.learner.method)
         self.state = PilotState(EpochCollector(self.learner.method))
 
     def collect(self, output: NavBlock | NavSolution) -> FinishedEpoch | None:
-        """Take a piece of the solution; returns the epoch that it ends, which goes to ``learn``."""
+        """Take a piece of the solution; returns the epoch that it completes, which goes to ``learn``."""
         return self.state.collector.feed(output)
 
     def learn(self, finished: FinishedEpoch) -> None:
-        """Learn from an epoch if it is good, and then no outage lasts, either."""
+        """Learn from an epoch of good aided flight; such an epoch also ends an outage."""
         if not finished.is_good:
             return
         self.state.guide = None
@@ -82,16 +85,16 @@ class OutagePilot:
         self.learner.accept(result)
 
     def flight(self, least: float = me.PERIOD) -> Flight | None:
-        """What the flight has shown; None before ``least`` seconds of it."""
+        """The data of the flight so far; None before ``least`` [s] of it."""
         epochs = self.learner.state.memory.last(self._parameters.window)
         if len(epochs) * me.PERIOD < least:
             return None
         return Flight(epochs, self.learner.state.model, usual=load_usual_motion(self._parameters.prior))
 
     def advise(self, stamp_ns: int, choose: Choose, external: VelocityError | None = None) -> OutageHelp:
-        """Called at the end of every epoch without GNSS.
+        """Evidence for the navigator, to be called at the end of each epoch without GNSS.
 
-        ``choose`` is asked when an outage begins, and again while it has nothing to offer.
+        ``choose`` is called when an outage begins, and again until it returns a guide.
         """
         state = self.state
         if state.guide is None:

@@ -1,4 +1,4 @@
-"""What rehearsals have shown as named arrays: a process that dies in flight leaves it to the next one."""
+"""The results of rehearsals as named arrays, for the saved state with which a process continues after a crash."""
 
 from __future__ import annotations
 
@@ -12,15 +12,18 @@ from nav_pose_estimator.core.motion.regimes import Decisions
 from nav_pose_estimator.engine.outage.rehearsals import RehearsalState, hovered
 from nav_pose_estimator.errors import UserError
 
-_TABLES = ("squares", "excess")  # lists of way -> squared error [m^2], a row for each rehearsal
-_HOVERING = "hover_excess"  # the same of those in which the vehicle hovered, which may reach further back
-_LARGEST = 1e12  # m^2: a thousand kilometres
-_MOST = 1000  # rehearsals that are remembered
+_TABLES = ("squares", "excess")  # tables of squared errors [m^2], one row for each rehearsal, one column for each way
+_HOVERING = "hover_excess"  # the same of rehearsals in which the vehicle hovered, which may reach further back
+_LARGEST = 1e12  # m^2: largest plausible squared error, a thousand kilometres
+_MOST = 1000  # largest plausible number of rehearsals
 _DO_NOT_FIT = "its rehearsals do not fit together"
 
 
 def arrays_of(state: RehearsalState) -> dict[str, np.ndarray]:
-    """Row i of a table belongs to rehearsal i, NaN where a way was not flown; hovering ones have rows of their own."""
+    """The results as named arrays; row i belongs to rehearsal i, NaN where it did not fly a way.
+
+    Rehearsals in which the vehicle hovered have a table of their own.
+    """
     arrays = {"surprises": np.array(state.surprises, float), "decisions": np.array(astuple(state.decisions))}
     arrays["hovering"] = np.array(len(state.hover_excess))
     for table in (*_TABLES, _HOVERING):
@@ -31,7 +34,7 @@ def arrays_of(state: RehearsalState) -> dict[str, np.ndarray]:
 
 
 def take_over(state: RehearsalState, arrays: Mapping[str, np.ndarray]) -> None:
-    """Restore ``state`` from what ``arrays_of`` gave. ``UserError`` if it is invalid; then nothing is changed."""
+    """Restore ``state`` from the result of ``arrays_of``. Raises ``UserError`` and changes nothing if it is invalid."""
     surprises, decisions = (np.asarray(arrays.get(name, ())) for name in ("surprises", "decisions"))
     tables = {table: _rows(arrays, table, len(surprises)) for table in _TABLES}
     known = _is_column(surprises, len(surprises)) and not np.isnan(surprises).any() and bool((surprises >= 0.0).all())
@@ -40,7 +43,7 @@ def take_over(state: RehearsalState, arrays: Mapping[str, np.ndarray]) -> None:
     shown = Decisions(*decisions.tolist())
     if "hovering" in arrays:
         tables[_HOVERING] = _rows(arrays, _HOVERING, _count(np.asarray(arrays["hovering"])))
-    else:  # of an earlier version: all hovered, or nobody knows which
+    else:  # a file of an earlier version, which does not tell which rehearsals hovered unless all of them did
         tables[_HOVERING] = tables["excess"] if hovered(shown) else []
     state.surprises.extend(surprises.tolist())
     for table, outcomes in tables.items():
@@ -49,7 +52,7 @@ def take_over(state: RehearsalState, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def _rows(arrays: Mapping[str, np.ndarray], table: str, count: int) -> list[dict[str, float]]:
-    """The ``count`` rows of ``table``, way -> value, without what is NaN."""
+    """The ``count`` rows of ``table``, each way -> value without NaN."""
     beginning = f"{table}."
     ways = {name.removeprefix(beginning): values for name, values in arrays.items() if name.startswith(beginning)}
     if not all(_is_column(values, count) for values in ways.values()):

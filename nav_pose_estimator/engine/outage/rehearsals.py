@@ -1,11 +1,11 @@
-"""No regret: outages are rehearsed while GNSS is good, and help that did not help in rehearsal is not used.
+"""Rehearsals of outages while GNSS is good: a way through an outage that was worse than coasting is not used.
 
-Every minute copies of the navigator fly half a minute without GNSS on the live data: one coasts, the others are helped,
-each in its own way. Afterwards all are compared with the aided navigator. A rehearsal begins with what had been learned
-by then, so its outage is held back from the learning. Only the past decides about the next outage.
+Every minute, copies of the navigator fly half a minute of live data without GNSS: one coasts, the others are aided,
+each in its own way. At the end all are compared with the aided navigator. A rehearsal uses the models as they were at
+its beginning, so that its data are held out from training, and only past rehearsals decide about the next outage.
 
-Rehearsals tell three more things: how large the drift is beside what the filter states; what each way states too
-little; and how often a vehicle that travels is taken to hover.
+Rehearsals also show the ratio of the drift to the stated covariance, the variance that the stated position of each way
+lacks, and how often a travelling vehicle is taken to hover.
 """
 
 from __future__ import annotations
@@ -47,20 +47,20 @@ from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution
 COAST = Coast.name
 _LENGTH_NS = 30_000_000_000
 _PERIOD_NS = 60_000_000_000
-_LONGEST_WAIT_NS = 2_000_000_000  # four epochs: only where the navigator has no solution that would end one
+_LONGEST_WAIT_NS = 2_000_000_000  # four epochs; reached only where no solution of the navigator ends an epoch
 _FROM_GNSS = (GnssFix, GnssVelocity, SatelliteCount, SetPose, ReturnDecision)
 
 
 @dataclass
 class Candidate:
-    """One way through the outage: a navigator of its own, and what helps it."""
+    """One way through the outage: a copy of the navigator, and the guide that aids it."""
 
     sins: SinsEngine
     collector: EpochCollector
     guide: Guide | None
 
     def spread_psd(self, hovered: bool) -> float:
-        """What earlier rehearsals have added to the deviation of its position [m^2/s], hovering or not."""
+        """Spectral density [m^2/s] that earlier rehearsals added to its stated position, hovering or travelling."""
         added = getattr(self.guide, "spread_psd", 0.0)
         return float(getattr(self.guide, "hover_spread_psd", added) if hovered else added)
 
@@ -69,7 +69,7 @@ class Candidate:
         return Candidate(self.sins.snapshot(), snapshot(self.collector), self.guide)
 
     def feed(self, sample: Sample) -> None:
-        """Fly on, and take in what the motion says."""
+        """Feed a sample to the navigator, and the evidence of the guide after each epoch."""
         for output in self.sins.feed(sample):
             if self.guide is None or not isinstance(output, (NavBlock, NavSolution)):
                 continue
@@ -79,16 +79,17 @@ class Candidate:
 
 
 class Epoch(NamedTuple):
-    """What the copies get at once, and the aided navigator's ``velocity`` then, East and North [m/s], where known."""
+    """Samples that the copies get together, and the aided navigator's ``velocity`` then, East and North [m/s]."""
 
     samples: list[Sample]
     velocity: tuple[float, float] | None
 
 
 class Outcome(NamedTuple):
-    """Squared errors [m^2] at the end of one rehearsal, and that of coasting over its stated variance.
+    """The result of a rehearsal: way -> squared horizontal error at its end in ``squares`` [m^2].
 
-    ``excess``: squared errors [m^2] beyond what was stated; ``decisions`` between regimes on the way.
+    ``surprise``: the squared error of coasting over its stated variance. ``excess`` [m^2]: squared errors minus their
+    stated variances. ``decisions`` between the regimes of motion on the way.
     """
 
     squares: dict[str, float]
@@ -99,17 +100,17 @@ class Outcome(NamedTuple):
 
 @dataclass
 class Rehearsal:
-    """One rehearsal: what its candidates begin with, what they have still to fly, and how it went so far.
+    """One rehearsal: its candidates, the epochs that they have still to fly, and the decisions so far.
 
-    It begins with the candidate that coasts. The others are copies of it, made when they first fly. So a rehearsal that
-    has yet to be flown is small, and can be carried to another process.
+    It begins with the coasting candidate only. The others are copies of it, made when they first fly, so that a
+    rehearsal that has not been flown yet is small and can be sent to another process.
     """
 
     candidates: dict[str, Candidate]
-    ways: Mapping[str, Guide]  # that have no candidate yet
-    collector: EpochCollector  # with which these begin
+    ways: Mapping[str, Guide]  # ways that have no candidate yet
+    collector: EpochCollector  # with which their candidates begin
     epochs: list[Epoch] = field(default_factory=list)
-    tally: Decisions = field(default_factory=Decisions)  # of what has been flown
+    tally: Decisions = field(default_factory=Decisions)  # decisions of the epochs flown so far
 
     def copy(self) -> Rehearsal:
         """An independent copy."""
@@ -118,12 +119,12 @@ class Rehearsal:
 
     @property
     def has_restarted(self) -> bool:
-        """A gap in the IMU data makes the copies start again, and what happened in it nobody has rehearsed."""
+        """Whether a gap in the IMU data has made a copy restart, which invalidates the rehearsal."""
         copies = [one.sins for one in self.candidates.values()]
         return any(sins.run.unseen or sins.mode not in (*DENIED, Mode.AIDED) for sins in copies)
 
     def fly(self) -> None:
-        """Fly what there is, up to where a copy has to start again."""
+        """Fly the epochs collected so far, unless a copy restarts."""
         for name, guide in self.ways.items():
             twin = _copy_of(self.candidates[COAST].sins)
             self.candidates[name] = Candidate(twin, snapshot(self.collector), guide)
@@ -134,10 +135,10 @@ class Rehearsal:
                 return
 
     def outcome(self, truth: np.ndarray, offset: np.ndarray, known: float) -> Outcome | None:
-        """Fly it to its end and judge it; None where a copy had to start again.
+        """Fly it to its end and evaluate the errors; None where a copy had to restart.
 
-        ``truth`` is ``nav`` of the aided navigator at the end, ``known`` its horizontal deviation [m], and ``offset``
-        (2,) [m], East and North, how far it is off the fixes, as ``Gnss.offset``.
+        ``truth``: ``nav`` of the aided navigator at the end. ``offset`` (2,) [m]: its distance from the fixes, East and
+        North, as ``Gnss.offset``. ``known`` [m]: its horizontal standard deviation.
         """
         self.fly()
         if self.has_restarted:
@@ -146,9 +147,9 @@ class Rehearsal:
         for name, candidate in self.candidates.items():
             step = step_enu(truth[at.LAT : at.VEL], candidate.sins.run.settled.nav[at.LAT : at.VEL])
             squares[name] = float(np.square(step[:2] + offset).sum())
-            # of its horizontal position, beyond that of the aided navigator
+            # stated variance of its horizontal position, beyond that of the aided navigator
             variances[name] = horizontal_deviation(candidate.sins.run) ** 2 - known**2
-            # what an earlier finding has added is no finding
+            # the variance that earlier rehearsals added must not hide a deficit of the stated one
             added = 2.0 * candidate.spread_psd(hovered(self.tally)) * _LENGTH_NS * 1e-9
             excess[name] = squares[name] - max(variances[name] - added, 0.0)
         surprise = squares[COAST] / max(variances[COAST], 1.0)
@@ -156,33 +157,33 @@ class Rehearsal:
 
 
 Elsewhere = Callable[[Callable[[], Outcome | None]], Callable[[], Outcome | None]]
-"""Begins a piece of work in another process; what it returns waits for the result."""
+"""Submits work to another process; the returned function waits for the result."""
 
 
 @dataclass
 class RehearsalState:
-    """What the copies get next, when the rehearsal ends, and what the last ones have shown."""
+    """The waiting samples and the times of the running rehearsal, and the results of the last ones."""
 
-    waiting: list[Sample] = field(default_factory=list)  # what the copies get at the end of the epoch
-    waiting_since: int = 0  # ns, IMU stamp
-    next_ns: int = 0
-    until_ns: int = 0
-    squares: deque[dict[str, float]] = field(default_factory=deque)  # errors at the end, m^2
+    waiting: list[Sample] = field(default_factory=list)  # samples that the copies get at the end of the epoch
+    waiting_since: int = 0  # ns, IMU stamp of the first sample in ``waiting``
+    next_ns: int = 0  # ns, beginning of the next rehearsal
+    until_ns: int = 0  # ns, end of the running rehearsal
+    squares: deque[dict[str, float]] = field(default_factory=deque)  # squared errors at the end, m^2
     surprises: deque[float] = field(default_factory=deque)  # squared error of coasting over its stated variance
-    excess: deque[dict[str, float]] = field(default_factory=deque)  # squared errors beyond what was stated, m^2
-    hover_excess: deque[dict[str, float]] = field(default_factory=deque)  # ... of those in which the vehicle hovered
-    decisions: Decisions = field(default_factory=Decisions)  # of all that have ended
+    excess: deque[dict[str, float]] = field(default_factory=deque)  # squared errors minus stated variances, m^2
+    hover_excess: deque[dict[str, float]] = field(default_factory=deque)  # the same, of those that hovered
+    decisions: Decisions = field(default_factory=Decisions)  # sum over all finished rehearsals
 
     def drop(self) -> None:
-        """Forget what waits for the end of the epoch."""
+        """Discard the samples that wait for the end of the epoch."""
         self.waiting, self.waiting_since = [], 0
 
 
 class Rehearsals:
-    """Rehearsals of an outage and what they say about each kind of help."""
+    """Runs rehearsals and evaluates each way through an outage."""
 
     def __init__(self, rules: RehearsalRules | None = None, elsewhere: Elsewhere | None = None) -> None:
-        """``elsewhere`` flies whole rehearsals when they have ended; by default they are flown here, as data come."""
+        """``elsewhere`` flies each rehearsal as a whole after its end; by default it is flown here, as data arrive."""
         self._rules, self._elsewhere = rules or RehearsalRules(), elsewhere
         self._under_way: list[Callable[[], Outcome | None]] = []
         self.running: Rehearsal | None = None
@@ -215,7 +216,7 @@ class Rehearsals:
         return float(np.sqrt(np.mean(squares))) if squares else None
 
     def scores(self) -> dict[str, float]:
-        """What diagnostics show: RMS errors [m] and number of rehearsals, ``drift_variance``, motion missed."""
+        """Values for diagnostics: RMS errors [m], number of rehearsals, ``drift_variance``, share of missed motion."""
         self._collect()
         names = dict.fromkeys(name for errors in self.state.squares for name in errors)
         scores = {f"rehearsal.rms_30_s.{name}": rms for name in names if (rms := self.rms(name)) is not None}
@@ -225,17 +226,17 @@ class Rehearsals:
         return scores | {"rehearsal.count": float(self.count), "rehearsal.drift_variance": self.drift_variance}
 
     def is_worse(self, name: str, rival: str, ratio: float) -> bool:
-        """True when three or more rehearsals that both flew say: ``name`` errs more than ``ratio`` times ``rival``."""
+        """Whether the RMS error of ``name`` exceeds ``ratio`` times that of ``rival``, in enough rehearsals of both."""
         self._collect()
         both = [errors for errors in self.state.squares if name in errors and rival in errors]
         return len(both) >= self._rules.least and sum(e[name] for e in both) > ratio**2 * sum(e[rival] for e in both)
 
     @property
     def drift_variance(self) -> float:
-        """The squared errors of coasting as a fraction of the variance that the filter states, 1 while unknown.
+        """Squared error of coasting over the variance that the filter states, at most 1; 1 while unknown.
 
-        A filter that expects a poor receiver states a large error of its own attitude, however good the receiver is.
-        Then it would believe what was learned of the motion more than itself.
+        A filter that is tuned for a poor receiver states too large an error of its attitude when the receiver is good.
+        Without this factor it would then trust the learned motion more than itself.
         """
         self._collect()
         stated, surprises = self._rules.stated, self.state.surprises
@@ -244,14 +245,14 @@ class Rehearsals:
 
     @property
     def decisions(self) -> Decisions:
-        """Those between regimes, of all rehearsals that have ended."""
+        """Decisions between regimes, summed over all finished rehearsals."""
         self._collect()
         return self.state.decisions
 
     def spread(self, hovering: bool = False) -> dict[str, float]:
-        """Way -> power spectral density [m^2/s] of each horizontal component that its stated position lacks.
+        """Way -> spectral density [m^2/s] that the stated variance of each horizontal position component lacks.
 
-        ``hovering``: by those rehearsals in which the vehicle hovered.
+        ``hovering``: from the rehearsals in which the vehicle hovered.
         """
         self._collect()
         found = self.state.hover_excess if hovering else self.state.excess
@@ -263,7 +264,7 @@ class Rehearsals:
         return spread
 
     def feed(self, sample: Sample) -> None:
-        """Hand a sample to the copies; nothing that comes from GNSS reaches them."""
+        """Pass a sample to the copies, unless it comes from GNSS."""
         if self.running is None or isinstance(sample, _FROM_GNSS):
             return
         self.state.waiting.append(sample)
@@ -274,7 +275,7 @@ class Rehearsals:
                 self._catch_up(self.running)
 
     def is_due(self, stamp_ns: int, sins: SinsEngine) -> bool:
-        """Called several times a second behind ``feed``; judges what has ended. True when ``start`` is to be called."""
+        """Whether ``start`` is to be called. Called several times a second after ``feed``; evaluates what has ended."""
         running, is_aided = self.running, sins.mode is Mode.AIDED
         if running is None:
             return is_aided and not self.state.next_ns - _PERIOD_NS <= stamp_ns < self.state.next_ns
@@ -298,12 +299,12 @@ class Rehearsals:
         self.state.until_ns, self.state.next_ns = stamp_ns + _LENGTH_NS, stamp_ns + _PERIOD_NS
 
     def break_off(self) -> None:
-        """End the rehearsal that runs, if one does, without a judgement."""
+        """Abort the running rehearsal, if any, without a result."""
         self.running = None
         self.state.drop()
 
     def _collect(self) -> None:
-        """Take the results of what has ended; wherever they were made, they count from the same moment on."""
+        """Take the results of finished rehearsals; wherever these were flown, they count from the same time on."""
         under_way, self._under_way = self._under_way, []
         for result in under_way:
             outcome = result()
@@ -316,7 +317,7 @@ class Rehearsals:
                 self.state.decisions = self.state.decisions + outcome.decisions
 
     def _catch_up(self, running: Rehearsal, velocity: tuple[float, float] | None = None) -> None:
-        """What the copies get up to the last IMU sample: a quarter of the work that each sample by itself would be."""
+        """Fly the copies over the waiting samples; together these cost a quarter of what they would one by one."""
         running.epochs.append(Epoch(self.state.waiting, velocity))
         self.state.drop()
         if self._elsewhere is None:
@@ -324,16 +325,16 @@ class Rehearsals:
 
 
 def _copy_of(sins: SinsEngine) -> SinsEngine:
-    """A navigator that goes on from here without GNSS: nothing will prove wrong that it could go back on."""
+    """A copy of the navigator that continues without GNSS; it needs no past, as no fix will make it go back."""
     twin = sins.snapshot()
     twin.run.past.forget()
     return twin
 
 
 def _flown(candidates: Mapping[str, Candidate], epoch: Epoch, tally: Decisions) -> Decisions:
-    """Fly the copies on; returns ``tally`` with the decisions of the epoch.
+    """Fly the copies over an epoch; returns ``tally`` with the decisions of the epoch added.
 
-    The other samples go ahead of the IMU's: an observation acts at its own time, however early it is known.
+    Other samples are fed ahead of the IMU's: an observation acts at its own time, however early it is known.
     """
     imu = [sample for sample in epoch.samples if isinstance(sample, (ImuSample, ImuBlock))]
     ahead: list[Sample] = [sample for sample in epoch.samples if not isinstance(sample, (ImuSample, ImuBlock))]
@@ -344,12 +345,12 @@ def _flown(candidates: Mapping[str, Candidate], epoch: Epoch, tally: Decisions) 
 
 
 def hovered(decisions: Decisions) -> bool:
-    """Whether the vehicle of a rehearsal hovered, as far as the regimes were asked: slow on average."""
+    """Whether the vehicle hovered during a rehearsal, by its RMS speed where the regimes were distinguished."""
     return decisions.travelled < 0.5 * SLOW**2 * _LENGTH_NS * 1e-9
 
 
 def _decided(velocity: tuple[float, float] | None, candidates: Mapping[str, Candidate]) -> Decisions:
-    """Decisions of one epoch at the true ``velocity``, by the last of the copies that tells regimes apart."""
+    """Decisions of one epoch at the true ``velocity``, by the last of the copies that distinguishes regimes."""
     square = 0.0 if velocity is None else 0.5 * (velocity[0] ** 2 + velocity[1] ** 2)
     if 2.0 * square < SLOW**2:
         return Decisions()

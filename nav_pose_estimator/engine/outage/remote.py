@@ -1,8 +1,8 @@
-"""The learner for a navigator in another process: its odometry in, its predicted drift out.
+"""The learner for a navigator in another process: odometry in, predicted drift out.
 
-Odometry, biases, origin and IMU are reassembled into navigation solutions. What the topics do not carry is stated
-conservatively: the deviation of the accelerometer bias is its steady state, and correlations between groups of states
-are zero but for those of position and attitude.
+Navigation solutions are reassembled from odometry, biases, origin and IMU. What the topics do not carry is stated
+conservatively: the standard deviation of the accelerometer bias is its steady-state value, and cross-covariances
+between groups of states are zero, except those of position and attitude.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavSolution,
 
 @dataclass(frozen=True, slots=True)
 class OdometrySample:
-    """A nav_msgs/Odometry: position in odom, attitude, velocity and rate in the body; covariances (6, 6)."""
+    """A nav_msgs/Odometry: position in odom [m], attitude, velocity [m/s] and angular rate [rad/s] in b; covariances
+    (6, 6) in the order of the message."""
 
     stamp_ns: int
     position: Vector3
@@ -38,7 +39,7 @@ class OdometrySample:
 
 
 class NavigatorWatch:
-    """Collects what the topics say and gives one solution for each odometry, once everything that it needs is known."""
+    """Collects the topics of a navigator and forms a solution for each odometry, once all inputs are known."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
@@ -49,7 +50,7 @@ class NavigatorWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the stream of samples; what the navigator published once and for all is kept."""
+        """Forget the stream of samples, but keep origin and biases."""
         self._door = ImuInput(self._parameters.imu)
         self._forces: list[Vector3] = []
         self._last_ns = 0
@@ -75,9 +76,9 @@ class NavigatorWatch:
         return events
 
     def odometry(self, sample: OdometrySample) -> NavSolution | None:
-        """The solution at ``sample``; None while something is missing, or for a stamp that is not newer.
+        """The solution at ``sample``; None while an input is missing, or for a stamp that is not newer.
 
-        Its specific force is the mean since the last odometry: what an integrating accelerometer would say.
+        Its specific force is the mean since the last odometry, as of an integrating accelerometer.
         """
         is_newer, self._last_ns = sample.stamp_ns > self._last_ns, max(sample.stamp_ns, self._last_ns)
         forces, self._forces = self._forces, []
@@ -118,15 +119,15 @@ class NavigatorWatch:
 
 
 class RemoteLearner:
-    """Learns from the solutions that another node publishes, and predicts the drift of its outages."""
+    """Learns from the solutions that another node publishes, and predicts its drift in outages."""
 
     def __init__(self, parameters: Parameters, train: Train | None = None) -> None:
-        """``train`` takes training jobs; their results come back through ``accept``."""
+        """``train`` runs training jobs, whose results come back through ``accept``."""
         self.watch = NavigatorWatch(parameters)
         self._pilot = OutagePilot(parameters.learner, train)
 
     def feed(self, sample: ImuSample | OdometrySample) -> list[PredictedDrift | Event]:
-        """What follows from one sample."""
+        """Take a sample; returns predicted drift and events."""
         if isinstance(sample, ImuSample):
             return list(self.watch.imu(sample))
         solution = self.watch.odometry(sample)
@@ -142,7 +143,7 @@ class RemoteLearner:
         return [] if drift is None else [drift]
 
     def _choose(self) -> Guide | None:
-        """The model alone: the navigator weighs its prediction against what else it knows of the motion."""
+        """The model alone: the navigator itself combines its prediction with other knowledge of the motion."""
         flight = self._pilot.flight()
         return None if flight is None else self.learner.method.model_alone(flight)
 
@@ -152,7 +153,7 @@ class RemoteLearner:
 
     @property
     def learner(self) -> OutageLearner:
-        """What has been learned."""
+        """The learner, which holds the model."""
         return self._pilot.learner
 
     @property
@@ -180,13 +181,13 @@ class RemoteLearner:
         )
 
     def reset(self, stamp_ns: int, reason: str) -> list[Event]:
-        """Forget the flight; the model stays, the next training replaces it."""
+        """Forget the flight; the model stays until the next training replaces it."""
         self.watch.reset()
         self._pilot.reset()
         return [Event(stamp_ns, "outage.reset", Level.WARN, f"the learner restarts: {reason}")]
 
     def warm_up(self) -> None:
-        """The network is compiled in the training process first, and found on disk here."""
+        """Nothing: the training process compiles the network, and this one finds it in the cache on disk."""
 
     def set_parameters(self, parameters: Parameters) -> None:
-        """Nothing of the learner can change in flight."""
+        """Nothing: no parameter of the learner is mutable in flight."""

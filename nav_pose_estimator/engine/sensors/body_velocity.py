@@ -31,7 +31,7 @@ class BodyVelocitySensor(Aid):
     kind = Kind("body_velocity", holds=True)
     sample, family = BodyVelocity, "body_velocity"
     bounds_drift = True
-    _told = ""  # what is wrong with it
+    _told = ""  # the fault that was reported last
 
     @classmethod
     def noise_model(cls, parameters: Parameters) -> str:
@@ -69,11 +69,14 @@ class BodyVelocitySensor(Aid):
         return self._axes @ np.array(sample.velocity, float)
 
     def time_of(self, t: float) -> float:
-        """When a velocity that is stamped ``t`` [s] was measured."""
+        """Time of validity [s] of a velocity stamped ``t`` [s]."""
         return t - self._delay
 
     def refuse_axes(self, fault: str, stamp_ns: int) -> bool:
-        """It contradicts the IMU, and ``fault`` says how where that is beyond doubt; whether that is new."""
+        """Reject a velocity that contradicts the IMU. Returns True when a new ``fault`` has been established.
+
+        ``fault``: one clause for the user, empty while no fault is established.
+        """
         self._refuse("axes")
         if not fault or fault == self._told:
             return False

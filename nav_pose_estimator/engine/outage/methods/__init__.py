@@ -1,1 +1,1 @@
-"""Ways through an outage, one file each; ``registry`` lists them and ``method`` says what each has to offer."""
+"""Outage methods, one file each; ``method`` is their interface, and ``registry`` lists them."""

@@ -1,4 +1,4 @@
-"""What a predicted velocity through the air says about the motion in an outage, as evidence for the filter."""
+"""Turns a predicted velocity through the air into evidence for the filter in an outage."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from nav_pose_estimator.engine.outage.methods.method import Advice, Array
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence, Vector3, VelocityError
 
 TRAVEL, HOVER = "travel", "hover"
-_DWELL = 10.0  # s: how long a regime lasts, on average
-_FRESH = 1.0  # s: an older prediction from outside is not used
+_DWELL = 10.0  # s: mean duration of a regime
+_FRESH = 1.0  # s: largest age of a prediction of another process
 
 
 @dataclass(frozen=True)
 class AirPrediction:
-    """Velocity through the air in b (3,) [m/s] with the variance of a mean over one second, travelling and hovering.
+    """Predicted velocity through the air in b (3,) [m/s] with its noise while travelling and while hovering.
 
-    ``noise``, ``hover_noise`` (3,) [m^2/s^2]; None where hovering was not distinguished.
+    ``noise``, ``hover_noise`` (3,): variance of the error's one-second mean, body axes [m^2/s^2]; ``hover_noise`` is
+    None where the source does not distinguish hovering.
     """
 
     air_velocity: Array
@@ -31,10 +32,10 @@ class AirPrediction:
 
 @dataclass(frozen=True)
 class AirVelocityGuide:
-    """A network as it was when GNSS was lost; without one, what another process predicts.
+    """Evidence from a model as it was when GNSS was lost, or else from the predictions of another process.
 
-    ``spread_psd`` [m^2/s]: of each horizontal component, what the stated position has lacked in rehearsals.
-    ``is_usual``: the model is what is usual, not of this flight; a network of another process knows more.
+    ``spread_psd`` [m^2/s]: spectral density that each horizontal component of the stated position lacked in rehearsals.
+    ``is_usual``: the model is the population's, not of this flight; a fresh prediction of another process is preferred.
     """
 
     model: AirVelocityModel | None
@@ -43,11 +44,11 @@ class AirVelocityGuide:
     is_usual: bool = False
 
     def hypotheses(self, recent: Array, prediction: AirPrediction | None) -> tuple[Hypothesis, ...]:
-        """What the vehicle may be doing by the ``recent`` epochs; empty where nothing can be said."""
+        """Hypotheses on the motion from the ``recent`` epochs; empty where there is no prediction."""
         return () if prediction is None else (travelling(prediction, self.spread_psd),)
 
     def advise(self, stamp_ns: int, recent: Array, external: VelocityError | None = None) -> Advice:
-        """The evidence of the newest epoch, and the velocity error that the network of this process sees in it."""
+        """The evidence of the newest epoch, and the velocity error that the model of this process predicts for it."""
         newest, prediction, error = recent[-1], None, None
         is_fresh = external is not None and abs(external.stamp_ns - stamp_ns) < _FRESH * 1e9
         model = None if self.is_usual and is_fresh else self.model
@@ -63,12 +64,12 @@ class AirVelocityGuide:
 
 
 def travelling(prediction: AirPrediction, spread_psd: float = 0.0) -> Hypothesis:
-    """The vehicle goes as the network says; nothing is expected of its speed."""
+    """The hypothesis that the vehicle travels as predicted, without a prior on its speed."""
     return Hypothesis(TRAVEL, 1.0, None, per_epoch(prediction.noise), doubt_psd=spread_psd)
 
 
 def per_epoch(noise: Array) -> Vector3:
-    """Variances (3,) of a mean over one second as those of an epoch."""
+    """Variances (3,) of the mean over an epoch, from those of the mean over one second."""
     return vector3(noise * (1.0 / me.PERIOD))
 
 
@@ -108,7 +109,7 @@ def _predict(model: AirVelocityModel, newest: Array) -> AirPrediction:
 
 
 def _velocity_error(model: AirVelocityModel, stamp_ns: int, newest: Array, prediction: AirPrediction) -> VelocityError:
-    """Estimate minus prediction, in n: what CN113777645A (claim 3) calls the increment of the position error."""
+    """Estimate minus prediction, in n: the increment of the position error of CN113777645A, claim 3, as a velocity."""
     C = me.attitude(newest[None])[0]
     wind = np.append(model.wind_mean + model.wind, 0.0)
     dv = newest[me.VELOCITY : me.FORCE] - C @ prediction.air_velocity - wind

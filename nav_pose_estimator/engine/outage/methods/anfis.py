@@ -1,4 +1,4 @@
-"""The neuro-fuzzy network alone: the vehicle moves through the air as it has moved before when the IMU felt this."""
+"""The neuro-fuzzy network alone: it predicts the velocity through the air from specific force, rate and attitude."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from nav_pose_estimator.engine.outage.methods.method import (
     newest_time,
 )
 
-NETWORK = "network"  # the way's name in rehearsals and on diagnostics
-_WARM_UP_EPOCHS = 120
-_SEARCH_EVERY = 4  # trainings
-_EXPLAINS = 0.9  # a model must leave less than this part of what it was to learn
+NETWORK = "network"  # name of this way in rehearsals and diagnostics
+_WARM_UP_EPOCHS = 120  # epochs of noise that compile the kernels
+_SEARCH_EVERY = 4  # trainings between two searches over all numbers of rules
+_EXPLAINS = 0.9  # largest squared error of a usable model, as a fraction of the target's mean square
 
 
 @dataclass(frozen=True)
 class NetworkTraining:
-    """Train the network on ``epochs`` (N, COLUMNS) of aided flight with each of these numbers of ``rules``.
+    """Train the network on ``epochs`` (N, COLUMNS) of aided flight with each number in ``rules``.
 
-    As long as the ``prior`` counts, the law is linear.
+    While the ``prior`` has weight, the law is linear.
     """
 
     epochs: Array
@@ -70,7 +70,7 @@ class Anfis(OutageMethod):
         return NetworkTraining(epochs, self.rules(plan), self.beforehand.prior)
 
     def rules(self, plan: TrainingPlan) -> tuple[int, ...]:
-        """Numbers of rules to try: all of them now and then, else the one in use and one rule."""
+        """Numbers of rules to try: all of them in every fourth training, else one rule and the number in use."""
         if plan.rules == 1:
             return (1,)
         if plan.trainings % _SEARCH_EVERY == 0:
@@ -78,15 +78,15 @@ class Anfis(OutageMethod):
         return (1,) if plan.model is None or plan.model.rules == 1 else (1, plan.model.rules)
 
     def refusal(self, model: AirVelocityModel) -> str:
-        """A model that explains next to nothing is not flown with."""
+        """Refuse a model that explains next to nothing of the motion."""
         left = model.errors[model.rules] / max(model.target_square, 1e-12)
-        # that a vehicle on wheels does not slip is worth knowing, however little it says of the speed ahead
+        # the non-holonomic constraint of a ground vehicle is useful, however poor the prediction of its speed is
         if left > _EXPLAINS and not model.is_guided:
             return f"the network explains only {100.0 * (1.0 - left):.0f} % of the motion"
         return ""
 
     def scores(self, model: AirVelocityModel) -> dict[str, float]:
-        """Rules in use; RMS of what was to be learned, of what was left on unseen blocks, and noise by axis [m/s]."""
+        """Number of rules; RMS of the target and of the cross-validated error [m/s]; noise of each axis [m/s]."""
         scores = {"learner.rules": float(model.rules), "learner.target_rms": model.target_square**0.5}
         for rules, error in model.errors.items():
             scores[f"learner.error_rms.{rules}"] = error**0.5
@@ -101,7 +101,7 @@ class Anfis(OutageMethod):
         return {} if flight.model is None else {NETWORK: AirVelocityGuide(flight.model, flight.drift_variance)}
 
     def choose(self, flight: Flight, scores: RehearsalScores) -> Guide | None:
-        """What was asked for, whatever rehearsals say; without a model it takes predictions of another process."""
+        """The network regardless of rehearsals, as the user asked; without a model, predictions of another process."""
         return AirVelocityGuide(flight.model, flight.drift_variance)
 
     def model_alone(self, flight: Flight) -> Guide | None:

@@ -1,11 +1,11 @@
-"""The network with one rule: ridge regression, the least that can be learned."""
+"""The network with a single rule: ridge regression, the simplest learned law."""
 
 from nav_pose_estimator.engine.outage.methods.anfis import Anfis
 from nav_pose_estimator.engine.outage.methods.method import TrainingPlan
 
 
 class AnfisLinear(Anfis):
-    """As ``anfis``, but never more than one rule."""
+    """``anfis`` with one rule."""
 
     name = "anfis_linear"
     summary = "the network with one rule"

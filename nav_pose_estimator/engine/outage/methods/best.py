@@ -1,4 +1,4 @@
-"""Hovering or travelling, with the network where it has helped: what the package recommends."""
+"""The recommended method: the hypotheses of hovering and travelling, with the network where it has helped."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from nav_pose_estimator.engine.outage.methods.coast import Coast
 from nav_pose_estimator.engine.outage.methods.method import Array, Flight, Guide, RehearsalScores
 from nav_pose_estimator.engine.samples import Hypothesis
 
-_LEAST_FLIGHT = 4.0  # s
-_LEAST_EPOCHS = 8  # of which the usual drag is adapted to the flight
+_LEAST_FLIGHT = 4.0  # s: least flight before an outage that the method can bridge
+_LEAST_EPOCHS = 8  # least number of epochs to which the population's drag is adapted
 REGIMES, ALONE = "regimes", "alone"
 _HOVER_TIME = 2.0  # s over which the velocity of a hover counts as one draw
 _WANDER_TIME = 15.0  # s over which its displacement does: it is half as large as ever after 5 to 20 s
@@ -35,10 +35,10 @@ _CLEARLY = 6.0  # coasting three times better at 30 s is a draw at 60 s; three r
 
 @dataclass(frozen=True, kw_only=True)
 class RegimesGuide(AirVelocityGuide):
-    """Two hypotheses for a vehicle that can hover; the network tells them apart, and guides the one that travels.
+    """Two hypotheses for a vehicle that can hover; the model discriminates them and predicts the travelling one.
 
-    ``hover_spread_psd`` [m^2/s]: as ``spread_psd``, of rehearsals in which the vehicle hovered. ``doubt`` [m^2/s^2]:
-    the noise that the network states where the vehicle travels.
+    ``hover_spread_psd`` [m^2/s]: as ``spread_psd``, from rehearsals in which the vehicle hovered. ``doubt`` [m^2/s^2]:
+    the noise that the model states where the vehicle travels.
     """
 
     regimes: MotionRegimes
@@ -46,8 +46,8 @@ class RegimesGuide(AirVelocityGuide):
     doubt: float = math.inf
 
     def hypotheses(self, recent: Array, prediction: AirPrediction | None) -> tuple[Hypothesis, ...]:
-        """Travelling and hovering, or what is left of that for a vehicle that never hovers."""
-        # a car at constant speed is as calm as one that has stopped: of a guided vehicle only its nose tells
+        """Travelling and hovering; travelling only for a vehicle that cannot hover."""
+        # a car at constant speed is as calm as one at rest: of a ground vehicle only the direction of motion is known
         if self.model is not None and self.model.is_guided:
             return () if prediction is None else (travelling(prediction, self.spread_psd),)
         active = float(me.activity(recent)[-1])
@@ -61,10 +61,10 @@ class RegimesGuide(AirVelocityGuide):
         return Hypothesis(
             name=TRAVEL,
             probability=1.0 - regimes.hover_probability if regimes.can_hover else 1.0,
-            velocity_var=regimes.travel_var if regimes.can_hover else None,  # a wing has no mean velocity of zero
+            velocity_var=regimes.travel_var if regimes.can_hover else None,  # a fixed wing's mean velocity is not zero
             air_noise=None if prediction is None else per_epoch(prediction.noise),
             log_likelihood=_log_density(active, regimes.travel_activity),
-            # the network knows more of a travelling vehicle than its mean speed
+            # a prediction is better than the prior on the speed, which then only discriminates the hypotheses
             velocity_time=regimes.travel_time if prediction is None else None,
             place_var=regimes.place_var,
             doubt_psd=self.spread_psd,
@@ -98,11 +98,11 @@ class Best(Anfis):
 
     @property
     def least_flight(self) -> float:
-        """What is usual of motion is known before the flight; that the vehicle moves has to be seen."""
+        """Population statistics are known before the flight; only that the vehicle moves has to be observed."""
         return _LEAST_FLIGHT
 
     def ways(self, flight: Flight) -> dict[str, Guide]:
-        """Regimes with the usual drag, and with the network as soon as there is one; then the network alone, too."""
+        """The regimes with the usual drag; once there is a network, also the regimes with it, and the network alone."""
         ways: dict[str, Guide] = {REGIMES: self._with_usual_drag(flight)}
         if flight.model is not None:
             ways[ALONE] = AirVelocityGuide(flight.model, flight.drift_variance, flight.spread.get(ALONE, 0.0))
@@ -110,11 +110,11 @@ class Best(Anfis):
         return ways
 
     def with_regimes(self, flight: Flight, model: AirVelocityModel | None, name: str) -> RegimesGuide:
-        """The regimes of the flight with ``model``, as the way that rehearsals know by ``name``."""
+        """The regimes of the flight with ``model``; ``name`` is the name of this way in rehearsals."""
         can_hover = self.beforehand.can_hover(flight.epochs)
         regimes = learn_regimes(flight.epochs, flight.usual, flight.decisions, can_hover)
         if can_hover is False and self.beforehand.by_flight(flight.epochs).vehicle_class != FIXED_WING:
-            regimes = replace(regimes, place_var=None)  # where a car or a boat goes is not known
+            regimes = replace(regimes, place_var=None)  # a car or a boat need not stay near
         spread, hovering = (found.get(name, 0.0) for found in (flight.spread, flight.hover_spread))
         doubt = math.inf if model is None else expected_noise(model, flight.epochs)
         return RegimesGuide(
@@ -122,7 +122,7 @@ class Best(Anfis):
         )
 
     def _with_usual_drag(self, flight: Flight) -> RegimesGuide:
-        """The regimes alone for what is no multirotor, or for too few epochs."""
+        """The regimes with the population's drag; without it for other vehicles than multirotors, or too few epochs."""
         guide = self.with_regimes(flight, None, REGIMES)
         if len(flight.epochs) < _LEAST_EPOCHS or not guide.regimes.can_hover or is_guided(flight.epochs):
             return guide
@@ -130,18 +130,18 @@ class Best(Anfis):
         return replace(guide, model=model, is_usual=True, doubt=expected_noise(model, flight.epochs))
 
     def choose(self, flight: Flight, scores: RehearsalScores) -> Guide | None:
-        """Regimes with the network unless a part of it was better; nothing that erred far more than coasting."""
+        """The regimes with the network, unless a simpler way was better; None if that was far worse than coasting."""
         return self.chosen(self.ways(flight), NETWORK, scores)
 
     def chosen(self, ways: dict[str, Guide], network: str, scores: RehearsalScores) -> Guide | None:
-        """Of ``ways`` the one named ``network`` unless rehearsals, or what it says of itself, speak against it."""
+        """Of ``ways`` the one named ``network``, unless rehearsals or its stated noise speak against it."""
         best = REGIMES if network not in ways or self._is_vaguer(ways, network, scores) else network
         if best == network and ALONE in ways and scores.is_worse(network, ALONE, _DRAW):
             best = ALONE
         return None if scores.is_worse(best, Coast.name, _CLEARLY) else ways[best]
 
     def _is_vaguer(self, ways: dict[str, Guide], network: str, scores: RehearsalScores) -> bool:
-        """Whether the usual drag is to be preferred: by rehearsals, or by what both state where these do not tell."""
+        """Whether the usual drag is to be preferred, by rehearsals or, if these are inconclusive, by stated noise."""
         if scores.is_worse(network, REGIMES, _WORSE):
             return True
         if scores.is_worse(REGIMES, network, _WORSE):

@@ -1,7 +1,7 @@
-"""A network trained on other flights beside what this one teaches: its output is one more thing to go by.
+"""``best`` with a network trained on other flights, whose output is an additional input of the law learned in flight.
 
-What the network of ``core.learning.conv_lstm`` says of the last second joins the inputs of the law that is learned in
-flight, so that the flight decides what it is worth: on blocks of time not trained on first, then in rehearsals.
+The network of ``core.learning.conv_lstm`` predicts the velocity through the air from the last second. Its prediction
+joins the inputs of the law, so that the flight decides what it is worth: first by cross-validation, then in rehearsals.
 """
 
 from __future__ import annotations
@@ -34,31 +34,31 @@ from nav_pose_estimator.engine.samples import VelocityError
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 from nav_pose_estimator.errors import UserError
 
-PRETRAINED = "pretrained"  # the way's name in rehearsals and on diagnostics
+PRETRAINED = "pretrained"  # name of this way in rehearsals and diagnostics
 _OUTPUTS = 3
 
 
 @dataclass(frozen=True)
 class PairModel:
-    """What the flight teaches without the network's output (``plain``) and with it; a file holds the first alone."""
+    """The law learned without the network's output (``plain``) and with it (``stacked``); a file holds the first."""
 
     plain: AirVelocityModel
     stacked: AirVelocityModel | None = None
 
     @property
     def rules(self) -> int:
-        """Number of rules without the network."""
+        """Number of rules of ``plain``."""
         return self.plain.rules
 
     @property
     def gain(self) -> float:
-        """Squared error on blocks not trained on, without the network's output over with it."""
+        """Cross-validated squared error of ``plain`` over that of ``stacked``; zero without the latter."""
         if self.stacked is None:
             return 0.0
         return self.plain.errors[self.plain.rules] / max(self.stacked.errors[self.stacked.rules], 1e-12)
 
     def follow(self, epoch: Array) -> PairModel:
-        """Both brought on by one more aided epoch."""
+        """Both, with the wind updated by one more aided epoch."""
         stacked = None if self.stacked is None else self.stacked.follow(epoch)
         return PairModel(self.plain.follow(epoch[: me.COLUMNS]), stacked)
 
@@ -69,7 +69,7 @@ class PairModel:
 
 @dataclass(frozen=True)
 class PairTraining:
-    """Train with ``epochs`` (N, COLUMNS + 3) and without their last columns, each with its own prior."""
+    """Train on ``epochs`` (N, COLUMNS + 3) with and without their last three columns, each with its own prior."""
 
     epochs: Array
     rules: tuple[int, ...]
@@ -89,21 +89,21 @@ class PairTraining:
 
 @dataclass(frozen=True)
 class WithoutNetwork:
-    """A guide that goes by the epochs as they are without the network's output."""
+    """Adapts a guide to epochs that have the network's output, which it does not use."""
 
     guide: Guide
 
     def __getattr__(self, name: str) -> object:
-        """What else the guide knows."""
+        """Any other attribute of the guide."""
         return getattr(object.__getattribute__(self, "guide"), name)
 
     def advise(self, stamp_ns: int, recent: Array, external: VelocityError | None = None) -> Advice:
-        """What the guide says."""
+        """The advice of the guide."""
         return self.guide.advise(stamp_ns, recent[:, : me.COLUMNS], external)
 
 
 class CnnLstm(Best):
-    """``best`` with one way more; no regret by the same rehearsals."""
+    """``best`` with one more way, judged by the same rehearsals."""
 
     name = "cnn_lstm"
     summary = "as best, with what a network of learner.airframe, trained on other flights, adds where it has helped"
@@ -111,7 +111,7 @@ class CnnLstm(Best):
     network: TrainedNetwork
 
     def knowing(self, beforehand: Beforehand) -> Self:
-        """``UserError`` where no file has a network."""
+        """The method with the network of the airframe file. Raises ``UserError`` where there is none."""
         if beforehand.airframe is None or beforehand.airframe.network is None:
             raise UserError(
                 f"the method {self.name} flies with a trained network: name a file of train --network in "
@@ -122,11 +122,11 @@ class CnnLstm(Best):
         return twin
 
     def flown(self, network: TrainedNetwork) -> TrainedNetwork:
-        """What is flown of the file's network: all of it."""
+        """The network to use, given that of the file: the same."""
         return network
 
     def columns(self, output: NavBlock | NavSolution, rows: Array) -> Array:
-        """Air velocity in b (3,) [m/s] as the network has it."""
+        """Air velocity in b (3,) [m/s] predicted by the network."""
         return self.network.velocity(window(rows))
 
     def job(self, epochs: Array, plan: TrainingPlan) -> TrainingJob:
@@ -135,19 +135,19 @@ class CnnLstm(Best):
         return PairTraining(epochs, self.rules(plan), self.beforehand.prior, stacked)
 
     def refusal(self, model: Model) -> str:
-        """As for a law without the network."""
+        """Refuse a model by its law without the network's output."""
         return super().refusal(model.plain)
 
     def scores(self, model: Model) -> dict[str, float]:
-        """Those of the law without the network, and ``learner.network_gain``: squared error without over with it."""
+        """Scores of the law without the network's output, and the ``gain`` of the network."""
         return super().scores(model.plain) | {"learner.network_gain": model.gain}
 
     def load(self, arrays: Mapping[str, Array]) -> Model:
-        """What an earlier flight taught without the network."""
+        """The law that an earlier flight learned without the network's output."""
         return PairModel(AirVelocityModel.from_state(arrays))
 
     def ways(self, flight: Flight) -> dict[str, Guide]:
-        """Those of ``best``, and the law with the network's output."""
+        """The ways of ``best``, and the regimes with the law that uses the network's output."""
         plain = replace(flight, epochs=flight.epochs[:, : me.COLUMNS], model=None)
         ways: dict[str, Guide] = {name: WithoutNetwork(guide) for name, guide in super().ways(plain).items()}
         if flight.model is not None:
@@ -157,13 +157,13 @@ class CnnLstm(Best):
         return ways
 
     def choose(self, flight: Flight, scores: RehearsalScores) -> Guide | None:
-        """With the network where it has helped on blocks not trained on and has not been worse in rehearsals."""
+        """With the network's output where it improved the cross-validated error and was not worse in rehearsals."""
         has_helped = flight.model is not None and flight.model.gain > 1.0
         use = PRETRAINED if has_helped and not scores.is_worse(PRETRAINED, NETWORK, 1.0) else NETWORK
         return self.chosen(self.ways(flight), use, scores)
 
     def model_alone(self, flight: Flight) -> Guide | None:
-        """The law with the network where it is better, without regimes."""
+        """The law with the network's output where that is better, without regimes."""
         if flight.model is None:
             return None
         if flight.model.gain > 1.0:
@@ -172,11 +172,11 @@ class CnnLstm(Best):
 
 
 class Untrained(CnnLstm):
-    """The control: what helps as much without training was not learned."""
+    """The control of ``cnn_lstm``: a network of random weights shows which gain is not due to training."""
 
     name = "cnn_untrained"
     summary = "control of cnn_lstm: the same with a network of random weights"
 
     def flown(self, network: TrainedNetwork) -> TrainedNetwork:
-        """Its shape and scales."""
+        """A network of the same shape and scales with random weights."""
         return network.untrained

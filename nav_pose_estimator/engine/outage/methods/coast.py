@@ -1,10 +1,10 @@
-"""Nothing but the Kalman filter: what every other method is measured against."""
+"""Coasting: the Kalman filter alone, the reference of every other method."""
 
 from nav_pose_estimator.engine.outage.methods.method import OutageMethod
 
 
 class Coast(OutageMethod):
-    """The navigator continues alone."""
+    """The navigator continues without evidence."""
 
     name = "coast"
     summary = "the Kalman filter alone"

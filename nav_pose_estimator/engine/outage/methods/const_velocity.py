@@ -1,4 +1,4 @@
-"""The last velocity, kept."""
+"""Constant velocity: extrapolation with the last one, a baseline of the benchmark."""
 
 from nav_pose_estimator.engine.outage.methods.method import Array, Extrapolation
 

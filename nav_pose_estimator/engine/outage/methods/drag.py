@@ -1,4 +1,4 @@
-"""Linear rotor drag and wind by least squares in flight: the classical rival of the network."""
+"""Linear rotor drag and wind by least squares in flight: the classical baseline of the network."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class DragTraining:
 
 
 class Drag(Anfis):
-    """The same observation as ``anfis``, from a law of physics."""
+    """As ``anfis``, with a law of physics instead of the network."""
 
     name = "drag"
     summary = "linear rotor drag and wind, fitted in flight"

@@ -1,4 +1,4 @@
-"""The last position: what a vehicle that hovers would do."""
+"""Constant position: extrapolation for a hovering vehicle, a baseline of the benchmark."""
 
 from nav_pose_estimator.engine.outage.methods.method import Array, Extrapolation
 

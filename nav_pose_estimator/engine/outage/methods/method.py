@@ -1,8 +1,8 @@
-"""The interface of outage methods, between ``learner.method`` and its users.
+"""The interface of outage methods, which ``learner.method`` selects.
 
-A method is one file in this folder and one line in ``registry``. It holds no state: what it learns is kept by
-the learner, so that a snapshot of the estimator is complete and a replay learns what the node learned. What was known
-before the flight is no state: ``beforehand`` stays as it is.
+A method is one file in this folder and one line in ``registry``. It is stateless: what it learns is kept by the
+learner, so that a snapshot of the estimator is complete and a replay learns what the node learned. Knowledge from
+before the flight, ``beforehand``, does not change.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from nav_pose_estimator.engine.samples import Sample, VelocityError
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 
 Array = NDArray[np.float64]
-_ENOUGH, _ENOUGH_BEFOREHAND = 20.0, 4.0  # s of flight below which nothing can be told; with knowledge from before
+_ENOUGH, _ENOUGH_BEFOREHAND = 20.0, 4.0  # s: least flight without and with prior knowledge
 Model = Any
-"""What a method's training gives: a frozen dataclass that only the method looks into. The learner calls its
-``follow(epoch)`` for the model brought up to date by one more epoch of aided flight, and ``state()`` for its arrays."""
+"""The result of a training: a frozen dataclass, opaque to all but its method. The learner calls its ``follow(epoch)``,
+which returns the model updated by one more epoch of aided flight, and ``state()``, which returns its named arrays."""
 
 
 @dataclass(frozen=True)
 class Flight:
-    """What a flight has shown so far. ``epochs`` (N, COLUMNS + K) of its aided part in order of time, N > 0.
+    """Data of a flight so far. ``epochs`` (N, COLUMNS + K): its aided part in order of time, N > 0.
 
-    ``usual``: how vehicles move of which nothing else is known. By rehearsals: ``drift_variance``, squared errors of
-    coasting as a fraction of the variance that the filter states; ``decisions`` between regimes; ``spread`` [m^2/s],
-    which the stated position of each way lacks, ``hover_spread`` where the vehicle hovered.
+    ``usual``: population statistics of motion. From rehearsals: ``drift_variance``, squared error of coasting over the
+    variance that the filter states; ``decisions`` between regimes; ``spread`` [m^2/s], spectral density that the stated
+    position of each way lacks, and ``hover_spread``, the same while hovering.
     """
 
     epochs: Array
@@ -50,25 +50,25 @@ class Flight:
 
 @dataclass(frozen=True)
 class Advice:
-    """What half a second of an outage gives: ``samples`` for the navigator, and the error seen in its velocity."""
+    """The advice for one epoch of an outage: ``samples`` for the navigator, and its predicted velocity error."""
 
     samples: tuple[Sample, ...] = ()
     velocity_error: VelocityError | None = None
 
 
 class Guide(Protocol):
-    """What is known when GNSS is lost: a frozen dataclass, made from data before the loss."""
+    """What aids the navigator in an outage: a frozen dataclass, made from data before the loss of GNSS."""
 
     def advise(self, stamp_ns: int, recent: Array, external: VelocityError | None = None) -> Advice:
-        """Called at the end of every epoch; ``recent`` (up to the method's ``history``, COLUMNS + K) ends with it.
+        """Called at the end of each epoch, the last of ``recent`` (at most the method's ``history``, COLUMNS + K).
 
-        ``external`` is the newest prediction of another process, for a guide that has no model of its own.
+        ``external``: the newest prediction of another process, for a guide without a model of its own.
         """
         ...
 
 
 class TrainingJob(Protocol):
-    """A training. It travels to another process: picklable, and of a module that can be imported there."""
+    """A training. It may be sent to another process: picklable, of a module that can be imported there."""
 
     @property
     def until(self) -> float:
@@ -76,7 +76,7 @@ class TrainingJob(Protocol):
         ...
 
     def run(self) -> TrainingResult:
-        """Train; takes what time it needs."""
+        """Train; may take long."""
         ...
 
 
@@ -90,7 +90,7 @@ class TrainingResult:
 
 @dataclass(frozen=True)
 class TrainingPlan:
-    """How to train: the largest number of rules to try, how many trainings went before, the model in use."""
+    """How to train: the largest number of rules to try, the number of earlier trainings, the model in use."""
 
     rules: int = 1
     trainings: int = 0
@@ -98,83 +98,80 @@ class TrainingPlan:
 
 
 class RehearsalScores(Protocol):
-    """What ``rehearsals`` say about the ways through an outage."""
+    """Comparison of the ways through an outage, as ``rehearsals`` provides it."""
 
     def is_worse(self, name: str, rival: str, ratio: float) -> bool: ...
 
 
 @dataclass(frozen=True)
 class RehearsalRules:
-    """How rehearsals count.
+    """How rehearsals are evaluated."""
 
-    ``stated``: how many rehearsals the covariance stated by the filter is worth; ``enough``: how many in which sigma
-    lacked nothing are averaged with those of the flight."""
-
-    kept: int = 6  # rehearsals that count, the newest ones
-    least: int = 3  # with fewer, chance decides
-    stated: float = 1.0
-    enough: float = 2.0
-    smallest_variance: float = 0.05  # fraction of what the filter states; more than stated is for innovations to say
+    kept: int = 6  # number of newest rehearsals that count
+    least: int = 3  # least number for a comparison of two ways; with fewer, chance decides
+    stated: float = 1.0  # weight, in rehearsals, of the covariance that the filter states
+    enough: float = 2.0  # weight, in rehearsals, of the assumption that the stated covariance lacks nothing
+    smallest_variance: float = 0.05  # lower bound of ``drift_variance``; it is at most 1, the rest is up to innovations
 
 
 class Method:
-    """What every method has: the ``name`` that a user writes, and ``summary``, half a sentence on what it goes by."""
+    """Base of all methods: ``name`` as in the parameters, and ``summary``, half a sentence on what it is based on."""
 
     name: str
     summary: str
     is_classical = False
-    """Whether it is one of the rivals that a learned method has to beat."""
+    """Whether it is one of the baselines that a learned method has to beat."""
 
 
 class Extrapolation(Method):
-    """Extrapolates the last aided state without a filter: a yardstick of the benchmark."""
+    """Extrapolates the last aided state without a filter: a baseline of the benchmark."""
 
     def velocity(self, last: Array) -> Array:
-        """Velocity (3,) throughout the outage, from that at the loss of GNSS [m/s]."""
+        """Velocity (3,) [m/s] throughout the outage, from the ``last`` one at the loss of GNSS."""
         raise NotImplementedError
 
 
 class OutageMethod(Method):
-    """A value of ``learner.method``. This base class learns nothing and leaves the filter alone."""
+    """A value of ``learner.method``. This base class learns nothing and gives no advice."""
 
     helps = True
-    """False where there is nothing to ask in an outage."""
+    """Whether it gives advice in an outage."""
     trains = False
-    """Whether ``job`` has work to do."""
+    """Whether it has trainings (``job``)."""
     history = me.ACTIVITY_EPOCHS
-    """Number of epochs that a guide gets to see."""
+    """Number of recent epochs that a guide gets."""
     rehearsal = RehearsalRules()
     beforehand = Beforehand()
 
     def knowing(self, beforehand: Beforehand) -> Self:
-        """The method of a flight that begins with this knowledge. ``UserError`` where the method needs more."""
+        """The method with prior knowledge of the vehicle. Raises ``UserError`` where the method needs more."""
         twin = copy.copy(self)
         twin.beforehand = beforehand
         return twin
 
     def after(self, epochs: Array) -> Self:
-        """The method with what the flight of ``epochs`` (N, COLUMNS or more) leaves of ``beforehand``."""
+        """The method with the prior knowledge that still holds after ``epochs`` (N, COLUMNS or more)."""
         left = self.beforehand.by_flight(epochs)
         return self if left is self.beforehand else OutageMethod.knowing(self, left)
 
     @property
     def least_flight(self) -> float:
-        """Seconds of flight from which on there may be something to go by in an outage."""
+        """Least flight [s] before an outage in which the method can give advice."""
         return _ENOUGH_BEFOREHAND if self.beforehand.is_class_known else _ENOUGH
 
     @property
     def least_training(self) -> float:
-        """Seconds of flight from which on a training is possible."""
+        """Least flight [s] for a training."""
         return _ENOUGH if self.beforehand.prior is None else _ENOUGH_BEFOREHAND
 
     def warm_up(self) -> None:
-        """Call once what training and model compile."""
+        """Compile the kernels of training and model by calling them once."""
 
     def columns(self, output: NavBlock | NavSolution, rows: Array) -> Array:
-        """What to add to the COLUMNS of an epoch: (K,), K fixed.
+        """Columns (K,), K fixed, that the method adds to an epoch.
 
-        ``output`` ended it; ``rows`` (N, OUT_COLUMNS) are those of the epoch and of the one before it, if that was
-        consecutive.
+        ``output``: the solution that ended it. ``rows`` (N, OUT_COLUMNS): rows of the epoch, after those of the epoch
+        before if they are consecutive.
         """
         return np.empty(0)
 
@@ -183,27 +180,27 @@ class OutageMethod(Method):
         raise NotImplementedError
 
     def refusal(self, model: Model) -> str:
-        """Why a trained model is not to be flown with, in one clause; empty where it is."""
+        """Why a trained model must not be used, in one clause; empty if it may."""
         return ""
 
     def scores(self, model: Model) -> dict[str, float]:
-        """What diagnostics show of a model."""
+        """Values of a model for diagnostics."""
         return {}
 
     def load(self, arrays: Mapping[str, Array]) -> Model:
-        """The model of ``model.state()``. ``UserError`` for damaged arrays, ``KeyError`` where one is missing."""
+        """The model of ``model.state()``. Raises ``UserError`` for damaged arrays, ``KeyError`` for a missing one."""
         raise NotImplementedError
 
     def ways(self, flight: Flight) -> dict[str, Guide]:
-        """The ways through an outage that rehearsals shall compare with coasting and with each other, by name."""
+        """Ways through an outage, by name, that rehearsals compare with coasting and with each other."""
         return {}
 
     def choose(self, flight: Flight, scores: RehearsalScores) -> Guide | None:
-        """What to go by in an outage that begins now; None to coast."""
+        """The guide for an outage that begins now; None to coast."""
         return None
 
     def model_alone(self, flight: Flight) -> Guide | None:
-        """What ``anfis_node`` sends to a navigator, which weighs it with the rest; None without a model."""
+        """The guide whose prediction ``anfis_node`` sends to a navigator; None without a model."""
         return None
 
 

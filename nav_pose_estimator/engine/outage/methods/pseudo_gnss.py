@@ -1,18 +1,18 @@
-"""The source text's way: what a network says of each half second is summed up, and the sum stands in for fixes.
+"""Pseudo-GNSS, as in the source text: predicted velocities are integrated to positions, which replace the fixes.
 
     p_k = p_0 + sum_i T (C_i v_i + w)          R_k = P_0 + T sum_i C_i N C_i' s_i + t^2 (W + W_t)                (1)
 
-v, N: velocity through the air and the variance of its mean over a second, s_i its factor for strange inputs; w: wind of
-covariance W at the loss, W_t what it may have changed by since. The covariance grows with time as it does for any sum.
+v, N: velocity through the air and the variance of its one-second mean, s_i its factor for novel inputs; w: wind with
+covariance W at the loss, W_t the covariance of its change since. The covariance grows with time as for any integral.
 
-The errors of all the composed positions are one and the same random walk: as independent fixes they would be believed
-far too much. So the k-th counts as k times its covariance. Even so a sum of positions knows no more than the velocities
-that it is made of, which ``cnn_lstm`` hands to the filter as they are.
+The errors of all composed positions belong to one random walk: treated as independent fixes, they would be weighted far
+too much. So the covariance of the k-th position is multiplied by k. Even so, the positions contain no more information
+than the velocities that they are integrated from, which ``cnn_lstm`` gives to the filter directly.
 
-The text's receiver gives longitude, latitude and height (its step 12), so what stands in for it is a position, too. The
-text does not say what of the network's position, attitude and velocity it observes (the formulas of step 5 are not in
-its published summary); attitude and velocity increments of the network know less than the strapdown's gyroscopes and
-accelerometers, and its velocity is what ``cnn_lstm`` observes: as a second observation here it would count twice.
+The receiver of the source gives longitude, latitude and height (its step 12), so its substitute is a position, too. The
+source does not state which of the network's position, attitude and velocity are observed (the formulas of step 5 are
+not in its published summary). Attitude and velocity increments of the network are less accurate than gyroscopes and
+accelerometers, and its velocity is what ``cnn_lstm`` observes: here it would be used twice.
 
 Source: M. Feng et al. (see ``core.learning.conv_lstm``), steps 5 and 6.
 """
@@ -33,25 +33,25 @@ from nav_pose_estimator.engine.outage.methods.coast import Coast
 from nav_pose_estimator.engine.outage.methods.method import Advice, Array, Flight, Guide, RehearsalScores
 from nav_pose_estimator.engine.samples import ComposedPosition, VelocityError
 
-_START_VAR = 2.0**2  # m^2: of the position at the loss, each axis
-_LONGEST = 600.0  # s
+_START_VAR = 2.0**2  # m^2: variance of the position at the loss of GNSS, each axis
+_LONGEST = 600.0  # s: longest outage that is composed
 
 
 @dataclass(frozen=True)
 class ComposedFixes:
-    """Composes positions from ``last`` (COLUMNS or more), the last aided epoch, on."""
+    """Composes positions, beginning at ``last`` (COLUMNS or more), the last aided epoch."""
 
     model: AirVelocityModel
     last: Array
 
     def advise(self, stamp_ns: int, recent: Array, external: VelocityError | None = None) -> Advice:
-        """A position every epoch; none where an epoch since the loss is missing."""
+        """A position at each epoch; none once an epoch since the loss is missing."""
         since = recent[recent[:, me.TIME] > self.last[me.TIME]]
         steps = np.diff(np.append(self.last[me.TIME], since[:, me.TIME]))
         if len(since) == 0 or steps.max() > 1.5 * me.PERIOD:
             return Advice()
         displacement, cov = self.composed(since)
-        # the last aided epoch is a mean: it lies a quarter of a second before its end
+        # the position of the last aided epoch is a mean, valid a quarter of a second before the end of the epoch
         begun = 0.5 * me.PERIOD * self.last[me.VELOCITY : me.FORCE]
         lat, lon, alt = (float(x) for x in enu_to_lla(begun + displacement, *self.last[me.POSITION :][:3].tolist()))
         return Advice((ComposedPosition(stamp_ns, (lat, lon, alt), len(since) * cov),))
@@ -71,19 +71,19 @@ class ComposedFixes:
 
 
 class PseudoGnss(CnnLstm):
-    """For comparison with ``cnn_lstm``: the same network, its output summed up."""
+    """For comparison with ``cnn_lstm``: the same network, its output integrated to positions."""
 
     name = "pseudo_gnss"
     summary = "the network of cnn_lstm as in its source: its predictions, summed up to positions, in place of fixes"
     history = round(_LONGEST / me.PERIOD)
 
     def ways(self, flight: Flight) -> dict[str, Guide]:
-        """The composed positions, as soon as there is a law."""
+        """The composed positions, once there is a law with the network's output."""
         if flight.model is None or flight.model.stacked is None:
             return {}
         return {PRETRAINED: ComposedFixes(flight.model.stacked, flight.epochs[-1])}
 
     def choose(self, flight: Flight, scores: RehearsalScores) -> Guide | None:
-        """What was asked for, unless rehearsals say that coasting is better."""
+        """The composed positions, unless coasting was better in rehearsals."""
         guide = self.ways(flight).get(PRETRAINED)
         return None if guide is None or scores.is_worse(PRETRAINED, Coast.name, 1.0) else guide

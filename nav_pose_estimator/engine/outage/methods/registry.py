@@ -1,4 +1,4 @@
-"""Every method by name. A new one is a file in this folder and a line here; parameters, benchmark and docs follow."""
+"""Registry of the outage methods. A new one is a file in this folder and a line here; the rest follows from that."""
 
 from __future__ import annotations
 
@@ -41,18 +41,18 @@ def all_methods() -> tuple[Method, ...]:
 
 
 def estimators() -> dict[str, OutageMethod]:
-    """What ``learner.method`` may be."""
+    """The methods that ``learner.method`` may select."""
     return {name: method for name, method in _METHODS.items() if isinstance(method, OutageMethod)}
 
 
 def extrapolations() -> dict[str, Extrapolation]:
-    """Methods that need no filter and exist in the benchmark only."""
+    """Methods without a filter, which exist in the benchmark only."""
     return {name: method for name, method in _METHODS.items() if isinstance(method, Extrapolation)}
 
 
 @contextmanager
 def registered(*methods: Method) -> Iterator[None]:
-    """Have more methods for a while, for ablations and tests. Processes that are spawned meanwhile lack them."""
+    """Register more methods temporarily, for ablations and tests. Processes spawned meanwhile do not have them."""
     clash = [method.name for method in methods if method.name in _METHODS]
     if clash:
         raise ValueError(f"there is a method {clash[0]!r} already")

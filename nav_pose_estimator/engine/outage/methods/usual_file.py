@@ -1,6 +1,6 @@
-"""What is usual of how vehicles move, as a file: TOML that ``train prior`` writes, and the one that the package ships.
+"""Files of population statistics of motion: TOML that ``train prior`` writes, and the one shipped with the package.
 
-Behind the numbers stands where they come from, flight by flight. A file with values that no vehicle reaches is refused.
+The numbers are followed by the list of flights that they come from. A file with implausible values is refused.
 """
 
 import tomllib
@@ -15,8 +15,8 @@ from nav_pose_estimator.errors import UserError
 
 SHIPPED = "usual_motion.toml"
 VERSION = 1
-_LARGEST = 1 << 20  # bytes
-_BOUNDS = {
+_LARGEST = 1 << 20  # bytes: largest size of a file
+_BOUNDS = {  # plausible values, in the units of ``core.motion.usual``
     "speed": (0.01, 100.0),
     "velocity_time": (0.5, 600.0),
     "loiter": (0.5, 600.0),
@@ -27,13 +27,13 @@ _BOUNDS = {
     "rate_spread": (0.001, 10.0),
     "noise": (0.05, 50.0),
 }
-_MEAN_BOUNDS, _DEVIATION_BOUNDS = (-7.0, 5.0), (0.05, 5.0)  # of the logarithm of an acceleration in m/s^2
+_MEAN_BOUNDS, _DEVIATION_BOUNDS = (-7.0, 5.0), (0.05, 5.0)  # of an activity, a logarithm of m/s^2
 _Part = TypeVar("_Part", Travel, Hover, Drag)
 
 
 @dataclass(frozen=True)
 class KnownFlight:
-    """A flight that a prior was made of: its ``airframe``, the SHA-256 of the recording, and what it counted as."""
+    """A flight that a prior was made from: its ``airframe``, the SHA-256 of the recording, the kind of vehicle."""
 
     airframe: str
     digest: str
@@ -42,7 +42,7 @@ class KnownFlight:
 
 @lru_cache(maxsize=8)
 def load_usual_motion(path: str = "") -> UsualMotion:
-    """The content of the file ``path``, of the shipped one where that is empty. ``UserError`` for any other file."""
+    """The content of the file ``path``; empty: of the shipped file. Raises ``UserError`` for an unusable file."""
     name, content = _content(path)
     multirotor, fixed_wing = (_part(name, content, key, Travel) for key in ("multirotor", "fixed_wing"))
     hover, drag = _part(name, content, "hover", Hover), _part(name, content, "drag", Drag)
@@ -50,13 +50,13 @@ def load_usual_motion(path: str = "") -> UsualMotion:
 
 
 def flights_of(path: str = "") -> list[KnownFlight]:
-    """The flights that the numbers of the file come from; the same files and errors as ``load_usual_motion``."""
+    """The flights that the numbers of the file come from; ``path`` and errors as for ``load_usual_motion``."""
     flights = _content(path)[1].get("flights", [])
     return [KnownFlight(*(str(one.get(key, "")) for key in ("airframe", "sha256", "kind"))) for one in flights]
 
 
 def _content(path: str) -> tuple[str, dict[str, Any]]:
-    """The file's name for messages, and what it holds."""
+    """The name of the file for messages, and its parsed content."""
     name = path or SHIPPED
     try:
         if path and Path(path).stat().st_size > _LARGEST:
@@ -73,7 +73,7 @@ def _content(path: str) -> tuple[str, dict[str, Any]]:
 
 
 def as_toml(usual: UsualMotion) -> str:
-    """The file's text without where it comes from."""
+    """The numbers as the text of a file, without the list of flights."""
     lines = [f"version = {VERSION}"]
     for part in fields(usual):
         lines += ["", f"[{part.name}]"]

@@ -1,4 +1,4 @@
-"""The vehicle moves as fast as it has moved: a velocity of mean zero with the mean square of the last half minute."""
+"""A prior on the velocity: zero mean, with the mean square speed of the last half minute of aided flight."""
 
 from __future__ import annotations
 
@@ -18,36 +18,36 @@ from nav_pose_estimator.engine.outage.methods.method import (
 )
 from nav_pose_estimator.engine.samples import Hypothesis, VelocityError
 
-_RECENT = 30.0  # s whose mean square speed is expected
-_SLOWEST = 0.05  # m/s
+_RECENT = 30.0  # s of aided flight over which the mean square speed is taken
+_SLOWEST = 0.05  # m/s: least standard deviation of a velocity component
 
 
 @dataclass(frozen=True)
 class UsualSpeed:
-    """``square``: mean square horizontal speed [m^2/s^2] before the outage."""
+    """Guide with a prior on the speed. ``square``: mean square horizontal speed [m^2/s^2] before the outage."""
 
     square: float
     drift_variance: float = 1.0
 
     def advise(self, stamp_ns: int, recent: Array, external: VelocityError | None = None) -> Advice:
-        """The same expectation every half second."""
+        """The same prior at every epoch."""
         usual = Hypothesis(TRAVEL, 1.0, max(0.5 * self.square, _SLOWEST**2), None)
         return Advice((motion_evidence(stamp_ns, recent[-1], (usual,), self.drift_variance),))
 
 
 class VelocityPrior(OutageMethod):
-    """Zero mean velocity, as uncertain as the vehicle was fast."""
+    """A zero-mean prior on the velocity, with the recent mean square speed as its variance."""
 
     name = "velocity_prior"
     summary = "zero mean velocity with the mean square of the last 30 s"
     is_classical = True
 
     def ways(self, flight: Flight) -> dict[str, Guide]:
-        """The usual speed."""
+        """The prior on the speed."""
         return {self.name: _usual_speed(flight)}
 
     def choose(self, flight: Flight, scores: RehearsalScores) -> Guide | None:
-        """The usual speed, whatever rehearsals say."""
+        """The prior on the speed, regardless of rehearsals."""
         return _usual_speed(flight)
 
 

@@ -1,1 +1,1 @@
-"""GNSS: reception, position, velocity, and what its loss does."""
+"""GNSS: reception, position, velocity, their monitors, and the loss of GNSS."""

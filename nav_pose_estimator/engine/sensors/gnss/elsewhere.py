@@ -1,4 +1,4 @@
-"""What says that GNSS may be elsewhere than the vehicle, beside jumps and pulls: to be told, and covered by sigma."""
+"""Monitors of GNSS positions that may differ from the vehicle's: their events and floors of the standard deviations."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from nav_pose_estimator.engine.sensors.gnss.other_motion import OtherMotion
 from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
 from nav_pose_estimator.engine.solutions import Level
 
-_AGREES = 8.0  # s in a row after which a drift has ended: single fixes of a noisy receiver come and go
+_AGREES = 8.0  # s without a drifting fix after which a drift has ended
 
 
 class Elsewhere:
-    """Positions that leave their velocities, are rounded or of two places, or move otherwise than the IMU feels."""
+    """Positions that drift from their velocities, are rounded, alternate between two places, or contradict the IMU."""
 
     def __init__(self, journal: Journal, rounding: Rounding) -> None:
         self._journal, self._rounding = journal, rounding
@@ -28,14 +28,14 @@ class Elsewhere:
 
     @property
     def is_on(self) -> bool:
-        """Whether any of them says so."""
+        """Whether any of the monitors has a finding."""
         told = self.other_motion.is_on or self.latency.is_on or self._walk_off.is_on
         return told or self._two_places.apart > 0.0 or self._rounding.is_on
 
     def least_sd(self, speed: float) -> tuple[float, float, float]:
-        """Deviations of the position [m], horizontal and vertical, and of the horizontal velocity [m/s].
+        """Floors of the standard deviations of position [m], horizontal and vertical, and horizontal velocity [m/s].
 
-        Of a vehicle of this horizontal ``speed`` [m/s].
+        ``speed`` [m/s]: horizontal speed of the vehicle.
         """
         far, fast = self.other_motion.least_sd()
         late = self.latency.least_sd(speed)
@@ -43,13 +43,13 @@ class Elsewhere:
         return max(far, late, *known), far, fast
 
     def reason(self) -> str:
-        """Why the position is not to be believed as usual, a clause; empty if it is."""
+        """Why the position is less certain than usual, one clause for the user; empty where it is not."""
         told = self._two_places.reason or self._rounding.reason
         told = told or self.other_motion.reason() or self.latency.reason()
         return told or self._walk_off.reason
 
     def fix(self, east: float, north: float, stamp_ns: int) -> None:
-        """A fix lies so far [m] from where the navigator expects it, whatever becomes of it."""
+        """Process a fix, used or not, that is this far [m] (East, North) from the navigator."""
         was = self._two_places.apart
         self._two_places.note(east, north)
         if self._two_places.apart and not was:
@@ -59,7 +59,7 @@ class Elsewhere:
             self._journal.say(stamp_ns, "gnss.two_places.ended", Level.INFO, text)
 
     def used(self, o: Observation, fix: Sequence[float], velocity: Sequence[float] | None, scatter: float) -> None:
-        """A ``fix`` (3,) [m] is used; its own ``velocity`` (3,) [m/s], and how far two may differ by chance [m]."""
+        """Process a used ``fix`` (3,) [m] with its ``velocity`` (3,) [m/s]; ``scatter`` [m]: noise between fixes."""
         speed = self._walk_off.update(o.t, fix, velocity, scatter)
         if speed > 0.0:
             self._journal.count("gnss.drift.fixes")

@@ -1,4 +1,4 @@
-"""How well a sensor's innovations agree with what the filter states of them."""
+"""Statistics of a sensor's innovations: NIS, mean offset, autocorrelation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _LARGEST = 100.0  # a blunder is no measure of the filter
 
 
 class InnovationRecord:
-    """The normalised innovation squared (NIS) per degree of freedom: 1 is honest."""
+    """Record of the normalised innovation squared (NIS) per degree of freedom, 1 for a consistent filter."""
 
     def __init__(self) -> None:
         self.mean = 0.0
@@ -25,9 +25,9 @@ class InnovationRecord:
         self._period = math.inf  # s
 
     def add(self, nis: float, z: Sequence[float] | np.ndarray, period: float, believed: bool = True) -> None:
-        """An innovation ``z`` of two or more rows, East and North first; they come every ``period`` [s].
+        """Add an innovation ``z`` of two or more rows, East and North first, with a ``period`` [s] between them.
 
-        ``believed``: the measurement was used as it is, neither refused nor with less weight.
+        ``believed``: the measurement was used unchanged, neither rejected nor inflated.
         """
         if not math.isfinite(nis):
             return
@@ -41,7 +41,7 @@ class InnovationRecord:
         self._new += 1
 
     def take(self) -> list[tuple[float, float]]:
-        """Horizontal innovations since the last call, as many as are remembered."""
+        """Horizontal innovations since the last call, at most ``_RECENT``."""
         count, self._new = min(self._new, len(self._horizontal)), 0
         return [(z.real, z.imag) for z in list(self._horizontal)[len(self._horizontal) - count :]]
 
@@ -57,14 +57,14 @@ class InnovationRecord:
 
     @property
     def p99(self) -> float:
-        """99th percentile of the last few hundred, NaN before the first."""
+        """99th percentile of the NIS per degree of freedom, NaN before the first."""
         return float(np.quantile(self._recent, 0.99)) if self._recent else math.nan
 
     @property
     def lag_one(self) -> float:
-        """Autocorrelation of the last few hundred horizontal innovations from one to the next, NaN before the second.
+        """Lag-one autocorrelation of the horizontal innovations, NaN before the second.
 
-        Zero for an optimal filter (Mehra 1970); the errors of a receiver that lasts for seconds show as well.
+        Zero for an optimal filter (Mehra 1970); time-correlated errors of the receiver show as well.
         """
         z = _pairs(self._horizontal)
         power = float(np.square(z).sum())

@@ -1,24 +1,24 @@
-"""GNSS elsewhere than the navigator: while nobody knows who is right, and after it was taken in the end."""
+"""Doubts about the position after a jump of GNSS, and while consistent fixes contradict the navigator."""
 
 import math
 
 from nav_pose_estimator.core.gnss.reacquisition import Decision, ReacquisitionSettings
 
-_CREDIBLE = 3.0  # deviations that cover both ends of a jump
-_FEW = ("consistency", "innovation")  # too few fixes to contradict anybody
-_HOLDS = 2.0  # s after the last of them
+_CREDIBLE = 3.0  # standard deviations that cover both ends of a jump
+_FEW = ("consistency", "innovation")  # decisions on too few fixes for a contradiction
+_HOLDS = 2.0  # s after the last contradicting fix for which the doubt is reported
 
 
 class LastingJump:
-    """The doubt after a jump: until the probation is over, nobody knows which of the two positions was right."""
+    """Doubt after a jump: until the end of the probation either of the two positions may be right."""
 
     def __init__(self) -> None:
         self._size, self._until = 0.0, -math.inf  # m, s
 
     def note(self, t: float, gap: float, decision: Decision, settings: ReacquisitionSettings) -> None:
-        """A reset at ``t`` [s], ``gap`` [s] after the last fix that was used.
+        """Note a reset at ``t`` [s], ``gap`` [s] after the last fix that was used.
 
-        One that began while GNSS was good counts. After an outage the filter may have drifted as far.
+        Only a jump that began while GNSS was good counts; after an outage the filter may have drifted that far.
         """
         strange = decision.reason.endswith(("implausible", "unexplained", "inconsistent"))
         if strange and gap < settings.implausible_time + 2.0 * settings.loss_time:
@@ -27,26 +27,26 @@ class LastingJump:
             self._until = -math.inf
 
     def least_sd(self, t: float) -> float:
-        """The horizontal deviation [m] that covers where the position jumped from."""
+        """Floor of the horizontal standard deviation [m], which covers the position before the jump."""
         return self._size / _CREDIBLE if t < self._until else 0.0
 
     def is_over(self, t: float) -> bool:
-        """Whether nothing is doubted any more at ``t`` [s]."""
+        """Whether there is no doubt at ``t`` [s]."""
         return not t < self._until
 
     def reason(self, t: float) -> str:
-        """Why the position at ``t`` is doubted, a clause; empty if it is not."""
+        """Why the position at ``t`` [s] is in doubt, one clause for the user; empty where it is not."""
         return f"GNSS jumped by {self._size:.0f} m while it was in use, and stayed there" if t < self._until else ""
 
 
 class Contradiction:
-    """Fixes that agree with each other and are not used, because they lie elsewhere: one of the two is wrong."""
+    """Doubt while fixes that agree with each other are not used because they contradict the navigator."""
 
     def __init__(self) -> None:
         self._apart, self._until = 0.0, -math.inf  # m, s
 
     def note(self, t: float, decision: Decision, settings: ReacquisitionSettings) -> None:
-        """What the guard has decided on a fix of the time ``t`` [s]."""
+        """Note the guard's decision on a fix at ``t`` [s]."""
         is_one = decision.action in ("wait", "reject") and decision.sigmas > settings.sigmas
         if is_one and not decision.reason.endswith(_FEW):
             self._apart, self._until = math.hypot(*decision.offset), t + _HOLDS
@@ -54,7 +54,7 @@ class Contradiction:
             self._until = -math.inf
 
     def reason(self, t: float) -> str:
-        """Why the position at ``t`` is doubted, a clause; empty if it is not."""
+        """Why the position at ``t`` [s] is in doubt, one clause for the user; empty where it is not."""
         if not t < self._until:
             return ""
         return f"GNSS fixes that agree with each other lie {self._apart:.0f} m from the navigator: one of them is wrong"

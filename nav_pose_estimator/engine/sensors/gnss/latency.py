@@ -1,17 +1,17 @@
-"""GNSS that is stamped late: what that says of the position while nobody has set ``gnss.delay``."""
+"""Uncertainty of the position by an estimated GNSS latency that ``gnss.delay`` does not compensate."""
 
 from __future__ import annotations
 
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.solutions import Level
 
-_NOTABLE = 0.2  # s: of less the way is within what receivers err by anyway
-_SAME = 0.1  # s by which an estimate may change without a word
-_CREDIBLE = 2.0  # deviations that cover the way
+_NOTABLE = 0.2  # s: the effect of a smaller latency is within the usual error of receivers
+_SAME = 0.1  # s: smaller changes of the estimate give no event
+_CREDIBLE = 2.0  # standard deviations that cover the distance travelled in that time
 
 
 class Latency:
-    """Keeps what IMU and GNSS have shown of it."""
+    """Keeps the latency that the comparison of IMU and GNSS has shown."""
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
@@ -19,11 +19,11 @@ class Latency:
 
     @property
     def is_on(self) -> bool:
-        """Whether the position is noticeably late."""
+        """Whether the latency has a notable effect on the position."""
         return abs(self._delay) > _NOTABLE
 
     def found(self, delay: float, already: float, stamp_ns: int) -> None:
-        """GNSS is later by ``delay`` [s] than the ``already`` set ``gnss.delay``; 0 where nothing is proved."""
+        """Take an estimate: ``delay`` [s] beyond the ``already`` configured ``gnss.delay``, 0 without one."""
         self._delay, self._set = delay, already
         if delay and abs(delay - self._told) > _SAME:
             self._told = delay
@@ -31,11 +31,11 @@ class Latency:
             self._journal.say(stamp_ns, "gnss.delayed", level, self._in_words(), delay=already + delay)
 
     def least_sd(self, speed: float) -> float:
-        """Deviation [m] of the position of a vehicle of this horizontal ``speed`` [m/s]."""
+        """Floor of the position's standard deviation [m] at this horizontal ``speed`` [m/s]."""
         return abs(self._delay) * speed / _CREDIBLE if self.is_on else 0.0
 
     def reason(self) -> str:
-        """Why the position is not to be believed as usual, a clause; empty if it is."""
+        """Why the position is less certain than usual, one clause for the user; empty where it is not."""
         return self._in_words() if self.is_on else ""
 
     def _in_words(self) -> str:

@@ -1,24 +1,27 @@
-"""GNSS that tells another motion than the IMU feels: what that says of the position."""
+"""Uncertainty of the position while GNSS and IMU contradict each other."""
 
 from __future__ import annotations
 
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.solutions import Level
 
-_CREDIBLE = 2.0  # deviations that cover both where GNSS is and where the IMU would be
-_BEFORE = 9.0  # s that a proof takes
+_CREDIBLE = 2.0  # standard deviations that cover both the position of GNSS and that of the IMU
+_BEFORE = 9.0  # s from the beginning of a contradiction until it is established
 
 
 class OtherMotion:
-    """Nobody knows whether GNSS or IMU is right; the position follows GNSS, and its sigma covers what lies between."""
+    """Keeps the possible error: the position still follows GNSS, and its sigma covers the distance to the IMU's motion.
+
+    It is not known which of the two is right.
+    """
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
-        self._way, self._speed, self._share = 0.0, 0.0, 0.0  # m, m/s, of what varies
+        self._way, self._speed, self._share = 0.0, 0.0, 0.0  # m, m/s, unexplained fraction of the variation
         self.is_on = False
 
     def second(self, is_contradicted: bool, apart: float, share: float, stamp_ns: int) -> None:
-        """Whether GNSS and IMU tell different motions; by ``apart`` [m/s] and this ``share`` in the last seconds."""
+        """Process the verdict of a second: difference ``apart`` [m/s] and unexplained ``share`` in the last window."""
         if is_contradicted and not self.is_on:
             self.is_on, self._speed, self._way, self._share = True, apart, apart * _BEFORE, share
             text = f"{self.reason()}; the position still follows GNSS, and its sigma grows"
@@ -32,11 +35,11 @@ class OtherMotion:
             self._way += apart
 
     def least_sd(self) -> tuple[float, float]:
-        """Deviations that cover where the vehicle may be [m] and how it may move [m/s], on each horizontal axis."""
+        """Floors of the standard deviations of position [m] and velocity [m/s] on each horizontal axis."""
         return self._way / _CREDIBLE, self._speed / _CREDIBLE
 
     def reason(self) -> str:
-        """Why the position is not to be believed as usual, a clause; empty if it is."""
+        """Why the position is less certain than usual, one clause for the user; empty where it is not."""
         if not self.is_on:
             return ""
         percent = 100.0 * min(self._share, 1.0)

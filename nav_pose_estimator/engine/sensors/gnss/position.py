@@ -1,4 +1,4 @@
-"""GNSS position on its way into the filter: the decision whether to trust it, wait for more, or start from it."""
+"""GNSS position as an observation of the filter: the decision to use it, to wait for more, or to reset to it."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
 
-_ANOTHER_PLACE = 5e4  # m: nobody flies that far unseen
-_SAME_STEP = 20.0  # s: a height that is left out later than that is told again
-_EITHER = 0.71  # of the step between two references, as likely one as the other: rms of the error
+_ANOTHER_PLACE = 5e4  # m: a reset by more means that the start was wrong, and the origin with it
+_SAME_STEP = 20.0  # s after which another height that is left out gives an event again
+_EITHER = 0.71  # RMS error, relative to the step, where either of two height references may be right
 CHANCE = 2.5
-"""Deviations by which two fixes minutes apart may differ."""
+"""Standard deviations by which two fixes minutes apart may differ."""
 
 
 class GnssPositionSensor(Sensor):
-    """East, North and Up of the antenna's position; two rows where there is no height, or none to be believed.
+    """Three rows: position of the antenna, ENU; two rows without a valid height.
 
-    The reference of its decisions is what is subtracted from the height [m], NaN where the height is left out.
+    The reference of its decisions is subtracted from the height [m]; it is NaN where the height is left out.
     """
 
     kind = Kind("gnss_position", precedence=1, whole=True)
@@ -64,25 +64,25 @@ class GnssPositionSensor(Sensor):
         self._accuracy = StatedAccuracy("position")
         self.heights = HeightReference()
         self.slow_height = SlowHeight()
-        self._height_told = -math.inf  # s: when a height was left out last
+        self._height_told = -math.inf  # s: time at which a height was last left out
         self.origin: tuple[float, float, float] | None = None
         self.resets = 0
-        self.last_reset_m = math.nan  # size of the last one
-        self.failure = ""  # why the filter should start again: what GNSS says cannot be mended by a reset
+        self.last_reset_m = math.nan  # size of the last reset
+        self.failure = ""  # why the filter has to start again, because a reset is not sufficient
         self.jump, self.contradiction = LastingJump(), Contradiction()
         self.pull = Pull(journal, parameters.gnss.reacquisition.probation)
         self.elsewhere = Elsewhere(journal, reception.rounding)
-        self.abandons_origin = False  # the start was somewhere else on Earth, and with it the origin
-        self._velocity_apart = 0.0  # deviations between the two velocities at the last fix
-        self.gate_radius = math.nan  # m: how far off a fix may lie and still be taken as it is
+        self.abandons_origin = False  # the start was far from the true position, and with it the origin
+        self._velocity_apart = 0.0  # Mahalanobis distance of the velocity at the last fix
+        self.gate_radius = math.nan  # m: largest horizontal innovation of an expected fix
 
     @classmethod
     def noise_model(cls, parameters: Parameters) -> str:
-        """By ``gnss.noise``."""
+        """The model of ``gnss.noise``."""
         return parameters.gnss.noise
 
     def set_parameters(self, parameters: Parameters) -> None:
-        """New lever arm and thresholds; what the guard has seen stays."""
+        """Take a new lever arm and thresholds; the state of the guard is kept."""
         self.lever = np.array(parameters.gnss.lever_arm)
         self._despair_gap = parameters.gnss.reacquisition.despair_gap
         self._parameters = parameters.gnss
@@ -90,14 +90,14 @@ class GnssPositionSensor(Sensor):
         self.guard.settings = _return_settings(parameters.gnss, self._aiding)
 
     def observe(self, sample: GnssFix, t: float) -> Observation:
-        """The observation of a fix valid at ``t`` that passed the reception."""
+        """The observation of a fix valid at ``t`` [s] that has passed the reception."""
         if self.guard.settings.loss_time != self._aiding.lost_after:  # the receiver's period has changed
             self.guard.settings = _return_settings(self._parameters, self._aiding)
         R = self.reception.position_noise(sample, in_filter=True)
         return Observation(t, sample.stamp_ns, self.kind, (sample.lat, sample.lon, sample.alt), R)
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
-        """Position of the antenna in metres."""
+        """Two or three rows: position of the antenna [m]."""
         assert o.stated_R is not None
         reference = self.heights.shift if o.decision is None else o.decision.reference
         lat, lon, alt = o.measured
@@ -108,7 +108,7 @@ class GnssPositionSensor(Sensor):
         return z[:rows], H[:rows], o.stated_R[:rows, :rows]
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
-        """What the guard of the return says, with the doubt that GNSS casts on the filter."""
+        """The guard's decision, with the covariance factor and the floors of all monitors."""
         widening = self._doubted(o, f) if self._aiding.gnss_is_good(o.t) else 1.0
         decision = self._ask_the_guard(o, f)
         if self.velocity.doubt.is_hopeless(o.t) and o.t - self._aiding.fix_used < self._despair_gap:
@@ -122,14 +122,14 @@ class GnssPositionSensor(Sensor):
         return replace(decision, widening=widening, least_sd=least_sd)
 
     def doubt(self, t: float) -> str:
-        """Why the position at ``t`` is not to be believed as usual, a clause; empty if it is."""
+        """Why the position at ``t`` [s] is less certain than usual, one clause for the user; empty where it is not."""
         told = self.jump.reason(t) or self.contradiction.reason(t) or self.elsewhere.reason() or self.pull.reason()
         if told or not self._aiding.gnss_is_good(t):
             return told
         return self.velocity.doubt.lately(t)
 
     def _doubted(self, o: Observation, f: FilterView) -> float:
-        """The factor by which the covariance is too small, as far as refused velocities and positions tell."""
+        """Factor on the covariance by the consistency test of velocities and positions, with its events."""
         z, H, R = (part[:2] for part in self.linearise(o, f))
         doubt = self.velocity.doubt
         was = doubt.reason
@@ -142,13 +142,13 @@ class GnssPositionSensor(Sensor):
         return factor
 
     def _ask_the_guard(self, o: Observation, f: FilterView) -> Decision:
-        """The guard is offered every fix."""
+        """Offer the fix to the guard, and turn its decision into one of the filter."""
         reference = self._height_reference(o, f)
         z, H, R = self.linearise(o, f)
         if math.isnan(reference):
             z, H, R = z[:2], H[:2], R[:2, :2]
         R = self._accuracy.lasting(o, R, self.noise, self._journal)
-        # what the guard remembers must be the receiver's alone: a filter gone astray would bend it
+        # the guard receives positions of the receiver alone, so that an error of the filter cannot distort its tracks
         fix = local(o.measured, reference, float(f.nav[ALT]), self.origin)
         off, sd = [*z.tolist(), 0.0][:3], [*np.sqrt(whole_variance(R, self.reception.lasting)).tolist(), 0.0][:3]
         self.pull.fix(o.t, (-off[0], -off[1]), o.stamp_ns)
@@ -159,7 +159,7 @@ class GnssPositionSensor(Sensor):
         self.gate_radius = self.guard.settings.sigmas * math.hypot(max(sd[:2]), max(predicted_sd[:2]))
         velocity, strange = self._velocity_now(o, f, (z, H, R))
         broken = self._velocity_apart > self.guard.settings.sigmas and gap < self._despair_gap
-        if broken:  # not GNSS but the filter is what contradicts itself
+        if broken:  # the filter is wrong, not GNSS
             strange = 0.0
         decision = self.guard.offer(o.t, fix, velocity, sd, predicted, predicted_sd, gap, strange)
         if decision.notice is not None:
@@ -180,7 +180,7 @@ class GnssPositionSensor(Sensor):
         return Decision(Use.RESET, reference, tuple(velocity or ()))
 
     def _height_reference(self, o: Observation, f: FilterView) -> float:
-        """What to take off the height of a fix [m], NaN where it has none or jumped while the position stayed."""
+        """Reference to subtract from the height of a fix [m]; NaN without a height, or after a jump of it alone."""
         z, _, R = self.linearise(o, f)
         if len(z) < 3:
             return math.nan
@@ -209,7 +209,7 @@ class GnssPositionSensor(Sensor):
         return math.nan
 
     def _velocity_now(self, o: Observation, f: FilterView, position: Linearised) -> tuple[list[float] | None, float]:
-        """The receiver's last velocity, and what of it and the fix together no drift explains; None without one."""
+        """The receiver's last velocity (None without one), and the joint distance that no drift explains."""
         last = self.velocity.misfit_at(o.t)
         if last is None:
             self._velocity_apart = 0.0
@@ -226,7 +226,7 @@ class GnssPositionSensor(Sensor):
         return last.velocity, strange
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
-        """Count it, and keep the innovations of fixes that had to pass the gate."""
+        """Count the outcome, and record the innovations of gated fixes."""
         assert o.decision is not None
         if o.decision.use is Use.RESET:
             self.resets += 1
@@ -242,24 +242,24 @@ class GnssPositionSensor(Sensor):
         self.reception.use(o.t, with_height=len(z) == 3)
 
     def settle(self, o: Observation, f: FilterView) -> None:
-        """GNSS shows how far the gyroscope's bias moves."""
+        """Update the identification of the gyroscope bias's noise while GNSS is good."""
         if self._aiding.gnss_is_good(o.t):
             bias_noise.observe(f.nav, f.P)
 
     def decide_return(self, accept: bool) -> bool:
-        """The operator's decision about a held return, or a change that no force explains; False if neither waits."""
+        """The operator's decision on a held return, or on a change that no force explains; False without either."""
         return self.guard.decide(accept) or (accept and self.pull.dismiss())
 
 
 def _speed(f: FilterView) -> float:
-    """Over ground [m/s]."""
+    """Horizontal speed over ground [m/s]."""
     return math.hypot(f.nav[VEL], f.nav[VEL + 1])
 
 
 def local(
     place: tuple[float, float, float], reference: float, height: float, origin: tuple[float, float, float] | None
 ) -> Vector3:
-    """A fix in the local frame [m], its height less ``reference``, or ``height`` where it has none."""
+    """A fix in the local frame (3,) [m], its height less ``reference``, or ``height`` where it has none."""
     lat, lon, alt = place[0], place[1], place[2] - reference
     if math.isnan(alt):
         alt = height

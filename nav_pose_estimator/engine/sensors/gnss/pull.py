@@ -1,4 +1,4 @@
-"""GNSS that moves off without a force: the doubt about its position, for as long as that is not taken back."""
+"""Monitor of GNSS velocity changes without a force on the IMU, and the uncertainty of the position after one."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from nav_pose_estimator.engine.samples import Vector3
 from nav_pose_estimator.engine.solutions import Level
 
 _G = 9.8  # m/s^2
-_CREDIBLE = 2.0  # deviations that cover both where GNSS is and where it would be without the change
-_CROSS = 0.01  # of a turn: scale and cross-axis errors of a gyroscope that nobody has calibrated
-_LATE = 1.0  # s: by then the velocities of a second have arrived
-_TAKEN_BACK = 0.5  # of the way that was gone wrong, or of the speed: as much has to be left at most
-_LIFE = 11  # s after which an unaided velocity has seen enough
-_LONGEST_STEP = 1.5  # s between two looks
+_CREDIBLE = 2.0  # standard deviations that cover the position of GNSS with and without the change
+_CROSS = 0.01  # scale and cross-axis errors of an uncalibrated gyroscope, relative to the rotation
+_LATE = 1.0  # s after its end at which a second is evaluated, when its velocities have arrived
+_TAKEN_BACK = 0.5  # largest remaining fraction of the displacement, or of the speed, with which a change has ended
+_LIFE = 11  # s after which an unaided velocity is replaced
+_LONGEST_STEP = 1.5  # s: longest interval between two calls
 _NO_SECONDS = np.empty((0, COLUMNS))
 
 
 class Unaided:
-    """The IMU's velocity from a state of the filter on, which GNSS corrects no more."""
+    """Velocity propagated by the IMU alone from a state of the filter, with the uncertainty of its drift."""
 
     def __init__(self, f: FilterView) -> None:
         self._nav = f.nav.copy()
@@ -39,7 +39,7 @@ class Unaided:
         self.seconds = _NO_SECONDS
 
     def carry(self, constants: np.ndarray, rows: np.ndarray, lever: np.ndarray) -> bool:
-        """On over the IMU ``rows`` (N, 7) of another second; False where they do not follow."""
+        """Propagate over the IMU ``rows`` (N, 7) of another second; False where they do not follow."""
         rows = rows[rows[:, at.IMU_T].searchsorted(self._nav[at.TIME], side="right") :]
         if len(rows) == 0 or rows[-1, at.IMU_T] - self._nav[at.TIME] > _LONGEST_STEP:
             return False
@@ -50,7 +50,7 @@ class Unaided:
         return True
 
     def compare(self, begin: float, received: np.ndarray) -> None:
-        """With what was ``received`` in the second from ``begin`` [s] on: time and velocity (K, 4)."""
+        """Compare with the velocities ``received`` in the second from ``begin`` [s] on: time and velocity (K, 4)."""
         wandered = self._turn * self.age**2 + _CROSS**2 * float(self._angle @ self._angle)
         drift_sd = math.sqrt(_G**2 * (self._tilt + wandered) + self._push)
         heading_sd = math.sqrt(self._heading + wandered)
@@ -62,30 +62,30 @@ class Unaided:
 
 
 class Pull:
-    """Compares the receiver's velocities with the IMU's, second by second, and keeps account of what differs."""
+    """Compares the receiver's velocities with those of the IMU, second by second, and integrates a change."""
 
     def __init__(self, journal: Journal, probation: float) -> None:
         self._journal, self._probation = journal, probation
         self._change = UnfeltChange()
-        self._unaided: list[Unaided] = []  # two, of which the older one is old enough most of the time
+        self._unaided: list[Unaided] = []  # two with different starts, so that the older one is long enough mostly
         self._received: list[tuple[float, ...]] = []  # time and velocity
-        self._speed, self._way = np.zeros(2), np.zeros(2)  # m/s, m: what the change comes to
-        self._last = -math.inf  # s: of the last fix
-        self._until = math.inf  # s: when a speed that was taken back is forgotten
+        self._speed, self._way = np.zeros(2), np.zeros(2)  # m/s, m: unexplained velocity, and its integral
+        self._last = -math.inf  # s: time of the last fix
+        self._until = math.inf  # s: time at which a change that has ended is forgotten
         self.is_on = False
         """Whether GNSS may be elsewhere than the vehicle."""
 
     def velocity(self, t: float, velocity: Vector3) -> None:
-        """A GNSS velocity valid at ``t`` [s], of axes that are not in doubt."""
+        """Add a GNSS velocity valid at ``t`` [s] whose axes are not in doubt."""
         self._received.append((t, *velocity))
 
     def interrupt(self) -> None:
-        """The filter has been moved, the IMU is in doubt or GNSS away: nothing can be compared across this."""
+        """Drop the comparison: the filter was reset, the IMU is in doubt, or GNSS is lost."""
         self._unaided.clear()
         self._received.clear()
 
     def second(self, f: FilterView, rows: np.ndarray, lever: np.ndarray, stamp_ns: int) -> None:
-        """The aided filter at a whole second, with the IMU ``rows`` (N, 7) since the last one, or more."""
+        """Process the aided filter at a whole second, with the IMU ``rows`` (N, 7) since the last one or longer."""
         now = float(f.nav[at.TIME])
         if not all(one.carry(f.constants, rows, lever) for one in self._unaided):
             self.interrupt()
@@ -101,7 +101,7 @@ class Pull:
             self._unaided = [*self._unaided[-1:], Unaided(f)]
 
     def fix(self, t: float, offset: tuple[float, float], stamp_ns: int) -> None:
-        """A fix at ``t`` [s] lies ``offset`` [m] (East, North) from the navigator: is GNSS back where it came from?"""
+        """Process a fix at ``t`` [s] that is ``offset`` [m] (East, North) from the navigator: has the change ended?"""
         if not self.is_on:
             return
         self._set(self._speed, self._way + self._speed * min(max(t - self._last, 0.0), _LATE))
@@ -116,7 +116,7 @@ class Pull:
             self._journal.say(stamp_ns, "gnss.pulled.ended", Level.INFO, text)
 
     def dismiss(self) -> bool:
-        """The operator says that GNSS is right; False where it is not in doubt."""
+        """End the doubt, because the operator confirms GNSS; False where there was none."""
         was_on = self.is_on
         self._set(np.zeros(2), np.zeros(2))
         self._until = math.inf
@@ -127,13 +127,13 @@ class Pull:
         self.is_on = bool(speed.any() or way.any())
 
     def least_sd(self) -> tuple[float, float]:
-        """Deviations that cover where the vehicle may be [m] and how it may move [m/s], on each horizontal axis."""
+        """Floors of the standard deviations of position [m] and velocity [m/s] on each horizontal axis."""
         if not self.is_on:
             return 0.0, 0.0
         return math.hypot(*self._way.tolist()) / _CREDIBLE, math.hypot(*self._speed.tolist()) / _CREDIBLE
 
     def reason(self) -> str:
-        """Why the position is not to be believed as usual, a clause; empty if it is."""
+        """Why the position is less certain than usual, one clause for the user; empty where it is not."""
         if not self.is_on:
             return ""
         return (
@@ -144,7 +144,7 @@ class Pull:
     def _note(self, t: float, change: np.ndarray, stamp_ns: int) -> None:
         was_on, before = self.is_on, self._speed
         self._set(before + change, self._way)
-        self.interrupt()  # what follows is compared with what is the case now
+        self.interrupt()  # later data are compared with the state after the change
         if was_on and np.linalg.norm(self._speed) < _TAKEN_BACK * np.linalg.norm(change):
             self._set(np.zeros(2), self._way)
             self._until = t + self._probation

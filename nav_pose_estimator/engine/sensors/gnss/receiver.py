@@ -1,4 +1,4 @@
-"""GNSS as the navigator sees it: reception, position, velocity, and what its loss does to the covariance."""
+"""GNSS of the navigator: reception, position and velocity sensors, and the correction of the filter at a loss."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class GnssLoss(Sensor):
     kind = Kind("gnss_loss", precedence=2, whole=True)
 
     def set_parameters(self, parameters: Parameters) -> None:
-        """It has none."""
+        """It has no parameters."""
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """By what was known when the loss was declared."""
@@ -75,7 +75,7 @@ class GnssLoss(Sensor):
 
 
 class Gnss:
-    """The parts of GNSS and what is asked of all of them together."""
+    """The parts of GNSS, and their common functions."""
 
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
         self.reception = GnssReception(parameters.gnss, aiding, journal)
@@ -86,24 +86,24 @@ class Gnss:
 
     @property
     def sensors(self) -> list[Sensor]:
-        """What makes observations."""
+        """The sensors of GNSS."""
         return [self.velocity, self.position, self.loss]
 
     def set_parameters(self, parameters: Parameters) -> None:
-        """New thresholds and noises; gate and guard stay as they stand."""
+        """Take new thresholds and noises; the states of gate and guard are kept."""
         self._parameters = parameters.gnss
         self.reception.set_parameters(parameters.gnss)
         for sensor in self.sensors:
             sensor.set_parameters(parameters)
 
     def begin(self, t: float, origin: tuple[float, float, float]) -> None:
-        """The filter starts at ``t`` on the strength of GNSS."""
+        """The filter starts at ``t`` [s] with a position from GNSS."""
         self.position.origin = origin
         self._aiding.use_fix(t)
         self.reception.refusal = ""
 
     def go_on(self, last_fix: float, origin: tuple[float, float, float]) -> None:
-        """The filter starts without GNSS, which corrected the position last at ``last_fix``, before a restart."""
+        """The filter starts without GNSS, whose last position update was at ``last_fix`` [s], before a restart."""
         self.position.origin = origin
         self._aiding.use_fix(last_fix)
 
@@ -116,11 +116,11 @@ class Gnss:
 
     @property
     def offset(self) -> np.ndarray:
-        """By how much the filter has lately been off the fixes, East and North (2,) [m].
+        """Recent mean difference of the filter from the fixes, East and North (2,) [m].
 
-        A velocity of the receiver that is off by a tenth of a metre per second for minutes holds the filter a metre
-        off the positions. They are right on average, so that they tell better where the vehicle is. At most the
-        deviation of a fix: more than that is no such error.
+        A receiver's velocity that is wrong by 0.1 m/s for minutes keeps the filter a metre away from the positions.
+        These are right on average, and thus the better estimate. The result is limited to the standard deviation of a
+        fix, since a larger difference has another cause.
         """
         offset, largest = self.position.record.offset, self._parameters.position_sd
         size = float(np.hypot(*offset))
@@ -128,15 +128,15 @@ class Gnss:
 
     @property
     def variance_factor(self) -> float:
-        """By how much the covariance is too small as far as the last innovations tell, at least 1.
+        """Factor by which the covariance is too small according to the last innovations, at least 1.
 
-        The variance of unit weight of adjustment theory: states and noises are scaled together, the gains stay. While
-        GNSS corrects the filter nothing depends on it; the covariance at a loss takes it along.
+        It is the variance of unit weight of adjustment theory: states and noises are scaled together, so that the gains
+        do not change. It matters only for the covariance at a loss of GNSS.
         """
         return min(max(1.0, self.position.record.mean, self.velocity.record.mean), _LARGEST_FACTOR)
 
     def figures(self) -> dict[str, Any]:
-        """How GNSS agrees with the filter: NIS per degree of freedom (1 is honest), the gate's width, the resets."""
+        """Status: NIS per degree of freedom (1 for a consistent filter), noise factors, gate radius, resets."""
         figures = {}
         for sensor in (self.position, self.velocity):
             figures[f"nis.{sensor.kind.name}"] = sensor.record.mean

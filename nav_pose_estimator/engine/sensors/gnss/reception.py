@@ -1,4 +1,4 @@
-"""GNSS on arrival: is the fix good enough to be considered, how noisy is it, and what to say where it is not used."""
+"""Reception of GNSS: validation and quality gate of fixes, their noise, and the reason where one is not used."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
 from nav_pose_estimator.engine.sensors.gnss.velocity_input import VelocityInput
 from nav_pose_estimator.engine.solutions import Level
 
-_PERIOD_MEMORY = 6  # fixes that the period is taken from
-_STUCK = 4  # repetitions of a position in a row
-_MOVED = 8.0  # m by velocities, while positions that are rounded stay
-_ZEROS = 2  # heights of exactly zero from the beginning, at different places
-_CELLS = 2.0  # steps of a known rounding: beyond, the position has to change
-_INTEGER_DEGREES = 1e5  # deg
-_HIGHEST = 1e5  # m
-_AHEAD = 1.0  # s: a fix with a later stamp is from the future
+_PERIOD_MEMORY = 6  # fixes from which the period is estimated
+_STUCK = 4  # consecutive repetitions of a position after which the receiver may be stuck
+_MOVED = 8.0  # m: displacement by velocities beyond which a repeated position is stuck or rounded
+_ZEROS = 2  # heights of exactly zero, from the start and at different positions, that show an unfilled field
+_CELLS = 2.0  # the same limit for rounded positions, in steps of the rounding
+_INTEGER_DEGREES = 1e5  # deg: larger values are probably degrees times 1e7
+_HIGHEST = 1e5  # m: larger heights are probably in mm
+_AHEAD = 1.0  # s: a fix whose stamp is further ahead of the IMU is rejected
 _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
 
 
 class GnssReception:
-    """The quality gate, the receiver's noise, and the reason why the last fix was not used."""
+    """Quality gate, receiver noise, and the reason why the last fix was not used."""
 
     def __init__(self, parameters: GnssParameters, aiding: Aiding, journal: Journal) -> None:
         self._journal, self._aiding = journal, aiding
@@ -44,7 +44,7 @@ class GnssReception:
         self.enabled = True
         self.refusal = "no fix has arrived yet"
         self.satellites: int | None = None
-        self.shown = NoiseIdentification()  # of the run: noise that the flight has shown
+        self.shown = NoiseIdentification()  # noise identified in flight, set by the run
         self.velocities = VelocityInput(journal)
         self.rounding = Rounding(journal)
         self._usable = False  # the last fix
@@ -53,10 +53,10 @@ class GnssReception:
         """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
         self._stay, self._height = _Stay(), _Height(journal)
         self._no_height_told = False
-        self._told_ahead = math.nan  # s: the clock offset that was told last
+        self._told_ahead = math.nan  # s: clock offset of the last event
 
     def set_parameters(self, parameters: GnssParameters) -> None:
-        """New thresholds and noises; the gate stays open or closed."""
+        """Take new thresholds and noises; the gate stays open or closed."""
         self.gate.settings = _gate_settings(parameters)
         self._parameters = parameters
         self.lasting = lasting_error.LastingPosition(parameters) if parameters.error_states else None
@@ -65,12 +65,12 @@ class GnssReception:
         self._position_floor, self._velocity_floor = np.diag(position**2), np.diag(velocity**2)
 
     def count(self, sample: SatelliteCount, t: float) -> None:
-        """Take a satellite count valid at ``t``."""
+        """Process a satellite count valid at ``t`` [s]."""
         self.satellites = sample.count
         self.gate.update_count(t, sample.count)
 
     def fix(self, sample: GnssFix, t: float, now: float) -> bool:
-        """Judge a fix valid at ``t`` that arrives ``now``; True when it may be offered to the filter."""
+        """Assess a fix valid at ``t`` [s] that arrives ``now`` [s]; True where it may be used."""
         self._usable = False
         if sample.status < 0:
             return self.refuse(sample.stamp_ns, "gnss.rejected.status", "the receiver has no fix")
@@ -115,18 +115,18 @@ class GnssReception:
         return True
 
     def believed(self, sample: GnssFix) -> GnssFix:
-        """A fix that passed, without a height that cannot be."""
+        """A fix that has passed, without its height where that is known to be wrong."""
         sample = self._height.believed(sample)
         return replace(sample, alt=math.nan) if self.velocities.height_fault else sample
 
     def velocity(self, sample: GnssVelocity, t: float) -> GnssVelocity | None:
-        """What of a velocity valid at ``t`` may be used: it is as good as the last fix, and its axes must be right."""
+        """The usable part of a velocity valid at ``t`` [s]: only while fixes are usable and its axes are right."""
         return self.velocities.velocity(sample, t, self._usable and self.enabled)
 
     def position_noise(self, sample: GnssFix, in_filter: bool = False) -> np.ndarray:
-        """R (3, 3) [m^2]: what the receiver states, at least the floor, inflated for errors shared between fixes.
+        """R (3, 3) [m^2]: the stated covariance, at least the floor, inflated for the correlation between fixes.
 
-        ``in_filter``: without what the filter has states for.
+        ``in_filter``: without the part for which the filter has states.
         """
         cov = None if sample.cov_enu is None else self._known(_horizontal(sample.alt, sample.cov_enu))
         R = _floored(cov, self._position_floor)
@@ -147,7 +147,7 @@ class GnssReception:
         return self.shown.gnss_variance * R
 
     def refuse(self, stamp_ns: int, name: str, why: str) -> bool:
-        """A fix is not used: said when the reason is a new one, else counted."""
+        """Reject a fix: with an event where the reason is new, else counted only; returns False."""
         self._journal.catch_up()
         if why != self.refusal:
             self._journal.say(stamp_ns, name, Level.INFO, f"GNSS not used: {why}")
@@ -158,17 +158,17 @@ class GnssReception:
 
     @property
     def is_quick(self) -> bool:
-        """Whether the next fix, whenever it comes, leaves it at ``Aiding.patience`` after which GNSS is lost."""
+        """Whether GNSS counts as lost after ``Aiding.patience`` whenever the next fix comes."""
         return self._aiding.is_quick(max(self.gate.state.steps, default=math.inf))
 
     def use(self, t: float, with_height: bool) -> None:
-        """A fix valid at ``t`` has corrected the filter."""
+        """Note that a fix valid at ``t`` [s] has corrected the filter."""
         self._aiding.use_fix(t, with_height)
         self.refusal = ""
         self._journal.count("gnss.used.position")
 
     def tell(self, stamp_ns: int, notice: Notice, **data: float) -> None:
-        """Hand on what gate or guard have to say."""
+        """Report an event of gate or guard."""
         self._journal.say(stamp_ns, notice.name, _LEVELS[notice.severity], notice.text, **data)
 
     def _tell_no_height(self, stamp_ns: int) -> None:
@@ -180,7 +180,7 @@ class GnssReception:
         self._journal.say(stamp_ns, "gnss.height.missing", Level.WARN, text)
 
     def _clocks(self, sample: GnssFix, ahead: float) -> str:
-        """By how much the clocks differ and why: the same words as long as that stays."""
+        """Clause on the clock offset and its cause; the same words as long as the offset is the same."""
         if not abs(ahead - self._told_ahead) < 0.5 + 0.01 * abs(ahead):
             self._told_ahead = ahead
         stamp = 1e-9 * sample.stamp_ns
@@ -196,7 +196,7 @@ class GnssReception:
 
 
 class _Stay:
-    """A position that repeats itself to the last digit."""
+    """Detection of positions that repeat exactly."""
 
     def __init__(self) -> None:
         self._repeats = self._stays = 0  # of latitude, longitude and height, and without the height
@@ -209,7 +209,7 @@ class _Stay:
         return self._repeats == 0
 
     def note(self, sample: GnssFix, velocities: VelocityInput) -> float:
-        """The way [m] by velocities for which the place has repeated itself; infinite if velocities do so, too."""
+        """Displacement [m] by velocities while the position has repeated; infinite if velocities repeat as well."""
         here = (sample.lat, sample.lon, sample.alt)
         self._repeats = self._repeats + 1 if here == self._last else 0
         self._stays = self._stays + 1 if here[:2] == self._last[:2] else 0
@@ -224,7 +224,7 @@ class _Stay:
 
 
 class _Height:
-    """A height that the driver never fills, or that has stopped while latitude and longitude go on."""
+    """Detection of a height that the driver never fills, or that is frozen while latitude and longitude change."""
 
     def __init__(self, journal: Journal) -> None:
         self._journal, self._frozen = journal, Frozen()
@@ -247,18 +247,18 @@ class _Height:
 
     @property
     def reason(self) -> str:
-        """Why it is not used, a clause; empty while nothing is proved."""
+        """Why heights are not used, one clause for the user; empty while no fault is established."""
         if self._zeros >= _ZEROS and not self._is_filled:
             return "it is exactly zero, as drivers send it that do not fill it"
         return "it repeats to the last digit while latitude and longitude change" if self._frozen.is_frozen else ""
 
     def believed(self, sample: GnssFix) -> GnssFix:
-        """The fix, without a height that may be none."""
+        """The fix, without its height while that is or may be at fault."""
         return replace(sample, alt=math.nan) if self.reason or self._frozen.is_suspect else sample
 
 
 def _no_place(sample: GnssFix) -> str:
-    """Why a fix is nowhere on Earth, a clause."""
+    """Why a fix is not a position on Earth, one clause for the user."""
     largest = math.degrees(max(abs(sample.lat), abs(sample.lon)))
     if _INTEGER_DEGREES < largest < math.inf:
         return f"a latitude or longitude of {largest:.4g} deg is not a place on Earth: is it in degrees times 1e7?"
@@ -268,7 +268,7 @@ def _no_place(sample: GnssFix) -> str:
 
 
 def _why(reason: str, settings: GateSettings) -> str:
-    """Why the gate leaves a fix out, a clause."""
+    """Why the gate rejects a fix, one clause for the user."""
     if reason == "gnss.rejected.satellites":
         return f"too few satellites, {settings.min_satellites_enter} are needed"
     if reason == "gnss.rejected.accuracy":
@@ -287,7 +287,7 @@ def _horizontal(alt: float, cov: np.ndarray) -> np.ndarray:
 
 
 def _floored(cov: np.ndarray | None, floor: np.ndarray) -> np.ndarray:
-    """``cov`` with at least the diagonal of ``floor`` (3, 3); the floor alone where the receiver states nothing."""
+    """``cov`` with at least the diagonal of ``floor`` (3, 3); the floor alone where the receiver states none."""
     if cov is None:
         return floor.copy()
     R = np.array(cov, dtype=float)

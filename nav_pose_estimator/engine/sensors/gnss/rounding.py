@@ -1,7 +1,8 @@
-"""Positions with too few digits: a driver that prints latitude and longitude with three decimals has a grid of 100 m.
+"""Detection of rounded positions: a driver that prints latitude and longitude with three decimals has a grid of 100 m.
 
 Such a position can be wrong by half a step for as long as the vehicle stays in its cell, and no innovation shows it.
-But all fixes lie on the grid. A fix of a receiver that resolves 1e-7 deg lies on one of 1e-3 deg by a chance of 1e-8.
+But all fixes lie on the grid. A fix of a receiver with a resolution of 1e-7 deg lies on a grid of 1e-3 deg with a
+probability of 1e-8.
 """
 
 from __future__ import annotations
@@ -15,20 +16,20 @@ from nav_pose_estimator.engine.solutions import Level
 _GRIDS = sorted(
     [10.0**-k for k in range(1, 5)] + [10.0**-k / 60.0 for k in range(4)] + [1.0 / 3600.0, 0.1 / 3600.0], reverse=True
 )
-"""deg: decimals of a degree, of a minute, of a second. A finer one costs less than receivers err by."""
-_CHOSEN = 1e-2  # deg: a simulator without noise that stands at a place with two decimals was put there
-_FIXES = 10  # in a row, all of them since the start
-_ON_IT = 1e-6  # of a step
-_UNIFORM = 12.0**-0.5  # deviation of what is spread evenly over a step
+"""deg: decimals of a degree, of a minute, of a second. The error of a finer grid is below that of receivers."""
+_CHOSEN = 1e-2  # deg: a place with two decimals may be the chosen start of a simulator without noise
+_FIXES = 10  # smallest number of fixes, all of them since the start
+_ON_IT = 1e-6  # tolerance, relative to a step
+_UNIFORM = 12.0**-0.5  # standard deviation of a uniform distribution over one step
 _RADIAN = math.degrees(1.0)
 
 
 class Rounding:
-    """Tell it every fix that is a place; ``sd`` (2,) [m] is what rounding adds to its error, East and North."""
+    """The test. It receives every valid fix; ``sd`` (2,) [m] is the rounding error's deviation, East and North."""
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
-        self._grids = list(_GRIDS)  # those that all fixes lie on, the coarsest first
+        self._grids = list(_GRIDS)  # grids on which all fixes lie, the coarsest first
         self._fixes = 0
         self._first: tuple[float, float] | None = None
         self._has_moved = False
@@ -41,16 +42,16 @@ class Rounding:
 
     @property
     def step(self) -> float:
-        """m between neighbours on the grid, 0 where none is proved."""
+        """m: step of the grid, 0 where none is established."""
         return max(self.sd) / _UNIFORM
 
     @property
     def least_sd(self) -> float:
-        """Deviation [m] on each axis, as rounding errors do not average out."""
+        """Floor of the standard deviation [m] on each axis, since rounding errors do not average out."""
         return max(self.sd)
 
     def fix(self, lat: float, lon: float, moves: bool, stamp_ns: int) -> None:
-        """A position [rad], whatever becomes of it; ``moves``: it stays while velocities tell of motion."""
+        """Add a position [rad], used or not; ``moves``: it repeats while the velocities show motion."""
         if not self._grids:
             return
         self._has_moved = self._has_moved or moves
@@ -80,7 +81,7 @@ class Rounding:
 
     @property
     def reason(self) -> str:
-        """Why the position is not to be believed as usual, a clause; empty if it is."""
+        """Why the position is less certain than usual, one clause for the user; empty where it is not."""
         if not self.is_on:
             return ""
         return (

@@ -1,4 +1,4 @@
-"""Whether the receiver is as accurate as it states, and what to say when it is not."""
+"""Monitor of the accuracy that a receiver states, with events where it is optimistic."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.solutions import Level
 
-_TOO_LARGE, _FINE = 9.0, 4.0  # factors on the variance: three and two times the deviation
-_LASTS = 10.0  # s
+_TOO_LARGE, _FINE = 9.0, 4.0  # variance factors (3 and 2 times the deviation) at which optimism begins and ends
+_LASTS = 10.0  # s for which the factor must be too large
 
 
 class StatedAccuracy:
-    """Watches the factor that a noise model has found on the variance of ``what``."""
+    """Monitors the factor that a noise model has estimated on the variance of ``what``."""
 
     def __init__(self, what: str) -> None:
         self._what = what
@@ -24,15 +24,15 @@ class StatedAccuracy:
         self._optimistic = False
 
     def lasting(self, o: Observation, stated: np.ndarray, noise: NoiseModel, journal: Journal) -> np.ndarray:
-        """R to judge ``o`` by: ``stated``, or what ``noise`` expects where the receiver has been optimistic for long.
+        """R for the tests of ``o``: ``stated``, or that of ``noise`` where the receiver has been optimistic for long.
 
-        In a short burst of errors it is better to refuse fixes than to widen what is believed.
+        In a short burst of errors it is better to reject fixes than to enlarge their noise.
         """
         self._update(o, noise.factor, journal)
         return noise.expected(stated) if self._optimistic else stated
 
     def _update(self, o: Observation, factor: float, journal: Journal) -> None:
-        """``factor`` as it stands ahead of ``o``; a change that lasts is told once."""
+        """Process the ``factor`` before ``o``; a lasting change gives one event."""
         if factor <= (_FINE if self._optimistic else _TOO_LARGE):
             self._since = math.inf
             if self._optimistic:

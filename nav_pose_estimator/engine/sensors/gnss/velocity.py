@@ -1,4 +1,4 @@
-"""GNSS velocity on its way into the filter."""
+"""GNSS velocity as an observation of the filter."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import StatedAccurac
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 from nav_pose_estimator.engine.solutions import Level
 
-_SAME_MOTION = 1.0  # s: over this time the navigator knows the change of velocity better than a receiver
+_SAME_MOTION = 1.0  # s: largest age of a velocity that is compared at a fix; the IMU gives the change over that time
 _REFUSALS = (1.0, 0.0, 0.5)
-"""By the statuses of ``kalman.gated_correct``: how far a velocity was refused."""
+"""Degree of rejection of a velocity, by the statuses of ``kalman.gated_correct``."""
 
 
 class Misfit(NamedTuple):
-    """The receiver's last velocity against the navigator's, after it had its say."""
+    """Difference of the receiver's last velocity from the navigator's, after its update."""
 
     t: float  # s
     difference: np.ndarray  # (2,) or (3,) m/s: navigator minus receiver
@@ -35,9 +35,9 @@ class Misfit(NamedTuple):
 
 
 class GnssVelocitySensor(Sensor):
-    """Two or three rows, East, North and Up where it is measured; used while fixes are."""
+    """Two or three rows: East, North, and Up where it is measured. It is used only while fixes are."""
 
-    kind = Kind("gnss_velocity", precedence=0, whole=True)  # a fix is judged together with the velocity of its epoch
+    kind = Kind("gnss_velocity", precedence=0, whole=True)  # before the fix of its epoch, which is tested with it
 
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal, reception: GnssReception) -> None:
         super().__init__(parameters, aiding, journal)
@@ -50,20 +50,20 @@ class GnssVelocitySensor(Sensor):
 
     @classmethod
     def noise_model(cls, parameters: Parameters) -> str:
-        """By ``gnss.noise``."""
+        """The model of ``gnss.noise``."""
         return parameters.gnss.noise
 
     def set_parameters(self, parameters: Parameters) -> None:
-        """New lever arm."""
+        """Take a new lever arm."""
         self.lever = np.array(parameters.gnss.lever_arm)
 
     def observe(self, sample: GnssVelocity, t: float) -> Observation:
-        """The observation of a velocity valid at ``t`` that passed the reception."""
+        """The observation of a velocity valid at ``t`` [s] that has passed the reception."""
         R = self.reception.velocity_noise(sample, in_filter=True)
         return Observation(t, sample.stamp_ns, self.kind, np.array(sample.vel_enu), R)
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
-        """Only while fixes are used: a velocity alone does not tell that GNSS is back."""
+        """Gate it while fixes are used; a velocity alone does not end an outage."""
         if self._aiding.gnss_is_good(o.t):
             return GATED
         self._journal.count("gnss.rejected.velocity_without_position")
@@ -71,7 +71,7 @@ class GnssVelocitySensor(Sensor):
         return LEFT_OUT
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
-        """Velocity of the antenna."""
+        """Two or three rows: velocity of the antenna."""
         assert o.stated_R is not None
         z, H = measurements.gnss_velocity(f.nav, len(f.P), o.measured, self.lever)
         measurements.see_gnss_error(z, H, f.nav, f.constants, measurements.VELOCITY)
@@ -96,7 +96,7 @@ class GnssVelocitySensor(Sensor):
         self._remember(o, f)
 
     def agrees(self, o: Observation, nis: float, z: list[float], left: list[float], period: float) -> None:
-        """What ``note`` does where ``o`` was taken as it is, with what is ``left`` of its innovation ``z``."""
+        """Same as ``note`` for an ``o`` that was used unchanged; ``left`` is the residual of its innovation ``z``."""
         assert o.stated_R is not None
         rows = rows_of(o)
         self.record.add(nis, z[:rows], period)
@@ -107,7 +107,7 @@ class GnssVelocitySensor(Sensor):
         self.misfit = Misfit(o.t, np.array(left[:rows]), R, o.measured.tolist())
 
     def misfit_at(self, t: float) -> Misfit | None:
-        """The last velocity's, where it belongs to a fix at ``t`` [s]; else None."""
+        """``misfit`` where it is recent enough for a fix at ``t`` [s], else None."""
         last = self.misfit
         return last if last is not None and 0.0 <= t - last.t <= _SAME_MOTION else None
 
@@ -117,11 +117,11 @@ class GnssVelocitySensor(Sensor):
         self.misfit = Misfit(o.t, z, R, o.measured.tolist())
 
     def settle(self, o: Observation, f: FilterView) -> None:
-        """GNSS shows how far the gyroscope's bias moves."""
+        """Update the identification of the gyroscope bias's noise while GNSS is good."""
         if self._aiding.gnss_is_good(o.t):
             bias_noise.observe(f.nav, f.P)
 
 
 def rows_of(o: Observation) -> int:
-    """Two or three: whether the vertical velocity is measured."""
+    """Number of rows: three where the vertical velocity is measured, else two."""
     return 3 if math.isfinite(o.measured[2]) else 2

@@ -1,4 +1,4 @@
-"""GNSS velocities on arrival: whether they may be offered to the filter, and in which axes they seem to be."""
+"""Input of GNSS velocities: whether they may be used, and the correction of errors in axes, unit and timing."""
 
 from __future__ import annotations
 
@@ -16,16 +16,18 @@ from nav_pose_estimator.engine.number_checks import is_within
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
 from nav_pose_estimator.engine.sensors.gnss.velocity_report import VelocityReport
 
-_LARGEST_SPEED = 1e3  # m/s: receivers stop at 500
-_MOVING = 0.3  # m/s: receivers round, and hold an antenna that stands
-_LONGEST_STEP = 2.0  # s between velocities that are summed up
-_AS_RECEIVED = 0.005  # of squared misfit; simulated flights: 0.006 to 0.02, where the velocity is to blame -0.016 to 0
+_LARGEST_SPEED = 1e3  # m/s: a larger component is rejected (receivers end at 500 m/s)
+_MOVING = 0.3  # m/s: slower velocities may repeat, because receivers round and hold them
+_LONGEST_STEP = 2.0  # s: longest interval over which velocities are integrated
+# Smallest reduction of the squared misfit by the velocities as received with which positions are wrong. In simulated
+# flights it is 0.006 to 0.02 then, and -0.016 to 0 where the velocity is wrong.
+_AS_RECEIVED = 0.005
 
 
 class VelocityInput:
-    """Drops velocities that contradict the way between fixes; positions go on without them.
+    """Rejects velocities that contradict the displacement between fixes; positions are still used.
 
-    A mistake that is beyond doubt is undone, and the velocity used.
+    An error that is established beyond doubt is corrected, and the velocity used.
     """
 
     def __init__(self, journal: Journal) -> None:
@@ -33,54 +35,55 @@ class VelocityInput:
         self._check = VelocityCheck()
         self._last: tuple[float, ...] = ()
         self.repeats = 0
-        """How often the last velocity has come again to the last digit, of a vehicle that moves by it."""
+        """Number of exact repetitions of the last velocity, if it is not near zero."""
         self._is_withheld = self._is_mended = False
         self.misled = False
-        """Whether it has just been found out that the filter was told wrong velocities; to be set back."""
+        """Whether the filter has just turned out to have used wrong velocities; to be cleared by the caller."""
         self.position_fault = ""
-        """What is wrong with positions, a clause; empty if nothing is known to be."""
+        """Established error of the positions, one clause for the user; empty without one."""
         self.way = 0j
-        """Where velocities lead, East + i North [m], from anywhere."""
+        """Integral of the velocities, East + i North [m], from an arbitrary start."""
         self._before = (math.inf, 0j)
         self._place = (math.nan, math.nan)  # deg, of the last fix
         self._judged: tuple[int | bool | str | float, ...] = ()  # what was known at the last fix
         self._learns = True
 
     def forget_time(self) -> None:
-        """The navigator starts again: forget samples, keep what they have proved."""
+        """The navigator starts again: forget the samples, keep established errors."""
         self._check.forget_time()
         self._last, self.repeats, self.misled = (), 0, False
 
     def in_hindsight(self, journal: Journal) -> VelocityInput:
-        """A copy for samples that this one has heard: it judges them by all that is known now, and learns nothing."""
+        """A copy for a second pass over past samples: it applies the present knowledge and learns nothing."""
         twin = copy.deepcopy(self, {id(self._journal): journal})
         twin._learns, twin._last, twin.repeats = False, (), 0
         return twin
 
     @property
     def doubted(self) -> bool:
-        """Whether the velocity has lately contradicted the way between fixes."""
+        """Whether the velocity contradicts the displacement between fixes."""
         return bool(self._check.fault) or self._check.suspect
 
     @property
     def height_fault(self) -> str:
-        """What is wrong with the heights of fixes, a clause; empty if nothing is known to be."""
+        """Established error of the heights of fixes, one clause for the user; empty without one."""
         return self._check.climb.height_fault
 
     @property
     def sound_steps(self) -> int:
-        """Seconds or so, in a row, in which nothing spoke against the velocity."""
+        """Consecutive steps (of about one second) that agree with a correct velocity."""
         return 0 if self._check.climb.suspect else self._check.sound_steps
 
     def barometric_height(self, height: float) -> None:
-        """Of the last pressure [m]: a witness of climbs."""
+        """Set the pressure altitude [m], with which climbs are compared."""
         if self._learns:
             self._check.climb.baro = height
 
     def felt(self, felt: bool, as_received: float, stamp_ns: int) -> None:
-        """Whether the IMU feels what velocities say, and by how much better it feels them as they were received.
+        """Take the evidence of the IMU: whether it confirms the velocities (``felt``).
 
-        In that case the positions are wrong, not the velocity that was corrected by them.
+        ``as_received``: reduction of the squared misfit by the velocities as received. If they fit better than after
+        the correction, the positions are wrong and not the velocity.
         """
         self._check.felt = felt
         if not self._learns or self.position_fault or not self._check.fault:
@@ -89,7 +92,7 @@ class VelocityInput:
             self.position_fault = self._report.positions(self._check, self._place, stamp_ns)
 
     def fix(self, sample: GnssFix, t: float, sd: float) -> None:
-        """A usable fix valid at ``t`` [s], horizontal deviation ``sd`` [m]: what velocities are compared with."""
+        """Compare velocities with a usable fix valid at ``t`` [s], of horizontal deviation ``sd`` [m]."""
         if not self._learns:
             return
         check, stamp_ns = self._check, sample.stamp_ns
@@ -113,7 +116,7 @@ class VelocityInput:
         self.misled = self.misled or any(new)
 
     def velocity(self, sample: GnssVelocity, t: float, fix_usable: bool) -> GnssVelocity | None:
-        """What of a velocity valid at ``t`` [s] may be offered to the filter; None (and counted) if nothing."""
+        """The usable part of a velocity valid at ``t`` [s], corrected where necessary; None (and counted) without."""
         same = sample.vel_enu == self._last and math.hypot(*sample.vel_enu[:2]) > _MOVING
         self.repeats, self._last = self.repeats + 1 if same else 0, sample.vel_enu
         if not is_within(sample.vel_enu[:2], _LARGEST_SPEED) or abs(sample.vel_enu[2]) > _LARGEST_SPEED:
@@ -133,7 +136,7 @@ class VelocityInput:
             self.way += 0.5 * (t - before) * (last + velocity)
 
     def _believed(self, sample: GnssVelocity) -> GnssVelocity | None:
-        """What of a velocity may be offered to the filter by what is known now."""
+        """The usable part of a velocity according to the present knowledge."""
         check = self._check
         if self._is_mended:
             return self._mended(sample)
@@ -150,7 +153,7 @@ class VelocityInput:
         return sample
 
     def _mended(self, sample: GnssVelocity) -> GnssVelocity:
-        """The velocity without the mistake that is beyond doubt."""
+        """The velocity corrected for the established error."""
         check, (east, north, up) = self._check, sample.vel_enu
         x, y = check.mended(1.0, 0.0), check.mended(0.0, 1.0)
         vertical = x[0] if check.fault == UNIT else 1.0

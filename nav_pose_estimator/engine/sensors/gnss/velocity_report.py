@@ -1,4 +1,4 @@
-"""What is said of GNSS velocities that contradict the positions, and of heights and positions that contradict them."""
+"""Events of GNSS velocities that contradict positions, and of heights and positions that contradict velocities."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from nav_pose_estimator.core.gnss.velocity_mistakes import NED, SILENT, TURNED, 
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.solutions import Level
 
-_NO_CLOCK = 0.3  # of a scale: no clock is so wrong
+_NO_CLOCK = 0.3  # largest relative error of a clock; a larger scale error has another cause
 _FAULTS = {
     NED: "its axes look like North-East-Down: set ros.input.velocity_frame to ned",
     TURNED: "it has the speed of the motion but another direction: its axes look like {name}, not East-North-Up",
@@ -38,7 +38,7 @@ _POSITION_FAULTS = {
     "West-North": "longitude looks inverted (West is negative)",
     "East-South": "latitude looks inverted (South is negative)",
 }
-"""By the mistake of the velocity that would explain it as well."""
+"""Errors of positions, by the error of the velocity that would explain the contradiction equally well."""
 
 
 _RADIANS = "they hardly move: latitude and longitude look like radians where degrees belong"
@@ -47,7 +47,7 @@ _QUARTER, _HALF = math.radians(90.0), math.radians(180.0)
 
 
 class VelocityReport:
-    """Says each thing once."""
+    """Reports each finding once."""
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
@@ -57,7 +57,7 @@ class VelocityReport:
         self._delay = 0.0  # s
 
     def horizontal(self, check: VelocityCheck, stamp_ns: int) -> None:
-        """The axes."""
+        """Report errors of the horizontal velocity (axes, unit), and their end."""
         if (check.fault, check.name) == self._said:
             return
         self._said, self._mended = (check.fault, check.name), False
@@ -70,7 +70,7 @@ class VelocityReport:
             self._journal.say(stamp_ns, "gnss.velocity.axes.ended", Level.INFO, text)
 
     def mended(self, check: VelocityCheck, stamp_ns: int) -> bool:
-        """A mistake is beyond doubt and undone; whether that is new."""
+        """Report that an established error is corrected; returns whether that is new."""
         if self._mended:
             return False
         self._mended = True
@@ -81,7 +81,7 @@ class VelocityReport:
         return True
 
     def vertical(self, check: VelocityCheck, stamp_ns: int) -> bool:
-        """Vertical velocity and height; whether there is something new to be undone."""
+        """Report errors of vertical velocity and height; returns whether a new one has to be undone."""
         fault, new = check.climb.height_fault, False
         if fault and fault != self._height:
             self._height, new = fault, True
@@ -95,7 +95,7 @@ class VelocityReport:
         return new
 
     def lateness(self, delay: float, stamp_ns: int) -> bool:
-        """Velocities that are late by ``delay`` [s]; whether that is new."""
+        """Report the latency ``delay`` [s] of velocities; returns whether it is new."""
         if delay == self._delay:
             return False
         self._delay = delay
@@ -106,7 +106,7 @@ class VelocityReport:
         return True
 
     def scale(self, scale: float, stamp_ns: int) -> None:
-        """A clock that is slow or fast."""
+        """Report a clock that is slow or fast."""
         if scale == 1.0 or abs(scale - 1.0) > _NO_CLOCK or self._scale:
             return
         self._scale = True
@@ -119,9 +119,9 @@ class VelocityReport:
         self._journal.say(stamp_ns, "gnss.velocity.scale", Level.WARN, text, scale=scale)
 
     def positions(self, check: VelocityCheck, place: tuple[float, float], stamp_ns: int) -> str:
-        """The IMU feels the velocity as it is received: what is wrong with positions; empty if no mistake fits.
+        """Error of the positions where the IMU confirms the velocity as received; empty if no known error fits.
 
-        ``place``: latitude and longitude as they came [deg].
+        ``place``: latitude and longitude as received [deg].
         """
         fault = _POSITION_FAULTS.get(check.name, "")
         if check.stands_still:

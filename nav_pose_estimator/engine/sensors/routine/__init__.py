@@ -1,1 +1,1 @@
-"""Observations about which nothing is unusual, on their way through compiled code."""
+"""Compiled processing of observations that are as expected; their sensors take the results afterwards."""

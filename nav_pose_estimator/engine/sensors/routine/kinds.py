@@ -1,6 +1,7 @@
-"""What each sensor tells the kernels of routine flight, and how it takes their answer.
+"""Adapters between the sensors and the kernels of routine flight (``core.routine``), one for each kind of observation.
 
-An answer does to the sensor what ``decide``, ``note`` and ``settle`` would have done, no more and no less.
+An adapter writes the settings and values that the kernels need, and hands their result to the sensor. This changes the
+sensor exactly as ``decide``, ``note`` and ``settle`` would have done.
 """
 
 from __future__ import annotations
@@ -31,26 +32,26 @@ _INNOVATION = slice(table.RESULT_INNOVATION, table.RESULT_INNOVATION + 3)
 
 
 class RoutineKind(Protocol):
-    """One kind of observation."""
+    """The adapter of one kind of observation."""
 
     number: ClassVar[int]
-    """Of ``core.routine.table``."""
+    """Its number in ``core.routine.table``."""
 
     def prepare(self, settings: list[float], t: float) -> bool:
         """Write what the kernel has to know from ``t`` [s] on; False while the sensor has to decide itself."""
 
     def values(self, o: Observation) -> list[float]:
-        """Number of rows, value (3,) and noise (9,) of the event of ``o``."""
+        """Event of ``o``: number of rows, value (3,) and noise covariance (9,), row-major."""
 
     def again(self, o: Observation) -> int:
-        """The number by which ``o``, which has been decided about, acts again; ``table.UNUSUAL`` where it cannot."""
+        """Number with which ``o``, which has a decision, acts again in a replay; ``table.UNUSUAL`` if it cannot."""
 
     def done(self, o: Observation, result: list[float], period: float | None) -> None:
-        """``o`` has acted with this ``result``, when fixes came every ``period`` [s], None: as now."""
+        """Take the ``result`` of ``o``, which acted when fixes came every ``period`` [s]; None: the present period."""
 
 
 class RoutineVelocity:
-    """GNSS velocities that are taken as they are."""
+    """GNSS velocities, used with their stated noise."""
 
     number: ClassVar[int] = table.VELOCITY
 
@@ -63,7 +64,7 @@ class RoutineVelocity:
         return not self._sensor.noise.learns
 
     def values(self, o: Observation) -> list[float]:
-        """Two or three rows."""
+        """Two or three rows, with the stated noise."""
         assert o.stated_R is not None
         return [rows_of(o), *o.measured.tolist(), *o.stated_R.ravel().tolist(), 0.0]
 
@@ -72,20 +73,20 @@ class RoutineVelocity:
         return table.UNUSUAL if self._sensor.noise.learns else _gnss_again(o, table.SAME_VELOCITY)
 
     def done(self, o: Observation, result: list[float], period: float | None) -> None:
-        """Taken as it is."""
+        """Record the innovation of a velocity that was used."""
         o.decision = GATED
         period = period or self._sensor.reception.fix_period
         self._sensor.agrees(o, result[table.RESULT_NIS], result[_INNOVATION], result[_VALUES], period)
 
 
 class RoutinePosition:
-    """Fixes where the filter expects them."""
+    """GNSS positions that agree with the filter."""
 
     number: ClassVar[int] = table.POSITION
 
     def __init__(self, sensor: GnssPositionSensor, aiding: Aiding) -> None:
         self._sensor, self._aiding = sensor, aiding
-        self._decision = GATED  # the last one, which mostly stays the same
+        self._decision = GATED  # the last decision, kept because it rarely changes
 
     def prepare(self, settings: list[float], t: float) -> bool:
         """While neither the guard nor the doubts have anything to say."""
@@ -113,7 +114,7 @@ class RoutinePosition:
         )
 
     def values(self, o: Observation) -> list[float]:
-        """Three rows; a height that is NaN passes no test of the kernel. Two where it was left out."""
+        """Three rows, or two where the height was left out. A height of NaN fails every test of the kernel."""
         assert o.stated_R is not None
         lat, lon, alt = o.measured
         height = alt - (self._sensor.heights.shift if o.decision is None else o.decision.reference)
@@ -126,7 +127,7 @@ class RoutinePosition:
         return table.UNUSUAL if self._sensor.noise.learns else _gnss_again(o, table.SAME_POSITION)
 
     def done(self, o: Observation, result: list[float], period: float | None) -> None:
-        """Where it was expected."""
+        """Record a fix that agreed with the filter, and pass it to the monitors."""
         assert o.stated_R is not None
         sensor, t, z = self._sensor, o.t, result[_VALUES]
         reference = sensor.heights.shift
@@ -148,7 +149,7 @@ class RoutinePosition:
 
 
 class RoutineHeight:
-    """Barometric heights that are compared with GNSS."""
+    """Barometric heights, which are only compared with GNSS while that is good."""
 
     number: ClassVar[int] = table.HEIGHT
 
@@ -169,13 +170,13 @@ class RoutineHeight:
         return table.UNUSUAL if self._sensor.is_vague else _nothing_again(o)
 
     def done(self, o: Observation, result: list[float], period: float | None) -> None:
-        """Compared."""
+        """Compare the height with that of the filter."""
         o.decision = LEFT_OUT
         self._sensor.learn(o, result[table.RESULT_HEIGHT], result[table.RESULT_VARIANCE])
 
 
 class RoutineHeading:
-    """Magnetic headings that are compared with the filter's."""
+    """Magnetic headings, which are only compared with that of the filter while GNSS is good."""
 
     number: ClassVar[int] = table.HEADING
 
@@ -197,14 +198,15 @@ class RoutineHeading:
         return _nothing_again(o)
 
     def done(self, o: Observation, result: list[float], period: float | None) -> None:
-        """Compared."""
+        """Compare the heading with that of the filter."""
         o.decision = LEFT_OUT
         q = np.array(result[table.RESULT_QUAT : table.RESULT_QUAT + 4])
         self._sensor.learn(o, result[table.RESULT_ERROR], q)
 
 
 def _gated(reference: float, least: float, before: Decision) -> Decision:
-    """That a fix is taken behind the gate, less ``reference`` [m]; the height's deviation is at ``least`` [m]."""
+    """The decision to use a fix behind the gate, minus ``reference`` [m], with a height deviation of at least ``least``
+    [m]; ``before`` if that is the same."""
     if before.reference == reference and before.least_sd[1] == least:
         return before
     return Decision(Use.GATED, reference, least_sd=(0.0, least, 0.0))
@@ -224,7 +226,7 @@ def _nothing_again(o: Observation) -> int:
 
 
 def kinds(gnss: Gnss, aids: Iterable[Aid], aiding: Aiding) -> dict[str, RoutineKind]:
-    """By the names of their observations."""
+    """The adapters, by the names of their observations."""
     found: dict[str, RoutineKind] = {
         gnss.velocity.kind.name: RoutineVelocity(gnss.velocity),
         gnss.position.kind.name: RoutinePosition(gnss.position, aiding),

@@ -1,4 +1,4 @@
-"""Observations that are as expected act in compiled code; their sensors are told afterwards."""
+"""Compiled processing of observations that are as expected; their sensors take the results afterwards."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NOTHING = [0.0] * (table.EVENT_COLUMNS - table.EVENT_ROWS)
 
 
 class Coming(NamedTuple):
-    """An observation that arrived ``behind`` so many IMU rows of a stretch."""
+    """An observation, and the number of IMU rows of a stretch ``behind`` which it arrived."""
 
     behind: int
     observation: Observation
@@ -31,31 +31,31 @@ class Leg(NamedTuple):
     """How far a stretch of routine flight got."""
 
     rows: int
-    """IMU rows that are done."""
+    """Number of IMU rows that have been processed."""
     results: list[list[float]]
-    """Of the observations that have acted (``core.routine.table``)."""
+    """Results of the observations that have acted (``core.routine.table``)."""
     within: bool
-    """Whether observations of the time at which the filter stands have acted and others have not."""
+    """Whether some observations of the filter's present time have acted and others have not."""
 
 
 class Routine:
-    """The way into the filter for observations that it expects.
+    """Lets observations act on the filter in compiled code, as long as they are within the gates.
 
-    ``kinds`` by the names of observations; ``fusion`` is the way for all others and knows the gates.
+    ``kinds``: adapters by the names of observations. ``fusion`` processes all other observations and holds the gates.
     """
 
     def __init__(self, kinds: dict[str, RoutineKind], aiding: Aiding, fusion: Fusion) -> None:
         self._kinds, self._aiding, self._fusion = kinds, aiding, fusion
 
     def takes(self, o: Observation) -> bool:
-        """Whether there may be a way for ``o``: of its kind there is, and what is new is expected only beside GNSS."""
+        """Whether ``o`` may act here: its kind has an adapter, and GNSS is good unless ``o`` has a decision already."""
         return o.kind.name in self._kinds and (o.decision is not None or self._aiding.gnss_is_good(o.t))
 
     def act(self, vector: np.ndarray, observations: Sequence[Observation], t: float) -> list[list[float]]:
-        """Let ``observations`` act that are due, on a filter that stands at ``t`` [s], its covariance up to date.
+        """Let due ``observations`` act on a filter that stands at ``t`` [s], its covariance up to date.
 
-        ``vector`` is the filter (``core.filter.memory``). Returns the results of those that did, of which their sensors
-        have heard; the one that follows them is unusual.
+        ``vector``: the filter (``core.filter.memory``). Returns the results of those that acted, which their sensors
+        have taken; the observation that follows them is not as expected.
         """
         settings = self._settings()
         events = self._events([Coming(0, o) for o in observations], settings, t)
@@ -66,9 +66,9 @@ class Routine:
     def fly_again(
         self, vector: np.ndarray, rows: tuple[np.ndarray, int, int], observations: Sequence[Observation]
     ) -> tuple[int, int]:
-        """Fly the past once more, with ``observations`` that are known, most of which have been decided about.
+        """Replay the past with known ``observations``, most of which have a decision.
 
-        ``rows`` as in ``fly``. Returns how many rows and how many observations are done.
+        ``rows`` as in ``fly``. Returns the numbers of rows and of observations that have been processed.
         """
         settings = self._settings()
         events = self._events([Coming(0, o) for o in observations], settings, float(vector[memory.NAV + TIME]))
@@ -81,7 +81,7 @@ class Routine:
     def fly(
         self, vector: np.ndarray, rows: tuple[np.ndarray, int, int, bool], coming: Sequence[Coming], out: np.ndarray
     ) -> Leg:
-        """``core.routine.flight.fly``: ``rows`` are all IMU rows, ``begin``, ``end`` and ``is_followed``."""
+        """Call ``core.routine.flight.fly``; ``rows``: all IMU rows, ``begin``, ``end`` and ``is_followed``."""
         settings = self._settings()
         events = self._events(coming, settings, float(vector[memory.NAV + TIME]))
         results = np.empty((len(events), table.RESULT_COLUMNS))
@@ -89,14 +89,14 @@ class Routine:
         return Leg(done, results[:acted].tolist(), where == flight.AT_TIME)
 
     def is_calm(self, t: float) -> bool:
-        """Whether every sensor leaves its observations to the routine at ``t`` [s]."""
+        """Whether all sensors leave their observations to the routine at ``t`` [s]."""
         settings = self._settings()
         return all(kind.prepare(settings, t) for kind in self._kinds.values())
 
     def tell(self, observation: Observation, result: list[float], period: float | None = None) -> None:
-        """Let the sensor of an ``observation`` that has acted know its ``result``.
+        """Hand the ``result`` of an ``observation`` that has acted to its sensor.
 
-        At that time fixes came every ``period`` [s], None: as often as now.
+        ``period`` [s]: time between fixes when it acted; None: the present one.
         """
         if observation.decision is None:
             self._kinds[observation.kind.name].done(observation, result, period)
@@ -133,7 +133,7 @@ class Routine:
 
 
 def warm_up(constants: np.ndarray) -> None:
-    """Compile the kernels: fly over no row, past no observation."""
+    """Compile the kernels by calling them without rows and observations."""
     vector, rows = memory.make(constants, 2, math.inf), np.zeros((1, IMU_COLUMNS))
     events, results = np.empty((0, table.EVENT_COLUMNS)), np.empty((0, table.RESULT_COLUMNS))
     settings, out = np.zeros(table.SETTINGS_SIZE), np.empty((0, OUT_COLUMNS))
@@ -142,6 +142,6 @@ def warm_up(constants: np.ndarray) -> None:
 
 
 def moved(shift: np.ndarray, first: list[float], last: list[float]) -> np.ndarray:
-    """``shift`` (3,) [m] and what observations from the ``first`` result to the ``last`` have moved the filter by."""
+    """``shift`` (3,) [m], ENU, plus the correction of the position from the ``first`` result to the ``last``."""
     before, after = first[table.RESULT_BEFORE : table.RESULT_AFTER], last[table.RESULT_AFTER :]
     return shift if before == after else shift + step_enu(np.array(before), np.array(after))
