@@ -132,7 +132,7 @@ class BagReader:
             yield SampleBatch(block, np.cumsum(rows)[others].tolist(), samples, batch.select(batch.topics >= inputs))
         if gyroscope.is_missing:
             name = self.topics.imu.name
-            raise BagError(f"no message of {name} has an angular velocity (all zero), and half an IMU is no IMU")
+            raise BagError(f"no message of {name} has an angular velocity (all zero), which navigation needs")
 
     def _convert_others(
         self, batch: RawBatch, others: np.ndarray, players: list[list[Convert]]

@@ -210,8 +210,8 @@ def _why_there_is_no_imu(available: dict[str, Topic], candidates: list[str]) -> 
     ours, names = _absolute(IMU.topic), ", ".join(candidates)
     if _are_halves(candidates):
         return (
-            f"gyroscope and accelerometer are on two topics ({names}), and half an IMU is no IMU: let the driver join"
-            " them (realsense2_camera: unite_imu_method 2) and record that topic"
+            f"gyroscope and accelerometer are on two topics ({names}), but are needed in one message: let the driver"
+            " join them (realsense2_camera: unite_imu_method 2) and record that topic"
         )
     if several := vehicles.namespaces(candidates):
         option = f"--remap {NAMESPACE}:={several[0]}"
