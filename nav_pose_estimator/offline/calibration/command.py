@@ -1,4 +1,4 @@
-"""``calibrate RECORDING ... --out YAML``: what recordings show of the magnetometer and the IMU, as a parameter file."""
+"""Command ``calibrate RECORDING ... --out YAML``: calibrates magnetometer and IMU, and writes a parameter file."""
 
 import argparse
 from pathlib import Path
@@ -13,7 +13,7 @@ DESCRIPTION = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``calibrate``."""
+    """Add the options of ``calibrate``."""
     parser.description = DESCRIPTION
     parser.add_argument(
         "recordings", type=Path, nargs="+", metavar="RECORDING", help="rosbag2, PX4 .ulg, ArduPilot .bin"
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Carry the command out. Raises ``UserError`` for what the user can mend."""
+    """Run the command. Raises ``UserError`` for wrong options, and recordings that do not permit a calibration."""
     from nav_pose_estimator.engine.samples import MagSample
     from nav_pose_estimator.offline.calibration import rests as at_rest
     from nav_pose_estimator.offline.calibration.field_fit import fit_field
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out.exists() and not arguments.force:
         raise UserError(f"{arguments.out} exists already; choose another name or give --force")
     if not arguments.out.parent.is_dir():
-        raise UserError(f"{arguments.out.parent} is no folder to write {arguments.out.name} into")
+        raise UserError(f"the folder {arguments.out.parent} of {arguments.out.name} does not exist")
     out = arguments.out.resolve()
     for path in arguments.recordings:
         if path.resolve() in (out, out.parent):
