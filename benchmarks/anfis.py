@@ -19,6 +19,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -123,7 +124,7 @@ def peer_row(training: Samples, checking: Samples, epochs: int, delayed: str, ou
         return
     logging.disable()
     # The best of its three trainers, four learning rates and two kinds of memberships on this task.
-    settings = {"n_mfs": 2, "mf_type": "bell", "optimizer": "hybrid_adam", "learning_rate": 0.1}
+    settings: dict[str, Any] = {"n_mfs": 2, "mf_type": "bell", "optimizer": "hybrid_adam", "learning_rate": 0.1}
     peer = ANFISRegressor(**settings, epochs=epochs, random_state=0)
     used = seconds(lambda: peer.fit(training[0], training[1][:, 0]), 1)
     reached = (rms(peer.predict(x) - y[:, 0]) for x, y in (training, checking))

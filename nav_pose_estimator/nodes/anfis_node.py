@@ -1,4 +1,4 @@
-"""anfis_node: learns from the flight how the navigator errs without GNSS, and sends it that in an outage."""
+"""anfis_node: learns the drift of the navigator without GNSS, and publishes a prediction of it during an outage."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -19,11 +19,11 @@ from nav_pose_estimator.ros.outputs import LearnerOutput
 from nav_pose_estimator.ros.pace import Pace
 from nav_pose_estimator.ros.training import Trainer
 
-_ODOMETRY_RATE = 50.0  # Hz: it learns from means of half a second; to read every odometry would cost half a core
+_ODOMETRY_RATE = 50.0  # Hz: rate at which odometry is read; it learns from means of half a second
 
 
 class AnfisNode(EstimatorNode):
-    """Learns while GNSS is good; needs a navigator's odometry, biases, origin and gnss/denied."""
+    """Learns while GNSS is good. It needs a navigator's odometry, biases, origin and gnss/denied."""
 
     published = (PredictedDrift,)
 
@@ -39,7 +39,7 @@ class AnfisNode(EstimatorNode):
         self.get_logger().info("ready")
 
     def _listen_to_facts(self) -> None:
-        """What the navigator says once, or slowly. The names are those of sins_node; remap them for another."""
+        """Subscribe to the latched and slow topics of the navigator, named as by sins_node; remap them for another."""
         watch = self.engine.watch
 
         def origin(message: NavSatFix) -> None:
@@ -61,21 +61,21 @@ class AnfisNode(EstimatorNode):
         qos.subscribe(self, Bool, "gnss/denied", denied, qos.latched())
 
     def publish(self, drift: PredictedDrift) -> None:
-        """outage/velocity_error and outage/position_error."""
+        """Publish outage/velocity_error and outage/position_error."""
         self._output.publish(drift)
 
     def describe(self, status: Status) -> wording.Description:
-        """Scores, learning curve and why the model is not used. Only a navigator that is missing is a warning."""
+        """Scores, learning curve and the reason why the model is not used; WARN only if the navigator is missing."""
         level = wording.WARN if self.engine.watch.waiting_for else wording.OK
         facts = wording.learner_facts(status, self.model_keeper.training, self.model_keeper.history)
         return level, wording.sentence(status, wording.LEARNER_MEANINGS), facts
 
     def destroy_node(self) -> None:
-        """Also end a training."""
+        """Destroy the node after ending a running training."""
         self.model_keeper.stop()
         super().destroy_node()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
+    """Run the node; return the exit code."""
     return spin.run(AnfisNode, arguments)

@@ -1,4 +1,4 @@
-"""attitude_node: orientation from gyroscope, accelerometer and magnetometer; imu/data."""
+"""attitude_node: estimates the orientation from gyroscope, accelerometer and magnetometer, published on imu/data."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,16 +18,16 @@ from nav_pose_estimator.ros.messages.convert import Converted, nav_sat_fix, odom
 from nav_pose_estimator.ros.outputs import AttitudeOutput
 from nav_pose_estimator.ros.pace import Pace
 
-_VELOCITY_RATE = 10.0  # Hz: how often the navigator's velocity is looked at
+_VELOCITY_RATE = 10.0  # Hz: rate at which the navigator's velocity is read
 
 
 class AttitudeNode(EstimatorNode):
-    """Works alone; with the navigator's odometry or a body velocity it also separates acceleration from gravity."""
+    """Works alone. With a navigator's odometry or a body velocity it also separates acceleration from gravity."""
 
     def __init__(self) -> None:
         super().__init__("attitude_node", AttitudeEngine)
         self._output = AttitudeOutput(self, self.parameters)
-        self._denied = True  # until the navigator says that GNSS aids it
+        self._denied = True  # until the navigator publishes that GNSS aids it
         self._velocity_pace = Pace(_VELOCITY_RATE)
         self.listen(inputs.imu(self.parameters), needed=True)
         self.listen(inputs.magnetometer(self.parameters))
@@ -40,11 +40,11 @@ class AttitudeNode(EstimatorNode):
         self.get_logger().info("ready")
 
     def describe(self, status: Status) -> wording.Description:
-        """As in every node, but modes are those of the attitude filter."""
+        """Level, sentence and facts, with the meanings of the modes of the attitude filter."""
         return wording.level_of(status), wording.sentence(status, wording.ATTITUDE_MEANINGS), wording.facts(status)
 
     def publish(self, solution: AttitudeSolution) -> None:
-        """imu/data."""
+        """Publish imu/data."""
         self._output.publish(solution)
 
     def _velocity(self, message: Odometry) -> Converted:
@@ -57,15 +57,15 @@ class AttitudeNode(EstimatorNode):
         self._denied = message.data
 
     def _on_origin(self, message: NavSatFix) -> None:
-        """The first trusted position of sins_node gives the declination; remap the name for another navigator."""
+        """Set the declination by the origin of sins_node; remap the topic for another navigator."""
         for sample in nav_sat_fix(message):
             if isinstance(sample, GnssFix):
-                self.engine.set_declination(located(self.parameters, sample, self._tell).aids.declination)
+                self.engine.set_declination(located(self.parameters, sample, self._note).aids.declination)
 
-    def _tell(self, stamp_ns: int, name: str, level: Level, text: str) -> None:
+    def _note(self, stamp_ns: int, name: str, level: Level, text: str) -> None:
         self.logbook.note(Event(stamp_ns, name, level, text))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
+    """Run the node; return the exit code."""
     return spin.run(AttitudeNode, arguments)

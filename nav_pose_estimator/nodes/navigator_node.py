@@ -1,4 +1,4 @@
-"""What sins_node and pose_estimator have in common: the navigator's inputs, outputs, services and saved state."""
+"""Base class of sins_node and pose_estimator: the navigator's inputs, outputs, services and saved state."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +13,7 @@ from nav_pose_estimator.ros.outputs import NavigationOutput
 
 
 class NavigatorNode(EstimatorNode):
-    """A node around a ``PoseEstimator``. Subclasses call ``continue_flight`` when all else has been set up."""
+    """A node around a ``PoseEstimator``. Subclasses call ``continue_flight`` at the end of their initialisation."""
 
     def __init__(self, name: str, make_engine: Callable[[Parameters], Any]) -> None:
         super().__init__(name, make_engine)
@@ -26,22 +26,22 @@ class NavigatorNode(EstimatorNode):
         services.offer_coordinates(self)
 
     def continue_flight(self) -> None:
-        """Go on from the state on disk, where there is one, and keep it from now on."""
+        """Resume from a saved state if there is one, and save the state from now on."""
         self._state_keeper = StateKeeper(self, self.engine, self.parameters.ros.state)
 
     def publish(self, solution: NavSolution) -> None:
-        """Everything that the navigator knows."""
+        """Publish origin and solution, send the solution to the autopilot, and save the state."""
         self._navigation.publish_origin(solution.stamp_ns, self.engine.origin)
         self._navigation.publish(solution)
         self._autopilot.publish(solution)
         self._state_keeper.note(solution.stamp_ns)
 
     def spare(self, flag: bool) -> None:
-        """Rehearsals rest."""
+        """Pause rehearsals while ``flag`` is set."""
         if self.engine.outage_aid is not None:
             self.engine.outage_aid.state.rests = flag
 
     def destroy_node(self) -> None:
-        """Also leave the state behind."""
+        """Destroy the node after saving the state."""
         self._state_keeper.stop()
         super().destroy_node()

@@ -1,4 +1,4 @@
-"""pose_estimator: attitude filter, navigator and learner in one process, with direct calls between them."""
+"""pose_estimator: attitude filter, navigator and learner in one process, connected by direct calls."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,7 +14,7 @@ from nav_pose_estimator.ros.training import Trainer
 
 
 class PoseEstimatorNode(NavigatorNode):
-    """The composed estimator: the engine that replay runs, fed from topics."""
+    """The composed estimator, with the same engine as replay."""
 
     published = (NavSolution, AttitudeSolution, PredictedDrift)
 
@@ -29,7 +29,7 @@ class PoseEstimatorNode(NavigatorNode):
         self.get_logger().info("ready")
 
     def describe(self, status: Status) -> wording.Description:
-        """As in every node, and the status of the learner."""
+        """Level, sentence and facts, including those of the learner."""
         level, sentence, facts = super().describe(status)
         keeper, aid = self.model_keeper, self.engine.outage_aid
         if keeper is None:
@@ -38,13 +38,13 @@ class PoseEstimatorNode(NavigatorNode):
         return level, sentence, facts + wording.learner_facts(learner, keeper.training, keeper.history)[1:]
 
     def destroy_node(self) -> None:
-        """Also end a training."""
+        """Destroy the node after ending a running training."""
         if self.model_keeper is not None:
             self.model_keeper.stop()
         super().destroy_node()
 
     def publish(self, solution: AttitudeSolution | NavSolution | PredictedDrift) -> None:
-        """Attitude, navigation and predictions on their topics."""
+        """Publish an attitude, a navigation solution or a prediction on its topics."""
         if isinstance(solution, PredictedDrift):
             self._learned.publish(solution)
         elif isinstance(solution, AttitudeSolution):
@@ -54,5 +54,5 @@ class PoseEstimatorNode(NavigatorNode):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
+    """Run the node; return the exit code."""
     return spin.run(PoseEstimatorNode, arguments)

@@ -1,4 +1,4 @@
-"""sins_node: strapdown navigator and Kalman filter with the GNSS gate; odometry/filtered."""
+"""sins_node: strapdown navigator with Kalman filter and GNSS gate, published on odometry/filtered."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -11,15 +11,15 @@ from nav_pose_estimator.ros import inputs, spin
 
 
 def _leave_to_anfis_node(job: TrainingJob) -> None:
-    """Training is the work of anfis_node; without it the navigator goes by the regimes of the flight alone."""
+    """Discard ``job``: anfis_node does the training. Without it, coasting uses only the regimes of the flight."""
 
 
 class SinsNode(NavigatorNode):
-    """Works alone; an attitude on imu/data helps it to level, predicted errors on outage/velocity_error to coast."""
+    """Works alone. An attitude on imu/data supports levelling, and predictions on outage/velocity_error coasting."""
 
     def __init__(self) -> None:
         super().__init__("sins_node", partial(PoseEstimator, attitude=False, train=_leave_to_anfis_node))
-        # wanted only until the filter runs
+        # the attitude is only needed until the filter runs
         self.listen(inputs.ATTITUDE, choose=lambda data: self.engine.mode in LEVELLING)
         self.listen(inputs.PREDICTION)
         self.continue_flight()
@@ -27,5 +27,5 @@ class SinsNode(NavigatorNode):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
+    """Run the node; return the exit code."""
     return spin.run(SinsNode, arguments)

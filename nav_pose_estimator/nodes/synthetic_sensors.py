@@ -1,4 +1,4 @@
-"""synthetic_sensors: publishes what simulated sensors measure, in wall or simulated time, as untidily as real ones."""
+"""synthetic_sensors: publishes simulated sensor data in wall or simulated time, with jitter, delays and losses."""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -22,15 +22,15 @@ from nav_pose_estimator.sim import scenarios
 from nav_pose_estimator.sim.sensors import Timed
 from nav_pose_estimator.sim.transport import Transport
 
-_SHORTEST_TICK = 0.0005  # s
+_SHORTEST_TICK = 0.0005  # s: shortest period of the timer
 
 
 class SyntheticSensors(Node):
-    """Plays a simulated recording; ends when it is over."""
+    """Plays a simulated recording, and ends after it."""
 
     def __init__(self) -> None:
         super().__init__("synthetic_sensors")
-        p = self._parameters_of_story = declare(self, SyntheticParameters())
+        p = self._scenario = declare(self, SyntheticParameters())
         recording = scenarios.generate(p.scenario, p.duration or None, p.seed, p.imu, p.imu_rate)
         transport = Transport(p.jitter, p.delay, p.drop, p.burst_every, p.burst_length)
         self._start_ns = recording.start_ns
@@ -61,25 +61,25 @@ class SyntheticSensors(Node):
 
     def _begin(self) -> None:
         """Start a lap as soon as there is a subscriber."""
-        waits = self._parameters_of_story.wait_for_subscriber
+        waits = self._scenario.wait_for_subscriber
         if waits and not self._outputs[ImuSample].get_subscription_count():
             return
         self._began, self._next, self._next_truth, self._next_clock_ns = time.monotonic(), 0, 0, 0
-        # simulated time starts anew in every lap, wall time goes on
+        # simulated time restarts with every lap, wall time continues
         self._shift_ns = 0 if self._clock_output is not None else time.time_ns() - self._start_ns
 
     def _finish_lap(self) -> None:
         self._lap += 1
         self._began = None
-        if self._lap >= self._parameters_of_story.laps:
+        if self._lap >= self._scenario.laps:
             self.is_over = True
             self._timer.cancel()
-            self.get_logger().info("the story is over")
+            self.get_logger().info("the scenario is over")
 
     # --- messages --------------------------------------------------------------------------------------------------
 
     def _publish_until(self, now_ns: int) -> None:
-        """Everything that has arrived ``now_ns`` after the start of the lap."""
+        """Publish all messages that arrive up to ``now_ns`` after the start of the lap."""
         until = self._start_ns + now_ns
         while self._next < len(self._arrivals) and self._arrivals[self._next].arrival_ns <= until:
             self._publish_clock(self._arrivals[self._next].arrival_ns)
@@ -108,7 +108,7 @@ class SyntheticSensors(Node):
 def _true_motion(
     recording: scenarios.Recording, rate: float
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
-    """Stamp, position ENU from the origin, velocity, attitude, at about ``rate``."""
+    """Yield stamp [ns], position ENU from the origin [m], velocity ENU [m/s] and attitude, at about ``rate`` [Hz]."""
     truth, step = recording.truth, max(round(1.0 / (rate * recording.truth.dt)), 1)
     for i in range(0, len(truth), step):
         stamp = recording.start_ns + round(truth.t[i] * 1e9)
@@ -117,5 +117,5 @@ def _true_motion(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
+    """Run the node; return the exit code."""
     return spin.run(SyntheticSensors, arguments, is_over=lambda node: node.is_over)

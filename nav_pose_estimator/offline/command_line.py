@@ -1,8 +1,8 @@
-"""The command line: finds the module of a command, loads only that, and turns any failure into one sentence.
+"""Command line: imports only the module of the given command, and reports every failure in one sentence.
 
-Exit codes: 0 done, 2 wrong use or bad input, 1 anything else, 130 interrupted. ``NAV_POSE_DEBUG=1`` shows tracebacks.
-A command on recordings is a module with ``add_arguments(parser)`` and ``run(arguments) -> int``; a node is a module
-with ``main(arguments)``, which gets its ROS arguments untouched.
+Exit codes: 0 success, 2 wrong use or bad input, 1 any other failure, 130 interrupted. ``NAV_POSE_DEBUG=1`` prints
+tracebacks. A command on recordings is a module with ``add_arguments(parser)`` and ``run(arguments) -> int``; a node is
+a module with ``main(arguments)``, which receives the ROS arguments unchanged.
 """
 
 import argparse
@@ -28,7 +28,7 @@ _FILE_ERRORS = (FileNotFoundError, FileExistsError, IsADirectoryError, NotADirec
 
 @dataclass(frozen=True)
 class Command:
-    """Where a command lives and what it does, in one line."""
+    """A command: its module, a summary in one line, and examples for the help."""
 
     module: str
     summary: str
@@ -36,7 +36,7 @@ class Command:
 
     @property
     def is_node(self) -> bool:
-        """Nodes get ROS arguments, the others options."""
+        """Whether the command is a node, which has ROS arguments instead of options."""
         return self.module.startswith("nodes.")
 
 
@@ -104,16 +104,16 @@ COMMANDS = {
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one sentence instead of repeating the whole usage."""
+    """Parser that reports an error in one sentence instead of printing the usage."""
 
     def error(self, message: str) -> NoReturn:
-        if message.endswith("expected one argument"):  # so says argparse of --origin -33.9,151.2,40, too
+        if message.endswith("expected one argument"):  # also for --origin -33.9,151.2,40
             message += "; one that begins with a minus is given as --option=-VALUE"
         raise UserError(f"{message} (see {self.prog} --help)")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """``nav_pose_estimator COMMAND ...``: returns the exit code."""
+    """Run ``nav_pose_estimator COMMAND ...``; return the exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     if given and given[0] in COMMANDS:
         return run_command(given[0], given[1:])
@@ -121,8 +121,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run_command(name: str, arguments: Sequence[str] | None = None) -> int:
-    """One command by its name: returns the exit code."""
-    # The matrices are small: more threads would only wait for each other, worst on a busy companion computer.
+    """Run a command by its name; return the exit code."""
+    # the matrices are small, so that several threads would only wait for each other, above all on a busy computer
     for library in ("OPENBLAS", "MKL", "OMP"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     given = list(sys.argv[1:] if arguments is None else arguments)
@@ -177,13 +177,13 @@ def _run_node(name: str, command: Command, given: list[str]) -> int:
         if find_spec("rclpy") is not None:
             raise
         raise UserError(
-            "this node needs ROS 2 Jazzy, and rclpy is not there: run 'make setup', or source /opt/ros/jazzy/setup.bash"
+            "this node needs ROS 2 Jazzy, but rclpy is missing: run 'make setup', or source /opt/ros/jazzy/setup.bash"
         ) from None
     return module.main(ros) or DONE
 
 
 def _split_ros(given: list[str]) -> tuple[list[str], list[str]]:
-    """Our arguments, and those between ``--ros-args`` and ``--`` (or the end), which are left as they are."""
+    """Split ``given`` into own arguments, and those of ROS from ``--ros-args`` to ``--`` or the end, unchanged."""
     mine: list[str] = []
     ros: list[str] = []
     inside = False
@@ -206,7 +206,7 @@ def _parser(name: str, command: Command) -> argparse.ArgumentParser:
 
 
 def _guard(name: str, action: Callable[[], int]) -> int:
-    """Run ``action``; whatever it raises becomes one sentence on stderr and an exit code."""
+    """Run ``action``; return its exit code, or print one sentence on stderr for an exception and return its code."""
     try:
         return action()
     except UserError as error:
@@ -216,7 +216,7 @@ def _guard(name: str, action: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         return _complain(name, "interrupted", INTERRUPTED)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has left: nothing more to say
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader of the output has ended
         return FAILED
     except Exception as error:
         return _complain(name, f"{_describe(error)} (NAV_POSE_DEBUG=1 shows where)", FAILED)
@@ -235,7 +235,7 @@ def _complain(name: str, text: str, code: int) -> int:
     return code
 
 
-# What the executables in lib/nav_pose_estimator call.
+# entry points of the executables in lib/nav_pose_estimator
 attitude_node = partial(run_command, "attitude_node")
 sins_node = partial(run_command, "sins_node")
 anfis_node = partial(run_command, "anfis_node")

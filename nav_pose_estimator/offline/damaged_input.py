@@ -1,4 +1,4 @@
-"""The one place where whatever a damaged or hostile file leads to becomes a sentence for the user."""
+"""Conversion of every exception while reading a damaged or hostile file to one sentence for the user."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,9 +9,9 @@ from nav_pose_estimator.errors import UserError
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Around all reading of the recording ``path``: raises ``UserError`` for anything that goes wrong inside.
+    """Context in which the recording ``path`` is read; any exception in it becomes a ``UserError``.
 
-    Checks where a file is read give better sentences; this one makes sure that none is missing.
+    Explicit checks in the readers give better sentences; this context covers what they do not.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""What a command found, as JSON for scripts."""
+"""Results of commands as JSON for scripts."""
 
 import json
 import math
@@ -15,14 +15,14 @@ from nav_pose_estimator.core.numerics.jit import COMPILED
 
 
 def write_json(path: Path, content: dict[str, Any]) -> dict[str, Any]:
-    """Write ``content`` and return what the file holds; NaN and infinity, which JSON does not know, become null."""
+    """Write ``content`` and return it as written: NaN and infinity, which JSON does not have, become null."""
     content = _plain(content)
     path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     return content
 
 
 def versions() -> dict[str, str]:
-    """Versions of what took part."""
+    """Versions of this package, Python and libraries, and whether the kernels are compiled."""
     kernels = "compiled" if COMPILED else "plain Python"
     found = {"nav_pose_estimator": __version__, "python": platform.python_version(), "kernels": kernels}
     for name in ("numpy", "numba", "rosbags"):
@@ -34,7 +34,7 @@ def versions() -> dict[str, str]:
 
 
 def _plain(value: Any) -> Any:
-    """``value`` in the types of JSON."""
+    """``value`` converted to the types of JSON."""
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, str) or value is None or isinstance(value, bool):

@@ -1,8 +1,8 @@
-"""A folder of results that comes into being as a whole or not at all, and never in place of anyone else's files.
+"""A folder of results that is created atomically, and that never replaces files of other origin.
 
-Everything is written into a hidden folder beside the final one and takes its name in the end; until then, and whatever
-ends the run, the earlier results stay as they were. A mark in the folder lists the files that a run has written: only a
-folder with the mark of the same kind of run, and without any other file, is replaced.
+All results are written into a hidden folder beside the final one, which is renamed at the end. If the run ends before,
+for whatever reason, earlier results are unchanged. A mark in the folder lists the files that a run has written. A
+folder is only replaced if it has the mark of the same kind of run, and contains no other files.
 """
 
 import errno
@@ -20,19 +20,20 @@ from typing import Any
 from nav_pose_estimator.errors import UserError
 
 MARK = ".nav_pose_estimator"
-"""File in a finished folder: the kind of run, then the files that it has written, one a line."""
-_HOLDER = ".{}.nav_pose_unfinished"
-_PREVIOUS = ".previous"
+"""File in a finished folder: the kind of run, then the files that it has written, one per line."""
+_HOLDER = ".{}.nav_pose_unfinished"  # hidden folder beside the final one
+_PREVIOUS = ".previous"  # name of the earlier results in it, while they are being replaced
 _NO_ROOM = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
-_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # signals that end the process
 
 
 class OutputFolder:
-    """``with OutputFolder(path, "replay") as work``: write into ``work``, a path that does not exist yet.
+    """Context manager: ``with OutputFolder(path, "replay") as work``, where ``work`` is a path that does not exist yet.
 
-    ``work`` has the final name, below a hidden folder beside it. ``inputs`` are files and folders that are read
-    meanwhile. ``replace``: whether earlier results of the same kind may be replaced. Raises ``UserError`` on entry
-    where that is impossible or another run is busy with the same folder, and at the end for a full disk.
+    ``work`` has the final name, below the hidden folder. ``inputs`` are files and folders that are read meanwhile.
+    ``replace``: whether earlier results of the same kind may be replaced. ``option``: what the user has to change if
+    the folder cannot be used. Raises ``UserError`` on entry where the folder cannot be used, or where another run is
+    writing it, and on exit for a full disk.
     """
 
     def __init__(
@@ -77,7 +78,7 @@ class OutputFolder:
             raise error
 
     def check(self) -> None:
-        """Raise ``UserError`` unless the folder can be made, or replaced."""
+        """Raise ``UserError`` unless the folder can be created or replaced."""
         self._refuse_unusual()
         if not os.path.lexists(self._path):
             return
@@ -108,7 +109,7 @@ class OutputFolder:
             raise UserError(f"{above} is a file, so {self._given} cannot be made")
 
     def _locked_holder(self) -> int:
-        """A descriptor of the hidden folder, which serves as a lock; the system frees it if the process dies."""
+        """Create and lock the hidden folder; return its descriptor. The lock is released if the process dies."""
         while True:
             self._holder.mkdir(exist_ok=True)
             lock = os.open(self._holder, os.O_RDONLY | os.O_DIRECTORY)
@@ -122,10 +123,10 @@ class OutputFolder:
             with suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(lock), self._holder.stat()):
                     return lock
-            os.close(lock)  # the run before removed the folder while we opened it
+            os.close(lock)  # the previous run removed the folder between creation and lock
 
     def _clear_up(self) -> None:
-        """Remove what a killed run has left; bring back the earlier results if it was killed between two names."""
+        """Remove the files of a killed run; restore earlier results if it was killed while replacing them."""
         previous = self._holder / _PREVIOUS
         if previous.exists() and not os.path.lexists(self._path):
             os.rename(previous, self._path)
@@ -136,7 +137,7 @@ class OutputFolder:
         _write_mark(self._work, self._kind)
         try:
             self.check()
-        except UserError as error:  # something came into the folder meanwhile
+        except UserError as error:  # other files were added to the folder meanwhile
             kept = next(p for i in range(1, 1000) if not os.path.lexists(p := Path(f"{self._path}_{i}")))
             os.rename(self._work, kept)
             raise UserError(f"{error}; the new results are in {kept}") from None
@@ -159,7 +160,7 @@ class OutputFolder:
 
 
 def _files(folder: Path) -> Iterator[str]:
-    """Everything below ``folder`` that is not a plain folder, relative to it."""
+    """Files and links below ``folder``, relative to it."""
     for root, folders, files in os.walk(folder):
         links = [name for name in folders if os.path.islink(os.path.join(root, name))]
         yield from (os.path.relpath(os.path.join(root, name), folder) for name in files + links)
@@ -171,7 +172,7 @@ def _write_mark(folder: Path, kind: str) -> None:
 
 
 def _written(folder: Path, kind: str) -> set[str] | None:
-    """The files that a run of this kind has written; None for a folder without its mark."""
+    """Files that a run of this kind has written into ``folder``; None without its mark."""
     try:
         first, *names = (folder / MARK).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError, ValueError):
@@ -184,7 +185,7 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 
 def _replace_handlers(handler: Any) -> dict[int, Any]:
-    """Let signals that end the process by themselves end it through ``handler``; returns what was there before."""
+    """Install ``handler`` for the signals that end the process by default; return the previous handlers."""
     if threading.current_thread() is not threading.main_thread():
         return {}
     found: dict[int, Any] = {number: signal.getsignal(number) for number in _ENDING}
@@ -201,7 +202,7 @@ def _restore_handlers(handlers: dict[int, Any]) -> None:
 
 @contextmanager
 def _signals_wait() -> Iterator[None]:
-    """Signals that arrive inside come into effect after it."""
+    """Context in which signals are deferred to its end."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,4 +1,4 @@
-"""What /proc tells of a process, above all the wall time since it began, imports included: what a user waits for."""
+"""Information about a process from /proc, above all the wall time since its start, which includes imports."""
 
 import os
 import time
@@ -8,7 +8,7 @@ _loaded = time.monotonic()
 
 
 def seconds_since_start() -> float:
-    """Seconds since this process was started; where the system does not tell, since this module was loaded."""
+    """Time [s] since the start of this process, or since the import of this module where /proc is not available."""
     try:
         uptime = float(Path("/proc/uptime").read_text(encoding="ascii").split()[0])
         return uptime - int(stat_fields()[19]) / os.sysconf("SC_CLK_TCK")
@@ -17,5 +17,5 @@ def seconds_since_start() -> float:
 
 
 def stat_fields(process: int | str = "self") -> list[str]:
-    """The fields of /proc/PID/stat from the third one, the state, on. ``OSError`` where there is none."""
+    """Fields of /proc/PID/stat from the third one, the state, on; ``OSError`` if it does not exist."""
     return Path(f"/proc/{process}/stat").read_text(encoding="ascii").rpartition(")")[2].split()

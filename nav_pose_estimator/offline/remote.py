@@ -1,6 +1,6 @@
-"""Recordings in object stores: ``s3://bucket/flight_bag`` and whatever else fsspec knows, copied before they are read.
+"""Recordings in object stores (``s3://bucket/flight_bag`` and other URLs of fsspec), which are copied before reading.
 
-fsspec and the package for the store (s3fs, gcsfs, ...) are optional: nothing else needs them.
+fsspec and the package of the store (s3fs, gcsfs, ...) are optional dependencies for this module only.
 """
 
 import re
@@ -12,23 +12,26 @@ from typing import Any
 
 from nav_pose_estimator.errors import UserError
 
-_URL = re.compile(r"([a-z][a-z0-9+.-]+):/+(?=[^/])")  # a path has only one of the slashes left; C:/ is a drive
+_URL = re.compile(r"([a-z][a-z0-9+.-]+):/+(?=[^/])")  # a ``Path`` keeps only one of the slashes; C:/ is a drive
 
 
 def is_remote(path: Path) -> bool:
-    """Whether ``path`` is the URL of something elsewhere."""
+    """Whether ``path`` is the URL of an object store."""
     return _URL.match(str(path)) is not None and not path.exists()
 
 
 def matches(pattern: Path) -> list[Path]:
-    """What a URL with * and ? stands for, sorted. Raises ``UserError``."""
+    """The sorted URLs that match ``pattern`` with * and ?; ``UserError`` if the store cannot be read."""
     with _store(pattern) as (store, place):
         return sorted(Path(store.unstrip_protocol(found)) for found in store.glob(place))
 
 
 @contextmanager
 def at_hand(path: Path) -> Iterator[Path]:
-    """``path``; of something elsewhere a copy, with NAME.json beside it, that goes at the end. Raises ``UserError``."""
+    """Context with ``path``, or with a temporary copy of a remote recording and the NAME.json beside it.
+
+    Raises ``UserError`` if it cannot be copied.
+    """
     if not is_remote(path):
         yield path
         return
@@ -53,7 +56,7 @@ def _copy(path: Path, here: Path) -> None:
 
 @contextmanager
 def _store(path: Path) -> Iterator[tuple[Any, str]]:
-    """The store of a URL and the place in it; whatever goes wrong with it is told in a sentence."""
+    """Context with the store of a URL and the path in it; any exception in it becomes a ``UserError``."""
     url = _URL.sub(r"\1://", str(path))
     try:
         from fsspec.core import url_to_fs
@@ -67,5 +70,5 @@ def _store(path: Path) -> Iterator[tuple[Any, str]]:
         raise UserError(f"{url} does not exist") from None
     except UserError:
         raise
-    except Exception as error:  # whatever the packages of the stores raise
+    except Exception as error:  # the packages of the stores raise various types
         raise UserError(f"{url} cannot be fetched ({error})") from error

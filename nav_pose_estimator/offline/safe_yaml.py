@@ -1,7 +1,7 @@
-"""Untrusted YAML (the metadata of bags): no aliases, no deep nesting, no huge documents.
+"""Parsing of untrusted YAML (the metadata of bags), without aliases, deep nesting and huge documents.
 
-An alias can expand to a tree that doubles with each line, and deep nesting overflows the stack of libyaml. Both show in
-the stream of events, before anything is built.
+Aliases can expand to a tree that doubles with each line, and deep nesting overflows the stack of libyaml. Both are
+detected in the stream of events, before any object is created.
 """
 
 import stat
@@ -11,21 +11,21 @@ from typing import Any
 import yaml
 
 LARGEST_FILE = 4 << 20  # bytes
-DEEPEST = 64  # collections inside each other
+DEEPEST = 64  # levels of nested collections
 MOST_NODES = 200_000
 
 
 class YamlError(yaml.YAMLError):
-    """A document that is not YAML, or is larger than a file of this kind can be. One line of text."""
+    """The document is not YAML, or exceeds a limit. The text is one line."""
 
 
 _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml may be absent
 
 
 def read_yaml(path: Path) -> Any:
-    """The document in the file ``path``. Raises ``YamlError``, and ``OSError`` for a file that cannot be read."""
+    """Parse the file ``path``. Raises ``YamlError``, and ``OSError`` for a file that cannot be read."""
     status = path.stat()
-    if not stat.S_ISREG(status.st_mode):  # a pipe would wait for ever
+    if not stat.S_ISREG(status.st_mode):  # reading a pipe could block for ever
         raise YamlError("it is not a file")
     if status.st_size > LARGEST_FILE:
         raise YamlError(f"it is larger than {LARGEST_FILE >> 20} MB")
@@ -36,7 +36,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_yaml(text: str) -> Any:
-    """The document ``text``. Raises ``YamlError``."""
+    """Parse the document ``text``. Raises ``YamlError``."""
     try:
         _check(text)
         return yaml.load(text, _Loader)
@@ -44,7 +44,7 @@ def parse_yaml(text: str) -> Any:
         raise
     except yaml.YAMLError as error:
         raise YamlError(" ".join(str(error).split())) from None
-    except (ValueError, OverflowError, RecursionError) as error:  # the 40th of May, a number of 5000 digits
+    except (ValueError, OverflowError, RecursionError) as error:  # the 40th of May, or a number with 5000 digits
         raise YamlError(f"a value cannot be read ({error})") from None
 
 

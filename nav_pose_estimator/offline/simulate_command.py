@@ -1,4 +1,4 @@
-"""``simulate OUT_BAG``: a simulated flight as a rosbag2."""
+"""Command ``simulate OUT_BAG``: writes a simulated flight as a rosbag2."""
 
 import argparse
 from pathlib import Path
@@ -9,7 +9,7 @@ DESCRIPTION = "Write a rosbag2 with all sensor topics and /ground_truth/odom of 
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``simulate``."""
+    """Add the options of ``simulate``."""
     parser.description = DESCRIPTION
     parser.add_argument("bag", type=Path, nargs="?", metavar="OUT_BAG", help="folder of the new bag")
     add = parser.add_argument
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Carry the command out. Raises ``UserError`` for what the user can mend."""
+    """Run the command. Raises ``UserError`` for wrong options and an output that cannot be written."""
     from nav_pose_estimator.sim.scenarios import find_scenario, generate
 
     if arguments.list:
@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not 0.1 <= arguments.truth_rate <= 4000.0:
         raise UserError("--truth-rate must lie between 0.1 and 4000 Hz")
     find_scenario(arguments.scenario)
-    check_room(arguments.bag, arguments.force)  # before the work, not after it
+    check_room(arguments.bag, arguments.force)  # before the simulation, not after it
     recording = generate(arguments.scenario, arguments.duration, arguments.seed, arguments.imu, arguments.imu_rate)
     level = SMALL if arguments.small else FAST
     write_recording(arguments.bag, recording, arguments.storage, arguments.force, arguments.truth_rate, level)

@@ -1,4 +1,4 @@
-"""A simulated recording as a rosbag2: sensor topics as drivers publish them, and the ground truth."""
+"""Writing of a simulated recording as a rosbag2, with the sensor topics of drivers and the ground truth."""
 
 import math
 from pathlib import Path
@@ -18,7 +18,7 @@ from nav_pose_estimator.offline.bags.writer import FAST, MCAP, Messages, write_b
 from nav_pose_estimator.sim.imu_grades import ImuGrade
 from nav_pose_estimator.sim.recording import Recording
 
-TRUTH_HZ = 50.0
+TRUTH_HZ = 50.0  # default rate of the true motion
 
 
 def write_recording(
@@ -29,7 +29,7 @@ def write_recording(
     truth_hz: float = TRUTH_HZ,
     level: int = FAST,
 ) -> None:
-    """Write ``recording`` as the rosbag2 ``path``. Raises ``UserError``."""
+    """Write ``recording`` as the rosbag2 ``path``. Raises ``UserError`` as ``write_bag``."""
     notes = {
         "scenario": recording.scenario,
         "seed": str(recording.seed),
@@ -40,7 +40,7 @@ def write_recording(
 
 
 def messages(recording: Recording, truth_hz: float = TRUTH_HZ) -> list[Messages]:
-    """All topics of the bag. ``/ground_truth/origin`` is where the axes of ``/ground_truth/odom`` meet."""
+    """All topics of the bag. ``/ground_truth/origin`` is the origin of the frame of ``/ground_truth/odom``."""
     timed = [(item.arrival_ns, item.sample) for item in recording.others]
     variances = _sample_variances(recording.imu_grade, recording.truth.dt)
     imu = imu_topic(recording.imu, recording.imu_arrivals_ns, *variances)
@@ -56,7 +56,7 @@ def _origin(recording: Recording) -> Messages:
 
 
 def _sample_variances(grade: ImuGrade, dt: float) -> tuple[float, float]:
-    """Variances of one sample: white noise and rounding; zero (unknown) for a perfect IMU."""
+    """Variances of one sample by white noise and rounding: rate [(rad/s)^2], force [(m/s^2)^2]; zero means unknown."""
     return (
         grade.gyro_noise**2 / dt + grade.gyro_resolution**2 / 12.0,
         grade.accel_noise**2 / dt + grade.accel_resolution**2 / 12.0,
@@ -81,5 +81,5 @@ def _truth(recording: Recording, rate: float) -> Messages:
 
 
 def _rounded(values: np.ndarray, bits: int) -> np.ndarray:
-    """To so many binary places (14: 0.06 mm, 28: 4e-9 rad), because noise beyond them does not compress."""
+    """``values`` rounded to ``bits`` binary places (14: 0.06 mm, 28: 4e-9 rad), for a better compression of the bag."""
     return np.round(values * 2.0**bits) / 2.0**bits

@@ -1,4 +1,4 @@
-"""/diagnostics and ~/status: what :mod:`wording` says, as messages."""
+"""Publication of /diagnostics and ~/status with the texts of :mod:`wording`."""
 
 import time
 from collections.abc import Mapping
@@ -13,15 +13,16 @@ from nav_pose_estimator.ros.messages.outgoing import fill_stamp
 
 
 class InputWatch:
-    """Counts the messages of one input. The only place that asks a wall clock, and nothing estimates with it."""
+    """Counts the messages of one input, and measures their rate by a monotonic clock, for diagnostics only."""
 
     def __init__(self, node: Any, topic: str, needed: bool) -> None:
-        """``node`` also has ``say``, for what is told once."""
+        """``node`` also has ``say``, to report the loss of the publisher."""
         self.topic = topic
         self._node, self._needed = node, needed
         self._total = self._reported = self._lost_reported = 0
         self._told_lost = self._skipped = self._dropped = 0
-        self._taken, self._numbered = 0, (0, 0)  # messages taken; a publication number and how many were taken by then
+        self._taken = 0  # messages taken from the middleware
+        self._numbered = 0, 0  # last known publication number, and how many messages were taken by then
         self._skipped_lately = 0
         self._had_publisher = self._is_gone = False
         self._last = self._reported_at = time.monotonic()
@@ -29,26 +30,27 @@ class InputWatch:
         self._subscription: Any = None
 
     def attach(self, subscription: Any) -> None:
-        """From now on publishers that do not fit ``subscription`` are reported."""
+        """Report from now on publishers that are incompatible with ``subscription``."""
         self._subscription = subscription
 
     def saw(self) -> None:
-        """One message came."""
+        """Count a message that is processed."""
         self._total += 1
 
     def lost(self, count: int) -> None:
-        """The middleware says that it lost ``count`` messages."""
+        """Count messages that the middleware reports as lost."""
         self._told_lost += count
 
     def dropped(self) -> None:
-        """A message was taken and is not used, because the node is too far behind."""
+        """Count a message that was dropped because the node is too far behind."""
         self._dropped += 1
 
     def taken(self, number: int | None = None) -> None:
-        """A message was taken from the middleware, its publication ``number`` where that is known.
+        """Count a message that was taken from the middleware; ``number`` is its publication number, if known.
 
-        The middleware drops from a full queue without a word: as many as the numbers have grown by more than messages
-        were taken. Several publishers have numbers of their own; then nothing is concluded (``report``).
+        The middleware drops messages from a full queue silently. Their number is the increase of the publication number
+        beyond that of the messages taken. With several publishers, which number their messages independently, it is
+        unknown (``report``).
         """
         self._taken += 1
         if number is None:
@@ -60,11 +62,11 @@ class InputWatch:
 
     @property
     def lost_so_far(self) -> int:
-        """Messages that were published and never reached the estimator."""
+        """Number of messages that were published and did not reach the estimator."""
         return max(self._told_lost, self._skipped) + self._dropped
 
     def report(self) -> wording.InputReport:
-        """What happened since the last report."""
+        """State of the input, with rate and losses since the last report."""
         now, new = time.monotonic(), self._total - self._reported
         if new:
             self._last, self._ever = now, True
@@ -115,7 +117,7 @@ class Diagnostics:
         self._status = qos.advertise(node, DiagnosticStatus, "~/status", qos.latched())
 
     def publish(self, state: wording.Description, watches: list[InputWatch], counters: Mapping[str, int]) -> None:
-        """Everything, on both topics. ``state``: level, sentence and facts."""
+        """Publish both topics. ``state``: level, sentence and facts."""
         reports = [watch.report() for watch in watches]
         level, text = wording.input_sentence(reports)
         counted = [(key, str(count)) for key, count in sorted(counters.items())]
@@ -130,7 +132,7 @@ class Diagnostics:
         self._array.publish(message)
 
     def publish_status(self, level: int, sentence: str, facts: list[tuple[str, str]]) -> Any:
-        """~/status alone (at once when the mode changes)."""
+        """Publish ~/status alone, as on a change of the mode; return its message."""
         state = self._message("", level, sentence, facts)
         self._status.publish(state)
         return state

@@ -1,4 +1,4 @@
-"""What the nodes share: parameters, inputs, the time guard, events, diagnostics, services around one engine."""
+"""Base class of the nodes: parameters, inputs, time guard, events, diagnostics and services around one engine."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -24,11 +24,11 @@ from nav_pose_estimator.ros.time_guard import TimeGuard
 class EstimatorNode(Node):
     """A node around one engine. Subclasses subscribe with ``listen`` and publish in ``publish``.
 
-    Whatever a message does, the node lives on: errors in callbacks are counted and reported in one sentence.
+    No message can end the node: exceptions in callbacks are counted and reported in one sentence.
     """
 
     published: tuple[type, ...] = (NavSolution, AttitudeSolution)
-    """What of the engine's outputs goes to ``publish``."""
+    """Types of the engine's outputs that ``publish`` receives."""
 
     def __init__(self, name: str, make_engine: Callable[[Parameters], Any]) -> None:
         super().__init__(name)
@@ -43,7 +43,7 @@ class EstimatorNode(Node):
         self._mode: Mode | None = None
         self.intake = Intake(self, self.parameters.ros.input)
         self._diagnostics = Diagnostics(self)
-        # a steady clock: diagnostics must speak up when /clock is what is missing
+        # a steady clock, because diagnostics must also be published when /clock is missing
         period = self.parameters.ros.output.diagnostics_period
         self._timer = self.create_timer(period, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         back = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
@@ -53,18 +53,18 @@ class EstimatorNode(Node):
     # --- inputs ----------------------------------------------------------------------------------------------------
 
     def listen(self, source: Source, needed: bool = False, choose: Callable[[bytes], bool] | None = None) -> None:
-        """Subscribe to ``source``; a ``needed`` one that is silent is a warning on diagnostics.
+        """Subscribe to ``source``; if it is ``needed``, diagnostics warn while it is silent.
 
-        With ``choose`` only those messages are read that it wants by their bytes: what other nodes publish comes at
-        hundreds of hertz, and to build every message would cost more than to use it.
+        With ``choose``, only messages are deserialised whose bytes it accepts. The outputs of other nodes arrive at
+        hundreds of hertz, and deserialising all of them would cost more than using some.
         """
         self.intake.listen(source, needed, choose)
 
     def spare(self, flag: bool) -> None:
-        """Leave out work that can wait, while the node is overloaded; for nodes that have such work."""
+        """Omit work that can wait while ``flag`` is set (overload); for nodes that have such work."""
 
     def take(self, sample: Any) -> None:
-        """Feed one sample and publish what follows."""
+        """Feed one sample to the engine and publish its outputs."""
         admission = self._guard.admit(sample)
         if admission.back_s > 0.0:
             stamp = min(filter(None, map(stamp_of, admission.samples)))
@@ -84,12 +84,12 @@ class EstimatorNode(Node):
             if isinstance(output, Event):
                 self.logbook.note(output)
             elif type(output) not in self.published:
-                continue  # blocks come from blocks, and nodes feed none
+                continue  # blocks of solutions result only from blocks of samples, which nodes do not feed
             elif is_finite(output):
                 if self.intake.passes(output):
                     self.publish(output)
             else:
-                text = "a solution that is not finite is withheld"
+                text = "a solution with NaN or infinite values was not published"
                 self.logbook.note(Event(output.stamp_ns, "output.withheld.nan", Level.ERROR, text))
         mode = self.engine.mode
         if mode is not self._mode:
@@ -101,7 +101,7 @@ class EstimatorNode(Node):
         return wording.level_of(status), wording.sentence(status), wording.facts(status)
 
     def _state(self, status: Status) -> wording.Description:
-        """``describe``, and an overload where there is one."""
+        """``describe``, with the overload if there is one."""
         level, sentence, facts = self.describe(status)
         complaint = self.intake.complaint
         if complaint:
@@ -109,11 +109,11 @@ class EstimatorNode(Node):
         return level, sentence, [*facts, ("overload", complaint or "-")]
 
     def publish(self, solution: Any) -> None:
-        """Publish one solution of the kind that the engine gives."""
+        """Publish one solution of the engine."""
         raise NotImplementedError
 
     def destroy_node(self) -> None:
-        """Also stop listening to the clock."""
+        """Destroy the node, after its callback for jumps of the clock."""
         self._jump.unregister()
         super().destroy_node()
 
@@ -129,14 +129,14 @@ class EstimatorNode(Node):
             self.note_failure("diagnostics", error)
 
     def reset(self, reason: str) -> None:
-        """Let the engine start again."""
+        """Restart the engine for the given reason."""
         self.deliver(self.engine.reset(self.newest_ns, reason))
         self._guard.forget()
         self.intake.forget()
 
     @property
     def newest_ns(self) -> int:
-        """The newest stamp that has come."""
+        """The newest stamp received."""
         return self._guard.newest_ns
 
     def _set_parameters(self, parameters: Parameters) -> None:
@@ -145,11 +145,11 @@ class EstimatorNode(Node):
         self.say("parameters.changed", Level.INFO, "parameters were changed")
 
     def say(self, name: str, level: Level, text: str) -> None:
-        """Count and log something that the node itself reports."""
+        """Count and log an event of the node itself."""
         self.logbook.note(Event(self.newest_ns, name, level, text))
 
     def note_failure(self, where: str, error: Exception) -> None:
-        """Count and log what went wrong with one message or call."""
+        """Count and log an exception in the processing of a message or a call."""
         if not self.context.ok():
             return  # shutting down: publishers are gone
         text = f"{where}: {type(error).__name__}: {' '.join(str(error).split())}; the message is not used"

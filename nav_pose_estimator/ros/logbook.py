@@ -1,6 +1,6 @@
-"""Events to log lines and counters: every event is counted, the words come the 1st, 10th, 100th ... time.
+"""Log of events: all are counted, and repeated ones are logged the 1st, 10th, 100th ... time.
 
-rclpy's own throttling costs 300 microseconds a call even when it stays silent; this one costs an addition.
+The throttling of rclpy costs 300 microseconds per call even when nothing is logged; here it costs an addition.
 """
 
 import math
@@ -9,21 +9,21 @@ from typing import Any
 
 from nav_pose_estimator.engine.solutions import Event, Level
 
-_ALWAYS = (
+_ALWAYS = (  # beginnings of the names of events that are logged every time
     *("mode.", "reset", "aligned", "gnss.reset", "gnss.reacquired", "set_pose", "time."),
     *("outage.trained", "outage.model.", "autopilot."),
 )
 
 
 class Logbook:
-    """Where a node writes down what happened."""
+    """The log of one node."""
 
     def __init__(self, logger: Any) -> None:
         self._logger = logger
         self.counters: Counter[str] = Counter()
 
     def note(self, event: Event) -> None:
-        """Count ``event`` and log it unless it was logged often."""
+        """Count ``event``, and log it if its count is due."""
         self.counters[event.name] += 1
         if not event.text:
             return
@@ -34,7 +34,7 @@ class Logbook:
             self._say(event.level, f"{event.text} ({count} times so far)")
 
     def _say(self, level: Level, text: str) -> None:
-        # rclpy wants one severity for each place in the code that logs
+        # rclpy permits only one severity per calling line
         if level is Level.ERROR:
             self._logger.error(text)
         elif level is Level.WARN:

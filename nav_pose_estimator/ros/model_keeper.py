@@ -1,4 +1,4 @@
-"""The learner of a node: training in another process, the model on disk, and the services for both."""
+"""Training of a node's learner in another process, its model on disk, and the services for both."""
 
 from collections.abc import Callable
 from functools import partial
@@ -16,15 +16,16 @@ from nav_pose_estimator.engine.solutions import Level
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.ros.training import Outcome, Trainer
 
-_PERIOD = 0.5  # s: how often the training process is looked after
-_CURVE = 20  # so many trainings are remembered
+_PERIOD = 0.5  # s between two polls of the training process
+_CURVE = 20  # number of trainings that the learning curve contains
 
 
 class ModelKeeper:
     """Services ~/train, ~/save_model and ~/load_model of ``node``.
 
-    ``pupil`` has a ``learner`` (``engine.outage.learner``) and takes results in ``accept``; its jobs go to ``trainer``.
-    ``say`` takes the name, level and sentence of an event. Whatever goes wrong is reported; the model stays as it was.
+    ``pupil`` has a ``learner`` (``engine.outage.learner``) and receives results in ``accept``; ``trainer`` runs its
+    jobs. ``say`` takes the name, level and sentence of an event. Every failure is reported and leaves the model
+    unchanged.
     """
 
     def __init__(
@@ -48,15 +49,15 @@ class ModelKeeper:
 
     @property
     def training(self) -> str:
-        """How training does, in a few words."""
+        """State of the training in a few words."""
         return "running" if self._trainer.is_busy else self._failure or "-"
 
     def stop(self) -> None:
-        """End a training, if one runs."""
+        """End a running training."""
         self._trainer.stop()
 
     def look_after(self) -> None:
-        """Take what a training gave."""
+        """Receive the outcome of a training, and extend the learning curve; called by the timer."""
         try:
             outcome = self._trainer.poll()
             if outcome is not None:
@@ -66,7 +67,7 @@ class ModelKeeper:
             self._say("outage.training_failed", Level.ERROR, f"training: {_describe(error)}")
 
     def attempt(self, action: Callable[[], str]) -> tuple[bool, str]:
-        """Whether ``action`` succeeded, and the sentence about it."""
+        """Run ``action``: whether it succeeded, and a sentence for the user."""
         try:
             return True, action()
         except UserError as error:
@@ -77,7 +78,7 @@ class ModelKeeper:
         return False, text
 
     def train(self) -> str:
-        """Begin a training; ``UserError`` when that is impossible now."""
+        """Start a training; ``UserError`` where it is not possible now."""
         if self._trainer.is_busy:
             raise UserError("a training is running")
         learner = self._pupil.learner
@@ -88,13 +89,13 @@ class ModelKeeper:
         return "the training has begun; /diagnostics will show how it ends"
 
     def save(self) -> str:
-        """Write the model; ``UserError`` when that is impossible."""
+        """Save the model; ``UserError`` where it is not possible."""
         save_arrays(self._path(), self._pupil.learner.arrays())
         self._say("outage.model.saved", Level.INFO, f"the model was saved to {self._path()}")
         return f"the model was saved to {self._path()}"
 
     def load(self) -> str:
-        """Read the model; ``UserError`` when that is impossible."""
+        """Load the model; ``UserError`` where it is not possible."""
         self._pupil.learner.load(load_arrays(self._path()))
         self._say("outage.model.loaded", Level.INFO, f"the model was loaded from {self._path()}")
         return f"the model was loaded from {self._path()}"
@@ -114,7 +115,7 @@ class ModelKeeper:
             self.attempt(self.save)
 
     def _note_scores(self) -> None:
-        """A point of the learning curve when the learner has taken a result over, which it does in its own time."""
+        """Append a point to the learning curve once the learner has adopted a result, which may be some time later."""
         before, self._trainings = self._trainings, self._pupil.learner.state.trainings
         if self._trainings > before:
             scores = {name: float(value) for name, value in self._pupil.learner.scores().items()}
@@ -127,7 +128,7 @@ class ModelKeeper:
 
 
 def _check_folder(file: str) -> None:
-    """Whether the model can be written where ``file`` asks for it: better known before the flight than after it."""
+    """Check before the flight that the folder of ``file`` exists; ``ParameterError`` otherwise."""
     folder = Path(file).absolute().parent
     if file and not folder.is_dir():
         raise ParameterError(f"ros.model.file: the folder {folder} does not exist")

@@ -1,4 +1,4 @@
-"""The navigator as seen through its topics: nav_msgs/Odometry to what ``engine.outage.remote`` watches."""
+"""Conversion of a navigator's nav_msgs/Odometry to the input of a learner in another node."""
 
 import math
 from typing import Any
@@ -16,6 +16,6 @@ def odometry(message: Any) -> tuple[OdometrySample | Event, ...]:
     position, velocity, rate = vector(pose.pose.position), vector(twist.twist.linear), vector(twist.twist.angular)
     covs = covariance.read(pose.covariance, 6).matrix, covariance.read(twist.covariance, 6).matrix
     if q_nb is None or covs[0] is None or covs[1] is None or not all(map(math.isfinite, position + velocity + rate)):
-        text = "an odometry message lacks its orientation or covariance, or is not finite; not used"
+        text = "an odometry message has no orientation, no covariance, or values that are not finite; not used"
         return (Event(stamp, "odometry.rejected.incomplete", Level.WARN, text),)
     return (OdometrySample(stamp, position, q_nb, velocity, rate, covs[0], covs[1]),)

@@ -1,4 +1,4 @@
-"""Topics that estimators publish. Messages are made once and refilled; rates are kept by stamps."""
+"""Outputs of the estimators. Messages are created once and refilled; rates are limited by stamp time."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ class ImuVariances:
     def at(self, stamp_ns: int) -> tuple[float, float] | None:
         """Variances of one axis of rate [(rad/s)^2] and force [(m/s^2)^2]; None while the interval is unknown.
 
-        To be called with every sample: noise of density N is N^2 / dt in the mean over dt.
+        Must be called with every sample: the mean over dt of white noise of density N has the variance N^2 / dt.
         """
         p, dt = self._parameters, 1e-9 * (stamp_ns - self._last_ns)
         self._last_ns = stamp_ns
@@ -42,7 +42,7 @@ class ImuVariances:
 
 
 class AttitudeOutput:
-    """imu/data."""
+    """The topic imu/data."""
 
     def __init__(self, node: Node, parameters: Parameters) -> None:
         self._variances = ImuVariances(parameters.imu)
@@ -53,7 +53,7 @@ class AttitudeOutput:
         self._message.header.frame_id = parameters.ros.frames.base_link
 
     def publish(self, solution: AttitudeSolution) -> None:
-        """One attitude, if it is due."""
+        """Publish ``solution`` if it is due."""
         variances = self._variances.at(solution.stamp_ns)
         if self._pace.is_due(solution.stamp_ns) and qos.is_heard(self._publisher):
             outgoing.fill_imu(self._message, solution, self._world_frame, variances)
@@ -61,7 +61,7 @@ class AttitudeOutput:
 
 
 class NavigationOutput:
-    """odometry/filtered, gps/filtered, ~/pose, ~/origin, ~/bias/*, gnss/denied and /tf."""
+    """The topics odometry/filtered, gps/filtered, ~/pose, ~/origin, ~/bias/*, gnss/denied and /tf."""
 
     def __init__(self, node: Node, parameters: Parameters) -> None:
         frames, rates = parameters.ros.frames, parameters.ros.output
@@ -86,7 +86,7 @@ class NavigationOutput:
         self._is_denied: bool | None = None
 
     def publish(self, solution: NavSolution) -> None:
-        """One solution, on every topic where it is due."""
+        """Publish ``solution`` on every topic where it is due."""
         stamp = solution.stamp_ns
         self._publish_denied(solution.mode in DENIED)
         self._twist.take(solution)
@@ -108,7 +108,7 @@ class NavigationOutput:
                 publisher.publish(self._bias_message)
 
     def publish_origin(self, stamp_ns: int, origin: tuple[float, float, float] | None) -> None:
-        """The zero of map, when it is new."""
+        """Publish the origin of map (latitude, longitude [rad], ellipsoid height [m]) if it is new."""
         if origin is None or origin == self._published_origin:
             return
         self._published_origin = origin
@@ -124,7 +124,7 @@ class NavigationOutput:
 
 
 class LearnerOutput:
-    """outage/velocity_error and outage/position_error."""
+    """The topics outage/velocity_error and outage/position_error."""
 
     def __init__(self, node: Node, parameters: Parameters) -> None:
         self._velocity = qos.advertise(node, TwistWithCovarianceStamped, "outage/velocity_error")
@@ -133,7 +133,7 @@ class LearnerOutput:
         self._velocity_message.header.frame_id = self._position_message.header.frame_id = parameters.ros.frames.odom
 
     def publish(self, drift: PredictedDrift) -> None:
-        """One prediction, and the sum of those of this outage."""
+        """Publish a predicted velocity error and the position error accumulated in this outage."""
         outgoing.fill_velocity_error(self._velocity_message, drift)
         self._velocity.publish(self._velocity_message)
         outgoing.fill_vector_stamped(self._position_message, drift.stamp_ns, np.array(drift.dp_n))
@@ -141,7 +141,7 @@ class LearnerOutput:
 
 
 class Transforms:
-    """map -> odom -> base_link on /tf."""
+    """The transforms map -> odom -> base_link on /tf."""
 
     def __init__(self, node: Node, frames: Any) -> None:
         wanted = "ros.frames.publish_tf is true"
@@ -152,7 +152,7 @@ class Transforms:
         self._motion.header.frame_id, self._motion.child_frame_id = frames.odom, frames.base_link
 
     def publish(self, solution: NavSolution) -> None:
-        """Both transforms of one solution."""
+        """Publish both transforms of ``solution``."""
         moved = solution.position_enu - solution.correction_enu
         outgoing.fill_transform(self._jumps, solution.stamp_ns, np.asarray(solution.correction_enu))
         outgoing.fill_transform(self._motion, solution.stamp_ns, moved, solution.q_nb)

@@ -1,7 +1,7 @@
-"""The parameter tree as ROS parameters: declared with range, unit and meaning, checked by the tree's own rules.
+"""The parameter tree as ROS parameters, declared with range, unit and meaning, and checked by the tree's own rules.
 
-A parameter file with a name that does not exist, a wrong type or a value out of range stops the node before it starts
-(``ParameterError``, one sentence). Running, only parameters marked mutable can be set; the others are read-only.
+A parameter file with an unknown name, a wrong type or a value out of range stops the node before it starts
+(``ParameterError``, one sentence). In a running node only the parameters marked as mutable can be set.
 """
 
 import sys
@@ -20,7 +20,7 @@ from nav_pose_estimator.engine.parameters.schema import ParameterError, Spec, fl
 def declare(node: Node, defaults: Any = None) -> Any:
     """Declare a whole tree (the estimators' by default); return it with the overrides of files and command line.
 
-    One file serves all executables (its key is ``/**``): another tree passes over what it sets of the estimators.
+    One file can serve all executables (its key is ``/**``): other trees ignore the estimators' parameters in it.
     """
     ours = Parameters() if defaults is None else defaults
     foreign = flatten(Parameters()).keys() - flatten(ours).keys()
@@ -31,13 +31,13 @@ def declare(node: Node, defaults: Any = None) -> Any:
 
 
 def overrides(node: Node) -> dict[str, Any]:
-    """What files and command line set for ``node``, without what rclpy itself understands."""
-    given = node._parameter_overrides  # rclpy has no public way to see an override that nobody declares
+    """Values that files and command line set for ``node``, by name, without those that rclpy itself reads."""
+    given = node._parameter_overrides  # rclpy has no public access to overrides of undeclared names
     return {name: _tree_value(item.value) for name, item in given.items() if not name.startswith(READ_BY_ROS)}
 
 
 def descriptor(spec: Spec) -> ParameterDescriptor:
-    """Range, unit and meaning of one parameter for ``ros2 param describe``."""
+    """Descriptor of one parameter for ``ros2 param describe``: range, unit and meaning."""
     unit = f" [{spec.unit}]" if spec.unit else ""
     result = ParameterDescriptor(description=spec.description + unit, read_only=not spec.mutable)
     if spec.choices:
@@ -58,7 +58,7 @@ def descriptor(spec: Spec) -> ParameterDescriptor:
 
 
 class LiveParameters:
-    """Keeps ``current`` up to date while the node runs; ``apply`` gets every new tree that was accepted."""
+    """Keeps ``current`` up to date while the node runs; ``apply`` receives every accepted tree."""
 
     def __init__(self, node: Node, current: Parameters, apply: Callable[[Parameters], None]) -> None:
         self.current = current
@@ -88,5 +88,5 @@ def _ros_value(value: Any) -> Any:
 
 
 def _tree_value(value: Any) -> Any:
-    """rclpy gives arrays as array.array or list."""
+    """A ROS value as the tree has it: arrays, which rclpy gives as array.array or list, become tuples."""
     return value if isinstance(value, (bool, int, float, str, type(None))) else tuple(value)

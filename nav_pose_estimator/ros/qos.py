@@ -1,8 +1,8 @@
-"""Quality of service: sensors are read best effort (that meets every publisher), results are written reliably.
+"""Quality of service: inputs are best effort, which is compatible with every publisher, and outputs are reliable.
 
-Every profile can be overridden in YAML (``qos_overrides./topic.subscription.reliability`` ...). A peer that does not
-fit is named: for inputs in a sentence with the cure (``on_misfit``) and on diagnostics (``misfits``), for outputs by
-rclpy. Messages that were lost on the way are handed to ``on_lost``.
+Every profile can be overridden in YAML (``qos_overrides./topic.subscription.reliability`` ...). Incompatible peers are
+reported: those of inputs in a sentence with the remedy (``on_misfit``) and on diagnostics (``misfits``), those of
+outputs by rclpy. ``on_lost`` receives the number of lost messages.
 """
 
 from collections.abc import Callable, Iterable
@@ -21,21 +21,21 @@ from rclpy.qos import (
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-_DEPTH_OUT = 10
+_DEPTH_OUT = 10  # messages in the queue of an output
 
 
 def sensor(depth: int) -> QoSProfile:
-    """For inputs: best effort, the last ``depth`` messages."""
+    """Profile for inputs: best effort, keep the last ``depth`` messages."""
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def result() -> QoSProfile:
-    """For outputs: reliable."""
+    """Profile for outputs: reliable."""
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=_DEPTH_OUT, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def latched() -> QoSProfile:
-    """For facts that a late subscriber must still get: reliable, transient local, the last one."""
+    """Profile for states that late subscribers need: reliable, transient local, keep the last message."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=1,
@@ -54,9 +54,9 @@ def subscribe(
     on_lost: Callable[[int], None] | None = None,
     on_misfit: Callable[[str], None] | None = None,
 ) -> Any:
-    """Subscribe with an overridable ``profile``; ``raw`` gives serialized messages.
+    """Subscribe with an overridable ``profile``; with ``raw`` the callback receives serialized messages.
 
-    ``on_lost`` gets a number of losses, ``on_misfit`` a sentence when a publisher comes that cannot be heard.
+    ``on_lost`` receives the number of newly lost messages, ``on_misfit`` a sentence about an incompatible publisher.
     """
     lost = None if on_lost is None else lambda info: on_lost(info.total_count_change)
     misfit = None if on_misfit is None else lambda info: on_misfit(_misfit(node, topic, info.last_policy_kind))
@@ -72,21 +72,21 @@ def subscribe(
 
 
 def advertise(node: Node, kind: Any, topic: str, profile: QoSProfile | None = None) -> Any:
-    """Publish reliably, or with ``profile``; overridable."""
+    """Create a publisher with the overridable ``profile``, by default that of outputs."""
     return node.create_publisher(
         kind, topic, profile or result(), qos_overriding_options=QoSOverridingOptions.with_default_policies()
     )
 
 
 def is_heard(publisher: Any) -> bool:
-    """Whether there is a subscriber. Asking costs 3 microseconds, filling and publishing a message for nobody 60."""
+    """Whether there is a subscriber: a query of 3 microseconds, against 60 to fill and publish a message in vain."""
     return publisher.get_subscription_count() > 0
 
 
 def misfits(publishers: Iterable[Any], kind: str, profile: QoSProfile) -> list[str]:
-    """Why ``publishers`` (topic endpoint infos) are not heard by a subscription of type ``kind`` with ``profile``.
+    """Clauses that say which of ``publishers`` (topic endpoint infos) are incompatible, and why.
 
-    One clause each, empty for those that fit.
+    ``kind`` is the type of the subscription, and ``profile`` its QoS.
     """
     found = []
     for peer in publishers:
@@ -99,7 +99,7 @@ def misfits(publishers: Iterable[Any], kind: str, profile: QoSProfile) -> list[s
 
 
 def _misfit(node: Node, topic: str, policy_kind: Any) -> str:
-    """The sentence for a publisher that offers less than the subscription asks for."""
+    """Sentence about a publisher that offers less than the subscription requests."""
     name, policy = node.resolve_topic_name(topic), qos_policy_name_from_kind(policy_kind)
     return (
         f"a publisher on {name} offers incompatible QoS ({policy}); nothing is received from it: "

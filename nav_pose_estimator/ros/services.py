@@ -1,4 +1,4 @@
-"""Services around an engine: restart, an outage drill, a held return of GNSS, and coordinates to and from map."""
+"""Services around an engine: restart, outage drill, decision about a held return of GNSS, conversion of coordinates."""
 
 import importlib
 import math
@@ -14,7 +14,7 @@ from nav_pose_estimator.engine.solutions import Event, Level
 
 
 def offer_reset(node: Any) -> None:
-    """Service ~/reset: forget the solution and align again."""
+    """Offer the service ~/reset: discard the solution and align again."""
 
     def reset() -> str:
         node.reset("requested by a service call")
@@ -24,7 +24,7 @@ def offer_reset(node: Any) -> None:
 
 
 def offer_gnss(node: Any) -> None:
-    """Services ~/use_gnss (outage drill), ~/accept_return and ~/refuse_return (``gnss.reacquisition.policy: hold``)."""
+    """Offer ~/use_gnss (outage drill), and ~/accept_return, ~/refuse_return (``gnss.reacquisition.policy: hold``)."""
 
     def use_gnss(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         node.engine.set_use_gnss(request.data)
@@ -39,10 +39,10 @@ def offer_gnss(node: Any) -> None:
 
 
 def offer_coordinates(node: Any) -> None:
-    """Services ~/from_ll and ~/to_ll as robot_localization defines them, where it is installed.
+    """Offer ~/from_ll and ~/to_ll as robot_localization defines them, where it is installed.
 
-    Heights are above the ellipsoid; one that is NaN is that of the origin. Before there is an origin the answer, which
-    has no field to say so, is NaN, and the log says why.
+    Heights are above the ellipsoid; NaN stands for the height of the origin. As the response has no field for a
+    failure, it is NaN before there is an origin, and the log gives the reason.
     """
     try:
         kinds = importlib.import_module("robot_localization.srv")
@@ -53,7 +53,7 @@ def offer_coordinates(node: Any) -> None:
 
 
 def _from_ll(node: Any, request: Any, response: Any) -> Any:
-    """From latitude, longitude [deg] and height to map."""
+    """Convert latitude, longitude [deg] and height [m] to a point in map [m]."""
     place, origin = request.ll_point, _known_origin(node, "~/from_ll")
     height = origin[2] if math.isnan(place.altitude) else place.altitude
     position = lla_to_enu(math.radians(place.latitude), math.radians(place.longitude), height, *origin)
@@ -63,7 +63,7 @@ def _from_ll(node: Any, request: Any, response: Any) -> Any:
 
 
 def _to_ll(node: Any, request: Any, response: Any) -> Any:
-    """From map to latitude, longitude [deg] and height."""
+    """Convert a point in map [m] to latitude, longitude [deg] and height [m]."""
     point, origin = request.map_point, _known_origin(node, "~/to_ll")
     lat, lon, height = enu_to_lla((point.x, point.y, point.z), *origin)
     place = response.ll_point
@@ -91,7 +91,7 @@ def _decide(node: Any, accept: bool) -> str:
 def _serve(
     node: Any, name: str, action: Callable[[], str], request: Trigger.Request, response: Trigger.Response
 ) -> Trigger.Response:
-    """Whatever goes wrong is reported, and the node lives on."""
+    """Call ``action`` and respond with its sentence; an exception is reported and does not end the node."""
     try:
         response.success, response.message = True, action()
     except ValueError as refusal:

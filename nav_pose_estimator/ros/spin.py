@@ -1,7 +1,7 @@
-"""The life of a node: start, spin, stop. The only spin loop of the package.
+"""Life cycle of a node: start, spin, stop. This is the only spin loop of the package.
 
-Ends with exit code 0 on SIGINT and SIGTERM. ``spin_once`` with a time-out works in every release of rclpy, also where
-``spin`` misses signals; the events executor, where there is one, halves the cost of a callback.
+It ends with exit code 0 on SIGINT and SIGTERM. ``spin_once`` with a time-out works in every release of rclpy, also in
+those where ``spin`` misses signals. The events executor, where available, halves the cost of a callback.
 """
 
 import signal
@@ -20,10 +20,10 @@ try:
     from rclpy.impl.implementation_singleton import rclpy_implementation
 
     RCLError: type[Exception] = rclpy_implementation.RCLError
-except (ImportError, AttributeError):  # no such internals: nothing to tell apart
+except (ImportError, AttributeError):  # this rclpy has no such class
     RCLError = RuntimeError
 
-try:  # here, not when it is needed: a signal in the middle of an import leaves a traceback behind
+try:  # at the top, because a signal during an import at run time would print a traceback
     from rclpy.experimental import EventsExecutor as _Executor
 except ImportError:
     _Executor = SingleThreadedExecutor
@@ -31,12 +31,12 @@ except ImportError:
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.ros.middleware import shared_memory
 
-_TIMEOUT = 0.25  # s: how soon a signal is seen at the latest
-_IMPATIENCE = 1.0  # s: a signal later than this after the first means it; launch repeats the terminal's at once
+_TIMEOUT = 0.25  # s: longest delay until a signal is noticed
+_IMPATIENCE = 1.0  # s after the first signal from which another one interrupts; launch repeats the first one at once
 
 
 def make_executor(context: Any = None) -> Any:
-    """The events executor where rclpy has it (7.1.4 and later), else the single-threaded one."""
+    """Create the events executor where rclpy has it (7.1.4 and later), otherwise the single-threaded one."""
     return _Executor(context=context)
 
 
@@ -47,7 +47,7 @@ def run(
 ) -> int:
     """Create the node, spin until a signal, a shutdown or ``is_over(node)``, clean up; returns the exit code.
 
-    Raises ``UserError`` for arguments and parameters that make no sense.
+    Raises ``UserError`` for invalid arguments and parameters.
     """
     node = None
     with _signals() as stop:
@@ -62,7 +62,7 @@ def run(
             raise
         except Exception:
             if rclpy.ok():
-                raise  # anything else is the shutdown that came in between
+                raise  # otherwise it is a consequence of the shutdown
         finally:
             if node is not None:
                 node.destroy_node()
@@ -93,10 +93,10 @@ def _spin(node: Node, is_over: Callable[[], bool]) -> None:
 
 
 class _Stop:
-    """SIGINT and SIGTERM. While they are heeded they are a question that the loop asks; before, they interrupt.
+    """Handler of SIGINT and SIGTERM. While ``is_heeded`` the spin loop polls it; otherwise a signal interrupts.
 
-    rclpy's own handlers would end the context, or raise KeyboardInterrupt, in the middle of a callback, and the
-    executor prints a traceback for that. Neither is a node taken apart undisturbed.
+    The handlers of rclpy would end the context or raise KeyboardInterrupt in the middle of a callback, for which the
+    executor prints a traceback, and they would also interrupt the destruction of the node.
     """
 
     def __init__(self) -> None:
@@ -105,11 +105,11 @@ class _Stop:
 
     @property
     def is_asked(self) -> bool:
-        """Whether one has come."""
+        """Whether a signal was received."""
         return self._first is not None
 
     def note(self, *_: Any) -> None:
-        """The handler."""
+        """Handle a signal."""
         now = time.monotonic()
         if self._first is None:
             self._first = now
@@ -119,9 +119,9 @@ class _Stop:
 
 @contextmanager
 def _signals() -> Iterator[_Stop]:
-    """Signals go to what is given, and afterwards where they went before."""
+    """Direct the signals to the yielded handler, and restore the previous handlers at the end."""
     stop = _Stop()
-    if threading.current_thread() is not threading.main_thread():  # signals are none of its business
+    if threading.current_thread() is not threading.main_thread():  # only the main thread may set handlers
         yield stop
         return
     before = {number: signal.signal(number, stop.note) for number in (signal.SIGINT, signal.SIGTERM)}

@@ -1,7 +1,7 @@
 """Training in a separate process, so that no callback waits and no sample is lost meanwhile.
 
-The process is spawned: it inherits no ROS, threads or sockets of the node. It gives way to
-everything that flies (nice 10), ignores the interrupt key, which is meant for the node, and ends with the node.
+The process is spawned, so that it inherits no ROS context, threads or sockets of the node. It runs at low priority,
+ignores SIGINT, which is meant for the node, and ends with the node.
 """
 
 import multiprocessing
@@ -12,20 +12,20 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
-_TIME_LIMIT = 600.0  # s: a training that takes longer has gone astray
-_NICE = 10
+_TIME_LIMIT = 600.0  # s after which a training is aborted
+_NICE = 10  # niceness of the process
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a training: a ``result``, or one clause that says why there is none (``failure``)."""
+    """Outcome of a training: a ``result``, or a clause with the reason why there is none (``failure``)."""
 
     result: Any = None
     failure: str = ""
 
 
 class Trainer:
-    """At most one training at a time."""
+    """Runs trainings, at most one at a time."""
 
     def __init__(self, time_limit: float = _TIME_LIMIT) -> None:
         self._context = multiprocessing.get_context("spawn")
@@ -41,9 +41,9 @@ class Trainer:
         return self._process is not None
 
     def submit(self, job: Any) -> None:
-        """Run ``job`` (picklable, with ``run()``) in a new process, now or when the present one is done.
+        """Run ``job`` (picklable, with ``run()``) in a new process, now or after the running one.
 
-        Of several that wait only the newest is kept: it has seen what the older ones have.
+        Of several waiting jobs only the newest is kept, because its data include those of the older ones.
         """
         if self.is_busy:
             self._waiting = job
@@ -55,7 +55,7 @@ class Trainer:
         self._give_up = time.monotonic() + self._limit
 
     def poll(self) -> Outcome | None:
-        """The outcome as soon as there is one; does not wait."""
+        """Outcome of the training if it has ended, otherwise None; does not wait."""
         if not self.is_busy:
             return None
         if self._connection.poll():
@@ -74,7 +74,7 @@ class Trainer:
         return outcome
 
     def stop(self) -> None:
-        """End everything; outcomes are lost."""
+        """End the running training and discard a waiting one."""
         self._waiting = None
         self._end()
 
@@ -88,7 +88,7 @@ class Trainer:
 
 
 def _work(job: Any, connection: Connection) -> None:
-    """The whole life of the training process."""
+    """Main function of the training process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(_NICE)
     try:

@@ -1,4 +1,4 @@
-"""What the pilot reads: status and inputs in sentences. Pure functions of plain data."""
+"""Texts of diagnostics: status and inputs in sentences, by pure functions of plain data."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,7 +9,7 @@ from nav_pose_estimator.engine.solutions import Mode, Status
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs/DiagnosticStatus
 
 Description = tuple[int, str, list[tuple[str, str]]]
-"""Level, sentence, and facts by key: what ``~/status`` says."""
+"""Level, sentence, and facts by key: the content of ``~/status``."""
 
 _LEVELS = {Mode.AIDED: OK, Mode.EXPIRED: ERROR}
 MEANINGS = {
@@ -38,10 +38,11 @@ LEARNER_MEANINGS = {
 
 @dataclass(frozen=True)
 class InputReport:
-    """State of one input topic: messages in all, rate since the last report, messages lost; age of the last one [s].
+    """State of one input topic.
 
-    ``misfits``: publishers from which nothing is received, and why, one clause each. ``lost_lately``: since the last
-    report. ``is_gone``: there was a publisher, and there is none any more.
+    ``total`` messages in all, ``rate`` [Hz] since the last report, ``lost`` messages in all and ``lost_lately`` since
+    the last report, ``age`` [s] of the last message. ``misfits``: one clause for each incompatible publisher.
+    ``is_gone``: there was a publisher, and there is none any more.
     """
 
     topic: str
@@ -57,13 +58,13 @@ class InputReport:
 
 
 def level_of(status: Status) -> int:
-    """OK, WARN or ERROR for the mode; no more than WARN while the navigator is in doubt."""
+    """OK, WARN or ERROR by the mode; WARN instead of OK while the navigator is in doubt."""
     level = _LEVELS.get(status.mode, WARN)
     return WARN if status.doubt and level == OK else level
 
 
 def sentence(status: Status, meanings: Mapping[Mode, str] = MEANINGS) -> str:
-    """The state in one sentence; ``meanings`` of the modes where they are not those of the navigator."""
+    """Sentence that describes the state; ``meanings`` of the modes where they differ from those of the navigator."""
     waiting = status.waiting_for.rstrip(".")
     parts = [f"{status.mode.value}: {waiting or meanings[status.mode]}"]
     if status.mode is Mode.COASTING and status.held_by and not waiting:
@@ -82,7 +83,7 @@ def sentence(status: Status, meanings: Mapping[Mode, str] = MEANINGS) -> str:
 
 
 def facts(status: Status) -> list[tuple[str, str]]:
-    """Key and value, the same keys in every message."""
+    """Facts by key, with the same keys in every message."""
     satellites = "unknown" if status.satellites is None else str(status.satellites)
     pairs = [
         ("mode", status.mode.value),
@@ -98,7 +99,7 @@ def facts(status: Status) -> list[tuple[str, str]]:
 
 
 def learner_facts(status: Status, training: str, history: Sequence[Mapping[str, float]]) -> list[tuple[str, str]]:
-    """Key and value for the learner; ``history``: its scores after each training, the learning curve."""
+    """Facts by key for the learner; ``history``: its scores after each training, the learning curve."""
     names = sorted({name for scores in history for name in scores if "error" in name})
     curves = [(name, ", ".join(number(scores.get(name, math.nan)) for scores in history)) for name in names]
     return [
@@ -112,7 +113,7 @@ def learner_facts(status: Status, training: str, history: Sequence[Mapping[str, 
 
 
 def input_sentence(reports: list[InputReport]) -> tuple[int, str]:
-    """Level and sentence for the inputs: a silent needed input or an incompatible publisher is a warning."""
+    """Level and sentence for the inputs: WARN for silent needed inputs, losses and incompatible publishers."""
     words = [words for report in reports for words in _complaints(report)]
     return (WARN, "; ".join(words)) if words else (OK, "all needed inputs arrive")
 
@@ -141,10 +142,10 @@ def input_facts(reports: list[InputReport]) -> list[tuple[str, str]]:
 
 
 def metres(value: float) -> str:
-    """A length to be read."""
+    """A length [m] as text, in m or km."""
     return f"{value:.1f} m" if value < 10.0 else f"{value:.0f} m" if value < 10_000.0 else f"{value / 1000:.0f} km"
 
 
 def number(value: float) -> str:
-    """A number to be read; what is not finite is unknown."""
+    """A number as text; "unknown" if it is not finite."""
     return f"{value:.4g}" if math.isfinite(value) else "unknown"

@@ -1,6 +1,6 @@
-"""What goes wrong with single beams of a Doppler sensor, and random plans of it.
+"""Faults of single beams of a Doppler sensor, and random plans of such faults.
 
-``start`` and ``length`` [s] count in time of arrival, as for all faults; beams are numbered from 0.
+``start`` and ``length`` [s] refer to the time of arrival, as for all faults; beams are numbered from 0.
 """
 
 import math
@@ -22,14 +22,14 @@ EVERY: tuple[int, ...] = ()
 
 @dataclass(frozen=True)
 class BeamFault(Fault):
-    """A failure of some beams; ``seed`` draws what is random in it."""
+    """A fault of some beams; ``seed`` determines its random numbers."""
 
     sensor: type = BeamVelocitySample
     beams: tuple[int, ...] = EVERY
     seed: int = 0
 
     def spoil(self, timed: Timed, healthy: Sample | None, number: int) -> Timed:
-        """The sample with the changed beams; nothing else of it changes."""
+        """The sample with changed velocities of the affected beams."""
         sample: Any = timed.sample
         values = np.array(sample.velocities, float)
         chosen = list(self.beams or range(len(values)))
@@ -38,10 +38,10 @@ class BeamFault(Fault):
 
     @abstractmethod
     def wrong(self, values: np.ndarray, number: int) -> np.ndarray:
-        """What the beams say instead of ``values`` (k,) [m/s] in the ``number``-th sample of the failure."""
+        """Velocities (k,) [m/s] of the affected beams instead of ``values``, in sample ``number`` of the fault."""
 
     def draw(self, number: int) -> np.random.Generator:
-        """Random numbers of that sample alone: a failure is the same whatever came before it."""
+        """Random generator of that sample alone, so that the fault does not depend on what precedes it."""
         return stream(self.seed, f"beam fault at {self.start:g}, {number}")
 
 
@@ -57,7 +57,7 @@ class BeamOffset(BeamFault):
 
 @dataclass(frozen=True)
 class BeamScale(BeamFault):
-    """A wrong scale, as of a wrong speed of sound or a false side lobe."""
+    """A scale error, as caused by a wrong speed of sound or by a side lobe."""
 
     scale: float = 1.15
 
@@ -67,7 +67,7 @@ class BeamScale(BeamFault):
 
 @dataclass(frozen=True)
 class BeamNoise(BeamFault):
-    """Noise whose deviation grows by ``growth`` [m/s] with every sample."""
+    """Noise whose standard deviation grows by ``growth`` [m/s] with every sample."""
 
     growth: float = 0.001
 
@@ -77,7 +77,7 @@ class BeamNoise(BeamFault):
 
 @dataclass(frozen=True)
 class BeamOutliers(BeamFault):
-    """Single wrong values on the part ``share`` of all: off by ``smallest`` to ``largest`` [m/s], either sign."""
+    """Outliers in the fraction ``share`` of all values, with errors of +-``smallest`` to +-``largest`` [m/s]."""
 
     share: float = 0.08
     smallest: float = 0.1
@@ -92,7 +92,7 @@ class BeamOutliers(BeamFault):
 
 @dataclass(frozen=True)
 class BeamsLost(BeamFault):
-    """The beams see nothing."""
+    """The beams have no return: their values are NaN."""
 
     def wrong(self, values: np.ndarray, number: int) -> np.ndarray:
         return np.full(len(values), math.nan)
@@ -100,7 +100,7 @@ class BeamsLost(BeamFault):
 
 @dataclass(frozen=True)
 class Stretch:
-    """Where a plan puts its faults [s], and what they are measured by."""
+    """Interval [s] in which a plan puts its faults, and the quantities that scale them."""
 
     start: float
     length: float
@@ -114,7 +114,7 @@ Plan = Callable[[Stretch, np.random.Generator], list[BeamFault]]
 
 
 def _twice(one: Callable[[Stretch, float, float, int, float], BeamFault], seconds: float = 120.0) -> Plan:
-    """The fault on a random beam in each half of the stretch, for ``seconds`` or two fifths of the stretch."""
+    """Plan of a fault of a random beam in each half of the interval, for ``seconds`` or 40 % of it if that is less."""
 
     def plan(where: Stretch, random: np.random.Generator) -> list[BeamFault]:
         length = min(seconds, 0.4 * where.length)
@@ -129,7 +129,7 @@ def _twice(one: Callable[[Stretch, float, float, int, float], BeamFault], second
 
 
 def _lost(offsets: tuple[int, ...]) -> Plan:
-    """Beams at ``offsets`` from a random one are gone for the middle half of the stretch."""
+    """Plan of the loss of the beams at ``offsets`` from a random one, for the middle half of the interval."""
 
     def plan(where: Stretch, random: np.random.Generator) -> list[BeamFault]:
         first = int(random.integers(where.beams))
@@ -172,7 +172,7 @@ def _outliers(where: Stretch, random: np.random.Generator) -> list[BeamFault]:
 
 
 def _mixed(where: Stretch, random: np.random.Generator) -> list[BeamFault]:
-    """Episodes of 20 to 60 s with a fault of a random kind on a random beam, two thirds of the time."""
+    """Faults of 20 to 60 s, of random kind and beam, during two thirds of the interval."""
     faults: list[BeamFault] = []
     now = where.start
     while now < where.start + where.length - 20.0:
@@ -196,9 +196,9 @@ PLANS: dict[str, Plan] = {
     "all lost": _twice(_all_lost, 60.0),
     "mixed": _mixed,
 }
-"""What happens to the beams within a stretch, by name."""
+"""Plans by name."""
 
 
 def plan(name: str, where: Stretch, seed: int) -> tuple[BeamFault, ...]:
-    """The faults of the plan ``name``; the same seed gives the same."""
+    """The faults of the plan ``name``, reproducible by ``seed``."""
     return tuple(PLANS[name](where, stream(seed, f"beams: {name}")))

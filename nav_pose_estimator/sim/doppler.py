@@ -1,4 +1,4 @@
-"""A Doppler log or radar: every beam measures the velocity over ground along itself."""
+"""Model of a Doppler log or radar, whose beams each measure the component of the velocity over ground along them."""
 
 import math
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ Triple = tuple[float, float, float]
 
 
 def cone(beams: int, angle: float, first: float) -> tuple[Triple, ...]:
-    """Unit vectors (x forward, y left, z up) of ``beams`` that look down, ``angle`` [rad] off the vertical.
+    """Unit vectors (x forward, y left, z up) of ``beams`` that point down, at ``angle`` [rad] from the vertical.
 
-    They follow each other to the left from ``first`` [rad] on: 0 is the "+" arrangement of four, pi / 4 the "x".
+    Their azimuths increase to the left from ``first`` [rad]; with four beams, 0 is a "+" and pi / 4 an "x" arrangement.
     """
     around = first + 2.0 * math.pi / beams * np.arange(beams)
     level = math.sin(angle)
@@ -30,9 +30,9 @@ def cone(beams: int, angle: float, first: float) -> tuple[Triple, ...]:
 
 @dataclass(frozen=True)
 class Doppler:
-    """Beams with noise, a bias each and a common scale; how the sensor sits, and how well that is known.
+    """Beams with noise, individual biases and a common scale error; mounting and misalignment of the sensor.
 
-    Along beam b_i it measures (1 + scale) b_i . v + bias_i + noise, v the velocity of its place in its axes.
+    Along beam b_i it measures (1 + scale) b_i . v + bias_i + noise, with its velocity v in its own axes.
     """
 
     rate: float = 2.0  # Hz
@@ -41,15 +41,15 @@ class Doppler:
     bias_sd: float = 0.001  # m/s, constant, per beam
     scale_sd: float = 0.002  # common to all beams
     lever: Triple = (0.0, 0.0, 0.0)  # m from the IMU in the body
-    rpy: Triple = (0.0, 0.0, 0.0)  # rad, of the sensor in the body: what the drawing says
-    misalignment: Triple = (0.0, 0.0, 0.0)  # rad, about the sensor's axes: what the drawing does not say
+    rpy: Triple = (0.0, 0.0, 0.0)  # rad, nominal mounting of the sensor in the body
+    misalignment: Triple = (0.0, 0.0, 0.0)  # rad, unknown deviation from it about the sensor's axes
     latency: float = 0.0  # s: stamp minus time of validity
     transport: float = 0.02  # s: arrival minus stamp
     sign: float = -1.0  # 1: positive while the sensor moves along the beam; -1: while the ground recedes, as radars do
 
 
 def doppler(truth: Truth, model: Doppler, rng: np.random.Generator, start_ns: int) -> list[Timed]:
-    """Velocity along every beam, as published; no range, and no 3-D velocity, as in a cloud of points."""
+    """Samples of the velocities along all beams, without ranges and 3-D velocity, as a point cloud provides them."""
     t = sensor_times(truth, model.rate)
     t = t[t + model.latency + model.transport <= truth.t[-1]]
     at = truth.at(t)

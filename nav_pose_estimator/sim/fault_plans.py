@@ -1,4 +1,4 @@
-"""Random failures for endurance runs: one after the other, every sensor and every kind, the same for the same seed."""
+"""Random sequences of failures for endurance runs, of every sensor and every kind, reproducible by their seed."""
 
 from dataclasses import dataclass
 
@@ -25,12 +25,12 @@ _SPIKES: dict[type, tuple[float, ...]] = {
 }
 SENSORS = tuple(_SPIKES)
 KINDS = ("stop", "freeze", "nan", "spike", "delay", "rate", "time jump")
-_IMU_LONGEST = 4.0  # s
+_IMU_LONGEST = 4.0  # s: longest failure of the IMU
 
 
 @dataclass(frozen=True)
 class Planned:
-    """One failure: the sensor's name and the kind in words, and the fault that does it."""
+    """One failure: the names of its sensor and kind, and the fault that implements it."""
 
     sensor: str
     kind: str
@@ -38,10 +38,10 @@ class Planned:
 
 
 def random_plan(seed: int, duration: float, every: float = 60.0, first: float = 90.0) -> list[Planned]:
-    """A failure about every ``every`` seconds from ``first`` until ``duration`` less ``every`` [s].
+    """Plan a failure about every ``every`` seconds, from ``first`` to ``duration`` - ``every`` [s].
 
-    Sensors and kinds come in a random order in which each pair comes once before any comes again. Failures last 0.5 to
-    20 s, those of the IMU at most 4 s; a spike lasts a tenth of a second (a fifth for GNSS).
+    Pairs of sensor and kind are in random order; all of them occur before any is repeated. Failures last 0.5 to 20 s,
+    those of the IMU at most 4 s; a spike lasts 0.1 s for the IMU, otherwise 0.2 s.
     """
     rng = stream(seed, "faults")
     pairs: list[tuple[type, str]] = []

@@ -1,6 +1,6 @@
-"""Sensor failures as filters on a stream of samples. They compose: each takes a stream and returns one.
+"""Sensor failures as filters on a stream of samples; they compose, because each takes a stream and returns one.
 
-``start`` and ``length`` [s] count in time of arrival since the start of the recording.
+``start`` and ``length`` [s] refer to the time of arrival since the start of the recording.
 """
 
 import math
@@ -30,7 +30,7 @@ VALUES: dict[type, tuple[str, ...]] = {
     PressureSample: ("pressure",),
     BodyVelocity: ("velocity",),
 }
-"""What a sample measures: the fields that a failure changes."""
+"""Fields with the measured values of a sample, which failures change."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Fault(ABC):
     length: float = math.inf
 
     def __call__(self, stream: list[Timed], start_ns: int) -> list[Timed]:
-        """The stream with this failure, in order of arrival. Other sensors pass untouched."""
+        """The stream with this failure, in order of arrival; other sensors are unchanged."""
         first = start_ns + self.start * 1e9
         last = first + self.length * 1e9
         out: list[Timed] = []
@@ -62,12 +62,12 @@ class Fault(ABC):
 
     @abstractmethod
     def spoil(self, timed: Timed, healthy: Sample | None, number: int) -> Timed | None:
-        """What arrives instead of the ``number``-th sample of the failure; ``healthy`` is the last good one."""
+        """What arrives instead of the ``number``-th sample of the failure; ``healthy`` is the last sample before it."""
 
 
 @dataclass(frozen=True)
 class Stop(Fault):
-    """Nothing arrives."""
+    """No samples arrive."""
 
     def spoil(self, timed: Timed, healthy: Sample | None, number: int) -> Timed | None:
         return None
@@ -75,7 +75,7 @@ class Stop(Fault):
 
 @dataclass(frozen=True)
 class Freeze(Fault):
-    """The last good values come again and again, with fresh stamps."""
+    """The last good values are repeated with new stamps."""
 
     def spoil(self, timed: Timed, healthy: Sample | None, number: int) -> Timed | None:
         if healthy is None:
@@ -85,7 +85,7 @@ class Freeze(Fault):
 
 @dataclass(frozen=True)
 class NotANumber(Fault):
-    """All values are NaN (a satellite count: unknown)."""
+    """All values are NaN; a satellite count is unknown."""
 
     def spoil(self, timed: Timed, healthy: Sample | None, number: int) -> Timed | None:
         return _with(timed, {name: _nan(getattr(timed.sample, name)) for name in VALUES[self.sensor]})
@@ -93,7 +93,7 @@ class NotANumber(Fault):
 
 @dataclass(frozen=True)
 class Shift(Fault):
-    """``offset`` is added: metres East-North-Up to a position, else in the sample's unit (IMU: gyro, then accel)."""
+    """``offset`` is added, in m East-North-Up to a position, otherwise in the unit of the sample (IMU: gyro, accel)."""
 
     offset: tuple[float, ...] = (0.0, 0.0, 0.0)
 
@@ -114,7 +114,7 @@ class Shift(Fault):
 
 @dataclass(frozen=True)
 class Creep(Fault):
-    """A position moves away by ``step`` (East, North, Up) [m] more with every fix: a patient spoofer."""
+    """The position error grows by ``step`` (East, North, Up) [m] with every fix, as by a slow spoofer."""
 
     sensor: type = GnssFix
     step: tuple[float, float, float] = (0.2, 0.0, 0.0)
@@ -126,7 +126,7 @@ class Creep(Fault):
 
 @dataclass(frozen=True)
 class Redate(Fault):
-    """Stamps are wrong by ``seconds`` while samples arrive as ever: a clock that jumps, and jumps back."""
+    """Stamps are wrong by ``seconds``, while samples arrive in time: the clock jumps, and later jumps back."""
 
     seconds: float = 10.0
 
@@ -139,7 +139,7 @@ class Redate(Fault):
 
 @dataclass(frozen=True)
 class SetCount(Fault):
-    """The receiver reports ``count`` satellites, while its fixes go on."""
+    """The receiver reports ``count`` satellites, while its fixes continue."""
 
     sensor: type = SatelliteCount
     count: int | None = 3
@@ -150,7 +150,7 @@ class SetCount(Fault):
 
 @dataclass(frozen=True)
 class Delay(Fault):
-    """Samples arrive ``delay`` seconds later; their stamps stay true. Samples after the failure may overtake them."""
+    """Samples arrive later by ``delay`` [s] with correct stamps; samples after the failure may overtake them."""
 
     delay: float = 0.3
 
@@ -160,7 +160,7 @@ class Delay(Fault):
 
 @dataclass(frozen=True)
 class Thin(Fault):
-    """Only every ``keep_every``-th sample arrives: the rate drops."""
+    """Only every ``keep_every``-th sample arrives, which reduces the rate."""
 
     keep_every: int = 2
 
@@ -169,7 +169,7 @@ class Thin(Fault):
 
 
 def apply(stream: list[Timed], faults: tuple[Fault, ...], start_ns: int) -> list[Timed]:
-    """``stream`` with all ``faults``, the first one nearest to the sensor."""
+    """``stream`` with all ``faults``, applied in their order."""
     for fault in faults:
         stream = fault(stream, start_ns)
     return stream
@@ -186,7 +186,7 @@ def _nan(value: Any) -> Any:
 
 
 def _moved(fix: GnssFix, offset: tuple[float, ...]) -> dict[str, float]:
-    """Position of ``fix`` moved by ``offset`` (East, North, Up) [m]."""
+    """Position fields of ``fix`` moved by ``offset`` (East, North, Up) [m]."""
     R_M, R_N = radii(fix.lat)
     return {
         "lat": fix.lat + offset[1] / (R_M + fix.alt),

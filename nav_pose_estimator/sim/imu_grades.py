@@ -1,7 +1,8 @@
-"""Consumer IMUs as they behave in flight: rotor vibration and warming included, about twice the data sheet.
+"""Error models of IMUs, for consumer grades with the errors in flight, including rotor vibration and warm-up.
 
 Noise densities, bias instabilities (Gauss-Markov, standard deviation) and matrix errors are typical in-flight figures
-for the ICM-42688-P, BMI088 and MPU-6000; turn-on offsets are the data sheets' limits taken as two standard deviations.
+for the ICM-42688-P, BMI088 and MPU-6000, about twice those of the data sheets. Turn-on offsets are the data sheets'
+limits, taken as two standard deviations.
 """
 
 import difflib
@@ -27,13 +28,13 @@ class ImuGrade:
     accel_bias_tau: float = 300.0  # s
     gyro_turn_on_sd: float = 0.0  # rad/s
     accel_turn_on_sd: float = 0.0  # m/s^2
-    gyro_matrix_sd: float = 0.0  # scale factors and cross-axis terms, deviation of each element of M
+    gyro_matrix_sd: float = 0.0  # standard deviation of each element of M: scale factors and cross-axis terms
     accel_matrix_sd: float = 0.0
     gyro_resolution: float = 0.0  # rad/s, 0: not rounded
     accel_resolution: float = 0.0  # m/s^2
-    gyro_per_kelvin: float = 0.0  # rad/s/K, deviation
-    accel_per_kelvin: float = 0.0  # m/s^2/K, deviation
-    warm_up: float = 0.0  # K that the sensor warms after switching on
+    gyro_per_kelvin: float = 0.0  # rad/s/K, standard deviation
+    accel_per_kelvin: float = 0.0  # m/s^2/K, standard deviation
+    warm_up: float = 0.0  # K: rise of the temperature after switching on
     warm_up_tau: float = 120.0  # s
 
 
@@ -87,7 +88,7 @@ _MPU6000 = ImuGrade(
 
 
 def calibrated(grade: ImuGrade) -> ImuGrade:
-    """The same IMU, calibrated: turn-on offsets of 0.02 deg/s and 2 mg are left, and a tenth of the matrix errors."""
+    """The same IMU after calibration, with turn-on offsets of 0.02 deg/s and 2 mg, and a tenth of the matrix errors."""
     return replace(
         grade,
         name=f"{grade.name}_calibrated",
@@ -105,7 +106,7 @@ _NAVIGATION = ImuGrade(
     gyro_turn_on_sd=0.01 * DEG_PER_HOUR,
     accel_turn_on_sd=1e-2 * MG,
 )
-"""That of a ship's inertial navigation system."""
+"""IMU of a ship's inertial navigation system."""
 _TACTICAL = ImuGrade(
     "tactical",
     gyro_noise=0.05 * DEG / 60.0,
@@ -119,14 +120,14 @@ _TACTICAL = ImuGrade(
     gyro_matrix_sd=1e-4,
     accel_matrix_sd=1e-4,
 )
-"""A fibre-optic gyroscope in an underwater vehicle: 0.5 deg/h, 0.05 deg/sqrt(h), 0.1 mg."""
+"""Fibre-optic IMU of an underwater vehicle: 0.5 deg/h, 0.05 deg/sqrt(h), 0.1 mg."""
 PERFECT = ImuGrade("perfect")
-_SOLD = (_ICM42688, _BMI088, _MPU6000)
-IMU_GRADES = {grade.name: grade for grade in (*_SOLD, *map(calibrated, _SOLD), _TACTICAL, _NAVIGATION, PERFECT)}
+_CONSUMER = (_ICM42688, _BMI088, _MPU6000)
+IMU_GRADES = {grade.name: grade for grade in (*_CONSUMER, *map(calibrated, _CONSUMER), _TACTICAL, _NAVIGATION, PERFECT)}
 
 
 def imu_grade(name: str | ImuGrade) -> ImuGrade:
-    """The grade of that name. Raises ``UserError`` with the nearest name for one that does not exist."""
+    """The grade of that name; ``UserError`` with the closest name if it does not exist."""
     if isinstance(name, ImuGrade):
         return name
     if name not in IMU_GRADES:

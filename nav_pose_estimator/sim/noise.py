@@ -1,4 +1,4 @@
-"""Random processes of the simulation, and one independent random stream for every name."""
+"""Random processes of the simulation, and independent random generators by name."""
 
 from zlib import crc32
 
@@ -7,16 +7,16 @@ from scipy.signal import lfilter
 
 
 def stream(seed: int, name: str) -> np.random.Generator:
-    """A generator that depends on ``seed`` and ``name`` alone: one more sensor changes nothing for the others."""
+    """Random generator that depends only on ``seed`` and ``name``, so that a new sensor does not affect the others."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(crc32(name.encode()),)))
 
 
 def gauss_markov(
     rng: np.random.Generator, count: int, dt: float, sd: float | np.ndarray, tau: float, axes: int = 3
 ) -> np.ndarray:
-    """Stationary first-order Gauss-Markov process (count, axes) of deviation ``sd`` and correlation time ``tau`` [s].
+    """Stationary first-order Gauss-Markov process (count, axes), standard deviation ``sd``, time constant ``tau`` [s].
 
-    Its autocorrelation is sd^2 exp(-|t| / tau) whatever the step (Gelb, Applied Optimal Estimation, chapter 3).
+    Its autocorrelation is sd^2 exp(-|t| / tau) for any step ``dt`` [s] (Gelb, Applied Optimal Estimation, chapter 3).
     """
     white = rng.standard_normal((count, axes))
     decay = np.exp(-dt / tau)
@@ -25,13 +25,15 @@ def gauss_markov(
 
 
 def random_walk(rng: np.random.Generator, count: int, dt: float, density: float, axes: int = 3) -> np.ndarray:
-    """Brownian motion from zero, (count, axes), ``density`` in units per square root of a second."""
+    """Random walk (count, axes) from zero; ``density`` in units per square root of a second."""
     steps = rng.standard_normal((count, axes)) * (density * np.sqrt(dt))
     steps[:1] = 0.0
     return np.cumsum(steps, axis=0)
 
 
 def white_noise(rng: np.random.Generator, count: int, dt: float, density: float, axes: int = 3) -> np.ndarray:
-    """Means over ``dt`` of white noise, (count, axes). ``density`` in units per root hertz: the integral has variance
-    density^2 t."""
+    """Means (count, axes) of white noise over intervals of ``dt`` [s].
+
+    ``density`` in units per square root of a hertz: the integral over a time t has the variance density^2 t.
+    """
     return rng.standard_normal((count, axes)) * (density / np.sqrt(dt))

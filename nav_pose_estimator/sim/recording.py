@@ -1,4 +1,4 @@
-"""What a simulated vehicle recorded: the truth, and every sample in the order in which it arrived."""
+"""A simulated recording: the true motion, and all samples in order of arrival."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -16,16 +16,16 @@ from nav_pose_estimator.sim.trajectories import Origin, Truth
 
 @dataclass(frozen=True)
 class Recording:
-    """A simulated flight or drive. Seconds count from ``start_ns``; row i of ``truth`` is row i of ``imu_data.block``.
+    """A simulated flight or drive.
 
-    ``imu`` is what arrived, after faults: the same rows as long as no fault touches the IMU. ``others`` is in order of
-    arrival.
+    Times in seconds are relative to ``start_ns``. Row i of ``truth`` corresponds to row i of ``imu_data.block``.
+    ``imu`` are the received rows, which differ only by faults of the IMU. ``others`` is in order of arrival.
     """
 
     scenario: str
     seed: int
     imu_grade: ImuGrade
-    origin: Origin  # of the truth's East-North-Up coordinates: where the motion began
+    origin: Origin  # of the truth's East-North-Up coordinates, where the motion begins
     start_ns: int
     truth: Truth
     imu_data: ImuData
@@ -34,7 +34,7 @@ class Recording:
     others: list[Timed]
 
     def samples(self, blocks: bool = True) -> Iterator[Sample]:
-        """All samples in order of arrival, IMU first at equal times. ``blocks``: IMU samples come as ``ImuBlock``."""
+        """All samples in order of arrival, IMU first at equal times; with ``blocks``, IMU samples as ``ImuBlock``."""
         row = 0
         for arrival_ns, sample in self.others:
             until = int(np.searchsorted(self.imu_arrivals_ns, arrival_ns, side="right"))
@@ -44,7 +44,7 @@ class Recording:
         yield from self._imu_samples(row, len(self.imu), blocks)
 
     def arrivals(self) -> list[Timed]:
-        """All samples one by one with their times of arrival, in this order."""
+        """All samples, one by one, in order of their times of arrival."""
         imu = [
             Timed(arrival, sample)
             for arrival, sample in zip(
@@ -54,7 +54,7 @@ class Recording:
         return sorted(imu + self.others, key=lambda timed: timed.arrival_ns)
 
     def with_faults(self, *faults: Fault) -> "Recording":
-        """The same recording with failing sensors. The truth does not change."""
+        """The same recording with failing sensors, and the same true motion."""
         recording = self
         others = tuple(fault for fault in faults if fault.sensor is not ImuSample)
         if others:
@@ -74,7 +74,7 @@ class Recording:
         return recording
 
     def error_enu(self, t: np.ndarray | float, position: np.ndarray) -> np.ndarray:
-        """East, North, Up (..., 3) [m] from where the vehicle was at ``t`` (...) [s] to ``position`` (..., 3).
+        """Error (..., 3) [m] East, North, Up of ``position`` (..., 3) relative to the truth at ``t`` (...) [s].
 
         ``position``: latitude, longitude [rad], ellipsoid height [m].
         """

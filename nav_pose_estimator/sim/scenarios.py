@@ -1,4 +1,4 @@
-"""Named scenarios: a vehicle on a mission in a wind, its sensors, and what goes wrong with them."""
+"""Named scenarios: a vehicle on a mission, the wind, its sensors and their faults."""
 
 import difflib
 import math
@@ -24,11 +24,11 @@ from nav_pose_estimator.sim.wind import CALM, DRIFTING, LIGHT, MODERATE, Wind
 START_NS = 1_700_000_000_000_000_000
 """Stamp of time zero."""
 HOME = Origin(math.radians(47.3977), math.radians(8.5456), 488.0)
-"""Where the stories begin, if they do not say otherwise."""
+"""Default origin of the scenarios."""
 SEA = Origin(math.radians(43.2), math.radians(5.2), 0.0)
-"""Where those begin that go on, in or above water."""
+"""Origin of the scenarios on, in or above water."""
 MAX_DURATION = 6.0 * 3600.0
-"""s: an hour at 200 Hz takes about 1 GB of memory."""
+"""Longest duration [s]; an hour at 200 Hz takes about 1 GB of memory."""
 
 
 @dataclass(frozen=True)
@@ -241,11 +241,11 @@ DRONE = Scenario(
     origin=SEA,
 )
 FAULTY_FROM, FAULTY_FOR = 300.0, 600.0
-"""s: where beams fail in the scenarios AUV_... and DRONE_..., meant for replay with an outage there."""
+"""Start and length [s] of the beam faults in the scenarios auv_... and drone_..., for replay with an outage there."""
 
 
 def _with_faulty_beams(healthy: Scenario, prefix: str, speed: float) -> Iterator[Scenario]:
-    """A scenario for every plan of ``beam_faults``."""
+    """Yield a variant of ``healthy``, with ``speed`` [m/s], for every plan of ``beam_faults``."""
     assert healthy.doppler is not None
     model = healthy.doppler
     where = beam_faults.Stretch(FAULTY_FROM, FAULTY_FOR, speed, model.noise, model.rate, len(model.directions))
@@ -268,7 +268,7 @@ SCENARIOS = {scenario.name: scenario for scenario in _ALL}
 
 
 def find_scenario(name: str | Scenario) -> Scenario:
-    """The scenario of that name. Raises ``UserError`` with the nearest name for one that does not exist."""
+    """The scenario of that name; ``UserError`` with the closest name if it does not exist."""
     if isinstance(name, Scenario):
         return name
     if name not in SCENARIOS:
@@ -285,10 +285,10 @@ def generate(
     imu: str | ImuGrade = "icm42688",
     imu_rate: float | None = None,
 ) -> Recording:
-    """Tell the story for ``duration`` [s]. The same arguments give the same recording, bit for bit.
+    """Simulate ``scenario`` for ``duration`` [s]. The same arguments give the same recording, bit for bit.
 
-    The motion depends on scenario, duration, rate and seed alone: two IMU grades of one seed fly the same flight.
-    Raises ``UserError`` for a scenario, a grade or a number that makes no sense.
+    The motion depends only on scenario, duration, rate and seed, so that different IMU grades record the same flight.
+    Raises ``UserError`` for an unknown scenario or grade, and for numbers out of range.
     """
     scenario, grade = find_scenario(scenario), imu_grade(imu)
     duration = _within("duration", scenario.duration if duration is None else duration, 1.0, MAX_DURATION, "s")
@@ -320,6 +320,6 @@ def generate(
 
 
 def _within(what: str, value: float, low: float, high: float, unit: str) -> float:
-    if not low <= value <= high:  # also refuses NaN
+    if not low <= value <= high:  # this form also rejects NaN
         raise UserError(f"a {what} of {value:g} {unit} is out of range; give {low:g} to {high:g} {unit}")
     return float(value)

@@ -1,4 +1,7 @@
-"""What the sensors make of the truth: biases, noise, latency, rounding. One function and one random stream each."""
+"""Sensor models: samples from the true motion with biases, noise, latency and rounding.
+
+Each sensor has a function and an independent random generator.
+"""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -26,7 +29,7 @@ from nav_pose_estimator.sim.trajectories import Truth
 
 
 class Timed(NamedTuple):
-    """A sample and when it arrives. Sensors that are late arrive late; their stamps say when they measured."""
+    """A sample with its time of arrival, which is later than its stamp by the transport delay."""
 
     arrival_ns: int
     sample: Sample
@@ -34,7 +37,7 @@ class Timed(NamedTuple):
 
 @dataclass(frozen=True)
 class ImuData:
-    """What an IMU delivered, and the errors that an estimator should find: measured = (I + M) true + bias + noise."""
+    """Samples of an IMU and its errors: measured = (I + M) true + bias + noise."""
 
     block: ImuBlock
     gyro_bias: np.ndarray  # (N, 3) rad/s
@@ -44,7 +47,7 @@ class ImuData:
 
 
 def imu(truth: Truth, grade: ImuGrade, rng: np.random.Generator, start_ns: int) -> ImuData:
-    """An IMU of ``grade`` at every row of ``truth``; arrays of N rows."""
+    """Samples of an IMU of ``grade`` at all N rows of ``truth``."""
     n, dt = len(truth), truth.dt
     warm = grade.warm_up * -np.expm1(-(truth.t - truth.t[0]) / grade.warm_up_tau)
     halves = []
@@ -59,7 +62,7 @@ def imu(truth: Truth, grade: ImuGrade, rng: np.random.Generator, start_ns: int) 
         bias = bias + gauss_markov(rng, n, dt, sd, tau)
         measured = values + values @ matrix.T + bias + white_noise(rng, n, dt, noise)
         if resolution > 0.0:
-            # Drivers scale the sensor's integers in single precision.
+            # drivers scale the integers of the sensor in single precision
             measured = np.float32(np.round(measured / resolution) * resolution).astype(float)
         halves.append((measured, bias, matrix))
     (gyro, gyro_bias, gyro_matrix), (accel, accel_bias, accel_matrix) = halves
@@ -69,7 +72,7 @@ def imu(truth: Truth, grade: ImuGrade, rng: np.random.Generator, start_ns: int) 
 
 @dataclass(frozen=True)
 class Gnss:
-    """A single-frequency receiver: correlated position errors, white noise, Doppler velocity, a count of satellites."""
+    """A single-frequency receiver: correlated and white position errors, Doppler velocity, satellite count."""
 
     rate: float = 5.0  # Hz
     position_sd: tuple[float, float, float] = (0.5, 0.5, 0.9)  # m, Gauss-Markov: East, North, Up
@@ -80,18 +83,18 @@ class Gnss:
     satellites_sd: float = 1.2
     satellites_tau: float = 40.0  # s
     drops: tuple[tuple[float, float, int], ...] = ()  # (start s, length s, count that remains)
-    latency: float = 0.0  # s: stamp minus time of validity, what the driver does not know
+    latency: float = 0.0  # s: stamp minus time of validity, unknown to the driver
     transport: float = 0.001  # s: arrival minus stamp
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, antenna from the IMU in the body
-    velocity: bool = True  # the receiver gives a velocity
-    accuracy: bool = True  # it says how accurate it is
-    stated: float = 1.0  # deviation that it states over the true one
-    worse: tuple[tuple[float, float, float], ...] = ()  # (start s, length s, factor on the errors): nothing tells it
-    outliers: tuple[float, float] = (0.0, 1.0)  # share of epochs whose errors are larger, by this factor
+    velocity: bool = True  # whether there is a velocity
+    accuracy: bool = True  # whether covariances are given
+    stated: float = 1.0  # ratio of the stated to the true standard deviation
+    worse: tuple[tuple[float, float, float], ...] = ()  # (start s, length s, factor on the errors), not in covariances
+    outliers: tuple[float, float] = (0.0, 1.0)  # fraction of epochs with larger errors, and the factor on them
 
 
 def gnss(truth: Truth, model: Gnss, rng: np.random.Generator, start_ns: int) -> list[Timed]:
-    """Fix, velocity and satellite count, in this order, as MAVROS sends them; the count has no stamp."""
+    """Samples of fix, velocity and satellite count, in this order as from MAVROS; the count has no stamp."""
     t = sensor_times(truth, model.rate)
     at = truth.at(t)
     lever = np.array(model.lever_arm)
@@ -99,9 +102,9 @@ def gnss(truth: Truth, model: Gnss, rng: np.random.Generator, start_ns: int) -> 
     position_error += rng.standard_normal((len(t), 3)) * model.position_noise
     velocity_error = rng.standard_normal((len(t), 3)) * model.velocity_noise
     count = _satellites(model, rng, t)
-    untold = _untold(model, rng, t)
-    position_error, velocity_error = position_error * untold, velocity_error * untold
-    # Fewer satellites, poorer geometry: errors grow as the root of what is missing.
+    unstated = _unstated_factor(model, rng, t)
+    position_error, velocity_error = position_error * unstated, velocity_error * unstated
+    # with fewer satellites the errors grow as the square root of the usual number over the present one
     poor = np.sqrt(model.satellites / np.maximum(count, 1.0))
     arm_n = quat_rotate_many(at.q_nb, lever)
     lat, lon, alt = moved(at, arm_n + position_error * poor[:, None])
@@ -124,8 +127,8 @@ def gnss(truth: Truth, model: Gnss, rng: np.random.Generator, start_ns: int) -> 
     return stream
 
 
-def _untold(model: Gnss, rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
-    """Factor (N, 1) on the errors of which the stated accuracy knows nothing."""
+def _unstated_factor(model: Gnss, rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
+    """Factor (N, 1) on the errors that is not included in the stated covariances."""
     factor = np.ones((len(t), 1))
     for start, length, times in model.worse:
         factor[(t >= start) & (t < start + length)] *= times
@@ -136,7 +139,7 @@ def _untold(model: Gnss, rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
 
 
 def _satellites(model: Gnss, rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
-    """Number of satellites (N,): it wanders, and falls where the model says so."""
+    """Number of satellites (N,): a Gauss-Markov process, limited during the drops of the model."""
     wander = gauss_markov(rng, len(t), 1.0 / model.rate, model.satellites_sd, model.satellites_tau, axes=1)[:, 0]
     count = np.clip(np.round(model.satellites + wander), 0.0, 32.0)
     for start, length, left in model.drops:
@@ -147,7 +150,7 @@ def _satellites(model: Gnss, rng: np.random.Generator, t: np.ndarray) -> np.ndar
 
 @dataclass(frozen=True)
 class Magnetometer:
-    """A calibrated magnetometer: what the calibration left over, and the field of the place."""
+    """A calibrated magnetometer with residual errors, and the local magnetic field."""
 
     rate: float = 10.0  # Hz
     strength: float = 48e-6  # T
@@ -155,14 +158,14 @@ class Magnetometer:
     inclination: float = 1.10  # rad, down positive
     noise: float = 0.3e-6  # T per sample
     hard_iron_sd: float = 0.4e-6  # T per axis
-    soft_iron_sd: float = 0.01  # deviation of each element of the matrix error
-    heading_sd: float = 0.03  # rad: mounting about the vertical axis of the body
+    soft_iron_sd: float = 0.01  # standard deviation of each element of the matrix error
+    heading_sd: float = 0.03  # rad: error of the mounting about the vertical axis of the body
     disturbances: tuple[tuple[float, float, tuple[float, float, float]], ...] = ()  # (start s, length s, field ENU T)
     transport: float = 0.0005  # s: arrival minus stamp
 
 
 def magnetometer(truth: Truth, model: Magnetometer, rng: np.random.Generator, start_ns: int) -> list[Timed]:
-    """Magnetic field in the body."""
+    """Samples of the magnetic field in b."""
     t = sensor_times(truth, model.rate)
     at = truth.at(t)
     level = model.strength * np.cos(model.inclination)
@@ -187,19 +190,19 @@ def magnetometer(truth: Truth, model: Magnetometer, rng: np.random.Generator, st
 
 @dataclass(frozen=True)
 class Barometer:
-    """A barometer whose reference drifts with the weather and with its own warmth."""
+    """A barometer with an offset and a drift, by weather and temperature."""
 
     rate: float = 10.0  # Hz
     noise: float = 2.0  # Pa per sample
-    offset_sd: float = 150.0  # Pa: weather against the standard atmosphere
+    offset_sd: float = 150.0  # Pa: deviation from the standard atmosphere
     drift: float = 0.3  # Pa/sqrt(s), random walk
     resolution: float = 0.25  # Pa
     transport: float = 0.0005  # s: arrival minus stamp
-    variance: bool = True  # the driver knows the noise
+    variance: bool = True  # whether the variance of the noise is given
 
 
 def barometer(truth: Truth, model: Barometer, rng: np.random.Generator, start_ns: int) -> list[Timed]:
-    """Static pressure."""
+    """Samples of the static pressure."""
     t = sensor_times(truth, model.rate)
     pressure = height_pressure(truth.at(t).alt) + model.offset_sd * rng.standard_normal()
     pressure += np.cumsum(rng.standard_normal(len(t)) * model.drift / np.sqrt(model.rate))
@@ -214,7 +217,7 @@ def barometer(truth: Truth, model: Barometer, rng: np.random.Generator, start_ns
 
 @dataclass(frozen=True)
 class DepthGauge:
-    """A pressure sensor of a vehicle in water whose surface lies where the motion begins, but for tide and weather."""
+    """A pressure sensor of an underwater vehicle that starts at the surface; with an offset by tide and weather."""
 
     rate: float = 5.0  # Hz
     density: float = 1025.0  # kg/m^3
@@ -225,7 +228,7 @@ class DepthGauge:
 
 
 def depth_gauge(truth: Truth, model: DepthGauge, rng: np.random.Generator, start_ns: int) -> list[Timed]:
-    """Absolute pressure of the water."""
+    """Samples of the absolute pressure of the water."""
     t = sensor_times(truth, model.rate)
     depth = truth.alt[0] - truth.at(t).alt
     pressure = height_pressure(0.0) + model.density * gravity(truth.lat[0], truth.alt[0]) * depth
@@ -239,7 +242,7 @@ def depth_gauge(truth: Truth, model: DepthGauge, rng: np.random.Generator, start
 
 @dataclass(frozen=True)
 class Pitot:
-    """A pitot tube along the body's x axis: true airspeed with a scale error."""
+    """A pitot tube along the x axis of b, with the true airspeed as output and a scale error."""
 
     rate: float = 10.0  # Hz
     noise: float = 0.4  # m/s per sample
@@ -248,7 +251,7 @@ class Pitot:
 
 
 def airspeed(truth: Truth, model: Pitot, rng: np.random.Generator, start_ns: int) -> list[Timed]:
-    """True airspeed, of the flow along the nose."""
+    """Samples of the true airspeed, by the flow along the x axis of b."""
     t = sensor_times(truth, model.rate)
     at = truth.at(t)
     flow = quat_rotate_many(quat_conjugate_many(at.q_nb), at.v_n - at.wind_n)[:, 0]
@@ -261,17 +264,17 @@ def airspeed(truth: Truth, model: Pitot, rng: np.random.Generator, start_ns: int
 
 @dataclass(frozen=True)
 class Rangefinder:
-    """A laser that looks down on ground that is flat but for ``roughness``."""
+    """A downward laser rangefinder over ground that is flat except for ``roughness``."""
 
     rate: float = 20.0  # Hz
     noise: float = 0.03  # m per sample
     roughness: float = 0.05  # m
-    farthest: float = 60.0  # m
+    farthest: float = 60.0  # m: maximum range
     transport: float = 0.0005  # s: arrival minus stamp
 
 
 def ground_range(truth: Truth, model: Rangefinder, rng: np.random.Generator, start_ns: int) -> list[Timed]:
-    """Distance along the beam to the ground at the height where the motion begins; nothing beyond reach."""
+    """Samples of the distance along the beam to the ground, at the initial height; none beyond the maximum range."""
     t = sensor_times(truth, model.rate)
     at = truth.at(t)
     down = -quat_rotate_many(at.q_nb, np.array([0.0, 0.0, -1.0]))[:, 2]
@@ -285,16 +288,16 @@ def ground_range(truth: Truth, model: Rangefinder, rng: np.random.Generator, sta
 
 @dataclass(frozen=True)
 class Wheels:
-    """Speed of the wheels along the body's x axis; what wheels cannot do, sideways and up, is stated as zero."""
+    """Wheel odometry: the speed along the x axis of b; the lateral and vertical velocities are given as zero."""
 
     rate: float = 20.0  # Hz
     noise: float = 0.05  # m/s per sample
-    scale_sd: float = 0.01  # tyres
+    scale_sd: float = 0.01  # by the radius of the tyres
     transport: float = 0.0005  # s: arrival minus stamp
 
 
 def wheels(truth: Truth, model: Wheels, rng: np.random.Generator, start_ns: int) -> list[Timed]:
-    """Velocity in the body, as the odometry of a car states it."""
+    """Samples of the velocity in b."""
     t = sensor_times(truth, model.rate)
     at = truth.at(t)
     speed = quat_rotate_many(quat_conjugate_many(at.q_nb), at.v_n)[:, 0] * (
@@ -308,7 +311,7 @@ def wheels(truth: Truth, model: Wheels, rng: np.random.Generator, start_ns: int)
 
 
 def sensor_times(truth: Truth, rate: float) -> np.ndarray:
-    """Times of a sensor of ``rate`` [Hz] within the recording; no two sensors of different rate start together."""
+    """Sample times of a sensor of ``rate`` [Hz] within the recording, starting after half a sample interval."""
     return np.arange(0.5 / rate + truth.t[0], truth.t[-1], 1.0 / rate)
 
 
@@ -318,7 +321,7 @@ def to_ns(t: np.ndarray, start_ns: int) -> np.ndarray:
 
 
 def moved(truth: Truth, offset_n: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Latitude, longitude, height (N,) of the positions of ``truth`` moved by ``offset_n`` (N, 3) [m]."""
+    """Latitude, longitude [rad] and height [m] (N,) of ``truth``, moved by ``offset_n`` (N, 3) [m] ENU."""
     R_M, R_N = radii_many(truth.lat)
     lat = truth.lat + offset_n[:, 1] / (R_M + truth.alt)
     lon = truth.lon + offset_n[:, 0] / ((R_N + truth.alt) * np.cos(truth.lat))

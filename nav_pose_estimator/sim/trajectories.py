@@ -1,14 +1,14 @@
-"""The motion as it was, and what an ideal IMU feels on it.
+"""The true motion of a vehicle, and the measurements of an ideal IMU.
 
-A ``Motion`` gives velocity, acceleration, attitude and angular rate as functions of time in the tangent frame t: East-
-North-Up axes at the origin, fixed to the Earth. In that frame the laws of an inertial sensor are short and exact,
+A ``Motion`` is velocity, acceleration, attitude and angular rate as functions of time in the tangent frame t, with
+East-North-Up axes at the origin and fixed to the Earth. In that frame the measurements of an ideal inertial sensor are
 
     f_b    = C_bt (dv_t/dt + 2 w_ie_t x v_t - g_t)
     w_ib_b = w_tb_b + C_bt w_ie_t
 
-(Groves, Principles of GNSS, Inertial and Multisensor Integrated Navigation Systems, 2nd ed., section 5.3; the frame
-does not turn against the Earth, so there is no transport rate). An IMU delivers their means over its sample interval;
-they are found by Gauss-Legendre quadrature with three nodes, whose error is of order dt^6.
+(Groves, Principles of GNSS, Inertial and Multisensor Integrated Navigation Systems, 2nd ed., section 5.3; without a
+transport rate, because the frame does not rotate relative to the Earth). An IMU delivers their means over the sample
+interval, which are computed by Gauss-Legendre quadrature with three nodes, with an error of order dt^6.
 """
 
 from collections.abc import Callable
@@ -33,16 +33,16 @@ from nav_pose_estimator.core.numerics.rotation import (
 )
 
 _CHUNK = 50_000
-"""Intervals worked on at once: bounds the memory of an hour-long motion."""
+"""Number of intervals that are processed at once, which limits the memory for long motions."""
 
 
 class Kinematics(NamedTuple):
-    """State of motion at N times, tangent frame t: all arrays have N rows."""
+    """State of motion at N times in the tangent frame t."""
 
     v_t: np.ndarray  # (N, 3) m/s
     a_t: np.ndarray  # (N, 3) dv_t/dt, m/s^2
     q_tb: np.ndarray  # (N, 4) scalar first
-    w_tb_b: np.ndarray  # (N, 3) angular rate of b against t in b, rad/s
+    w_tb_b: np.ndarray  # (N, 3) angular rate of b relative to t, in b, rad/s
 
 
 Motion = Callable[[np.ndarray], Kinematics]
@@ -60,8 +60,8 @@ class Origin(NamedTuple):
 class Truth:
     """The motion at N equidistant times and the readings of an ideal IMU, one row each.
 
-    ``gyro`` and ``accel`` are the means of w_ib_b and f_b over the interval that *ends* at ``t`` (row 0 as well: the
-    motion is known one interval earlier). ``wind_n`` is the velocity of the air over ground.
+    ``gyro`` and ``accel`` are the means of w_ib_b and f_b over the interval that ends at ``t``, also for row 0, because
+    the motion is known from one interval earlier. ``wind_n`` is the velocity of the air over ground.
     """
 
     t: np.ndarray  # (N,) s
@@ -83,7 +83,7 @@ class Truth:
         return (self.t[-1] - self.t[0]) / (len(self.t) - 1)
 
     def at(self, times: np.ndarray) -> "Truth":
-        """The motion at other ``times`` inside the recording, linear between rows (error below a dt^2 / 8)."""
+        """The motion at other ``times`` within the recording, by linear interpolation (error below a dt^2 / 8)."""
         row = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self) - 2)
         weight = (times - self.t[row]) / (self.t[row + 1] - self.t[row])
         columns = {}
@@ -91,7 +91,7 @@ class Truth:
             values = getattr(self, item.name)
             w = weight.reshape((-1,) + (1,) * (values.ndim - 1))
             after = values[row + 1]
-            if item.name == "q_nb":  # q and -q are the same attitude: take the nearer one
+            if item.name == "q_nb":  # q and -q are the same attitude: interpolate to the nearer one
                 after = after * np.where(np.sum(values[row] * after, axis=1) < 0.0, -1.0, 1.0)[:, None]
             columns[item.name] = values[row] * (1.0 - w) + after * w
         columns["t"] = np.asarray(times, dtype=float)
@@ -99,19 +99,19 @@ class Truth:
         return Truth(**columns)
 
     def position_enu(self, origin: Origin) -> np.ndarray:
-        """Position in the tangent frame of ``origin``, (N, 3) [m]."""
+        """Position (N, 3) [m] in the tangent frame of ``origin``."""
         return lla_to_enu(self.lat, self.lon, self.alt, *origin)
 
 
 def sample_times(duration: float, rate: float) -> np.ndarray:
-    """IMU times 0, dt ... ``duration``, preceded by one time -dt where the first interval begins."""
+    """IMU times 0, dt ... ``duration`` [s], preceded by the begin of the first interval at -dt = -1 / ``rate``."""
     return np.arange(-1, round(duration * rate) + 1) / rate
 
 
 def truth_of_motion(motion: Motion, times: np.ndarray, origin: Origin, wind_n: np.ndarray | None = None) -> Truth:
-    """Integrate ``motion`` along equidistant ``times``; the first one is where the interval of row 0 begins.
+    """Integrate ``motion`` over equidistant ``times`` [s]; the interval of row 0 begins at the first one.
 
-    The position is ``origin`` at the first time. ``wind_n`` (len(times), 3) is only carried along.
+    The position at the first time is ``origin``. ``wind_n`` (len(times), 3) [m/s] is only copied.
     """
     parts = []
     p_start = np.zeros(3)
@@ -130,7 +130,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 def _integrate(
     motion: Motion, edges: np.ndarray, origin: Origin, p_start: np.ndarray
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Rows for the intervals between ``edges`` and the position at the last edge (tangent frame)."""
+    """Columns of ``Truth`` for the intervals between ``edges``, and the position (3,) in t at the last edge."""
     half = 0.5 * np.diff(edges)[:, None]
     inside = motion((0.5 * (edges[:-1] + edges[1:])[:, None] + half * _NODES).ravel())
     p_t = np.concatenate([p_start[None], p_start + np.cumsum(2.0 * half * _mean(inside.v_t), axis=0)])
@@ -164,7 +164,7 @@ def _mean(values: np.ndarray) -> np.ndarray:
 
 
 def _gravity_t(lat: np.ndarray, lon: np.ndarray, alt: np.ndarray, origin: Origin) -> np.ndarray:
-    """Gravity vectors (N, 3) in the tangent frame: plumb lines are not parallel."""
+    """Gravity (N, 3) [m/s^2] in the tangent frame, with the direction of the local vertical."""
     up_e = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
     return -gravity_many(lat, alt)[:, None] * (up_e @ ecef_to_enu_matrix(origin.lat, origin.lon).T)
 
@@ -175,6 +175,6 @@ def _level_turn(lat: np.ndarray, lon: np.ndarray, origin: Origin) -> np.ndarray:
 
 
 def _q_en(lat: np.ndarray | float, lon: np.ndarray | float) -> np.ndarray:
-    """Attitude of the local level frame against the Earth-fixed one, (..., 4)."""
+    """Quaternion (..., 4) from the local level frame to the Earth-fixed frame."""
     about_pole = quat_from_euler_many(0.0, 0.0, np.asarray(lon) + 0.5 * np.pi)
     return quat_multiply_many(about_pole, quat_from_euler_many(0.5 * np.pi - np.asarray(lat), 0.0, 0.0))

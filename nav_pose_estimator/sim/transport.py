@@ -1,4 +1,4 @@
-"""What happens to messages between a sensor and its reader: jitter, delay, losses, bursts."""
+"""Model of the transport of messages from sensor to reader: jitter, delay, losses and bursts."""
 
 from dataclasses import dataclass
 
@@ -11,8 +11,12 @@ from nav_pose_estimator.sim.sensors import Timed
 
 @dataclass(frozen=True)
 class Transport:
-    """``jitter`` deviation of a half-normal delay [s]; ``delay`` [s] of all but the IMU; ``drop`` share of losses;
-    every ``burst_every`` s (0: never) messages wait for up to ``burst_length`` s and come at once."""
+    """The transport.
+
+    ``jitter``: scale of a half-normal delay [s]. ``delay``: constant delay [s] of all samples except the IMU's.
+    ``drop``: fraction of lost messages. Every ``burst_every`` [s] (0: never) messages are held for up to
+    ``burst_length`` [s] and arrive together.
+    """
 
     jitter: float = 0.0
     delay: float = 0.0
@@ -21,7 +25,7 @@ class Transport:
     burst_length: float = 0.1
 
     def carry(self, sent: list[Timed], start_ns: int, seed: int) -> list[Timed]:
-        """What arrives, in order of arrival. Messages of one kind do not overtake each other; stamps stay."""
+        """The received messages, in order of arrival. Messages of one kind keep their order; stamps are unchanged."""
         rng = stream(seed, "transport")
         delays = np.abs(rng.standard_normal(len(sent))) * self.jitter
         lost = rng.random(len(sent)) < self.drop

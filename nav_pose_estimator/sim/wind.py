@@ -1,4 +1,4 @@
-"""Wind: a mean, gusts and a slow drift."""
+"""Model of the wind: a mean, gusts, a slow drift and a change of direction."""
 
 from dataclasses import dataclass
 
@@ -15,14 +15,14 @@ class Wind:
     mean: float = 0.0  # m/s, horizontal
     gust_sd: float = 0.0  # m/s per horizontal axis, Gauss-Markov; half as much vertically
     gust_tau: float = 10.0  # s
-    walk: float = 0.0  # m/s/sqrt(s) per horizontal axis: the mean itself drifts
-    direction: float | None = None  # rad from East, counter-clockwise, where the air goes to; None: random
-    shift: float = 0.0  # m/s, change of the mean across its direction
-    shift_at: float = 0.0  # s, middle of the change
+    walk: float = 0.0  # m/s/sqrt(s) per horizontal axis: random walk of the mean
+    direction: float | None = None  # rad, counter-clockwise from East, towards which the air moves; None: random
+    shift: float = 0.0  # m/s: change of the mean, perpendicular to it
+    shift_at: float = 0.0  # s: middle of the change
     shift_length: float = 10.0  # s
 
     def sample(self, rng: np.random.Generator, count: int, dt: float) -> np.ndarray:
-        """Wind at ``count`` equidistant times from 0 on, (count, 3) [m/s]."""
+        """Wind (count, 3) [m/s] at equidistant times from 0 on, with step ``dt`` [s]."""
         towards = rng.uniform(-np.pi, np.pi)
         if self.direction is not None:
             towards = self.direction

@@ -236,9 +236,9 @@ def halves(tmp_path_factory, flight) -> Path:
 @pytest.mark.parametrize(
     ("remaps", "says"),
     [
-        ({}, r"gyroscope and accelerometer are on two topics .*half an IMU is no IMU: let the driver join them"),
-        ({"/imu/data_raw": "/camera/gyro/sample"}, r"no linear acceleration .*half an IMU is no IMU"),
-        ({"/imu/data_raw": "/camera/accel/sample"}, r"accel/sample has an angular velocity .*half an IMU is no IMU"),
+        ({}, r"gyroscope and accelerometer are on two topics .*needed in one message: let the driver join them"),
+        ({"/imu/data_raw": "/camera/gyro/sample"}, r"no linear acceleration .*both needed"),
+        ({"/imu/data_raw": "/camera/accel/sample"}, r"accel/sample has an angular velocity .*which navigation needs"),
     ],
     ids=["both", "gyroscope", "accelerometer"],
 )

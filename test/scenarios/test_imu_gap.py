@@ -83,7 +83,7 @@ def test_the_status_says_so_until_a_fix_has_come() -> None:
 
 
 def test_a_pose_from_outside_leaves_only_the_velocity_in_doubt() -> None:
-    """GIVEN a gap that no sensor observed WHEN an operator sets the pose THEN the status no longer doubts the position."""
+    """GIVEN a gap that no sensor observed WHEN an operator sets the pose THEN only the velocity stays in doubt."""
     told = fly("laps", (GAP, 3.0), outage=(LOST, math.inf))
     engine = told.estimator
     assert "position and velocity are less certain" in engine.status().doubt

@@ -1,4 +1,4 @@
-"""History of GNSS velocities, and the specific force that they imply from second to second."""
+"""Buffer of the most recent GNSS velocities, and the specific force that their changes imply."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,19 +8,19 @@ from nav_pose_estimator.core.numerics.jit import kernel
 Array = NDArray[np.float64]
 
 GAP = 1.2
-"""Longest time between velocities [s] over which they are interpolated."""
-_MOST = 400  # velocities that are stored
+"""s: largest interval between two velocities over which the change is interpolated."""
+_MOST = 400  # capacity of the buffer; the oldest velocity is dropped first
 
 
 class VelocityHistory:
-    """Velocities in order of time."""
+    """The buffer, in order of time."""
 
     def __init__(self) -> None:
         self._rows = np.empty((_MOST, 4))  # time [s] and velocity ENU [m/s]
         self._count = 0
 
     def add(self, t: float, east: float, north: float, up: float) -> None:
-        """Add a velocity [m/s] valid at ``t`` [s]; it is ignored unless it is later than the last one."""
+        """Append a velocity [m/s] valid at ``t`` [s]; it is ignored unless it is later than the last one."""
         count = self._count
         if count and not t > self._rows[count - 1, 0]:
             return
@@ -30,11 +30,11 @@ class VelocityHistory:
         self._count += 1
 
     def forget_before(self, t: float) -> None:
-        """Drop velocities up to ``t`` [s]."""
+        """Drop the velocities up to and including ``t`` [s]."""
         self._drop(int(self._rows[: self._count, 0].searchsorted(t, side="right")))
 
     def _drop(self, first: int) -> None:
-        """Drop the ``first`` velocities (a number)."""
+        """Drop the ``first`` oldest velocities."""
         if first:
             left = self._rows[first : self._count].copy()
             self._rows[: len(left)], self._count = left, len(left)
@@ -44,9 +44,10 @@ class VelocityHistory:
         return self._rows[: self._count]
 
     def forces(self, ends: np.ndarray, seconds: int, gravity: float) -> Array | None:
-        """Specific force, integrated over each of the S ``seconds`` up to each of ``ends``, (L, S, 3) [m/s], ENU.
+        """Integral (L, S, 3) [m/s] ENU of the specific force over each of the S ``seconds`` before each of ``ends``.
 
-        ``ends`` (L,) [s], in order. None where the velocities do not cover that time or have a ``GAP``.
+        It is the change of velocity minus the integral of gravity. ``ends`` (L,) [s] are in ascending order, and
+        ``gravity`` is in m/s^2. None if the velocities do not cover the time, or have a gap longer than ``GAP``.
         """
         out = np.empty((len(ends), seconds, 3))
         return out if _changes(self._rows, self._count, ends, gravity, out) else None
@@ -54,7 +55,7 @@ class VelocityHistory:
 
 @kernel
 def _changes(rows, count, ends, gravity, out):
-    """Write the changes from second to second, plus those by gravity, to ``out`` (L, S, 3); False across a gap."""
+    """Write the integrals of ``VelocityHistory.forces`` into ``out`` (L, S, 3); False where they are not known."""
     seconds, begin, end = out.shape[1], ends[0] - out.shape[1], ends[-1]
     first = last = 0
     while first < count and rows[first, 0] <= begin - GAP:

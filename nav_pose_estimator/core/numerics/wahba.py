@@ -1,9 +1,10 @@
-"""Wahba's problem in kernels: the rotation that best maps a set of vectors onto another one.
+"""Solution of Wahba's problem, the rotation that best fits two sets of vectors, for use inside kernels.
 
 Davenport's q method: the quaternion that maximises the trace is the eigenvector of the largest eigenvalue of a
 symmetric matrix (4, 4), and the eigenvalue is that trace (Markley & Crassidis, Fundamentals of Spacecraft Attitude
-Determination and Control, 2014, section 5.3). The eigenvalues are found by Jacobi's method, which is accurate to
-rounding even for multiple ones. For parallel vectors the solution is not unique, and one of the solutions is returned.
+Determination and Control, 2014, section 5.3). The eigenvalues are computed by Jacobi's method, which is accurate to
+rounding even where some of them are equal. For parallel vectors, where the rotation is not unique, the result is one of
+the solutions.
 """
 
 import math
@@ -13,15 +14,15 @@ import numpy as np
 from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.core.numerics.vectors import load4
 
-_SWEEPS = 12  # quadratic convergence needs four or five
+_MAX_SWEEPS = 12  # quadratic convergence needs four or five
 _NEGLIGIBLE = 1e-34  # sum of squares off the diagonal, relative to that of the matrix, that counts as zero
 
 
 @kernel
 def best_rotation(B):
-    """Quaternion (a tuple of 4) of the rotation R that maximises tr R'B, ``B`` (3, 3) = sum u s', and that trace.
+    """Quaternion (4 numbers) of the rotation R that maximises tr R'B, with ``B`` (3, 3) = sum u s', and that trace.
 
-    R maps the vectors s onto the vectors u with the least sum of squared residuals.
+    R minimises the sum of |u - R s|^2 over the pairs of vectors (u, s).
     """
     K, V = np.empty((4, 4)), np.eye(4)
     K[0, 0] = B[0, 0] + B[1, 1] + B[2, 2]
@@ -40,8 +41,8 @@ def best_rotation(B):
 
 @kernel
 def _diagonalise(A, V):
-    """Diagonalise the symmetric ``A`` (4, 4) by Jacobi rotations, accumulated in the eigenvectors ``V`` (4, 4)."""
-    for _ in range(_SWEEPS):
+    """Diagonalise the symmetric ``A`` (4, 4) in place by Jacobi rotations; the columns of ``V`` become eigenvectors."""
+    for _ in range(_MAX_SWEEPS):
         beside, total = 0.0, 0.0
         for i in range(4):
             for j in range(4):
@@ -56,7 +57,7 @@ def _diagonalise(A, V):
 
 @kernel
 def _rotate(A, V, p, q):
-    """Rotate ``A`` (4, 4) in the plane of axes ``p`` and ``q`` so that its element (p, q) vanishes."""
+    """Apply the Jacobi rotation in the plane of the axes ``p`` and ``q`` that makes ``A[p, q]`` zero."""
     if A[p, q] == 0.0:
         return
     slope = (A[q, q] - A[p, p]) / (2.0 * A[p, q])

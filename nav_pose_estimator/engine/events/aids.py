@@ -83,7 +83,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("body_velocity.rejected.value", "a velocity without a finite component", SENSOR),
         Entry(
             "body_velocity.implausible",
-            "the body velocity does not change as the IMU feels, or its size is not that of GNSS velocity; not used",
+            "the changes of the body velocity contradict the IMU, or its scale differs from GNSS velocity; not used",
             "the sentence names the likely mistake: set aids.body_velocity_rpy or _delay, or let the driver send "
             "Forward-Left-Up in m/s",
         ),
@@ -155,7 +155,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("beam_velocity.rejected.contradicts", "a message while the beams contradict GNSS", "as above"),
         Entry(
             "beam_velocity.rejected.water",
-            "the sensor measures against the water, not the ground",
+            "the sensor measures relative to the water, not the ground",
             "switch it to bottom track",
         ),
         Entry("beam_velocity.rejected.beams", "beams whose numbers are not 0 to 3 or 1 to 4", SENSOR),

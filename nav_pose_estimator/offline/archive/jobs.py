@@ -1,10 +1,10 @@
-"""Independent jobs on the cores of this machine or of several: one that fails, or whose process dies, costs its own
-result only.
+"""Parallel execution of independent jobs on the cores of this machine or of a cluster.
 
     for number, outcome in carry_out(work, jobs, processes=4):
         if isinstance(outcome, Failure): ...
 
-``work`` is a function of a module, and what goes in and comes out can be pickled. Results come as they are ready.
+A job that fails, or whose process dies, loses only its own result. ``work`` is a function at module level, and its
+arguments and results can be pickled. Results are yielded as they complete.
 """
 
 import argparse
@@ -21,13 +21,13 @@ from typing import Any
 from nav_pose_estimator.errors import UserError
 
 LOCAL = "local"
-_ATTEMPTS = 2  # a job under way when a process died is tried once more: it may have been another's fault
-_PATIENCE = 10.0  # s to find a scheduler
-_DIED = "its process was killed {} times, probably for want of memory: fewer processes at a time may help"
+_ATTEMPTS = 2  # attempts at a job that was running when a process died, which another job may have caused
+_PATIENCE = 10.0  # s: time-out of the connection to a scheduler
+_DIED = "its process was killed {} times, probably for lack of memory: try fewer processes (--jobs)"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """``--jobs`` and ``--scheduler``, as ``carry_out`` takes them."""
+    """Add the options ``--jobs`` and ``--scheduler`` with the arguments of ``carry_out``."""
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes (default: 1)")
     where = "processes of this machine, or a Dask scheduler"
     parser.add_argument("--scheduler", default=LOCAL, metavar="local|tcp://...", help=where)
@@ -35,7 +35,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a job has no result, one sentence. ``expected``: the input is to blame (``UserError``)."""
+    """Reason why a job has no result, in one sentence. ``expected``: it is due to the input (``UserError``)."""
 
     why: str
     expected: bool
@@ -44,10 +44,10 @@ class Failure:
 def carry_out(
     work: Callable[[Any], Any], jobs: Sequence[Any], processes: int = 1, scheduler: str = LOCAL
 ) -> Iterator[tuple[int, Any | Failure]]:
-    """Do ``work`` on each of ``jobs``; yields (number of the job, its result or ``Failure``) in any order.
+    """Call ``work`` with each of ``jobs``; yield (number of the job, its result or ``Failure``) in any order.
 
-    One process is this one. ``scheduler``: the address of a Dask scheduler instead of processes of this machine. A
-    program error becomes a ``Failure`` as well: of an archive, the rest goes on.
+    With one process the jobs run in this process. ``scheduler``: the address of a Dask scheduler, instead of processes
+    of this machine. A program error becomes a ``Failure`` as well, so that the other jobs continue.
     """
     if scheduler != LOCAL:
         yield from _on_cluster(work, jobs, scheduler)
@@ -55,7 +55,7 @@ def carry_out(
     if processes <= 1 or len(jobs) <= 1:
         yield from ((number, _attempt(work, job)) for number, job in enumerate(jobs))
         return
-    # Each process computes on one thread, else the libraries' threads fight for the cores.
+    # one thread per process, so that the threads of the libraries do not compete for the cores
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     waiting, attempts = deque(range(len(jobs))), Counter[int]()
@@ -67,7 +67,7 @@ def carry_out(
 
 
 def _end_with_parent() -> None:
-    """A worker whose parent is killed would wait for its next job for ever."""
+    """End this worker when its parent dies; otherwise it would wait for ever."""
 
     def watch() -> None:
         if (parent := multiprocessing.parent_process()) is not None:
@@ -84,16 +84,17 @@ def _until_one_dies(
     waiting: deque[int],
     attempts: Counter[int],
 ) -> Iterator[tuple[int, Any | Failure]]:
-    """Outcomes of what is ``waiting``. Where a process dies, the jobs under way are put back, or are failures.
+    """Yield the outcomes of the ``waiting`` jobs until a process dies.
 
-    No more jobs are handed out than there are processes: only what was under way can be to blame.
+    The jobs that were running then are put back, or become failures after their last attempt. At most as many jobs as
+    processes are submitted at a time, so that only running jobs can be the cause.
     """
     work, jobs = task
     running: dict[Future, int] = {}
     try:
         while waiting or running:
             while waiting and len(running) < processes:
-                future = pool.submit(_attempt, work, jobs[waiting[0]])  # may raise: the job then still waits
+                future = pool.submit(_attempt, work, jobs[waiting[0]])  # if it raises, the job remains in ``waiting``
                 running[future] = waiting.popleft()
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 outcome = future.result()
@@ -108,7 +109,7 @@ def _until_one_dies(
 
 
 def _on_cluster(work: Callable[[Any], Any], jobs: Sequence[Any], address: str) -> Iterator[tuple[int, Any | Failure]]:
-    """On the workers of a Dask scheduler, which takes a job elsewhere when its worker dies."""
+    """``carry_out`` on the workers of a Dask scheduler, which moves a job to another worker when its own dies."""
     try:
         from distributed import Client, as_completed
     except ImportError:
@@ -120,7 +121,7 @@ def _on_cluster(work: Callable[[Any], Any], jobs: Sequence[Any], address: str) -
     with client:
         waiting = {client.submit(_attempt, work, job, pure=False): number for number, job in enumerate(jobs)}
         for future in as_completed(list(waiting)):
-            lost = future.exception()  # of the cluster: those of the work are outcomes
+            lost = future.exception()  # of the cluster; exceptions of ``work`` are outcomes
             yield waiting[future], Failure(f"{type(lost).__name__}: {lost}", False) if lost else future.result()
             future.release()
 

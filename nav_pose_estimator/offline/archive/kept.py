@@ -1,4 +1,4 @@
-"""Results of single jobs kept on disk until all are there, so that a run that was interrupted goes on where it was."""
+"""Store of the results of single jobs on disk until a run is complete, so that an interrupted run can be resumed."""
 
 import hashlib
 import os
@@ -14,38 +14,38 @@ from nav_pose_estimator.errors import UserError
 
 
 class KeptResults:
-    """Results by key in a hidden ``folder`` beside ``beside``, the run's output; only a finished run removes it."""
+    """Results by key in a hidden ``folder`` next to ``beside``, the run's output; only a finished run removes it."""
 
     def __init__(self, beside: Path) -> None:
         self.folder = beside.absolute().parent / f".{beside.name}.nav_pose_partial"
 
     def take(self, key: str) -> Any | None:
-        """The result that an earlier run kept under ``key``, None without one or where it cannot be read any more."""
+        """Result of an earlier run under ``key``; None if there is none or it cannot be read."""
         with suppress(OSError, EOFError, pickle.UnpicklingError, AttributeError, ImportError):
-            if self.folder.stat().st_uid == os.getuid():  # nobody else's: reading it can run code
+            if self.folder.stat().st_uid == os.getuid():  # unpickling can run code, so only files of this user are read
                 return pickle.loads((self.folder / key).read_bytes())
         return None
 
     def load(self, key: str) -> Any:
-        """The result that this run has kept under ``key``. ``UserError`` where it cannot be read any more."""
+        """Result of this run under ``key``; ``UserError`` if it can no longer be read."""
         if (result := self.take(key)) is None:
-            raise UserError("what was flown cannot be read any more: run the command again")
+            raise UserError("the stored results can no longer be read: run the command again")
         return result
 
     def keep(self, key: str, result: Any) -> None:
-        """Keep a result; a run that ends in the middle of it leaves nothing or all."""
+        """Store a result atomically."""
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         unfinished = self.folder / f"{key}.{os.getpid()}"
         unfinished.write_bytes(pickle.dumps(result))
         unfinished.replace(self.folder / key)
 
     def forget(self) -> None:
-        """The run is finished: nothing is kept any more."""
+        """Remove all stored results at the end of the run."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
 def key_of(job: object, inputs: Iterable[Path]) -> str:
-    """A name for ``job``, whose ``repr`` says what it is; another one when a file of ``inputs`` or the version is."""
+    """Key of ``job`` by its ``repr``, the version of the package, and size and time of the files of ``inputs``."""
     parts = [__version__, repr(job)]
     for path in inputs:
         files = sorted(path.rglob("*")) if path.is_dir() else [path]

@@ -1,4 +1,4 @@
-"""Which recordings the words of a command line mean: bags and flight logs, folders of them, patterns, lists."""
+"""Search for the recordings that command-line arguments stand for: bags, flight logs, folders, patterns and lists."""
 
 import glob
 from collections.abc import Collection, Iterator, Sequence
@@ -14,12 +14,12 @@ _METADATA = "metadata.yaml"  # a folder with one is a rosbag2
 
 
 def find(names: Sequence[Path | str], also: Collection[str] = ()) -> list[Path]:
-    """The recordings that ``names`` stand for, each once, in the order of the names and sorted within each.
+    """Recordings that ``names`` stand for, each once, in the order of the names and sorted within each.
 
-    A name is a recording, a folder (searched with all its folders), a pattern (``flights/**/*.ulg``), or a text file
-    with such names, one a line. In an object store (``offline.remote``) it is a recording or a pattern. ``also``: more
-    endings of files to find. Raises ``UserError`` for a folder, a pattern or a list without a recording; whether a
-    named file can be read is found out where it is.
+    A name is a recording, a folder (searched recursively), a pattern (``flights/**/*.ulg``), or a text file with such
+    names, one per line. In an object store (``offline.remote``) it is a recording or a pattern. ``also``: further file
+    endings to find. Raises ``UserError`` for a folder, pattern or list without recordings. Whether a recording is
+    readable is not checked.
     """
     found: dict[Path, None] = {}
     for name in names:
@@ -46,12 +46,12 @@ def _is_folder(path: Path) -> bool:
 
 
 def _files_of_a_bag(folder: Path) -> Iterator[Path]:
-    """Storage files of a bag whose metadata.yaml is missing: they bear the folder's name."""
+    """Storage files of a bag without metadata.yaml, which begin with the name of the folder."""
     return (path for path in folder.glob(f"{glob.escape(folder.name)}_*") if path.suffix in (".mcap", ".db3"))
 
 
 def _inside(folder: Path, endings: Collection[str]) -> Iterator[Path]:
-    """All recordings in a folder; the files of a bag are no recordings of their own."""
+    """All recordings in a folder; a bag folder is one recording."""
     for path in sorted(folder.iterdir()):
         if path.name.startswith("."):
             continue
@@ -66,11 +66,11 @@ def _known(path: Path, endings: Collection[str]) -> list[Path]:
 
 
 def _listed(path: Path, endings: Collection[str]) -> list[Path]:
-    """The names in a text file, relative to where it lies; empty lines and those that begin with # are none."""
+    """Recordings that a text file lists, relative to its folder; empty lines and lines with # are ignored."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError:
-        raise UserError(f"{path} is not a list of recordings: it is no text") from None
+        raise UserError(f"{path} is not a list of recordings: it is not a text file") from None
     names = [line.strip() for line in lines if line.strip() and not line.strip().startswith("#")]
     return _some(path, [one for name in map(Path, names) for one in _meant_by(_beside(path, name), endings)])
 

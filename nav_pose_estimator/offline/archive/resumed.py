@@ -1,4 +1,4 @@
-"""Jobs of which an earlier run, interrupted, may have finished some."""
+"""Resumption of an interrupted run: jobs that it has finished are not repeated."""
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -16,9 +16,9 @@ def carry_on(
     processes: int = 1,
     scheduler: str = LOCAL,
 ) -> Iterator[tuple[int, Any | Failure]]:
-    """``carry_out`` of what ``kept`` does not hold yet; what it holds comes first.
+    """Yield the outcomes of ``jobs``: first the results in ``kept``, then those of ``carry_out`` of the other jobs.
 
-    ``keys``: one for each of ``jobs``. Every result is kept before it is handed out.
+    ``keys``: one for each of ``jobs``. Every result is stored before it is yielded.
     """
     waiting = []
     for number, key in enumerate(keys):

@@ -1,7 +1,8 @@
-"""Serialize many messages of one topic at once.
+"""Serialization of many messages of one topic at once.
 
-Messages without sequences, whose texts (frame_id) never change, all have one length and one layout in CDR: a table of
-bytes with one row per message, filled column by column. The layout comes from the message definitions of rosbags.
+Messages without sequences and with constant strings (frame_id) all have the same length and layout in CDR. They are a
+table of bytes with one row per message, which is filled by columns. The layout follows from the message definitions of
+rosbags.
 """
 
 from collections.abc import Iterator, Mapping
@@ -32,11 +33,11 @@ def typestore() -> Any:
 
 
 def pack(kind: str, count: int, fields: Mapping[str, Any]) -> np.ndarray:
-    """``count`` messages of type ``kind`` (package/msg/Name), serialized: (count, length) uint8.
+    """Serialize ``count`` messages of type ``kind`` (package/msg/Name) to (count, length) uint8.
 
-    ``fields`` by dotted path (``pose.pose.position``): a text, or numbers (), (count,) or (count, k) for all that lies
-    below the path, in the order of the definition (a quaternion: x, y, z, w). ``header.stamp`` takes nanoseconds. What
-    is not given is zero or empty. Raises ``KeyError`` for a path that the message does not have.
+    ``fields`` by dotted path (``pose.pose.position``): a string, or numbers (), (count,) or (count, k) for all fields
+    below the path in the order of the definition (a quaternion: x, y, z, w). ``header.stamp`` is in nanoseconds. Other
+    fields are zero or empty. Raises ``KeyError`` for a path that the message does not have.
     """
     texts = {path: value for path, value in fields.items() if isinstance(value, str)}
     leaves, length = _layout(kind, texts)
@@ -50,7 +51,7 @@ def pack(kind: str, count: int, fields: Mapping[str, Any]) -> np.ndarray:
         )
     for leaf in leaves:
         if leaf.code == "text" and leaf.path not in texts:
-            row[leaf.offset - 4] = 1  # length of the empty text: its final zero
+            row[leaf.offset - 4] = 1  # length of an empty string with its terminating zero
     rows = np.tile(row, (count, 1))
     for path, values in fields.items():
         if path not in texts:
@@ -60,12 +61,12 @@ def pack(kind: str, count: int, fields: Mapping[str, Any]) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class _Leaf:
-    """A number, a fixed array of numbers, or a text: where it lies in the serialized message."""
+    """A number, a fixed array of numbers, or a string, and its position in the serialized message."""
 
     path: str
     code: str  # numpy code, or "text"
     count: int
-    offset: int  # of a text: of its first letter
+    offset: int  # of a string: of its first character
 
 
 def _layout(kind: str, texts: Mapping[str, str]) -> tuple[list[_Leaf], int]:
@@ -77,7 +78,7 @@ def _layout(kind: str, texts: Mapping[str, str]) -> tuple[list[_Leaf], int]:
             leaves.append(_Leaf(path, code, 1, position))
             position += len(texts.get(path, "").encode()) + 1
         else:
-            # CDR aligns to the size of the number, counted from the end of the four-byte header.
+            # CDR aligns numbers to their size, relative to the end of the four-byte header
             size = np.dtype(code).itemsize
             position += -(position - len(_HEADER)) % size
             leaves.append(_Leaf(path, code, count, position))
@@ -88,7 +89,7 @@ def _layout(kind: str, texts: Mapping[str, str]) -> tuple[list[_Leaf], int]:
 
 
 def _walk(kind: str, prefix: str) -> Iterator[tuple[str, str, int]]:
-    """(path, numpy code or "text", count) of everything in ``kind``, depth first."""
+    """Yield (path, numpy code or "text", count) of all fields of ``kind``, depth first."""
     from rosbags.interfaces import Nodetype
 
     for name, (node, what) in typestore().fielddefs[kind][1]:

@@ -1,4 +1,4 @@
-"""Messages of one topic of a bag: of a known layout, else by the definition that the bag carries."""
+"""Decoder of the messages of one topic of a bag, by a known layout or by the definition in the bag."""
 
 from typing import Any
 
@@ -35,24 +35,24 @@ float64 longitude
 float64 altitude
 """,
 }
-"""Of types that are not part of ROS itself: what a bag without definitions is taken to hold."""
+"""Definitions of types that are not part of ROS itself, for bags without definitions."""
 
 
 class Decoder:
-    """From bytes to messages with attributes, as rclpy would give them."""
+    """Converts bytes to messages with the attributes of rclpy."""
 
     def __init__(self, topic: Topic) -> None:
-        """Raises ``BagError`` for a type that neither the package nor the bag describes."""
+        """Raise ``BagError`` for a type of which neither the package nor the bag has a definition."""
         self._topic = topic
         self._store = None if topic.type in LAYOUTS else _typestore(topic)
 
     def __call__(self, payload: bytes) -> Any:
-        """One message. Raises ``CdrError`` if it is damaged."""
+        """Decode one message. Raises ``CdrError`` if it is damaged."""
         if self._store is None:
             return decode(self._topic.type, payload)
         try:
             return self._store.deserialize_cdr(payload, self._topic.type)
-        except Exception as error:  # generated code raises whatever the damaged bytes lead to
+        except Exception as error:  # the generated code raises various types
             raise CdrError(f"a {self._topic.type} message is damaged ({error})") from None
 
 
@@ -63,10 +63,10 @@ def _typestore(topic: Topic) -> Any:
     if topic.type not in store.types:
         definition = topic.definition or _DEFINITIONS.get(topic.type, "")
         if not definition:
-            raise BagError(f"{topic.name} is of type {topic.type}, which the bag does not describe")
+            raise BagError(f"{topic.name} is of type {topic.type}, of which the bag has no definition")
         try:
             types = get_types_from_msg(definition, topic.type)
             store.register({name: fields for name, fields in types.items() if name not in store.types})
-        except Exception as error:  # whatever the grammar of the definitions stumbles over
+        except Exception as error:  # the parser of definitions raises various types
             raise BagError(f"{topic.name}: the definition of {topic.type} cannot be read ({error})") from None
     return store

@@ -1,8 +1,8 @@
-"""Reading MCAP files without their index, so that a truncated recording reads like an intact one.
+"""Reader of MCAP files without their summary, so that truncated recordings are read like intact ones.
 
-The file is scanned from record to record; chunks give their time range in their header, hence a scan touches only a few
-bytes of each. A chunk that the recording broke off in is decompressed as far as it goes; one whose checksum does not
-match is left out, and said.
+The file is scanned from record to record. The headers of chunks contain their time range, so that the scan reads only a
+few bytes of each. A truncated chunk is decompressed as far as possible; one with a wrong checksum is left out and
+reported.
 """
 
 import heapq
@@ -25,15 +25,15 @@ from nav_pose_estimator.offline.bags.raw_messages import (
 )
 from nav_pose_estimator.offline.bags.unpacking import LARGEST_CHUNK, DamagedError, unpacked_limit
 
-LOOSE_BATCH = 4096  # messages outside chunks are handed out in batches of this size
-_LONGEST = 1e5  # s: a chunk that says it is longer says nothing
+LOOSE_BATCH = 4096  # batch size of messages outside of chunks
+_LONGEST = 1e5  # s: largest plausible time range of a chunk
 
 
 class McapFile:
-    """One .mcap file: its topics, and their messages in receive-time order. ``warnings`` says what was damaged."""
+    """An .mcap file: its topics, and their messages in receive-time order. ``warnings`` lists what was damaged."""
 
     def __init__(self, path: Path) -> None:
-        """Scan the file. Raises ``BagError`` for a file that is no MCAP."""
+        """Scan the file. Raises ``BagError`` if it is not an MCAP file."""
         self.path = path
         self._told: list[str] = []
         self._left_out: dict[int, tuple[str, float]] = {}  # offset of a damaged chunk -> why, seconds in it
@@ -59,7 +59,7 @@ class McapFile:
 
     @property
     def warnings(self) -> list[str]:
-        """What was damaged so far; reading can add to it."""
+        """Sentences about damage found so far; reading can add some."""
         told = list(self._told)
         for why in dict.fromkeys(why for why, _ in self._left_out.values()):
             mine = [(offset, seconds) for offset, (reason, seconds) in self._left_out.items() if reason == why]
@@ -72,18 +72,18 @@ class McapFile:
 
     @property
     def span(self) -> tuple[int, int] | None:
-        """Receive times [ns] of the first and last message, as the file states them; None without any."""
+        """Receive times [ns] of the first and last message according to the file; None without messages."""
         loose = self._loose[:, 0].tolist()
         starts = [chunk.start_ns for chunk in self._chunks] + loose
         ends = [chunk.end_ns for chunk in self._chunks] + loose
         return (min(starts), max(ends)) if starts else None
 
     def close(self) -> None:
-        """Release the file."""
+        """Close the file."""
         self._map.close()
 
     def batches(self, names: list[str]) -> Iterator[RawBatch]:
-        """Messages of the topics ``names`` in receive-time order, about a chunk at a time."""
+        """Yield the messages of the topics ``names`` in receive-time order, about a chunk at a time."""
         channels = self._directory.channels
         wanted = {channel: names.index(name) for channel, (name, _, _) in channels.items() if name in names}
         parts = heapq.merge(self._loose_batches(wanted), self._chunk_batches(wanted), key=lambda part: part[0])
@@ -107,7 +107,7 @@ class McapFile:
             yield chunk.start_ns, _batch(table[np.isin(table[:, 1], list(wanted))], wanted, data)
 
     def _scan(self, loose: list[tuple[int, int, int, int]]) -> None:
-        """Walk over the records of the file and note where everything is."""
+        """Scan the records of the file, and store the positions of chunks and ``loose`` messages."""
         data, position, size = self._map, len(mcap.MAGIC), len(self._map)
         while position + mcap.RECORD_HEAD.size <= size:
             opcode, length = mcap.RECORD_HEAD.unpack_from(data, position)
@@ -151,7 +151,7 @@ class McapFile:
             raise BagError(f"{self.path} unpacks to more than {limit >> 20} MB: that is not a recording")
 
     def _look_into_chunks(self) -> None:
-        """Without a summary the channels are only inside the chunks, and without an index so are their counts."""
+        """Read channels and message counts from inside the chunks, where the file lacks its summary or index."""
         directory = self._directory
         blind, counted = directory.is_blind, directory.statistics is not None
         for chunk in self._chunks:
@@ -160,7 +160,7 @@ class McapFile:
                 self._bad_records += directory.look_into(self._chunk_data(chunk), count)
 
     def _settle_times(self) -> None:
-        """A chunk without times has those of its messages."""
+        """Set the time range of chunks that lack it by their messages."""
         before = 0
         for chunk in self._chunks:
             if not chunk.has_times:
@@ -171,7 +171,7 @@ class McapFile:
             before = chunk.start_ns
 
     def _chunk_data(self, chunk: mcap.Chunk) -> bytes:
-        """The records of a chunk; nothing of a damaged one."""
+        """Records of a chunk; empty if it is damaged."""
         try:
             data = chunk.records(self._map)
             _release(self._map)
@@ -183,7 +183,7 @@ class McapFile:
 
 
 def _release(pages: mmap.mmap) -> None:
-    """What has been read need not stay in memory; whoever wants it again reads it again."""
+    """Release the memory of pages that have been read; they are read again when needed."""
     if hasattr(pages, "madvise"):  # not on every system
         pages.madvise(mmap.MADV_DONTNEED)
 

@@ -1,6 +1,6 @@
-"""The records of an MCAP file (https://mcap.dev/spec): how they are laid out, and what they say of topics and chunks.
+"""Records of an MCAP file (https://mcap.dev/spec): their layout, and the topics and chunks that they describe.
 
-No length that a file states is trusted without a check; a record shorter than what it has to hold is ``struct.error``.
+All lengths in the file are checked; a record that is too short raises ``struct.error``.
 """
 
 import mmap
@@ -34,21 +34,21 @@ CHUNK_HEAD = struct.Struct("<QQQI")  # start time, end time, uncompressed size, 
 
 @dataclass(slots=True)
 class Chunk:
-    """Where the messages of a stretch of time are, compressed or not."""
+    """A chunk: the position in the file of the messages of a time range, compressed or not."""
 
     start_ns: int
     end_ns: int
-    unpacked: int  # bytes that its records have, as it says
-    crc: int  # of those bytes; 0: unknown
+    unpacked: int  # size of its records in bytes, according to its header
+    crc: int  # checksum of these bytes; 0: unknown
     compression: str
     offset: int
     size: int
-    whole: bool  # False: the recording broke off in it
-    index: list[tuple[int, int]] = field(default_factory=list)  # places of the records that say where its messages are
+    whole: bool  # False: truncated
+    index: list[tuple[int, int]] = field(default_factory=list)  # position and length of its message index records
 
     @classmethod
     def parse(cls, data: mmap.mmap, start: int, available: int, whole: bool) -> "Chunk":
-        """The chunk whose record's content begins at ``start``; ``available`` bytes of it are there."""
+        """Parse the chunk record whose content begins at ``start``; ``available`` bytes of it exist."""
         if available < CHUNK_HEAD.size + 12:
             raise struct.error
         first, last, unpacked, crc = CHUNK_HEAD.unpack_from(data, start)
@@ -61,17 +61,17 @@ class Chunk:
 
     @property
     def has_times(self) -> bool:
-        """Some writers leave the times of a chunk at zero."""
+        """Whether the header has a valid time range, which some writers leave at zero."""
         return 0 < self.start_ns <= self.end_ns < 1 << 63
 
     def message_places(self, data: mmap.mmap) -> np.ndarray:
-        """(N,) int64 where in its records the messages begin, as the index behind it says."""
+        """Offsets (N,) int64 of the messages in its records, from the message index records."""
         entries = [data[start + 6 : start + length] for start, length in self.index]
         pairs = [np.frombuffer(entry[: len(entry) // 16 * 16], "<u8").reshape(-1, 2) for entry in entries]
         return np.concatenate(pairs)[:, 1].astype(np.int64)
 
     def records(self, data: mmap.mmap) -> bytes:
-        """Its records; of one that broke off as many bytes as can be had. Raises ``DamagedError``."""
+        """Its records, of a truncated chunk as many bytes as possible. Raises ``DamagedError``."""
         if self.unpacked > LARGEST_CHUNK:
             raise DamagedError(f"it claims to unpack to more than {LARGEST_CHUNK >> 20} MB")
         content = data[self.offset : self.offset + self.size]
@@ -85,12 +85,12 @@ class Chunk:
 
 
 class Directory:
-    """What a file says of its channels and of the number of their messages."""
+    """Channels of a file, and the numbers of their messages."""
 
     def __init__(self) -> None:
         self.channels: dict[int, tuple[str, int, str]] = {}  # id -> topic, schema, encoding
         self.statistics: dict[int, int] | None = None  # messages of each channel, from the end of a closed file
-        self.counts: Counter[int] = Counter()  # the same, counted
+        self.counts: Counter[int] = Counter()  # messages of each channel, by counting
         self._schemas: dict[int, tuple[str, str]] = {}
 
     @property
@@ -100,7 +100,7 @@ class Directory:
         return not self.channels or not set(counted) <= set(self.channels)
 
     def topics(self) -> list[Topic]:
-        """The topics; several channels of one topic are one."""
+        """Topics of the file; several channels of one topic are joined."""
         counts = self.counts if self.statistics is None else self.statistics
         found: dict[str, Topic] = {}
         for channel, (name, schema, encoding) in self.channels.items():
@@ -110,7 +110,7 @@ class Directory:
         return list(found.values())
 
     def learn(self, opcode: int, content: bytes) -> None:
-        """Take a record of any kind."""
+        """Store the content of a schema, channel, message index or statistics record."""
         if opcode == SCHEMA:
             name, position = read_text(content, 2)
             _, position = read_text(content, position)
@@ -130,7 +130,7 @@ class Directory:
             self.statistics = found if any(found.values()) else None
 
     def look_into(self, content: bytes, count: bool) -> int:
-        """Learn from the records of a chunk, and ``count`` its messages; returns how many records are damaged."""
+        """Store the records of a chunk, and ``count`` its messages; return the number of damaged records."""
         damaged = 0
         for opcode, start, length in records(content):
             try:
@@ -144,7 +144,7 @@ class Directory:
 
 
 def read_text(data: bytes | mmap.mmap, position: int) -> tuple[str, int]:
-    """A text with its length before it, and where it ends."""
+    """Read a string with its length in front of it; return the string and the position after it."""
     (size,) = struct.unpack_from("<I", data, position)
     end = position + 4 + size
     if end > len(data):
@@ -153,7 +153,7 @@ def read_text(data: bytes | mmap.mmap, position: int) -> tuple[str, int]:
 
 
 def records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Opcode, start and length of the content of each whole record."""
+    """Yield opcode, start and length of the content of each complete record."""
     position, size = 0, len(data)
     while position + RECORD_HEAD.size <= size:
         opcode, length = RECORD_HEAD.unpack_from(data, position)
@@ -165,10 +165,10 @@ def records(data: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 def indexed_messages(data: bytes, offsets: np.ndarray) -> np.ndarray | None:
-    """(N, 4) uint64 what ``messages`` yields of all channels, from the ``offsets`` that an index has for the messages.
+    """Table (N, 4) uint64 of what ``messages`` yields for all channels, from the ``offsets`` in an index.
 
-    Only the places are taken from the index, and only if the records there follow one another without a gap up to the
-    end but for records of other kinds; None for an index that is not right.
+    The offsets are only used if the messages there, with records of other kinds in between, fill the data without gaps;
+    None for an incorrect index.
     """
     positions = np.unique(offsets)
     if not len(positions) or positions[-1] + MESSAGE_DATA > len(data) or positions[0] < 0:
@@ -187,7 +187,7 @@ def indexed_messages(data: bytes, offsets: np.ndarray) -> np.ndarray | None:
 
 
 def _is_without_message(data: bytes, position: int, end: int) -> bool:
-    """Whether whole records of other kinds lie between two places, and nothing else."""
+    """Whether there are only complete records of other kinds between ``position`` and ``end``."""
     while position < end:
         if position + RECORD_HEAD.size > end:
             return False
@@ -199,9 +199,9 @@ def _is_without_message(data: bytes, position: int, end: int) -> bool:
 
 
 def messages(data: bytes, wanted: dict[int, int] | None) -> Iterator[tuple[int, int, int, int]]:
-    """(time, channel, offset, length of the record) of each message of the channels ``wanted``; None: of all.
+    """Yield (time, channel, offset, length of the record) of each message of the channels ``wanted``; None: of all.
 
-    The hot loop of reading: one unpack a record.
+    This loop dominates the time of reading; it unpacks once per record.
     """
     unpack_head, position, end = MESSAGE_HEAD.unpack_from, 0, len(data)
     head = RECORD_HEAD.size

@@ -1,4 +1,4 @@
-"""Serialize many sensor_msgs/PointCloud2 of one size at once: beams as Doppler radars publish them."""
+"""Serialization of many sensor_msgs/PointCloud2 of one size at once, with beams as of a Doppler radar."""
 
 from typing import Any
 
@@ -9,13 +9,13 @@ from nav_pose_estimator.offline.bags.cdr_packing import typestore
 KIND = "sensor_msgs/msg/PointCloud2"
 _FLOAT32 = 7  # sensor_msgs/PointField
 _COLUMNS = ("x", "y", "z", "velocity")
-_STAMP, _TAIL = 4, 1  # bytes ahead of the stamp, and of is_dense behind the data
+_STAMP, _TAIL = 4, 1  # bytes before the stamp, and after the data (is_dense)
 
 
 def pack_beams(stamps_ns: list[int], directions: np.ndarray, velocities: np.ndarray, frame: str) -> np.ndarray:
-    """Messages (N, length) uint8: a point for each of k beams, x y z its direction, and its ``velocity``.
+    """Messages (N, length) uint8 with a point for each of k beams: its direction x, y, z and its ``velocity``.
 
-    ``directions`` (N, k, 3), ``velocities`` (N, k) [m/s], NaN where a beam is lost; single precision, as usual.
+    ``directions`` (N, k, 3), ``velocities`` (N, k) [m/s], NaN for a lost beam. The fields are in single precision.
     """
     points = np.concatenate([directions, velocities[..., None]], axis=-1).astype("<f4").reshape(len(stamps_ns), -1)
     data = np.ascontiguousarray(points).view(np.uint8)
@@ -29,7 +29,7 @@ def pack_beams(stamps_ns: list[int], directions: np.ndarray, velocities: np.ndar
 
 
 def _empty(beams: int, frame: str) -> Any:
-    """A cloud of ``beams`` points at zero: the layout of all others."""
+    """A cloud of ``beams`` points with zeros, as a template."""
     types = typestore().types
     step = 4 * len(_COLUMNS)
     fields = [types["sensor_msgs/msg/PointField"](name, 4 * i, _FLOAT32, 1) for i, name in enumerate(_COLUMNS)]

@@ -1,4 +1,4 @@
-"""Serialized messages of a bag, many at a time: the common ground of the storage formats and the decoders."""
+"""Batches of serialized messages of a bag: the interface between storage formats and decoders."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ from nav_pose_estimator.errors import UserError
 
 
 class BagError(UserError):
-    """A recording that cannot be read. The text is for the user."""
+    """A recording cannot be read. The text is for the user."""
 
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One topic of a bag. ``definition`` is the message definition that the bag carries, empty if it carries none."""
+    """A topic of a bag. ``definition`` is the message definition in the bag, empty if there is none."""
 
     name: str
     type: str  # package/msg/Name
@@ -27,8 +27,8 @@ class Topic:
 class RawBatch:
     """N serialized messages in receive-time order, all in one buffer.
 
-    ``times`` (N,) int64 receive time [ns]; ``topics`` (N,) index into the list of names that was asked for;
-    message i is ``data[offsets[i]:offsets[i] + lengths[i]]``.
+    ``times`` (N,) int64: receive times [ns]. ``topics`` (N,): indices into the list of requested names. Message i is
+    ``data[offsets[i]:offsets[i] + lengths[i]]``.
     """
 
     times: np.ndarray
@@ -46,21 +46,21 @@ class RawBatch:
         return self.data[start : start + int(self.lengths[i])]
 
     def select(self, chosen: np.ndarray | slice) -> "RawBatch":
-        """The messages at ``chosen`` (index array, mask or slice); the buffer is shared."""
+        """Batch of the messages at ``chosen`` (index array, mask or slice), which shares the buffer."""
         return RawBatch(self.times[chosen], self.topics[chosen], self.offsets[chosen], self.lengths[chosen], self.data)
 
 
 def from_payloads(times: list[int], topics: list[int], payloads: list[bytes]) -> RawBatch:
-    """A batch from separate byte strings."""
+    """Create a batch from separate byte strings."""
     lengths = np.fromiter(map(len, payloads), np.int64, len(payloads))
     offsets = np.cumsum(lengths) - lengths
     return RawBatch(np.array(times, np.int64), np.array(topics, np.int64), offsets, lengths, b"".join(payloads))
 
 
 def usable_times(stated: np.ndarray) -> np.ndarray:
-    """Receive times (N,) int64 [ns] from those that a file states (N,) uint64.
+    """Receive times (N,) int64 [ns] from the ``stated`` times (N,) uint64 in a file.
 
-    Zero and what is beyond the year 2262 (a negative time) cannot be one: such a message came when the one before did.
+    Zero, and times after the year 2262, which would be negative, are invalid and replaced by the preceding valid time.
     """
     good = (stated > 0) & (stated < np.uint64(1 << 63))
     times = stated.astype(np.int64)
@@ -73,7 +73,7 @@ def usable_times(stated: np.ndarray) -> np.ndarray:
 
 
 def concatenate(batches: list[RawBatch]) -> RawBatch:
-    """All batches as one, sorted by receive time (stable: equal times keep their order in the file)."""
+    """Join batches to one, sorted by receive time; equal times keep their order in the file."""
     if len(batches) == 1:
         return in_time_order(batches[0])
     starts = np.cumsum([0, *(len(batch.data) for batch in batches[:-1])])
@@ -88,22 +88,22 @@ def concatenate(batches: list[RawBatch]) -> RawBatch:
 
 
 def compact(batch: RawBatch) -> RawBatch:
-    """The batch with a buffer of its own, so that the rest of a large one can go."""
+    """Copy of the batch with its own buffer, so that a large shared one can be released."""
     return from_payloads(batch.times.tolist(), batch.topics.tolist(), [batch.payload(i) for i in range(len(batch))])
 
 
 def in_time_order(batch: RawBatch) -> RawBatch:
-    """The batch sorted by receive time; itself when it is sorted already."""
+    """The batch sorted by receive time; the same object if it is already sorted."""
     if len(batch) < 2 or bool(np.all(batch.times[1:] >= batch.times[:-1])):
         return batch
     return batch.select(np.argsort(batch.times, kind="stable"))
 
 
 def merge_overlapping(batches: Iterable[tuple[int, RawBatch]]) -> Iterator[RawBatch]:
-    """Batches in global time order, from pairs (earliest time in the batch, batch) sorted by that time.
+    """Yield batches in global time order, from pairs (earliest time in the batch, batch) sorted by that time.
 
-    Messages that are later than the start of the next batch wait for it. They are sorted anew only when they have
-    become twice as many, so that a file in which all batches overlap takes no more than N log N.
+    Messages later than the start of the next batch are held back. They are only sorted again when their number has
+    doubled, so that a file in which all batches overlap takes O(N log N).
     """
     waiting: list[RawBatch] = []
     held = enough = 0

@@ -1,7 +1,7 @@
-"""A rosbag2 as a stream of samples in receive-time order, IMU messages in blocks.
+"""Reader of a rosbag2 as a stream of samples in receive-time order, with IMU samples in blocks.
 
-The conversions are those of the nodes (the message table); only the message types that come at hundreds of hertz are
-decoded many at a time. Header stamps are the samples' stamps; receive time only orders them.
+The conversions are those of the nodes (the message table); the most frequent message types are decoded many at a time.
+The samples have the stamps of the message headers; the receive time only determines their order.
 """
 
 from collections import Counter
@@ -22,18 +22,18 @@ from nav_pose_estimator.ros.messages.cdr import CdrError, columns
 from nav_pose_estimator.ros.messages.convert import Converted
 from nav_pose_estimator.ros.messages.message_table import IMU, Source
 
-EVENTS_KEPT = 1000
+EVENTS_KEPT = 1000  # largest number of stored events of one name
 Convert = Callable[[RawBatch], list[Converted]]
 UNREADABLE = (BagError, CdrError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
-"""What damaged bytes lead to, or a definition in the bag unlike the known one."""
+"""Exceptions caused by damaged bytes, or by a definition in the bag that differs from the expected one."""
 
 
 @dataclass(frozen=True, slots=True)
 class SampleBatch:
-    """A stretch of a recording: its IMU samples in columns, and what came between them.
+    """A part of a recording: its IMU samples in columns, and the other samples between them.
 
-    ``others[j]`` is what one message turned into; it came behind the first ``before[j]`` rows of ``imu``. ``aside``:
-    messages that are no input.
+    ``others[j]`` are the samples of one message, received after the first ``before[j]`` rows of ``imu``. ``aside``:
+    messages that are not an input.
     """
 
     imu: ImuBlock
@@ -42,7 +42,7 @@ class SampleBatch:
     aside: RawBatch
 
     def samples(self) -> Iterator[Sample]:
-        """All in order of receipt, the IMU in blocks."""
+        """Yield all samples in order of receipt, those of the IMU in blocks."""
         stamps, gyro, accel = self.imu.stamps_ns, self.imu.gyro, self.imu.accel
         done = 0
         for count, samples in zip(self.before, self.others, strict=True):
@@ -55,24 +55,25 @@ class SampleBatch:
             yield ImuBlock(stamps[done:], gyro[done:], accel[done:])
 
     def pieces(self) -> tuple[np.ndarray, np.ndarray]:
-        """The rows at which the blocks of ``samples`` begin, and those behind their ends."""
+        """First rows of the IMU blocks of ``samples``, and the rows after their last ones."""
         cuts = {count for count, samples in zip(self.before, self.others, strict=True) if samples}
         starts = np.array(sorted({0} | cuts - {len(self.imu)}))
         return starts, np.append(starts[1:], len(self.imu))
 
 
 class BagReader:
-    """Samples of a recording. ``counters`` tells what was lost.
+    """Samples of a recording. ``counters``: numbers of lost messages, by reason.
 
-    ``events`` holds what the conversion had to disregard, of a kind ``EVENTS_KEPT`` at most, and ``event_counts`` all.
+    ``events``: events of the conversion about data that are not used, at most ``EVENTS_KEPT`` of each name;
+    ``event_counts`` counts all of them.
     """
 
     def __init__(
         self, path: Path | str, remaps: dict[str, str] | None = None, parameters: Parameters | None = None
     ) -> None:
-        """Open a bag; ``parameters`` say how its messages are to be read, as they do in a node.
+        """Open a bag; ``parameters`` determine how messages are read, as in a node.
 
-        Raises ``BagError`` if it cannot be read, is empty or has no IMU.
+        Raises ``BagError`` if the bag cannot be read, is empty or has no IMU.
         """
         self.bag = Bag(Path(path))
         try:
@@ -94,23 +95,23 @@ class BagReader:
 
     @property
     def notices(self) -> list[str]:
-        """What was assumed, damaged or left out, one sentence each; complete once all samples are read."""
+        """Sentences about assumptions, damage and omissions; complete after all samples have been read."""
         lost = [f"{count} messages were left out ({name})" for name, count in sorted(self.counters.items())]
         return self.topics.notices + self.bag.warnings + lost
 
     @property
     def imu_count(self) -> int:
-        """Number of IMU messages that the bag announces; 0 if it does not say."""
+        """Number of IMU messages according to the bag; 0 if unknown."""
         return self.topics.imu.count
 
     def samples(self) -> Iterator[Sample]:
-        """All samples in receive-time order; consecutive IMU messages come as one block. Raises as ``batches``."""
+        """Yield all samples in receive-time order, consecutive IMU messages as one block. Raises as ``batches``."""
         return (sample for batch in self.batches() for sample in batch.samples())
 
     def batches(self, aside: Topic | None = None) -> Iterator[SampleBatch]:
-        """The same, about a chunk of the bag at a time, with the messages of another topic ``aside``.
+        """Yield all samples, about a chunk of the bag at a time, with the messages of another topic ``aside``.
 
-        Raises ``BagError`` at the end of a recording in which the gyroscope never gave a rate.
+        Raises ``BagError`` at the end of a recording without any angular rate.
         """
         topics, gyroscope = self.topics.topics, _GyroscopeWatch()
         names = list(dict.fromkeys(topic.name for topic in topics.values()))
@@ -132,12 +133,12 @@ class BagReader:
             yield SampleBatch(block, np.cumsum(rows)[others].tolist(), samples, batch.select(batch.topics >= inputs))
         if gyroscope.is_missing:
             name = self.topics.imu.name
-            raise BagError(f"no message of {name} has an angular velocity (all zero), and half an IMU is no IMU")
+            raise BagError(f"no message of {name} has an angular velocity (all zero), which navigation needs")
 
     def _convert_others(
         self, batch: RawBatch, others: np.ndarray, players: list[list[Convert]]
     ) -> list[tuple[Sample, ...]]:
-        """What each message that is not from the IMU turns into."""
+        """Samples of each message that is not from the IMU."""
         out: list[tuple[Sample, ...]] = [()] * len(others)
         kinds = batch.topics[others]
         for index in np.unique(kinds).tolist():
@@ -157,7 +158,7 @@ class BagReader:
         return tuple([item for item in items if not isinstance(item, Event)])
 
     def _converter(self, topic: Topic, source: Source) -> Convert:
-        """A function from a batch of messages of one topic to samples and events."""
+        """Function that converts a batch of messages of one topic to samples and events."""
         try:
             decode = Decoder(topic)
         except BagError as error:
@@ -184,7 +185,7 @@ class BagReader:
         return [()] * len(batch)
 
     def _imu_converter(self, topic: Topic, source: Source) -> Callable[[RawBatch], tuple[ImuBlock, np.ndarray]]:
-        """A function from a batch of IMU messages to a block, and which of the messages are in it (N,) 0 or 1."""
+        """Function that converts a batch of N IMU messages to a block, and to (N,) 1 for each message in it, else 0."""
         decode = Decoder(topic)
 
         def convert_batch(batch: RawBatch) -> tuple[ImuBlock, np.ndarray]:
@@ -200,14 +201,14 @@ class BagReader:
 
 
 class _GyroscopeWatch:
-    """Whether an IMU is an accelerometer alone: its forces change, its rates are exactly zero from begin to end."""
+    """Detects an IMU without gyroscope: its forces vary, but its rates are exactly zero from begin to end."""
 
     def __init__(self) -> None:
         self._turned = self._changed = False
         self._first: np.ndarray | None = None
 
     def see(self, block: ImuBlock) -> None:
-        """One more block."""
+        """Evaluate the next block."""
         if self._turned or not len(block):
             return
         self._turned = bool(block.gyro.any())
@@ -216,12 +217,12 @@ class _GyroscopeWatch:
 
     @property
     def is_missing(self) -> bool:
-        """So far no rate has come, while the accelerometer lives."""
+        """Whether all rates so far are zero although the forces vary."""
         return self._changed and not self._turned
 
 
 def _convert_many(topic: Topic, source: Source, batch: RawBatch) -> ImuBlock | list[Converted] | None:
-    """All messages of a batch at once; None if they have to be decoded one by one."""
+    """Convert all messages of a batch at once; None if they must be decoded one by one."""
     if source.columns is None:
         return None
     found = columns(topic.type, batch, source.columns.fields)
@@ -237,6 +238,6 @@ def _block(samples: list[ImuSample]) -> ImuBlock:
 def read_samples(
     path: Path | str, remaps: dict[str, str] | None = None, parameters: Parameters | None = None
 ) -> Iterator[Sample]:
-    """All samples of a bag in receive-time order; see :class:`BagReader` for what was assumed or lost."""
+    """Yield all samples of a bag in receive-time order; :class:`BagReader` also gives assumptions and losses."""
     with BagReader(path, remaps, parameters) as reader:
         yield from reader.samples()

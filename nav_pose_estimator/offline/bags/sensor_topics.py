@@ -1,4 +1,4 @@
-"""Samples to the messages of a bag: one topic for each kind of sensor, whole topics at once."""
+"""Conversion of samples to the topics of a bag, one per kind of sensor, with all messages of a topic at once."""
 
 import math
 from collections.abc import Callable
@@ -23,12 +23,12 @@ from nav_pose_estimator.offline.bags.cdr_packing import STAMP, pack
 from nav_pose_estimator.offline.bags.writer import Messages
 
 MAP_FRAME, BASE_FRAME, IMU_FRAME, GPS_FRAME, DVL_FRAME = "map", "base_link", "imu_link", "gps_link", "dvl_link"
-_UNKNOWN_COUNT = 255  # MAVLink's word for it
+_UNKNOWN_COUNT = 255  # value of MAVLink for an unknown count
 _COV_UNKNOWN, _COV_KNOWN = 0, 3  # sensor_msgs/NavSatFix
 
 
 def imu_topic(block: ImuBlock, arrivals_ns: np.ndarray, gyro_var: float = 0.0, accel_var: float = 0.0) -> Messages:
-    """``/imu/data_raw``. Variances of one sample; zero for unknown."""
+    """The topic ``/imu/data_raw``; variances per axis [(rad/s)^2, (m/s^2)^2] of one sample, zero for unknown."""
     kind = "sensor_msgs/msg/Imu"
     absent = np.zeros(9)
     absent[0] = -1.0  # REP-145: no orientation
@@ -46,7 +46,7 @@ def imu_topic(block: ImuBlock, arrivals_ns: np.ndarray, gyro_var: float = 0.0, a
 
 
 def sensor_topics(timed: list[tuple[int, Sample]]) -> list[Messages]:
-    """The topics of all sensors but the IMU in ``timed``: (time of receipt [ns], sample) in order of receipt."""
+    """Topics of all sensors but the IMU, from ``timed``: (time of receipt [ns], sample) in order of receipt."""
     topics = []
     for sensor, topic, kind, rows in _SENSORS:
         chosen = [(arrival, sample) for arrival, sample in timed if type(sample) is sensor]
@@ -57,7 +57,7 @@ def sensor_topics(timed: list[tuple[int, Sample]]) -> list[Messages]:
 
 
 def place_fields(place: np.ndarray) -> dict:
-    """Fields of a NavSatFix; ``place`` (N, 3): degrees, degrees, metres."""
+    """Fields of a NavSatFix; ``place`` (N, 3): latitude, longitude [deg], ellipsoid height [m]."""
     return {"latitude": place[:, 0], "longitude": place[:, 1], "altitude": place[:, 2]}
 
 

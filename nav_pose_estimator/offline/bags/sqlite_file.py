@@ -1,4 +1,4 @@
-"""Reading rosbag2's sqlite3 files (.db3)."""
+"""Reader of sqlite3 files of rosbag2 (.db3)."""
 
 import sqlite3
 from collections.abc import Iterator
@@ -11,14 +11,14 @@ LARGEST_VALUE = 64 << 20  # bytes of a text or a message
 
 
 class SqliteFile:
-    """One .db3 file: its topics, and their messages in receive-time order. ``warnings`` says what was damaged."""
+    """A .db3 file: its topics, and their messages in receive-time order. ``warnings`` lists what was damaged."""
 
     def __init__(self, path: Path) -> None:
-        """Open the file. Raises ``BagError`` for a file that is not a rosbag2 database."""
+        """Open the file. Raises ``BagError`` if it is not a rosbag2 database."""
         self.path = path
         self.warnings: list[str] = []
-        # A bag that was not closed keeps its last messages in a write-ahead log beside it; without one, "immutable"
-        # lets sqlite read from a read-only place.
+        # a bag that was not closed has its last messages in a write-ahead log beside it; without such a log,
+        # "immutable" permits reading from a read-only folder
         option = "mode=ro" if path.with_name(path.name + "-wal").exists() else "mode=ro&immutable=1"
         try:
             self._database = sqlite3.connect(f"{path.resolve().as_uri()}?{option}", uri=True)
@@ -37,20 +37,20 @@ class SqliteFile:
 
     @property
     def span(self) -> tuple[int, int] | None:
-        """Receive times [ns] of the first and last message; None without any."""
+        """Receive times [ns] of the first and last message; None without messages."""
         query = "SELECT min(timestamp), max(timestamp) FROM messages WHERE typeof(timestamp) = 'integer'"
         try:
             first, last = self._database.execute(query).fetchone()
-        except sqlite3.Error:  # said when the messages are read
+        except sqlite3.Error:  # reported when the messages are read
             return None
         return None if first is None else (first, last)
 
     def close(self) -> None:
-        """Release the file."""
+        """Close the file."""
         self._database.close()
 
     def batches(self, names: list[str]) -> Iterator[RawBatch]:
-        """Messages of the topics ``names`` in receive-time order."""
+        """Yield the messages of the topics ``names`` in receive-time order."""
         wanted = {i: names.index(topic.name) for i, topic in self._topics.items() if topic.name in names}
         marks = ",".join("?" * len(wanted))
         query = f"SELECT timestamp, topic_id, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp, id"
@@ -74,7 +74,7 @@ class SqliteFile:
             self.warnings.append(text)
 
     def _refuse_computed(self) -> None:
-        """A view, or a column that is computed, may go on for ever: a recording has neither."""
+        """Reject views and generated columns, which a recording does not have, and whose evaluation may not end."""
         for name in ("topics", "messages"):
             (kind,) = self._database.execute("SELECT type FROM sqlite_master WHERE name = ?", (name,)).fetchone() or (
                 "",

@@ -1,4 +1,4 @@
-"""Opening a recording in any form: a rosbag2 folder, a bare .mcap or .db3 file, compressed or not, whole or not."""
+"""Recordings in any form: a rosbag2 folder or a single .mcap or .db3 file, compressed or not, complete or truncated."""
 
 import heapq
 import re
@@ -30,7 +30,7 @@ ROS1_MAGIC = b"#ROSBAG V"
 _LONGEST_NAME = 512  # characters; ROS allows 255
 _LARGEST_DEFINITION = 1 << 18  # characters
 _FIXED_ARRAY = re.compile(r"\[\s*(\d+)\s*\]")
-_LARGEST_ARRAY = 100_000  # elements of an array of fixed length: decoding makes room for all of them
+_LARGEST_ARRAY = 100_000  # elements of an array of fixed length, for all of which decoding allocates memory
 
 AnyFile = McapFile | SqliteFile
 
@@ -39,7 +39,7 @@ class Bag:
     """A recording. ``topics`` by name; ``warnings`` lists what was damaged or assumed, once each."""
 
     def __init__(self, path: Path) -> None:
-        """Open ``path``. Raises ``BagError`` with one sentence when that is not a recording."""
+        """Open ``path``. Raises ``BagError`` if it is not a recording."""
         self.path = Path(path)
         self._warnings: list[str] = []
         self._stack = ExitStack()
@@ -61,18 +61,18 @@ class Bag:
 
     @property
     def warnings(self) -> list[str]:
-        """What was damaged or assumed so far; reading can add to it."""
+        """Sentences about damage and assumptions so far; reading can add some."""
         told = self._warnings + [text for file in self._files for text in file.warnings]
         if self._damaged_messages:
             told.append(f"{self._damaged_messages} compressed messages cannot be unpacked and were left out")
         return told
 
     def close(self) -> None:
-        """Release files and temporary copies."""
+        """Close the files and remove temporary copies."""
         self._stack.close()
 
     def batches(self, names: list[str]) -> Iterator[RawBatch]:
-        """Serialized messages of the topics ``names`` in receive-time order."""
+        """Yield serialized messages of the topics ``names`` in receive-time order."""
         for group in self._groups:
             if len(group) == 1:
                 merged = group[0].batches(names)
@@ -100,7 +100,7 @@ class Bag:
         return files
 
     def _listed_files(self) -> list[Path] | None:
-        """The files that metadata.yaml names; None if there is no such list."""
+        """Files that metadata.yaml lists; None if there is no such list."""
         metadata = self.path / "metadata.yaml"
         if not metadata.is_file():
             return None
@@ -117,7 +117,7 @@ class Bag:
 
     def _open(self, path: Path) -> AnyFile:
         status = path.stat()
-        if not stat.S_ISREG(status.st_mode):  # a pipe would wait for ever
+        if not stat.S_ISREG(status.st_mode):  # reading a pipe could block for ever
             raise BagError(f"{path} is not a file with data")
         with path.open("rb") as content:
             if content.read(len(ROS1_MAGIC)) == ROS1_MAGIC:
@@ -140,7 +140,7 @@ class Bag:
         return target
 
     def _unpacked(self, batch: RawBatch) -> RawBatch:
-        """The batch with messages that were compressed one by one unpacked: metadata.yaml says so, if it is there."""
+        """The batch with individually compressed messages unpacked; they are recognised by their first bytes."""
         long_enough = np.flatnonzero(batch.lengths >= len(ZSTD_MAGIC))
         first = np.frombuffer(batch.data, np.uint8)[batch.offsets[long_enough]]
         packed = set(long_enough[first == ZSTD_MAGIC[0]].tolist())  # serialized messages begin with zero
@@ -195,7 +195,7 @@ def _is_sound(definition: str) -> bool:
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
-    """Sorts bag_2 before bag_10."""
+    """Sort key of file names that puts bag_2 before bag_10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d{1,18})", path.name)]
 
 
@@ -204,8 +204,8 @@ def _timed(file: AnyFile, names: list[str]) -> Iterator[tuple[int, RawBatch]]:
 
 
 def _overlapping(files: list[AnyFile]) -> list[list[AnyFile]]:
-    """The files in order of time, those that overlap together; files without times stay where they are."""
-    if len(files) == 1:  # whose times may take long to find
+    """Files in order of time, grouped where they overlap; files without times keep their place."""
+    if len(files) == 1:  # its time range is not needed, and may take long to find
         return [files]
     before, spans = 0, []
     for file in files:

@@ -1,8 +1,8 @@
-"""Which topic of a bag is which input: the default names, the user's remaps, and detection by type.
+"""Assignment of the topics of a bag to the inputs: by default names, by remaps of the user, and by type.
 
-The inputs and their types are those of the message table. A parameter that chooses a type (``ros.input.*``) holds here
-as it does in a node. One that still has its default takes any type that the table knows, since a bag, unlike a driver
-to come, shows what it holds; the user then reads which value a node needs.
+The inputs and their types are those of the message table. A parameter that selects a type (``ros.input.*``) applies as
+in a node. If it has its default value, any type in the table is accepted, because a bag, unlike a future driver, shows
+its types; a notice then names the value that a node needs.
 """
 
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ _MAVROS_VELOCITY = "raw/gps_vel"
 
 @dataclass
 class TopicMap:
-    """The topic of each input, and how to read it. ``notices`` tells the user what was assumed."""
+    """Topic and source of each input. ``notices``: sentences for the user about assumptions."""
 
     topics: dict[str, Topic] = field(default_factory=dict)  # by the input's own topic
     sources: dict[str, Source] = field(default_factory=dict)
@@ -32,12 +32,12 @@ class TopicMap:
 
     @property
     def imu(self) -> Topic:
-        """The IMU's topic, which is always there."""
+        """Topic of the IMU, which always exists."""
         return self.topics[IMU.topic]
 
 
 def parse_remaps(texts: list[str]) -> dict[str, str]:
-    """``/imu/data_raw:=/mavros/imu/data_raw`` -> name in this package to name in the bag; ``__ns:=/drone1`` as well."""
+    """Parse ``/imu/data_raw:=/mavros/imu/data_raw`` or ``__ns:=/drone1`` to names in the bag by own names."""
     remaps: dict[str, str] = {}
     known = {_absolute(name) for name in (*(one.topic for one in INPUTS), TRUTH)}
     for text in texts:
@@ -55,7 +55,7 @@ def parse_remaps(texts: list[str]) -> dict[str, str]:
 
 
 def map_topics(available: dict[str, Topic], remaps: dict[str, str], parameters: Parameters | None = None) -> TopicMap:
-    """Find the topic of every input. Raises ``BagError`` without an IMU, or for a remap to what is not there."""
+    """Find the topic of every input. Raises ``BagError`` without an IMU, or for a remap to a missing topic."""
     search = _Search(available, remaps, parameters or Parameters())
     search.take_named()
     search.detect()
@@ -69,7 +69,7 @@ def map_topics(available: dict[str, Topic], remaps: dict[str, str], parameters: 
 
 
 class _Search:
-    """One bag, one vehicle in it, and what has been found so far."""
+    """Search for the topics of one vehicle in a bag."""
 
     def __init__(self, available: dict[str, Topic], remaps: dict[str, str], parameters: Parameters) -> None:
         self._available, self._remaps, self._parameters = available, remaps, parameters
@@ -81,7 +81,7 @@ class _Search:
         self._of_others: tuple[str, ...] = ()  # namespaces of other vehicles
 
     def take_named(self) -> None:
-        """Inputs under the name that they should have."""
+        """Assign topics with the default or remapped names of inputs."""
         for one in INPUTS:
             asked = _absolute(one.topic) in self._remaps
             name = self._name(one.topic)
@@ -91,7 +91,7 @@ class _Search:
                 raise BagError(f"there is no topic {name} in the bag; {_listing(self._available)}")
 
     def detect(self) -> None:
-        """Inputs that are still missing, by type and words; the IMU first, because it identifies the vehicle."""
+        """Assign topics to missing inputs by type and words; first the IMU, because it identifies the vehicle."""
         imus = [topic.name for topic in self._fitting(IMU)]
         if IMU.topic not in self.found.topics:
             self._detect(IMU)
@@ -106,7 +106,7 @@ class _Search:
             self.found.notices.append(f"topics below {names} are taken as another vehicle's: choose one with --remap")
 
     def take_truth(self) -> None:
-        """The true motion of the chosen vehicle, where the bag has it."""
+        """Find the topic of the true motion of the vehicle, if there is one."""
         name, plain = self._name(TRUTH), _absolute(TRUTH)
         truth = self._available.get(name)
         if truth is None and plain in self._remaps:
@@ -123,7 +123,7 @@ class _Search:
         return self._remaps.get(_absolute(topic), f"{self._namespace}/{topic}")
 
     def _source(self, one: Input, topic: Topic) -> Source | None:
-        """How to read ``topic`` as ``one``; None if the parameters or the table have no use for its type."""
+        """Source that reads ``topic`` as ``one``; None if the parameters or the table exclude its type."""
         is_default = one.choice(self._parameters) == one.types[0].choice
         wanted = one.source(self._parameters)
         if wanted is None or not (is_default or wanted.type == topic.type):
@@ -134,7 +134,7 @@ class _Search:
         return one.source(parameters, topic.type)
 
     def _take(self, one: Input, topic: Topic, asked: bool) -> None:
-        """``topic`` has the name of ``one``. What cannot be read is an error where it is asked for or is the IMU."""
+        """Assign ``topic``, with the name of ``one``; if unreadable, it is an error if ``asked`` for or for the IMU."""
         source = self._source(one, topic)
         trouble = ""
         if topic.encoding != "cdr":
@@ -153,7 +153,7 @@ class _Search:
         self._use(one, topic, source)
 
     def _types(self, one: Input) -> str:
-        """The types that ``one`` may have, and the parameter that says so."""
+        """Clause with the types that ``one`` may have, and the parameter that selects them."""
         choice = one.choice(self._parameters)
         if choice == one.types[0].choice:
             return " or ".join(kind.name for kind in one.types)
@@ -191,7 +191,7 @@ class _Search:
         fitting = [topic for topic in self._fitting(one) if topic.name not in taken]
         if one is IMU:
             self.candidates_of_imu = sorted(topic.name for topic in fitting)
-        # A driver in a namespace keeps the last parts of the name; that beats any other topic of the type.
+        # a topic that differs from the default name only by a namespace is preferred to others of its type
         namespaced = [topic for topic in fitting if topic.name.endswith(_absolute(one.topic))]
         choice = namespaced if len(namespaced) == 1 else fitting
         ours = _absolute(one.topic)
@@ -210,8 +210,8 @@ def _why_there_is_no_imu(available: dict[str, Topic], candidates: list[str]) -> 
     ours, names = _absolute(IMU.topic), ", ".join(candidates)
     if _are_halves(candidates):
         return (
-            f"gyroscope and accelerometer are on two topics ({names}), and half an IMU is no IMU: let the driver join"
-            " them (realsense2_camera: unite_imu_method 2) and record that topic"
+            f"gyroscope and accelerometer are on two topics ({names}), but are needed in one message: let the driver"
+            " join them (realsense2_camera: unite_imu_method 2) and record that topic"
         )
     if several := vehicles.namespaces(candidates):
         option = f"--remap {NAMESPACE}:={several[0]}"
@@ -222,7 +222,7 @@ def _why_there_is_no_imu(available: dict[str, Topic], candidates: list[str]) -> 
 
 
 def _are_halves(imus: list[str]) -> bool:
-    """Whether the IMUs of a bag are one gyroscope and one accelerometer, by their names."""
+    """Whether the IMU topics of a bag are a separate gyroscope and accelerometer, by their names."""
     return len(imus) == 2 and sum("gyro" in name for name in imus) == 1 == sum("acc" in name for name in imus)
 
 

@@ -1,4 +1,4 @@
-"""Decompression of untrusted data: never more than announced, never more than a recording can hold."""
+"""Decompression of untrusted data, limited to the announced size and to plausible sizes of recordings."""
 
 import sys
 from pathlib import Path
@@ -7,20 +7,20 @@ from typing import Any
 from nav_pose_estimator.offline.bags.raw_messages import BagError
 
 LARGEST_CHUNK = 256 << 20  # bytes, unpacked
-LARGEST_MESSAGE = 16 << 20
-_FREE, _RATIO = 1 << 30, 100  # a file may unpack to so many bytes, and to so many times its size beyond that
-_AT_ONCE = 1 << 20
+LARGEST_MESSAGE = 16 << 20  # bytes, unpacked
+_FREE, _RATIO = 1 << 30, 100  # limit of the unpacked size of a file: bytes, plus a multiple of its packed size
+_AT_ONCE = 1 << 20  # bytes that are unpacked at once
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
 class DamagedError(Exception):
-    """Data that cannot be unpacked, or not to the announced size. The text is a clause."""
+    """Data cannot be unpacked, or not to the announced size. The text is a clause."""
 
 
 def unpack(data: bytes, compression: str, limit: int, whole: bool = True) -> bytes:
-    """``data`` without its compression, at most ``limit`` bytes; of data that break off (not ``whole``) what is there.
+    """Decompress ``data`` to at most ``limit`` bytes; truncated data (not ``whole``) as far as possible.
 
-    Raises ``DamagedError``, and ``BagError`` for a compression that is not known or not installed.
+    Raises ``DamagedError``, and ``BagError`` for a compression that is unknown or not installed.
     """
     unpacked = {"zstd": _unpack_zstd, "lz4": _unpack_lz4}.get(compression)
     if unpacked is None:
@@ -34,7 +34,7 @@ def unpack(data: bytes, compression: str, limit: int, whole: bool = True) -> byt
 
 
 def _unpack_zstd(data: bytes, limit: int) -> tuple[bytes, bool]:
-    """The content of all frames up to just over ``limit`` bytes, and whether it came to an end."""
+    """Content of all frames, up to just over ``limit`` bytes, and whether it is complete."""
     zstd, out = zstandard(), b""
     while data and len(out) <= limit:
         frame = zstd.ZstdDecompressor()
@@ -61,12 +61,12 @@ def _unpack_lz4(data: bytes, limit: int) -> tuple[bytes, bool]:
 
 
 def unpacked_limit(packed: int) -> int:
-    """Bytes to which a file with ``packed`` compressed bytes may unpack: more is not a recording but a bomb."""
+    """Largest unpacked size [bytes] of a file with ``packed`` compressed bytes; more is a decompression bomb."""
     return _FREE + _RATIO * packed
 
 
 def unpack_file(source: Path, target: Path) -> str:
-    """Unpack a zstd file; returns what is damaged, empty if nothing is. Raises ``BagError``."""
+    """Unpack a zstd file; return a sentence about its damage, empty without any. Raises ``BagError``."""
     zstd = zstandard()
     limit, written = unpacked_limit(source.stat().st_size), 0
     try:
@@ -85,7 +85,7 @@ def unpack_file(source: Path, target: Path) -> str:
 
 
 def zstandard() -> Any:
-    """The zstd module: in the standard library from Python 3.14 on, a backport before."""
+    """Import the zstd module: of the standard library from Python 3.14 on, otherwise its backport."""
     if sys.version_info >= (3, 14):
         from compression import zstd
     else:

@@ -1,7 +1,7 @@
-"""Which topics of a bag belong to which vehicle, by their namespaces.
+"""Distinction of several vehicles in a bag by the namespaces of their topics.
 
-Two names of one sensor on two vehicles differ in one part (/a/imu, /b/imu), or one has a namespace that the other has
-not (/imu, /b/imu).
+The topics of the same sensor on two vehicles differ in one part of their names (/a/imu, /b/imu), or only one has a
+namespace (/imu, /b/imu).
 """
 
 from collections.abc import Iterable
@@ -9,18 +9,18 @@ from itertools import combinations
 
 
 def namespaces(topics: Iterable[str]) -> list[str]:
-    """The namespaces of vehicles of which each has one of ``topics``, sorted; empty for names of one vehicle."""
+    """Sorted namespaces of the vehicles that ``topics`` of the same sensor belong to; empty for one vehicle."""
     found = {space for first, second in combinations(topics, 2) for space in _apart(first, second) if space}
     return sorted(found)
 
 
 def others(ours: str, topics: Iterable[str]) -> tuple[str, ...]:
-    """The namespaces of vehicles other than that of the topic ``ours``."""
+    """Sorted namespaces of the vehicles other than that of the topic ``ours``."""
     return tuple(sorted({pair[1] for topic in topics if (pair := _apart(ours, topic)) and pair[1]}))
 
 
 def _apart(first: str, second: str) -> tuple[str, ...]:
-    """The namespaces of the vehicles by which two names differ, "" for none; () for names of one vehicle."""
+    """Namespaces of the two vehicles of two topics, "" for none; () for topics of one vehicle."""
     if first != second and (first.endswith(second) or second.endswith(first)):
         return first.removesuffix(second), second.removesuffix(first)
     parts = first.split("/"), second.split("/")

@@ -1,6 +1,6 @@
-"""Write a rosbag2: mcap with zstd chunks, or sqlite3, from whole topics at once.
+"""Writer of a rosbag2 (mcap with zstd chunks, or sqlite3) from whole topics.
 
-rosbags writes the files; its call per message is replaced by one per chunk, which is ten times faster.
+The files are written by rosbags, whose call per message is replaced by one per chunk, which is ten times faster.
 """
 
 import sqlite3
@@ -30,8 +30,8 @@ from nav_pose_estimator.offline.output_folder import OutputFolder
 
 MCAP, SQLITE3 = "mcap", "sqlite3"
 PLAIN, FAST, SMALL = 0, 3, 19
-"""Levels of zstd: none; the third takes 15 times as long as the second and saves 10 %."""
-CHUNK_BYTES = 1 << 20
+"""Compression levels of zstd: none, fast, and small, which takes 15 times as long as fast and saves 10 %."""
+CHUNK_BYTES = 1 << 20  # size of an mcap chunk, unpacked
 METADATA_VERSION: Literal[9] = 9  # of rosbag2 in Jazzy
 
 _NEVER = QosTime(2147483647, 4294967295)
@@ -50,7 +50,7 @@ LATCHED = Qos(
 
 @dataclass(frozen=True)
 class Messages:
-    """Messages of one topic: ``times_ns`` (N,) of receipt, payloads as a table (N, length) or one by one."""
+    """N messages of one topic: ``times_ns`` (N,) of receipt, and payloads as a table (N, length) or one by one."""
 
     topic: str
     kind: str  # package/msg/Name
@@ -70,15 +70,15 @@ def write_bag(
     """Write ``topics`` as the rosbag2 ``path`` (a folder), in order of receipt; equal times in the order of ``topics``.
 
     ``level`` of zstd: ``PLAIN``, ``FAST`` or ``SMALL``. ``notes`` go into metadata.yaml. An existing bag is replaced
-    only with ``force``, and only if this function has written it: a recorded flight is not to be had again. Raises
-    ``UserError``.
+    only with ``force``, and only if this function has written it, because a recorded flight cannot be recovered. Raises
+    ``UserError`` if the bag cannot be written.
     """
     if storage not in (MCAP, SQLITE3):
         raise UserError(f"there is no storage {storage!r}; choose {MCAP} or {SQLITE3}")
     try:
         with _folder(path, force) as work:
             write_new(work, [topics], storage, level, notes)
-    except sqlite3.OperationalError as error:  # the disk is full, above all
+    except sqlite3.OperationalError as error:  # usually a full disk
         raise UserError(f"{path} cannot be written: {error}; nothing was changed") from None
 
 
@@ -89,9 +89,9 @@ def write_new(
     level: int = FAST,
     notes: Mapping[str, str] | None = None,
 ) -> None:
-    """``write_bag`` into a folder of results, where there is nothing at ``path`` yet.
+    """Write a bag to ``path``, which must not exist.
 
-    Each of the ``stretches`` follows in time upon the one before and is written before the next one is asked for.
+    The ``stretches`` are consecutive in time; each is written before the next one is requested from the iterator.
     """
     with _Writer(path, storage, level) as writer:
         for key, value in (notes or {}).items():
@@ -105,7 +105,7 @@ def write_new(
 
 
 def check_room(path: Path, force: bool) -> None:
-    """Raise ``UserError`` unless a bag can be written at ``path``, with ``force`` in place of the one that is there."""
+    """Raise ``UserError`` unless a bag can be written to ``path``, with ``force`` in place of an existing one."""
     _folder(path, force).check()
 
 
@@ -137,7 +137,7 @@ def _split(payloads: np.ndarray | Sequence[bytes]) -> Iterator[bytes]:
 
 
 class _McapStorage(McapWriter):
-    """Adds many messages to the pending chunk at once."""
+    """mcap storage that adds many messages to a chunk at once."""
 
     def write_sorted(self, owners: np.ndarray, times: np.ndarray, payloads: list[bytes]) -> None:
         lengths = np.fromiter(map(len, payloads), np.int64, len(payloads))
@@ -171,7 +171,7 @@ class _McapStorage(McapWriter):
 
 
 def _record_heads(owners: np.ndarray, times: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    """What stands before the data of an MCAP message record (https://mcap.dev/spec#message-op0x05)."""
+    """Heads of MCAP message records, before their data (https://mcap.dev/spec#message-op0x05)."""
     dtype = np.dtype(
         [("op", "u1"), ("length", "<u8"), ("channel", "<u2"), ("number", "<u4"), ("log", "<u8"), ("publish", "<u8")]
     )
@@ -182,7 +182,7 @@ def _record_heads(owners: np.ndarray, times: np.ndarray, lengths: np.ndarray) ->
 
 
 class _SqliteStorage(Sqlite3Writer):
-    """Inserts many messages with one call."""
+    """sqlite3 storage that inserts many messages with one call."""
 
     def write_sorted(self, owners: np.ndarray, times: np.ndarray, payloads: list[bytes]) -> None:
         rows = zip(owners.tolist(), times.tolist(), payloads, strict=True)
@@ -190,7 +190,7 @@ class _SqliteStorage(Sqlite3Writer):
 
 
 class _Writer(Writer):
-    """rosbags' writer with storages that take many messages at once."""
+    """Writer of rosbags with storages that write many messages at once."""
 
     STORAGE_PLUGINS = {StoragePlugin.MCAP: _McapStorage, StoragePlugin.SQLITE3: _SqliteStorage}  # noqa: RUF012
 
@@ -206,7 +206,7 @@ class _Writer(Writer):
             self.storage.compressor = partial(zstandard().compress, level=self._level)
 
     def write_sorted(self, owners: np.ndarray, times: np.ndarray, payloads: list[bytes]) -> None:
-        """Messages in order of time; ``owners`` (N,) are connection ids."""
+        """Write messages in order of time; ``owners`` (N,) are their connection ids."""
         storage: Any = self.storage
         if not len(times):
             return

@@ -1,4 +1,4 @@
-"""``calibrate RECORDING ... --out YAML``: what recordings show of the magnetometer and the IMU, as a parameter file."""
+"""Command ``calibrate RECORDING ... --out YAML``: calibrates magnetometer and IMU, and writes a parameter file."""
 
 import argparse
 from pathlib import Path
@@ -14,7 +14,7 @@ DESCRIPTION = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``calibrate``."""
+    """Add the options of ``calibrate``."""
     parser.description = DESCRIPTION
     parser.add_argument(
         "recordings", type=Path, nargs="+", metavar="RECORDING", help="rosbag2, PX4 .ulg, ArduPilot .bin"
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Carry the command out. Raises ``UserError`` for what the user can mend."""
+    """Run the command. Raises ``UserError`` for wrong options, and recordings that do not permit a calibration."""
     from nav_pose_estimator.engine.samples import MagSample
     from nav_pose_estimator.offline.calibration import rests as at_rest
     from nav_pose_estimator.offline.calibration.field_fit import fit_field

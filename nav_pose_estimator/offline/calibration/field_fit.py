@@ -1,10 +1,10 @@
-"""Hard iron, soft iron and mounting of a magnetometer, from how its field turns against the gyroscope.
+"""Hard iron, soft iron and mounting of a magnetometer, estimated by comparison with the rotation of the gyroscope.
 
-The field of the place is constant, so that seen from the vehicle it obeys dm/dt = -w x m: between two times the
-calibrated field turns as the gyroscope does, whatever GNSS, declination and place are; and its strength stays. With
-``b = R P (I + S) (m - h)`` (h hard iron, S symmetric and of trace zero, P one of the 48 ways to lay three axes along
-three others, R a small rotation) the residuals are ``b_1 - C b_2`` and ``|b| - F``; weak priors keep what the recording
-does not show, and the posterior deviations tell what that is.
+The local magnetic field is constant, so that in the body frame it obeys dm/dt = -w x m. Between two times the
+calibrated field rotates as the gyroscope measures, and its strength is constant, independently of GNSS, declination and
+place. With ``b = R P (I + S) (m - h)`` (h hard iron, S symmetric and of trace zero, P one of the 48 signed permutations
+of the axes, R a small rotation) the residuals are ``b_1 - C b_2`` and ``|b| - F``. Weak priors determine what the
+recording does not make observable, which the posterior standard deviations reveal.
 
 Published ideas: V. Renaudin et al., Complete triaxis magnetometer calibration in the magnetic domain, Journal of
 Sensors, 2010 (ellipsoid); M. Kok and T. Schoen, Magnetometer calibration using inertial sensors, IEEE Sensors Journal
@@ -24,12 +24,13 @@ from nav_pose_estimator.core.numerics.rotation import quat_from_rotvec, quat_to_
 from nav_pose_estimator.offline.calibration.field_pairs import LAG, FieldPairs
 
 _PRIOR_SD = np.r_[np.full(3, 100.0), np.full(5, 0.15), np.full(3, 0.3), 15.0]  # h [uT], S, rotation [rad], F [uT]
-_USUAL_STRENGTH = 48.0  # uT
+_USUAL_STRENGTH = 48.0  # uT: prior of the strength
+# Standard deviations below which a part of the calibration counts as observed
 _SEEN_IRON = 2.0  # uT: a tenth of a usual horizontal field
-_SEEN_SHAPE = 0.05
+_SEEN_SHAPE = 0.05  # elements of S
 _SEEN_ANGLE = math.radians(4.0)
-_CLEARER = 1.3  # times: the second best way to lay the axes must fit worse than the best by this
-_OVERLAP = LAG / 0.1  # pairs that share a time share its errors
+_CLEARER = 1.3  # smallest ratio of the second best residual to the best for an unambiguous permutation of the axes
+_OVERLAP = LAG / 0.1  # number of pairs that overlap in time, and so have correlated errors
 
 
 @dataclass(frozen=True)
@@ -54,22 +55,22 @@ class FieldFit:
 
     @property
     def sees_iron(self) -> np.ndarray:
-        """Along which sensor axes (3,) the hard iron is known."""
+        """Whether the hard iron is observed along each axis of the sensor (3,)."""
         return np.asarray(self.iron_sd < _SEEN_IRON)
 
     @property
     def sees_shape(self) -> bool:
-        """Whether the soft iron is known."""
+        """Whether the soft iron is observed."""
         return self.shape_sd < _SEEN_SHAPE
 
     @property
     def sees_mounting(self) -> bool:
-        """Whether the mounting is known."""
+        """Whether the mounting is observed."""
         return self.axes_are_clear and self.angle_sd < _SEEN_ANGLE
 
 
 def fit_field(pairs: FieldPairs) -> FieldFit:
-    """The calibration that ``pairs`` show best; what they do not show stays near none."""
+    """Estimate the calibration from ``pairs``; what they do not make observable stays close to zero."""
     axes, clear = _axes(pairs)
     noise = 1.0
     start = np.r_[_hard_iron(pairs, axes), np.zeros(8), _USUAL_STRENGTH]
@@ -106,9 +107,9 @@ def _ways() -> list[np.ndarray]:
 
 
 def _axes(pairs: FieldPairs) -> tuple[np.ndarray, bool]:
-    """How the sensor's axes lie along the IMU's (3, 3), and whether no other way fits about as well.
+    """Signed permutation (3, 3) from the sensor's axes to those of the IMU, and whether it is unambiguous.
 
-    Gyroscope and dip decide among 48 ways, half of them mirror images, which are a driver's mistake.
+    Gyroscope and dip select one of 48, half of which are mirror images, due to a mistake in a driver.
     """
     misfits = []
     for way in _ways():
@@ -116,7 +117,7 @@ def _axes(pairs: FieldPairs) -> tuple[np.ndarray, bool]:
             misfit = _turned_back(pairs, way) - _apart(pairs) @ way @ _hard_iron(pairs, way)
             misfits.append((float(np.sqrt(np.mean(misfit**2))), way))
     (best, way), (second, _) = sorted(misfits, key=lambda one: one[0])[:2]
-    # a field reversed as a whole turns in the same way: the dip tells
+    # a reversed field rotates in the same way; only the dip distinguishes it
     downward = np.sum((pairs.before - _hard_iron(pairs, way)) @ way.T * pairs.down)
     return (-way if downward < 0.0 else way), second > _CLEARER * best
 
@@ -130,7 +131,7 @@ def _apart(pairs: FieldPairs) -> np.ndarray:
 
 
 def _hard_iron(pairs: FieldPairs, way: np.ndarray) -> np.ndarray:
-    """Hard iron (3,) [uT], sensor axes, that fits best for axes that lie as ``way`` says: linear least squares."""
+    """Hard iron (3,) [uT] in sensor axes by linear least squares, for the permutation ``way`` of the axes."""
     apart, difference = _apart(pairs), _turned_back(pairs, way)
     normal = np.einsum("nij,nik->jk", apart, apart) + np.eye(3) * len(pairs) / _PRIOR_SD[0] ** 2
     return np.asarray(way.T @ np.linalg.solve(normal, np.einsum("nij,ni->j", apart, difference)))
@@ -154,7 +155,7 @@ def _residuals(x: np.ndarray, pairs: FieldPairs, axes: np.ndarray, noise: float)
 
 
 def _direction_error(pairs: FieldPairs, matrix: np.ndarray, h: np.ndarray) -> float:
-    """Rms angle [deg] by which the field turns otherwise than the gyroscope says."""
+    """Rms angle [deg] between the rotation of the calibrated field and that of the gyroscope."""
     before, after = (pairs.before - h) @ matrix.T, (pairs.after - h) @ matrix.T
     after = np.einsum("nij,nj->ni", pairs.turn, after)
     cosine = np.sum(before * after, axis=1) / np.linalg.norm(before, axis=1) / np.linalg.norm(after, axis=1)

@@ -1,4 +1,4 @@
-"""What a recording shows of its magnetometer: pairs of fields, and how the gyroscope says that it turned in between."""
+"""Pairs of magnetic fields in a recording, with the rotation between them by the gyroscope."""
 
 from __future__ import annotations
 
@@ -12,20 +12,19 @@ from nav_pose_estimator.core.numerics.rotation import quat_conjugate, quat_from_
 from nav_pose_estimator.engine.samples import ImuBlock, MagSample
 from nav_pose_estimator.offline.flights.recording import Recording
 
-LAG = 2.0  # s between the fields of a pair: longer than noise likes, shorter than a gyroscope's bias needs to matter
+LAG = 2.0  # s between the fields of a pair: long against noise, and short enough for the gyroscope bias
 _PARTS = ("before", "after", "turn", "down")
 _PERIOD = 0.1  # s between pairs
-_FORCE_WINDOW = 1.0  # s
-_LONGEST_STEP = 0.5  # s without IMU or field across which nothing is paired
+_FORCE_WINDOW = 1.0  # s over which the specific force is averaged
+_LONGEST_STEP = 0.5  # s: longest gap of IMU or magnetometer within a pair
 
 
 @dataclass(frozen=True)
 class FieldPairs:
     """``before``, ``after`` (N, 3) [uT] as published, ``turn`` (N, 3, 3) from the later axes of the IMU to the earlier.
 
-    ``down`` (N, 3): against the mean specific force around the earlier field, times the sine of the dip that the place
-    lets expect; zero where the recording does not tell the place. So far as that goes a field has a positive product
-    with it.
+    ``down`` (N, 3): unit vector opposite to the mean specific force around the earlier field, times the sine of the
+    expected dip at the place; zero where the place is unknown. Its product with a correct field is positive.
     """
 
     before: np.ndarray
@@ -38,12 +37,12 @@ class FieldPairs:
 
 
 def joined(parts: list[FieldPairs]) -> FieldPairs:
-    """The pairs of several recordings."""
+    """Join the pairs of several recordings."""
     return FieldPairs(*(np.concatenate([getattr(p, name) for p in parts]) for name in _PARTS))
 
 
 def field_pairs(recording: Recording, gyro_bias: np.ndarray | None) -> FieldPairs:
-    """All pairs of ``recording``; the gyroscope's axes as published, less its bias (3,) [rad/s] where that is known."""
+    """All pairs of ``recording``, in axes as published; ``gyro_bias`` (3,) [rad/s] is subtracted if known."""
     t_field, field = _fields(recording)
     imu = recording.imu
     t_imu = (imu.stamps_ns - recording.epoch_ns) * 1e-9
@@ -63,7 +62,7 @@ def field_pairs(recording: Recording, gyro_bias: np.ndarray | None) -> FieldPair
 
 
 def _sine_of_dip(recording: Recording) -> float:
-    """Of the geomagnetic dipole's field at the first fix; zero without one."""
+    """Sine of the dip of the geomagnetic dipole at the first fix; zero without one."""
     fix = next((fix for fix in recording.fixes if fix.status >= 0 and math.isfinite(fix.lat + fix.lon)), None)
     return 0.0 if fix is None else math.sin(dipole_dip(fix.lat, fix.lon))
 
@@ -87,7 +86,7 @@ def _fields(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _thinned(t: np.ndarray, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means over ``_PERIOD`` where fields come faster, by number: a vehicle turns little in that time."""
+    """Times and fields decimated to about one per ``_PERIOD``."""
     if len(t) < 2:
         return t, field
     count = max(round(_PERIOD / max(float(np.median(np.diff(t))), 1e-3)), 1)
@@ -96,7 +95,7 @@ def _thinned(t: np.ndarray, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _attitudes_at(t: np.ndarray, t_imu: np.ndarray, gyro: np.ndarray) -> np.ndarray:
-    """Attitudes (N, 4) at ``t`` against the first IMU sample; rates are means over the interval up to the stamp."""
+    """Attitudes (N, 4) at ``t`` relative to the first IMU sample; rates are means over the interval up to the stamp."""
     attitudes = np.empty((len(t), 4))
     q, row = np.array([1.0, 0.0, 0.0, 0.0]), 1
     for i, now in enumerate(t):

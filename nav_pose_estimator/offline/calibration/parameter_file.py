@@ -1,4 +1,4 @@
-"""A calibration as a parameter file, with what it was found from, how well it fits, and what it could not see."""
+"""A calibration as a parameter file, with comments about its data, its residuals, and what was not observable."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from nav_pose_estimator.offline.calibration.field_pairs import LAG, FieldPairs
 from nav_pose_estimator.offline.calibration.rests import Rests, accelerometer_errors
 from nav_pose_estimator.offline.flights.recording import Recording
 
-_FEWEST = 100  # pairs
-_WORST = 15.0  # deg rms
+_FEWEST = 100  # smallest number of pairs
+_WORST = 15.0  # deg rms: largest residual of an accepted calibration
 _AXES = "xyz"
 
 
 def check(pairs: FieldPairs, paths: Sequence[Path]) -> None:
-    """Raise ``UserError`` where nothing can come of the pairs: too few, or another unit."""
+    """Raise ``UserError`` for too few pairs, and for a field in another unit."""
     names = ", ".join(path.name for path in paths)
     if len(pairs) < _FEWEST:
         raise UserError(f"{names}: only {len(pairs)} fields with IMU data around them, {_FEWEST} are needed")
@@ -57,7 +57,7 @@ def _unseen(fit: FieldFit) -> list[str]:
 
 
 def parameter_file(fit: FieldFit, pairs: FieldPairs, rests: Rests, recordings: Sequence[Recording]) -> str:
-    """The text of the file. Raises ``UserError`` for too little rotation, and where the field follows no gyroscope."""
+    """Text of the file. Raises ``UserError`` for too little rotation, and where the field contradicts the gyroscope."""
     names = ", ".join(r.path.name for r in recordings)
     if fit.after_deg > _WORST:
         raise UserError(
@@ -101,7 +101,7 @@ def parameter_file(fit: FieldFit, pairs: FieldPairs, rests: Rests, recordings: S
 
 
 def _imu_comments(rests: Rests) -> list[str]:
-    """What the rests show of the IMU; the gyroscope's bias for the eye, the navigator finds it at every start."""
+    """Comments about the IMU at rest; the gyroscope bias is only for information, as the navigator estimates it."""
     bias = rests.gyro_bias
     if bias is None:
         return ["No rest of 2 s: the gyroscope's bias was taken as zero."]
@@ -112,7 +112,7 @@ def _imu_comments(rests: Rests) -> list[str]:
 
 
 def _accelerometer_lines(rests: Rests) -> list[str]:
-    """Parameters, where six sides have shown them."""
+    """Lines of the accelerometer's parameters; none unless there were rests on six sides."""
     found = accelerometer_errors(rests.sides())
     if found is None:
         return []

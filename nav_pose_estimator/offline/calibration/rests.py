@@ -1,4 +1,4 @@
-"""What the rests of a recording show of its IMU: the gyroscope's bias, and on six sides the accelerometer's errors."""
+"""Rests of a recording: the gyroscope bias, and with rests on six sides the errors of the accelerometer."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from scipy.optimize import least_squares
 from nav_pose_estimator.core.alignment.levelling import STANDARD_GRAVITY
 from nav_pose_estimator.engine.samples import ImuBlock
 
-_WINDOW = 2.0  # s
-_GYRO_SPREAD, _FORCE_SPREAD = 0.02, 0.35  # rad/s, m/s^2
-_SLOWEST_TURN = 0.1  # rad/s
-_OTHER_SIDE = math.radians(40.0)
-_SIDES = 6
+_WINDOW = 2.0  # s: length of the windows
+_GYRO_SPREAD, _FORCE_SPREAD = 0.02, 0.35  # rad/s, m/s^2: largest standard deviation per axis at rest
+_SLOWEST_TURN = 0.1  # rad/s: largest mean rate at rest
+_OTHER_SIDE = math.radians(40.0)  # smallest angle between the forces on two sides
+_SIDES = 6  # number of sides that the accelerometer's errors need
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class Rests:
 
     @property
     def gyro_bias(self) -> np.ndarray | None:
-        """(3,) [rad/s]; None without a rest."""
+        """Gyroscope bias (3,) [rad/s]; None without a rest."""
         return np.median(self.gyro, axis=0) if len(self.gyro) else None
 
     def sides(self) -> np.ndarray:
-        """One mean force (M, 3) for each attitude that is far from the others."""
+        """Mean forces (M, 3) [m/s^2], one for each clearly different attitude."""
         kept: list[np.ndarray] = []
         for force in self.accel:
             unit = force / np.linalg.norm(force)
@@ -42,7 +42,7 @@ class Rests:
 
 
 def find_rests(imu: ImuBlock) -> Rests:
-    """Windows of two seconds in which nothing turns or shakes."""
+    """Find the windows without rotation and vibration."""
     t = (imu.stamps_ns - imu.stamps_ns[0]) * 1e-9
     edges = np.searchsorted(t, np.arange(0.0, t[-1], _WINDOW))
     gyro, accel = [], []
@@ -58,14 +58,14 @@ def find_rests(imu: ImuBlock) -> Rests:
 
 
 def joined(parts: list[Rests]) -> Rests:
-    """The rests of several recordings."""
+    """Join the rests of several recordings."""
     return Rests(np.concatenate([p.gyro for p in parts]), np.concatenate([p.accel for p in parts]))
 
 
 def accelerometer_errors(sides: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Bias (3,) [m/s^2] and scale (3,) in ``f = (1 + scale) true + bias`` from six sides (M, 3); None with fewer.
 
-    Source: IEEE Std 1293, the multi-position test, reduced to what |f| = g shows.
+    Source: the multi-position test of IEEE Std 1293, reduced to the errors that |f| = g makes observable.
     """
     if len(sides) < _SIDES:
         return None

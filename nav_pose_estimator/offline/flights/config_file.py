@@ -1,6 +1,6 @@
-"""ROS parameter files for work on recordings: the same YAML that the nodes take.
+"""ROS parameter files for commands on recordings, in the same format as for the nodes.
 
-Replay is the three nodes in one, so it reads the sections of all of them: ``/**`` first, then ``attitude_node``,
+Replay combines the three nodes, so it reads the sections of all of them: ``/**`` first, then ``attitude_node``,
 ``sins_node`` and ``anfis_node``, then ``pose_estimator``. Sections of other nodes are ignored.
 """
 
@@ -21,10 +21,10 @@ _WILDCARD, _SINGLE, _COMPOSED = 1, 2, 3
 
 
 def load_parameters(path: Path | str | None) -> Parameters:
-    """The parameters of a YAML file over the defaults; ``None`` for the defaults.
+    """Read the parameters of a YAML file over the defaults; the defaults for ``None``.
 
-    Keys may be nested or dotted. A file without any ``ros__parameters`` is taken as the bare parameter tree. Raises
-    ``ParameterError``, one sentence that names file and key, for whatever does not fit.
+    Keys may be nested or dotted. A file without ``ros__parameters`` contains the parameter tree itself. Raises
+    ``ParameterError``, one sentence that names file and key, for every error in the file.
     """
     if path is None:
         return Parameters()
@@ -44,7 +44,7 @@ def _read(path: Path) -> Mapping[str, Any]:
 
 
 def _merge(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Dotted name -> value of all sections that concern us, the more particular over the more general."""
+    """Values by dotted name of all relevant sections; specific sections override general ones."""
     sections = list(_sections(content))
     if not sections:
         return dict(_flatten(content))
@@ -61,7 +61,7 @@ def _merge(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_agreement(name: str, tree: Mapping[str, Any], seen: dict[str, tuple[str, Any]]) -> None:
-    """Two nodes may not set one parameter to two values, since replay is both of them."""
+    """Raise ``ParameterError`` if two nodes set a parameter to different values, because replay is both of them."""
     for key, value in tree.items():
         other, their_value = seen.setdefault(key, (name, value))
         if their_value != value:
@@ -69,7 +69,7 @@ def _check_agreement(name: str, tree: Mapping[str, Any], seen: dict[str, tuple[s
 
 
 def _sections(content: Mapping[str, Any], name: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """(node name, its tree); a namespace may be part of the name or a level of its own."""
+    """Yield (node name, its tree); a namespace may be part of the name or a level of its own."""
     for key, body in content.items():
         if key == SECTION:
             if body is not None and not isinstance(body, Mapping):
@@ -80,7 +80,7 @@ def _sections(content: Mapping[str, Any], name: str = "") -> Iterator[tuple[str,
 
 
 def _rank(name: str) -> int:
-    """How particular a section is, from 1; 0 for one that does not concern us."""
+    """Specificity of a section, from 1; 0 for an irrelevant one."""
     own = name.rsplit("/", 1)[-1]  # without namespace
     if own == COMPOSED_NODE:
         return _COMPOSED

@@ -1,4 +1,4 @@
-"""When the flight is, and where in it the outages of a benchmark start."""
+"""Time window of the flight within a recording, and the starts of a benchmark's outages in it."""
 
 import numpy as np
 
@@ -9,15 +9,15 @@ from nav_pose_estimator.offline.flights.recording import Recording
 SHORT_FLIGHT = 300.0  # s
 FIRST, FIRST_OF_SHORT = 160.0, 60.0  # s after the flight begins: time to align, to calibrate and to learn
 ARMED = "armed_s"
-"""In NAME.json of a flight log: from when to when it was armed [s since the first stamp]."""
-MOVING = 1.5  # m/s
-SHAKING = 0.5  # m/s^2: deviation of the specific force within a second while the motors run
+"""Key in NAME.json of a flight log: intervals in which the vehicle was armed [s since the first stamp]."""
+MOVING = 1.5  # m/s: horizontal speed that counts as flight
+SHAKING = 0.5  # m/s^2: standard deviation of the specific force within a second that counts as running motors
 
 
 def flight_window(recording: Recording) -> tuple[float, float]:
-    """Start and end of the flight [s since the first stamp]: from NAME.json, else from motion and vibration.
+    """Start and end of the flight [s since the first stamp], from NAME.json or else by motion and vibration.
 
-    Where a flight log records arming, nothing before and after it is flight.
+    If a flight log records arming, the flight is limited to the armed time.
     """
     known = recording.sidecar.get("flight_window_s")
     if known is not None:
@@ -33,10 +33,7 @@ def flight_window(recording: Recording) -> tuple[float, float]:
 def outage_starts(
     window: tuple[float, float], lengths: list[float], every: float, first: float | None, last: float = np.inf
 ) -> dict[float, list[Outage]]:
-    """Length -> outages of that length that begin from ``first`` to ``last`` seconds after the flight begins.
-
-    All are over before it ends.
-    """
+    """Outages by length that begin from ``first`` to ``last`` [s] after the start of the flight, and end within it."""
     if first is None:
         first = FIRST_OF_SHORT if window[1] - window[0] < SHORT_FLIGHT else FIRST
     latest = window[0] + last
@@ -47,7 +44,7 @@ def outage_starts(
 
 
 def _armed(recording: Recording, seconds: np.ndarray) -> np.ndarray:
-    """Those of ``seconds`` (N,) in which the vehicle was armed; all of them where nothing tells."""
+    """Those of ``seconds`` (N,) in which the vehicle was armed; all of them where arming is not recorded."""
     spans = recording.sidecar.get(ARMED)
     if not isinstance(spans, list) or not all(isinstance(span, list) and len(span) == 2 for span in spans):
         return seconds

@@ -1,4 +1,4 @@
-"""Recordings that are not independent of each other: one airframe on one day, all IMUs of one flight."""
+"""Groups of recordings that are not independent: of one airframe on one day, or of several IMUs on one flight."""
 
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
@@ -7,7 +7,7 @@ from pathlib import Path
 from nav_pose_estimator.offline.flights.recording import sidecar
 
 GROUP_KEY = "group"
-"""Where NAME.json names the group of a recording."""
+"""Key in NAME.json of the group of a recording."""
 
 
 def flight_name(bag: Path) -> str:
@@ -16,9 +16,9 @@ def flight_name(bag: Path) -> str:
 
 
 def groups_of(bags: Sequence[Path], patterns: Sequence[str] = ()) -> dict[str, str]:
-    """File name of each bag -> its group: what NAME.json says, else the first of ``patterns`` that fits, else its own.
+    """Group by file name of each bag: from NAME.json, else the first matching one of ``patterns``, else its own name.
 
-    A pattern is a shell pattern of flight names, as in ``p4rtk_*``.
+    A pattern is a shell pattern of flight names, such as ``p4rtk_*``.
     """
     found = {}
     for bag in bags:

@@ -1,7 +1,7 @@
-"""How late the fixes are: the shift of their stamps under which the filter's velocity innovations are smallest.
+"""Estimation of the GNSS latency: the shift of the stamps that minimises the filter's velocity innovations.
 
-Only data from before the first outage are used. The filter runs once for each trial latency over the same data with the
-GNSS stamps moved, so that the prediction horizon is the same for all of them and the minimum is not biased.
+Only data before the first outage are used. The filter runs once for each trial latency over the same data with shifted
+GNSS stamps, so that the prediction horizon is the same for all trials and the minimum is not biased.
 """
 
 import math
@@ -31,20 +31,20 @@ from nav_pose_estimator.offline.flights.interleaving import interleaved
 from nav_pose_estimator.offline.flights.recording import Recording
 from nav_pose_estimator.offline.flights.tracks import displacement_enu
 
-COARSE = np.arange(-0.1, 0.601, 0.1)  # s
-COARSE_WINDOW, WINDOW = 150.0, 600.0  # s of data for the search, and for the final figure
-RESOLUTION = 0.004  # s
-MIN_DATA = 20.0  # s
+COARSE = np.arange(-0.1, 0.601, 0.1)  # s: latencies of the coarse search
+COARSE_WINDOW, WINDOW = 150.0, 600.0  # s of data for the coarse search and for the final estimate
+RESOLUTION = 0.004  # s: tolerance of the minimisation
+MIN_DATA = 20.0  # s of data that are needed
 SETTLE = 15.0  # s after the start of the filter in which innovations do not count
-CORRELATION = 2.0  # s: innovations closer than this are not independent
-MOVING, LASTING = 2.0, 50  # m/s, fixes
+CORRELATION = 2.0  # s: correlation time of the innovations
+MOVING, LASTING = 2.0, 50  # m/s, and number of fixes: the vehicle moves from where most of so many are faster
 RUN_UP_NS = 40 * 10**9  # data before the motion, for the filter to start on
-WEAK = 0.02  # s: a larger deviation of the estimate is called a weak minimum
-COMPASS_NS = 200_000_000  # the heading needs no more than this many nanoseconds between magnetometer samples
+WEAK = 0.02  # s: standard deviation above which the minimum is weak
+COMPASS_NS = 200_000_000  # interval to which magnetometer samples are decimated
 AUTO = "auto"
 PRIOR, PRIOR_SOURCE = "gnss_latency_prior_s", "gnss_latency_prior_from"
-"""What accompanies the recording of a flight log: the autopilot's own parameter for the latency [s], and its name."""
-PRIOR_SD = 0.06  # s: estimates lie up to a tenth of a second beside the parameter
+"""Keys in the sidecar of a flight log: the autopilot's parameter of the latency [s], and its name."""
+PRIOR_SD = 0.06  # s: estimates differ from that parameter by up to a tenth of a second
 
 
 @dataclass(frozen=True)
@@ -59,13 +59,13 @@ class Latency:
 
     @property
     def sd(self) -> float:
-        """Deviation of the estimate [s], from the curvature of the likelihood of Gaussian innovations."""
+        """Standard deviation of the estimate [s] by the curvature of the likelihood of Gaussian innovations."""
         information = 2.0 * self.seconds / CORRELATION * self.rise
         return 0.1 / math.sqrt(information) if information > 0.0 else math.inf
 
     @property
     def weak(self) -> bool:
-        """True when the data hardly distinguish one latency from another."""
+        """Whether the data hardly distinguish between latencies."""
         return not self.sd <= WEAK
 
 
@@ -102,7 +102,7 @@ def velocity_innovations(recording: Recording, parameters: Parameters, delay: fl
 
 
 def describe(latency: Latency) -> str:
-    """The estimate in words."""
+    """Sentence about the estimate."""
     text = f"GNSS latency {latency.delay:.3f} s from {latency.seconds:.0f} s of data"
     if not latency.weak:
         return f"{text} (deviation {latency.sd:.3f} s)"
@@ -120,11 +120,11 @@ def choose(
     until: float,
     search: bool = False,
 ) -> tuple[Parameters, str]:
-    """Parameters with the latency to use, and one sentence that says where it is from.
+    """Parameters with the latency to use, and a sentence about its source.
 
-    ``option`` is what the user gave: seconds, ``auto`` (from the data before ``until`` [s]) or None. Then a latency in
-    the configuration file decides, else NAME.json beside the bag, else with ``search`` the data; where they tell too
-    little, and without ``search``, it is that of ``parameters``.
+    ``option`` is the user's choice: seconds, ``auto`` (from the data before ``until`` [s]) or None. With None the
+    latency is that of the configuration file, else of NAME.json beside the bag, else, with ``search``, it is estimated
+    from the data. If that fails, or without ``search``, it is that of ``parameters``.
     """
     own = f"{parameters.gnss.delay:g} s"
     if option is None and config is not None and parameters.gnss.delay != Parameters().gnss.delay:
@@ -156,7 +156,7 @@ def _with(parameters: Parameters, delay: float) -> Parameters:
 
 
 def _estimated(recording: Recording, parameters: Parameters, until: float) -> tuple[Parameters, str]:
-    """The estimate, weighed with what the autopilot's parameters say where a log tells."""
+    """The estimate, combined with the autopilot's parameter by their variances if a log contains one."""
     prior = recording.sidecar.get(PRIOR)
     if not isinstance(prior, (int, float)):
         found = estimate(recording, parameters, until)
@@ -177,10 +177,10 @@ def _source(recording: Recording) -> str:
 
 
 class _Stream:
-    """The data in arrays, so that a trial only merges them anew."""
+    """The data in arrays, so that a trial only has to merge them."""
 
     def __init__(self, recording: Recording, parameters: Parameters, until: float, window: float) -> None:
-        # a rest that is found at one delay and not at the next would be a step in what is to be minimised
+        # detection of rests is switched off, because it would make the cost discontinuous
         self._parameters = update(parameters, {"gnss.delay": 0.0, "aids.zero_velocity": False})
         limit = recording.epoch_ns + round(min(until, recording.duration + 1.0) * 1e9)
         start = self._start(recording, limit)
@@ -201,12 +201,12 @@ class _Stream:
 
     @staticmethod
     def _start(recording: Recording, limit: int) -> int:
-        """A little before the vehicle begins to move: standing still says nothing about the latency."""
+        """Begin of the data [ns], shortly before the vehicle moves: at rest the latency is not observable."""
         early = [v for v in recording.velocities if v.stamp_ns < limit]
         if not early:
             return recording.epoch_ns
         moving = np.array([math.hypot(*v.vel_enu[:2]) > MOVING for v in early])
-        # a receiver on the ground may jump now and then; flying is to move for most of the next fixes
+        # a receiver on the ground may have single jumps, so that most of the next fixes must be moving
         lasting = np.convolve(moving, np.ones(LASTING), "full")[LASTING - 1 :] > 0.6 * LASTING
         first = int(np.argmax(lasting)) if lasting.any() else 0
         return max(recording.epoch_ns, early[first].stamp_ns - RUN_UP_NS)
@@ -237,7 +237,7 @@ class _Stream:
 
 
 def _useful(samples: Iterable[Sample], start: int, limit: int) -> list[Sample]:
-    """What bears on the horizontal velocity, with the magnetometer thinned: every sample more is a block less."""
+    """Samples that affect the horizontal velocity, with decimated magnetometer samples, so that IMU blocks are long."""
     out: list[Sample] = []
     next_mag = 0
     for sample in samples:
@@ -262,7 +262,7 @@ def _moved(sample: Sample, delay_ns: int) -> Sample:
 
 
 def _innovation(sample: GnssFix | GnssVelocity, rows: np.ndarray, ahead: float) -> float:
-    """Horizontal difference to the prediction, carried ``ahead`` seconds on from the last two rows."""
+    """Horizontal innovation with the prediction extrapolated by ``ahead`` [s] from the last two rows."""
     last, slope = rows[-1], (rows[-1] - rows[-2]) / max(rows[-1][OUT_T] - rows[-2][OUT_T], 1e-3)
     if isinstance(sample, GnssVelocity):
         predicted = (last + ahead * slope)[OUT_VEL : OUT_VEL + 2]

@@ -1,4 +1,4 @@
-"""Outage methods by name, for replay and benchmark: passes of an estimator, and extrapolations without one."""
+"""Outage methods by name, for replay and benchmark: those of the estimator, and extrapolations without one."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,22 +20,22 @@ def available() -> list[str]:
 
 
 def classical() -> list[str]:
-    """Names of the rivals that a learned method has to beat."""
+    """Names of the classical methods that a learned method is compared with."""
     return [method.name for method in all_methods() if method.is_classical]
 
 
 def check(names: Sequence[str], allow_extrapolations: bool = True) -> list[str]:
-    """``names`` without repetition. Raises ``UserError`` for one that does not exist, listing the choices."""
+    """``names`` without repetition. Raises ``UserError``, with the choices, for an unknown name."""
     usable = available() if allow_extrapolations else list(estimators())
     for name in names:
         if name not in usable:
-            what = "is only there in benchmark outage" if name in extrapolations() else "does not exist"
+            what = "is only available in benchmark outage" if name in extrapolations() else "does not exist"
             raise UserError(f"the method {name!r} {what}; choose from {', '.join(sorted(usable))}")
     return list(dict.fromkeys(names))
 
 
 def passes(names: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
-    """Estimators to fly, each with the extrapolations that go on from its states: those of coasting at the loss."""
+    """Methods to run, each with the extrapolations that start from its state at the loss, which is that of coasting."""
     without = tuple(name for name in names if name in extrapolations())
     flown = [name for name in names if name not in without]
     if without and COAST not in flown:
@@ -44,7 +44,7 @@ def passes(names: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
 
 
 def apply(parameters: Parameters, name: str, airframe: Path | None = None, prior: Path | None = None) -> Parameters:
-    """``parameters`` with the method ``name`` and, where they are given, the files of an airframe and of a prior."""
+    """``parameters`` with the method ``name`` and, if given, the files of an airframe and a prior."""
     check([name], allow_extrapolations=False)
     files = {AIRFRAME_PARAMETER: airframe, PRIOR_PARAMETER: prior}
     named = {key: str(path) for key, path in files.items() if path is not None}

@@ -1,7 +1,7 @@
-"""How far the pose drifted in one outage: the measures that replay and the benchmark report.
+"""Error measures of one outage, as reported by replay and benchmark.
 
-``end_error_m`` is the horizontal error, mean over the fixes in the last 1.05 s of the outage: the figure does not hang
-on the noise of a single fix, and at 1 Hz there is at least one.
+``end_error_m`` is the mean horizontal error over the fixes in the last 1.05 s of the outage, so that it does not depend
+on the noise of a single fix, and at 1 Hz contains at least one.
 """
 
 import math
@@ -12,15 +12,15 @@ import numpy as np
 from nav_pose_estimator.offline.flights.outages import Outage
 from nav_pose_estimator.offline.flights.tracks import Reference, Track, displacement_enu
 
-END_WINDOW = 1.05  # s
+END_WINDOW = 1.05  # s: end of an outage over which errors are averaged
 OK, NO_REFERENCE, NO_ESTIMATE, NOT_AIDED = "ok", "no_reference", "no_estimate", "not_aided"
 
 
 @dataclass(frozen=True)
 class OutageErrors:
-    """Errors of one outage [m]; ``after`` (K,) [s], ``growth`` (K,) and ``sigma`` (K,) are the course of it.
+    """Errors of one outage [m]. ``growth`` and ``sigma`` (K,) [m]: horizontal error and sigma ``after`` (K,) [s].
 
-    ``why`` says what the navigator was in doubt of where it was not aided.
+    ``why``: the navigator's doubt, if it was not aided before the outage.
     """
 
     start_s: float
@@ -43,9 +43,9 @@ def judge(
 ) -> OutageErrors:
     """Errors of ``track`` in ``outage`` against ``reference`` at the times of validity ``fix_times`` (M,) of all fixes.
 
-    ``lever`` (3,) [m] leads from the IMU to the point that the reference describes. ``end_vertical_m`` is the mean of
-    the vertical errors' magnitudes over the same fixes as ``end_error_m``, ``end_sigma_m`` the filter's horizontal
-    deviation there.
+    ``lever`` (3,) [m] in b is the vector from the IMU to the point of the reference. ``end_vertical_m`` is the mean
+    magnitude of the vertical errors, and ``end_sigma_m`` the filter's mean horizontal sigma, over the same fixes as
+    ``end_error_m``.
     """
     times = fix_times[(fix_times >= outage.start) & (fix_times < outage.end)]
     at_end = times >= outage.end - END_WINDOW

@@ -1,8 +1,8 @@
-"""Forced GNSS outages: which they are, taking GNSS out of the stream, and the proof that it is out.
+"""Forced GNSS outages: their definition, the removal of GNSS samples, and an independent check of the removal.
 
-An outage [start, end) is counted in seconds from the bag's first stamp. A GNSS sample belongs to it when it was *valid*
-inside: stamp minus latency. A fix measured before the outage that arrives in its first tenths of a second is used, as
-from a real receiver; one measured inside that arrives after its end is not.
+An outage [start, end) is in seconds from the bag's first stamp. A GNSS sample belongs to it if its time of validity,
+stamp minus latency, is inside. Thus a fix that was measured before the outage and arrives in its first tenths of a
+second is used, as with a real receiver, and one that was measured inside and arrives after its end is not.
 """
 
 from bisect import bisect_right
@@ -22,12 +22,12 @@ class BadOutage(UserError):
 
 
 class GnssLeak(AssertionError):
-    """GNSS from inside an outage was about to reach an estimator: a defect of this package, never of the input."""
+    """GNSS from inside an outage would have reached an estimator, which is a defect of this package."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Outage:
-    """GNSS is away for ``length`` seconds from ``start`` [s since the bag's first stamp]."""
+    """An outage of ``length`` [s] from ``start`` [s since the bag's first stamp]."""
 
     start: float
     length: float
@@ -38,7 +38,7 @@ class Outage:
 
 
 def parse_outage(text: str) -> Outage:
-    """``START:LENGTH`` in seconds."""
+    """Parse ``START:LENGTH`` in seconds."""
     start, length = _two_numbers(text, "--outage", "START:LENGTH")
     if start < 0.0:
         raise BadOutage(f"--outage {text}: the start must not be negative")
@@ -46,7 +46,7 @@ def parse_outage(text: str) -> Outage:
 
 
 def parse_outage_every(text: str) -> tuple[float, float]:
-    """``PERIOD:LENGTH`` in seconds; the period must leave time to recover."""
+    """Parse ``PERIOD:LENGTH`` in seconds; the period must be longer than the outage."""
     period, length = _two_numbers(text, "--outage-every", "PERIOD:LENGTH")
     if period <= length:
         raise BadOutage(f"--outage-every {text}: the period must be longer than the outage")
@@ -68,7 +68,7 @@ def _two_numbers(text: str, option: str, form: str) -> tuple[float, float]:
 
 
 def periodic(period: float, length: float, first: float, end: float) -> list[Outage]:
-    """Outages of ``length`` every ``period`` seconds from ``first`` on, all over before ``end``."""
+    """Outages of ``length`` every ``period`` [s] from ``first`` on that end by ``end``."""
     count = int((end - length - first) / period + 1e-9) + 1 if end - length >= first else 0
     return [Outage(first + i * period, length) for i in range(count)]
 
@@ -85,7 +85,7 @@ def check_separate(outages: Iterable[Outage]) -> list[Outage]:
 
 
 class _Clock:
-    """Latest stamp seen, which dates a sample that has no header."""
+    """Latest stamp so far, which is the time of a sample without a header."""
 
     def __init__(self) -> None:
         self.now_ns = 0
@@ -97,10 +97,10 @@ class _Clock:
 
 
 class GnssRemoval:
-    """Takes everything that GNSS measured inside the outages out of a stream of samples.
+    """Removes everything that GNSS measured inside the outages from a stream of samples.
 
-    A satellite count without a header goes with its fix, and is removed as well when it arrives inside an outage: a
-    count that came before its fix would otherwise reveal the sky inside.
+    A satellite count without a header is removed with its fix, and also if it arrives inside an outage, because a count
+    that precedes its fix would otherwise pass on information from inside.
     """
 
     def __init__(self, outages: list[Outage], epoch_ns: int, delay: float) -> None:
@@ -113,7 +113,7 @@ class GnssRemoval:
         self.removed: Counter[type] = Counter()
 
     def keep(self, sample: Sample) -> bool:
-        """False for a sample that must not be used; ``removed`` counts them by type."""
+        """Whether ``sample`` may be used; ``removed`` counts the others by type."""
         self._clock.advance(sample)
         if not isinstance(sample, GNSS_SAMPLES):
             return True
@@ -138,9 +138,9 @@ class GnssRemoval:
 
 
 class OutageProof:
-    """Guards the input of an estimator: looks at every sample that goes in, independently of the removal.
+    """Checks every input sample of an estimator, independently of the removal.
 
-    ``check`` raises :class:`GnssLeak` for GNSS that was valid inside an outage. ``seen`` counts what was looked at.
+    ``check`` raises :class:`GnssLeak` for GNSS that was valid inside an outage. ``seen`` counts the GNSS samples.
     """
 
     def __init__(self, outages: list[Outage], epoch_ns: int, delay: float) -> None:
@@ -152,7 +152,7 @@ class OutageProof:
         self.closest_ns: int | None = None
 
     def check(self, sample: Sample) -> None:
-        """Raise if ``sample`` carries anything that GNSS measured inside an outage."""
+        """Raise ``GnssLeak`` if ``sample`` contains data that GNSS measured inside an outage."""
         self._clock.advance(sample)
         if not isinstance(sample, GNSS_SAMPLES):
             return
@@ -169,7 +169,7 @@ class OutageProof:
         if isinstance(sample, SatelliteCount):
             if sample.stamp_ns is not None:
                 return [sample.stamp_ns]
-            # Without a header it is as old as its fix at most and as new as the last stamp at most.
+            # without a header it is at most as old as its fix, and at most as new as the last stamp
             return [self._clock.now_ns] + ([] if self._last_fix_ns is None else [self._last_fix_ns])
         valid = sample.stamp_ns - self._delay_ns
         if isinstance(sample, GnssFix):
@@ -177,6 +177,6 @@ class OutageProof:
         return [valid]
 
     def summary(self) -> dict[str, float | int | None]:
-        """What the proof saw, for the records of a run."""
+        """Result of the check, for the files of a run."""
         closest = None if self.closest_ns is None else self.closest_ns * 1e-9
         return {"gnss_samples_fed": self.seen, "valid_inside_an_outage": 0, "closest_s": closest}

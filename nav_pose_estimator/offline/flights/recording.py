@@ -1,4 +1,4 @@
-"""A recording: its samples in order, the withheld truth, and what accompanies it in NAME.json."""
+"""A recording: its samples in order, the true motion, which is withheld from estimators, and data from NAME.json."""
 
 import json
 from collections import Counter
@@ -19,16 +19,16 @@ from nav_pose_estimator.offline.flights.survey import Contents, Survey
 from nav_pose_estimator.offline.flights.tracks import Reference, gnss_reference
 from nav_pose_estimator.offline.flights.truth import TruthRecorder
 
-_STANDS = 0.9  # share of IMU samples without a stamp of their own from which on the clock counts as standing
+_STANDS = 0.9  # fraction of IMU samples with repeated stamps from which the clock counts as standing still
 
 
 @dataclass
 class Recording:
-    """One flight. ``epoch_ns`` is its first stamp, from which all seconds count up to ``duration``.
+    """One flight. Times [s] are relative to its first stamp ``epoch_ns``, and go up to ``duration``.
 
-    ``samples`` may be a list in memory, or a ``SampleStream``. ``known``: what a pass over them has found already.
-    ``notices`` are sentences for the user, ``events`` what the conversion of single messages had to say. ``opinion``:
-    what the autopilot itself estimated, where a flight log tells; for the report, never for an estimator.
+    ``samples`` is a list in memory or a ``SampleStream``; ``known``: contents already found by a pass over them.
+    ``notices`` are sentences for the user, ``events`` those of the conversion of messages. ``opinion``: the autopilot's
+    own estimate in a flight log, for the report only.
     """
 
     path: Path
@@ -45,12 +45,12 @@ class Recording:
 
     @property
     def name(self) -> str:
-        """The flight's name: that of the bag without its ending."""
+        """Name of the flight: that of the bag without its ending."""
         return self.path.stem.removesuffix("_bag")
 
     @property
     def held(self) -> list[Sample]:
-        """The samples of a recording that is held in memory (``load`` with ``hold``)."""
+        """The samples of a recording in memory (``load`` with ``hold``)."""
         assert isinstance(self.samples, list)
         return self.samples
 
@@ -71,7 +71,7 @@ class Recording:
 
     @cached_property
     def contents(self) -> Contents:
-        """What a pass over the samples finds."""
+        """Contents found by a pass over the samples."""
         return self.known or Contents.of(self.samples)
 
     @property
@@ -80,7 +80,7 @@ class Recording:
         return self.contents.imu_count
 
     def reference(self, delay: float) -> Reference:
-        """Ground truth where the bag has it, else the fixes at stamp minus ``delay`` [s]."""
+        """Ground truth if the bag has it, else the fixes at stamp minus ``delay`` [s]."""
         return self.truth or self.receiver(delay)
 
     def receiver(self, delay: float) -> Reference:
@@ -98,7 +98,7 @@ class Recording:
 
 
 class SampleStream:
-    """The samples of a bag, read anew by everyone who goes through them: none of them stays in memory."""
+    """The samples of a bag, which every iteration reads again, so that none stays in memory."""
 
     def __init__(self, path: Path, remaps: dict[str, str] | None, parameters: Parameters | None) -> None:
         self._path, self._remaps, self._parameters = path, remaps, parameters
@@ -115,10 +115,10 @@ def load(
     parameters: Parameters | None = None,
     hold: bool = True,
 ) -> Recording:
-    """Read a bag as ``parameters`` say (``ros.input``). ``progress`` is called with the number of IMU samples read.
+    """Read a bag with the given ``parameters`` (``ros.input``). ``progress`` receives the number of IMU samples read.
 
-    ``hold`` False leaves the samples where they are: whoever goes through them reads the bag again. Raises
-    ``UserError``.
+    With ``hold`` False the samples are not stored: every iteration reads the bag again. Raises ``UserError`` for a bag
+    that cannot be read.
     """
     path = Path(path)
     with reading(path):
@@ -167,7 +167,7 @@ def sidecar_path(path: Path) -> Path:
 
 
 def sidecar(path: Path) -> dict:
-    """The content of ``sidecar_path``, empty where there is none. ``BagError`` if it is not what it should."""
+    """Content of ``sidecar_path``, empty if it does not exist; ``BagError`` for invalid content."""
     beside = sidecar_path(path)
     if not beside.is_file():
         return {}
@@ -199,7 +199,7 @@ def _epoch(path: Path, survey: Survey, reader: BagReader) -> int:
 
 
 def _standing_clock(survey: Survey) -> list[str]:
-    """One sentence where most IMU samples repeat a stamp; a few of them are the estimator's business."""
+    """Sentence for the user if most IMU samples repeat a stamp; the estimator handles a few of them."""
     if survey.repeated < _STANDS:
         return []
     return [f"{100.0 * survey.repeated:.0f} % of the IMU samples repeat a stamp: the clock of the driver stands still"]

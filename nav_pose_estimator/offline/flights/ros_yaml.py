@@ -1,7 +1,7 @@
-"""YAML as ROS reads it (``get_value`` of rcl_yaml_param_parser, Jazzy), which is neither YAML 1.1 nor 1.2.
+"""Parser of the YAML of ROS (``get_value`` of rcl_yaml_param_parser, Jazzy), which is neither YAML 1.1 nor 1.2.
 
-``5e-4`` is a number (PyYAML: a text), ``y`` and ``on`` are true, ``1:30`` is a text (PyYAML: 90), ``010`` is eight. A
-list holds one kind of value. Aliases, which can blow up a small file, are refused as rcl refuses them.
+``5e-4`` is a number (PyYAML: a string), ``y`` and ``on`` are true, ``1:30`` is a string (PyYAML: 90), ``010`` is eight.
+The values of a list have one type. Aliases, with which a small file can expand to a huge one, are rejected as in rcl.
 """
 
 import math
@@ -14,8 +14,8 @@ import yaml
 
 from nav_pose_estimator.engine.parameters.schema import ParameterError
 
-_LARGEST = 1 << 20  # bytes: the file with every parameter has 20 kB
-_DEEPEST = 20  # levels: that file has 5
+_LARGEST = 1 << 20  # bytes; the file with all parameters has 20 kB
+_DEEPEST = 20  # levels of nesting; that file has 5
 _TRUE = frozenset(("Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"))
 _FALSE = frozenset(("N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"))
 _OCTAL, _WHOLE = re.compile(r"[+-]?0[0-7]+"), re.compile(r"[+-]?(0[xX][0-9a-fA-F]+|[1-9][0-9]*|0)")
@@ -55,7 +55,7 @@ def parse(text: str) -> Any:
 
 
 def scalar(text: str) -> bool | int | float | str:
-    """What an unquoted value means."""
+    """Value of an unquoted scalar."""
     if text in _TRUE or text in _FALSE:
         return text in _TRUE
     whole = int(text, 8) if _OCTAL.fullmatch(text) else int(text, 0) if _WHOLE.fullmatch(text) else None
@@ -70,14 +70,14 @@ def scalar(text: str) -> bool | int | float | str:
 
 @dataclass
 class _Builder:
-    """Events of the parser to values, without recursion."""
+    """Builds values from the events of the parser, without recursion."""
 
     root: list[Any] = field(default_factory=list)
     _open: list[Any] = field(default_factory=list)  # containers, the innermost last
     _keys: list[Any] = field(default_factory=list)  # of each of them the key that waits for its value
 
     def take(self, event: yaml.Event) -> None:
-        """One event."""
+        """Process one event."""
         line = 1 + (event.start_mark.line if event.start_mark else 0)
         if isinstance(event, yaml.AliasEvent):
             raise ParameterError(

@@ -1,6 +1,7 @@
-"""Tables of numbers that grow with a flight: in memory while they are short, in an unnamed file from then on.
+"""Tables of numbers that grow with a flight, in memory while they are short, then in an unnamed temporary file.
 
-The pages of a file that have been read can go again, so a flight of hours needs no more memory than one of minutes.
+The memory of file pages that have been read can be released, so that a flight of hours needs no more memory than one of
+minutes.
 """
 
 import mmap
@@ -14,13 +15,13 @@ from nav_pose_estimator.errors import UserError
 
 Array = np.ndarray
 IN_MEMORY = 1 << 15
-"""Rows from which on they go to a file: eleven minutes at 50 Hz."""
+"""Number of rows from which a table is in a file: eleven minutes at 50 Hz."""
 AT_ONCE = 1 << 12
-"""Rows that are worth working on together."""
+"""Number of rows that are processed together."""
 
 
 class RowStore:
-    """Rows of ``columns`` doubles, appended many at a time. ``UserError`` where there is no room for the file."""
+    """Rows of ``columns`` doubles, appended many at a time. Raises ``UserError`` for a full disk."""
 
     def __init__(self, columns: int) -> None:
         self._columns = columns
@@ -36,7 +37,7 @@ class RowStore:
             self._write()
 
     def table(self) -> Array:
-        """All rows (N, columns); those of a file cannot be written to."""
+        """All rows (N, columns); read only if in a file."""
         if self._file is None:
             return np.concatenate([np.empty((0, self._columns)), *self._parts])
         self._write()
@@ -57,13 +58,13 @@ class RowStore:
 
 
 def pieces(count: int, size: int | None = None) -> Iterator[slice]:
-    """``count`` rows in slices of ``size``, by default ``AT_ONCE``."""
+    """Slices of ``size``, by default ``AT_ONCE``, that cover ``count`` rows."""
     size = size or AT_ONCE
     return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
 def release(table: Array) -> None:
-    """Let the pages go that were read of a table in a file, or of part of one; they are read again when needed."""
+    """Release the memory of a table in a file, or of a part of it; its pages are read again when needed."""
     owner: object = table
     while isinstance(owner, np.ndarray):
         owner = owner.base

@@ -1,4 +1,4 @@
-"""A simulated recording as the replay and the benchmarks take it, without a bag in between."""
+"""Conversion of a simulated recording to the input of replay and benchmarks, without a bag in between."""
 
 from pathlib import Path
 
@@ -10,9 +10,9 @@ from nav_pose_estimator.sim.recording import Recording as Simulated
 
 
 def in_memory(simulated: Simulated) -> Recording:
-    """What ``recording.load`` makes of the bag of ``simulated``, without the bag's rounding of the truth.
+    """The recording that ``recording.load`` would read from the bag of ``simulated``, but with the unrounded truth.
 
-    Seconds count from the first IMU stamp, to which the simulator gives its time zero.
+    Times [s] are relative to the first IMU stamp, the time zero of the simulator.
     """
     stamps, truth = simulated.imu_data.block.stamps_ns, simulated.truth
     epoch_ns = int(simulated.imu.stamps_ns[0])

@@ -1,4 +1,4 @@
-"""What one pass over the samples of a recording finds out, at a cost in memory that hardly grows with the flight."""
+"""A pass over the samples of a recording: its epoch, its GNSS and its number of IMU samples, with little memory."""
 
 from array import array
 from collections.abc import Iterable
@@ -10,10 +10,10 @@ import numpy as np
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
 from nav_pose_estimator.offline.bags.reader import SampleBatch
 
-_EARLY = 1000  # samples among which one is looked for that is stamped before the IMU
-_NEAR_NS = 1_000_000_000
+_EARLY = 1000  # number of first samples among which one with a stamp before the IMU's is searched
+_NEAR_NS = 1_000_000_000  # largest time by which its stamp may be earlier
 _LAST_NS = (1 << 63) - 1
-"""A stamp beyond it, in the year 2262, is damaged."""
+"""Latest valid stamp, in the year 2262."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class GnssColumns:
 
     @classmethod
     def of(cls, samples: Iterable[Sample]) -> "GnssColumns":
-        """Those among ``samples``."""
+        """Collect those among ``samples``."""
         collector = _GnssCollector()
         collector.take(samples)
         return collector.columns()
@@ -64,14 +64,14 @@ class _GnssCollector:
 
 @dataclass(frozen=True)
 class Contents:
-    """How many IMU samples a recording has, and its GNSS."""
+    """Number of IMU samples of a recording, and its GNSS."""
 
     imu_count: int
     gnss: GnssColumns
 
     @classmethod
     def of(cls, samples: Iterable[Sample]) -> "Contents":
-        """Of samples in memory."""
+        """Collect the contents of samples in memory."""
         count = sum(len(sample) for sample in samples if isinstance(sample, ImuBlock))
         return cls(count, GnssColumns.of(samples))
 
@@ -93,7 +93,7 @@ class Survey:
         self.last_ns = 0
 
     def take(self, batch: SampleBatch) -> None:
-        """One more batch."""
+        """Evaluate the next batch."""
         if self._seen < _EARLY:
             early = list(islice(batch.samples(), _EARLY - self._seen))
             self._seen += len(early)
@@ -113,15 +113,15 @@ class Survey:
 
     @property
     def epoch_ns(self) -> int | None:
-        # A fix may be stamped a little before the first IMU message; a stamp far from it is damaged and dates nothing.
+        # a fix may have a stamp shortly before the first IMU message; one far before it is damaged
         near = [stamp for stamp in self._early if 0 <= self._first_ns - stamp < _NEAR_NS]
         return min([self._first_ns, *near]) if self._first_ns > 0 else None
 
     @property
     def repeated(self) -> float:
-        """Share of the IMU samples with the stamp of the sample before."""
+        """Fraction of the IMU samples with the same stamp as the previous one."""
         return self._repeated / max(self.imu_count, 1)
 
     def contents(self) -> Contents:
-        """What was found."""
+        """Contents found so far."""
         return Contents(self.imu_count, self._gnss.columns())

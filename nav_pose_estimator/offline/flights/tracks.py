@@ -1,6 +1,6 @@
-"""Where the vehicle was: the estimate as it comes out of an engine, and the reference that it is judged against.
+"""Tracks: the estimate of an engine, and the reference that it is compared with.
 
-Times are seconds since the bag's first stamp, angles radians, heights metres above the ellipsoid, vectors ENU.
+Times are in seconds since the bag's first stamp, angles in radians, heights in metres above the ellipsoid, vectors ENU.
 """
 
 from collections.abc import Iterator
@@ -17,14 +17,14 @@ from nav_pose_estimator.offline.flights.survey import GnssColumns
 
 Array = np.ndarray
 _VAR_DVEL, _VAR_DPOS = OUT_VAR + 3, OUT_VAR + 6
-_SAME_EPOCH_NS = 100_000_000
-_TIMES_AT_ONCE = 512  # between which ten times as many rows may lie
+_SAME_EPOCH_NS = 100_000_000  # largest difference of the stamps of a fix and a velocity of one epoch
+_TIMES_AT_ONCE = 512  # number of times that are interpolated at once, for which about ten times as many rows are read
 TRACK_HZ = 50.0
-"""Rows of the estimate that are kept. Straight lines between them are off by less than 1 mm at 20 m/s^2."""
+"""Rate [Hz] of the stored rows of the estimate; linear interpolation errs by less than 1 mm at 20 m/s^2."""
 
 
 def displacement_enu(position: Array, reference: Array) -> Array:
-    """East, North, Up [m] from ``reference`` (..., 3) to ``position`` (..., 3), both lat, lon, alt, close together."""
+    """Displacement (..., 3) [m] ENU from ``reference`` to the nearby ``position`` (..., 3), both lat, lon, alt."""
     r_m, r_n = radii_many(reference[..., 0])
     height = reference[..., 2]
     lon = np.mod(position[..., 1] - reference[..., 1] + np.pi, 2.0 * np.pi) - np.pi
@@ -69,25 +69,25 @@ class Track:
         return np.sqrt(np.maximum(self.rows[:, start : start + 3], 0.0))
 
     def pieces(self) -> Iterator["Track"]:
-        """The track in parts; what is done with a part has to be done before the next one is asked for."""
+        """Yield the track in parts; each one must be processed before the next one is requested."""
         for part in pieces(len(self.t)):
             yield Track(self.t[part], self.rows[part])
             release(self.rows)
 
     def thinned(self, largest: int) -> "Track":
-        """Itself, of more than ``largest`` rows every second one, every third one and so on."""
+        """The track, decimated by an integer factor to at most ``largest`` rows."""
         step = -(-len(self.t) // largest)
         return self if step <= 1 else Track(self.t[::step], _every(self.rows, step))
 
     def at(self, times: Array) -> Array:
-        """Rows (M, OUT_COLUMNS) at ``times`` (M,), on straight lines; NaN where the track does not reach."""
+        """Rows (M, OUT_COLUMNS) at ``times`` (M,) by linear interpolation; NaN outside of the track."""
         rows = np.full((len(times), OUT_COLUMNS), np.nan)
         for part, found in self._parts_at(times):
             rows[part] = found
         return rows
 
     def velocity_at(self, times: Array) -> Array:
-        """(M, 3) of ``at``."""
+        """Velocity (M, 3) [m/s] at ``times``, as of ``at``."""
         velocities = np.full((len(times), 3), np.nan)
         for part, found in self._parts_at(times):
             velocities[part] = found[:, OUT_VEL : OUT_VEL + 3]
@@ -110,7 +110,7 @@ class Track:
         return rows
 
     def antenna_at(self, times: Array, lever: Array) -> Array:
-        """(M, 3) latitude, longitude, height of the antenna at ``times``, ``lever`` (3,) from the IMU in the body."""
+        """Position (M, 3) at ``times`` of an antenna with the ``lever`` (3,) [m] from the IMU in b."""
         positions = np.full((len(times), 3), np.nan)
         for part, rows in self._parts_at(times):
             position = rows[:, OUT_POS : OUT_POS + 3]
@@ -119,7 +119,7 @@ class Track:
 
 
 def _every(rows: Array, step: int) -> Array:
-    """A copy of every ``step``-th row."""
+    """Copy of every ``step``-th row."""
     chosen = np.arange(0, len(rows), step)
     out = np.empty((len(chosen), rows.shape[1]))
     for part in pieces(len(chosen), max(AT_ONCE // step, 1)):
@@ -142,7 +142,7 @@ def shift(position: Array, enu: Array) -> Array:
 
 
 class TrackRecorder:
-    """Collects blocks of solutions, at most ``rate_hz`` rows a second."""
+    """Collects blocks of solutions, decimated to at most ``rate_hz`` rows per second."""
 
     def __init__(self, epoch_ns: int, rate_hz: float = TRACK_HZ) -> None:
         self._epoch_ns = epoch_ns
@@ -150,11 +150,11 @@ class TrackRecorder:
         self._last_slot = -(1 << 62)
         self._stamps: list[Array] = []
         self._rows = RowStore(OUT_COLUMNS)
-        self._waiting: list[NavBlock] = []  # thinned out many at a time: blocks may be as short as one sample
+        self._waiting: list[NavBlock] = []  # decimated together, because blocks may consist of one sample
         self._waiting_rows = 0
 
     def add(self, block: NavBlock) -> None:
-        """Keep the first row of ``block`` in every time slot."""
+        """Store the first row of ``block`` in every time slot."""
         self._waiting.append(block)
         self._waiting_rows += len(block.stamps_ns)
         if self._waiting_rows >= AT_ONCE:
@@ -173,7 +173,7 @@ class TrackRecorder:
         self._waiting, self._waiting_rows = [], 0
 
     def track(self) -> Track:
-        """All that was kept, in order of time. After a clock that went back only what followed is in order: sorted."""
+        """The stored rows, sorted by time, which is only necessary after a clock that went back."""
         self._thin_out()
         if not self._stamps:
             return Track(np.empty(0), np.empty((0, OUT_COLUMNS)))
@@ -187,7 +187,7 @@ class TrackRecorder:
 
 @dataclass(frozen=True)
 class Reference:
-    """What the estimate is judged against. ``kind`` is "ground truth" or "GNSS"; ``velocity`` (N, 3) may hold NaN."""
+    """Reference for the estimate. ``kind`` is "ground truth" or "GNSS"; ``velocity`` (N, 3) may contain NaN."""
 
     kind: str
     t: Array
@@ -199,7 +199,7 @@ class Reference:
         return len(self.t)
 
     def thinned(self, largest: int) -> "Reference":
-        """Itself, of more than ``largest`` entries every second one, every third one and so on."""
+        """The reference, decimated by an integer factor to at most ``largest`` entries."""
         step = -(-len(self.t) // largest)
         if step <= 1:
             return self
@@ -235,7 +235,7 @@ class Reference:
         return float(np.linalg.norm(steps, axis=1).sum())
 
     def _with_known_neighbours(self, chosen: Array) -> slice:
-        """From the last known velocity before ``chosen`` (M,) to the first one behind them, as far as there are any."""
+        """Slice from the last known velocity before ``chosen`` (M,) to the first one after them, if there are any."""
         assert self.velocity is not None
         first, last = max(int(chosen[0]) - 1, 0), min(int(chosen[-1]) + 1, len(self.t) - 1)
         while first > 0 and not np.isfinite(self.velocity[first, :2]).all():
@@ -246,7 +246,7 @@ class Reference:
 
 
 def gnss_reference(gnss: GnssColumns, epoch_ns: int, delay: float) -> Reference:
-    """The fixes of a receiver as a reference, each at its time of validity (stamp minus ``delay`` [s])."""
+    """Reference of the fixes of a receiver, each at its time of validity (stamp minus ``delay`` [s])."""
     rows, stamps = gnss.fixes, gnss.fix_ns
     good = np.isfinite(rows).all(axis=1) & (rows[:, 3] >= 0.0) & (stamps > 0)
     stamps, first = np.unique(stamps[good], return_index=True)  # in order of time, repeated fixes once
@@ -255,7 +255,7 @@ def gnss_reference(gnss: GnssColumns, epoch_ns: int, delay: float) -> Reference:
 
 
 def _velocities_at(stamps: Array, gnss: GnssColumns) -> Array:
-    """(N, 3) the velocity nearest to each of ``stamps`` (N,), NaN where none is within 0.1 s."""
+    """Velocities (N, 3) closest in time to ``stamps`` (N,); NaN where there is none within ``_SAME_EPOCH_NS``."""
     known, first = np.unique(gnss.velocity_ns, return_index=True)
     values = gnss.velocities[first]
     after = np.clip(np.searchsorted(known, stamps), 0, len(known) - 1)

@@ -1,6 +1,6 @@
-"""What goes to an autopilot, message by message. Free of rclpy: the caller brings messages and publishes them.
+"""Conversion of solutions to the messages of autopilots. Independent of rclpy: the caller creates and publishes them.
 
-Every channel fills one message again and again. ``begin`` is called with the first solution of a stretch of sending.
+Every channel reuses one message. ``begin`` is called with the first solution after every pause in sending.
 """
 
 import math
@@ -19,29 +19,29 @@ from nav_pose_estimator.ros.messages.outgoing import fill_odometry, fill_stamp
 
 _FIX_3D, _SATELLITES_UNKNOWN = 3, 255  # mavros_msgs/GPSINPUT
 _IGNORE_HDOP, _IGNORE_VDOP = 2, 4  # GPS_INPUT_IGNORE_FLAGS of MAVLink
-_DOP_UNKNOWN = 99.99  # a reader that overlooks the flags shall not take it for a good one
+_DOP_UNKNOWN = 99.99  # a value that no reader takes for a good DOP, even if it overlooks the flags
 _NED = 1  # POSE_FRAME_NED and VELOCITY_FRAME_NED of px4_msgs/VehicleOdometry
-_UNKNOWN_HEIGHT_VAR = 1e4  # m^2: where PX4's zero of height is not known to us
+_UNKNOWN_HEIGHT_VAR = 1e4  # m^2: variance of the height where the height of PX4's reference is unknown
 
 
 class Channel(Protocol):
-    """One kind of message to an autopilot."""
+    """A kind of message to an autopilot."""
 
     message: Any
 
     def begin(self, solution: NavSolution) -> None:
-        """Sending starts with ``solution``."""
+        """Start sending with ``solution``, for the first time or after a pause."""
 
     def fill(self, solution: NavSolution) -> None:
         """Write ``solution`` into ``message``."""
 
 
 class MavrosOdometry:
-    """nav_msgs/Odometry for the plugin ``odometry`` of MAVROS, which turns it to NED and FRD itself.
+    """nav_msgs/Odometry for the plugin ``odometry`` of MAVROS, which converts it to NED and FRD itself.
 
-    MAVROS looks up the transforms FRAME -> FRAME_ned and CHILD -> CHILD_frd, so the names must be those of MAVROS; the
-    twist is in the child frame. It passes on neither reset counter nor quality: so within a stretch of sending the
-    position makes no jump (odom), and a stretch begins at the best position that there is (map).
+    MAVROS looks up the transforms FRAME -> FRAME_ned and CHILD -> CHILD_frd, so the frame names must be those of
+    MAVROS. The twist is in the child frame. MAVROS transmits neither a reset counter nor a quality. Therefore the
+    position starts at the best estimate (map), and does not jump until sending stops (odom).
     """
 
     def __init__(self, message: Any, parameters: RosParameters) -> None:
@@ -51,11 +51,11 @@ class MavrosOdometry:
         self._begun_at = np.zeros(3)
 
     def begin(self, solution: NavSolution) -> None:
-        """From here on corrections are left out."""
+        """Start at the corrected position; later corrections are not applied."""
         self._begun_at = np.array(solution.correction_enu)
 
     def fill(self, solution: NavSolution) -> None:
-        """Pose in a frame that does not jump while we send, twist in the body, both with covariance."""
+        """Write the pose in a frame without jumps while sending, and the twist in the body, both with covariance."""
         fill_odometry(self.message, solution)
         position = self.message.pose.pose.position
         east, north, up = self._begun_at.tolist()
@@ -63,7 +63,7 @@ class MavrosOdometry:
 
 
 class MavrosGps:
-    """mavros_msgs/GPSINPUT for the plugin ``gps_input`` of MAVROS: as a receiver of ArduPilot (type 14)."""
+    """mavros_msgs/GPSINPUT for the plugin ``gps_input`` of MAVROS, which ArduPilot reads as a receiver of type 14."""
 
     def __init__(self, message: Any, parameters: RosParameters) -> None:
         self.message = message
@@ -76,10 +76,10 @@ class MavrosGps:
         self._geoid = parameters.output.autopilot_geoid
 
     def begin(self, solution: NavSolution) -> None:
-        """A receiver has no stretches."""
+        """Do nothing: the message has no reset counter, and its position may jump."""
 
     def fill(self, solution: NavSolution) -> None:
-        """Position, height above the sea, velocity NED, accuracies (root of the sum of variances), GPS time."""
+        """Write position, height above sea level, velocity NED, accuracies (root of summed variances), GPS time."""
         message = self.message
         fill_stamp(message.header.stamp, solution.stamp_ns)
         message.time_week, message.time_week_ms = week_and_milliseconds(solution.stamp_ns)
@@ -96,9 +96,9 @@ class MavrosGps:
 class Px4Odometry:
     """px4_msgs/VehicleOdometry for /fmu/in/vehicle_visual_odometry: NED and FRD in PX4's own local frame and time.
 
-    Until PX4 has said where its local frame has its zero the position is NaN, which by the definition of the message
-    means unknown, and only velocity and attitude are given. Every start of sending, every reset of the position and
-    every new reference of PX4 counts as a reset.
+    Until PX4 has published the reference of its local frame, the position is NaN, which the message defines as unknown,
+    and only velocity and attitude are valid. The reset counter increases with every start of sending, every reset of
+    the position and every new reference of PX4.
     """
 
     def __init__(self, message: Any, parameters: RosParameters) -> None:
@@ -112,11 +112,11 @@ class Px4Odometry:
         self._own_resets = 0
 
     def begin(self, solution: NavSolution) -> None:
-        """EKF2 shall take what comes as new."""
+        """Announce a reset, so that EKF2 does not compare the new position with the one before the pause."""
         self._own_resets += 1
 
     def fill(self, solution: NavSolution) -> None:
-        """Position, attitude, velocity, angular rate and their variances."""
+        """Write position, attitude, velocity and angular rate with their variances."""
         message = self.message
         message.timestamp = message.timestamp_sample = self.clock.stamp_us(solution.stamp_ns)
         if self.reference != self._used:
@@ -149,10 +149,10 @@ class Px4Odometry:
 
 
 def quality(horizontal_sigma: float) -> int:
-    """1 (worst) to 100 for EKF2_EV_QMIN: a hundred over sigma in metres. Zero would mean unknown."""
+    """Quality for EKF2_EV_QMIN, from 1 (worst) to 100: 100 divided by sigma in metres. Zero would mean unknown."""
     return int(min(max(100.0 / max(horizontal_sigma, 1e-3), 1.0), 100.0))
 
 
 def _variances(solution: NavSolution, first: int) -> np.ndarray:
-    """(3,) East, North, Up, as a copy."""
+    """Copy (3,) of the variances East, North, Up from index ``first`` of the covariance."""
     return np.array(np.diag(solution.cov)[first : first + 3])

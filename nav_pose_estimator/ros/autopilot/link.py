@@ -1,4 +1,4 @@
-"""The node's side: which autopilot, when, how often; and the fixes that are our own pose come back."""
+"""Link of a node to an autopilot: sends the solutions that may be sent, and removes them where they return as fixes."""
 
 import math
 from collections.abc import Callable
@@ -26,31 +26,31 @@ _CHANNELS: dict[str, tuple[str, str, type[Any]]] = {
     "mavros_gps": ("mavros_msgs/msg/GPSINPUT", "autopilot/gps_input", MavrosGps),
     "px4": ("px4_msgs/msg/VehicleOdometry", "fmu/in/vehicle_visual_odometry", Px4Odometry),
 }
-_PX4_SAYS = "fmu/out/vehicle_local_position"
-_FUSED_TOPICS = ("global_position/global", "vehicle_global_position")
-_DRY_RUN_RATE = 1.0  # Hz
-_STRETCH_NS = 1_000_000_000
+_PX4_SAYS = "fmu/out/vehicle_local_position"  # topic with the reference of PX4's local frame
+_FUSED_TOPICS = ("global_position/global", "vehicle_global_position")  # names of the fused positions of autopilots
+_DRY_RUN_RATE = 1.0  # Hz: rate of the log lines of a dry run
+_MAX_PAUSE_NS = 1_000_000_000  # longest time between two solutions without a new ``begin``
 
 
 def autopilot_link(node: Any, parameters: Parameters) -> "AutopilotLink | NoLink":
-    """What the parameters ask for; ``ParameterError`` where it cannot be."""
+    """Link to the autopilot that the parameters select; ``ParameterError`` where it is not possible."""
     word = parameters.ros.output.autopilot
     return NoLink() if word == "none" else AutopilotLink(node, parameters)
 
 
 class NoLink:
-    """No autopilot: nothing leaves, every fix is a fix."""
+    """Stands for the link where there is no autopilot: nothing is sent, and no fix is removed."""
 
     def publish(self, solution: NavSolution) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def screened(self, source: Source) -> Source:
-        """As it is."""
+        """``source`` unchanged."""
         return source
 
 
 class AutopilotLink:
-    """Sends solutions to one autopilot; ``screened`` inputs keep what comes back of them out of the filter."""
+    """Sends solutions to one autopilot; ``screened`` inputs discard fixes that repeat them."""
 
     def __init__(self, node: Any, parameters: Parameters) -> None:
         wanted = parameters.ros.output
@@ -74,14 +74,14 @@ class AutopilotLink:
     # --- out -------------------------------------------------------------------------------------------------------
 
     def publish(self, solution: NavSolution) -> None:
-        """One solution, if it may leave and is due."""
+        """Send ``solution`` if its mode permits it and the rate has it due."""
         since_ns, self._newest_ns = solution.stamp_ns - self._newest_ns, solution.stamp_ns
         may = self._permission.ask(solution.mode)
         if may is not self._sends:
             self._sends = may
             self._turn(solution)
-        elif may and not 0 <= since_ns <= _STRETCH_NS:
-            self.channel.begin(solution)  # the navigator has started again in between
+        elif may and not 0 <= since_ns <= _MAX_PAUSE_NS:
+            self.channel.begin(solution)  # the navigator restarted in between
         if not may or not self._pace.is_due(solution.stamp_ns):
             return
         self.channel.fill(solution)
@@ -95,7 +95,7 @@ class AutopilotLink:
             self._echo.stopped()
 
     def _turn(self, solution: NavSolution) -> None:
-        """Sending begins or ends."""
+        """Report that sending begins or ends, and begin it."""
         if not self._sends:
             self._echo.stopped()
             level = Level.INFO if solution.mode is Mode.AIDED else Level.WARN
@@ -108,19 +108,19 @@ class AutopilotLink:
         self._node.say("autopilot.sending", Level.WARN if lack else Level.INFO, text)
 
     def _lack(self) -> str:
-        """What is missing for it to be of use."""
+        """Clause that says why the autopilot cannot make full use of the pose; empty if it can."""
         if self._publisher is None:
             return " (dry run: it is only logged)"
         lack = "" if qos.is_heard(self._publisher) else ", but nobody listens there"
         if isinstance(self.channel, Px4Odometry) and self.channel.reference is None:
             said = self._node.resolve_topic_name(_PX4_SAYS)
-            lack += f"; velocity only, because PX4 has not said on {said} where its local frame lies"
+            lack += f"; velocity only, because PX4 has not published the reference of its local frame on {said}"
         return lack
 
     # --- in --------------------------------------------------------------------------------------------------------
 
     def screened(self, source: Source) -> Source:
-        """``source`` without fixes, and their velocities, that are our own pose come back."""
+        """``source`` without the fixes that repeat the sent pose, and without their velocities."""
         if source.topic not in (FIX.topic, VELOCITY.topic):
             return source
         adapter: Callable[[Any], tuple[Any, ...]] = source.adapter
@@ -135,7 +135,8 @@ class AutopilotLink:
         if finding is Finding.NONE:
             return (item,)
         if finding is Finding.ENDED:
-            return (Event(item.stamp_ns, "autopilot.feedback.ended", Level.INFO, "gps/fix is a receiver again"), item)
+            text = "gps/fix no longer repeats the sent pose"
+            return (Event(item.stamp_ns, "autopilot.feedback.ended", Level.INFO, text), item)
         if finding is Finding.LOOP:
             text = (
                 f"{self._node.resolve_topic_name(FIX.topic)} repeats the pose that is sent to the autopilot: it is"
@@ -153,12 +154,12 @@ class AutopilotLink:
     def _warn_of_fused_topic(self) -> None:
         name = self._node.resolve_topic_name(FIX.topic)
         if name.endswith(_FUSED_TOPICS):
-            text = f"gps/fix is {name}, which is what the autopilot has fused: with our pose in it, it is not GNSS"
+            text = f"gps/fix is {name}, the autopilot's fused position: it contains the sent pose and is not pure GNSS"
             self._node.say("autopilot.feedback.topic", Level.WARN, text)
 
 
 def message_class(name: str, word: str) -> Any:
-    """The class of a message that the autopilot ``word`` needs; ``ParameterError`` where it is not installed."""
+    """Class of the message ``name`` that the autopilot ``word`` needs; ``ParameterError`` where it is not installed."""
     wanted = f"ros.output.autopilot is {word}, which needs {name.replace('/msg/', '/')}"
     return installed.message_class(name, wanted, "choose another word")
 

@@ -1,14 +1,14 @@
-"""When the autopilot gets the pose. Asks no clock: the modes of the solutions decide."""
+"""Decision whether a solution is sent to the autopilot, by its mode alone."""
 
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.solutions import Mode
 
 
 class Permission:
-    """Whether the pose may leave. ``always``: also while GNSS aids the navigator.
+    """Permission to send. With ``always`` the pose is also sent while GNSS aids the navigator.
 
-    A pose that has EXPIRED is not given again before GNSS has aided the navigator: a fix under test makes the mode
-    REACQUIRING, and the position no better.
+    Once the mode was EXPIRED, nothing is sent until GNSS aids the navigator again. A fix under test changes the mode to
+    REACQUIRING, but does not improve the position.
     """
 
     def __init__(self, always: bool) -> None:
@@ -16,7 +16,7 @@ class Permission:
         self._expired = False
 
     def ask(self, mode: Mode) -> bool:
-        """Whether a solution in ``mode`` may be sent. To be asked for every solution."""
+        """Whether a solution in ``mode`` may be sent. Must be called for every solution."""
         if mode is Mode.EXPIRED:
             self._expired = True
         elif mode is Mode.AIDED:
@@ -26,5 +26,5 @@ class Permission:
     def why_not(self, mode: Mode) -> str:
         """The reason of the last refusal, as a clause."""
         if self._expired:
-            return "too long without GNSS, the position is no longer to be trusted"
+            return "too long without GNSS, the position can no longer be trusted"
         return "GNSS is used again" if mode is Mode.AIDED else "the navigator starts again"

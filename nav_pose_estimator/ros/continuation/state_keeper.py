@@ -1,4 +1,4 @@
-"""The navigator's state on disk: written in flight beside the node, read at the start, for a restart."""
+"""Saved state of the navigator: written periodically in flight and read at the start, for a restart in flight."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -17,10 +17,11 @@ STATE = array_file.Kind("state", 1)
 
 
 class StateKeeper:
-    """Reads ``ros.state.file`` into ``engine`` at once; from then on ``note`` writes it every ``ros.state.period``.
+    """Reads ``ros.state.file`` into ``engine`` at the start; then ``note`` writes it every ``ros.state.period``.
 
-    A thread writes, since a disk may take its time, and never waits for the disk: against a process that dies that is
-    enough. A state that cannot be read or written is one warning, and the node flies on.
+    A thread writes the file, so that a slow disk does not delay the node. Writes in flight are not synchronised to the
+    disk, which is sufficient when the process dies, though not when the computer does. A state that cannot be read or
+    written is reported in one warning, and the node continues.
     """
 
     def __init__(self, node: Any, engine: PoseEstimator, parameters: StateParameters) -> None:
@@ -47,24 +48,24 @@ class StateKeeper:
             self._node.say("resume.refused.file", Level.WARN, f"the saved state is not used: {path}: {error}")
 
     def note(self, stamp_ns: int) -> None:
-        """Write the state after the solution of ``stamp_ns``, if it is time and the last one has been written."""
+        """Write the state after the solution of ``stamp_ns`` if one is due and the previous write has ended."""
         if self._path is None or not self._pace.is_due(stamp_ns):
             return
         if self._writing is not None:
             if not self._writing.done():
                 return
-            self._tell(self._writing)
+            self._report(self._writing)
         arrays = resumption.arrays_of(self._engine)
         if arrays is not None:
             self._writing = self._writer.submit(array_file.save, self._path, STATE, arrays, durable=False)
 
     def wait(self) -> None:
-        """Until the last write has ended."""
+        """Wait until the last write has ended."""
         if self._writing is not None:
             self._writing.exception()
 
     def stop(self) -> None:
-        """Write the last state; to be called when the node ends."""
+        """Write the final state, synchronised to the disk, when the node ends."""
         self._writer.shutdown()
         arrays = None if self._path is None else resumption.arrays_of(self._engine)
         if self._path is not None and arrays is not None:
@@ -73,8 +74,8 @@ class StateKeeper:
             except UserError as error:
                 self._node.say("state.not_written", Level.WARN, str(error))
 
-    def _tell(self, writing: "Future[None]") -> None:
-        """A failure is told once, until it works again."""
+    def _report(self, writing: "Future[None]") -> None:
+        """Report a failed write, once until a write succeeds again."""
         error = writing.exception()
         if error is not None and not self._failed:
             self._node.say("state.not_written", Level.WARN, f"{error}; a restart in flight would have to align again")

@@ -1,7 +1,8 @@
-"""Messages that wait, in order of arrival.
+"""Queue of all waiting messages of a node, in order of arrival.
 
-The middleware keeps a queue for each topic and drops from it without a word; the executor asks one topic after the
-other. A node that is behind would so meet fixes that are older than its IMU data, and call GNSS lost for its own delay.
+The middleware has a queue per topic, from which it drops messages silently, and the executor serves one topic after the
+other. Without a common queue, a node that is behind would receive fixes that are older than its IMU data, and report
+GNSS as lost because of its own delay.
 """
 
 import time
@@ -18,9 +19,9 @@ Adapter = Callable[[Any], tuple[Any, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A message, what makes samples of it, and when the middleware received it (wall clock).
+    """A message, its adapter to samples, and when the middleware received it (wall clock).
 
-    Where a middleware does not tell that, the time of publication stands for it.
+    With a middleware that does not provide this time, it is the time of publication.
     """
 
     received_ns: int
@@ -30,12 +31,12 @@ class Arrival:
 
     @property
     def lag(self) -> float:
-        """Seconds that it has waited."""
+        """Time for which the message has waited [s]."""
         return 1e-9 * (time.time_ns() - self.received_ns)
 
 
 class Inbox:
-    """All that waits for one node."""
+    """The queue of one node."""
 
     def __init__(self) -> None:
         self._inputs: list[tuple[InputWatch, Adapter, Any]] = []
@@ -45,15 +46,15 @@ class Inbox:
         return bool(self._waiting)
 
     def add(self, watch: InputWatch, adapter: Adapter, subscription: Any) -> None:
-        """Look after one more input."""
+        """Add an input to collect from."""
         self._inputs.append((watch, adapter, subscription))
 
     def put(self, watch: InputWatch, adapter: Adapter, message: Any) -> None:
-        """A message that the executor has brought, behind those that wait."""
+        """Append a message that the executor has delivered."""
         self._waiting.append(Arrival(time.time_ns(), watch, adapter, message))
 
     def collect(self) -> None:
-        """Take everything that waits in the middleware."""
+        """Take all messages that wait in the middleware."""
         found = []
         for watch, adapter, subscription in self._inputs:
             for message, info in _taken(subscription):
@@ -63,7 +64,7 @@ class Inbox:
         self._waiting.extend(sorted(found, key=attrgetter("received_ns")))
 
     def next(self) -> Arrival:
-        """The oldest one, which no longer waits."""
+        """Remove and return the oldest message."""
         return self._waiting.popleft()
 
     def give_up(self) -> None:
@@ -74,7 +75,7 @@ class Inbox:
 
 
 def _taken(subscription: Any) -> Iterator[tuple[Any, dict[str, Any]]]:
-    """The messages that wait, each with what the middleware knows of it."""
+    """The messages that wait in the middleware, each with its information."""
     with subscription.handle:
         while (taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)) is not None:
             yield taken

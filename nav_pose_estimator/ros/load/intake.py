@@ -1,4 +1,4 @@
-"""The inputs of a node: subscriptions, their watches, and messages in order of arrival however late the node is."""
+"""Inputs of a node: subscriptions, their monitoring, and processing in order of arrival however late the node is."""
 
 import time
 from collections.abc import Callable
@@ -17,16 +17,16 @@ from nav_pose_estimator.ros.load.inbox import Adapter, Inbox
 from nav_pose_estimator.ros.load.overload import HOPELESS, ImuGroups, Overload, SparseResults
 from nav_pose_estimator.ros.messages.message_table import Source
 
-_LOOK = 0.02  # s: how often what waits is looked for; a look costs as much as a third of an IMU sample
-_TURN = 0.5  # s: then timers and services have theirs
-_FEW = 16  # messages between two looks while the node is behind
+_POLL_PERIOD = 0.02  # s between two polls of the middleware; a poll costs a third of an IMU sample's processing
+_TURN = 0.5  # s: longest time of processing before timers and services are served
+_FEW = 16  # messages between two polls while the node is behind
 
 
 class Intake:
-    """Everything between the middleware and ``node.take``.
+    """Passes messages from the middleware to ``node.take``.
 
-    ``node`` also has ``note_failure``, ``logbook``, ``say`` and ``spare``, which is called with whether to leave out
-    work that can wait.
+    ``node`` also has ``note_failure``, ``logbook``, ``say``, and ``spare``, which is called with whether to omit work
+    that can wait.
     """
 
     def __init__(self, node: Any, parameters: InputParameters) -> None:
@@ -37,7 +37,7 @@ class Intake:
         self._look_at = 0.0
 
     def listen(self, source: Source, needed: bool, choose: Callable[[bytes], bool] | None) -> None:
-        """Subscribe to ``source``; with ``choose`` only those messages are read that it wants by their bytes."""
+        """Subscribe to ``source``; with ``choose``, only messages are deserialised whose bytes it accepts."""
         kind, from_bytes = message_class(source), source.from_bytes
         if choose is not None:
             wanted = choose
@@ -60,7 +60,7 @@ class Intake:
         self._inbox.add(watch, adapter, subscription)
 
     def receive(self, watch: InputWatch, adapter: Adapter, message: Any) -> None:
-        """The callback of every subscription."""
+        """Process a message: the callback of every subscription."""
         watch.taken()
         if self._inbox:
             self._inbox.put(watch, adapter, message)
@@ -70,12 +70,12 @@ class Intake:
             self.catch_up()
 
     def catch_up(self) -> None:
-        """Handle what waits, as long as a turn lasts. Whatever goes wrong, the node lives on."""
+        """Process the waiting messages for ``_TURN`` at most. Exceptions are reported and do not end the node."""
         try:
             self._catch_up()
         except Exception as error:
             self._node.note_failure("inbox", error)
-        self._look_at = time.monotonic() + _LOOK
+        self._look_at = time.monotonic() + _POLL_PERIOD
 
     def _catch_up(self) -> None:
         give_up, count = time.monotonic() + _TURN, 0
@@ -93,27 +93,27 @@ class Intake:
                 self._inbox.collect()
 
     def look_back(self) -> None:
-        """To be called now and then, also while nothing arrives."""
+        """Process waiting messages and revise the overload; must be called periodically, also without messages."""
         self.catch_up()
         self.overload.look_back(time.monotonic())
 
     def grouped(self, sample: Sample) -> Sample | None:
-        """``sample``, or while the node is overloaded the mean of some of the IMU's; None until there is one."""
+        """``sample``, or under overload the mean of a group of IMU samples; None while the group is incomplete."""
         if not isinstance(sample, ImuSample) or (self.overload.group == 1 and not self._groups):
             return sample
         return self._groups.add(sample, self.overload.group)
 
     def forget(self) -> None:
-        """A new run begins."""
+        """Drop an incomplete group: a new run begins."""
         self._groups.forget()
 
     def passes(self, output: Any) -> bool:
-        """Whether a result is to be published: all of them while the node keeps up."""
+        """Whether to publish ``output``: always, except that the rate is reduced under overload."""
         return not self.overload.step or self._sparse.passes(type(output), output.stamp_ns)
 
     @property
     def complaint(self) -> str:
-        """The overload in words; empty without one."""
+        """Sentence that describes the overload; empty without one."""
         return self.overload.sentence(sum(watch.lost_so_far for watch in self.watches))
 
     def _handle(self, watch: InputWatch, adapter: Adapter, message: Any) -> None:
@@ -130,7 +130,7 @@ class Intake:
     def _give_up(self) -> None:
         self._inbox.give_up()
         self._node.say(
-            "overload.dropped", Level.ERROR, f"more than {HOPELESS:g} s behind: the waiting messages are dropped"
+            "overload.dropped", Level.ERROR, f"more than {HOPELESS:g} s behind: the waiting messages were dropped"
         )
 
     def _on_step(self, before: int, step: int) -> None:

@@ -1,8 +1,9 @@
-"""Velocities along beams: marine_acoustic_msgs/Dvl, dvl_msgs/DVL of Water Linked, sensor_msgs/PointCloud2.
+"""Conversion of beam velocities: marine_acoustic_msgs/Dvl, dvl_msgs/DVL of Water Linked, sensor_msgs/PointCloud2.
 
-What the fields mean is often not what drivers put there. ``beam_velocities_valid`` of a Dvl mostly repeats whether the
-3-D velocity is valid, false just when single beams help; so it says that of the 3-D velocity here, and beams are judged
-by their numbers and ranges. ``num_good_beams`` is not looked at, and a variance of -1 or 0 is unknown.
+Drivers often fill the fields with something else than their definition. In most of them ``beam_velocities_valid`` of a
+Dvl is the validity of the 3-D velocity, which is false exactly when single beams would help. It is therefore applied to
+the 3-D velocity only, and beams are judged by their values and ranges. ``num_good_beams`` is ignored, and a variance of
+-1 or 0 means unknown.
 """
 
 import math
@@ -14,18 +15,18 @@ from nav_pose_estimator.engine.samples import BeamVelocitySample, Vector3
 from nav_pose_estimator.engine.solutions import Event, Level
 from nav_pose_estimator.ros.messages.convert import Converted, stamp_ns, vector
 
-_WATER = 2  # velocity_mode of a Dvl: against the water, not the ground
+_WATER = 2  # velocity_mode of a Dvl: relative to the water, not to the ground
 _BEAMS_OF_A50 = 4
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # sensor_msgs/PointField
 _AXES = ("x", "y", "z")
-_MOST_BYTES = 1 << 24
+_MOST_BYTES = 1 << 24  # largest point cloud that is read
 
 
 def dvl(message: Any) -> Converted:
-    """marine_acoustic_msgs/Dvl: z where the sensor looks, x ahead, four beams, directions with the message."""
+    """marine_acoustic_msgs/Dvl: four beams with directions, in axes with z along the line of sight and x forward."""
     stamp = stamp_ns(message)
     if message.velocity_mode == _WATER:
-        return _refused(stamp, "water", "the sensor measures against the water (velocity_mode 2), not the ground")
+        return _refused(stamp, "water", "the sensor measures relative to the water (velocity_mode 2), not the ground")
     variances = np.array(message.beam_velocity_covar, float)
     sample = BeamVelocitySample(
         stamp,
@@ -39,7 +40,7 @@ def dvl(message: Any) -> Converted:
 
 
 def a50(message: Any) -> Converted:
-    """dvl_msgs/DVL of Water Linked's A50 and A125: beams by number, without directions; stamped when it arrives."""
+    """dvl_msgs/DVL of Water Linked's A50 and A125: numbered beams without directions, stamped on reception."""
     found = sorted(message.beams, key=lambda beam: beam.id)
     first = 1 if found and found[0].id > 0 and found[-1].id == _BEAMS_OF_A50 else 0
     places = [int(beam.id) - first for beam in found]
@@ -61,7 +62,7 @@ def a50(message: Any) -> Converted:
 
 
 def point_cloud(message: Any) -> Converted:
-    """sensor_msgs/PointCloud2: x y z of a point, or its direction, ``velocity`` along it, perhaps ``variance``."""
+    """sensor_msgs/PointCloud2: x, y, z of a point or direction, ``velocity`` along it, optionally ``variance``."""
     stamp = stamp_ns(message)
     offered = {field.name: field for field in message.fields}
     missing = [name for name in (*_AXES, "velocity") if name not in offered]
@@ -71,7 +72,7 @@ def point_cloud(message: Any) -> Converted:
     names = (*_AXES, "velocity", *(["variance"] if "variance" in offered else []))
     columns = _columns(message, [offered[name] for name in names])
     if columns is None:
-        return _refused(stamp, "layout", "the data of the point cloud are not as long as its fields and width say")
+        return _refused(stamp, "layout", "the length of the point cloud's data does not match its fields and width")
     points, rest = columns[:, :3], columns[:, 3:]
     lengths = np.sqrt(np.square(points).sum(axis=1))
     seen = np.isfinite(lengths) & (lengths > 0.0)
@@ -82,7 +83,7 @@ def point_cloud(message: Any) -> Converted:
 
 
 def _columns(message: Any, fields: list[Any]) -> np.ndarray | None:
-    """Columns (N, k) of a point cloud as float64; None where the message contradicts itself."""
+    """Columns (N, k) of a point cloud as float64; None where the message is inconsistent."""
     width, height, step, row_step = (
         int(value) for value in (message.width, message.height, message.point_step, message.row_step)
     )
@@ -103,7 +104,7 @@ def _columns(message: Any, fields: list[Any]) -> np.ndarray | None:
 
 
 def _vectors(field: Any) -> np.ndarray:
-    """Vectors of a message as (n, 3), from numbers in a row or from vector messages."""
+    """Vectors (n, 3) of a message, from a flat array of numbers or from vector messages."""
     if isinstance(field, np.ndarray) and field.dtype != object:
         return field.reshape(-1, 3)
     return np.array([vector(one) for one in field]).reshape(-1, 3)

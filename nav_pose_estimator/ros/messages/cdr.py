@@ -1,11 +1,11 @@
-"""Decoding serialized messages, for nodes and bags alike: some fields of one, one whole, or a column of many.
+"""Decoding of serialized messages, for nodes and bags: a whole message, some of its fields, or columns of many.
 
 A layout line lists the fields of a message in the order of plain CDR (OMG DDS-XTypes 1.3, section 7.4.3): a four-byte
-encapsulation header, then fields aligned to their size counted from the end of that header. ``path:type*count``, where
-type is ``str``, a numpy code such as ``f8``, or ``xyz`` and ``xyzw`` for vectors of ``f8``; ``?`` marks a field that
-older distributions end before.
+encapsulation header, then fields aligned to their size counted from the end of that header. A field is written
+``path:type*count``, where type is ``str``, a numpy code such as ``f8``, or ``xyz`` and ``xyzw`` for vectors of ``f8``;
+``?`` marks a field that older distributions do not have.
 
-No length in the bytes is trusted: whatever they hold, the outcome is a message or a ``CdrError``.
+All lengths in the bytes are checked: the result is a message or a ``CdrError``, whatever the bytes are.
 """
 
 import struct
@@ -52,7 +52,7 @@ _ORDERS = {_LITTLE: "<", _BIG: ">"}
 
 
 class CdrError(UserError):
-    """Bytes that are not the message they are said to be."""
+    """The bytes are not a message of the stated type."""
 
 
 class Serialized(Protocol):
@@ -110,10 +110,10 @@ _FIELDS = {name: _parse(line) for name, line in LAYOUTS.items()}
 
 @cache
 def _segment(kind: str, first: int, phase: int, order: str) -> tuple[struct.Struct, list[tuple[_Field, int]], int]:
-    """Fields from number ``first`` up to the next string, which is there as its length, or to an optional field.
+    """Fields from number ``first`` up to the next string, represented by its length, or up to an optional field.
 
-    Returns how to unpack them from a place ``phase`` (mod 8) beyond the encapsulation header, the fields with the byte
-    at which each begins, and the number of the field after them. CDR aligns every number to its own size.
+    ``phase`` is the position after the encapsulation header, modulo 8, because CDR aligns every number to its own size.
+    Returns the layout to unpack, the fields with their byte offsets, and the number of the field after them.
     """
     form, places, position = order, [], phase
     index = first
@@ -131,7 +131,7 @@ def _segment(kind: str, first: int, phase: int, order: str) -> tuple[struct.Stru
 
 
 def _walk(kind: str, payload: bytes, order: str) -> Iterator[tuple[_Field, int, tuple]]:
-    """(field, its offset in the payload, its values); for a string the offset of its characters and their number.
+    """Yield (field, offset in the payload, values); for a string the offset and the number of its characters.
 
     Raises ``struct.error`` where the bytes end too early.
     """
@@ -150,7 +150,7 @@ def _walk(kind: str, payload: bytes, order: str) -> Iterator[tuple[_Field, int, 
 
 
 def decode(kind: str, payload: bytes) -> Any:
-    """One message as nested attributes, as rclpy or rosbags would give it. ``CdrError`` if it is damaged."""
+    """Decode one message to nested attributes like those of rclpy and rosbags; ``CdrError`` if it is damaged."""
     order = _byte_order(kind, payload)
     message = SimpleNamespace()
     try:
@@ -196,11 +196,12 @@ _HEADER_FIELDS = 3
 
 
 def picker(kind: str, names: tuple[str, ...]) -> Callable[[bytes], tuple[int, tuple]]:
-    """A function from a message with a header to its stamp [ns] and the numbers of its fields ``names``, in order.
+    """Create a function that reads the stamp [ns] and the numbers of the fields ``names`` of a message with a header.
 
-    It builds no message: the difference between 68 and 1 microsecond for a sensor_msgs/Imu. It raises ``CdrError``.
+    It does not build the message, which takes 1 instead of 68 microseconds for a sensor_msgs/Imu. It raises
+    ``CdrError``.
     """
-    # after the frame_id every place follows from where that ended, modulo 8
+    # the alignment of all fields after the frame_id depends on its end, modulo 8
     bodies = {order: [_body(kind, names, phase, order) for phase in range(8)] for order in _STAMP}
     little, of_little = _STAMP["<"], bodies["<"]
 
@@ -219,7 +220,7 @@ def picker(kind: str, names: tuple[str, ...]) -> Callable[[bytes], tuple[int, tu
 
 
 def _body(kind: str, names: tuple[str, ...], phase: int, order: str) -> struct.Struct:
-    """How to unpack ``names`` from behind the header; what is not wanted is skipped, the end of the message included.
+    """Layout to unpack ``names`` after the header; it skips all other fields, up to the end of the message.
 
     ``name[0]`` stands for the first number of a field.
     """
@@ -234,7 +235,7 @@ def _body(kind: str, names: tuple[str, ...], phase: int, order: str) -> struct.S
 
 
 def peek_stamp_ns(data: bytes) -> int:
-    """The header stamp of any serialized message that begins with a header; 0 for an unexpected layout."""
+    """Header stamp [ns] of any serialized message that begins with a header; 0 for an unexpected layout."""
     order = _ORDERS.get(bytes(data[:2]))
     if order is None or len(data) < _AFTER_STAMP:
         return 0
@@ -246,9 +247,9 @@ def peek_stamp_ns(data: bytes) -> int:
 
 
 def columns(kind: str, batch: Serialized, names: tuple[str, ...]) -> dict[str, np.ndarray] | None:
-    """Fields ``names`` of all messages: ``stamp_ns`` (N,) int64 and dotted paths -> (N,) or (N, k).
+    """Fields ``names`` of N messages: ``stamp_ns`` (N,) int64, and dotted paths to (N,) or (N, k).
 
-    None unless every message has the length, the string lengths and the byte order (little) of the first.
+    None unless all messages have the same length and string lengths, and little-endian byte order.
     """
     if not len(batch.lengths) or not _is_uniform(batch):
         return None
@@ -273,7 +274,7 @@ def columns(kind: str, batch: Serialized, names: tuple[str, ...]) -> dict[str, n
             values = _gather(buffer, batch.offsets + position, field.numbers * field.size).view(_numpy_code(field))
             found[field.name] = values if values.shape[1] > 1 else values[:, 0]
     if "header.stamp.sec" in found:
-        # An array, not only a scalar, has to be int64: NumPy 1 goes by the value of a scalar and would stay with int32.
+        # The array must be int64: NumPy 1 chooses by the value of a scalar, and would compute in int32.
         found["stamp_ns"] = found.pop("header.stamp.sec").astype(np.int64) * 10**9 + found.pop("header.stamp.nanosec")
     return found
 
@@ -290,6 +291,6 @@ def _numpy_code(field: _Field) -> str:
 
 
 def _gather(buffer: np.ndarray, starts: np.ndarray, size: int) -> np.ndarray:
-    """(N, size) bytes from the places ``starts`` (N,)."""
+    """Bytes (N, size) from the offsets ``starts`` (N,)."""
     windows = np.lib.stride_tricks.sliding_window_view(buffer, size)
     return np.ascontiguousarray(windows[starts])

@@ -1,9 +1,8 @@
-"""Messages to samples. The only place that knows the conventions of ROS messages and drivers.
+"""Conversion of messages to samples, with all knowledge of the conventions of ROS messages and drivers.
 
-The functions read attributes only, so they take messages of rclpy and of rosbags alike. Each returns what one
-message yields, in order: samples to feed, and events for what had to be disregarded. Vectors keep the sensor's own
-axes: mounting and FRD are the engine's business. Numbers that are NaN pass through where the engine refuses them by
-name.
+The functions only read attributes, so that they accept messages of rclpy and of rosbags. Each returns, in order, the
+samples to feed and events about data that are not used. Vectors remain in the axes of the sensor; the engine applies
+mounting and FRD. NaN passes through where the engine rejects it with an event of its own.
 """
 
 import math
@@ -43,7 +42,7 @@ _COVARIANCE_TYPE_UNKNOWN = 0  # sensor_msgs/NavSatFix
 
 
 def stamp_ns(message: Any) -> int:
-    """The header stamp in integer nanoseconds; 0 where the driver did not stamp the message."""
+    """Header stamp in integer nanoseconds; 0 if the driver did not stamp the message."""
     stamp = message.header.stamp
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
@@ -56,22 +55,22 @@ def imu(message: Any) -> Converted:
 
 
 def imu_sample(sample: ImuSample, gyro_absent: bool, accel_absent: bool) -> Converted:
-    """``sample`` unless its message says (covariance[0] == -1) that one of its two halves was not measured.
+    """``sample``, or an event if its gyroscope or accelerometer part is marked as not measured (covariance[0] == -1).
 
-    A specific force of exactly zero says so, too: no accelerometer reads that, but drivers that publish gyroscope and
-    accelerometer on two topics leave the other half at it.
+    A specific force of exactly zero counts as not measured: no accelerometer reads zero, but drivers that publish
+    gyroscope and accelerometer on separate topics leave the other part at it.
     """
     force_is_zero = sample.accel == (0.0, 0.0, 0.0)
     if not (gyro_absent or accel_absent or force_is_zero):
         return (sample,)
     which = "angular velocity" if gyro_absent else "linear acceleration"
     how = "covariance[0] is -1" if gyro_absent or accel_absent else "it is exactly zero"
-    text = f"the IMU message has no {which} ({how}); half an IMU is no IMU: not used"
+    text = f"the IMU message has no {which} ({how}), but gyroscope and accelerometer are both needed; not used"
     return (Event(sample.stamp_ns, "imu.rejected.absent", Level.WARN, text),)
 
 
 def imu_attitude(message: Any) -> Converted:
-    """The orientation of a sensor_msgs/Imu to :class:`AttitudeSample`; an event where it has none."""
+    """Orientation of a sensor_msgs/Imu to :class:`AttitudeSample`; an event if it has none."""
     stamp = stamp_ns(message)
     cov = covariance.read(message.orientation_covariance, 3)
     q_nb = quaternion(message.orientation)
@@ -96,7 +95,7 @@ def nav_sat_fix(message: Any) -> Converted:
 def fix(
     stamp: int, lat: float, lon: float, alt: float, status: int, cov_type: int, cov: Sequence[float] | np.ndarray
 ) -> Converted:
-    """The numbers of a sensor_msgs/NavSatFix to :class:`GnssFix`; ``lat`` and ``lon`` in degrees."""
+    """Values of a sensor_msgs/NavSatFix to :class:`GnssFix`: ``lat``, ``lon`` [deg], ellipsoid height ``alt`` [m]."""
     read = covariance.Reading(Knowledge.UNKNOWN)
     if cov_type != _COVARIANCE_TYPE_UNKNOWN:
         read = covariance.read(cov, 3)
@@ -105,18 +104,18 @@ def fix(
 
 
 def twist_with_covariance(message: Any) -> Converted:
-    """geometry_msgs/TwistWithCovarianceStamped, ENU, to :class:`GnssVelocity`. Angular parts are not looked at."""
+    """geometry_msgs/TwistWithCovarianceStamped, ENU, to :class:`GnssVelocity`; the angular part is ignored."""
     return gnss_velocity(stamp_ns(message), vector(message.twist.twist.linear), message.twist.covariance)
 
 
 def gnss_velocity(stamp: int, velocity: Vector3, cov: Sequence[float] | np.ndarray) -> Converted:
-    """The numbers of a geometry_msgs/TwistWithCovarianceStamped to :class:`GnssVelocity`; ``cov`` (36,)."""
+    """Values of a geometry_msgs/TwistWithCovarianceStamped, ENU, to :class:`GnssVelocity`; ``cov`` (36,)."""
     read = covariance.read(cov, 6, block=3)
     return (GnssVelocity(stamp, velocity, read.matrix), *_flaw(stamp, "gnss.velocity", read.flaw))
 
 
 def twist(message: Any) -> Converted:
-    """geometry_msgs/TwistStamped, ENU, to :class:`GnssVelocity` of unknown covariance."""
+    """geometry_msgs/TwistStamped, ENU, to :class:`GnssVelocity` with unknown covariance."""
     return (GnssVelocity(stamp_ns(message), vector(message.twist.linear)),)
 
 
@@ -131,7 +130,7 @@ def body_velocity(message: Any) -> Converted:
 def velocity_error(message: Any) -> Converted:
     """geometry_msgs/TwistWithCovarianceStamped, ENU, to :class:`VelocityError`: estimate minus truth.
 
-    A prediction that does not say how good it is is not used.
+    A prediction without a covariance is not used.
     """
     stamp, dv_n = stamp_ns(message), vector(message.twist.twist.linear)
     cov = covariance.read(message.twist.covariance, 6, block=3)
@@ -164,9 +163,9 @@ def differential_pressure(message: Any) -> Converted:
 
 
 def range_to_ground(message: Any) -> Converted:
-    """sensor_msgs/Range to :class:`RangeToGround`; an event for what lies outside the limits that the message states.
+    """sensor_msgs/Range to :class:`RangeToGround`; an event for a distance outside the limits in the message.
 
-    REP-117: -Inf is too close, +Inf nothing in reach, NaN an error. Limits that are not filled (zero) limit nothing.
+    REP-117: -Inf means too close, +Inf out of range, NaN an error. Limits of zero were not filled and do not apply.
     """
     stamp, distance, farthest = stamp_ns(message), float(message.range), float(message.max_range) or math.inf
     if not (max(float(message.min_range), 0.0) <= distance <= farthest and math.isfinite(distance)):
@@ -182,7 +181,7 @@ def set_pose(message: Any, frame: str = "map") -> Converted:
     pose, cov = message.pose.pose, covariance.read(message.pose.covariance, 6)
     position, q_nb = vector(pose.position), quaternion(pose.orientation)
     if message.header.frame_id.lstrip("/") not in ("", frame):
-        text = f"set_pose came in frame {message.header.frame_id!r}; only {frame!r} is understood"
+        text = f"set_pose is in the frame {message.header.frame_id!r}, but must be in {frame!r}; not used"
         return (Event(stamp, "set_pose.rejected.frame", Level.WARN, text),)
     if q_nb is None or not all(map(math.isfinite, position)):
         text = "set_pose holds a position that is not finite or an invalid orientation; not used"
@@ -191,7 +190,7 @@ def set_pose(message: Any, frame: str = "map") -> Converted:
 
 
 def origin_fix(message: Any) -> Converted:
-    """sensor_msgs/NavSatFix to :class:`SetOrigin`: its position alone counts."""
+    """sensor_msgs/NavSatFix to :class:`SetOrigin`; only its position is used."""
     return (_origin(stamp_ns(message), message),)
 
 
@@ -205,14 +204,14 @@ def _origin(stamp: int, place: Any) -> SetOrigin:
 
 
 def odometry_velocity(message: Any) -> Converted:
-    """The velocity of a nav_msgs/Odometry (twist in the body, REP-105), turned by its pose: :class:`NavigatorVelocity`.
+    """Velocity of a nav_msgs/Odometry (twist in the body, REP-105), rotated by its pose, to :class:`NavigatorVelocity`.
 
-    An unknown covariance means that the velocity's accuracy is unknown: it is then not valid.
+    With an unknown covariance the velocity is marked as not valid.
     """
     stamp = stamp_ns(message)
     q_nb = quaternion(message.pose.pose.orientation)
     if q_nb is None:
-        text = "an odometry message holds no orientation; not used"
+        text = "an odometry message has no valid orientation; not used"
         return (Event(stamp, "navigator_velocity.rejected.orientation", Level.WARN, text),)
     velocity = quat_to_matrix(np.array(q_nb)) @ np.array(vector(message.twist.twist.linear))
     cov = covariance.read(message.twist.covariance, 6, block=3)
@@ -226,7 +225,7 @@ def odometry_velocity(message: Any) -> Converted:
 
 
 def without_vertical(adapter: Adapter) -> Adapter:
-    """``adapter`` for a driver that never fills the vertical velocity (MAVROS ``raw/gps_vel``): Up becomes NaN."""
+    """``adapter`` for a driver that does not fill the vertical velocity (MAVROS ``raw/gps_vel``): Up becomes NaN."""
 
     def adapt(message: Any) -> Converted:
         return tuple(_drop_up(item) if isinstance(item, GnssVelocity) else item for item in adapter(message))
@@ -244,7 +243,7 @@ def from_ned(adapter: Adapter) -> Adapter:
 
 
 def vector(value: Any) -> Vector3:
-    """A geometry_msgs/Vector3 or Point as three floats."""
+    """The components of a geometry_msgs/Vector3 or Point as floats."""
     return float(value.x), float(value.y), float(value.z)
 
 

@@ -1,7 +1,7 @@
-"""What a covariance field of a message says: known, unknown or absent.
+"""Interpretation of the covariance fields of messages: known, unknown or absent.
 
-ROS messages have no field for "I do not know". Drivers write zeros (unknown), -1 in the first element (no such
-measurement, or unknown again), NaN, or numbers that cannot be a covariance. One reading of all of them is here.
+ROS messages have no field that marks a covariance as unknown. Drivers write zeros (unknown), -1 in the first element
+(no such measurement, or unknown), NaN, or numbers that are not a covariance. This module interprets all of them.
 """
 
 import math
@@ -17,7 +17,7 @@ _TOLERANCE = -1e-9  # relative: smallest eigenvalue of a matrix that is semi-def
 
 
 class Knowledge(Enum):
-    """Whether the sender knows its error."""
+    """Whether the sender knows the covariance of its error."""
 
     KNOWN = "known"
     UNKNOWN = "unknown"
@@ -26,7 +26,7 @@ class Knowledge(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """``matrix`` (n, n) is None unless known; ``flaw`` names what is wrong with an unusable one, else empty."""
+    """Interpreted field: ``matrix`` (n, n), None unless known; ``flaw`` names the defect of an unusable one."""
 
     knowledge: Knowledge
     matrix: np.ndarray | None = None
@@ -36,7 +36,7 @@ class Reading:
 def read(field: Sequence[float] | np.ndarray, size: int, block: int | None = None) -> Reading:
     """Read a row-major ``size`` x ``size`` field; with ``block`` only its upper left ``block`` x ``block`` part.
 
-    A flawed matrix is as good as unknown: the caller uses its own default and reports the flaw.
+    A defective matrix counts as unknown: the caller uses its own default and reports the ``flaw``.
     """
     part = block or size
     values = [float(field[size * row + column]) for row in range(part) for column in range(part)]
@@ -52,7 +52,7 @@ def read(field: Sequence[float] | np.ndarray, size: int, block: int | None = Non
 
 
 def read_variance(value: float) -> tuple[float | None, str]:
-    """A single variance (None if unknown) and the flaw of an unusable one."""
+    """Read a single variance: its value, None if unknown, and the name of its defect, empty without one."""
     value = float(value)
     if value in (0.0, -1.0):
         return None, ""
@@ -64,13 +64,13 @@ def read_variance(value: float) -> tuple[float | None, str]:
 
 
 def _is_plain(values: list[float], part: int) -> bool:
-    """Whether it is diagonal and without flaw: as most drivers fill it, and seen at once."""
+    """Whether the matrix is diagonal and without a defect, the most frequent case, which is quick to recognise."""
     variances = values[:: part + 1]
     return values.count(0.0) == len(values) - part and all(0.0 < value <= _LARGEST for value in variances)
 
 
 def _flaw(matrix: np.ndarray) -> str:
-    """One word for why ``matrix`` is not the covariance of a measured vector; empty if it is one."""
+    """Name of the defect because of which ``matrix`` cannot be a covariance; empty without one."""
     if not np.isfinite(matrix).all():
         return "not_finite"
     variances = np.diag(matrix)

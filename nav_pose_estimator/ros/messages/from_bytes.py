@@ -1,6 +1,6 @@
-"""The messages that come fastest, from bytes to samples without a message in between; what :mod:`convert` would give.
+"""Direct conversion of the most frequent messages from bytes to samples, with the same results as :mod:`convert`.
 
-Functions that take columns (:func:`cdr.columns`) return None where the messages have to be converted one by one.
+Functions of columns (:func:`cdr.columns`) return None where the messages must be converted one by one.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ _pick_imu = picker("sensor_msgs/msg/Imu", IMU_FIELDS)
 
 
 def imu(data: bytes) -> Converted:
-    """A serialized sensor_msgs/Imu. Raises ``CdrError``."""
+    """Convert a serialized sensor_msgs/Imu; ``CdrError`` if it is damaged."""
     stamp, (wx, wy, wz, gyro_cov, fx, fy, fz, accel_cov) = _pick_imu(data)
     sample = ImuSample(stamp, (wx, wy, wz), (fx, fy, fz))
     if gyro_cov == -1.0 or accel_cov == -1.0 or fx == fy == fz == 0.0:
@@ -31,7 +31,7 @@ def imu(data: bytes) -> Converted:
 
 
 def imu_block(found: dict[str, np.ndarray]) -> ImuBlock | None:
-    """Columns of sensor_msgs/Imu; None if a message lacks one of its halves."""
+    """Convert columns of sensor_msgs/Imu; None if a message lacks its gyroscope or accelerometer part."""
     halves = found["angular_velocity_covariance"], found["linear_acceleration_covariance"]
     force = found["linear_acceleration"]
     if (halves[0][:, 0] == -1.0).any() or (halves[1][:, 0] == -1.0).any() or not force.any(axis=1).all():
@@ -40,24 +40,24 @@ def imu_block(found: dict[str, np.ndarray]) -> ImuBlock | None:
 
 
 def fixes(found: dict[str, np.ndarray]) -> list[Converted]:
-    """Columns of sensor_msgs/NavSatFix."""
+    """Convert columns of sensor_msgs/NavSatFix."""
     return [fix(*row) for row in zip(*(found[name].tolist() for name in ("stamp_ns", *FIX_FIELDS)), strict=True)]
 
 
 def gnss_velocities(found: dict[str, np.ndarray]) -> list[Converted]:
-    """Columns of geometry_msgs/TwistWithCovarianceStamped."""
+    """Convert columns of geometry_msgs/TwistWithCovarianceStamped."""
     numbers = zip(*(found[name].tolist() for name in ("stamp_ns", *VELOCITY_FIELDS)), strict=True)
     return [gnss_velocity(stamp, tuple(velocity), cov) for stamp, velocity, cov in numbers]
 
 
 def magnetic_fields(found: dict[str, np.ndarray]) -> list[Converted]:
-    """Columns of sensor_msgs/MagneticField."""
+    """Convert columns of sensor_msgs/MagneticField."""
     stamps, fields = found["stamp_ns"].tolist(), found["magnetic_field"].tolist()
     return [(MagSample(stamp, tuple(field)),) for stamp, field in zip(stamps, fields, strict=True)]
 
 
 def pressures(found: dict[str, np.ndarray]) -> list[Converted] | None:
-    """Columns of sensor_msgs/FluidPressure; None if their variances differ or cannot be used."""
+    """Convert columns of sensor_msgs/FluidPressure; None if their variances differ or are unusable."""
     if len(np.unique(found["variance"])) > 1:
         return None
     variance, flaw = covariance.read_variance(found["variance"][0])

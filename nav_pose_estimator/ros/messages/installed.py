@@ -1,4 +1,4 @@
-"""Message classes of packages that may be missing: which ones a node needs, its parameters decide."""
+"""Import of message classes whose packages are optional: the parameters decide which ones a node needs."""
 
 import importlib
 from typing import Any
@@ -7,9 +7,9 @@ from nav_pose_estimator.engine.parameters.schema import ParameterError
 
 
 def message_class(name: str, wanted: str, instead: str = "") -> Any:
-    """The rclpy class of package/msg/Name. ``ParameterError`` where the package is not installed.
+    """The rclpy class of package/msg/Name; ``ParameterError`` where the package is not installed.
 
-    ``wanted`` begins its sentence and says what asks for the message, ``instead`` ends it with what else could be done.
+    ``wanted`` is the first clause of its sentence, about what needs the message; ``instead`` an alternative remedy.
     """
     package, _, kind = name.split("/")
     try:

@@ -1,7 +1,7 @@
-"""Every input of the estimators: topic, message types, what chooses among them, who turns them into samples.
+"""Table of all inputs of the estimators: topic, message types, the parameter that selects one, and its conversion.
 
-Nodes subscribe by this table and bags are read by it; another driver is one more ``MessageType``, another sensor one
-more ``Input``. All inputs are subscribed best effort, which meets every publisher (:mod:`nav_pose_estimator.ros.qos`).
+Nodes subscribe, and bags are read, by this table. Another driver is one more ``MessageType``, another sensor one more
+``Input``. All subscriptions are best effort (:mod:`nav_pose_estimator.ros.qos`).
 """
 
 from collections.abc import Callable
@@ -32,12 +32,15 @@ from nav_pose_estimator.ros.messages import beams, convert, from_bytes, gps_umd,
 from nav_pose_estimator.ros.messages.convert import Adapter, Converted
 
 NONE = "none"
-"""The value of a choosing parameter that leaves the input out."""
+"""Value of a selecting parameter that disables the input."""
 
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Many messages at once: ``convert`` gets ``cdr.columns`` of ``fields``; None: they have to go one by one."""
+    """Conversion of many messages at once: ``convert`` receives ``cdr.columns`` of ``fields``.
+
+    It returns None where the messages must be converted one by one.
+    """
 
     fields: tuple[str, ...]
     convert: Callable[[dict[str, np.ndarray]], ImuBlock | list[Converted] | None]
@@ -45,7 +48,7 @@ class Columns:
 
 @dataclass(frozen=True, slots=True)
 class MessageType:
-    """One type that an input takes: ``choice`` is its word in the input's parameter, ``name`` package/msg/Name."""
+    """A message type of an input: ``choice`` is its value of the input's parameter, ``name`` is package/msg/Name."""
 
     choice: str
     name: str
@@ -56,10 +59,10 @@ class MessageType:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One input as the parameters have it: what to listen to, and how to read it.
+    """One input as selected by the parameters: topic, type and conversion.
 
-    ``from_bytes``, where there is one, does on serialized messages what ``adapter`` does on messages. ``parameter``
-    is the one that chose the type, where there was a choice.
+    ``from_bytes``, if any, converts serialized messages with the same results as ``adapter``. ``parameter`` is the one
+    that selected the type, if there are several.
     """
 
     topic: str
@@ -72,11 +75,11 @@ class Source:
 
 @dataclass(frozen=True)
 class Input:
-    """One input topic, relative; the first type is the default, where one is.
+    """An input with its relative ``topic``; the first of ``types`` is the default, if there is one.
 
-    ``parameter`` (dotted) chooses among several types. ``adjust`` fits a converter to further parameters. In a bag
-    without ``topic`` another one of these types is taken if it is the only one and its name contains one of ``words``;
-    () is any name, None is never.
+    ``parameter`` (dotted) selects among several types. ``adjust`` adapts the conversion to further parameters. In a bag
+    without ``topic``, another topic with one of these types is used if it is the only one and its name contains one of
+    ``words``; () admits any name, None admits none.
     """
 
     topic: str
@@ -87,11 +90,11 @@ class Input:
     words: tuple[str, ...] | None = None
 
     def choice(self, parameters: Parameters) -> str:
-        """The word in the input's parameter; that of its only type where nothing is to be chosen."""
+        """Value of the input's parameter; the choice of its only type if there is no parameter."""
         return str(attrgetter(self.parameter)(parameters)) if self.parameter else self.types[0].choice
 
     def source(self, parameters: Parameters, type_name: str = "") -> Source | None:
-        """How to read ``type_name`` (by default the type that is chosen); None for an input that is left out."""
+        """The source of ``type_name``, by default of the selected type; None if the input is disabled."""
         choice = self.choice(parameters)
         kind = next((t for t in self.types if (t.name == type_name if type_name else t.choice == choice)), None)
         if kind is None or choice == NONE:
@@ -247,7 +250,7 @@ SET_ORIGIN = Input(
 )
 
 GNSS = (SATELLITES, VELOCITY, FIX)
-"""In this order where one message plays several parts: the count judges the fix."""
+"""The GNSS inputs, in the order of their samples from one message: the satellite count is needed to judge the fix."""
 INPUTS = (
     IMU,
     *GNSS,
@@ -263,5 +266,5 @@ INPUTS = (
 
 
 def sources(parameters: Parameters, inputs: tuple[Input, ...] = INPUTS) -> list[Source]:
-    """What a node with these parameters listens to."""
+    """Sources of the enabled ones of ``inputs``."""
     return [source for one in inputs if (source := one.source(parameters)) is not None]

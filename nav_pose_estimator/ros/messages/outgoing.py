@@ -1,8 +1,8 @@
-"""Solutions to messages. Each function fills a message that the caller keeps and reuses; rclpy and rosbags alike.
+"""Conversion of solutions to messages. Each function fills a message, of rclpy or rosbags, that the caller reuses.
 
-REP-105: odometry is given in odom, where base_link moves without jumps; every correction of the position is in the
-transform from map to odom. REP-103: East-North-Up, Forward-Left-Up; covariances row-major, x, y, z, then rotations
-about the fixed axes.
+REP-105: odometry is in odom, where base_link moves without jumps; all corrections of the position are in the transform
+from map to odom. REP-103: East-North-Up and Forward-Left-Up; covariances are row-major in x, y, z and rotations about
+the fixed axes.
 """
 
 import math
@@ -23,7 +23,7 @@ _NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def fill_stamp(stamp: Any, stamp_ns: int) -> None:
-    """builtin_interfaces/Time."""
+    """Fill a builtin_interfaces/Time."""
     stamp.sec, stamp.nanosec = divmod(int(stamp_ns), NS_PER_S)
 
 
@@ -33,9 +33,9 @@ def fill_imu(
     world_frame: str = "enu",
     variances: tuple[float, float] | None = None,
 ) -> None:
-    """sensor_msgs/Imu with orientation. Rates are free of bias, accelerations are specific force (REP-145).
+    """Fill a sensor_msgs/Imu: orientation, bias-corrected angular rate and specific force (REP-145).
 
-    ``variances`` of one axis of rate [(rad/s)^2] and of specific force [(m/s^2)^2]; None leaves theirs unknown (zeros).
+    ``variances`` per axis of rate [(rad/s)^2] and of specific force [(m/s^2)^2]; None leaves them unknown (zeros).
     """
     fill_stamp(message.header.stamp, solution.stamp_ns)
     q_nb, cov_n = attitude_in(world_frame, solution.q_nb, solution.cov_n)
@@ -43,16 +43,16 @@ def fill_imu(
     message.orientation_covariance[:] = cov_n.ravel()
     _fill_vector(message.angular_velocity, vector_in(world_frame, solution.rate_b))
     _fill_vector(message.linear_acceleration, vector_in(world_frame, solution.accel_b))
-    if variances is not None:  # alike on all axes, so in every frame
+    if variances is not None:  # equal on all axes, and so in every frame
         rate, force = variances
         message.angular_velocity_covariance[0::4] = [rate] * 3
         message.linear_acceleration_covariance[0::4] = [force] * 3
 
 
 def fill_odometry(message: Any, solution: NavSolution, velocity_offset: np.ndarray | None = None) -> None:
-    """nav_msgs/Odometry: pose in odom, twist in base_link, both with covariance; the pose's is that of the map pose.
+    """Fill a nav_msgs/Odometry: pose in odom with the covariance of the pose in map, twist in base_link.
 
-    ``velocity_offset`` (3,) [m/s] in b is added to the velocity, and counts as an error of that size.
+    ``velocity_offset`` (3,) [m/s] in b is added to the velocity, and its outer product to the covariance.
     """
     fill_stamp(message.header.stamp, solution.stamp_ns)
     C_nb = quat_to_matrix(solution.q_nb)
@@ -69,7 +69,7 @@ def fill_odometry(message: Any, solution: NavSolution, velocity_offset: np.ndarr
 
 
 def fill_pose(message: Any, solution: NavSolution) -> None:
-    """geometry_msgs/PoseWithCovarianceStamped in map: the best position there is, jumps included."""
+    """Fill a geometry_msgs/PoseWithCovarianceStamped in map: the best estimate, including jumps."""
     fill_stamp(message.header.stamp, solution.stamp_ns)
     _fill_vector(message.pose.pose.position, solution.position_enu)
     _fill_quaternion(message.pose.pose.orientation, solution.q_nb)
@@ -77,10 +77,10 @@ def fill_pose(message: Any, solution: NavSolution) -> None:
 
 
 def fill_fix(message: Any, solution: NavSolution) -> None:
-    """sensor_msgs/NavSatFix of base_link. The position continues in an outage; the status says that it is not a fix.
+    """Fill a sensor_msgs/NavSatFix with the position of base_link, which continues in an outage.
 
-    FIX while GNSS aids the navigator; NO_FIX, of no satellite service, while it is denied, with a covariance that
-    still holds; once EXPIRED the covariance is marked as unknown.
+    The status is FIX while GNSS aids the navigator. Otherwise it is NO_FIX without a satellite service; the covariance
+    remains valid until the mode is EXPIRED, from where on it is marked as unknown.
     """
     fill_stamp(message.header.stamp, solution.stamp_ns)
     status = message.status
@@ -93,27 +93,30 @@ def fill_fix(message: Any, solution: NavSolution) -> None:
 
 
 def fill_origin(message: Any, stamp_ns: int, origin: tuple[float, float, float]) -> None:
-    """sensor_msgs/NavSatFix: where the local frame has its zero (latitude, longitude [rad], ellipsoid height [m])."""
+    """Fill a sensor_msgs/NavSatFix with the origin of map (latitude, longitude [rad], ellipsoid height [m])."""
     fill_stamp(message.header.stamp, stamp_ns)
     message.status.status, message.status.service = _STATUS_FIX, _SERVICE_GPS
     message.latitude, message.longitude, message.altitude = math.degrees(origin[0]), math.degrees(origin[1]), origin[2]
 
 
 def fill_vector_stamped(message: Any, stamp_ns: int, values: np.ndarray) -> None:
-    """geometry_msgs/Vector3Stamped."""
+    """Fill a geometry_msgs/Vector3Stamped with ``values`` (3,)."""
     fill_stamp(message.header.stamp, stamp_ns)
     _fill_vector(message.vector, values)
 
 
 def fill_transform(message: Any, stamp_ns: int, translation: np.ndarray, q: np.ndarray | None = None) -> None:
-    """geometry_msgs/TransformStamped; ``q`` scalar first, None for no rotation."""
+    """Fill a geometry_msgs/TransformStamped; ``q`` (4,) scalar first, None for no rotation."""
     fill_stamp(message.header.stamp, stamp_ns)
     _fill_vector(message.transform.translation, translation)
     _fill_quaternion(message.transform.rotation, _NO_ROTATION if q is None else q)
 
 
 def pose_covariance(P: np.ndarray) -> np.ndarray:
-    """(6, 6) of position (map) and rotation about the map's axes. phi turns against the estimate: signs change."""
+    """Covariance (6, 6) of position and rotation about the axes of map, from the filter's covariance ``P``.
+
+    The filter's attitude error phi has the opposite sign of the rotation error, so that the cross terms change sign.
+    """
     cov = np.empty((6, 6))
     cov[:3, :3] = P[DPOS : DPOS + 3, DPOS : DPOS + 3]
     cov[3:, 3:] = P[PHI : PHI + 3, PHI : PHI + 3]
@@ -123,10 +126,10 @@ def pose_covariance(P: np.ndarray) -> np.ndarray:
 
 
 def twist_covariance(P: np.ndarray, C_nb: np.ndarray, vel_n: np.ndarray) -> np.ndarray:
-    """(6, 6) of velocity and angular rate in the body.
+    """Covariance (6, 6) of velocity and angular rate in b, from the filter's covariance ``P``.
 
-    v_b = C' v_n gives dv_b = C' (dv - [v x] phi), and the rate errs by what is left of the gyroscope's bias; the white
-    noise of the gyroscope comes on top of it.
+    v_b = C' v_n gives dv_b = C' (dv - [v x] phi), and the error of the rate is that of the gyroscope bias. The white
+    noise of the gyroscope is not included.
     """
     turn, bias = C_nb.T @ skew(vel_n), slice(D_GYRO_BIAS, D_GYRO_BIAS + 3)
     half = C_nb.T @ P[DVEL : DVEL + 3] - turn @ P[PHI : PHI + 3]  # covariance of dv_b with every state
@@ -139,14 +142,14 @@ def twist_covariance(P: np.ndarray, C_nb: np.ndarray, vel_n: np.ndarray) -> np.n
 
 
 def warm_up() -> None:
-    """Call the kernels that messages need once."""
+    """Call the kernels that messages need, so that they are compiled."""
     pose_covariance(np.eye(BASE_STATES))
     twist_covariance(np.eye(BASE_STATES), quat_to_matrix(_NO_ROTATION), np.zeros(3))
     steady_twist.warm_up()
 
 
 def fill_velocity_error(message: Any, error: PredictedDrift) -> None:
-    """geometry_msgs/TwistWithCovarianceStamped, ENU; the angular part is marked as not known."""
+    """Fill a geometry_msgs/TwistWithCovarianceStamped, ENU; the angular part is marked as unknown."""
     fill_stamp(message.header.stamp, error.stamp_ns)
     _fill_vector(message.twist.twist.linear, np.array(error.dv_n))
     cov = np.zeros((6, 6))
@@ -156,7 +159,7 @@ def fill_velocity_error(message: Any, error: PredictedDrift) -> None:
 
 
 def is_finite(solution: NavSolution | AttitudeSolution | PredictedDrift) -> bool:
-    """Whether every number that goes into messages is one: nothing else may leave a node."""
+    """Whether all numbers for the messages are finite; a node publishes no others."""
     if isinstance(solution, PredictedDrift):
         return math.isfinite(sum(solution.dv_n + solution.dp_n) + float(solution.cov.sum()))
     few: tuple[np.ndarray, ...]
@@ -164,7 +167,7 @@ def is_finite(solution: NavSolution | AttitudeSolution | PredictedDrift) -> bool
         few, cov = (solution.q_nb, solution.rate_b, solution.accel_b), solution.cov_n
     else:
         few, cov = (solution.position_enu, solution.vel_n, solution.q_nb, solution.rate_b), solution.cov
-    # sums of lists: for three numbers they take a tenth of numpy's time
+    # for three numbers the sum of a list takes a tenth of numpy's time
     return math.isfinite(float(cov.sum()) + sum(sum(part.tolist()) for part in few))
 
 

@@ -1,7 +1,7 @@
-"""px4_msgs as PX4 sends them through uXRCE-DDS: microsecond stamps, NED world, FRD body (set ``imu.convention: frd``).
+"""Conversion of px4_msgs from uXRCE-DDS: microsecond stamps, NED world, FRD body (set ``imu.convention: frd``).
 
-The uXRCE client moves ``timestamp`` to the clock of the companion computer; ``timestamp_sample`` is not always moved
-and is not used. PX4 publishes neither magnetometer nor barometer by default.
+The uXRCE client converts ``timestamp`` to the clock of the companion computer; ``timestamp_sample`` is not always
+converted and therefore not used. PX4 publishes neither magnetometer nor barometer by default.
 """
 
 import math
@@ -21,8 +21,8 @@ from nav_pose_estimator.engine.solutions import Event, Level
 from nav_pose_estimator.ros.messages.convert import Converted, imu_sample
 
 _NS_PER_US = 1000
-_RELATIVE_TIMESTAMP_INVALID = 0x7FFFFFFF
-_FIX_3D, _EXTRAPOLATED = 3, 8
+_RELATIVE_TIMESTAMP_INVALID = 0x7FFFFFFF  # px4_msgs/SensorCombined
+_FIX_3D, _EXTRAPOLATED = 3, 8  # fix_type of px4_msgs/SensorGps
 _NO_FIX, _FIX = -1, 0  # sensor_msgs/NavSatStatus
 
 
@@ -36,7 +36,7 @@ def imu(message: Any) -> Converted:
 
 
 def fix(message: Any) -> Converted:
-    """SensorGps to :class:`GnssFix`: ellipsoid height; an extrapolated position is not a fix."""
+    """SensorGps to :class:`GnssFix` with ellipsoid height; an extrapolated position is not a fix."""
     has_fix = _FIX_3D <= message.fix_type < _EXTRAPOLATED
     lat, lon, height = _position(message)
     horizontal, vertical = float(message.eph), float(message.epv)
@@ -46,9 +46,9 @@ def fix(message: Any) -> Converted:
 
 
 def velocity(message: Any) -> Converted:
-    """SensorGps to :class:`GnssVelocity`, NED turned to ENU; an event where PX4 says that it is not valid.
+    """SensorGps to :class:`GnssVelocity`, from NED to ENU; an event if PX4 marks it as invalid.
 
-    ``s_variance_m_s`` is, in spite of its name, the accuracy of the speed in m/s.
+    ``s_variance_m_s`` is, despite its name, the accuracy of the speed in m/s.
     """
     if not message.vel_ned_valid:
         return (Event(_stamp_ns(message), "gnss.velocity.rejected.invalid"),)
@@ -59,13 +59,13 @@ def velocity(message: Any) -> Converted:
 
 
 def satellites(message: Any) -> Converted:
-    """SensorGps ``satellites_used``; 255 for unknown."""
+    """SensorGps ``satellites_used`` to :class:`SatelliteCount`; 255 means unknown."""
     count = int(message.satellites_used)
     return (SatelliteCount(_stamp_ns(message), None if count == 255 else count),)
 
 
 def airspeed(message: Any) -> Converted:
-    """Airspeed ``true_airspeed_m_s`` to :class:`Airspeed`; PX4 gives none as NaN or as a value that is not positive."""
+    """Airspeed ``true_airspeed_m_s`` to :class:`Airspeed`; an event if it is NaN or not positive, which means none."""
     speed = float(message.true_airspeed_m_s)
     if not speed > 0.0:  # true for NaN as well
         return (Event(_stamp_ns(message), "airspeed.rejected.absent"),)
@@ -78,7 +78,7 @@ def differential_pressure(message: Any) -> Converted:
 
 
 def _position(message: Any) -> tuple[float, float, float]:
-    """Latitude, longitude [rad] and ellipsoid height [m]; up to PX4 1.14 integers of 1e-7 degrees and millimetres."""
+    """Latitude, longitude [rad] and ellipsoid height [m]; in messages up to PX4 1.14 integers of 1e-7 deg and mm."""
     if hasattr(message, "latitude_deg"):
         degrees, height = (message.latitude_deg, message.longitude_deg), float(message.altitude_ellipsoid_m)
     else:

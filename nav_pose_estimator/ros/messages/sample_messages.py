@@ -1,4 +1,4 @@
-"""Samples to messages, as a driver would publish them: the inverse of :mod:`convert`, for simulated sensors."""
+"""Conversion of samples to messages of drivers: the inverse of :mod:`convert`, for simulated sensors."""
 
 import math
 from collections.abc import Callable
@@ -33,7 +33,7 @@ _COVARIANCE_UNKNOWN, _COVARIANCE_KNOWN = 0, 3  # sensor_msgs/NavSatFix
 
 
 def to_message(sample: Sample) -> Any:
-    """A new message for ``sample``; its stamp is that of the sample."""
+    """Create the message of ``sample``, with its stamp."""
     kind, fill = _MESSAGES[type(sample)]
     message = kind()
     fill(message, sample)
@@ -45,7 +45,7 @@ def to_message(sample: Sample) -> Any:
 
 
 def truth_message(stamp_ns: int, position: np.ndarray, vel_n: np.ndarray, q_nb: np.ndarray) -> Odometry:
-    """True pose in map, true velocity in base_link."""
+    """Create the message of the true pose in map and the true velocity in base_link."""
     message = Odometry(child_frame_id="base_link")
     message.header.frame_id = "map"
     fill_stamp(message.header.stamp, stamp_ns)
@@ -137,4 +137,4 @@ _MESSAGES: dict[type, tuple[Any, Callable[[Any, Any], None]]] = {
 TOPICS: dict[type, tuple[str, Any]] = {
     entry.sample: (entry.topic, _MESSAGES[entry.sample][0]) for entry in INPUTS if entry.sample in _MESSAGES
 }
-"""Kind of sample -> topic and message class."""
+"""Topic and message class by type of sample."""

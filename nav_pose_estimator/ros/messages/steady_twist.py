@@ -1,8 +1,9 @@
-"""A velocity for controllers: what corrects the estimate at once enters it at a bounded rate.
+"""Smoothed velocity for controllers: corrections of the estimate enter it with a bounded rate of change.
 
-What IMU and last velocity lead to is compared with the estimate, in the body, where the twist is given: a correction
-of the attitude steps it, too. The difference is an offset that turns with the body and shrinks by ``slew`` m/s every
-second. So ordinary corrections by fixes, of a few cm/s, are gone with the next message. The estimate stays as it is.
+The last published velocity, propagated with the IMU, is compared with the estimate in the body frame, where the twist
+is given and corrections of the attitude also cause steps. The difference is an offset that rotates with the body and
+decreases by ``slew`` [m/s^2]. An ordinary correction of a few cm/s is complete by the next message. The estimate itself
+is not changed.
 """
 
 import math
@@ -15,7 +16,7 @@ from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.core.numerics.vectors import add, add_scaled, dot, load3, load4, q_exp, q_rotate_back, store3
 from nav_pose_estimator.engine.solutions import NavSolution
 
-_PAUSE = 1.0  # s without a solution: whoever listens has to begin anew anyway
+_PAUSE = 1.0  # s without a solution after which there is no continuity to preserve
 _VELOCITY, _OFFSET, _MEMORY = 0, 3, 6
 
 
@@ -23,14 +24,14 @@ _VELOCITY, _OFFSET, _MEMORY = 0, 3, 6
 def follow(memory, solution, dt, most):
     """Carry ``memory`` [last velocity in b (3), offset in b (3)] over ``dt`` [s] to ``solution`` (SOLUTION_SIZE,).
 
-    ``most`` [m/s] is what the offset loses. Gravity is the standard one: its error, the Coriolis force, and how the IMU
-    samples its interval are some mm/s^2, a thousandth of what an offset loses.
+    ``most`` [m/s] is the decrease of the offset. Standard gravity is sufficient: its error, the Coriolis acceleration
+    and the sampling of the IMU amount to some mm/s^2, a thousandth of the usual rate of decrease.
     """
     q = load4(solution, OUT_QUAT)
     turn = q_exp(add_scaled((0.0, 0.0, 0.0), dt, load3(solution, OUT_RATE)))
     push = add(load3(solution, OUT_FORCE), q_rotate_back(q, (0.0, 0.0, -STANDARD_GRAVITY)))
     velocity = q_rotate_back(q, load3(solution, OUT_VEL))
-    # the published velocity of before, where the motion alone has led it, against the estimate
+    # difference of the last published velocity, propagated by the motion, from the estimate
     published = q_rotate_back(turn, add(load3(memory, _VELOCITY), load3(memory, _OFFSET)))
     offset = add_scaled(add_scaled(published, dt, push), -1.0, velocity)
     length = math.sqrt(dot(offset, offset))
@@ -40,7 +41,7 @@ def follow(memory, solution, dt, most):
 
 
 class SteadyTwist:
-    """The offset of the published velocity from the estimate. Without ``slew`` [m/s^2] there is none."""
+    """Offset of the published velocity from the estimate, which decreases by ``slew`` [m/s^2]; 0: no offset."""
 
     def __init__(self, slew: float) -> None:
         self._slew, self._memory = slew, np.zeros(_MEMORY)
@@ -48,21 +49,21 @@ class SteadyTwist:
 
     @property
     def offset(self) -> np.ndarray:
-        """(3,) m/s in b at the last solution."""
+        """Offset (3,) [m/s] in b at the last solution."""
         return self._memory[_OFFSET:]
 
     def take(self, solution: NavSolution) -> None:
-        """Every solution, also those that are not published: the motion in between is integrated."""
+        """Update the offset. Must be called with every solution, also those not published: it integrates the motion."""
         if self._slew == 0.0:
             return
         last, self._last_ns = self._last_ns, solution.stamp_ns
         dt = math.inf if last is None else 1e-9 * (solution.stamp_ns - last)
         if 0.0 < dt < _PAUSE:
             follow(self._memory, solution.values, dt, self._slew * dt)
-        else:  # whatever the memory holds, this leaves no offset
+        else:  # this leaves no offset, whatever the memory contains
             follow(self._memory, solution.values, 0.0, math.inf)
 
 
 def warm_up() -> None:
-    """Call the kernel once."""
+    """Call the kernel once, so that it is compiled."""
     follow(np.zeros(_MEMORY), np.zeros(SOLUTION_SIZE), 0.01, 0.01)

@@ -1,8 +1,9 @@
-"""Shared memory of Fast DDS that a killed process has left behind, and how a node avoids it.
+"""Protection against unfinished shared-memory segments of Fast DDS, which block every new node.
 
-A process that is killed while it creates a port leaves it in /dev/shm as it then was. Fast DDS opens it with Boost's
-``managed_open_or_create``, which waits until somebody has finished it: for ever, in the creation of the next node,
-also of other domains, since some ports belong to all of them. (eProsima/Fast-DDS issues 1144, 5469 and 6117 are kin.)
+A process that is killed while it creates a port leaves an unfinished segment in /dev/shm. Fast DDS opens it with
+Boost's ``managed_open_or_create``, which waits for the creator to finish it, and so blocks for ever in the creation of
+the next node. Nodes of other domains are affected as well, because some ports are common to all of them. (The issues
+1144, 5469 and 6117 of eProsima/Fast-DDS are related.)
 """
 
 import contextlib
@@ -13,27 +14,28 @@ import time
 from pathlib import Path
 
 _TRANSPORT = "FASTDDS_BUILTIN_TRANSPORTS"
-_PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")  # these say it, too, and more
+_PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")  # profiles select the transport as well
 _SEGMENT = re.compile(r"fastrtps_(port\d+|[0-9a-f]{16})")
-_FINISHED = 2  # the first word of a Boost segment: 0 not begun, 1 begun, 2 finished, 3 spoilt
-_BIRTH = 1.0  # s: a segment is finished within microseconds
+_FINISHED = 2  # first word of a Boost segment: 0 uninitialised, 1 initialising, 2 initialised, 3 corrupted
+_BIRTH = 1.0  # s: age from which an unfinished segment is abandoned; creation takes microseconds
 
 
 def choose_transport() -> None:
-    """UDP instead of shared memory, unless somebody has chosen; other middlewares do not read that.
+    """Select UDP instead of shared memory for Fast DDS, unless the environment already selects a transport.
 
-    Messages here are small, so that shared memory would save nothing, and peers that use it speak UDP, too. With
-    ``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` rmw_fastrtps adds shared memory whatever is chosen.
+    The messages are small, so that shared memory would save nothing, and peers that use shared memory also support UDP.
+    With ``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST``, rmw_fastrtps adds shared memory regardless of the selection. Other
+    middlewares ignore it.
     """
     if not any(map(os.environ.get, _PROFILES)):
         os.environ.setdefault(_TRANSPORT, "UDPv4")
 
 
 def remove_unfinished(folder: Path = Path("/dev/shm")) -> list[str]:
-    """Remove the segments in ``folder`` that a process has begun and will not finish; their names."""
+    """Remove the abandoned unfinished segments in ``folder``; return their names."""
     removed = []
     for file in _segments(folder):
-        with contextlib.suppress(OSError):  # gone meanwhile, or another user's
+        with contextlib.suppress(OSError):  # it was removed meanwhile, or belongs to another user
             if time.time() - file.stat().st_mtime > _BIRTH and _state(file) < _FINISHED:
                 file.unlink()
                 removed.append(file.name)

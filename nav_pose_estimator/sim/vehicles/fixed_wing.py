@@ -1,8 +1,8 @@
-"""A fixed wing: runway, climb, then straight legs, coordinated turns, climbs and descents through moving air.
+"""Motion of a fixed wing: runway, climb, then straight legs, coordinated turns, climbs and descents in wind.
 
-Bank, airspeed and climb angle are smooth functions of time; the course through the air turns at g tan(bank) / airspeed,
-which keeps the specific force in the plane of symmetry. The wind carries the aircraft along; gusts too short for its
-inertia are smoothed out.
+Bank angle, airspeed and climb angle are smooth functions of time. The heading turns at g tan(bank) / airspeed, which
+keeps the specific force in the plane of symmetry. The wind is added to the velocity, after smoothing of gusts that are
+too short for the inertia of the aircraft.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from nav_pose_estimator.sim.vehicles.motions import G, attitude_from_euler, mini
 from nav_pose_estimator.sim.wind import Wind
 
 _TICK = 0.1
-"""s: grid of the plan."""
+"""Step [s] of the plan."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class Flight:
     bank: tuple[float, float] = (0.35, 0.8)  # rad
     leg: tuple[float, float] = (4.0, 18.0)  # s of straight flight
     turn: tuple[float, float] = (4.0, 14.0)  # s of turning
-    climb: float = 0.15  # rad, steepest
-    attack: float = 0.05  # rad: pitch above the path
+    climb: float = 0.15  # rad: steepest climb angle
+    attack: float = 0.05  # rad: angle of attack
     rest: float = 15.0  # s on the runway
     roll_out: float = 8.0  # s to take-off speed
 
@@ -76,7 +76,7 @@ def _plan(plan: Flight, rng: np.random.Generator, ticks: np.ndarray) -> tuple[np
         first, middle, last = np.searchsorted(ticks, (now, now + leg, now + leg + turn))
         cruise[first:last] = rng.uniform(*plan.airspeed)
         bank[middle:last] = side * angle
-        # Height above the first level in units of (seconds at the steepest path): climbs and descents stay within 20.
+        # height above that after take-off, in seconds at the steepest climb angle; it is kept within about 20
         path = rng.uniform(-1.0, 1.0)
         path = -abs(path) if height > 20.0 else (abs(path) if height < 5.0 else path)
         climb[first:middle] = path * plan.climb

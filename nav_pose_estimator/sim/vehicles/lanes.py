@@ -1,6 +1,6 @@
-"""Lanes up and down a field, as survey vehicles swim and fly them: straight, a half turn, straight back.
+"""Motion of a survey vehicle, on water, under water or in the air, along parallel lanes connected by half turns.
 
-Course, speed, heave and lean are smooth splines over time; all derivatives are theirs, so that the IMU is exact.
+Course, speed, heave, roll and pitch are smooth splines of time, whose derivatives are exact.
 """
 
 import math
@@ -13,30 +13,30 @@ from nav_pose_estimator.sim.trajectories import Kinematics, Motion
 from nav_pose_estimator.sim.vehicles.motions import G, Harmonics, attitude_from_euler, minimum_jerk
 
 _TICK = 0.1
-"""s: grid of the splines."""
+"""Step [s] of the splines."""
 _WOBBLES = 3
-"""Sines that roll, pitch, course and heave are made of."""
+"""Number of sines in roll, pitch, course and heave."""
 
 
 @dataclass(frozen=True)
 class Survey:
-    """How the lanes are followed."""
+    """Parameters of the motion along the lanes."""
 
-    speed: tuple[float, float] = (1.5, 1.5)  # m/s, slowest and fastest: it swings between them
-    speed_period: float = 90.0  # s of that swing
-    lane: float = 200.0  # s between the beginnings of two turns
-    turn: float = 25.0  # s for a half turn
-    rest: float = 20.0  # s before it sets off
-    start: float = 10.0  # s that it takes to its speed
-    wobble: float = math.radians(1.0)  # rad, deviation of roll and pitch; a third of it in the course
-    wobble_period: tuple[float, float] = (4.0, 9.0)  # s, shortest and longest
-    heave: float = 0.0  # m/s, deviation of the vertical velocity
-    lean: bool = False  # thrust along body z carries it, as a multirotor
-    drag: float = 0.0  # 1/s, of the air that it leans against
+    speed: tuple[float, float] = (1.5, 1.5)  # m/s: lowest and highest speed, between which it oscillates
+    speed_period: float = 90.0  # s: period of that oscillation
+    lane: float = 200.0  # s from the begin of one turn to that of the next
+    turn: float = 25.0  # s: duration of a half turn
+    rest: float = 20.0  # s before the start
+    start: float = 10.0  # s of acceleration to the speed
+    wobble: float = math.radians(1.0)  # rad: standard deviation of roll and pitch; a third of it in the course
+    wobble_period: tuple[float, float] = (4.0, 9.0)  # s: shortest and longest period
+    heave: float = 0.0  # m/s: standard deviation of the vertical velocity
+    lean: bool = False  # whether the vehicle tilts to accelerate, with thrust along the z axis of b, as a multirotor
+    drag: float = 0.0  # 1/s: linear drag that the tilt compensates
 
 
 def follow(survey: Survey, rng: np.random.Generator, duration: float) -> Motion:
-    """A survey of ``duration`` [s] or a little longer; ``rng`` draws the first course and the wobbles."""
+    """The motion for at least ``duration`` [s]; ``rng`` determines the initial course and the oscillations."""
     ticks = np.arange(-2.0, duration + 10.0, _TICK)
     away = minimum_jerk((ticks - survey.rest) / survey.start)[0]
     roll, pitch, yaw, up = (_wobbles(survey, rng)(ticks) * away for _ in range(4))
@@ -63,7 +63,7 @@ def follow(survey: Survey, rng: np.random.Generator, duration: float) -> Motion:
 
 
 def _turns(survey: Survey, ticks: np.ndarray) -> np.ndarray:
-    """Course (N,) [rad] by half turns, left and right by turns."""
+    """Course (N,) [rad] at ``ticks`` [s]: half turns, alternately to the left and to the right."""
     course = np.zeros_like(ticks)
     starts = np.arange(survey.rest + survey.lane, ticks[-1], survey.lane)
     for number, start in enumerate(starts):
@@ -72,7 +72,7 @@ def _turns(survey: Survey, ticks: np.ndarray) -> np.ndarray:
 
 
 def _wobbles(survey: Survey, rng: np.random.Generator) -> Harmonics:
-    """A sum of sines of deviation 1."""
+    """A sum of sines with a standard deviation of 1."""
     period = rng.uniform(*survey.wobble_period, _WOBBLES)
     phase = rng.uniform(0.0, 2.0 * np.pi, _WOBBLES)
     amplitude = math.sqrt(2.0 / _WOBBLES)

@@ -1,4 +1,4 @@
-"""Where a multirotor is commanded to be: smooth references for its position control."""
+"""Missions of a multirotor: smooth references for its position control."""
 
 from dataclasses import dataclass
 
@@ -12,28 +12,28 @@ POS, VEL, ACC, YAW, COLUMNS = 0, 3, 6, 9, 10
 """Columns of a reference: position [m], velocity, acceleration (East, North, Up), yaw [rad]."""
 
 YAW_TIME = 3.0
-"""s: length of a turn about the vertical."""
+"""Duration [s] of a turn about the vertical."""
 
 
 @dataclass(frozen=True)
 class Mission:
-    """What the vehicle does after take-off. Distances from the place of take-off."""
+    """A mission after take-off; distances are relative to the place of take-off."""
 
     style: str = "waypoints"  # waypoints, laps, hover, stop_and_go
-    speed: float = 8.0  # m/s, peak of a leg, or of a lap
-    acceleration: float = 3.0  # m/s^2, peak of a leg
+    speed: float = 8.0  # m/s: peak speed on a leg or a lap
+    acceleration: float = 3.0  # m/s^2: peak acceleration on a leg
     leg: tuple[float, float] = (15.0, 60.0)  # m, shortest and longest
     dwell: tuple[float, float] = (0.0, 4.0)  # s between legs
-    radius: float = 120.0  # m: legs end inside, laps have this size
+    radius: float = 120.0  # m: legs end within it; semi-major axis of laps
     height: tuple[float, float] = (20.0, 40.0)  # m above the place of take-off
-    rest: float = 12.0  # s on the ground before take-off; 0 begins in a hover at the lower height
-    nose: str = "turning"  # yaw: turning (a new one for each leg), forward, fixed
-    wander_sd: float = 0.1  # m per axis: the autopilot's own position error
+    rest: float = 12.0  # s on the ground before take-off; 0: start in hover at the lower height
+    nose: str = "turning"  # yaw: turning (a random one for each leg), forward, fixed
+    wander_sd: float = 0.1  # m per axis: position error of the autopilot
 
 
 @dataclass(frozen=True)
 class _Move:
-    """A straight rest-to-rest move from ``a`` to ``b``, or the same for the yaw."""
+    """A rest-to-rest move of the position, or of the yaw, from ``a`` to ``b``."""
 
     start: float  # s
     length: float  # s
@@ -42,7 +42,7 @@ class _Move:
 
 
 def reference(mission: Mission, rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
-    """References (N, COLUMNS) at the equidistant times ``t``; the place of take-off is the origin."""
+    """References (N, COLUMNS) at the equidistant times ``t`` (N,) [s], relative to the place of take-off."""
     yaw = rng.uniform(-np.pi, np.pi)
     place = np.array([0.0, 0.0, 0.0 if mission.rest > 0.0 else mission.height[0]])
     legs = [_leg(mission.rest, place, np.array([0.0, 0.0, mission.height[0]]), 3.0, 1.5)]
@@ -63,7 +63,7 @@ def reference(mission: Mission, rng: np.random.Generator, t: np.ndarray) -> np.n
 def _plan(
     mission: Mission, rng: np.random.Generator, now: float, end: float, legs: list[_Move], turns: list[_Move]
 ) -> None:
-    """Append legs between random places, and turns of the nose, until ``end``."""
+    """Append legs between random places to ``legs``, and turns to ``turns``, from ``now`` to ``end`` [s]."""
     while now < end:
         place, yaw = legs[-1].b, turns[-1].b
         target = _next_place(mission, rng, place)
@@ -75,14 +75,14 @@ def _plan(
 
 
 def _leg(start: float, a: np.ndarray, b: np.ndarray, speed: float, acceleration: float) -> _Move:
-    """From ``a`` to ``b`` within the limits of speed and acceleration."""
+    """Move from ``a`` to ``b`` (3,) [m] with the given peak speed and acceleration."""
     distance = float(np.linalg.norm(b - a))
-    # Peak speed and acceleration of a minimum-jerk move over distance d in time T: 15/8 d/T and 5.7735 d/T^2.
+    # peak speed and acceleration of a minimum-jerk move over a distance d in a time T: 15/8 d/T and 5.7735 d/T^2
     return _Move(start, max(1.875 * distance / speed, np.sqrt(5.7735 * distance / acceleration), 0.1), a, b)
 
 
 def _follow(moves: list[_Move], t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Value and two derivatives (N, k) along consecutive moves; constant before, between and after them."""
+    """Value and first two derivatives (N, k) along consecutive moves; constant before, between and after them."""
     row = np.maximum(np.searchsorted([move.start for move in moves], t, side="right") - 1, 0)
     length = np.array([move.length for move in moves])[row]
     start = np.array([move.start for move in moves])[row]
@@ -92,7 +92,7 @@ def _follow(moves: list[_Move], t: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
 
 
 def _next_place(mission: Mission, rng: np.random.Generator, place: np.ndarray) -> np.ndarray:
-    """A random place within reach; legs that would leave the area point home."""
+    """A random next place (3,) [m]; a leg that would leave the area points back to its centre."""
     length, course = rng.uniform(*mission.leg), rng.uniform(-np.pi, np.pi)
     target = place + length * np.array([np.cos(course), np.sin(course), 0.0])
     if np.hypot(target[0], target[1]) > mission.radius:
@@ -103,7 +103,7 @@ def _next_place(mission: Mission, rng: np.random.Generator, place: np.ndarray) -
 
 
 def _next_yaw(mission: Mission, rng: np.random.Generator, yaw: np.ndarray, leg: np.ndarray) -> np.ndarray:
-    """The continuous yaw (1,) for the next leg: it never turns the long way round."""
+    """Yaw (1,) [rad] for the next leg, continuous and by the shorter turn."""
     choice = rng.uniform(-np.pi, np.pi)
     if mission.nose == "fixed":
         return yaw
@@ -113,11 +113,11 @@ def _next_yaw(mission: Mission, rng: np.random.Generator, yaw: np.ndarray, leg: 
 
 
 def _add_laps(refs: np.ndarray, t: np.ndarray, now: float, mission: Mission) -> None:
-    """Ellipses twice as long as wide from ``now`` on, at constant mean speed after a soft start."""
+    """Add laps on an ellipse, twice as long as wide, from ``now`` [s] on, with a smooth start."""
     ramp = 8.0
     x = (t - now) / ramp
     step, rate, _ = minimum_jerk(x)
-    # Mean radius of the ellipse over its half length: 0.77. The integral of the step over the ramp is half the ramp.
+    # the mean radius of the ellipse is 0.77 of its semi-major axis; the step integrates to half of the ramp
     turn_rate = mission.speed / (0.77 * mission.radius)
     angle = turn_rate * ramp * np.where(x < 1.0, _step_integral(np.clip(x, 0.0, 1.0)), x - 0.5)
     spin, spin_rate = turn_rate * step, turn_rate * rate / ramp

@@ -1,4 +1,4 @@
-"""Things that move: each turns equidistant times, a place, a wind and a seed into the truth."""
+"""Vehicles: each computes its true motion from equidistant times, an origin, a wind and a seed."""
 
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -14,10 +14,10 @@ from nav_pose_estimator.sim.wind import Wind
 
 
 class Vehicle(Protocol):
-    """``times`` [s]: the first one is where the IMU interval of row 0 begins."""
+    """A vehicle. The IMU interval of row 0 begins at the first of ``times`` [s]."""
 
     def move(self, times: np.ndarray, origin: Origin, wind: Wind, seed: int) -> Truth:
-        """The motion from ``origin``; the same seed gives the same motion."""
+        """The motion from ``origin``, reproducible by ``seed``."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class FixedWing:
 
 @dataclass(frozen=True)
 class RoadVehicle:
-    """A car. It does not feel the wind."""
+    """A car; the wind has no effect."""
 
     drive: road_vehicle.Drive = field(default_factory=road_vehicle.Drive)
 
@@ -56,7 +56,7 @@ class RoadVehicle:
 
 @dataclass(frozen=True)
 class Surveyor:
-    """A vehicle that goes up and down lanes, under water or in the air. It does not feel the wind."""
+    """A survey vehicle on parallel lanes, on water, under water or in the air; the wind has no effect."""
 
     survey: lanes.Survey = field(default_factory=lanes.Survey)
 
@@ -66,7 +66,7 @@ class Surveyor:
 
 @dataclass(frozen=True)
 class Prescribed:
-    """A motion given by formulas; seed and wind change nothing."""
+    """A motion given by formulas; seed and wind have no effect."""
 
     motion: Motion
 

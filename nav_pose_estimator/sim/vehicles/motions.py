@@ -1,4 +1,4 @@
-"""Motions given by formulas, for tests of navigators and attitude filters: every derivative is analytic."""
+"""Motions given by formulas with analytic derivatives, for tests of navigators and attitude filters."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from nav_pose_estimator.core.numerics.rotation import quat_from_euler_many
 from nav_pose_estimator.sim.trajectories import Kinematics, Motion
 
 G = 9.81
-"""Gravity that shapes manoeuvres (m/s^2); the IMU is computed with the gravity of the place."""
+"""Gravity [m/s^2] in the planning of manoeuvres; the IMU is computed with the local gravity."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +65,12 @@ def attitude_from_euler(
 
 
 def at_rest(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> Motion:
-    """No motion over the turning Earth, at the given attitude [rad]."""
+    """Rest relative to the rotating Earth at the given attitude [rad]."""
     return HarmonicMotion(attitude=(Harmonics(roll), Harmonics(pitch), Harmonics(yaw)))
 
 
 def mooring(sway: tuple[float, float, float] = (5.0, 3.0, 2.0), heading: float = 30.0) -> Motion:
-    """A ship at its mooring, bow at compass ``heading`` [deg]: roll, pitch, yaw ``sway`` [deg] every 8, 6 and 10 s."""
+    """A moored ship at ``heading`` [deg]; roll, pitch, yaw with amplitudes ``sway`` [deg] and periods of 8, 6, 10 s."""
     roll, pitch, yaw = (
         Harmonics(offset, 0.0, (float(np.radians(size)),), (2.0 * np.pi / period,), (phase,))
         for offset, size, period, phase in zip(
@@ -81,10 +81,10 @@ def mooring(sway: tuple[float, float, float] = (5.0, 3.0, 2.0), heading: float =
 
 
 def coning(half_angle: float = 0.05, frequency: float = 2.0 * np.pi * 5.0) -> Motion:
-    """The z axis runs around a cone of ``half_angle`` [rad] at ``frequency`` [rad/s]; the attitude itself is periodic.
+    """Coning motion: the z axis moves on a cone of ``half_angle`` [rad] at ``frequency`` [rad/s].
 
-    A gyroscope that integrated each axis alone would drift by frequency (1 - cos half_angle) about z
-    (Savage, Strapdown Inertial Navigation Integration Algorithm Design Part 1, 1998, section on coning).
+    The attitude is periodic, but the integral of each axis's rate alone drifts by frequency (1 - cos half_angle) about
+    z (Savage, Strapdown Inertial Navigation Integration Algorithm Design Part 1, 1998, section on coning).
     """
 
     def motion(t: np.ndarray) -> Kinematics:
@@ -101,7 +101,7 @@ def coning(half_angle: float = 0.05, frequency: float = 2.0 * np.pi * 5.0) -> Mo
 
 
 def figure_eight(size: float = 60.0, period: float = 40.0) -> Motion:
-    """A level figure of eight, ``size`` [m] long, nose along the path."""
+    """A level figure of eight, ``size`` [m] long, with the x axis along the path."""
     w = 2.0 * np.pi / period
     east = Harmonics(0.0, 0.0, (0.5 * size,), (w,), (0.0,))
     north = Harmonics(0.0, 0.0, (0.25 * size,), (2.0 * w,), (0.0,))
@@ -137,10 +137,10 @@ def closed_curve(period: float = 60.0) -> Motion:
 def coordinated_acceleration(
     tilt: float = np.radians(15.0), start: float = 20.0, length: float = 10.0, ramp: float = 0.5
 ) -> Motion:
-    """A multirotor without drag leans forward by ``tilt`` [rad] for ``length`` [s], then brakes as long.
+    """A multirotor without drag that tilts forward by ``tilt`` [rad] for ``length`` [s], then brakes for as long.
 
-    Its accelerometer reads along the body's z axis all the time, so a filter that takes it for the vertical believes to
-    be level; at 15 deg the norm betrays it by 3.5 % only.
+    Its specific force is always along the z axis of b, so that a filter that takes it for the vertical believes to be
+    level. At 15 deg its norm deviates from gravity by only 3.5 %.
     """
     knots = np.arange(0.0, start + 2.0 * length + 10.0, 0.002)
     lean = _plateau(knots, start, length, ramp) - _plateau(knots, start + length, length, ramp)
@@ -159,7 +159,7 @@ def coordinated_acceleration(
 
 
 def minimum_jerk(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rest-to-rest step 10 x^3 - 15 x^4 + 6 x^5 and its first two derivatives; constant outside [0, 1]."""
+    """Minimum-jerk step 10 x^3 - 15 x^4 + 6 x^5 and its first two derivatives; constant outside [0, 1]."""
     x = np.clip(x, 0.0, 1.0)
     return (
         x**3 * (10.0 - 15.0 * x + 6.0 * x**2),

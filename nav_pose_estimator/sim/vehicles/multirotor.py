@@ -1,13 +1,13 @@
-"""A multirotor under position control in wind: the motion solves its equations, the IMU is in their right-hand side.
+"""Motion of a multirotor under position control in wind, by integration of its equations of motion.
 
-Thrust points along the body's z axis, so the accelerometer's x and y axes feel nothing but drag,
+Thrust is along the z axis of b, so that the accelerometer's x and y axes measure only the drag
 
     f_xy = -(k + c |u|) u_xy,  u = C_bn (v_n - wind_n)
 
 with rotor drag k and frame drag c per mass (Faessler, Franchi, Scaramuzza, "Differential flatness of quadrotor dynamics
-subject to rotor drag ...", RA-L 2018). Attitude, velocity and position follow the equations of a strapdown navigator on
-the turning ellipsoid (Groves, 2nd ed., section 5.4), integrated by the classic Runge-Kutta method together with angular
-rate and specific force: their integrals over the sample interval are what the IMU delivers.
+subject to rotor drag ...", RA-L 2018). Attitude, velocity and position follow the strapdown equations on the rotating
+ellipsoid (Groves, 2nd ed., section 5.4). They are integrated by the classic Runge-Kutta method together with angular
+rate and specific force, whose means over the sample interval are the samples of the IMU.
 """
 
 import math
@@ -48,7 +48,7 @@ class Airframe:
     drag_z: float = 0.10  # 1/s
     frame_drag: float = 0.01  # 1/m, quadratic
     thrust_lag: float = 0.05  # s
-    rate_lag: float = 0.04  # s: the inner rate loop
+    rate_lag: float = 0.04  # s: time constant of the inner rate loop
     position_gain: float = 1.0  # 1/s^2
     velocity_gain: float = 1.8  # 1/s
     integral_gain: float = 0.15  # 1/s^3
@@ -59,15 +59,15 @@ class Airframe:
     max_yaw_rate: float = 2.0  # rad/s
 
 
-# State of the vehicle, and the integrals over one sample interval.
+# layout of the state: position, velocity, attitude, rate, thrust, and the integrals of the IMU over a sample interval
 LAT, VEL, QUAT, RATE, THRUST, TURN, PUSH, SIZE = 0, 3, 6, 10, 13, 14, 17, 20
-# Numbers of the airframe and the place, one vector for the kernels: the fields of Airframe in their order, then these.
+# layout of the constants for the kernels: the fields of Airframe in their order, then origin, take-off and time step
 _DRAG, _FRAME_DRAG, _THRUST_LAG, _RATE_LAG = 0, 3, 4, 5
 _KP, _KV, _KI, _K_TILT, _K_YAW, _MAX_TILT, _MAX_RATE, _MAX_YAW_RATE = 6, 7, 8, 9, 10, 11, 12, 13
 _PLACE, _TAKE_OFF, _DT, _SUBSTEPS = 14, 17, 18, 19
 
 MAX_STEP = 0.005
-"""s: integration step. The rate loop has a lag of 0.04 s; the error of the method is below 1e-9 rad per second."""
+"""Longest integration step [s]; with a lag of the rate loop of 0.04 s the error is below 1e-9 rad per second."""
 
 
 def fly(
@@ -79,9 +79,9 @@ def fly(
     wind_rng: np.random.Generator,
     airframe: Airframe | None = None,
 ) -> Truth:
-    """Fly ``mission`` from ``origin``. ``times`` are equidistant; the first one is where the interval of row 0 begins.
+    """Fly ``mission`` from ``origin``. The interval of row 0 begins at the first of the equidistant ``times`` [s].
 
-    ``rng`` draws the mission, ``wind_rng`` the wind: the same flight can be flown in another wind.
+    ``rng`` determines the mission and ``wind_rng`` the wind, so that the same mission can be flown in another wind.
     """
     airframe = airframe or Airframe()
     dt = float(times[1] - times[0])
@@ -114,7 +114,10 @@ def fly(
 
 @kernel
 def _simulate(x, refs, wind, constants, rows):
-    """Rows (N, SIZE): state at each time and the integrals since the time before. Wind (N, 3) is linear in between."""
+    """Fill ``rows`` (N, SIZE): the state at each time, and the integrals since the previous one.
+
+    The ``wind`` (N, 3) [m/s] is linear in between.
+    """
     dt = constants[_DT] / constants[_SUBSTEPS]
     substeps = int(constants[_SUBSTEPS])
     integral = np.zeros(3)
@@ -140,7 +143,10 @@ def _simulate(x, refs, wind, constants, rows):
 
 @kernel
 def _runge_kutta(x, wind, change, start, length, command, airborne, constants, dt, slopes, trial):
-    """One step of the classic fourth-order method; the wind goes from ``start`` to ``start + length`` of its change."""
+    """One step of the classic fourth-order method.
+
+    The wind goes from ``wind + start * change`` to ``wind + (start + length) * change``.
+    """
     for stage in range(4):
         share = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
         for i in range(SIZE):
@@ -181,7 +187,7 @@ def _slope(x, wind, command, airborne, constants, d):
             d[RATE + i] = (command[i] - w_nb[i]) / constants[_RATE_LAG]
         d[THRUST] = (command[3] - x[THRUST]) / constants[_THRUST_LAG]
     else:
-        f = q_rotate_back(q, (0.0, 0.0, g))  # the ground carries it
+        f = q_rotate_back(q, (0.0, 0.0, g))  # reaction of the ground
         store3(d, RATE, (0.0, 0.0, 0.0))
         d[THRUST] = 0.0
     d[LAT] = v[1] / R_M
@@ -196,7 +202,7 @@ def _slope(x, wind, command, airborne, constants, d):
 
 @kernel
 def _control(x, ref, integral, constants, command):
-    """Position control as autopilots do it: ``command`` is the angular rate (3) and the specific thrust."""
+    """Cascaded position control as in autopilots: writes angular rate (3) and specific thrust into ``command``."""
     R_M, R_N = radii(constants[_PLACE])
     east = (x[LAT + 1] - constants[_PLACE + 1]) * (R_N + constants[_PLACE + 2]) * math.cos(constants[_PLACE])
     north = (x[LAT] - constants[_PLACE]) * (R_M + constants[_PLACE + 2])
@@ -204,7 +210,7 @@ def _control(x, ref, integral, constants, command):
     slip = add_scaled(load3(ref, REF_VEL), -1.0, load3(x, VEL))
     push = add_scaled(add_scaled(load3(ref, ACC), constants[_KP], error), constants[_KV], slip)
     for i in range(3):
-        # An integrator that stops at 4 m/s^2 does not wind up while the wind is too strong.
+        # limit of 4 m/s^2 against wind-up of the integrator in too strong wind
         step = constants[_KI] * error[i] * constants[_DT]
         integral[i] = min(max(integral[i] + step, -4.0), 4.0)
     push = add(push, (integral[0], integral[1], integral[2] + gravity(x[LAT], x[LAT + 2])))

@@ -1,7 +1,7 @@
-"""A car on a winding, hilly road, with stops: no side slip and no lift-off, so its velocity points along its x axis.
+"""Motion of a car on a winding, hilly road with stops; without slip, so that the velocity is along the x axis of b.
 
-The road is a curve over the distance driven (course and slope), the drive a distance over time. Both are smooth
-splines; all derivatives follow by the chain rule.
+The road is given by course and slope as functions of the distance, and the drive by the distance as a function of time.
+Both are smooth splines; all derivatives follow by the chain rule.
 """
 
 from dataclasses import dataclass
@@ -14,18 +14,18 @@ from nav_pose_estimator.sim.trajectories import Kinematics, Motion
 from nav_pose_estimator.sim.vehicles.motions import G, attitude_from_euler
 
 _METRE = 2.0
-"""m: grid of the road."""
+"""Step [m] of the road."""
 _TICK = 0.1
-"""s: grid of the drive."""
+"""Step [s] of the drive."""
 _SMOOTH = 0.6
-"""s: deviation of the Gauss window that rounds off the drive."""
+"""Standard deviation [s] of the Gaussian window that smooths the drive."""
 
 
 @dataclass(frozen=True)
 class Drive:
     """A drive through town and country."""
 
-    speed: tuple[float, float] = (8.0, 25.0)  # m/s, limits between the slowest and the fastest stretch
+    speed: tuple[float, float] = (8.0, 25.0)  # m/s: speed limits of the slowest and the fastest stretch
     acceleration: float = 1.8  # m/s^2
     side_acceleration: float = 2.5  # m/s^2 in a bend
     stretch: tuple[float, float] = (60.0, 350.0)  # m between bends
@@ -34,11 +34,11 @@ class Drive:
     roll_per_g: float = 0.06  # rad of body roll in a bend of 1 g
     stop_every: float = 900.0  # m between stops, on average
     stop: tuple[float, float] = (5.0, 25.0)  # s
-    rest: float = 15.0  # s before it sets off
+    rest: float = 15.0  # s before the start
 
 
 def drive(plan: Drive, rng: np.random.Generator, duration: float) -> Motion:
-    """A drive of ``duration`` [s] or a little longer."""
+    """The motion for at least ``duration`` [s]."""
     length = plan.speed[1] * duration + 200.0
     road = np.arange(0.0, length, _METRE)
     curvature, limit = _bends(plan, rng, road)
@@ -89,12 +89,12 @@ def _hills(plan: Drive, rng: np.random.Generator, road: np.ndarray) -> np.ndarra
 def _timetable(
     plan: Drive, rng: np.random.Generator, road: np.ndarray, limit: np.ndarray, duration: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times and distances driven: as fast as the limits, the acceleration and the stops allow."""
+    """Times [s] and distances [m] of the fastest drive within speed limits, acceleration and stops."""
     stops = np.cumsum(rng.uniform(0.5, 1.5, int(road[-1] / plan.stop_every) + 2)) * plan.stop_every
     rows = np.searchsorted(road, np.concatenate([[0.0], stops[stops < road[-1]]]))
     limit = limit.copy()
     limit[rows] = 0.0
-    # From each point the squared speed can grow by 2 a per metre, and must fall by no more.
+    # the squared speed can grow and fall by at most 2 a per metre
     allowed = 2.0 * plan.acceleration * road
     energy = np.minimum.accumulate(limit**2 - allowed) + allowed
     energy = (np.minimum.accumulate((energy + allowed)[::-1]))[::-1] - allowed
