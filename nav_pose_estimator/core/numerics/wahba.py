@@ -15,6 +15,7 @@ from nav_pose_estimator.core.numerics.vectors import load4
 
 _SWEEPS = 12  # quadratic convergence needs four or five
 _NEGLIGIBLE = 1e-34  # squared, of what is beside the diagonal in parts of the matrix
+_ROUNDING = 1e-17  # of the diagonal: an element as small changes nothing
 
 
 @kernel
@@ -57,7 +58,8 @@ def _diagonalise(A, V):
 @kernel
 def _rotate(A, V, p, q):
     """Turn ``A`` (4, 4) in the plane of axes ``p`` and ``q`` so that their element vanishes."""
-    if A[p, q] == 0.0:
+    if abs(A[p, q]) <= _ROUNDING * (abs(A[p, p]) + abs(A[q, q])):
+        A[p, q] = A[q, p] = 0.0
         return
     slope = (A[q, q] - A[p, p]) / (2.0 * A[p, q])
     t = math.copysign(1.0, slope) / (abs(slope) + math.sqrt(slope * slope + 1.0))
