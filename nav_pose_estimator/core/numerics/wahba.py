@@ -16,6 +16,7 @@ from nav_pose_estimator.core.numerics.vectors import load4
 
 _MAX_SWEEPS = 12  # quadratic convergence needs four or five
 _NEGLIGIBLE = 1e-34  # sum of squares off the diagonal, relative to that of the matrix, that counts as zero
+_ROUNDING = 1e-17  # size of an element, relative to the diagonal, below which it changes nothing
 
 
 @kernel
@@ -58,7 +59,8 @@ def _diagonalise(A, V):
 @kernel
 def _rotate(A, V, p, q):
     """Apply the Jacobi rotation in the plane of the axes ``p`` and ``q`` that makes ``A[p, q]`` zero."""
-    if A[p, q] == 0.0:
+    if abs(A[p, q]) <= _ROUNDING * (abs(A[p, p]) + abs(A[q, q])):
+        A[p, q] = A[q, p] = 0.0
         return
     slope = (A[q, q] - A[p, p]) / (2.0 * A[p, q])
     t = math.copysign(1.0, slope) / (abs(slope) + math.sqrt(slope * slope + 1.0))
