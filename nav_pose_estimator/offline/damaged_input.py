@@ -1,4 +1,4 @@
-"""The one place where whatever a damaged or hostile file leads to becomes a sentence for the user."""
+"""Turns whatever a damaged or hostile file leads to into one sentence for the user."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

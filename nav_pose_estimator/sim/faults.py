@@ -114,7 +114,7 @@ class Shift(Fault):
 
 @dataclass(frozen=True)
 class Creep(Fault):
-    """A position moves away by ``step`` (East, North, Up) [m] more with every fix: a patient spoofer."""
+    """A position moves away by ``step`` (East, North, Up) [m] more with every fix, as a slow spoofer drags it."""
 
     sensor: type = GnssFix
     step: tuple[float, float, float] = (0.2, 0.0, 0.0)
@@ -126,7 +126,7 @@ class Creep(Fault):
 
 @dataclass(frozen=True)
 class Redate(Fault):
-    """Stamps are wrong by ``seconds`` while samples arrive as ever: a clock that jumps, and jumps back."""
+    """Stamps are wrong by ``seconds`` while samples arrive as before: a clock that jumps, and jumps back."""
 
     seconds: float = 10.0
 

@@ -12,7 +12,7 @@ from nav_pose_estimator.core.numerics.rotation import quat_conjugate, quat_from_
 from nav_pose_estimator.engine.samples import ImuBlock, MagSample
 from nav_pose_estimator.offline.flights.recording import Recording
 
-LAG = 2.0  # s between the fields of a pair: longer than noise likes, shorter than a gyroscope's bias needs to matter
+LAG = 2.0  # s between the fields of a pair: long enough for a turn to exceed noise, too short for a gyroscope's bias
 _PARTS = ("before", "after", "turn", "down")
 _PERIOD = 0.1  # s between pairs
 _FORCE_WINDOW = 1.0  # s

@@ -101,7 +101,7 @@ def parameter_file(fit: FieldFit, pairs: FieldPairs, rests: Rests, recordings: S
 
 
 def _imu_comments(rests: Rests) -> list[str]:
-    """What the rests show of the IMU; the gyroscope's bias for the eye, the navigator finds it at every start."""
+    """What the rests show of the IMU. The gyroscope's bias is for information: the navigator finds its own."""
     bias = rests.gyro_bias
     if bias is None:
         return ["No rest of 2 s: the gyroscope's bias was taken as zero."]

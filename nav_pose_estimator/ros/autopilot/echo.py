@@ -1,4 +1,4 @@
-"""Our own pose coming back as GNSS: autopilots publish what they have fused under names that look like a receiver's."""
+"""Detects our own pose coming back as GNSS: autopilots publish their fused position under names like a receiver's."""
 
 import math
 from collections import deque
@@ -13,8 +13,8 @@ _PROOF_NS = 3_000_000_000
 _PROOF_FIXES = 5
 _TO_THE_DIGIT = 0.02  # m: positions pass through MAVLink in steps of 1e-7 degrees
 _OF_SIGMA = 0.02
-_DOUBTFUL_SIGMA = 0.5  # m: from here on a receiver that agrees to the digit is a miracle
-_EXACT = 0.003  # m: below it only a copy counts
+_DOUBTFUL_SIGMA = 0.5  # m: an estimate this uncertain does not agree with a receiver to the digit by chance
+_EXACT = 0.003  # m: tolerance while sigma is smaller, when only an exact copy is suspect
 
 
 class Finding(Enum):

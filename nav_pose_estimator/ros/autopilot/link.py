@@ -1,4 +1,4 @@
-"""The node's side: which autopilot, when, how often; and the fixes that are our own pose come back."""
+"""Sends the pose to an autopilot, and keeps fixes out of the filter that are this pose coming back."""
 
 import math
 from collections.abc import Callable
@@ -95,7 +95,7 @@ class AutopilotLink:
             self._echo.stopped()
 
     def _turn(self, solution: NavSolution) -> None:
-        """Sending begins or ends."""
+        """Report that sending begins or ends with ``solution``."""
         if not self._sends:
             self._echo.stopped()
             level = Level.INFO if solution.mode is Mode.AIDED else Level.WARN
@@ -108,7 +108,7 @@ class AutopilotLink:
         self._node.say("autopilot.sending", Level.WARN if lack else Level.INFO, text)
 
     def _lack(self) -> str:
-        """What is missing for it to be of use."""
+        """Why the autopilot cannot use all of what is sent, as a clause; empty where it can."""
         if self._publisher is None:
             return " (dry run: it is only logged)"
         lack = "" if qos.is_heard(self._publisher) else ", but nobody listens there"

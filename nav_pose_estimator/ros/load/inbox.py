@@ -1,7 +1,8 @@
-"""Messages that wait, in order of arrival.
+"""The queue of a node: messages of all topics in their order of arrival.
 
 The middleware keeps a queue for each topic and drops from it without a word; the executor asks one topic after the
-other. A node that is behind would so meet fixes that are older than its IMU data, and call GNSS lost for its own delay.
+other. A node that is behind would then process fixes that are older than its IMU data, and declare GNSS lost because of
+its own delay.
 """
 
 import time
@@ -35,7 +36,7 @@ class Arrival:
 
 
 class Inbox:
-    """All that waits for one node."""
+    """The messages that wait for one node."""
 
     def __init__(self) -> None:
         self._inputs: list[tuple[InputWatch, Adapter, Any]] = []

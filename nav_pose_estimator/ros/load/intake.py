@@ -17,9 +17,9 @@ from nav_pose_estimator.ros.load.inbox import Adapter, Inbox
 from nav_pose_estimator.ros.load.overload import HOPELESS, ImuGroups, Overload, SparseResults
 from nav_pose_estimator.ros.messages.message_table import Source
 
-_LOOK = 0.02  # s: how often what waits is looked for; a look costs as much as a third of an IMU sample
-_TURN = 0.5  # s: then timers and services have theirs
-_FEW = 16  # messages between two looks while the node is behind
+_LOOK = 0.02  # s between two polls of the middleware; a poll costs as much as a third of an IMU sample
+_TURN = 0.5  # s of handling messages, after which timers and services run
+_FEW = 16  # messages between two polls while the node is behind
 
 
 class Intake:

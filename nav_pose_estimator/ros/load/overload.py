@@ -1,4 +1,4 @@
-"""A node that cannot keep up: how far it is behind, and what it leaves out, whole work before samples.
+"""Overload protection: how far a node is behind, and which work it leaves out; IMU samples are the last.
 
 First rehearsals rest and results come less often. If that is not enough, neighbouring IMU samples are averaged: their
 sum, which is what navigation integrates, stays the same. Only what is older than any use is dropped, and counted.
@@ -11,7 +11,7 @@ from nav_pose_estimator.ros.pace import Pace
 
 HOPELESS = 3.0  # s: a node that is so far behind with the last step in force drops what waits
 _BEHIND = 0.25  # s: more is no longer a burst
-_SETTLING = 1.0  # s: so long a step is given to take effect
+_SETTLING = 1.0  # s until a step has taken effect
 _CALM = (10.0, 320.0)  # s without a delay until a step is taken back, at first and at most
 _LONGEST_MEAN_NS = 20_000_000
 _STEPS = 4  # the last one averages up to eight samples
