@@ -7,7 +7,6 @@ import signal
 from pathlib import Path
 
 import pytest
-from conftest import Observer
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -18,6 +17,7 @@ from std_srvs.srv import SetBool
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.ros.messages import convert
 from nav_pose_estimator.sim.scenarios import HOME
+from ros_processes import Observer
 
 pytestmark = pytest.mark.compiled
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -5,7 +5,6 @@ import signal
 
 import numpy as np
 import pytest
-from conftest import PATIENCE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Pose, PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
@@ -21,6 +20,7 @@ from nav_pose_estimator.engine.solutions import NavSolution
 from nav_pose_estimator.ros.messages import convert
 from nav_pose_estimator.ros.messages.sample_messages import to_message
 from nav_pose_estimator.sim.scenarios import generate
+from ros_processes import PATIENCE
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)

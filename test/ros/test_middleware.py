@@ -6,10 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from conftest import Child, children
 from sensor_msgs.msg import Imu
 
 from nav_pose_estimator.ros.middleware import shared_memory
+from ros_processes import Child, children
 
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 CHOICES = (PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS")

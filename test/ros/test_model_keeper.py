@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import wait_until
 from std_srvs.srv import Trigger
 
 from fake_learner import Job, Pupil
@@ -13,6 +12,7 @@ from nav_pose_estimator.engine.parameters.ros import ModelParameters
 from nav_pose_estimator.engine.parameters.schema import ParameterError
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.training import Trainer
+from ros_processes import wait_until
 
 
 class Desk:

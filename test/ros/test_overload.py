@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from conftest import children, wait_until
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Imu, NavSatFix
@@ -18,6 +17,7 @@ from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.load.overload import ImuGroups, Overload
 from nav_pose_estimator.ros.messages.outgoing import fill_stamp
 from nav_pose_estimator.ros.spin import make_executor
+from ros_processes import children, wait_until
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STEP_NS = 2_500_000  # 400 Hz

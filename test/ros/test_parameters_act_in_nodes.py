@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import wait_until
 
 from driver_types import make
 from fake_learner import Job, Pupil
@@ -33,6 +32,7 @@ from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.outputs import AttitudeOutput, NavigationOutput
 from nav_pose_estimator.ros.training import Trainer
 from parameter_changes import CHANGES, OF_NODES, READ
+from ros_processes import wait_until
 
 START = 1_700_000_000_000_000_000
 STEP = 5_000_000  # ns

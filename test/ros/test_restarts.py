@@ -6,7 +6,6 @@ import signal
 from collections.abc import Callable, Iterable
 
 import pytest
-from conftest import Observer
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -18,6 +17,7 @@ from nav_pose_estimator.engine.samples import Sample
 from nav_pose_estimator.ros.messages import convert
 from nav_pose_estimator.ros.messages.sample_messages import TOPICS, to_message
 from nav_pose_estimator.sim.scenarios import generate
+from ros_processes import Observer
 
 pytestmark = pytest.mark.compiled
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 
 import pytest
-from conftest import Child, Observer
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -15,6 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.ros.messages import convert
 from nav_pose_estimator.sim.scenarios import HOME, START_NS
+from ros_processes import Child, Observer
 
 pytestmark = pytest.mark.compiled
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -5,10 +5,10 @@ import subprocess
 import sys
 
 import pytest
-from conftest import wait_until
 
 from fake_learner import Job
 from nav_pose_estimator.ros.training import Outcome, Trainer
+from ros_processes import wait_until
 
 
 @pytest.fixture

@@ -80,7 +80,7 @@ class FlightResult:
 
 @dataclass(frozen=True)
 class Entrant:
-    """A method that takes part: its parameters, the names that its errors go under, and where they are filed.
+    """A method in the comparison: its parameters, the names under which its errors are filed, and where.
 
     The estimator's errors go under the first of ``names``; the others are predictors.
     """
