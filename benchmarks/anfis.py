@@ -18,6 +18,7 @@ import logging
 import statistics
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize
@@ -100,7 +101,7 @@ def series_table(repeat: int, epochs: tuple[int, ...]) -> None:
     header("Mackey-Glass, 16 rules", "", "training RMSE", "checking RMSE", "time, s")
     for delayed in ("held", "interpolated"):
         training, checking = mackey_glass(delayed=delayed)
-        used = seconds(lambda data=training: Anfis(rules=16).fit(*data), repeat)
+        used = seconds(partial(_fit, *training), repeat)
         row(f"Anfis(rules=16), {delayed}", *(f"{e:.5f}" for e in errors(training, checking)), f"{used:.2f}")
         for count in epochs:
             peer_row(training, checking, count, delayed, used)
@@ -183,15 +184,24 @@ def trace_lbfgs(objective: ReducedObjective, iterations: int) -> Trace:
     return trace
 
 
+def _fit(inputs: np.ndarray, targets: np.ndarray) -> None:
+    Anfis(rules=16).fit(inputs, targets)
+
+
+def _predict(model: Anfis, x: np.ndarray, times: int) -> None:
+    for _ in range(times):
+        model.predict_one(x)
+
+
 def speed_table(repeat: int) -> None:
     header("Speed, 3000 samples, 10 inputs, 2 outputs, one thread", "rules", "50 iterations, s", "one prediction, us")
     inputs, targets = drag_like()
     for rules in (4, 8, 16, 32):
         model = Anfis(rules, iterations=50, patience=50)
-        used = seconds(lambda model=model: model.fit(inputs.T, targets.T), repeat)
+        used = seconds(partial(model.fit, inputs.T, targets.T), repeat)
         x = inputs[:, 0].copy()
         model.predict_one(x)
-        one = seconds(lambda model=model, x=x: [model.predict_one(x) for _ in range(2000)], 7) / 2000
+        one = seconds(partial(_predict, model, x, 2000), 7) / 2000
         row(rules, f"{used:.2f}", f"{1e6 * one:.1f}")
     print(f"\nKernels are {'compiled' if COMPILED else 'plain Python'}.")
 

@@ -18,6 +18,7 @@ import json
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rosbags.highlevel import AnyReader
@@ -107,7 +108,7 @@ def logged_attitude(bag: Path) -> tuple[np.ndarray, np.ndarray]:
     with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         topics = [c for c in reader.connections if c.topic == "/reference/odom"]
         for connection, _, raw in reader.messages(topics):
-            message = reader.deserialize(raw, connection.msgtype)
+            message: Any = reader.deserialize(raw, connection.msgtype)
             q, stamp = message.pose.pose.orientation, message.header.stamp
             rows.append((stamp.sec * 1_000_000_000 + stamp.nanosec, (q.w, q.x, q.y, q.z)))
     return np.array([t for t, _ in rows]), np.array([q for _, q in rows])

@@ -59,13 +59,14 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=12, help="runs of each (default: 12)")
     arguments = parser.parse_args()
     assert DRONE.doppler is not None
-    scenario = replace(DRONE, doppler=replace(DRONE.doppler, rate=BEAM_RATE))
+    doppler = replace(DRONE.doppler, rate=BEAM_RATE)
+    scenario = replace(DRONE, doppler=doppler)
     recording = generate(scenario, arguments.seconds, seed=1, imu="icm42688_calibrated", imu_rate=IMU_RATE)
-    values = {"aids.beam_velocity_source": "pointcloud2", "aids.beams.sd": scenario.doppler.noise}
+    values = {"aids.beam_velocity_source": "pointcloud2", "aids.beams.sd": doppler.noise}
     parameters = update(Parameters(), values)
     for name, way, blocks in (("sample by sample", one_by_one, False), ("replay", together, True)):
         beams = list(recording.samples(blocks=blocks))
-        plain = [sample for sample in beams if not isinstance(sample, BeamVelocitySample)]
+        plain: list[Sample] = [sample for sample in beams if not isinstance(sample, BeamVelocitySample)]
         rounds = [
             (seconds_of(way, plain, parameters), seconds_of(way, beams, parameters))
             for _ in range(arguments.rounds + 1)

@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.samples import ImuBlock
@@ -100,8 +99,7 @@ def _pieces(recording: Recording) -> Iterator:
             yield sample
             continue
         for i in range(0, len(sample), _BLOCK):
-            part = slice(i, i + _BLOCK)
-            yield ImuBlock(sample.stamps_ns[part], sample.gyro[part], sample.accel[part])
+            yield sample.part(i, i + _BLOCK)
 
 
 def _judged(
@@ -112,8 +110,7 @@ def _judged(
     t, truth = (stamps - recording.start_ns) * 1e-9, recording.truth
     within = (t >= 0.0) & (t <= truth.t[-1])  # solutions under a wrong clock have no truth to be compared with
     t, places, var, aided = t[within], places[within], var[within], aided[within]
-    true = lla_to_enu(*(np.interp(t, truth.t, c) for c in (truth.lat, truth.lon, truth.alt)), *recording.origin)
-    off = np.hypot(*(lla_to_enu(*places.T, *recording.origin) - true)[:, :2].T)
+    off = np.hypot(*recording.error_enu(t, places)[:, :2].T)
     outcomes, period = [], truth.dt
     ends = [item.fault.start for item in plan[1:]] + [float(truth.t[-1])]
     for item, end in zip(plan, ends, strict=True):

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
@@ -218,7 +217,6 @@ def fly(flight: Flight, samples: Samples, method: str) -> Judged:
     """The samples, without GNSS in the outage."""
     estimator = PoseEstimator(update(Parameters(), {"learner.method": method}), attitude=False)
     recording, now, asked, judged = flight.recording, 0.0, -1.0, Judged([], [])
-    truth = recording.truth
     for sample in samples:
         if isinstance(sample, GNSS) and flight.lost <= now < flight.lost + LENGTH:
             continue
@@ -229,9 +227,7 @@ def fly(flight: Flight, samples: Samples, method: str) -> Judged:
                 asked = output.stamps_ns[-1] * 1e-9
                 t, status = flight.seconds(output.stamps_ns[-1]), estimator.status()
                 row = output.rows[-1]
-                error = lla_to_enu(*row[at.OUT_POS : at.OUT_VEL][:3], *recording.origin) - lla_to_enu(
-                    *(np.interp(t, truth.t, c) for c in (truth.lat, truth.lon, truth.alt)), *recording.origin
-                )
+                error = recording.error_enu(t, row[at.OUT_POS : at.OUT_VEL])
                 sd = np.sqrt(row[at.OUT_VAR + at.DPOS : at.OUT_VAR + at.DPOS + 3])
                 good = status.mode is not Mode.EXPIRED and not status.doubt
                 judged.rows.append((t, math.hypot(*error[:2]), math.hypot(*sd[:2]), abs(error[2]), sd[2], good))

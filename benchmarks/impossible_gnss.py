@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
@@ -63,7 +62,7 @@ def late(recording: Recording, sample: Any, memory: dict) -> Any:
     return replace(sample, vel_enu=waiting[-6] if len(waiting) > 5 else waiting[0])
 
 
-def frozen(kind: type, after: float) -> Change:
+def frozen(kind: type[GnssFix | GnssVelocity], after: float) -> Change:
     """The values of ``kind`` stay as they were at ``after`` [s], with fresh stamps."""
 
     def change(recording: Recording, sample: Any, memory: dict) -> Any:
@@ -165,10 +164,10 @@ def fly(recording: Recording, change: Change, lost: float | None, length: float)
             now = (sample.stamps_ns[-1] - recording.start_ns) * 1e-9
     if not rows:
         return Judged(np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty(0, bool), words)
-    rows, t, truth = np.array(rows), np.array(t), recording.truth
-    true = lla_to_enu(*(np.interp(t, truth.t, c) for c in (truth.lat, truth.lon, truth.alt)), *recording.origin)
-    error = lla_to_enu(*rows[:, at.OUT_POS : at.OUT_VAR].T[:3], *recording.origin) - true
-    return Judged(t, error, np.sqrt(rows[:, at.OUT_VAR + at.DPOS : at.OUT_VAR + at.DPOS + 3]), np.array(ok), words)
+    times, solutions = np.array(t), np.array(rows)
+    error = recording.error_enu(times, solutions[:, at.OUT_POS : at.OUT_VEL])
+    sd = np.sqrt(solutions[:, at.OUT_VAR + at.DPOS : at.OUT_VAR + at.DPOS + 3])
+    return Judged(times, error, sd, np.array(ok), words)
 
 
 def summary(judged: Judged, begin: float, end: float, fixed: bool) -> str:

@@ -109,13 +109,11 @@ def measure(system: str, rate: float, seconds: float) -> Row:
     executor = make_executor()
     executor.add_node(node)
     answers: list[tuple[int, int]] = []
-    node.create_subscription(
-        Odometry,
-        "odometry/filtered",
-        lambda data: answers.append((peek_stamp_ns(data), time.time_ns())),
-        QoSProfile(depth=1000),
-        raw=True,
-    )
+
+    def answered(data: Any) -> None:
+        answers.append((peek_stamp_ns(data), time.time_ns()))
+
+    node.create_subscription(Odometry, "odometry/filtered", answered, QoSProfile(depth=1000), raw=True)
     with _running(system, rate, seconds) as (children, sender):
         cpu_start = begin = None
         own = (*children, sender)

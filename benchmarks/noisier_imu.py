@@ -22,8 +22,8 @@ import numpy as np
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import ImuBlock, Sample
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, run_outages
 from nav_pose_estimator.offline.benchmarks.outage.statistics import rms
+from nav_pose_estimator.offline.benchmarks.outage.trials import FlightResult, run_outages
 from nav_pose_estimator.offline.flights import latency, methods
 from nav_pose_estimator.offline.flights.flight_window import flight_window, outage_starts
 from nav_pose_estimator.offline.flights.recording import Recording, load

@@ -40,7 +40,7 @@ from nav_pose_estimator.engine.outage.methods.method import (
 from nav_pose_estimator.engine.outage.methods.registry import registered
 from nav_pose_estimator.engine.samples import VelocityError
 from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task, run_task
+from nav_pose_estimator.offline.benchmarks.outage.trials import Task, run_task
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Literal(Anfis):
 
     name = "literal"
 
-    def columns(self, output: NavBlock | NavSolution) -> np.ndarray:
+    def columns(self, output: NavBlock | NavSolution, rows: np.ndarray) -> np.ndarray:
         return output.correction_enu
 
     def job(self, epochs: np.ndarray, plan: TrainingPlan) -> TrainingJob:
@@ -103,9 +103,10 @@ class Literal(Anfis):
     def _train(self, learned: np.ndarray, rules: tuple[int, ...]) -> AirVelocityModel:
         model = learn_air_velocity(learned)
         network, still = LiteralNetwork(learned), np.zeros(2)
-        literal = LiteralModel(**{**vars(model), "network": network, "wind_mean": still, "wind": still})
-        known = {"errors": {network.rules: model.errors[1]}, "wind_cov": np.zeros((2, 2)), "wind_spread": 1e-6}
-        return replace(literal, noise=np.full(3, 0.1), hover_noise=np.full(3, 0.1), **known)
+        no_wind = {"wind_mean": still, "wind": still, "wind_cov": np.zeros((2, 2)), "wind_spread": 1e-6}
+        noise = {"noise": np.full(3, 0.1), "hover_noise": np.full(3, 0.1)}
+        own = {"network": network, "errors": {network.rules: model.errors[1]}, **no_wind, **noise}
+        return LiteralModel(**{**vars(model), **own})
 
 
 class RegimesAlone(Best):
@@ -176,7 +177,7 @@ class ChangedGuide:
     """A guide whose evidence has other values for some of its fields."""
 
     guide: Guide
-    fields: dict[str, float]
+    fields: dict[str, Any]
 
     def advise(self, stamp_ns: int, recent: np.ndarray, external: VelocityError | None = None) -> Advice:
         advice = self.guide.advise(stamp_ns, recent, external)

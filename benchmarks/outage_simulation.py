@@ -29,8 +29,10 @@ import numpy as np
 
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, run_outages
+from nav_pose_estimator.offline.benchmarks.outage.output import rows_of
 from nav_pose_estimator.offline.benchmarks.outage.statistics import Row, bootstrap, comparable, rms
+from nav_pose_estimator.offline.benchmarks.outage.trials import FlightResult, run_outages
+from nav_pose_estimator.offline.benchmarks.tables import markdown
 from nav_pose_estimator.offline.flights import methods
 from nav_pose_estimator.offline.flights.outages import periodic
 from nav_pose_estimator.offline.flights.simulated_flight import in_memory
@@ -88,12 +90,7 @@ def fly(flight: Flight) -> list[Row]:
     result = FlightResult(flight.name, 0.0, (0.0, DURATION))
     for way, (method, overrides) in WAYS.items():
         run_outages(made, update(methods.apply(Parameters(), method), overrides), planned, (way,), result)
-    columns = [item.name for item in fields(Row)][2:]
-    return [
-        Row(flight.name, way, **{name: getattr(errors, name) for name in columns})
-        for (way, _), outages in result.errors.items()
-        for errors in outages
-    ]
+    return rows_of([result])
 
 
 def plan(arguments: argparse.Namespace) -> list[Flight]:
@@ -137,15 +134,11 @@ def read(path: Path) -> list[Row]:
     if not path.is_file():
         return []
     with path.open(newline="", encoding="utf-8") as file:
-        return [
-            Row(
-                **{
-                    name: text if name in ("bag", "method", "status", "why") else float(text)
-                    for name, text in line.items()
-                }
-            )
-            for line in csv.DictReader(file)
-        ]
+        return [Row(**{name: _value(name, text) for name, text in line.items()}) for line in csv.DictReader(file)]
+
+
+def _value(column: str, text: str) -> Any:
+    return text if column in ("bag", "method", "status", "why") else float(text)
 
 
 def append(path: Path, rows: list[Row]) -> None:
@@ -179,11 +172,13 @@ class Cell:
         chosen = [row for row in rows if row.bag.startswith(f"{grade}-{wind}-") and row.length_s == length]
         keys = sorted({(int(row.bag.rsplit("-", 1)[1]), row.start_s) for row in chosen})
         found = {(int(row.bag.rsplit("-", 1)[1]), row.start_s, row.method): row for row in chosen}
-        arrays = [
-            np.array([[getattr(found[*key, way], what) for way in WAYS] for key in keys]).reshape(-1, len(WAYS))
-            for what in ("end_error_m", "end_sigma_m", "rms_error_m")
-        ]
-        return cls(*arrays, np.array([key[0] for key in keys], int))
+
+        def values(column: str) -> np.ndarray:
+            rows_by_way = [[getattr(found[*key, way], column) for way in WAYS] for key in keys]
+            return np.array(rows_by_way).reshape(-1, len(WAYS))
+
+        seeds = np.array([key[0] for key in keys], int)
+        return cls(values("end_error_m"), values("end_sigma_m"), values("rms_error_m"), seeds)
 
 
 def ratio(errors: np.ndarray) -> float:
@@ -198,9 +193,7 @@ def mean_ratio(errors: np.ndarray) -> float:
 
 def table(header: Sequence[str], lines: list[list[str]]) -> str:
     """Markdown; nothing without lines."""
-    if not lines:
-        return ""
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in [header, ["---"] * len(header), *lines])
+    return markdown(header, lines) if lines else ""
 
 
 def cell_table(rows: list[Row], length: float, grades: Sequence[str], winds: Sequence[str]) -> str:

@@ -52,7 +52,11 @@ def listen(pipe: int) -> None:
     rclpy.init()
     node = rclpy.create_node(f"listener_{os.getpid()}")
     os.write(pipe, _CREATED)
-    node.create_subscription(Imu, "imu", lambda _: os.write(pipe, _HEARD), qos_profile_sensor_data)
+
+    def hear(_: Imu) -> None:
+        os.write(pipe, _HEARD)
+
+    node.create_subscription(Imu, "imu", hear, qos_profile_sensor_data)
     _spin(node)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import _aided_pass, _Start
+from nav_pose_estimator.offline.benchmarks.outage.aided_pass import Start, aided_pass
 from nav_pose_estimator.offline.flights import methods
 from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.offline.flights.flight_window import flight_window
@@ -23,18 +23,17 @@ _EARTH = 6.37e6  # m
 _PATIENCE = {True: 20.0, False: 40.0}  # s that a wrong and a true return are watched
 
 
-def waited(engine: PoseEstimator, recording: Recording, start: _Start, offset: float) -> float | None:
+def waited(engine: PoseEstimator, recording: Recording, start: Start, offset: float) -> float | None:
     """Seconds from the outage's end to the first fix that is used, ``offset`` [m] to the north; None if none is."""
-    engine.restore(start.snapshot)
+    engine.restore(start.snapshots[0])
     delay_ns = round(engine.parameters.gnss.delay * 1e9)
     begin = recording.epoch_ns + round(start.outage.start * 1e9)
     end, row = begin + round(start.outage.length * 1e9), start.row
     run = engine.sins.run
     back = run.clock.seconds(end)
-    for sample in recording.samples[start.index :]:
+    for sample in recording.held[start.index :]:
         if isinstance(sample, ImuBlock):
-            sample = ImuBlock(sample.stamps_ns[row:], sample.gyro[row:], sample.accel[row:])
-            row = 0
+            sample, row = sample.part(row, None), 0
             if len(sample) and sample.stamps_ns[0] > end + _PATIENCE[offset > 0.0] * 1e9:
                 return None
         elif isinstance(sample, (GnssFix, GnssVelocity)) and begin <= sample.stamp_ns - delay_ns < end:
@@ -65,7 +64,7 @@ def main() -> None:
         starts = np.arange(first, end - options.length - 45.0, max(20.0, (end - first) / 12))
         engine, outages = PoseEstimator(parameters, attitude=False), [Outage(float(s), options.length) for s in starts]
         true, wrong = [], []
-        for start in _aided_pass(recording, parameters, outages):
+        for start in aided_pass(recording, [parameters], outages):
             true.append(waited(engine, recording, start, 0.0))
             wrong.append(waited(engine, recording, start, options.offset))
         taken = sum(value is not None for value in wrong)

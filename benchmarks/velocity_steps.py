@@ -75,7 +75,8 @@ def main() -> None:
         (plain, _), (blended, apart) = steps(t, rows, 0.0), steps(t, rows, options.slew)
         figures = [f(x) for x in (plain, blended) for f in (np.max, lambda x: np.quantile(x, 0.999))]
         late = f"{100.0 * np.mean(apart > 0.1):5.1f} %"
-        print("{:24} {:16.2f} {:9.2f} {:18.2f} {:9.2f} {:>7}".format(bag.name, *figures, late), flush=True)
+        numbers = " ".join(f"{value:{width}.2f}" for value, width in zip(figures, (16, 9, 18, 9), strict=True))
+        print(f"{bag.name:24} {numbers} {late:>7}", flush=True)
 
 
 if __name__ == "__main__":

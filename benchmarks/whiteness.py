@@ -17,13 +17,12 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import argparse
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
@@ -51,10 +50,10 @@ class Watched(InnovationRecord):
         self.all: list[list[float]] = []
         self.nis: list[float] = []
 
-    def add(self, nis: float, z: Iterable[float] | np.ndarray, period: float) -> None:
+    def add(self, nis: float, z: Sequence[float] | np.ndarray, period: float, believed: bool = True) -> None:
         """As in the record, and kept."""
         row = [float(one) for one in z]
-        super().add(nis, row, period)
+        super().add(nis, row, period, believed)
         self.all.append([*row, np.nan][:3])
         self.nis.append(nis / len(row))
 
@@ -103,10 +102,9 @@ def against_truth(recording: Recording, outputs: list[Output], skip: float) -> t
     t = 1e-9 * (np.concatenate([one.stamps_ns for one in blocks]) - recording.start_ns)
     rows = np.concatenate([one.rows for one in blocks])
     at_time = np.searchsorted(t, np.arange(t[0] + skip, t[-1], 5.0))
-    rows, t, truth = rows[at_time], t[at_time], recording.truth
-    true = lla_to_enu(*(np.interp(t, truth.t, c) for c in (truth.lat, truth.lon, truth.alt)), *recording.origin)
-    error = (lla_to_enu(*rows[:, at.OUT_POS : at.OUT_VEL].T, *recording.origin) - true)[:, :2]
-    return error**2, rows[:, at.OUT_VAR + at.DPOS : at.OUT_VAR + at.DPOS + 2]
+    rows = rows[at_time]
+    error = recording.error_enu(t[at_time], rows[:, at.OUT_POS : at.OUT_VEL])
+    return error[:, :2] ** 2, rows[:, at.OUT_VAR + at.DPOS : at.OUT_VAR + at.DPOS + 2]
 
 
 def simulated(tau: float, seeds: int, skip: float) -> None:

@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 from collections.abc import Callable, Iterator
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -85,15 +86,22 @@ LARGEST_ROOM, LARGEST_CLASS = 15, 15
 ROS_LIBRARIES = re.compile(r"^(rclpy|ament_index_python|\w+_msgs|rcl_interfaces|builtin_interfaces|std_srvs)(\.|$)")
 
 
-def imports(path: Path) -> Iterator[tuple[int, str]]:
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
+def imports(path: Path) -> list[tuple[int, str]]:
     """(line, dotted name) of every import in a file, wherever in the file it stands."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    found: list[tuple[int, str]] = []
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
-            yield from ((node.lineno, alias.name) for alias in node.names)
+            found += ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}:{node.lineno}: relative import"
-            yield node.lineno, node.module or ""
-            yield from ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names)
+            found.append((node.lineno, node.module or ""))
+            found += ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names)
+    return found
 
 
 def part(path: Path) -> str:
@@ -167,7 +175,7 @@ def test_a_class_has_at_most_15_methods():
     large = {
         f"{relative(path)}: {node.name}": count
         for path in MODULES
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in ast.walk(parsed(path))
         if isinstance(node, ast.ClassDef)
         and (count := sum(isinstance(part, ast.FunctionDef) for part in node.body)) > LARGEST_CLASS
     }
@@ -213,7 +221,9 @@ def test_offline_reaches_no_rclpy_by_detours():
 
 def names_of(library: str, path: Path) -> Iterator[tuple[int, str]]:
     """(line, dotted name) of what a file takes from ``library``: ``np.linalg.norm`` is ``numpy.linalg.norm``."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    if not any(name.split(".")[0] == library for _, name in imports(path)):
+        return
+    tree = parsed(path)
     known = {
         alias.asname or alias.name: alias.name
         for node in ast.walk(tree)
@@ -223,10 +233,13 @@ def names_of(library: str, path: Path) -> Iterator[tuple[int, str]]:
     }
     yield from ((line, name) for line, name in imports(path) if name.split(".")[0] == library)
     for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute):
-            first, _, rest = ast.unparse(node).partition(".")
-            if first in known and rest.replace(".", "").isidentifier():
-                yield node.lineno, f"{known[first]}.{rest}"
+        pieces: list[str] = []
+        part: ast.AST = node
+        while isinstance(part, ast.Attribute):
+            pieces.insert(0, part.attr)
+            part = part.value
+        if pieces and isinstance(part, ast.Name) and part.id in known:
+            yield node.lineno, ".".join([known[part.id], *pieces])
 
 
 def exists(name: str) -> bool:
@@ -278,7 +291,7 @@ def test_a_file_has_at_most_400_lines():
 
 
 def undocumented(path: Path) -> Iterator[str]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = parsed(path)
     if tree.body and not ast.get_docstring(tree):
         yield relative(path)
     definitions = (node for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef)))
@@ -294,7 +307,7 @@ def test_modules_and_their_public_names_have_docstrings():
 def test_nothing_spins_forever():
     """``spin()`` of rclpy's wheels does not end on a signal; loops of ``spin_once(timeout_sec=...)`` do."""
     for path in MODULES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(parsed(path)):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
                 assert node.func.attr != "spin", f"{relative(path)}:{node.lineno}"
 

@@ -12,6 +12,7 @@ import pytest
 
 import troubleshooting_docs
 from nav_pose_estimator.core.alignment.aligner import Aligner
+from nav_pose_estimator.core.gnss import reacquisition
 from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.events.catalogue import SECTIONS, find, in_words
@@ -164,6 +165,12 @@ def test_everything_that_a_bad_flight_counts_is_in_the_catalogue():
     assert len(seen) > 12
     assert [name for name in sorted(seen) if find(name) is None] == []
     assert not in_words("gnss.rejected.age").startswith("gnss.")
+
+
+@pytest.mark.parametrize("why", ["doubtful", *reacquisition._ZONES])
+def test_every_reason_of_the_guard_of_the_return_has_a_sentence(why):
+    for name in (f"gnss.waiting.{why}", f"gnss.rejected.{why}"):
+        assert not in_words(name).startswith("gnss.")
 
 
 def test_every_recommended_echo_shows_the_whole_sentence(repository):

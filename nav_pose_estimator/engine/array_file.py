@@ -1,10 +1,10 @@
-"""Named arrays on disk: one file with a version and a checksum, written in one step.
+"""Files of named arrays: with version and checksum, written atomically.
 
 line 1    nav_pose_estimator KIND VERSION
 line 2    SHA-256 of the rest, hexadecimal
 rest      the arrays, in numpy's npz format (no pickled objects)
 
-A checksum shows that the file is as it was written, not that its numbers make sense: that is for the reader to check.
+The checksum shows that the file is unchanged, not that its numbers are valid: the caller has to check these.
 """
 
 import hashlib
@@ -19,11 +19,11 @@ import numpy as np
 
 from nav_pose_estimator.errors import UserError
 
-_LARGEST = 16 * 2**20  # bytes, also unpacked: none of ours is larger, and a wrong file shall not fill the memory
+_LARGEST = 16 * 2**20  # bytes, packed and unpacked: larger than any valid file, so that a wrong one cannot fill memory
 
 
 class Kind(NamedTuple):
-    """What a file holds, in one word, and the newest version of it that this program knows."""
+    """Kind of content in one word, and the newest version of it that this program can read."""
 
     word: str
     version: int
@@ -35,16 +35,16 @@ class Kind(NamedTuple):
 
     @property
     def magic(self) -> bytes:
-        """How the first line begins."""
+        """Beginning of the first line."""
         return f"nav_pose_estimator {self.word} ".encode()
 
 
 def save(path: str | Path, kind: Kind, arrays: Mapping[str, np.ndarray], durable: bool = True) -> None:
-    """Write ``arrays`` to ``path``: all of them or, whatever happens, the file that was there before.
+    """Write ``arrays`` to ``path`` atomically: on any failure the previous file remains.
 
-    The bytes go to a temporary file beside it, reach the disk, and take the name in one step. ``durable`` False does
-    not wait for the disk: a process that dies loses nothing, a computer that loses power may. ``UserError`` when it is
-    impossible.
+    A temporary file beside it is written, synchronised to the disk and renamed. With ``durable`` False the disk is not
+    waited for: the file survives the end of the process, but perhaps not a loss of power. Raises ``UserError`` where
+    writing fails.
     """
     path = Path(path)
     buffer = io.BytesIO()
@@ -68,7 +68,7 @@ def save(path: str | Path, kind: Kind, arrays: Mapping[str, np.ndarray], durable
 
 
 def load(path: str | Path, kind: Kind) -> dict[str, np.ndarray]:
-    """The arrays that ``save`` wrote, bit for bit. ``UserError`` for a damaged, foreign or newer file."""
+    """The arrays that ``save`` wrote, bit for bit; ``UserError`` for a damaged, foreign or newer file."""
     path = Path(path)
     foreign = f"{path} is not {kind.article} of nav_pose_estimator"
     try:
@@ -100,12 +100,12 @@ def _unpack(path: Path, foreign: str, body: bytes) -> dict[str, np.ndarray]:
             return {name: file[name] for name in file.files}
     except UserError:
         raise
-    except Exception as error:  # numpy and zipfile raise whatever the bytes lead to
+    except Exception as error:  # numpy and zipfile raise many types of errors for damaged bytes
         raise UserError(f"{path} is damaged: {' '.join(str(error).split())}") from None
 
 
 def _sync_directory(directory: Path) -> None:
-    """Make the new name itself durable; where a directory cannot be opened (not POSIX) the system does without."""
+    """Synchronise the new name to the disk; skipped where a directory cannot be opened (not POSIX)."""
     try:
         descriptor = os.open(directory, os.O_RDONLY)
     except OSError:

@@ -1,4 +1,4 @@
-"""The time of an engine: seconds since its first IMU sample, from the stamps of samples. Nobody asks a clock."""
+"""Time of an engine: seconds since its first IMU sample, from the stamps of samples and never from a clock."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ NS = 1e-9
 
 
 class EngineClock:
-    """Turns stamps into seconds and back. ``running`` from the first IMU sample on; its stamp is ``zero_ns``."""
+    """Conversion of stamps and engine time; ``running`` from the first IMU sample on, whose stamp is ``zero_ns``."""
 
     def __init__(self) -> None:
         self.zero_ns = 0
         self.running = False
 
     def seconds(self, stamp_ns: int) -> float:
-        """Engine time of a stamp."""
+        """Engine time [s] of a stamp."""
         return (stamp_ns - self.zero_ns) * NS
 
     def stamp(self, t: float) -> int:
-        """The stamp of an engine time."""
+        """Stamp of an engine time [s]."""
         return self.zero_ns + round(t * 1e9)
 
     def time_of(self, stamp_ns: int, family: str, journal: Journal) -> float | None:

@@ -1,6 +1,6 @@
-"""The first start on a machine: kernels are compiled in other processes before anything else happens.
+"""First start on a machine: the kernels are compiled in a separate process before anything else.
 
-The compiler takes three times the memory of what it makes, and keeps it.
+The compiler needs three times the memory of its result and does not release it; a separate process does.
 """
 
 import fcntl
@@ -18,15 +18,15 @@ _FOLDER = Path(nav_pose_estimator.__file__).parent
 
 
 def compile_kernels(tell: Callable[[str], None]) -> None:
-    """Have the command ``warm_up`` compile what was never compiled here, and ``tell`` what it says.
+    """Run the command ``warm_up`` where no kernel has been compiled yet, and pass its output to ``tell``.
 
-    Whatever it leaves out is compiled when it is called first.
+    Kernels that it does not reach are compiled at their first call.
     """
-    if not is_first_run() or not os.access(_FOLDER, os.W_OK):  # else machine code is kept elsewhere, if at all
+    if not is_first_run() or not os.access(_FOLDER, os.W_OK):  # a read-only folder cannot hold the machine code
         return
     tell("the first start compiles the numeric kernels, which takes a minute or two")
     with _alone(tell):
-        if is_first_run():  # and no other process did it meanwhile
+        if is_first_run():  # no other process has done it in the meantime
             _warm_up(tell)
 
 
@@ -44,7 +44,7 @@ def _warm_up(tell: Callable[[str], None]) -> None:
 
 @contextmanager
 def _alone(tell: Callable[[str], None]) -> Iterator[None]:
-    """Several nodes may start at once: one compiles, the others wait."""
+    """Lock: of several nodes that start at once, one compiles and the others wait."""
     folder = os.open(_FOLDER, os.O_RDONLY)
     try:
         with suppress(OSError):  # a file system without locks

@@ -1,4 +1,4 @@
-"""What an engine reports: events in order, and how often each kind of event happened."""
+"""Journal of an engine: its events in order, and counters by event name."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -15,25 +15,25 @@ class Journal:
         self._before: Callable[[], object] | None = None
 
     def before_next(self, action: Callable[[], object] | None) -> None:
-        """Let ``action`` happen once ahead of the next event: what comes earlier may have something to say, too."""
+        """Run ``action`` once before the next event, since it may produce earlier events."""
         self._before = action
 
     def catch_up(self) -> None:
-        """Something is about to be said that depends on what was said last."""
+        """Run the pending action of ``before_next``, if any."""
         if self._before is not None:
             action, self._before = self._before, None
             action()
 
     def count(self, name: str) -> None:
-        """Count something that happens too often for words."""
+        """Count an event without a sentence, for what happens too often."""
         self.counters[name] += 1
 
     def say(self, stamp_ns: int, name: str, level: Level, text: str, **data: float) -> None:
-        """Count it and hand it on."""
+        """Count and report an event with a sentence."""
         self.add(Event(stamp_ns, name, level, text, data))
 
     def add(self, event: Event) -> None:
-        """Count an event made elsewhere and hand it on."""
+        """Count and report an event made elsewhere."""
         self.catch_up()
         self.counters[event.name] += 1
         self._events.append(event)

@@ -1,12 +1,12 @@
-"""Checks of values that an engine must not be given. The ROS boundary checks its messages; Python callers may not."""
+"""Checks of input values. The ROS boundary validates its messages, but callers from Python may not."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
-_LARGEST = 1e12  # a variance above this is a placeholder such as 1.8e308, not a measurement
-_TOLERANCE = -1e-9  # relative: smallest eigenvalue of a matrix that is semi-definite but for rounding
+_LARGEST = 1e12  # a larger variance is a placeholder such as 1.8e308
+_TOLERANCE = -1e-9  # smallest relative eigenvalue that passes for semi-definite, because of rounding
 
 
 def is_covariance(cov: np.ndarray, size: int) -> bool:
@@ -15,7 +15,7 @@ def is_covariance(cov: np.ndarray, size: int) -> bool:
         return False
     rows = cov.tolist()
     if all((0.0 <= rows[i][i] <= _LARGEST) if i == j else rows[i][j] == 0.0 for i in range(size) for j in range(size)):
-        return True  # independent components, as most drivers state them
+        return True  # diagonal, as from most drivers
     if not np.isfinite(cov).all() or np.abs(cov).max() > _LARGEST:
         return False
     scale = float(np.abs(cov).max())
@@ -25,10 +25,10 @@ def is_covariance(cov: np.ndarray, size: int) -> bool:
 
 
 def is_position(lat: float, lon: float, alt: float) -> bool:
-    """Whether latitude, longitude [rad] and height [m] are a place on or near the Earth."""
+    """Whether latitude, longitude [rad] and height [m] are a position on or near the Earth."""
     return abs(lat) <= math.pi / 2 and abs(lon) <= 2 * math.pi and abs(alt) < 1e5  # false for NaN
 
 
 def is_within(values: Sequence[float], bound: float) -> bool:
-    """Whether all ``values`` are numbers of at most ``bound``."""
+    """Whether all ``values`` are finite numbers of magnitude at most ``bound``."""
     return all(abs(value) <= bound for value in values)  # false for NaN

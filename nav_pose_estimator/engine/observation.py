@@ -1,7 +1,7 @@
-"""An observation on its way into the filter, and what was decided about it when it first acted.
+"""Observations of the filter, and the decisions that are made about them once.
 
-A sample becomes an observation when it arrives. It acts on every branch of the filter when that has
-reached its time, and again whenever the past is replayed. Decisions (use it or not, and its reference) are made once.
+A sample becomes an observation when it arrives. It is applied to each branch of the filter when that reaches its time,
+and again whenever the past is replayed. The decision (use it or not, its reference) is made at the first application.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ class FilterView(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What the time line must know about the observations of one sensor.
+    """Properties of one sensor's observations that the time line needs.
 
-    ``name`` is the family of its counters (``height.used``). Observations of equal time act in the order of
-    ``precedence``, then of arrival. ``whole``: it acts on the filter as a whole and not on each branch, because it
-    carries information that no hypothesis has; the branches end with it. ``quiet``: it never changes the mode.
-    ``holds``: it changes the mode only where nothing has bounded the drift.
+    ``name`` is the family of its counters (``height.used``). Observations of equal time are applied in the order of
+    ``precedence``, then of arrival. ``whole``: it is applied to the merged filter and not to each branch, because it is
+    absolute information; the branches end with it. ``quiet``: it never changes the mode. ``holds``: it changes the mode
+    only where nothing else has bounded the drift.
     """
 
     name: str
@@ -42,18 +42,18 @@ class Kind:
 
 
 class Use(Enum):
-    """What is done with an observation."""
+    """How an observation is used."""
 
     LEFT_OUT = 0
-    GATED = 1  # behind the gate on its normalised innovation
-    UNGATED = 2
-    RESET = 3  # the position is put on the observation, whatever the filter thought
-    WIDENING = 4  # the covariance grows by ``Decision.reference``, and the position moves by ``Decision.shift``
-    DOUBTED = 5  # the sensor itself adds to the covariance; nothing is corrected
+    GATED = 1  # update behind the gate on its NIS
+    UNGATED = 2  # update without a gate
+    RESET = 3  # the position is set to the observation
+    WIDENING = 4  # the covariance is multiplied by ``Decision.reference``, and the position moves by ``Decision.shift``
+    DOUBTED = 5  # the sensor itself adds to the covariance; no state is corrected
 
 
 class Row(NamedTuple):
-    """One row of an observation that is used: its number, its variance, and what is subtracted from the measurement."""
+    """One row of an observation that is used: its number, its variance, and the offset of the measurement."""
 
     number: int
     variance: float
@@ -62,14 +62,14 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What was decided when an observation first acted; a replay of the past repeats it.
+    """Decision at the first application of an observation; a replay of the past repeats it.
 
-    ``reference`` is what the sensor's zero stood at (offset of a barometer [m], of a compass [rad]), or how well it is
-    known (surface of the water [m]). ``velocity`` (3,) [m/s], ENU, is what a reset also puts right, NaN where unknown.
-    ``widening`` multiplies the covariance of the motion first; the deviations of the position [m], horizontal and
-    vertical, and of the horizontal velocity [m/s] are afterwards at least ``least_sd``. ``rows``: those that are used,
-    of a sensor that judges each row on its own. ``change`` (3,): of the velocity at the sensor, b [m/s^2]. ``shift``
-    [m]: East and North.
+    ``reference``: the sensor's reference at that time (offset of a barometer [m], of a compass [rad]), or its standard
+    deviation (water surface [m]). ``velocity`` (3,) [m/s], ENU: set by a reset, NaN where unknown. ``widening``: factor
+    on the covariance of the motion before the update. ``least_sd``: floors, after the update, of the standard
+    deviations of the position [m], horizontal and vertical, and of the horizontal velocity [m/s]. ``rows``: the rows in
+    use of a sensor that tests each row by itself. ``change`` (3,) [m/s^2]: rate of change of the velocity at the
+    sensor, b. ``shift`` [m]: East and North.
     """
 
     use: Use
@@ -89,8 +89,8 @@ LEFT_OUT, GATED, UNGATED = Decision(Use.LEFT_OUT), Decision(Use.GATED), Decision
 class Observation:
     """One observation at its time of validity ``t`` [s since the engine's epoch].
 
-    ``measured`` and ``stated_R`` (m, m), the noise that the sensor states, are the sensor's own business and never
-    written to. ``arrival`` counts observations in the order in which they came.
+    ``measured``, of a type of the sensor's choice, and ``stated_R`` (m, m), the noise that the sensor states, are never
+    written to. ``arrival`` numbers observations in the order of their arrival.
     """
 
     t: float
@@ -103,9 +103,9 @@ class Observation:
 
     @property
     def key(self) -> tuple[float, int, int]:
-        """The order in which observations act."""
+        """Sort key of the order in which observations are applied."""
         return (self.t, self.kind.precedence, self.arrival)
 
     def __deepcopy__(self, _memo: dict) -> Observation:
-        """All but the decision never changes, and that is replaced as a whole."""
+        """A shallow copy suffices: only ``decision`` changes, and it is replaced as a whole."""
         return replace(self)

@@ -1,4 +1,4 @@
-"""Observations in the order in which they act: those that have acted, as far as memory reaches, and those to come."""
+"""Queue of observations in the order in which they are applied: applied ones within the memory, and pending ones."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ _KEY, _TIME = operator.attrgetter("key"), operator.attrgetter("t")
 
 
 class ObservationQueue:
-    """Sorted by time, precedence, arrival. Observations before the index ``done`` have acted on the filter."""
+    """Observations sorted by time, precedence and arrival."""
 
     def __init__(self) -> None:
         self._sorted: list[Observation] = []
-        self._done = 0
+        self._done = 0  # observations before this index have been applied
         self._arrivals = 0
 
     def __len__(self) -> int:
         return len(self._sorted)
 
     def insert(self, observation: Observation) -> bool:
-        """Put an observation in its place; True when others behind it have acted already."""
+        """Insert an observation in order; True where later ones have already been applied."""
         self.number(observation)
         if not self._sorted or self._sorted[-1].key < observation.key:
             self._sorted.append(observation)
@@ -35,47 +35,47 @@ class ObservationQueue:
 
     @property
     def due(self) -> float:
-        """Time of the next observation that has not acted [s], infinite without one."""
+        """Time of the next pending observation [s], infinite without one."""
         return self._sorted[self._done].t if self._done < len(self._sorted) else math.inf
 
     def number(self, observation: Observation) -> None:
-        """An observation has arrived; what has its number keeps it."""
+        """Number an observation by its arrival, unless it has a number already."""
         if not observation.arrival:
             self._arrivals += 1
             observation.arrival = self._arrivals
 
     def next(self) -> Observation:
-        """The next observation; from now on it has acted."""
+        """Return the next pending observation and count it as applied."""
         self._done += 1
         return self._sorted[self._done - 1]
 
     @property
     def front(self) -> Observation | None:
-        """The next observation that has not acted; None without one."""
+        """The next pending observation, None without one."""
         return self._sorted[self._done] if self._done < len(self._sorted) else None
 
     def waiting(self, t: float = math.inf) -> list[Observation]:
-        """What has not acted, up to ``t`` [s]."""
+        """Pending observations up to ``t`` [s]."""
         waiting = self._sorted[self._done :]
         return waiting if t == math.inf else [o for o in waiting if o.t <= t]
 
     def take_waiting(self) -> list[Observation]:
-        """``waiting``, which is not here any more."""
+        """Remove and return all pending observations."""
         waiting = self._sorted[self._done :]
         del self._sorted[self._done :]
         return waiting
 
     def add_acted(self, observations: Sequence[Observation]) -> None:
-        """These have acted, behind all the others that have; nothing waits."""
+        """Append ``observations`` that have been applied after all others; there must be no pending ones."""
         self._sorted += observations
         self._done += len(observations)
 
     def skip(self, count: int) -> None:
-        """The next ``count`` have acted."""
+        """Count the next ``count`` observations as applied."""
         self._done += count
 
     def due_besides_quiet(self, drifts: bool) -> float:
-        """``due`` of the observations that may change the mode, where the filter ``drifts`` unbounded or not."""
+        """``due`` of the observations that may change the mode; ``drifts``: nothing bounds the filter's drift."""
         for index in range(self._done, len(self._sorted)):
             kind = self._sorted[index].kind
             if not (kind.quiet or (kind.holds and not drifts)):
@@ -83,16 +83,16 @@ class ObservationQueue:
         return math.inf
 
     def rewind(self, t: float) -> None:
-        """Observations after ``t`` count as not having acted yet."""
+        """Make observations after ``t`` [s] pending again."""
         self._done = bisect.bisect_right(self._sorted, t, key=_TIME)
 
     def keep_after(self, t: float) -> None:
-        """Forget everything up to ``t``; nothing of the rest has acted."""
+        """Drop everything up to ``t`` [s] and make the rest pending."""
         self._sorted = [o for o in self._sorted if o.t > t]
         self._done = 0
 
     def forget(self, t: float) -> None:
-        """Forget what has acted up to ``t``."""
+        """Drop applied observations up to ``t`` [s]."""
         drop = bisect.bisect_right(self._sorted, t, key=_TIME)
         del self._sorted[:drop]
         self._done -= drop

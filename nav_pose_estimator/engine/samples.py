@@ -1,6 +1,6 @@
-"""What goes into an engine: one frozen dataclass per sensor. Stamps are integer nanoseconds, frames FLU and ENU.
+"""Input of the engines: one frozen dataclass per sensor. Stamps are integer nanoseconds, frames FLU and ENU.
 
-``None`` means unknown: a sensor that gives no covariance gives ``None``, never an invented number.
+``None`` means unknown: a sensor without a covariance gives ``None``, never an invented number.
 """
 
 import math
@@ -16,8 +16,8 @@ Vector3 = tuple[float, float, float]
 class ImuSample:
     """Angular rate ``gyro`` [rad/s] and specific force ``accel`` [m/s^2] in the body frame.
 
-    Treat it as frozen like the others. It is not actually frozen, because it is made at the rate of the IMU and
-    freezing doubles the cost.
+    Treat it as frozen like the others. It is not frozen, because it is created at the rate of the IMU, and freezing
+    would double the cost.
     """
 
     stamp_ns: int
@@ -80,7 +80,7 @@ class GnssVelocity:
 
 @dataclass(frozen=True, slots=True)
 class SatelliteCount:
-    """Number of satellites used. ``count`` None: the receiver says that it does not know (255 in MAVLink).
+    """Number of satellites used. ``count`` None: the receiver reports it as unknown (255 in MAVLink).
 
     MAVROS sends the count without a header: ``stamp_ns`` is then None and the count belongs to the last fix.
     """
@@ -128,9 +128,9 @@ class BeamVelocitySample:
     """Velocities [m/s] along the n beams of a Doppler log or radar, as published: axes and sign are the sensor's own.
 
     ``directions`` (n, 3) unit vectors in the sensor frame, NaN where the message has none; ``velocities`` (n,), NaN for
-    a lost beam. ``variances`` (n,) [m^2/s^2] or None, of which NaN is unknown. ``ranges`` (n,) [m] or None: a beam with
-    a range of zero or less has met nothing. ``valid`` (n,) bool or None: what the sensor says of each beam.
-    ``velocity``: the sensor's own 3-D velocity over ground in the same axes, None where it has none.
+    a lost beam. ``variances`` (n,) [m^2/s^2] or None, NaN where unknown. ``ranges`` (n,) [m] or None: a range of zero
+    or less means no echo. ``valid`` (n,) bool or None: the sensor's validity flags. ``velocity``: the sensor's own 3-D
+    velocity over ground in the same axes, None where it has none.
     """
 
     stamp_ns: int
@@ -155,7 +155,7 @@ class ComposedPosition:
 class Airspeed:
     """True airspeed along the body's x axis [m/s] and its deviation ``sd`` [m/s], NaN if unknown.
 
-    ``stamp_ns`` None: it came without a header (std_msgs/Float32) and holds at the last IMU sample.
+    ``stamp_ns`` None: it came without a header (std_msgs/Float32) and is valid at the last IMU sample.
     """
 
     stamp_ns: int | None
@@ -173,9 +173,10 @@ class DifferentialPressure:
 
 @dataclass(frozen=True, slots=True)
 class RangeToGround:
-    """Distance [m] along the beam of a rangefinder that looks down, within the limits that the sensor states.
+    """Distance [m] along the beam of a downward rangefinder, within the limits that the sensor states.
 
-    Of an ultrasonic cone of ``field_of_view`` [rad] the nearest point in it, 0 for a ray; ``sd`` [m], NaN if unknown.
+    ``field_of_view`` [rad]: width of the cone in which the nearest point is measured, 0 for a ray. ``sd`` [m], NaN if
+    unknown.
     """
 
     stamp_ns: int
@@ -196,7 +197,7 @@ class SetPose:
 
 @dataclass(frozen=True, slots=True)
 class SetOrigin:
-    """Where the local frame is to have its zero: latitude, longitude [rad], height above the ellipsoid [m]."""
+    """Origin of the local frame given from outside: latitude, longitude [rad], height above the ellipsoid [m]."""
 
     stamp_ns: int
     lat: float
@@ -206,7 +207,7 @@ class SetOrigin:
 
 @dataclass(frozen=True, slots=True)
 class ReturnDecision:
-    """The operator's decision on GNSS that is back somewhere unexpected (policy ``hold``): accept or refuse."""
+    """The operator's decision on an unexpected return of GNSS (policy ``hold``): accept or refuse."""
 
     stamp_ns: int
     accept: bool
@@ -223,20 +224,19 @@ class AttitudeSample:
 
 @dataclass(frozen=True, slots=True)
 class NavigatorVelocity:
-    """Velocity of the navigator, ENU [m/s]: with it the attitude filter separates acceleration from gravity.
+    """Velocity of the navigator, ENU [m/s], by which the attitude filter separates acceleration from gravity.
 
-    ``valid`` while GNSS or another velocity aids the navigator, or its tilt is still good: a navigator that has lost
-    its tilt would feed its own errors back.
-    ``q_nb`` is the navigator's attitude: its heading may differ from the filter's. None if unknown.
-    ``heading_sd`` and ``tilt_sd`` [rad] of that attitude, NaN if unknown: a heading that GNSS supports corrects the
-    filter's, and such a tilt tells the bias of the accelerometer.
+    ``valid`` while GNSS or another velocity aids the navigator, or its tilt is still good; otherwise it would feed its
+    own errors back. ``q_nb`` is the navigator's attitude, None if unknown; its heading may differ from the filter's.
+    ``heading_sd`` and ``tilt_sd`` [rad] are those of that attitude, NaN if unknown: a heading aided by GNSS corrects
+    the filter's heading, a good tilt corrects the accelerometer bias.
     """
 
     stamp_ns: int
     vel_enu: Vector3
     valid: bool = True
     q_nb: tuple[float, float, float, float] | None = None
-    drifting: bool = False  # nothing but the IMU carries it: its change means something, its value does not
+    drifting: bool = False  # on the IMU alone: changes of the velocity are valid, its value is not
     heading_sd: float = math.nan
     tilt_sd: float = math.nan
 
@@ -252,15 +252,16 @@ class VelocityError:
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """What the vehicle may be doing and what follows from it; ``None`` where nothing does.
+    """Hypothesis about the vehicle's motion (a regime such as hover or travel) and its statistics; ``None``: not used.
 
-    ``probability`` at the loss of GNSS, ``velocity_var`` [m^2/s^2] of each horizontal velocity component about zero, of
-    which ``velocity_time`` [s] make one independent draw; without it the velocity tells regimes apart, no more.
-    ``air_noise`` (3,) [m^2/s^2] of the predicted air velocity in b, ``log_likelihood`` of all else that was seen.
-    ``place_var`` [m^2] of each horizontal component of the place about where GNSS was lost, of which ``place_time`` [s]
-    make one draw. ``doubt_psd`` [m^2/s]: how the position spreads because the vehicle may do something else.
-    ``air_corrects``: the predicted air velocity corrects the branch; else it tells the hypotheses apart, no more.
-    ``lasting``: what holds in place of this while it has been the likely hypothesis ever since GNSS was lost.
+    ``probability`` at the loss of GNSS. ``velocity_var`` [m^2/s^2]: variance of each horizontal velocity component
+    about zero, one independent sample per ``velocity_time`` [s]; with ``velocity_time`` None the velocity only
+    discriminates between hypotheses. ``air_noise`` (3,) [m^2/s^2]: noise of the predicted air velocity in b.
+    ``log_likelihood``: of all other data. ``place_var`` [m^2]: variance of each horizontal component of the position
+    about that of the loss of GNSS, one independent sample per ``place_time`` [s]. ``doubt_psd`` [m^2/s]: random walk of
+    the position for motion outside the hypothesis. ``air_corrects``: the predicted air velocity corrects the branch;
+    otherwise it only discriminates. ``lasting``: replaces this hypothesis while it has been the likely one ever since
+    the loss of GNSS.
     """
 
     name: str
@@ -278,14 +279,15 @@ class Hypothesis:
 
 @dataclass(frozen=True, slots=True)
 class MotionEvidence:
-    """What the last ``interval`` [s] of an outage shows of the motion: means of the solution, prediction, hypotheses.
+    """Evidence of the motion over the last ``interval`` [s] of an outage: means of the solution, prediction, regimes.
 
-    ``attitude`` (3, 3) mean C_nb; ``velocity`` in n and ``body_velocity`` (mean of C^T v) of the estimate [m/s];
-    ``air_velocity`` predicted in b [m/s], None without a prediction. The wind (East, North, m/s) with which an outage
-    begins, its mean, covariance (2, 2) now and variance in the long run, and its time constant. ``dwell`` [s]: how long
-    a regime lasts. ``drift_variance``: squared errors without GNSS as a fraction of the stated variance. What is nearer
-    in time than ``correlation`` [s] is not independent evidence of a regime. ``unmodelled_var`` [m^2/s^2]: of a
-    velocity that has drifted; the covariance does not account for lasting wrong predictions.
+    ``attitude`` (3, 3): mean C_nb; ``velocity`` in n and ``body_velocity`` (mean of C^T v) [m/s]: means of the
+    estimate. ``air_velocity``: predicted in b [m/s], None without a prediction. ``wind`` (East, North) [m/s] at the
+    beginning of the outage, its long-term mean ``wind_mean``, present covariance ``wind_cov`` (2, 2), long-term
+    variance ``wind_spread`` and time constant ``wind_tau`` [s]. ``dwell`` [s]: mean duration of a regime.
+    ``drift_variance``: squared errors without GNSS relative to the stated variance. ``correlation`` [s]: time within
+    which data are not independent evidence of a regime. ``unmodelled_var`` [m^2/s^2]: variance of a drifted velocity
+    that the covariance does not contain, because wrong predictions persist.
     """
 
     stamp_ns: int
@@ -332,5 +334,12 @@ Sample = (
 
 
 def stamp_of(sample: Sample) -> int | None:
-    """The stamp of a sample, of a block its last one; None for a count that came without a header."""
+    """Stamp of a sample, or of the last sample of a block; None for samples that came without a header."""
     return int(sample.stamps_ns[-1]) if isinstance(sample, ImuBlock) else sample.stamp_ns
+
+
+def known_stamp(sample: Sample) -> int:
+    """``stamp_of`` a sample that is known to have one."""
+    stamp = stamp_of(sample)
+    assert stamp is not None
+    return stamp

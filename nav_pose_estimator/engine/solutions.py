@@ -1,4 +1,4 @@
-"""What comes out of an engine: solutions, events, and the words for the state."""
+"""Output of the engines: solutions, events, modes and status."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -10,14 +10,14 @@ from nav_pose_estimator.core.filter import layout as at
 
 
 class Mode(Enum):
-    """State of the navigator; the same words in topics, diagnostics, reports and logs."""
+    """Mode of the navigator; the same words in topics, diagnostics, reports and logs."""
 
     WAITING_IMU = "WAITING_IMU"
     ALIGNING = "ALIGNING"
     NO_ORIGIN = "NO_ORIGIN"
     AIDED = "AIDED"
-    COASTING = "COASTING"  # GNSS lost, other aids or learned models still bound the drift
-    DEAD_RECKONING = "DEAD_RECKONING"  # nothing but the IMU
+    COASTING = "COASTING"  # GNSS lost; other aids or learned models still bound the drift
+    DEAD_RECKONING = "DEAD_RECKONING"  # on the IMU alone
     EXPIRED = "EXPIRED"  # unaided for longer than the allowed time
     REACQUIRING = "REACQUIRING"  # GNSS is back and being checked
 
@@ -33,7 +33,7 @@ class Level(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened: ``name`` is a counter on diagnostics (``imu.rejected.nan``), ``text`` one sentence.
+    """An event: ``name`` is its counter on diagnostics (``imu.rejected.nan``), ``text`` one sentence for the user.
 
     ``text`` is empty for events that are only counted.
     """
@@ -47,7 +47,7 @@ class Event:
 
 @dataclass(slots=True)
 class AttitudeSolution:
-    """Attitude at one stamp. ``values`` (HEAD_SIZE,) of ``core.attitude.layout``; the properties are parts of it.
+    """Attitude at one stamp. ``values`` (HEAD_SIZE,) of ``core.attitude.layout``; the properties are views of it.
 
     To be treated as frozen, like ``NavSolution``.
     """
@@ -83,10 +83,10 @@ class AttitudeSolution:
 
 @dataclass(slots=True)
 class NavSolution:
-    """Navigation solution at one stamp. ``values`` (SOLUTION_SIZE,) of ``layout``; the properties are parts of it.
+    """Navigation solution at one stamp. ``values`` (SOLUTION_SIZE,) of ``layout``; the properties are views of it.
 
-    Hundreds are made per second and few are read: nothing is unpacked before it is asked for. To be treated as frozen;
-    freezing it would cost a fifth of the navigator's time for a sample.
+    Hundreds are created per second and few are read, so nothing is unpacked in advance. To be treated as frozen;
+    freezing it would cost a fifth of the navigator's time per sample.
     """
 
     stamp_ns: int
@@ -105,7 +105,7 @@ class NavSolution:
         reset_count: int = 0,
         **parts: np.ndarray | float,
     ) -> "NavSolution":
-        """A solution put together from its ``parts``, named as the properties; what is not given is zero.
+        """A solution from its ``parts``, named like the properties; missing ones are zero.
 
         The variances of its output row are those of ``cov``.
         """
@@ -186,7 +186,7 @@ class NavBlock:
 
 @dataclass(frozen=True, slots=True)
 class PredictedDrift:
-    """What the network says in an outage: velocity error ENU [m/s], covariance (3, 3), position error so far [m]."""
+    """The network's prediction in an outage: velocity error ENU [m/s], covariance (3, 3), position error so far [m]."""
 
     stamp_ns: int
     dv_n: tuple[float, float, float]
@@ -224,20 +224,20 @@ class AttitudeBlock:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """What a pilot wants to know, and every counter (``imu.rejected.nan`` -> 3)."""
+    """Status for the operator, with all counters (``imu.rejected.nan`` -> 3)."""
 
     stamp_ns: int
     mode: Mode
-    waiting_for: str  # one sentence while not AIDED, else empty
+    waiting_for: str  # what is missing, one sentence; empty where nothing is
     seconds_coasting: float
     horizontal_sd: float  # m, now
-    horizontal_sd_in_30_s: float  # m, if GNSS stays away
+    horizontal_sd_in_30_s: float  # m, predicted without GNSS
     gnss_refusal: str  # why the last fix was not used, else empty
     satellites: int | None
     counters: dict[str, int]
-    values: dict[str, float]  # nis means, rates, delays ...
-    doubt: str = ""  # why an aided navigator is not to be believed as usual
-    held_by: str = ""  # what bounds the drift beside GNSS
+    values: dict[str, float]  # NIS means, noise factors, delays ...
+    doubt: str = ""  # why the solution is less certain than usual, one clause
+    held_by: str = ""  # aids other than GNSS that bound the drift
 
 
 Output = NavSolution | NavBlock | AttitudeSolution | AttitudeBlock | PredictedDrift | Event

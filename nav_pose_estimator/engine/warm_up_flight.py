@@ -1,4 +1,4 @@
-"""A short synthetic flight that calls every kernel of an engine, so that no real sample waits for a compiler."""
+"""Warm-up: a short synthetic flight that calls all kernels of an engine, so that no sample waits for a compiler."""
 
 import math
 from collections.abc import Callable
@@ -21,17 +21,17 @@ from nav_pose_estimator.engine.samples import (
 )
 from nav_pose_estimator.engine.solutions import Mode, Output, Status
 
-_STEP_NS = 20_000_000
-_EPOCH_NS = 1_000_000_000
-_LONGEST = 6000  # IMU samples at rest; the usual parameters need 150 to align
-_AIDED = 75  # IMU samples in which the filter is aided before GNSS is taken away
-_UNAIDED = 100  # ... and after that
-_GUIDED = 3  # ... and in which evidence of the motion comes as well
+_STEP_NS = 20_000_000  # from one IMU sample to the next
+_EPOCH_NS = 1_000_000_000  # stamp before the first sample
+_LONGEST = 6000  # largest number of IMU samples at rest; the default parameters need 150 to align
+_AIDED = 75  # IMU samples of aided flight before the outage
+_UNAIDED = 100  # IMU samples of the outage
+_GUIDED = 3  # further IMU samples of the outage, with evidence of the motion
 _MOVING = 400  # IMU samples of a flight that begins in the air
 
 
 class Engine(Protocol):
-    """What can be warmed up."""
+    """Interface of an engine that can be warmed up."""
 
     @property
     def mode(self) -> Mode: ...
@@ -41,7 +41,7 @@ class Engine(Protocol):
 
 
 def warm_up(make_engine: Callable[[], Engine]) -> None:
-    """Lead fresh engines through a start at rest, aided flight and an outage, and through a start in the air."""
+    """Run fresh engines through a start at rest, aided flight and an outage, and through a start in the air."""
     if not COMPILED:
         return
     at_rest = make_engine()
@@ -69,7 +69,7 @@ def _feed(engine: Engine, samples: list[Sample]) -> None:
 
 
 def _at_rest(step: int) -> list[Sample]:
-    """Level, facing East at 45 degrees North, with every sensor; no two IMU samples are equal."""
+    """Samples at rest, level, facing East at 45 degrees North, with all sensors; no two IMU samples are equal."""
     stamp, wiggle = _EPOCH_NS + step * _STEP_NS, 1e-4 * math.sin(step)
     samples: list[Sample] = [ImuSample(stamp, (wiggle, -wiggle, wiggle), (10.0 * wiggle, wiggle, 9.806))]
     if step % 10 == 0:
@@ -85,7 +85,7 @@ def _at_rest(step: int) -> list[Sample]:
 
 
 def _evidence(step: int) -> MotionEvidence:
-    """Hovering or travelling in still air: the filter splits, decides, and is one again."""
+    """Evidence of hovering or travelling in still air, on which the filter splits into branches and merges again."""
     zero = (0.0, 0.0, 0.0)
     hypotheses = Hypothesis("travel", 0.5, 4.0, (1.0, 1.0, 1.0)), Hypothesis("hover", 0.5, 0.1, None)
     stamp = _EPOCH_NS + step * _STEP_NS
@@ -95,7 +95,7 @@ def _evidence(step: int) -> MotionEvidence:
 
 
 def _in_motion(step: int) -> list[Sample]:
-    """To and fro along the body's x axis, which points North: heading has to come from the GNSS velocity."""
+    """Samples of a motion to and fro along body x, which points North: the heading has to come from GNSS velocity."""
     stamp, t = _EPOCH_NS + step * _STEP_NS, step * _STEP_NS * 1e-9
     samples: list[Sample] = [ImuSample(stamp, (1e-4 * math.sin(step), 0.0, 0.0), (4.0 * math.cos(t), 0.0, 9.806))]
     if step % 10 == 0:

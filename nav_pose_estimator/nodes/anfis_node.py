@@ -35,7 +35,7 @@ class AnfisNode(EstimatorNode):
         pace = Pace(_ODOMETRY_RATE)
         self.listen(inputs.NAVIGATOR, needed=True, choose=lambda data: pace.is_due(peek_stamp_ns(data)))
         self._listen_to_facts()
-        self.keeper = ModelKeeper(self, self.engine, trainer, self.parameters.ros.model, self.say)
+        self.model_keeper = ModelKeeper(self, self.engine, trainer, self.parameters.ros.model, self.say)
         self.get_logger().info("ready")
 
     def _listen_to_facts(self) -> None:
@@ -64,15 +64,15 @@ class AnfisNode(EstimatorNode):
         """outage/velocity_error and outage/position_error."""
         self._output.publish(drift)
 
-    def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
+    def describe(self, status: Status) -> wording.Description:
         """Scores, learning curve and why the model is not used. Only a navigator that is missing is a warning."""
         level = wording.WARN if self.engine.watch.waiting_for else wording.OK
-        facts = wording.learner_facts(status, self.keeper.training, self.keeper.history)
+        facts = wording.learner_facts(status, self.model_keeper.training, self.model_keeper.history)
         return level, wording.sentence(status, wording.LEARNER_MEANINGS), facts
 
     def destroy_node(self) -> None:
         """Also end a training."""
-        self.keeper.stop()
+        self.model_keeper.stop()
         super().destroy_node()
 
 

@@ -39,7 +39,7 @@ class AttitudeNode(EstimatorNode):
             qos.subscribe(self, NavSatFix, "sins_node/origin", self._on_origin, qos.latched())
         self.get_logger().info("ready")
 
-    def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
+    def describe(self, status: Status) -> wording.Description:
         """As in every node, but modes are those of the attitude filter."""
         return wording.level_of(status), wording.sentence(status, wording.ATTITUDE_MEANINGS), wording.facts(status)
 

@@ -6,16 +6,14 @@ from functools import partial
 
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, PredictedDrift, Status
-from nav_pose_estimator.ros import inputs, services, spin, wording
-from nav_pose_estimator.ros.autopilot.link import autopilot_link
-from nav_pose_estimator.ros.continuation.state_keeper import StateKeeper
-from nav_pose_estimator.ros.estimator_node import EstimatorNode
+from nav_pose_estimator.nodes.navigator_node import NavigatorNode
+from nav_pose_estimator.ros import spin, wording
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
-from nav_pose_estimator.ros.outputs import AttitudeOutput, LearnerOutput, NavigationOutput
+from nav_pose_estimator.ros.outputs import AttitudeOutput, LearnerOutput
 from nav_pose_estimator.ros.training import Trainer
 
 
-class PoseEstimatorNode(EstimatorNode):
+class PoseEstimatorNode(NavigatorNode):
     """The composed estimator: the engine that replay runs, fed from topics."""
 
     published = (NavSolution, AttitudeSolution, PredictedDrift)
@@ -24,52 +22,35 @@ class PoseEstimatorNode(EstimatorNode):
         trainer = Trainer()
         super().__init__("pose_estimator", partial(PoseEstimator, train=trainer.submit))
         self._attitude = AttitudeOutput(self, self.parameters)
-        self._navigation = NavigationOutput(self, self.parameters)
-        self._autopilot = autopilot_link(self, self.parameters)
-        self.listen(inputs.imu(self.parameters), needed=True)
-        for source in inputs.of_navigator(self.parameters):
-            self.listen(self._autopilot.screened(source), needed=source.topic == "gps/fix")
-        services.offer_gnss(self)
-        services.offer_coordinates(self)
         self._learned, pupil = LearnerOutput(self, self.parameters), self.engine.outage_aid
         model = self.parameters.ros.model
-        self.keeper = None if pupil is None else ModelKeeper(self, pupil, trainer, model, self.say)
-        self._keeper = StateKeeper(self, self.engine, self.parameters.ros.state)
+        self.model_keeper = None if pupil is None else ModelKeeper(self, pupil, trainer, model, self.say)
+        self.continue_flight()
         self.get_logger().info("ready")
 
-    def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
+    def describe(self, status: Status) -> wording.Description:
         """As in every node, and the status of the learner."""
         level, sentence, facts = super().describe(status)
-        if self.keeper is None:
+        keeper, aid = self.model_keeper, self.engine.outage_aid
+        if keeper is None:
             return level, sentence, facts
-        aid = self.engine.outage_aid
         learner = replace(status, waiting_for=aid.learner.state.reason, values=aid.status())
-        return level, sentence, facts + wording.learner_facts(learner, self.keeper.training, self.keeper.history)[1:]
+        return level, sentence, facts + wording.learner_facts(learner, keeper.training, keeper.history)[1:]
 
     def destroy_node(self) -> None:
-        """Also leave the state behind, and end a training."""
-        self._keeper.stop()
-        if self.keeper is not None:
-            self.keeper.stop()
+        """Also end a training."""
+        if self.model_keeper is not None:
+            self.model_keeper.stop()
         super().destroy_node()
-
-    def spare(self, flag: bool) -> None:
-        """Rehearsals rest."""
-        if self.engine.outage_aid is not None:
-            self.engine.outage_aid.state.rests = flag
 
     def publish(self, solution: AttitudeSolution | NavSolution | PredictedDrift) -> None:
         """Attitude, navigation and predictions on their topics."""
         if isinstance(solution, PredictedDrift):
             self._learned.publish(solution)
-            return
-        if isinstance(solution, AttitudeSolution):
+        elif isinstance(solution, AttitudeSolution):
             self._attitude.publish(solution)
-            return
-        self._navigation.publish_origin(solution.stamp_ns, self.engine.origin)
-        self._navigation.publish(solution)
-        self._autopilot.publish(solution)
-        self._keeper.note(solution.stamp_ns)
+        else:
+            super().publish(solution)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

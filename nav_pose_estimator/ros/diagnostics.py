@@ -11,8 +11,6 @@ from nav_pose_estimator.engine.solutions import Level
 from nav_pose_estimator.ros import qos, wording
 from nav_pose_estimator.ros.messages.outgoing import fill_stamp
 
-Description = tuple[int, str, list[tuple[str, str]]]
-
 
 class InputWatch:
     """Counts the messages of one input. The only place that asks a wall clock, and nothing estimates with it."""
@@ -116,7 +114,7 @@ class Diagnostics:
         self._array = qos.advertise(node, DiagnosticArray, "/diagnostics")
         self._status = qos.advertise(node, DiagnosticStatus, "~/status", qos.latched())
 
-    def publish(self, state: Description, watches: list[InputWatch], counters: Mapping[str, int]) -> None:
+    def publish(self, state: wording.Description, watches: list[InputWatch], counters: Mapping[str, int]) -> None:
         """Everything, on both topics. ``state``: level, sentence and facts."""
         reports = [watch.report() for watch in watches]
         level, text = wording.input_sentence(reports)

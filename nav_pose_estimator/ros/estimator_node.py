@@ -96,11 +96,11 @@ class EstimatorNode(Node):
             self._mode = mode
             self._diagnostics.publish_status(*self._state(self.engine.status()))
 
-    def describe(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
+    def describe(self, status: Status) -> wording.Description:
         """Level, sentence and facts for ~/status and diagnostics."""
         return wording.level_of(status), wording.sentence(status), wording.facts(status)
 
-    def _state(self, status: Status) -> tuple[int, str, list[tuple[str, str]]]:
+    def _state(self, status: Status) -> wording.Description:
         """``describe``, and an overload where there is one."""
         level, sentence, facts = self.describe(status)
         complaint = self.intake.complaint

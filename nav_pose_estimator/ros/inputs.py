@@ -1,12 +1,10 @@
 """What the nodes subscribe to: the sensors of the message table, and what one node receives from another."""
 
-import importlib
 from typing import Any
 
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.parameters.schema import ParameterError
 from nav_pose_estimator.ros import navigator_watch
-from nav_pose_estimator.ros.messages import convert, message_table
+from nav_pose_estimator.ros.messages import convert, installed, message_table
 from nav_pose_estimator.ros.messages.message_table import Source
 
 ATTITUDE = Source("imu/data", "sensor_msgs/msg/Imu", convert.imu_attitude)
@@ -44,12 +42,6 @@ def body_velocity(parameters: Parameters) -> Source:
 
 def message_class(source: Source) -> Any:
     """The rclpy message class of ``source``; ``ParameterError`` where its package is not installed."""
-    package, _, name = source.type.split("/")
-    try:
-        return getattr(importlib.import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError):
-        other = f" or choose another type in {source.parameter}" if source.parameter else ""
-        raise ParameterError(
-            f"{source.topic} is set to {package}/{name}, but {package} is not installed here; "
-            f"install ros-jazzy-{package.replace('_', '-')}{other}"
-        ) from None
+    wanted = f"{source.topic} is set to {source.type.replace('/msg/', '/')}"
+    other = f"choose another type in {source.parameter}" if source.parameter else ""
+    return installed.message_class(source.type, wanted, other)

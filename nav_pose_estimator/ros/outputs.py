@@ -1,6 +1,5 @@
 """Topics that estimators publish. Messages are made once and refilled; rates are kept by stamps."""
 
-import importlib
 from typing import Any
 
 import numpy as np
@@ -13,10 +12,9 @@ from std_msgs.msg import Bool
 from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.imu import ImuParameters
-from nav_pose_estimator.engine.parameters.schema import ParameterError
 from nav_pose_estimator.engine.solutions import AttitudeSolution, NavSolution, PredictedDrift
 from nav_pose_estimator.ros import qos
-from nav_pose_estimator.ros.messages import outgoing
+from nav_pose_estimator.ros.messages import installed, outgoing
 from nav_pose_estimator.ros.messages.steady_twist import SteadyTwist
 from nav_pose_estimator.ros.pace import Pace
 
@@ -78,17 +76,12 @@ class NavigationOutput:
         self._odometry_pace = Pace(rates.odometry_rate)
         self._twist = SteadyTwist(rates.velocity_slew)
         self._fix_pace, self._bias_pace = Pace(rates.fix_rate), Pace(rates.bias_rate)
-        self._odometry_message, self._pose_message, self._fix_message = (
-            Odometry(),
-            PoseWithCovarianceStamped(),
-            NavSatFix(),
-        )
+        self._odometry_message = Odometry(child_frame_id=frames.base_link)
         self._odometry_message.header.frame_id = frames.odom
-        self._odometry_message.child_frame_id = frames.base_link
+        self._pose_message, self._fix_message = PoseWithCovarianceStamped(), NavSatFix()
         self._pose_message.header.frame_id = self._map = frames.map
-        self._fix_message.header.frame_id = self._base_link = frames.base_link
         self._bias_message = Vector3Stamped()
-        self._bias_message.header.frame_id = frames.base_link
+        self._fix_message.header.frame_id = self._bias_message.header.frame_id = frames.base_link
         self._published_origin: tuple[float, float, float] | None = None
         self._is_denied: bool | None = None
 
@@ -151,13 +144,8 @@ class Transforms:
     """map -> odom -> base_link on /tf."""
 
     def __init__(self, node: Node, frames: Any) -> None:
-        try:
-            self._kind = importlib.import_module("tf2_msgs.msg").TFMessage
-        except ImportError:
-            raise ParameterError(
-                "ros.frames.publish_tf is true, but tf2_msgs is not installed here; "
-                "install ros-jazzy-tf2-msgs or set it to false"
-            ) from None
+        wanted = "ros.frames.publish_tf is true"
+        self._kind = installed.message_class("tf2_msgs/msg/TFMessage", wanted, "set it to false")
         self._publisher = qos.advertise(node, self._kind, "/tf")
         self._jumps, self._motion = TransformStamped(), TransformStamped()
         self._jumps.header.frame_id, self._jumps.child_frame_id = frames.map, frames.odom

@@ -8,6 +8,9 @@ from nav_pose_estimator.engine.solutions import Mode, Status
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs/DiagnosticStatus
 
+Description = tuple[int, str, list[tuple[str, str]]]
+"""Level, sentence, and facts by key: what ``~/status`` says."""
+
 _LEVELS = {Mode.AIDED: OK, Mode.EXPIRED: ERROR}
 MEANINGS = {
     Mode.WAITING_IMU: "waiting for the IMU",

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
 from nav_pose_estimator.sim.faults import Fault, apply
 from nav_pose_estimator.sim.imu_grades import ImuGrade
@@ -71,6 +72,16 @@ class Recording:
             arrivals = np.array([timed.arrival_ns for timed in stream], dtype=np.int64)
             recording = replace(recording, imu=block, imu_arrivals_ns=arrivals)
         return recording
+
+    def error_enu(self, t: np.ndarray | float, position: np.ndarray) -> np.ndarray:
+        """East, North, Up (..., 3) [m] from where the vehicle was at ``t`` (...) [s] to ``position`` (..., 3).
+
+        ``position``: latitude, longitude [rad], ellipsoid height [m].
+        """
+        truth = self.truth
+        true_lat, true_lon, true_alt = (np.interp(t, truth.t, column) for column in (truth.lat, truth.lon, truth.alt))
+        lat, lon, alt = np.moveaxis(position, -1, 0)
+        return lla_to_enu(lat, lon, alt, *self.origin) - lla_to_enu(true_lat, true_lon, true_alt, *self.origin)
 
     def _imu_samples(self, first: int, last: int, blocks: bool) -> Iterator[Sample]:
         if last <= first:

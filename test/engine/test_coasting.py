@@ -38,8 +38,7 @@ def fly(recording: Recording, until: float, engine: SinsEngine, after: float = -
 def horizontal_error(recording: Recording, engine: SinsEngine, t: float) -> float:
     truth, nav = recording.truth, engine.run.settled.nav.copy()
     t = min(t, float(nav[at.TIME]) + float(truth.t[0]))
-    where = [np.interp(t, truth.t, column) for column in (truth.lat, truth.lon, truth.alt)]
-    return float(np.hypot(*lla_to_enu(*nav[at.LAT : at.VEL], *where)[:2]))
+    return float(np.hypot(*recording.error_enu(t, nav[at.LAT : at.VEL])[:2]))
 
 
 @pytest.mark.parametrize(("grade", "seed"), [("icm42688", 1), ("bmi088", 2), ("mpu6000", 3), ("mpu6000", 5)])

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.outage.aid import OutageAid
@@ -98,10 +97,8 @@ class Flown:
     @property
     def off(self) -> np.ndarray:
         """Horizontal error (N,) [m]."""
-        truth, t = flight().truth, (self.stamps - flight().start_ns) * 1e-9
-        true = [np.interp(t, truth.t, c) for c in (truth.lat, truth.lon, truth.alt)]
-        here = lla_to_enu(*self.rows[:, at.OUT_POS : at.OUT_VEL].T, *flight().origin)
-        return np.linalg.norm((here - lla_to_enu(*true, *flight().origin))[:, :2], axis=1)
+        t = (self.stamps - flight().start_ns) * 1e-9
+        return np.linalg.norm(flight().error_enu(t, self.rows[:, at.OUT_POS : at.OUT_VEL])[:, :2], axis=1)
 
     @property
     def sigma(self) -> np.ndarray:

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
@@ -60,11 +59,8 @@ def track(outputs: list) -> tuple[np.ndarray, np.ndarray, list[Mode]]:
 
 def errors(recording: Recording, stamps: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Horizontal position error (N,) [m] against the truth."""
-    truth = recording.truth
     t = (stamps - recording.start_ns) * 1e-9
-    lat, lon, h = (np.interp(t, truth.t, c) for c in (truth.lat, truth.lon, truth.alt))
-    enu = lla_to_enu(rows[:, at.OUT_POS], rows[:, at.OUT_POS + 1], rows[:, at.OUT_POS + 2], lat[0], lon[0], h[0])
-    return np.hypot(*(enu - lla_to_enu(lat, lon, h, lat[0], lon[0], h[0]))[:, :2].T)
+    return np.hypot(*recording.error_enu(t, rows[:, at.OUT_POS : at.OUT_VEL])[:, :2].T)
 
 
 def test_an_outage_and_back(flight: Recording) -> None:

@@ -122,7 +122,7 @@ def _last_alone(samples: Iterable[Sample]) -> Iterator[Sample]:
             yield before
         before = sample
     if isinstance(before, ImuBlock):
-        yield ImuBlock(before.stamps_ns[:-1], before.gyro[:-1], before.accel[:-1])
+        yield before.part(0, -1)
         yield ImuSample(int(before.stamps_ns[-1]), tuple(before.gyro[-1].tolist()), tuple(before.accel[-1].tolist()))
     elif before is not None:
         yield before
@@ -132,9 +132,7 @@ def _told(estimator: PoseEstimator, recording: Recording, events: list, pages: _
     rows = np.concatenate(pages.rows) if pages.rows else np.empty((0, at.OUT_COLUMNS))
     stamps = np.concatenate(pages.stamps) if pages.stamps else np.empty(0, np.int64)
     t = (stamps - recording.start_ns) * 1e-9
-    truth, home = recording.truth, recording.origin
-    true = lla_to_enu(*(np.interp(t, truth.t, c) for c in (truth.lat, truth.lon, truth.alt)), *home)
-    position = lla_to_enu(*rows[:, at.OUT_POS : at.OUT_VEL].T, *home)
+    place = rows[:, at.OUT_POS : at.OUT_VEL]
     var = rows[:, at.OUT_VAR + at.DPOS : at.OUT_VAR + at.DPOS + 2]
     return Told(
         estimator,
@@ -143,9 +141,9 @@ def _told(estimator: PoseEstimator, recording: Recording, events: list, pages: _
         pages.modes,
         last,
         t,
-        position - true,
+        recording.error_enu(t, place),
         np.sqrt(var.sum(axis=1)),
-        position,
+        lla_to_enu(*place.T, *recording.origin),
         np.linalg.norm(rows[:, at.OUT_VEL : at.OUT_QUAT], axis=1),
         np.concatenate(pages.correction) if pages.correction else np.empty((0, 3)),
         np.concatenate(pages.resets) if pages.resets else np.empty(0),

@@ -17,7 +17,7 @@ from nav_pose_estimator.offline.archive.kept import KeptResults, key_of
 from nav_pose_estimator.offline.archive.recordings import find
 from nav_pose_estimator.offline.benchmarks.archive import cluster
 from nav_pose_estimator.offline.benchmarks.outage import many_flights
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task, run_flight
+from nav_pose_estimator.offline.benchmarks.outage.trials import Task, run_flight
 from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.offline.logs.open_recording import read_sensors

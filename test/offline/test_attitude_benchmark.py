@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.core.numerics.rotation import quat_from_euler
+from nav_pose_estimator.offline.benchmarks.attitude import benchmark
+from nav_pose_estimator.offline.benchmarks.attitude.row import Row
 from nav_pose_estimator.offline.benchmarks.attitude.trials import errors
 from nav_pose_estimator.offline.command_line import main
 
@@ -32,6 +34,14 @@ def test_scores_on_real_trials(shared_data, tmp_path) -> None:
     for method, (inclination, total) in BOUNDS.items():
         assert means[method]["inclination_deg"] <= inclination
         assert means[method]["total_deg"] <= total
+
+
+def test_what_a_filter_does_not_state_is_null(tmp_path) -> None:
+    """GIVEN a peer that states no deviation WHEN its row is written THEN the summary is JSON for every reader."""
+    row = Row("recorded", "trial", "vqf", 0.7, 2.4, 2.5)
+    benchmark.write_files(tmp_path, [row], [row], advance=0.0)
+    (means,) = json.loads((tmp_path / "summary.json").read_text(), parse_constant=pytest.fail)["means"]
+    assert means["tilt_in_95"] is None
 
 
 @pytest.mark.parametrize("arguments", [["gone.npz"], ["--methods", "magic", "gone.npz"], []])

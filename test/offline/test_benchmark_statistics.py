@@ -59,15 +59,14 @@ def test_within_a_flight_overlapping_outages_share_a_cluster():
 
 
 def test_the_interval_covers_and_is_repeatable():
-    rng = np.random.default_rng(4)
-    hits = 0
-    for _ in range(60):
+    rng, cluster, hits = np.random.default_rng(4), np.repeat(np.arange(20), 5), 0
+    for _ in range(40):
         level = rng.normal(0.0, 1.0, 20)
         values = (level[:, None] + rng.normal(0.0, 0.3, (20, 5))).ravel()
-        low, high = bootstrap(values, np.repeat(np.arange(20), 5), np.median, seed=1)
-        assert (low, high) == bootstrap(values, np.repeat(np.arange(20), 5), np.median, seed=1)
+        low, high = bootstrap(values, cluster, np.median, seed=1)
         hits += low <= 0.0 <= high
-    assert hits >= 50
+    assert hits >= 34
+    assert (low, high) == bootstrap(values, cluster, np.median, seed=1)
 
 
 def test_one_cluster_gives_no_interval():

@@ -9,7 +9,7 @@ from nav_pose_estimator.engine.outage.methods.registry import estimators
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import flatten
 from nav_pose_estimator.errors import UserError
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, Task, run_task
+from nav_pose_estimator.offline.benchmarks.outage.trials import FlightResult, Task, run_task
 from nav_pose_estimator.offline.flights import methods
 from nav_pose_estimator.offline.flights.outage_errors import OK
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, run_outages
+from nav_pose_estimator.offline.benchmarks.outage.trials import FlightResult, run_outages
 from nav_pose_estimator.offline.flights import methods
 from nav_pose_estimator.offline.flights.outages import Outage
 from nav_pose_estimator.offline.flights.simulated_flight import in_memory

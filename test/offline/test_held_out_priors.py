@@ -11,8 +11,8 @@ from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.regimes import Decisions
 from nav_pose_estimator.engine.outage.methods.usual_file import flights_of, load_usual_motion
 from nav_pose_estimator.offline.benchmarks.outage import held_out_priors
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task
 from nav_pose_estimator.offline.benchmarks.outage.held_out_priors import Workers, with_held_out_priors
+from nav_pose_estimator.offline.benchmarks.outage.trials import Task
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.offline.simulated_bag import write_recording
 from nav_pose_estimator.offline.training.flights import digest_of

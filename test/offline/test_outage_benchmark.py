@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task, run_task
+from nav_pose_estimator.offline.benchmarks.outage.trials import Task, run_task
 from nav_pose_estimator.offline.benchmarks.speed.figures import Figure, best_time
 from nav_pose_estimator.offline.benchmarks.speed.flight_messages import imu_bytes
 from nav_pose_estimator.offline.benchmarks.speed.processes import write_flight_bag

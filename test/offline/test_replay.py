@@ -202,8 +202,9 @@ def test_two_runs_are_equal_bit_for_bit():
 # --- latency ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_later_receiver_is_found_to_be_later_by_that_much():
+def test_a_later_receiver_is_found_to_be_later_by_that_much(monkeypatch):
     """On steady circles a latency looks almost like a turned heading: the estimate is off, but equally for both."""
+    monkeypatch.setattr(latency, "COARSE", np.array([0.0, 0.2, 0.4]))
     parameters = methods.apply(Parameters(), "coast")
     punctual, late = (latency.estimate(plain_recording(delay, 70.0), parameters) for delay in (0.0, 0.22))
     assert late.delay - punctual.delay == pytest.approx(0.22, abs=0.01)
@@ -221,7 +222,9 @@ def test_a_weak_minimum_is_called_weak():
     assert latency.Latency(0.2, float("nan"), trials, trials, 100.0).weak
 
 
-def test_latency_looks_only_at_data_before_the_first_outage():
+def test_latency_looks_only_at_data_before_the_first_outage(monkeypatch):
+    monkeypatch.setattr(latency, "COARSE", np.array([0.1, 0.4]))
+    monkeypatch.setattr(latency, "RESOLUTION", 0.05)
     recording = plain_recording(0.1)
     parameters = methods.apply(Parameters(), "coast")
     honest = latency.estimate(recording, parameters, until=50.0)

@@ -9,7 +9,7 @@ import pytest
 from nav_pose_estimator.engine.outage.methods.hold import Hold
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, run_outages
+from nav_pose_estimator.offline.benchmarks.outage.trials import FlightResult, run_outages
 from nav_pose_estimator.offline.flights import methods
 from nav_pose_estimator.offline.flights.outages import periodic
 from nav_pose_estimator.offline.flights.recording import Recording, load

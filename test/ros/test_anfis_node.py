@@ -154,7 +154,7 @@ def test_without_a_model_an_outage_is_counted_not_guessed(around):
 def test_enough_flight_starts_a_training_in_another_process(around):
     around.facts(denied=False)
     around.fly(45.0, rate=20)
-    assert around.node.keeper.training == "running"
+    assert around.node.model_keeper.training == "running"
     assert {"~/train", "~/save_model", "~/load_model", "~/reset"} <= {s.srv_name for s in around.node.services}
 
 
@@ -174,7 +174,7 @@ def test_a_full_disk_keeps_the_last_good_model_and_the_node_in_the_air(started, 
     around = Around(started(AnfisNode, "-p", f"ros.model.file:={file}"))
     around.facts(denied=False)
     around.fly(5.0)
-    keeper = around.node.keeper
+    keeper = around.node.model_keeper
     around.engine.learner.state.model = trained_model()
     assert keeper.attempt(keeper.save) == (True, f"the model was saved to {file}")
     before = file.read_bytes()

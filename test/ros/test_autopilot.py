@@ -227,7 +227,7 @@ def test_a_navigator_that_has_started_again_begins_a_new_stretch(monkeypatch):
     publisher = SimpleNamespace(publish=lambda m: heard.append(m.reset_counter), get_subscription_count=lambda: 1)
     monkeypatch.setattr(qos, "advertise", lambda *_: publisher)
     monkeypatch.setattr(qos, "subscribe", lambda *_: None)
-    monkeypatch.setattr(link, "message_kind", lambda name, word: partial(make, name.replace("/", "/msg/")))
+    monkeypatch.setattr(link, "message_class", lambda name, word: partial(make, name))
     node = SimpleNamespace(resolve_topic_name=str, say=lambda *_: None)
     values = {"ros.output.autopilot": "px4", "ros.output.autopilot_when": "always"}
     output = link.autopilot_link(node, update(Parameters(), values))

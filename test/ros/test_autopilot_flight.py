@@ -96,7 +96,7 @@ def wired(started, monkeypatch) -> Callable[..., Wired]:
         monkeypatch.setattr(qos, "advertise", our_advertise)
         monkeypatch.setattr(qos, "subscribe", our_subscribe)
         if word != "mavros":
-            monkeypatch.setattr(link, "message_kind", lambda name, word: partial(make, name.replace("/", "/msg/")))
+            monkeypatch.setattr(link, "message_class", lambda name, word: partial(make, name))
         given = (f"ros.output.autopilot:={word}", f"ros.output.autopilot_geoid:={GEOID}", *parameters)
         node = started(PoseEstimatorNode, *(w for item in given for w in ("-p", item)))
         wire = Wired(Played(node), consumer, arrivals, heard)

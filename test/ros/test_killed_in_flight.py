@@ -133,7 +133,7 @@ def test_an_estimator_killed_in_flight_goes_on_from_its_state(launch, observer, 
     observer.until(lambda: told.mode == "AIDED" and len(odometry) > 100, "AIDED again")
     text = again.text()
     gap, silent_until = (
-        float(re.search(words, text)[1]) for words in (r"a state from (\S+) s ago", r"goes on after (\S+) s")
+        float(re.search(words, text)[1]) for words in (r"a state from (\S+) s ago", r"continues after (\S+) s")
     )
     assert silent_until - gap < 3.0, text
     assert (before.latitude, before.longitude, before.altitude) == pytest.approx(

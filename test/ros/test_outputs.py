@@ -12,7 +12,8 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import ParameterError, update
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolution
 from nav_pose_estimator.nodes.sins_node import SinsNode
-from nav_pose_estimator.ros import outputs, qos
+from nav_pose_estimator.ros import qos
+from nav_pose_estimator.ros.messages import installed
 from nav_pose_estimator.ros.outputs import AttitudeOutput, NavigationOutput
 
 STAMP = 1_700_000_000_000_000_000
@@ -60,10 +61,8 @@ def heard(monkeypatch) -> Heard:
 
 def test_transforms_chain_to_the_pose_in_map(heard, monkeypatch):
     """GIVEN publish_tf and tf2_msgs WHEN a solution comes THEN map -> odom -> base_link give its position."""
-    module = SimpleNamespace(TFMessage=lambda transforms: SimpleNamespace(transforms=transforms))
-    monkeypatch.setattr(
-        outputs, "importlib", SimpleNamespace(import_module=lambda name: {"tf2_msgs.msg": module}[name])
-    )
+    kinds = {"tf2_msgs/msg/TFMessage": lambda transforms: SimpleNamespace(transforms=transforms)}
+    monkeypatch.setattr(installed, "message_class", lambda name, *_: kinds[name])
     names = {"map": "world", "odom": "odom", "base_link": "drone", "publish_tf": True}
     parameters = update(Parameters(), {f"ros.frames.{key}": value for key, value in names.items()})
     output = NavigationOutput(None, parameters)

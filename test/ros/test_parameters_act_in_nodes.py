@@ -22,12 +22,13 @@ from nav_pose_estimator.engine.parameters.schema import flatten, update
 from nav_pose_estimator.engine.samples import ImuSample
 from nav_pose_estimator.engine.solutions import AttitudeSolution, Mode, NavSolution, Status
 from nav_pose_estimator.offline.flights.config_file import load_parameters
-from nav_pose_estimator.ros import inputs, outputs, qos
+from nav_pose_estimator.ros import inputs, qos
 from nav_pose_estimator.ros.autopilot import link
 from nav_pose_estimator.ros.continuation.state_keeper import StateKeeper
 from nav_pose_estimator.ros.diagnostics import InputWatch
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
 from nav_pose_estimator.ros.load.inbox import Arrival
+from nav_pose_estimator.ros.messages import installed
 from nav_pose_estimator.ros.model_keeper import ModelKeeper
 from nav_pose_estimator.ros.outputs import AttitudeOutput, NavigationOutput
 from nav_pose_estimator.ros.training import Trainer
@@ -75,9 +76,7 @@ def published(monkeypatch) -> Observe:
             return SimpleNamespace(publish=messages.append, get_subscription_count=lambda: 1)
 
         monkeypatch.setattr(qos, "advertise", advertise)
-        transforms = SimpleNamespace(TFMessage=lambda transforms: transforms[0])
-        fake = SimpleNamespace(import_module=lambda name: transforms)
-        monkeypatch.setattr(outputs, "importlib", fake)
+        monkeypatch.setattr(installed, "message_class", lambda *_: lambda transforms: transforms[0])
         navigation, attitude = NavigationOutput(None, parameters), AttitudeOutput(None, parameters)
         navigation.publish_origin(START, (0.8, 0.1, 500.0))
         for i in range(400):
@@ -247,7 +246,7 @@ def sent_to_autopilot(monkeypatch) -> Observe:
             return SimpleNamespace(publish=publish, get_subscription_count=lambda: 1)
 
         monkeypatch.setattr(qos, "advertise", advertise)
-        monkeypatch.setattr(link, "message_kind", lambda name, word: partial(make, name.replace("/", "/msg/")))
+        monkeypatch.setattr(link, "message_class", lambda name, word: partial(make, name))
         said: list[str] = []
         node = SimpleNamespace(resolve_topic_name=str, say=lambda name, level, text: said.append(name))
         output = link.autopilot_link(node, parameters)

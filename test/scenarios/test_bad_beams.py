@@ -104,7 +104,7 @@ def test_a_stamp_that_repeats_is_believed_once(flight, sound):
 def test_velocities_in_another_unit_are_not_used(flight, without, unit):
     """GIVEN a driver that publishes millimetres or centimetres a second THEN no beam is used, and it is said."""
     flown = Flown(flight, with_beams(flight, lambda t, sample: replace(sample, velocities=unit * sample.velocities)))
-    assert "no reading of directions and signs agrees" in flown.said("geometry.refused")[0]
+    assert "no convention of directions and signs agrees" in flown.said("geometry.refused")[0]
     assert flown.counters["beam_velocity.used"] == 0
     assert flown.error == pytest.approx(without.error, rel=0.05)
 

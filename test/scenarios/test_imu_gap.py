@@ -14,7 +14,7 @@ from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
-from nav_pose_estimator.engine.samples import ImuBlock, Sample, stamp_of
+from nav_pose_estimator.engine.samples import ImuBlock, Sample, SetPose, stamp_of
 from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock
 from nav_pose_estimator.offline.flights.recording import load
 from pieces import one_by_one
@@ -78,8 +78,19 @@ def test_in_an_outage_it_goes_on_and_sigma_covers_what_nobody_saw(name: str, len
 
 def test_the_status_says_so_until_a_fix_has_come() -> None:
     told = fly("laps", (GAP, 3.0), outage=(LOST, math.inf))
-    assert "nobody saw" in told.estimator.status().doubt
+    assert "no sensor observed" in told.estimator.status().doubt
     assert not fly("laps", (GAP, 3.0)).estimator.status().doubt
+
+
+def test_a_pose_from_outside_leaves_only_the_velocity_in_doubt() -> None:
+    """GIVEN a gap that no sensor observed WHEN an operator sets the pose THEN the status no longer doubts the position."""
+    told = fly("laps", (GAP, 3.0), outage=(LOST, math.inf))
+    engine = told.estimator
+    assert "position and velocity are less certain" in engine.status().doubt
+    position = tuple(told.last.position_enu.tolist())
+    engine.feed(SetPose(told.last.stamp_ns, position, tuple(told.last.q_nb.tolist())))
+    assert "no sensor observed" in engine.status().doubt
+    assert "the velocity is less certain" in engine.status().doubt
 
 
 def test_what_the_flight_has_shown_of_its_speed_still_helps() -> None:
@@ -136,7 +147,7 @@ def test_after_a_minute_nothing_can_be_said() -> None:
     """GIVEN an IMU silent for more than a minute without GNSS THEN it says why it is silent, until GNSS is back."""
     told = fly("stop_and_go", (30.0, 61.0), outage=(25.0, 93.0))
     (event,) = [event for event in told.events if event.name == "reset"]
-    assert "nobody knows where the vehicle is without GNSS" in event.text
+    assert "position is unknown without GNSS" in event.text
     assert not told.between(91.0, 93.0).any()
     assert told.modes[-1] is Mode.AIDED
     assert told.off[-1] < 5.0
@@ -162,7 +173,7 @@ def test_a_poisoned_state_is_not_gone_on_from(poison: str) -> None:
     assert not [block for block in blocks if block.stamps_ns[-1] > after]
     told = [event.text for event in events if event.name in ("reset", "resume.begun") and event.stamp_ns > after]
     assert len(told) == 1
-    assert ("starts again" if poison == "state" else "it was in doubt itself") in told[0]
+    assert ("starts again" if poison == "state" else "that state was in doubt") in told[0]
 
 
 def test_sample_by_sample_it_is_the_same_pose() -> None:

@@ -65,7 +65,7 @@ def test_a_faulty_beam_is_left_out(flight, without, kind):
     flown = Flown(flight, with_beams(flight, on_velocities(spoil)))
     assert flown.error < 0.1 * without.error
     assert flown.error < 3.0 * flown.status.horizontal_sd
-    assert any("beam 2 left out" in text for text in flown.said("beam_out"))
+    assert any("beam 2 excluded" in text for text in flown.said("beam_out"))
     assert flown.refused(2) > 80
     assert flown.refused(1) + flown.refused(3) + flown.refused(4) < 10
     assert any("beam 2 used again" in text for text in flown.said("beam_in"))
@@ -162,7 +162,7 @@ def test_a_delay_that_is_estimated_is_known_and_allowed_for(flight, sound, delay
     assert flown.error < 1.3 * sound.error + 0.2
     assert flown.error < 3.0 * flown.status.horizontal_sd
     assert [text.split(" s old")[1] for text in flown.said("delayed")] == [
-        " when they are stamped: that is allowed for (aids.beams.delay)"
+        " when they are stamped: compensated (set aids.beams.delay)"
     ] * (delay > 0.0)
 
 

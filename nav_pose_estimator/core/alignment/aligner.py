@@ -1,16 +1,16 @@
-"""Start-up alignment: from raw IMU, GNSS and magnetometer to a first navigation state with an honest covariance.
+"""Start-up alignment: first navigation state and covariance from raw IMU, GNSS and magnetometer data.
 
-Three ways lead to it, and the data choose:
+There are three procedures; the data decide which one applies:
 
 * at rest: roll and pitch from the mean specific force, gyroscope bias from the mean rate, heading from the
   magnetometer when its field is plausible;
-* at rest without a magnetometer: level and biases are kept, and the heading comes from the first motion;
-* in motion: a rough level from the mean specific force, or the tilt of an attitude filter where one gives it; a bank of
-  heading hypotheses (``heading_hypotheses``) follows GNSS velocity until one heading has won. A plausible
-  magnetometer gives the bank its first guess, not more: one that has not been calibrated may be wrong by any angle.
+* at rest without a magnetometer: level and gyroscope bias are kept, and the heading comes from the first motion;
+* in motion: a coarse level from the mean specific force, or the tilt of an attitude filter where one is available. A
+  bank of heading hypotheses (``heading_hypotheses``) then processes the fixes until its heading is known well enough.
+  A plausible magnetometer only sets the prior of the bank: without calibration it may be wrong by any angle.
 
-Fixes act at their time of validity, which may lie in the past. The result is valid at the last fix (in motion) or at
-the last IMU sample (at rest), and whoever starts a navigator from it replays the IMU from there.
+A fix is processed at its time of validity, which may lie in the past. The result is valid at the last fix (in motion)
+or at the last IMU sample (at rest); a navigator that starts from it replays the IMU from there.
 """
 
 import math
@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.alignment.first_states import STEEPEST, from_level, heading_prior, in_motion, inclined
+from nav_pose_estimator.core.alignment.fix_motion import FixMotion
 from nav_pose_estimator.core.alignment.heading_hypotheses import HeadingHypotheses
 from nav_pose_estimator.core.alignment.levelling import (
     Compass,
@@ -54,29 +55,30 @@ from nav_pose_estimator.core.filter.measurement_noise import Fixed
 
 Array = NDArray[np.float64]
 
-_LEVEL_WINDOW = 1.0  # s of IMU that give a level in motion
-_LEVEL_AGE = 20.0  # s: what an older rest has taught is forgotten (the IMU since then has to be kept)
-_FIX_AGE = 2.0  # s: an older fix does not tell where the vehicle is
-_RECENT = 20  # fixes: a second and more
+_LEVEL_WINDOW = 1.0  # s of IMU data over which the specific force is averaged for a level in motion
+_LEVEL_AGE = 20.0  # s: an older levelling at rest is dropped, because the IMU rows since then have to be kept
+_FIX_AGE = 2.0  # s: an older fix does not give the position of a resting vehicle
+_RECENT = 20  # fixes with a velocity that are kept, more than one second of them
 _ZERO = (0.0, 0.0, 0.0)
-_KNOWN_RATE = 0.03  # rad/s: a known bias has not moved that far, and a circle flown smoothly turns faster
-_RESIDUAL_RATE_SD = 2e-4  # rad/s: what a rest leaves open of the gyroscope bias
-_LOST_NIS = 12.0  # mean NIS per degree of freedom above which the bank has gone astray
-_LOST_UPDATES = 25
+# rad/s: largest mean rate at rest beside a known bias. A bias does not drift this far; a smooth circle turns faster.
+_KNOWN_RATE = 0.03
+_RESIDUAL_RATE_SD = 2e-4  # rad/s: standard deviation of the gyroscope bias after a levelling at rest
+_LOST_NIS = 12.0  # mean NIS per degree of freedom above which the bank has diverged and is restarted
+_LOST_UPDATES = 25  # fixes before that test applies
 
 
 @dataclass(init=False, eq=False, slots=True)
 class Aligner:
-    """Feed it samples in order of arrival until ``result`` is there. Times are seconds since the engine's epoch."""
+    """The alignment. It takes samples in order of arrival until ``result`` returns one; times are s since the epoch."""
 
     settings: AlignmentSettings
     noise: FixNoise
     restarts: int
-    """How often a bank of hypotheses that had gone astray was started anew."""
+    """How often the bank of hypotheses diverged and was restarted."""
     compass: Compass
-    """Takes the magnetic field."""
+    """Receives the magnetic field."""
     outside: OutsideLevels
-    """Takes the attitudes of another estimator, whose tilt helps a start in motion."""
+    """Receives the attitudes of another estimator, whose tilt improves a start in motion."""
     last_fix: Fix | None
     recent: deque[Fix]
     """The latest fixes with a velocity, oldest first."""
@@ -86,15 +88,16 @@ class Aligner:
     _rest: RestDetector
     _rows: RecentRows
     _fixes: deque[Fix]
+    _motion: FixMotion
     _now: float
     _level: RestLevel | None
     bank: HeadingHypotheses | None
-    """Heading hypotheses that follow GNSS, None while there are none."""
+    """The heading hypotheses; None before a start in motion."""
     _from_rest: bool
     _done: Alignment | None
 
     def __init__(self, settings: AlignmentSettings, noise: FixNoise | None = None) -> None:
-        """``noise``: what becomes of the deviations that come with the fixes; without it they are taken as they are."""
+        """``noise``: noise models of the fixes; without it their stated deviations are used as they are."""
         s = self.settings = settings
         self.noise = noise or FixNoise(Fixed(), Fixed())
         self._constants = make_constants(
@@ -118,6 +121,7 @@ class Aligner:
         self._rows = RecentRows()
         self._fixes = deque()
         self.recent = deque(maxlen=_RECENT)
+        self._motion = FixMotion(s.rest_speed)
         self.compass = Compass(s.declination)
         self.outside = OutsideLevels()
         self._now = -math.inf
@@ -142,8 +146,7 @@ class Aligner:
         if self._is_resting():
             self._learn_from_rest()
         else:
-            self._done = None  # an attitude found at rest does not outlive the rest
-        # what an older rest has taught is forgotten, too
+            self._done = None  # an attitude found at rest is void once the vehicle moves
         oldest = t - _LEVEL_WINDOW - _FIX_AGE
         if self._level is not None and t - self._level.t < _LEVEL_AGE:
             oldest = min(self._level.t, oldest)
@@ -160,7 +163,11 @@ class Aligner:
         vel_sd: float,
         height_sd: float = 0.0,
     ) -> None:
-        """A fix valid at ``t_valid``: rad, rad, m; velocity ENU [m/s] or None, vertical NaN if missing; deviations."""
+        """One fix valid at ``t_valid`` [s].
+
+        ``lat``, ``lon`` [rad], ``alt`` [m]; ``vel_enu`` (3,) [m/s] or None, its vertical component NaN if missing;
+        ``pos_sd`` (horizontal), ``height_sd`` [m] and ``vel_sd`` [m/s] are the stated standard deviations.
+        """
         if self.last_fix is not None and t_valid <= self.last_fix.t:
             return
         period = 1.0 if self.last_fix is None else min(t_valid - self.last_fix.t, 1.0)
@@ -169,6 +176,7 @@ class Aligner:
             t_valid, (lat, lon, alt), velocity, np.array([pos_sd, pos_sd, max(1.7 * pos_sd, height_sd)]), velocity_sd
         )
         self.last_fix = fix
+        self._motion.note(fix)
         if velocity is not None:
             self.recent.append(fix)
         if t_valid <= self._now:
@@ -177,12 +185,12 @@ class Aligner:
             self._fixes.append(fix)
 
     def set_declination(self, declination: float) -> None:
-        """Magnetic declination [rad], east positive, for all that follows."""
+        """Set the magnetic declination [rad], east positive."""
         self.settings = replace(self.settings, declination=declination)
         self.compass.declination = declination
 
     def go_on_without_magnetometer(self) -> None:
-        """Take the result back and look for a second one, whose heading comes from motion alone."""
+        """Discard the result and align again with the heading from motion alone."""
         self.compass, self._done = Compass(self.settings.declination), None
 
     def is_stale(self, patience: float) -> bool:
@@ -192,11 +200,11 @@ class Aligner:
     # --- outcome -----------------------------------------------------------------------------------------------------
 
     def result(self) -> Alignment | None:
-        """The alignment once it is good enough; without position when GNSS is all that is missing."""
+        """The alignment once it is accurate enough, else None; without a position where only GNSS is missing."""
         return self._done
 
     def waiting_for(self) -> str:
-        """What is missing, one sentence; empty when nothing is."""
+        """One sentence for the user: what the alignment is waiting for; empty once it is complete."""
         if self.is_complete:
             return ""
         if self._done is not None:
@@ -222,18 +230,16 @@ class Aligner:
 
     @property
     def is_complete(self) -> bool:
-        """True once there is a result with a position: later samples change nothing."""
+        """True once the result has a position; later samples change nothing."""
         return self._done is not None and self._done.has_position
 
     # --- rest --------------------------------------------------------------------------------------------------------
 
     def _is_resting(self) -> bool:
-        fix = self.last_fix
-        moving = fix is not None and fix.velocity is not None and math.hypot(*fix.velocity) > self.settings.rest_speed
-        return self._rest.at_rest and not moving
+        return self._rest.at_rest and not self._motion.moves
 
     def _learn_from_rest(self) -> None:
-        """Level and gyroscope bias; and with a magnetic heading the result."""
+        """Level and estimate the gyroscope bias; with a magnetic heading this is the result."""
         s = self.settings
         self.bank = None
         if self._level is not None and self._now - self._level.t < 0.1 * s.static_window:
@@ -247,7 +253,7 @@ class Aligner:
             self._done = None
             return
         fix = self.last_fix
-        known = fix is not None and self._now - fix.t < _FIX_AGE
+        known = fix is not None and self._now - fix.t < _FIX_AGE and self._motion.has_shown_rest
         nav, P = from_level(self._level, yaw, fix if known else None, self._rows.at(self._now), self._is_resting())
         P[PHI + 2, PHI + 2] = s.mag_heading_sd**2
         self._done = Alignment(self._now, nav, 0.5 * (P + P.T), "at rest, magnetic heading", bool(known), True)
@@ -255,11 +261,13 @@ class Aligner:
     # --- motion ------------------------------------------------------------------------------------------------------
 
     def _take(self, fix: Fix) -> None:
-        """Let a fix act at its time, which the IMU has reached."""
+        """Process a fix at its time of validity, which the IMU data have reached."""
         if self._is_resting() or self.is_complete:
             return
-        # Without acceleration nothing is learned of the heading: a bank does not start while the IMU rests, even
-        # though a receiver that has just been switched on may report motion.
+        if self._rest.at_rest:  # the IMU senses no acceleration, but the fix moves: this was a steady motion, not rest
+            self._level = None
+        # The heading is unobservable without acceleration, so the bank does not start while the IMU is at rest. The
+        # GNSS velocity is no proof of motion: a receiver that has just been switched on may report one at rest.
         if self.bank is None and not self._rest.at_rest:
             self.bank = self._start_bank(fix)
         bank = self.bank
@@ -268,7 +276,7 @@ class Aligner:
         bank.run(self._rows.between(bank.time, fix.t))
         bank.fuse(fix.position, fix.position_sd, fix.velocity, fix.velocity_sd, self.noise)
         _, sd = bank.heading()
-        # what the innovations say of the deviation counts as in ``merged``
+        # scale the deviation by the NIS, as ``merged`` does
         if (
             sd * math.sqrt(max(bank.nis, 1.0)) <= self.settings.heading_sd
             and fix.t - bank.began >= self.settings.min_time
@@ -281,7 +289,7 @@ class Aligner:
             self.bank = self._level = None
 
     def _start_bank(self, fix: Fix) -> HeadingHypotheses | None:
-        """Hypotheses from the last rest, else from a level in motion; None if not yet possible."""
+        """Start the bank from the last levelling at rest, else from a level in motion; None if not yet possible."""
         s, level, turns = self.settings, self._level, None
         if level is not None and self._now - level.t < _LEVEL_AGE:
             if fix.t <= level.t:
@@ -306,6 +314,6 @@ class Aligner:
     # --- small things ------------------------------------------------------------------------------------------------
 
     def _magnetic_yaw(self, q_level: Array) -> float | None:
-        """Yaw from the magnetometer, None when it cannot be believed (the compass knows why)."""
+        """Yaw [rad] from the magnetometer; None when its field is implausible (``compass.doubt`` says why)."""
         lat, lon = (None, None) if self.last_fix is None else self.last_fix.position[:2]
         return self.compass.yaw(self._now, q_level, lat, lon)

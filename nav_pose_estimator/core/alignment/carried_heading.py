@@ -1,4 +1,4 @@
-"""A heading that the gyroscope alone carries along: what a start believed, whatever corrections have come since."""
+"""Attitude propagated by the gyroscope alone: the heading of a start, without the corrections that came later."""
 
 from dataclasses import dataclass
 
@@ -12,22 +12,22 @@ Array = NDArray[np.float64]
 
 @dataclass(slots=True)
 class CarriedHeading:
-    """Attitude ``q`` (4,), body to ENU, at ``t`` [s]; whether it was the magnetometer's in the beginning."""
+    """Attitude ``q`` (4,), body to ENU, at ``t`` [s], and whether its heading came from the magnetometer."""
 
     t: float
     q: Array
     from_magnetometer: bool = True
 
     def hold(self, t: float, q: Array) -> None:
-        """At ``t`` the attitude is ``q``."""
+        """Set the attitude at ``t`` [s] to ``q`` (4,)."""
         self.t, self.q = t, q
 
     def carry(self, t: float, rate: Array) -> None:
-        """Up to ``t`` the body turned at ``rate`` (3,) [rad/s], its own axes, bias taken off."""
+        """Propagate to ``t`` [s] with the bias-free angular rate ``rate`` (3,) [rad/s] in b."""
         self.q = quat_multiply(self.q, quat_from_rotvec(rate * (t - self.t)))
         self.t = t
 
     @property
     def yaw(self) -> float:
-        """Counter-clockwise from East [rad]."""
+        """Yaw [rad], counter-clockwise from East."""
         return float(euler_from_quat(self.q)[2])

@@ -1,4 +1,4 @@
-"""First navigation states: from a level that a rest has taught, or from a level found in motion."""
+"""First navigation state and covariance: from a levelling at rest, or from one in motion."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -37,12 +37,15 @@ from nav_pose_estimator.core.numerics.rotation import quat_to_matrix, wrap_angle
 Array = NDArray[np.float64]
 
 STEEPEST = 0.35
-"""rad: a vehicle that accelerates by more than a third of gravity shows no level."""
-_SHORTEST, _LONGEST = 0.5, 1.2  # s between two velocities that make an acceleration
+"""rad: with a larger apparent tilt, an acceleration above a third of gravity, the specific force shows no level."""
+_SHORTEST, _LONGEST = 0.5, 1.2  # s: time between the two GNSS velocities whose difference gives an acceleration
 
 
 def from_level(level: RestLevel, yaw: float, fix: Fix | None, row: Row, resting: bool) -> tuple[Array, Array]:
-    """``nav`` (NAV_SIZE,) and P (15, 15) at the time of ``level`` for a given yaw [rad]; ``row`` is its IMU row."""
+    """``nav`` (NAV_SIZE,) and P (15, 15) from a levelling at rest and a yaw [rad], at the time of ``level``.
+
+    ``row`` is the IMU row at that time. Without ``fix`` the position is unknown.
+    """
     nav, P = np.zeros(NAV_SIZE), level.P.copy()
     nav[QUAT : QUAT + 4] = turned(level.q, yaw)
     turn = np.eye(BASE_STATES)
@@ -58,7 +61,7 @@ def from_level(level: RestLevel, yaw: float, fix: Fix | None, row: Row, resting:
 
 
 def in_motion(q: Array, tilt_sd: float, fix: Fix, biases: KnownBiases, row: Row, resting: bool) -> tuple[Array, Array]:
-    """The same at ``fix`` from a level ``q`` found in motion, good to ``tilt_sd`` [rad]."""
+    """``nav`` and P at ``fix`` from an attitude ``q`` (4,) levelled in motion, whose tilt has ``tilt_sd`` [rad]."""
     nav, P = np.zeros(NAV_SIZE), np.zeros((BASE_STATES, BASE_STATES))
     nav[QUAT : QUAT + 4] = q
     nav[GYRO_BIAS : GYRO_BIAS + 3], nav[ACCEL_BIAS : ACCEL_BIAS + 3] = biases.gyro, biases.accel
@@ -70,10 +73,10 @@ def in_motion(q: Array, tilt_sd: float, fix: Fix, biases: KnownBiases, row: Row,
 
 
 def inclined(recent: Iterable[Fix], rows: RecentRows, last: Fix, accel_bias: Sequence[float]) -> Array | None:
-    """``q_nb`` (72, 4) at ``last`` where the vehicle accelerates, one turned about the force from the other.
+    """``q_nb`` (72, 4) at ``last`` of an accelerating vehicle, in equal turns about the specific force.
 
-    The acceleration is that between ``last`` and a fix of ``recent``, oldest first, about a second before. None without
-    one, or where the force is another.
+    The acceleration is the change of velocity between ``last`` and a fix of ``recent`` (oldest first) about a second
+    before. None without such a fix, or where the specific force does not match the acceleration.
     """
     first = next((fix for fix in recent if _SHORTEST <= last.t - fix.t <= _LONGEST), None)
     if first is None or first.velocity is None or last.velocity is None:
@@ -85,7 +88,10 @@ def inclined(recent: Iterable[Fix], rows: RecentRows, last: Fix, accel_bias: Seq
 
 
 def heading_prior(settings: AlignmentSettings, yaw: float | None) -> Array | None:
-    """Logarithm of each hypothesis's weight from a magnetic yaw [rad]; None where there is none."""
+    """Log of the prior weight (K,) of each heading hypothesis, given a magnetic ``yaw`` [rad]; None without one.
+
+    The prior is a Gaussian about the magnetic yaw, mixed with a uniform one: the compass may be wrong by any angle.
+    """
     if yaw is None:
         return None
     spacing = 2.0 * math.pi / settings.hypotheses
@@ -97,7 +103,7 @@ def heading_prior(settings: AlignmentSettings, yaw: float | None) -> Array | Non
 
 
 def _place(nav: Array, P: Array, fix: Fix | None, resting: bool) -> None:
-    """Position and velocity from a fix; without one position is unknown and velocity about zero."""
+    """Set position and velocity from ``fix``; without one the position is unknown and the velocity about zero."""
     position_sd, velocity_sd = np.full(3, 1e3), np.full(3, 0.5)
     if fix is not None:
         nav[LAT : ALT + 1] = fix.position
@@ -112,7 +118,7 @@ def _place(nav: Array, P: Array, fix: Fix | None, resting: bool) -> None:
 
 
 def _set_memory(nav: Array, t: float, row: Row) -> None:
-    """Time and the integrator's memory of the last IMU row up to ``t``."""
+    """Set the time, and the rate and force of the last IMU row, which the strapdown integration starts from."""
     nav[TIME] = t
     nav[PREV_RATE : PREV_RATE + 3] = np.array(row[IMU_GYRO:IMU_ACCEL]) - nav[GYRO_BIAS : GYRO_BIAS + 3]
     nav[PREV_FORCE : PREV_FORCE + 3] = np.array(row[IMU_ACCEL:IMU_COLUMNS]) - nav[ACCEL_BIAS : ACCEL_BIAS + 3]

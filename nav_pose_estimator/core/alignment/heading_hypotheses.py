@@ -1,11 +1,13 @@
-"""Heading from GNSS velocity when nothing else tells it: a bank of filters that differ in heading, weighed by the data.
+"""Heading from GNSS alone: a bank of Kalman filters with different initial headings, weighted by their likelihoods.
 
-Each hypothesis is a full 15-state filter started at its own heading. All see the same IMU and GNSS; after some
-acceleration the innovations of a wrong heading grow, its likelihood falls, and the weight gathers around the true one.
+Each hypothesis is a full 15-state filter that starts at its own heading. All hypotheses receive the same IMU and GNSS
+data. Once the vehicle accelerates, the innovations of a wrong heading grow and its likelihood falls, so the weight
+concentrates on the hypotheses near the true heading.
 
-Published idea: P. Riseborough, EKF-GSF yaw estimator (PX4-Autopilot, 2020), there with five planar three-state filters;
-Gaussian-sum filters: Alspach and Sorenson, IEEE Trans. Automatic Control 17(4), 1972. Here the filters are those of the
-navigator itself, so tilt, biases and their correlations come with the heading, and the winner goes on flying.
+Sources: P. Riseborough, EKF-GSF yaw estimator (PX4-Autopilot, 2020), which uses five planar three-state filters;
+Alspach and Sorenson, IEEE Trans. Automatic Control 17(4), 1972 (Gaussian-sum filters). Here each hypothesis runs the
+navigator's own filter. Tilt, biases and their correlations are therefore estimated together with the heading, and the
+navigator continues from the mixture.
 """
 
 from __future__ import annotations
@@ -40,8 +42,8 @@ from nav_pose_estimator.core.numerics.rotation import (
 
 Array = NDArray[np.float64]
 
-_WORST_NIS = 25.0  # per degree of freedom: a worse innovation says no more than this against a hypothesis
-_MEMORY = 25.0  # updates over which the innovations of a hypothesis are averaged
+_NIS_CAP = 25.0  # per degree of freedom: one outlier must not count for more than this against a hypothesis
+_NIS_MEMORY = 25.0  # updates over which the NIS of a hypothesis is averaged
 
 
 @kernel
@@ -54,9 +56,10 @@ def run_bank(navs, Ps, constants, rows):
 
 @kernel
 def fuse_bank(navs, Ps, constants, position, R_position, velocity, R_velocity, lever, scores):
-    """Correct every hypothesis with velocity and position; ``scores`` (K, 2) get the sums of NIS and of ln det S.
+    """Correct every hypothesis with velocity and position; ``scores`` (K, 2) receives the sums of NIS and of ln det S.
 
-    ``position`` (lat, lon, alt), ``velocity`` (3,) ENU [m/s], without one ``R_velocity`` (3, 3) is infinite.
+    ``position`` is (lat, lon, alt) in rad, rad, m; ``velocity`` (3,) is ENU in m/s. An infinite ``R_velocity`` (3, 3)
+    says that the fix has no velocity.
     """
     states = Ps.shape[1]
     for k in range(navs.shape[0]):
@@ -75,7 +78,7 @@ def fuse_bank(navs, Ps, constants, position, R_position, velocity, R_velocity, l
 
 @kernel
 def _log_det(P, H, R):
-    """ln det(H P H' + R) for three rows."""
+    """ln det S of a three-dimensional measurement, S = H P H' + R."""
     S = np.empty((3, 3))
     n = P.shape[0]
     for i in range(3):
@@ -93,17 +96,17 @@ def _log_det(P, H, R):
     return math.log(max(det, 1e-300))
 
 
-class _Look(NamedTuple):
-    """One half of a fix: how noisy it is, and what it shows of a nominal state."""
+class _Measurement(NamedTuple):
+    """Position or velocity of a fix: its noise model, its covariance, and the function that gives (z, H) at a state."""
 
     model: NoiseModel
-    R: Array
+    R: Array  # (3, 3)
     observe: Callable[[Array], tuple[Array, Array]]
 
 
 @dataclass(init=False, eq=False, slots=True)
 class HeadingHypotheses:
-    """The bank. All hypotheses share one time; ``merged`` is their mixture as one state."""
+    """The bank of K hypotheses, all at the same time; ``merged`` gives their mixture as one state."""
 
     headings0: list[float]
     navs: Array
@@ -112,9 +115,9 @@ class HeadingHypotheses:
     updates: int
     _constants: Array
     _lever: Array
-    _cost: Array
-    _nis: Array  # running mean per degree of freedom
-    _scores: Array
+    _cost: Array  # (K,) -2 ln(prior times likelihood), up to a common constant
+    _nis: Array  # (K,) running mean of the NIS per degree of freedom
+    _scores: Array  # (K, 2) sums of NIS and of ln det S of the last fix
 
     def __init__(
         self,
@@ -126,11 +129,11 @@ class HeadingHypotheses:
         log_prior: Array | None = None,
         attitudes: Array | None = None,
     ) -> None:
-        """``count`` copies of ``nav``, ``P`` at headings spread evenly over the circle, starting with that of ``nav``.
+        """Start ``count`` copies of ``nav``, ``P`` at evenly spaced headings, the first at the heading of ``nav``.
 
-        The heading variance of each is set to what covers the distance to its neighbours; ``log_prior`` (count,) are
-        the logarithms of their weights. Where up is not the axis about which nothing is known, ``attitudes`` (N, 4)
-        go once around that axis, and the hypotheses take as many of them.
+        The heading deviation of each is half the spacing, so that neighbours overlap. ``log_prior`` (count,) holds the
+        logarithms of the prior weights. In accelerated motion the unobservable rotation axis is the specific force
+        instead of the vertical: ``attitudes`` (N, 4) then goes once around that axis, and each hypothesis takes one.
         """
         spacing = 2.0 * math.pi / count
         self.headings0 = [k * spacing for k in range(count)]
@@ -154,7 +157,7 @@ class HeadingHypotheses:
         return float(self.navs[0, TIME])
 
     def run(self, rows: Array) -> None:
-        """Carry all hypotheses along the IMU rows (N, 7)."""
+        """Propagate all hypotheses through the IMU rows (N, 7)."""
         run_bank(self.navs, self.Ps, self._constants, rows)
 
     def fuse(
@@ -167,15 +170,15 @@ class HeadingHypotheses:
     ) -> None:
         """Correct all hypotheses with one fix at their time: (lat, lon, alt), ``velocity`` ENU, deviations (3,).
 
-        What ``noise`` makes of the deviations it learns from the innovations of the best hypothesis.
+        Where a model of ``noise`` is adaptive, it adapts the covariance to the innovations of the best hypothesis.
         """
         states, lever = self.Ps.shape[1], self._lever
         R_position, R_velocity = np.diag(position_sd**2), np.full((3, 3), math.inf)
-        looks = [_Look(noise.position, R_position, lambda nav: gnss_position(nav, states, *position, lever))]
+        parts = [_Measurement(noise.position, R_position, lambda nav: gnss_position(nav, states, *position, lever))]
         if velocity is not None:
-            measured, R_velocity = velocity, np.diag(velocity_sd**2)
-            looks.append(_Look(noise.velocity, R_velocity, lambda nav: gnss_velocity(nav, states, measured, lever)))
-        expected = [self._expect(look) for look in looks if look.model.learns]
+            v_enu, R_velocity = velocity, np.diag(velocity_sd**2)
+            parts.append(_Measurement(noise.velocity, R_velocity, lambda nav: gnss_velocity(nav, states, v_enu, lever)))
+        expected = [self._expect(part) for part in parts if part.model.learns]
         velocity = np.zeros(3) if velocity is None else velocity
         fuse_bank(
             self.navs,
@@ -191,40 +194,40 @@ class HeadingHypotheses:
         dof = 6.0 if R_velocity[0, 0] < math.inf else 3.0
         self.updates += 1
         nis = self._scores[:, 0] / dof
-        self._nis += (nis - self._nis) / min(self.updates + 1.0, _MEMORY)
-        self._cost += dof * np.minimum(nis, _WORST_NIS) + self._scores[:, 1]
+        self._nis += (nis - self._nis) / min(self.updates + 1.0, _NIS_MEMORY)
+        self._cost += dof * np.minimum(nis, _NIS_CAP) + self._scores[:, 1]
         best = self.navs[np.argmin(self._cost)]
-        for look, z, HPH, stated in expected:
-            look.model.note(self.time, z, look.observe(best)[0], HPH, stated)
+        for part, z, HPH, R_stated in expected:
+            part.model.note(self.time, z, part.observe(best)[0], HPH, R_stated)
 
-    def _expect(self, look: _Look) -> tuple[_Look, Array, Array, Array]:
-        """Innovation of the best hypothesis, H P H' and the stated noise; the noise to go by is put in its place."""
+    def _expect(self, part: _Measurement) -> tuple[_Measurement, Array, Array, Array]:
+        """(part, innovation, H P H', stated R) of the best hypothesis; ``part.R`` is set to the adapted covariance."""
         best = np.argmin(self._cost)
         nav, P = self.navs[best], self.Ps[best]
         flush_covariance(nav, P, self._constants)
-        z, H = look.observe(nav)
-        HPH, stated = H @ P @ H.T, look.R.copy()
-        look.R[:] = look.model.covariance(z, HPH, stated)
-        return look, z, HPH, stated
+        z, H = part.observe(nav)
+        HPH, R_stated = H @ P @ H.T, part.R.copy()
+        part.R[:] = part.model.covariance(z, HPH, R_stated)
+        return part, z, HPH, R_stated
 
     @property
     def nis(self) -> float:
-        """Mean NIS per degree of freedom of the best hypothesis; 1 when all is as modelled."""
+        """Mean NIS per degree of freedom of the best hypothesis; 1 when the noise is as modelled."""
         return float(self._nis[np.argmin(self._cost)])
 
     @property
     def weights(self) -> Array:
         """Probability (K,) of each hypothesis.
 
-        Where the best one has larger innovations than it expects, noise is larger than modelled, and the same evidence
-        says less.
+        A NIS above 1 of the best hypothesis says that the noise is larger than modelled. The differences of the
+        log-likelihoods are divided by it, since the same evidence then says less.
         """
-        doubt = max(self.nis, 1.0)
-        w = np.exp(-0.5 * (self._cost - self._cost.min()) / doubt)
+        excess = max(self.nis, 1.0)
+        w = np.exp(-0.5 * (self._cost - self._cost.min()) / excess)
         return w / w.sum()
 
     def heading(self) -> tuple[float, float]:
-        """Mean yaw and its standard deviation [rad] of the mixture; infinite where data broke a covariance."""
+        """Mean yaw of the mixture and its standard deviation [rad]; infinite where a covariance is no longer valid."""
         weights = self.weights
         yaws = np.array([euler_from_quat(nav[QUAT : QUAT + 4])[2] for nav in self.navs])
         mean = math.atan2(float(weights @ np.sin(yaws)), float(weights @ np.cos(yaws)))
@@ -233,7 +236,7 @@ class HeadingHypotheses:
         return mean, math.sqrt(variance) if variance >= 0.0 else math.inf
 
     def merged(self) -> tuple[Array, Array]:
-        """The mixture's mean around the best hypothesis and its covariance, spread included: (nav, P)."""
+        """(nav, P): mean and covariance of the mixture, linearised about the best hypothesis, its spread included."""
         weights = self.weights
         best = int(np.argmax(weights))
         errors = np.array([error_between(nav, self.navs[best], self._constants) for nav in self.navs])
@@ -246,7 +249,7 @@ class HeadingHypotheses:
 
 
 def _turn(nav: Array, P: Array, angle: float) -> None:
-    """Turn a start about Up by ``angle``: attitude, and the covariance of what is fixed to the body."""
+    """Turn a first state by ``angle`` [rad] about Up: its attitude, and the covariance of its tilt with it."""
     turn = quat_from_rotvec(np.array([0.0, 0.0, angle]))
     nav[QUAT : QUAT + 4] = quat_multiply(turn, nav[QUAT : QUAT + 4])
     c, s = math.cos(angle), math.sin(angle)

@@ -1,4 +1,4 @@
-"""Roll, pitch and heading from the two vectors that are known at a start: gravity and the Earth's magnetic field.
+"""Levelling and magnetic heading: attitude from gravity and the Earth's magnetic field.
 
 Sources: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., section 5.6.2
 (levelling), 6.1.1 (magnetic heading); International Geomagnetic Reference Field, 13th generation (the dipole's axis).
@@ -32,17 +32,17 @@ STANDARD_GRAVITY = 9.80665
 _GEOMAGNETIC_POLE = math.radians(80.65), math.radians(-72.68)  # latitude, longitude of the dipole's axis, 2020
 _FIELD_STRENGTH = 18e-6, 75e-6  # T: 22 to 67 on the Earth's surface, and some error of calibration
 _UNITS = {"millitesla": 1e-3, "gauss": 1e-4, "microtesla": 1e-6, "milligauss": 1e-7, "nanotesla": 1e-9}  # in T
-_SAME_FORCE = 0.25  # of a force: GNSS velocities lag, and the IMU does not
-_TURN = math.radians(5.0)
-_OUTSIDE_TILT_SD = 0.03  # rad: no attitude filter is better while the vehicle moves, whatever it says
-_OUTSIDE_MEMORY = 2.0  # s
-_OUTSIDE_AGE = 0.05  # s
-_COMPASS_WINDOW = 1.0  # s of magnetometer that make one heading
-_DIP_TOLERANCE = math.radians(25.0)  # of a dipole's dip, which is wrong by up to 20 deg itself
+_SAME_FORCE = 0.25  # relative difference of IMU and GNSS force that is accepted: GNSS velocities lag behind the IMU
+_TURN = math.radians(5.0)  # step of ``inclined_attitudes`` about the specific force
+_OUTSIDE_TILT_SD = 0.03  # rad: floor of the tilt deviation of another estimator, whose own is optimistic in motion
+_OUTSIDE_MEMORY = 2.0  # s for which outside attitudes are kept: a fix may arrive that late
+_OUTSIDE_AGE = 0.05  # s: largest time difference between an outside attitude and the instant that asks for it
+_COMPASS_WINDOW = 1.0  # s of magnetometer data that are averaged for one heading
+_DIP_TOLERANCE = math.radians(25.0)  # the dip of the dipole itself differs from the true one by up to 20 deg
 
 
 def level_attitude(force: Vector) -> Array:
-    """``q_nb`` (4,) at yaw zero of a body that feels the mean specific force ``force`` (3,)."""
+    """``q_nb`` (4,) at yaw zero that turns the mean specific force ``force`` (3,) in b to Up."""
     x, y, z = (float(f) for f in force)
     return quat_from_euler(math.atan2(y, z), math.atan2(-x, math.hypot(y, z)), 0.0)
 
@@ -53,10 +53,11 @@ def turned(q_nb: Array, yaw: float) -> Array:
 
 
 def level_covariance(q_nb: Array, rate_sd: float, gyro_bias_sd: float, accel_bias_sd: float, seconds: float) -> Array:
-    """Covariance (15, 15) of a level from ``seconds`` at rest; rows of velocity, position and heading are zero.
+    """Covariance (15, 15) of a levelling over ``seconds`` at rest; rows of velocity, position and heading are zero.
 
-    A levelled accelerometer cannot tell its bias from a tilt: with ``C_hat f`` vertical, phi = (-(C b)_y, (C b)_x) / g.
-    ``rate_sd`` is the spread of the samples' mean rate [rad/s], ``gyro_bias_sd`` what a rest leaves open.
+    Levelling turns an accelerometer bias b into a tilt: ``C_hat f`` is vertical, so phi = (-(C b)_y, (C b)_x) / g.
+    ``rate_sd`` is the standard deviation of the rate's mean over one second [rad/s], ``gyro_bias_sd`` that of the
+    gyroscope bias after a long rest [rad/s].
     """
     C = quat_to_matrix(q_nb)
     tilt = np.zeros((3, 3))
@@ -72,16 +73,16 @@ def level_covariance(q_nb: Array, rate_sd: float, gyro_bias_sd: float, accel_bia
 
 
 def level_in_motion(rows: Array) -> Array:
-    """``q_nb`` (4,) at yaw zero and at the last of the IMU ``rows`` (N, 7), from a vehicle that moves.
+    """``q_nb`` (4,) at yaw zero and at the last of the IMU ``rows`` (N, 7), for a moving vehicle.
 
-    The force is averaged in the frame that the gyroscope carries along, so that turns do not blur it. What is left is
-    the mean acceleration over the rows, which passes for tilt: 1 m/s^2 is 6 deg.
+    The force is averaged in a frame that the gyroscope keeps fixed, so that turns do not blur it. The mean
+    acceleration over the rows remains as a tilt error: 6 deg for 1 m/s^2.
     """
     return level_attitude(summed_force(rows))
 
 
 def summed_force(rows: Array) -> Array:
-    """Sum (3,) of the specific forces of IMU ``rows`` (N, 7) in the axes of the last one, carried by the gyroscope."""
+    """Sum (3,) of the specific forces of IMU ``rows`` (N, 7), turned by the gyroscope into the axes of the last row."""
     q = np.array([1.0, 0.0, 0.0, 0.0])  # attitude of each row in the frame of the last one
     total = rows[-1, 4:7].copy()
     for i in range(len(rows) - 1, 0, -1):
@@ -92,19 +93,20 @@ def summed_force(rows: Array) -> Array:
 
 
 def unlevel(rows: Array, accel_bias: Vector) -> float:
-    """How far from level the mean force of IMU ``rows`` (N, 7) may point [rad], as its size tells.
+    """Angle [rad] between the vertical and the mean force of IMU ``rows`` (N, 7), inferred from the force's norm.
 
-    A horizontal acceleration a adds to gravity at a right angle, |f|^2 = g^2 + a^2, and turns the force by atan(a / g).
+    A horizontal acceleration a is perpendicular to gravity: |f|^2 = g^2 + a^2, and the force leans by atan(a / g).
     """
     excess = float(np.linalg.norm(summed_force(rows) / len(rows) - np.asarray(accel_bias))) / STANDARD_GRAVITY
     return math.acos(1.0 / excess) if excess > 1.0 else 0.0
 
 
 def inclined_attitudes(rows: Array, accel_bias: Vector, acceleration: Array) -> Array | None:
-    """``q_nb`` (72, 4) at the last of the IMU ``rows`` (N, 7), turned by 5 deg about the force from one to the next.
+    """``q_nb`` (72, 4) at the last of the IMU ``rows`` (N, 7), in steps of 5 deg about the specific force.
 
-    A vehicle that accelerates shows no level, but where GNSS tells its mean ``acceleration`` (3,) ENU over the rows,
-    the force is known in n, too: that acceleration and gravity. None where the two forces differ in size.
+    An accelerating vehicle cannot be levelled by its specific force alone. With its mean ``acceleration`` (3,) ENU
+    [m/s^2] from GNSS the force is known in n as well: acceleration less gravity. That fixes the attitude up to a
+    rotation about the force. None where the two forces differ too much in magnitude.
     """
     force_b = summed_force(rows) / len(rows) - np.asarray(accel_bias)
     force_n = acceleration + np.array([0.0, 0.0, STANDARD_GRAVITY])
@@ -120,7 +122,7 @@ def inclined_attitudes(rows: Array, accel_bias: Vector, acceleration: Array) -> 
 
 @dataclass(init=False, eq=False, slots=True)
 class OutsideLevels:
-    """Tilts that another estimator gives, kept for as long as a fix may be late."""
+    """Attitudes of another estimator with the deviation of their tilt, kept for as long as a fix may be late."""
 
     _levels: deque[tuple[float, Array, float]]
 
@@ -128,7 +130,7 @@ class OutsideLevels:
         self._levels = deque()
 
     def add(self, t: float, q_nb: Vector, tilt_sd: float) -> None:
-        """An attitude (4,) at ``t`` [s] whose tilt is good to ``tilt_sd`` [rad]; not unit or not finite: left out."""
+        """Add an attitude (4,) at ``t`` [s] with the tilt deviation ``tilt_sd`` [rad]; an invalid one is ignored."""
         q = np.array(q_nb, dtype=float)
         norm = float(np.linalg.norm(q))
         if not (0.9 < norm < 1.1 and 0.0 <= tilt_sd < math.inf):
@@ -140,13 +142,13 @@ class OutsideLevels:
             self._levels.popleft()
 
     def near(self, t: float, tilt_sd: float) -> tuple[Array, float] | None:
-        """(``q_nb`` at yaw zero, its tilt's deviation) at about ``t``, None where none is better than ``tilt_sd``."""
+        """(``q_nb`` at yaw zero, tilt deviation [rad]) nearest to ``t`` [s]; None unless better than ``tilt_sd``."""
         known = [level for level in self._levels if abs(level[0] - t) < _OUTSIDE_AGE and level[2] < tilt_sd]
         return min(known, key=lambda level: abs(level[0] - t))[1:] if known else None
 
 
 def magnetic_yaw(q_level: Array, field: Vector, declination: float) -> float:
-    """Yaw [rad], counter-clockwise from East, that puts the field (3,) in b on the magnetic meridian.
+    """Yaw [rad], counter-clockwise from East, that turns the field (3,) in b into the magnetic meridian.
 
     ``q_level`` is the attitude at yaw zero, ``declination`` [rad] positive when magnetic North lies East of North.
     """
@@ -155,10 +157,10 @@ def magnetic_yaw(q_level: Array, field: Vector, declination: float) -> float:
 
 
 def field_doubt(q_level: Array, field: Vector, lat: float | None, lon: float | None) -> str:
-    """Why the field (3,) [T] cannot be the Earth's, one clause; empty when it may be.
+    """Why the field (3,) [T] in b cannot be the Earth's, one clause for the user; empty when it is plausible.
 
-    The strength must be one that occurs on Earth; where the position is known, the dip must be near that of the
-    geomagnetic dipole, tan(dip) = 2 tan(geomagnetic latitude).
+    Its strength must occur on Earth. Where the position is known, its dip must be near that of the geomagnetic dipole,
+    tan(dip) = 2 tan(geomagnetic latitude).
     """
     strength = math.hypot(*field)
     if not _FIELD_STRENGTH[0] <= strength <= _FIELD_STRENGTH[1]:
@@ -178,7 +180,7 @@ def field_doubt(q_level: Array, field: Vector, lat: float | None, lon: float | N
 
 
 def likely_unit(strength: float) -> str:
-    """The unit in which a field of ``strength`` would be the Earth's, empty for tesla and where there is none."""
+    """The unit in which ``strength`` would be that of the Earth's field; empty where no unit fits."""
     fits = (name for name, tesla in _UNITS.items() if _FIELD_STRENGTH[0] <= strength * tesla <= _FIELD_STRENGTH[1])
     return next(fits, "")
 
@@ -192,7 +194,7 @@ def dipole_dip(lat: float, lon: float) -> float:
 
 @dataclass(init=False, eq=False, slots=True)
 class Compass:
-    """The mean field of the last second, and whether it can be believed."""
+    """Magnetic heading from the mean field of the last second, with a check of its plausibility."""
 
     declination: float
     doubt: str
@@ -205,7 +207,7 @@ class Compass:
         self.doubt = "no magnetometer"
 
     def add(self, t: float, field: Vector) -> None:
-        """One field (3,) [T] in b at ``t`` [s]; a field with a missing axis is left out."""
+        """Add a field (3,) [T] in b at ``t`` [s]; a field with a missing axis is ignored."""
         if not all(map(math.isfinite, field)):
             return
         self._fields.append((t, field))
@@ -215,9 +217,9 @@ class Compass:
     def yaw(
         self, now: float, q_level: Array, lat: float | None, lon: float | None, window: float = _COMPASS_WINDOW
     ) -> float | None:
-        """Yaw [rad] of a body whose attitude at yaw zero is ``q_level``; None when the field cannot be believed.
+        """Yaw [rad] of a body whose attitude at yaw zero is ``q_level`` (4,); None when the field is implausible.
 
-        It is that of the mean field within ``window`` [s] of ``now``.
+        The field is averaged within ``window`` [s] of ``now`` [s].
         """
         field = self.field(now, window)
         if field is None:
@@ -227,6 +229,6 @@ class Compass:
         return None if self.doubt else magnetic_yaw(q_level, field, self.declination)
 
     def field(self, now: float, window: float) -> Array | None:
-        """The mean field (3,) [T] in b within ``window`` [s] of ``now``; None without any."""
+        """Mean field (3,) [T] in b within ``window`` [s] of ``now`` [s]; None without data."""
         recent = [field for t, field in self._fields if abs(t - now) <= window]
         return np.mean(np.array(recent, dtype=float), axis=0) if recent else None

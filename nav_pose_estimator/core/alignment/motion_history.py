@@ -1,20 +1,19 @@
-"""Do gyroscope and accelerometer tell the motion that GNSS velocity tells? And if not, which usual mistake would?
+"""Consistency of IMU and GNSS velocity, and a search for the unit, sign or axis error that explains a misfit.
 
-Over a second the velocity changes by ``u = dv - g T`` as far as forces cause it. The IMU says the same as ``c R s``:
-the impulse ``s``, its specific force integrated with its own rates from some first attitude on, turned by one rotation
-``R`` that nobody knows, and ``c`` = 1. Over some seconds the rotation is found by least squares (Wahba's problem;
-Markley, J. Astronaut. Sci. 36(3), 1988, by singular values), and what it leaves is the misfit. A wrong unit, sign or
-axis of one sensor leaves a misfit that no rotation mends, but the inverse of the mistake does.
+Over a second of length T, non-gravitational forces change the velocity by ``u = dv - g T``, with dv from GNSS. The IMU
+predicts it as ``c R s``. Here ``s`` is the specific force integrated with the gyroscope's rates in the axes at some
+first instant, ``R`` the unknown rotation from those axes to n, and ``c`` a scale factor, 1 for a correct IMU. Over
+several seconds R follows by least squares (Wahba's problem, solved by singular values: Markley, J. Astronaut. Sci.
+36(3), 1988), and the norm of the residual is the misfit. A wrong unit, sign or axis of one sensor leaves a misfit that
+no rotation removes; undoing the error removes it.
 
-Turning both sensors alike changes nothing here. So the gyroscope's axes against the accelerometer's are the 24
-rotations that map axes on axes, times the sign of the gyroscope, times the sign of the accelerometer; the last one
-costs nothing, because ``-s`` only turns the sign of the smallest singular value.
+A rotation common to both sensors is absorbed by R. The hypotheses are therefore the gyroscope's axes against those of
+the accelerometer: the 24 rotations that map axes on axes, times the sign of the gyroscope, times the sign of the
+accelerometer. The last sign needs no second decomposition: ``-s`` only changes the sign of the smallest singular value.
 """
 
 import itertools
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -32,14 +31,16 @@ from nav_pose_estimator.core.numerics.vectors import (
     q_rotate,
     store3,
 )
+from nav_pose_estimator.core.numerics.wahba import best_rotation
 
 Array = NDArray[np.float64]
 
 BINS = 25
-"""Parts of a second in which rates and forces are summed before they are integrated."""
-_LONGEST_STEP = 0.25  # s: what one IMU sample may stand for
+"""Bins per second in which rates and forces are summed before they are integrated."""
+ANGLE, IMPULSE = 0, 1
+"""A second of IMU data is an array (2, BINS, 3): integrals of rate [rad] and of specific force [m/s] over its bins."""
+_LONGEST_STEP = 0.25  # s: longest interval that one IMU sample may stand for
 DEGREE = math.pi / 180.0
-_AS_PUBLISHED = np.eye(3)[None]
 
 
 def axis_rotations() -> Array:
@@ -54,40 +55,28 @@ def axis_rotations() -> Array:
     return np.array(found)
 
 
-@dataclass(frozen=True, eq=False)
-class Second:
-    """One second of an IMU: sums over its ``BINS`` of rate (BINS, 3) [rad] and of specific force (BINS, 3) [m/s]."""
+def second_of(rows: Array, start: float) -> Array | None:
+    """The second (2, BINS, 3) that begins at ``start`` [s], from IMU rows (N, 7), the first of them before it.
 
-    angle: Array
-    impulse: Array
-
-    def without(self, bias: Array) -> "Second":
-        """The same without a ``bias`` (3,) [rad/s] of the gyroscope."""
-        return Second(self.angle - bias / BINS, self.impulse)
-
-
-def second_of(rows: Array, start: float) -> Second | None:
-    """The second that begins at ``start`` [s], of IMU rows (N, 7) with one from before it first; None if it has holes.
-
-    Each row stands for the time since the one before it.
+    Each row stands for the interval since the row before it. None if there are gaps.
     """
     if len(rows) < 6 or abs(rows[-1, 0] - start - 1.0) > _LONGEST_STEP:
         return None
-    second = Second(np.zeros((BINS, 3)), np.zeros((BINS, 3)))
-    return second if _sum_up(rows, start, second.angle, second.impulse) else None
+    second = np.zeros((2, BINS, 3))
+    return second if _sum_up(rows, start, second) else None
 
 
 @kernel
-def _sum_up(rows, start, angle, impulse):
-    """Add rates and forces times their steps to the bins; False where a step is too long."""
+def _sum_up(rows, start, second):
+    """Integrate rates and forces into the bins; False where a step is too long."""
     for i in range(1, len(rows)):
         step = rows[i, 0] - rows[i - 1, 0]
         if step > _LONGEST_STEP:
             return False
         place = min(max(int((rows[i, 0] - start) * BINS), 0), BINS - 1)
         for axis in range(3):
-            angle[place, axis] += step * rows[i, 1 + axis]
-            impulse[place, axis] += step * rows[i, 4 + axis]
+            second[ANGLE, place, axis] += step * rows[i, 1 + axis]
+            second[IMPULSE, place, axis] += step * rows[i, 4 + axis]
     return True
 
 
@@ -106,18 +95,22 @@ def unrest(parts):
 
 
 class Fit(NamedTuple):
-    """How well hypotheses (H,) fit: ``misfit`` of the forces' norm, and the ``scale`` by which to multiply force."""
+    """Relative ``misfit`` (H,) of each hypothesis, 0 to 1, and the ``scale`` (H,) that the force needs as a factor."""
 
     misfit: Array
     scale: Array
     inverted_misfit: Array
-    """... were the accelerometer's sign inverted."""
+    """Misfit with the accelerometer's sign inverted."""
     inverted_scale: Array
+    """Scale with the accelerometer's sign inverted."""
 
 
-def fit(seconds: list[Second], u: Array, gyros: Array) -> Fit:
-    """Compare consecutive ``seconds`` with ``u`` (S, 3), for ``gyros`` (H, 3, 3): true from published rates."""
-    s = impulses(seconds, gyros)
+def fit(seconds: Array, u: Array, gyros: Array) -> Fit:
+    """Compare consecutive ``seconds`` (S, 2, BINS, 3) with ``u`` (S, 3) [m/s], for the hypotheses ``gyros`` (H, 3, 3).
+
+    Each of ``gyros`` is a matrix that maps the published rates to the true ones.
+    """
+    s = np.array([impulses(seconds, np.zeros(3), gyro) for gyro in gyros])
     B = np.einsum("ji,hjk->hik", u, s)
     left, singular, right = np.linalg.svd(B)
     sign = np.sign(np.linalg.det(left) * np.linalg.det(right))
@@ -127,55 +120,90 @@ def fit(seconds: list[Second], u: Array, gyros: Array) -> Fit:
     return Fit(misfits[0], traces[0] / own, misfits[1], traces[1] / own)
 
 
-def least_misfit(seconds: list[Second], u: Array, biases: Iterable[Array], enough: float) -> float:
-    """The least ``misfit`` of ``fit`` for gyroscopes as published, without one of ``biases`` (3,) [rad/s].
-
-    The first one below ``enough`` will do.
-    """
-    angle, impulse = np.array([one.angle for one in seconds]), np.array([one.impulse for one in seconds])
-    wanted, least, out = float(np.vdot(u, u)), math.inf, np.empty((1, len(seconds), 3))
-    for bias in biases:
-        _integrate(angle - bias / BINS, impulse, _AS_PUBLISHED, out)
-        B = u.T @ out[0]
-        first, second, third = np.linalg.svd(B, compute_uv=False).tolist()
-        trace = first + second + math.copysign(third, dot(B[0], cross(B[1], B[2])))
-        own = float(np.vdot(out, out)) + 1e-12
-        least = min(least, math.sqrt(max(1.0 - trace**2 / (own * wanted), 0.0)))
-        if least < enough:
-            break
-    return least
-
-
-def best_rotation(impulses: Array, forces: Array) -> Array:
-    """(..., 3, 3) by which ``impulses`` (S, 3) fit ``forces`` (..., S, 3) best (Wahba's problem)."""
-    left, _, right = np.linalg.svd(np.swapaxes(forces, -1, -2) @ impulses)
-    left[..., 2] *= (np.linalg.det(left) * np.linalg.det(right))[..., None]
-    return np.asarray(left @ right)
-
-
-def impulses(seconds: list[Second], gyros: Array) -> Array:
-    """(H, S, 3) [m/s]: the specific force of each second, integrated in the axes at the beginning of the first one."""
-    out = np.empty((len(gyros), len(seconds), 3))
-    _integrate(np.array([one.angle for one in seconds]), np.array([one.impulse for one in seconds]), gyros, out)
-    return out
-
-
 @kernel
-def _integrate(angle, impulse, gyros, out):
-    """``impulses`` from sums (S, BINS, 3) of rate [rad] and specific force [m/s]."""
-    for h in range(len(gyros)):
-        attitude = (1.0, 0.0, 0.0, 0.0)
-        for s in range(len(angle)):
-            total = (0.0, 0.0, 0.0)
-            for b in range(BINS):
-                turn = _times(gyros[h], load3(angle[s, b], 0))
-                force = load3(impulse[s, b], 0)
-                middle = add_scaled(force, 0.5, cross(turn, force))  # the force acts midway through the bin
-                total = add(total, q_rotate(attitude, middle))
-                attitude = q_multiply(attitude, q_exp(turn))
-            store3(out[h, s], 0, total)
+def impulses(seconds, bias, gyro):
+    """(S, 3) [m/s]: specific force integrated over each second, in the axes of b at the start of the first one.
+
+    ``seconds`` (S, 2, BINS, 3) are consecutive. The matrix ``gyro`` (3, 3) maps the published rates, less their ``bias``
+    (3,) [rad/s], to the true ones.
+    """
+    out = np.empty((len(seconds), 3))
+    attitude = (1.0, 0.0, 0.0, 0.0)
+    wrong = (bias[0] / BINS, bias[1] / BINS, bias[2] / BINS)
+    for s in range(len(seconds)):
+        total = (0.0, 0.0, 0.0)
+        for b in range(BINS):
+            turn = _times(gyro, add_scaled(load3(seconds[s, ANGLE, b], 0), -1.0, wrong))
+            force = load3(seconds[s, IMPULSE, b], 0)
+            middle = add_scaled(force, 0.5, cross(turn, force))  # the force acts midway through the bin
+            total = add(total, q_rotate(attitude, middle))
+            attitude = q_multiply(attitude, q_exp(turn))
+        store3(out[s], 0, total)
+    return out
 
 
 @inlined
 def _times(matrix, v):
     return dot(load3(matrix[0], 0), v), dot(load3(matrix[1], 0), v), dot(load3(matrix[2], 0), v)
+
+
+@kernel
+def least_misfit(seconds, u, biases, enough):
+    """The least ``misfit`` of ``fit`` for gyroscopes as published, without one of ``biases`` (K, 3) [rad/s].
+
+    The first one below ``enough`` will do.
+    """
+    least, wanted, as_published = math.inf, _squares(u), np.eye(3)
+    for k in range(len(biases)):
+        s = impulses(seconds, biases[k], as_published)
+        _, trace = best_rotation(correlation(s, u))
+        least = min(least, math.sqrt(max(1.0 - trace**2 / ((_squares(s) + 1e-12) * wanted), 0.0)))
+        if least < enough:
+            break
+    return least
+
+
+@kernel
+def correlation(impulses, forces):
+    """B (3, 3) of Wahba's problem: sum of u s' over ``impulses`` s (S, 3) and ``forces`` u (S, 3)."""
+    B = np.zeros((3, 3))
+    for k in range(len(forces)):
+        for i in range(3):
+            for j in range(3):
+                B[i, j] += forces[k, i] * impulses[k, j]
+    return B
+
+
+@kernel
+def unexplained(impulses, forces):
+    """What varies [(m/s)^2] in ``impulses`` (S, 3) and in what of ``forces`` (S, 3) their best rotation leaves.
+
+    Sums of the squares of differences from the mean: a constant difference is tilt, bias or scale.
+    """
+    q, _ = best_rotation(correlation(impulses, forces))
+    apart = np.empty_like(forces)
+    for k in range(len(forces)):
+        store3(apart[k], 0, add_scaled(load3(forces[k], 0), -1.0, q_rotate(q, load3(impulses[k], 0))))
+    return varying(impulses), varying(apart)
+
+
+@kernel
+def varying(parts):
+    """Sum of the squares of (S, 3) less their mean."""
+    total, count = 0.0, len(parts)
+    for axis in range(3):
+        mean = 0.0
+        for k in range(count):
+            mean += parts[k, axis] / count
+        for k in range(count):
+            total += (parts[k, axis] - mean) ** 2
+    return total
+
+
+@kernel
+def _squares(parts):
+    """Sum of the squares of (S, 3)."""
+    total = 0.0
+    for k in range(len(parts)):
+        total += dot(load3(parts[k], 0), load3(parts[k], 0))
+    return total

@@ -1,10 +1,9 @@
-"""Is the vehicle at rest? Two answers: ``RestDetector`` for an alignment, ``Stillness`` for a filter that flies.
+"""Detection of rest from the IMU alone: ``RestDetector`` for an alignment, ``Stillness`` for a running filter.
 
-The detector has means and spreads of rate and force over a sliding window, at constant cost per sample. It must bear a
-gyroscope whose offset nobody knows yet, so a steady turn may look like rest to it. The window is made of blocks of
-equal duration, and the oldest one leaves when a new one is complete. So the cost does not depend on the sample rate,
-nothing is summed for ever, and the window slides in steps of a seventh of its length.
-All memory is one float64 vector: a snapshot is one copy.
+The detector keeps mean and standard deviation of rate and force over a sliding window, at constant cost per sample. The
+bias of the gyroscope is still unknown then, so a steady turn may look like rest to it. The window consists of blocks of
+equal duration; the oldest block is dropped when a new one is complete. The window thus slides in steps of a seventh of
+its length, and no sum runs on for ever and loses its digits. The state is one float64 vector: a snapshot is one copy.
 """
 
 import math
@@ -20,17 +19,18 @@ BLOCKS = 8
 _AXES = 6  # rate and force
 _COUNT, _START, _SUM, _SQUARES, _BLOCK = 0, 1, 2, 8, 14  # layout of one block
 _CURRENT = BLOCKS * _BLOCK  # index of the block that is being filled
-_BASE = _CURRENT + 1  # 6: the first sample; sums are of differences from it, which keeps their digits
+_BASE = _CURRENT + 1  # 6: the first sample; the sums are of differences from it, which keeps their precision
 _LAST = _BASE + _AXES
 _STATE = _LAST + 1
 
 _MEAN, _SD, _RESULT = 0, _AXES, 2 * _AXES
 
-_PROOF = 3  # seconds in a row that prove stillness
-_SECOND = 1.0  # s
-_PARTS = 10  # of a second, over which vibration averages out and swaying does not
-_CALM_RATE, _CALM_FORCE = 0.01, 0.35  # rad/s, m/s^2: spread of the samples of a second
-_SWAY_RATE, _SWAY_FORCE = 0.003, 0.05  # rad/s, m/s^2: spread of the means over tenths of a second
+_PROOF = 3  # consecutive calm seconds that ``Stillness`` requires
+_SECOND = 1.0  # s: length of one block of IMU rows that ``Stillness`` receives
+_PARTS = 10  # parts of a second: means over one of them average out vibration, but not swaying
+# Limits of the standard deviations, from recorded flights and parked vehicles (see ``Stillness``).
+_CALM_RATE, _CALM_FORCE = 0.01, 0.35  # rad/s, m/s^2: of the samples of one second
+_SWAY_RATE, _SWAY_FORCE = 0.003, 0.05  # rad/s, m/s^2: of the means over tenths of a second
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,17 +38,17 @@ class RestSettings:
     """Thresholds of ``RestDetector``."""
 
     window: float  # s
-    gyro_sd: float  # rad/s, largest spread of each axis
-    accel_sd: float  # m/s^2
-    rate: float  # rad/s, largest mean rate beside ``offset``: a bias, not a turn
-    force: float  # m/s^2, largest difference of the mean force from gravity
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rad/s, what is known of the gyroscope's offset
+    gyro_sd: float  # rad/s, largest standard deviation of an axis
+    accel_sd: float  # m/s^2, largest standard deviation of an axis
+    rate: float  # rad/s, largest mean rate beside ``offset`` that passes for a bias and not for a turn
+    force: float  # m/s^2, largest difference of the mean force's norm from gravity
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rad/s, known bias of the gyroscope
     gravity: float = 9.80665  # m/s^2
 
 
 @dataclass(init=False, eq=False, slots=True)
 class RestDetector:
-    """Says whether the last ``window`` seconds were at rest, and their mean rate and force."""
+    """Tests whether the last ``window`` seconds were at rest, and gives their mean rate and force."""
 
     settings: RestSettings
     state: NDArray[np.float64]
@@ -88,16 +88,16 @@ class RestDetector:
 
     @property
     def rate_sd(self) -> NDArray[np.float64]:
-        """Spread (3,) of the angular rate over the window [rad/s]."""
+        """Standard deviation (3,) of the angular rate over the window [rad/s]."""
         return self._statistics[_SD : _SD + 3].copy()
 
     @property
     def force_sd(self) -> NDArray[np.float64]:
-        """Spread (3,) of the specific force over the window [m/s^2]."""
+        """Standard deviation (3,) of the specific force over the window [m/s^2]."""
         return self._statistics[_SD + 3 : _SD + 6].copy()
 
     def why_not(self) -> str:
-        """What speaks against rest, in a few words; empty at rest."""
+        """The test that failed worst, in a few words for the user; empty at rest."""
         s, stats = self.settings, self._statistics
         if not self.full:
             return f"{s.window:g} s of IMU data"
@@ -116,7 +116,7 @@ class RestDetector:
 
 @kernel
 def push(state, window, t, gyro, accel):
-    """Add one sample to ``state``; True when a block has been completed. Samples that are not later are left out."""
+    """Add a sample to ``state``; True when it completed a block. Samples not later than the last are ignored."""
     if not t > state[_LAST]:
         return False
     if t - state[_LAST] > window:  # first sample, or a gap as long as the window
@@ -146,7 +146,7 @@ def push(state, window, t, gyro, accel):
 
 @kernel
 def summarise(state, out):
-    """Write mean (6,) and spread (6,) of all complete blocks to ``out``; False while the window is not full.
+    """Write mean (6,) and deviation (6,) of all complete blocks to ``out``; False while the window is not full.
 
     A window is full when all blocks but the one just begun hold samples.
     """
@@ -171,26 +171,26 @@ def summarise(state, out):
 
 @dataclass(eq=False)
 class Stillness:
-    """Proof that nothing moves: three seconds in a row without a trace of vibration or swaying.
+    """Strict test for rest: three consecutive seconds with neither vibration nor swaying.
 
-    It is stricter than an alignment has to be, because it speaks in flight as well. On recorded flights rotors and
-    airframes shook the gyroscope by 0.016 rad/s and more in every second in the air, by 0.0003 to 0.002 rad/s with
-    motors off; a simulated hover without vibration still sways by 0.005 rad/s. A steady motion leaves no trace at all:
-    whoever asks must know the speed, and the gyroscope's bias.
+    It is stricter than the test of an alignment, because a false detection in flight would do harm. On recorded flights
+    the standard deviation of the gyroscope was at least 0.016 rad/s in every second in the air, and 0.0003 to
+    0.002 rad/s with the motors off. A simulated hover without vibration still sways by 0.005 rad/s. Steady motion is
+    indistinguishable from rest here: the caller has to check the speed, and the mean rate against the gyroscope bias.
     """
 
     PERIOD: ClassVar[float] = _SECOND
-    """s of IMU that ``add`` is given."""
+    """s of IMU rows that each call of ``add`` receives."""
 
     _tenths: NDArray[np.float64] = field(default_factory=lambda: np.zeros((_PROOF * _PARTS, _AXES)), init=False)
     """Means over tenths of a second, the newest last."""
     _calm: int = field(default=0, init=False)
-    """Seconds in a row that were calm."""
+    """Consecutive seconds without vibration."""
 
     def add(self, rows: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """Take the IMU rows (N, 7) [t, rate, force] of one second.
 
-        Returns the mean rate (3,) [rad/s] over the last three seconds when they were still, else None.
+        Returns the mean rate (3,) [rad/s] over the last three seconds if they were at rest, else None.
         """
         tenths = self._tenths
         tenths[:-_PARTS] = tenths[_PARTS:]
@@ -203,7 +203,7 @@ class Stillness:
 def calm_tenths(rows, tenths):
     """Means (_PARTS, 6) over the tenths of one second of IMU rows (N, 7); False unless complete and without vibration.
 
-    Values that are exactly equal prove nothing: such a sensor is stuck.
+    False, too, where all values of a sensor are equal: it is stuck.
     """
     count = len(rows)
     if count < _PARTS or rows[count - 1, 0] - rows[0, 0] < 0.8 * _SECOND:
@@ -232,7 +232,10 @@ def calm_tenths(rows, tenths):
 
 @kernel
 def is_still(tenths, mean):
-    """Whether means over tenths of a second (N, 6) do not sway; ``mean`` (6,) receives theirs as far as it is known."""
+    """Whether the means over tenths of a second (N, 6) stay within the limits of swaying.
+
+    ``mean`` (6,) receives their mean; where the result is False, the axes after the failing one are not written.
+    """
     count = len(tenths)
     for axis in range(_AXES):
         total, square = 0.0, 0.0

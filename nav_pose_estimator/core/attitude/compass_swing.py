@@ -1,13 +1,14 @@
-"""What is wrong with a compass, from its fields on known headings: the classical swing, as a running least squares fit.
+"""Compass swing: cause of a compass error, by a running least-squares fit of the field on known headings.
 
-With x + iy for a horizontal vector in level body axes and u the direction of magnetic North there, any linear
-error of a magnetometer in level flight is
+A horizontal vector in level body axes is written x + iy, and u is the direction of magnetic North in them. Any linear
+error of a magnetometer in level flight then has the form
 
     field = a u + b conj(u) + c
 
-|a| is the horizontal field and arg(a) a rotation of the sensor (coefficient A of the deviation), b a soft iron or
-swapped axes (D and E), and c a hard iron, which turns with the vehicle (B and C). Source: Archibald Smith's deviation
-coefficients, in US National Geospatial-Intelligence Agency, Handbook of Magnetic Compass Adjustment, chapter 2.
+|a| is the horizontal field, arg(a) a rotation of the sensor about the vertical (coefficient A of the deviation). b is
+soft iron or swapped axes (D and E), c is hard iron, which turns with the vehicle (B and C). Source: Archibald Smith's
+deviation coefficients, in US National Geospatial-Intelligence Agency, Handbook of Magnetic Compass Adjustment, chapter
+2.
 """
 
 import cmath
@@ -15,13 +16,14 @@ import math
 
 import numpy as np
 
-_ENOUGH_TURN = 0.05  # least eigenvalue of the mean of the regressors' products; a circle gives 1, 150 deg of it 0.05
-_IRON = 0.5  # hard iron, in horizontal fields, that turns a heading by up to 30 deg
-_TURNED = math.radians(30.0)
+# Observability: smallest eigenvalue of the normalised normal equations; a full circle gives 1, an arc of 150 deg 0.05.
+_ENOUGH_TURN = 0.05
+_IRON = 0.5  # hard iron, relative to the horizontal field, that is named as a cause; it deflects a heading by 30 deg
+_TURNED = math.radians(30.0)  # rotation of the sensor about the vertical that is named as a cause
 
 
 class CompassSwing:
-    """Sums of the fit over the last ``memory`` seconds or so."""
+    """The fit: normal equations with exponential forgetting over ``memory`` [s]."""
 
     def __init__(self, memory: float) -> None:
         self._memory = memory
@@ -30,7 +32,10 @@ class CompassSwing:
         self._seconds = 0.0
 
     def add(self, north: complex, field: complex, seconds: float) -> None:
-        """A ``field`` in level body axes, x + iy, that stands for ``seconds``; ``north``: where it should point."""
+        """Add a horizontal ``field`` with weight ``seconds``, and the direction ``north`` (unit) that it should have.
+
+        Both are x + iy in level body axes.
+        """
         row = (north, north.conjugate(), 1.0 + 0.0j)
         keep = math.exp(-seconds / self._memory)
         for i, one in enumerate(row):
@@ -41,14 +46,14 @@ class CompassSwing:
         self._seconds = keep * self._seconds + seconds
 
     def coefficients(self) -> tuple[complex, complex, complex] | None:
-        """(a, b, c) of the module's formula, None before the vehicle has turned far enough to tell them apart."""
+        """(a, b, c) of the module's formula; None before the vehicle has turned far enough to separate them."""
         if not self._seconds or np.linalg.eigvalsh(self._products)[0] < _ENOUGH_TURN * self._seconds:
             return None
         a, b, c = np.linalg.solve(self._products, self._fields).tolist()
         return a, b, c
 
     def cause(self) -> str:
-        """The likely cause of a wrong heading, one clause; empty before the vehicle has turned far enough."""
+        """Likely cause of a wrong heading, one clause for the user; empty before the vehicle has turned far enough."""
         found = self.coefficients()
         if found is None:
             return ""

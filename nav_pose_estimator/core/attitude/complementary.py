@@ -1,20 +1,20 @@
 """Complementary attitude filter with proportional-integral feedback (CN113777645A, claims 1 and 2), as kernels.
 
-The kinematics ``dq/dt = q (w + delta) / 2`` run on the gyroscope. Specific force less gravity, summed up in n, is the
-*sway*: a velocity that stays near zero (or near the navigator's) unless the estimate is tilted, when it grows with g
-times the tilt. It is the error of claim 1, low-passed in the earth frame:
+The attitude is integrated from the gyroscope, ``dq/dt = q (w + delta) / 2``. The integral in n of specific force plus
+gravity is the *sway*, a velocity. It stays near zero (or near the navigator's velocity) unless the estimate is tilted;
+then it grows with g times the tilt. It is the error signal of claim 1, low-passed in n:
 
-    u' = f_n - g - k_u u      low-passed error: u = e / k_u, time constant 1 / k_u
-    delta_n = k_p (u x up)    proportional part: turns the estimate in n
-    b' = K_i u                integral part: gyro bias, and scale factors and misalignments of the gyroscope
+    u' = f_n - g up - k_u u   low-passed error: u = e / k_u, time constant 1 / k_u
+    delta_n = k_p (u x up)    proportional part: rotates the estimate in n
+    b' = K_i u                integral part: gyro bias, scale factors and misalignments of the gyroscope
 
-Never normalised: the mean of f_n is gravity, that of f_n / |f_n| is not. The rejection function p(a) divides the noise
-that the sway is believed to have. The gains are not constants: they are the Kalman gains of exactly this loop, from the
-covariance of [tilt and heading (3), sway (2), gyro bias (3), gyro matrix (9)] that runs beside it at ``PERIOD``. So
-they are large at the start and small later, and the covariance that is published is the one that the loop has.
+The force is not normalised: the mean of f_n is the reaction to gravity, that of f_n / |f_n| is not. The noise variance
+of the sway is divided by the rejection function p(a). The gains are the Kalman gains of this loop, from the covariance
+of [tilt and heading (3), sway (2), gyro bias (3), gyro matrix (9)], which is propagated beside it at ``PERIOD``. So
+they are large at the start and small later, and the published covariance is that of the loop.
 
-Error state: phi with C = (I + [phi x]) C_hat; the others are estimate minus truth for the sway, truth minus estimate
-for bias and matrix. A magnetometer turns the heading and corrects the gyro bias, never the tilt.
+Error state: phi with C = (I + [phi x]) C_hat; estimate minus truth for the sway; truth minus estimate for bias and
+matrix. A magnetometer corrects the heading, the gyro bias and the gyro matrix, never the tilt.
 """
 
 import math
@@ -69,18 +69,18 @@ from nav_pose_estimator.core.attitude.motion import (
 from nav_pose_estimator.core.numerics.jit import inlined, kernel
 from nav_pose_estimator.core.numerics.vectors import load3, load4, q_columns
 
-# --- error state and where its covariance and scratch space lie ----------------------------------------------------
+# --- layout of the error state, its covariance and the work space --------------------------------------------------
 PHI, D_SWAY, D_BIAS, D_MATRIX, STATES = 0, 3, 5, 8, 17
 COVARIANCE = OWN  # (17, 17)
 GAIN = COVARIANCE + STATES * STATES  # 17: last Kalman gain
-GAIN_2 = GAIN + STATES  # 17: the second one of a pair
-BODY_TURN = GAIN_2 + STATES  # (3, 17): covariance of the window's turn in b, caused by bias and matrix, with all states
+GAIN_2 = GAIN + STATES  # 17: gain of the second observation of a pair
+BODY_TURN = GAIN_2 + STATES  # (3, 17): covariance with all states of the window's turn in b that bias and matrix cause
 CROSS = BODY_TURN + 3 * STATES  # (3, 17): the same in n, as a change of phi
 TILT_VAR, HEADING_VAR, SWAY_START_VAR = CROSS + 51, CROSS + 52, CROSS + 53  # initial variances
 SIZE = SWAY_START_VAR + 1
 
-_SURE = 9.0  # square of the deviations by which rest is doubted
-_LOW_TAU = 2.0  # s: what is left of the sway after this low-pass lasts
+_SURE = 9.0  # squared normalised sway above which the vehicle is not at rest: three standard deviations
+_LOW_TAU = 2.0  # s: time constant of the low-pass whose output is the lasting part of the sway
 
 
 @kernel
@@ -104,7 +104,7 @@ def _step(s, dt, w, f):
 
 @kernel
 def add_magnetic_field(s, mx, my, mz):
-    """Take a magnetic field in b, any unit; the first one sets the heading at once, others act at the next feedback."""
+    """Add a magnetic field in b, any unit; the first one sets the heading at once, others act at the next feedback."""
     add_field(s, (mx, my, mz))
     if s[FIELD_H] == 0.0:
         P = s[COVARIANCE:GAIN].reshape(STATES, STATES)
@@ -129,7 +129,7 @@ def run(s, last_ns, stamps, gyro, accel, mag, out):
 
 @kernel
 def _start(s, w, f):
-    """Level, and forget what was known of attitude and sway; bias and matrix keep their covariance."""
+    """Level, and reset attitude and sway with their covariance; bias and matrix keep theirs."""
     begin(s, w, f)
     P = s[COVARIANCE:GAIN].reshape(STATES, STATES)
     for i in range(D_BIAS):
@@ -144,7 +144,7 @@ def _start(s, w, f):
 
 @kernel
 def _feed_back(s):
-    """End of a window: covariance forward, then sway, rest and field as observations."""
+    """End of a window: propagate the covariance, then update by sway, rest and magnetic field."""
     P = s[COVARIANCE:GAIN].reshape(STATES, STATES)
     window = s[SUM_TIME]
     watch_rest(s)
@@ -165,9 +165,9 @@ def _feed_back(s):
 
 @inlined
 def _doubt_rest(s, P, window):
-    """Believe in rest only what bias and tilt agree with; where it begins, the sway starts anew.
+    """Accept rest only if it agrees with bias and sway; at its beginning the sway is reset.
 
-    For the accelerometer rest and steady cruise are the same: nothing accelerates. So no velocity is known from it.
+    An accelerometer cannot distinguish rest from steady cruise. Rest here means no acceleration, not a known velocity.
     """
     doubt_rest(s, P[D_BIAS, D_BIAS], P[D_BIAS + 1, D_BIAS + 1], P[D_BIAS + 2, D_BIAS + 2])
     if s[STILL_TIME] <= s[LEVEL_AFTER]:
@@ -186,7 +186,7 @@ def _doubt_rest(s, P, window):
 
 @inlined
 def _sway_noise(s, window):
-    """Variance of the window's sway as an observation of zero: what the vehicle itself moves, divided by p(a)."""
+    """Noise variance of the sway as an observation of zero: the vehicle's own motion, divided by p(a)."""
     gain = min(1.0, window / _LOW_TAU)
     s[SWAY_LOW] += gain * (s[SWAY] - s[SWAY_LOW])
     s[SWAY_LOW + 1] += gain * (s[SWAY + 1] - s[SWAY_LOW + 1])
@@ -200,10 +200,10 @@ def _sway_noise(s, window):
 
 @inlined
 def _propagate_covariance(s, P, window):
-    """P <- F P F' + Q over the window: bias and matrix turn, tilt sways.
+    """P <- F P F' + Q over the window: bias and matrix drive phi, tilt drives the sway.
 
-    Body axis k turns by ``window`` times bias k plus row k of the matrix times the turn of the window; ``Y`` holds the
-    covariance of that sum with all states, X = -C Y that of the resulting change of phi.
+    The error of the turn about body axis k is ``window`` times bias k plus row k of the matrix times the turn of the
+    window. ``Y`` holds its covariance with all states, X = -C Y that of the resulting change of phi.
     """
     Y = s[BODY_TURN:CROSS].reshape(3, STATES)
     X = s[CROSS:TILT_VAR].reshape(3, STATES)
@@ -253,11 +253,11 @@ def _sway_by_tilt(P, up):
 
 @inlined
 def _level(s, P, variance):
-    """Kalman update by the sway East and North, both observed as zero with ``variance``, in one pass over P."""
+    """Kalman update by sway East and North, each observed as zero with ``variance``, in one pass over P."""
     spread = P[D_SWAY, D_SWAY] + variance
     for i in range(STATES):
         s[GAIN + i] = P[i, D_SWAY] / spread
-    share = spread * s[GAIN + D_SWAY + 1]  # of the second observation that the first one explains
+    share = spread * s[GAIN + D_SWAY + 1]  # covariance of the two observations
     spread_2 = P[D_SWAY + 1, D_SWAY + 1] - share * s[GAIN + D_SWAY + 1] + variance
     for i in range(STATES):
         s[GAIN_2 + i] = (P[i, D_SWAY + 1] - share * s[GAIN + i]) / spread_2
@@ -275,7 +275,7 @@ def _level(s, P, variance):
 
 @kernel
 def _correct(s, P, index, residual, variance):
-    """Kalman update by one observed error state, ``residual`` with ``variance``, and into the estimate with it."""
+    """Kalman update of covariance and estimate by one observed error state, ``residual`` with ``variance``."""
     spread = P[index, index] + variance
     for i in range(STATES):
         s[GAIN + i] = P[i, index] / spread
@@ -288,7 +288,7 @@ def _correct(s, P, index, residual, variance):
 
 @inlined
 def _apply(s, residual):
-    """Put GAIN times ``residual`` into the estimate."""
+    """Correct the estimate by GAIN times ``residual``."""
     turn_in_n(s, (s[GAIN] * residual, s[GAIN + 1] * residual, s[GAIN + 2] * residual))
     s[SWAY] -= s[GAIN + D_SWAY] * residual
     s[SWAY + 1] -= s[GAIN + D_SWAY + 1] * residual
@@ -300,7 +300,7 @@ def _apply(s, residual):
 
 @kernel
 def _correct_heading(s, P):
-    """Turn heading, bias and matrix by what is known of the heading, with a gain that leaves tilt and sway alone."""
+    """Update heading, bias and matrix by the observed heading error; the gain is zero for tilt and sway."""
     kind, error, noise, least = observe_heading(s)
     if kind == NOTHING:
         return

@@ -1,14 +1,15 @@
-"""The hard iron of a vehicle, from how its field changes in turns: a magnet that rides along.
+"""Hard-iron estimation in flight, from differences of the magnetic field between attitudes.
 
-A field that stands still in n turns in b, that of a magnet on the vehicle stands still in b. Between two windows at
-attitudes C1 and C2, with the fields f1 and f2 in n,
+The Earth's field is constant in n, the hard iron of the vehicle is constant in b. Between two windows at attitudes C1
+and C2, with the fields f1 and f2 in n,
 
     f2 - f1 = (C2 - C1) h + noise
 
-tells the hard iron h in b. Neither the reference nor the heading is needed, only the turn between the two, which the
-gyroscope knows. A Kalman filter over these differences finds h. It is taken out of the field where it is both large
-and sure. A smaller one cannot be told from a field that differs from place to place. Where the differences contradict
-h, it is no longer the same (a magnet was attached or removed, or stands beside the vehicle), and is sought anew.
+observes the hard iron h in b. Neither the reference field nor the heading is needed, only the rotation between the two
+windows, which the gyroscope measures. A Kalman filter over these differences estimates h. It is removed from the field
+where it is both large and significant; a smaller one cannot be distinguished from a field that varies from place to
+place. Where the differences contradict h, it has changed (a magnet was attached or removed, or the source stands beside
+the vehicle), and the estimate is released by a larger process noise.
 """
 
 from nav_pose_estimator.core.attitude.layout import (
@@ -29,19 +30,19 @@ from nav_pose_estimator.core.numerics.jit import inlined, kernel
 from nav_pose_estimator.core.numerics.vectors import add_scaled, dot, load3, load4, q_columns, q_rotate, store3
 
 _STEP = 0.5  # s between the windows that are compared
-_GAP = 1.5  # s: a longer time between them tells nothing of a turn
-# Deviations, relative to the field: of a window, of the field along the way, and of an iron of which nothing is known.
+_GAP = 1.5  # s: windows further apart than this are not compared
+# Standard deviations relative to the field: noise of a window, variation along the way in 1 s, initial hard iron.
 _NOISE, _PLACE, _UNKNOWN = 0.011, 0.045, 0.5
-_TIMING = 0.005  # s: delay of the magnetometer that is not yet compensated
-_WALK, _LOST_WALK = 1e-3, 0.3  # 1/sqrt(s): walk of the iron, usual and while it contradicts the field
-_MISFIT_TAU, _MISFIT = 2.0, 2.0  # s; squared residual, relative, above which it does
-_GUIDED = 2.0  # s since the navigator's heading
-_LARGE, _SURE = 0.1, 100.0  # an iron worth taking out: relative to the field; squared deviations
+_TIMING = 0.005  # s: standard deviation of the magnetometer's remaining delay
+_WALK, _LOST_WALK = 1e-3, 0.3  # 1/sqrt(s): random walk of the hard iron, usual and while it contradicts the field
+_MISFIT_TAU, _MISFIT = 2.0, 2.0  # s: smoothing of the NIS per degree of freedom; its limit, above which it contradicts
+_GUIDED = 2.0  # s: a heading of the navigator that is older no longer corrects the compass offset
+_LARGE, _SURE = 0.1, 100.0  # a hard iron is removed above this size (relative to the field) and squared significance
 
 
 @kernel
 def learn_iron(s, field):
-    """Learn from the ``field`` (3) in n of the window that ends now, the hard iron in use taken out of it."""
+    """Learn from the mean ``field`` (3) in n of the window that ends now, with the hard iron in use removed."""
     elapsed = s[AGE] - s[IRON_TIME]
     if 0.0 <= elapsed < _STEP:
         return
@@ -63,7 +64,7 @@ def learn_iron(s, field):
 
 @inlined
 def _observe(s, field, columns, square, elapsed):
-    """Kalman update by the three components of the difference; the state is IRON, its covariance IRON_COV (3, 3)."""
+    """Kalman update of IRON, covariance IRON_COV (3, 3), by the three components of the difference."""
     P = s[IRON_COV : IRON_COV + 9].reshape(3, 3)
     walk = _LOST_WALK if s[IRON_MISFIT] > _MISFIT else _WALK
     for i in range(3):
@@ -96,10 +97,10 @@ def _observe(s, field, columns, square, elapsed):
 
 @inlined
 def _use(s, square):
-    """Take the iron out of the field from now on, or no longer.
+    """Decide whether the estimated hard iron is removed from the field from now on.
 
-    The offset of the compass is that of the field as it was used. So nothing changes once the navigator, which taught
-    it, is gone; while it is there, a change means that the offset is learned anew.
+    The compass offset was learned with the present correction. Without the navigator, which it is learned from, the
+    correction therefore stays as it is; with it, a change of the correction restarts the learning of the offset.
     """
     if s[OFFSET_SUPPORT] > 0.0 and s[AGE] - s[OFFSET_TIME] > _GUIDED:
         return
@@ -113,7 +114,7 @@ def _use(s, square):
 
 @inlined
 def _squared_deviations(s, v):
-    """v' P^-1 v by the adjugate of P."""
+    """v' P^-1 v, by the adjugate of P."""
     P = s[IRON_COV : IRON_COV + 9].reshape(3, 3)
     a = P[1, 1] * P[2, 2] - P[1, 2] * P[2, 1]
     b = P[0, 2] * P[2, 1] - P[0, 1] * P[2, 2]

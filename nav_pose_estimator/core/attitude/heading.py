@@ -1,8 +1,8 @@
-"""What is known of the heading at the end of a window: by the field, and by the navigator while GNSS aids it.
+"""Heading observation at the end of a window: from the navigator while GNSS aids it, else from the magnetic field.
 
-The navigator's heading comes from the acceleration that GNSS sees. While it is there it is the better one, and the
-compass is compared with it: what is left of a mounting about the vertical, a declination or hard iron is learned as an
-offset, and stays taken out when the navigator's heading is gone.
+The navigator's heading is observable through the accelerations that GNSS sees, and is the better one while available.
+Meanwhile the difference to the compass is learned as an offset: residual mounting about the vertical, declination, hard
+iron. The offset remains in use when the navigator's heading is no longer available.
 """
 
 import math
@@ -24,16 +24,16 @@ from nav_pose_estimator.core.attitude.layout import (
 from nav_pose_estimator.core.attitude.magnetic_field import FIRST, NOTHING, REPLACED, USUAL, observe_field
 from nav_pose_estimator.core.numerics.jit import inlined, kernel
 
-_OFFSET_TAU = 60.0  # s: memory of the compass offset
-_UNKNOWN = 0.35  # rad: a heading of this deviation is replaced, not corrected
+_OFFSET_TAU = 60.0  # s: averaging time of the compass offset
+_UNKNOWN = 0.35  # rad: a heading with a larger standard deviation is replaced instead of corrected
 
 
 @kernel
 def observe_heading(s):
-    """``(kind, error [rad], variance, least)``: the turn that the heading needs, as an observation of that variance.
+    """``(kind, error [rad], variance [rad^2], least [rad^2])``: the heading error as an observation of ``variance``.
 
-    Kinds are those of ``observe_field``. ``least`` [rad^2]: before it, the heading's variance cannot be smaller. Where
-    the reference was replaced, the heading is worth as little as it contradicts the new field.
+    Kinds are those of ``observe_field``. ``least`` is a lower bound of the heading's variance before the update. Where
+    the reference field was replaced, that bound is the squared contradiction between heading and new field.
     """
     kind, error, window = observe_field(s)
     if s[NAV_HEADING_VAR] > 0.0:

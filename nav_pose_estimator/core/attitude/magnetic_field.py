@@ -1,13 +1,13 @@
-"""What the magnetometer says about heading, and how far it can be believed.
+"""Magnetic heading observation: reference field, noise that grows with the field's anomaly, and magnetometer delay.
 
-The undisturbed field keeps its horizontal and downward parts, whatever the heading. They are learned; how far the
-present field departs from them indicates the size of the unobservable part of a disturbance, the one that turns the
-heading. So the noise of a magnetic heading grows with that anomaly instead of a gate that opens and shuts. A steady
-field that disagrees with the learned one for longer than that one was ever supported replaces it.
+The horizontal and downward parts of the undisturbed field do not depend on the heading. They are learned as a
+reference. The deviation of the present field from them indicates the size of the unobservable part of a disturbance,
+the one that turns the heading. So the noise of a magnetic heading grows with that anomaly, in place of a gate. A steady
+field that disagrees with the reference for longer than the reference was supported replaces it.
 
-A magnetometer lags behind the gyroscope by its integration time and its filter. In a turn the field is then swept off
-by the rate times the delay: at 5 rad/s and 15 ms by 4 deg. The norm of the horizontal part and the downward part show
-that delay whatever the heading, so it is learned, and what it does to the field is taken out.
+A magnetometer lags behind the gyroscope by its integration time and filter. In a turn, the measured field is then
+turned by the rate times the delay: by 4 deg at 5 rad/s and 15 ms. The norm of the horizontal part and the downward part
+show this delay whatever the heading. So it is estimated, and its effect is removed from the field.
 """
 
 import math
@@ -46,21 +46,21 @@ from nav_pose_estimator.core.attitude.layout import (
 from nav_pose_estimator.core.numerics.jit import inlined, kernel
 from nav_pose_estimator.core.numerics.vectors import add_scaled, load3, scale, store3
 
-_SHORTEST = 0.05  # horizontal part of the field, relative to its norm, below which there is no heading
-_LONGEST = 1.0  # s: one observation never counts for more
-_MIN_SUPPORT = 3.0  # s that a candidate needs at least
-_TURNING = 0.2  # rad/s: support counts only in motion; at rest any field is steady
-_DELAY_PSD = 0.02  # s: density of a part of the field, relative to its horizontal part, for the delay
-_MOST_DELAY = 0.1  # s
+_SHORTEST = 0.05  # horizontal part of the field, relative to its downward part, below which there is no heading
+_LONGEST = 1.0  # s: longest time that one observation stands for
+_MIN_SUPPORT = 3.0  # s: smallest support that a candidate needs
+_TURNING = 0.2  # rad/s: support of a candidate counts only while turning; at rest any field is steady
+_DELAY_PSD = 0.02  # s: noise density of a part of the field, relative to the horizontal part squared, for the delay
+_MOST_DELAY = 0.1  # s: bound of the estimated delay
 NOTHING, FIRST, USUAL, REPLACED = 0, 1, 2, 3
 
 
 @kernel
 def observe_field(s):
-    """Judge the mean field of the window: ``(kind, heading error [rad], seconds it stands for)``.
+    """Evaluate the mean field of the window: ``(kind, heading error [rad], seconds that it stands for)``.
 
-    kind NOTHING: no usable field. FIRST: the heading is unknown, take it. REPLACED: the reference was wrong, the
-    heading that came from it is worth little.
+    Kinds: NOTHING, no usable field; FIRST, the heading is unknown and has to be set; USUAL; REPLACED, a new reference
+    replaced a wrong one, and the heading based on the old one is unreliable.
     """
     count = s[FIELD_COUNT]
     if count == 0.0:
@@ -99,7 +99,7 @@ def observe_field(s):
 
 @inlined
 def _learn_delay(s, residual, per_second, window):
-    """One part of the field departs from its reference by ``residual``, and by ``per_second`` for a second of delay."""
+    """Kalman update of the delay: ``residual`` of one part of the field, which changes by ``per_second`` of delay."""
     noise = s[FIELD_H] ** 2 * _DELAY_PSD / (window * s[FIELD_TRUST])
     gain = s[MAG_DELAY_VAR] * per_second / (per_second * per_second * s[MAG_DELAY_VAR] + noise)
     delay = s[MAG_DELAY] + gain * residual
@@ -114,7 +114,7 @@ def _distance(s, h, v, other_h, other_v):
 
 @kernel
 def _weigh_candidate(s, horizontal, down, window):
-    """Follow the field of the last seconds; True when it replaces the reference."""
+    """Update the candidate from the field of the last seconds; True when it replaces the reference."""
     gain = min(1.0, window / s[ANOMALY_TAU])
     s[NEW_ANOMALY] += gain * (_distance(s, horizontal, down, s[NEW_H], s[NEW_V]) - s[NEW_ANOMALY])
     s[NEW_AGE] = s[NEW_AGE] + window if s[NEW_ANOMALY] < s[NEW_LIMIT] else 0.0

@@ -1,4 +1,4 @@
-"""What both attitude filters share: start, strapdown integration, rest, rejection of acceleration, outer motion.
+"""Common parts of both attitude filters: start, integration, detection of rest, rejection of acceleration, aiding.
 
 Kernels on the state vector of ``core.attitude.layout``.
 """
@@ -84,19 +84,20 @@ from nav_pose_estimator.core.numerics.vectors import (
 
 _MEAN_TAU = 0.5  # s: smoothing of rate and force for the rest detector
 _LOW_TAU = 2.0  # s: low-pass of the force in n for the rejection
-_MIN_TRUST = 1e-3
-_MOVING = 0.5  # m/s: a navigator that reports more is not at rest
+_MIN_TRUST = 1e-3  # minimum of the rejection function p(a)
+_MOVING = 0.5  # m/s: a vehicle with a larger speed from the navigator is not at rest
+# First indices of all horizontal vectors in n, which rotate with the heading.
 _OF_N = (
     SWAY, SWAY_LOW, LOW_FORCE, SUM_FORCE_N, SUM_FIELD, SUM_SWEEP, NAV_ACCEL, BODY_VELOCITY,
     COLUMNS, COLUMNS + 3, COLUMNS + 6, IRON_FIELD, IRON_AXES, IRON_AXES + 3, IRON_AXES + 6,
 )  # fmt: skip
-_LASTING_SHARE = 0.16  # of the variance of the compass's deviation: lasts however the vehicle turns
-_SURE = 9.0  # square of the deviations by which rest is doubted
+_LASTING_SHARE = 0.16  # fraction of PLACE_VAR that turning of the vehicle does not average out
+_SURE = 9.0  # squared normalised rate above which the vehicle is not at rest: three standard deviations
 
 
 @kernel
 def begin(s, w, f):
-    """Start with the first sample: level by the specific force, x axis as near to East as it can be."""
+    """Start with the first sample: roll and pitch from the specific force, yaw zero (x axis towards East)."""
     norm = math.sqrt(dot(f, f))
     up = scale(1.0 / norm, f) if norm > 0.0 else (0.0, 0.0, 1.0)
     roll, pitch = math.atan2(up[1], up[2]), math.atan2(-up[0], math.sqrt(up[1] * up[1] + up[2] * up[2]))
@@ -117,7 +118,7 @@ def begin(s, w, f):
 
 @inlined
 def clear_sums(s):
-    """Begin a new window of sums at the present attitude."""
+    """Begin a new window of sums at the current attitude."""
     for i in range(SUM_TIME, COLUMNS):
         s[i] = 0.0
     store3(s, SUM_SWEEP, (0.0, 0.0, 0.0))
@@ -129,7 +130,7 @@ def clear_sums(s):
 
 @inlined
 def propagate(s, dt, w, f):
-    """Turn by one sample: raw rate ``w`` [rad/s] and specific force ``f`` [m/s^2] in b, for the last ``dt`` [s]."""
+    """Integrate one sample: raw rate ``w`` [rad/s] and specific force ``f`` [m/s^2] in b, over the last ``dt`` [s]."""
     s[AGE] += dt
     raw = add_scaled(w, -1.0, load3(s, BIAS))
     rate = (
@@ -140,7 +141,7 @@ def propagate(s, dt, w, f):
     force = add_scaled(f, -1.0, load3(s, FORCE_BIAS))
     if s[POINT] > 0.0:  # trapezoidal rule; the force belongs to the end of the interval
         turn, at_end = scale(0.5 * dt, add_scaled(rate, 1.0, load3(s, RATE))), force
-    else:  # the mean force belongs to the middle of the interval: seen from its end, half a turn ago
+    else:  # the mean force belongs to the middle of the interval: rotate it to the axes at the end
         turn, at_end = scale(dt, rate), add_scaled(force, -0.5 * dt, cross(rate, force))
     q = q_polish(q_multiply(load4(s, QUAT), q_exp(turn)))
     store4(s, QUAT, q)
@@ -168,7 +169,7 @@ def propagate(s, dt, w, f):
 
 @inlined
 def watch_rest(s):
-    """Count the seconds without motion, by the window of sums that just ended."""
+    """Detection of rest: count the seconds without motion, from the window of sums that just ended."""
     window = s[SUM_TIME]
     gain = window / (_MEAN_TAU + window)
     rate_spread, force_spread, still = s[SUM_RATE_SQUARE] / window, s[SUM_FORCE_SQUARE] / window, s[FROZEN] == 0.0
@@ -190,10 +191,10 @@ def watch_rest(s):
 
 @inlined
 def doubt_rest(s, x, y, z):
-    """No rest after all: a mean rate that the bias, with variances ``x``, ``y``, ``z``, does not explain is a turn.
+    """Reject rest where the bias, with variances ``x``, ``y``, ``z``, does not explain the mean rate: it is a turn.
 
-    Smooth flight in a wide circle is as quiet as a parking place. A bias of which nothing is known yet explains any
-    rate within ``BIAS_LIMIT``.
+    Smooth flight in a wide circle is as free of vibration as a parked vehicle. A bias that is still unknown explains
+    any rate within ``BIAS_LIMIT``.
     """
     variances = (x, y, z)
     for i in range(3):
@@ -204,7 +205,7 @@ def doubt_rest(s, x, y, z):
 
 @inlined
 def watch_acceleration(s):
-    """The rejection function p(a) of the norm of the specific force, low-passed in n: a ramp from 1 to almost 0."""
+    """Rejection function p(a) of the norm of the specific force low-passed in n: a ramp from 1 to ``_MIN_TRUST``."""
     window = s[SUM_TIME]
     gain = window / (_LOW_TAU + window)
     for i in range(3):
@@ -219,13 +220,13 @@ def watch_acceleration(s):
 
 @inlined
 def turn_in_n(s, v):
-    """q <- Exp(v) (x) q: turn the estimate by the rotation vector ``v`` [rad] in n."""
+    """q <- Exp(v) (x) q: rotate the estimate by the rotation vector ``v`` [rad] in n."""
     store4(s, QUAT, q_polish(q_multiply(q_exp(v), load4(s, QUAT))))
 
 
 @kernel
 def turn_heading(s, angle):
-    """Turn by ``angle`` [rad] counter-clockwise about the vertical, all that is remembered in n included."""
+    """Rotate attitude and all stored vectors in n by ``angle`` [rad] counter-clockwise about the vertical."""
     turn_in_n(s, (0.0, 0.0, angle))
     c, d = math.cos(angle), math.sin(angle)
     for i in _OF_N:
@@ -235,10 +236,10 @@ def turn_heading(s, angle):
 
 @inlined
 def write_covariance(s, P):
-    """The head's covariance: the filter's own ``P`` [:3, :3] and what it does not model.
+    """Write the covariance of the head: the filter's own ``P`` [:3, :3] plus three unmodelled errors.
 
-    That is the rate times an unknown delay of the sensor, tilt that lasts as long as the acceleration does, and what
-    the field of a place turns the compass by, however the vehicle turns.
+    These are the rate times an unknown delay of the sensor, the tilt caused by lasting acceleration, and the part of
+    the local magnetic deviation that turning does not average out.
     """
     r = q_rotate(load4(s, QUAT), load3(s, RATE))
     delay = s[TIMING_SD] * s[TIMING_SD]
@@ -254,7 +255,7 @@ def write_covariance(s, P):
 
 @inlined
 def write_row(s, out, row):
-    """The present estimate into ``out`` [row]: attitude (4), larger variance of tilt, variance of heading, bias (3)."""
+    """Write the estimate to ``out`` [row]: attitude (4), larger variance of tilt, variance of heading, bias (3)."""
     for i in range(4):
         out[row, i] = s[QUAT + i]
     out[row, 4] = max(s[COV], s[COV + 4])
@@ -265,10 +266,10 @@ def write_row(s, out, row):
 
 @kernel
 def subtract_velocity_change(s, dv, dt, hold, speed):
-    """Tell the filter that the vehicle's velocity changed by ``dv`` (3) [m/s, n] in the last ``dt`` [s].
+    """Aiding: the vehicle's velocity changed by ``dv`` (3) [m/s, n] in the last ``dt`` [s]; its ``speed`` [m/s].
 
-    That acceleration is believed for another ``hold`` seconds; what it missed or had too much is made good at the
-    next call, so the sway sees the true velocity change, whatever the rate of the calls. ``speed`` [m/s].
+    This acceleration is assumed to continue for another ``hold`` [s]. The next call corrects the difference to the true
+    change, so that the total subtracted from the sway is exact at any rate of calls.
     """
     for i in range(3):
         s[SWAY + i] -= dv[i] - (s[NAV_ACCEL + i] * dt if s[NAV_HOLD] >= 0.0 else 0.0)
@@ -278,7 +279,7 @@ def subtract_velocity_change(s, dv, dt, hold, speed):
 
 @kernel
 def take_body_velocity(s, x, y, z, dt, hold):
-    """The vehicle moves with (x, y, z) [m/s, b], ``dt`` [s] after the last call; zero or less: that one is too old."""
+    """Aiding by a velocity (x, y, z) [m/s, b], ``dt`` [s] after the last one; ``dt`` <= 0: the last one is too old."""
     now, before = q_rotate(load4(s, QUAT), (x, y, z)), load3(s, BODY_VELOCITY)
     store3(s, BODY_VELOCITY, now)
     if dt > 0.0:
@@ -287,7 +288,7 @@ def take_body_velocity(s, x, y, z, dt, hold):
 
 @inlined
 def add_field(s, m):
-    """Add a magnetic field ``m`` (3) in b, any unit, to the window."""
+    """Add a magnetic field ``m`` (3) in b, any unit, to the sums of the window."""
     q, m = load4(s, QUAT), add_scaled(m, -1.0, load3(s, IRON_USED))
     m_n, sweep = q_rotate(q, m), q_rotate(q, cross(load3(s, RATE), m))
     for i in range(3):

@@ -1,16 +1,16 @@
-"""Two-stage Kalman attitude filter on the quaternion with an adapted accelerometer noise, as kernels.
+"""Two-stage Kalman attitude filter on the quaternion with adaptive accelerometer noise, as kernels.
 
 The state is the quaternion itself (4). Stage 1 corrects it by the specific force, stage 2 by the magnetometer, which
-may change nothing but heading (two-stage filters: Sabatelli et al., IEEE Trans. Instrum. Meas. 62(3), 2013). The noise
-R1 of stage 1 is adapted by a PI regulator with integral separation on the mismatch between the actual and the
-theoretical scatter of its innovations: more scatter than theory, larger R1.
+may change only the heading (two-stage filters: Sabatelli et al., IEEE Trans. Instrum. Meas. 62(3), 2013). A PI
+regulator with integral separation adapts the noise R1 of stage 1 to the mismatch between actual and theoretical
+covariance of the innovations: R1 grows while the actual one is larger.
 
-Stage 1 sees the specific force low-passed in n: its mean is gravity. Neighbouring windows of the low-passed force
-share their noise, so ``SHARED`` of them count as one.
+Stage 1 uses the specific force low-passed in n, whose mean is the reaction to gravity. Consecutive windows of the
+low-passed force are correlated, so ``SHARED`` of them count as one.
 
 ``literal`` zeroes the components of the quaternion's correction that the source names (z in stage 1, x and y in stage
-2), which is "no change of heading" near q = 1 only. The default takes out of the gain the direction in which the
-quaternion changes when the heading does; that leaks no heading, whatever the attitude.
+2). That means "no change of heading" only near q = 1. The default projects the gain on the derivative of the quaternion
+by the heading (stage 2) or off it (stage 1), which is exact at any attitude.
 """
 
 import math
@@ -51,28 +51,28 @@ from nav_pose_estimator.core.numerics.vectors import load3, load4, q_exp, q_mult
 
 COVARIANCE = OWN  # (4, 4) of the quaternion's additive error
 GAIN = COVARIANCE + 16  # 4
-SPREAD = GAIN + 4  # 4: P h of the present observation
+SPREAD = GAIN + 4  # 4: P h of the current observation
 TILT_COV = SPREAD + 4  # (3, 3) of the misalignment about n axes
-R1 = TILT_COV + 9  # m^2/s^4: noise of the low-passed force, adapted
+R1 = TILT_COV + 9  # m^2/s^4: adapted noise variance of the low-passed force
 SCATTER = R1 + 1  # m^2/s^4: smoothed actual trace of the innovations' covariance
 MISMATCH_SUM = SCATTER + 1  # integral of the regulator
-BIAS_AGE = MISMATCH_SUM + 1  # s of motion that the bias is worth
-R1_START = BIAS_AGE + 1  # --- constants: m^2/s^4
+BIAS_AGE = MISMATCH_SUM + 1  # s: equivalent duration in motion of the data behind the bias
+R1_START = BIAS_AGE + 1  # constants follow from here; m^2/s^4
 REGULATOR_P, REGULATOR_I, REGULATOR_BAND = R1_START + 1, R1_START + 2, R1_START + 3
-SHARED = R1_START + 4  # windows that share their noise
+SHARED = R1_START + 4  # number of windows with correlated noise that count as one
 LITERAL = R1_START + 5  # 1: corrections as the source writes them
 BIAS_TAU_START, BIAS_TAU = R1_START + 6, R1_START + 7  # s: smoothing of the bias in motion, at first and later
 TILT_VAR, HEADING_VAR = R1_START + 8, R1_START + 9  # rad^2 at the start
 BIAS_VAR = R1_START + 10  # (rad/s)^2 of the gyroscope bias at the start
 SIZE = R1_START + 11
 
-_SCATTER_WINDOWS = 20.0
-_REST_COUNTS = 20.0  # a second at rest tells as much of the bias as so many in motion
-_SETTLED = 100.0  # s of BIAS_AGE, 5 s at rest, before which the bias explains any rate
+_SCATTER_WINDOWS = 20.0  # windows over which the actual covariance is averaged
+_REST_COUNTS = 20.0  # seconds in motion that one second at rest is equivalent to, as evidence of the bias
+_SETTLED = 100.0  # s of BIAS_AGE (5 s at rest) after which the variance of the bias begins to fall
 _REST_TAU = 5.0  # s: smoothing of the bias at rest
-_SHARED_HEADING = 1.5  # heading errors of a field last for seconds: the deviation that P makes of them is too small
+_SHARED_HEADING = 1.5  # factor on the heading's deviation: magnetic errors are correlated over seconds, P ignores that
 _STEP_DOWN, _STEP_UP = -0.3, 0.5  # bounds of one relative step of R1
-_LEAST, _MOST = 0.05, 50.0  # bounds of R1, relative to its start
+_LEAST, _MOST = 0.05, 50.0  # bounds of R1, relative to R1_START
 
 
 @kernel
@@ -91,7 +91,7 @@ def step(s, dt, wx, wy, wz, fx, fy, fz):
 
 @kernel
 def add_magnetic_field(s, mx, my, mz):
-    """Take a magnetic field in b, any unit; the first one sets the heading at once, others act at the next feedback."""
+    """Add a magnetic field in b, any unit; the first one sets the heading at once, others act at the next feedback."""
     add_field(s, (mx, my, mz))
     if s[FIELD_H] == 0.0:
         P = s[COVARIANCE:GAIN].reshape(4, 4)
@@ -125,7 +125,7 @@ def _start(s, w, f):
 
 @kernel
 def _feed_back(s, P):
-    """End of a window: covariance forward, then the two stages."""
+    """End of a window: propagate the covariance, then run the two stages."""
     watch_rest(s)
     variance = s[BIAS_VAR] / max(s[BIAS_AGE] / _SETTLED, 1.0) ** 2
     doubt_rest(s, variance, variance, variance)
@@ -142,7 +142,7 @@ def _feed_back(s, P):
 
 @kernel
 def _learn_bias(s, before):
-    """At rest the bias is the mean rate; in motion it is what the stages had to turn back, smoothed for long."""
+    """Estimate the gyro bias: at rest the mean rate, in motion the long-term mean of the stages' corrections."""
     window = s[SUM_TIME]
     if s[STILL_TIME] > s[LEARN_AFTER]:
         s[BIAS_AGE] = min(s[BIAS_AGE] + _REST_COUNTS * window, s[BIAS_TAU])
@@ -159,7 +159,7 @@ def _learn_bias(s, before):
 
 @kernel
 def _direction(s, axis):
-    """Unit 4-vector in which q changes when it is turned about n axis ``axis``: e (x) q."""
+    """Direction (unit 4-vector) of the change of q for a rotation about n axis ``axis``: e (x) q."""
     w, x, y, z = load4(s, QUAT)
     if axis == 0:
         return -x, w, -z, y
@@ -178,7 +178,7 @@ def _add_variance(s, P, axis, variance):
 
 @kernel
 def _propagate_covariance(s, P):
-    """P <- A P A' + Q: the window's turn t takes the error with it, dq <- dq (x) Exp(t), then a row and a column."""
+    """P <- A P A' + Q: the turn t of the window acts on the error as dq <- dq (x) Exp(t), on rows, then columns."""
     turn = q_exp(load3(s, SUM_TURN))
     for side in range(2):
         for i in range(4):
@@ -195,7 +195,7 @@ def _propagate_covariance(s, P):
 
 @kernel
 def _correct_tilt(s, P):
-    """Stage 1: the low-passed force, turned into b, against g C' up; one component after the other."""
+    """Stage 1: sequential update by the three components of the low-passed force in b, predicted as g C' up."""
     g, low = s[GRAVITY], load3(s, LOW_FORCE)
     w, x, y, z = load4(s, QUAT)
     seen, theory, actual = q_rotate_back((w, x, y, z), low), 0.0, 0.0
@@ -212,7 +212,7 @@ def _correct_tilt(s, P):
         prior = _observe(s, P, h, noise)
         theory += prior + s[R1]
         actual += residual * residual
-        for i, part in ((0, w), (1, x), (2, y), (3, z)):  # the state has moved with the earlier components
+        for i, part in ((0, w), (1, x), (2, y), (3, z)):  # the earlier components have changed the state
             residual -= h[i] * (s[QUAT + i] - part)
         _restrict(s, True)
         _update(s, P, residual, prior + noise)
@@ -222,7 +222,7 @@ def _correct_tilt(s, P):
 
 @kernel
 def _adapt(s, theory, actual):
-    """PI regulator of R1: relative mismatch of actual and theoretical scatter; integral only while it is small."""
+    """PI regulator of R1 on the relative mismatch of actual and theoretical covariance; integral only while small."""
     s[SCATTER] += (actual - s[SCATTER]) / min(_SCATTER_WINDOWS, 1.0 + s[AGE] / s[PERIOD])
     mismatch = (s[SCATTER] - theory) / theory
     inside = abs(mismatch) <= s[REGULATOR_BAND]
@@ -234,7 +234,7 @@ def _adapt(s, theory, actual):
 
 @kernel
 def _observe(s, P, h, noise):
-    """Kalman gain of a scalar observation with row ``h`` into GAIN; returns h P h'."""
+    """Write the Kalman gain of a scalar observation with row ``h`` to GAIN; returns h P h'."""
     prior = 0.0
     for i in range(4):
         s[SPREAD + i] = P[i, 0] * h[0] + P[i, 1] * h[1] + P[i, 2] * h[2] + P[i, 3] * h[3]
@@ -246,7 +246,7 @@ def _observe(s, P, h, noise):
 
 @kernel
 def _restrict(s, keep_heading):
-    """Take out of the gain what its stage may not change: heading in stage 1, all but heading in stage 2."""
+    """Project the gain on what its stage may change: all but the heading in stage 1, only the heading in stage 2."""
     if s[LITERAL] > 0.0:
         if keep_heading:
             s[GAIN + 3] = 0.0
@@ -261,7 +261,7 @@ def _restrict(s, keep_heading):
 
 @kernel
 def _update(s, P, residual, variance):
-    """q += K r and P by the Joseph form of a gain that need not be optimal."""
+    """q <- q + K r, and P in Joseph's form, because the restricted gain is not optimal."""
     for i in range(4):
         s[QUAT + i] += s[GAIN + i] * residual
     for i in range(4):
@@ -272,7 +272,7 @@ def _update(s, P, residual, variance):
 
 @kernel
 def _correct_heading(s, P):
-    """Stage 2: the heading error of the horizontal field, a turn about Up. False when it was taken as a whole."""
+    """Stage 2: update by the heading error, a rotation about Up. False where the heading was set instead."""
     kind, error, noise, least = observe_heading(s)
     if kind == NOTHING:
         return True
@@ -292,7 +292,7 @@ def _correct_heading(s, P):
 
 @kernel
 def _forget_heading(s, P, variance):
-    """Make the heading's error independent of the rest, with ``variance`` [rad^2]."""
+    """Reset the heading's error: uncorrelated with the rest, with ``variance`` [rad^2]."""
     u = _direction(s, 2)
     for side in range(2):
         for i in range(4):
@@ -316,7 +316,7 @@ def _normalise(s):
 
 @kernel
 def _write(s, P):
-    """The misalignment about n axes is twice the quaternion's error along those directions; honest about heading."""
+    """Write the covariance about n axes, twice the quaternion's error along ``_direction``, with heading inflated."""
     T = s[TILT_COV:R1].reshape(3, 3)
     for a in range(3):
         u = _direction(s, a)

@@ -1,4 +1,4 @@
-"""How old velocities are when they are stamped: innovations proportional to the acceleration along the beam."""
+"""Latency of beam velocities, observed as innovations proportional to the acceleration along the beam."""
 
 import math
 
@@ -17,16 +17,17 @@ from nav_pose_estimator.core.numerics.vectors import (
     store3,
 )
 
-_MEMORY = 0.998  # of one message
-_SPAN, _LONGEST = 0.19, 1.1  # s over which the velocity's change is taken, at the least and at the most
-_SETTLES = 3.0  # s after a return of GNSS, in which what it corrects is no change of the vehicle's velocity
-_OLD, _NEW = 0, 4  # time [s] and velocity at the sensor in b (3) of two earlier messages
-_SETTLED, _GNSS_WAS_GOOD = 8, 9  # s; 0 or 1
+_FORGETTING = 0.998  # factor of the sums from one message to the next
+_SPAN, _LONGEST = 0.19, 1.1  # s: shortest and longest interval over which the velocity is differenced
+_SETTLES = 3.0  # s after a return of GNSS in which its corrections must not pass for an acceleration of the vehicle
+# Layout of ``past``:
+_OLD, _NEW = 0, 4  # time [s] and velocity at the sensor in b (3) [m/s] of two earlier messages
+_SETTLED, _GNSS_WAS_GOOD = 8, 9  # time [s] at which the corrections have settled; 0 or 1
 _PAST_SIZE = 10
 
 
 def no_past():
-    """What ``velocity_change`` remembers before the first message."""
+    """Memory (10,) of ``velocity_change`` before the first message."""
     past = np.full(_PAST_SIZE, -np.inf)
     past[_GNSS_WAS_GOOD] = 1.0
     return past
@@ -34,15 +35,17 @@ def no_past():
 
 @kernel
 def add_delay(sums, z, H, nav):
-    """Add innovations ``z`` (n,) [m/s], estimate minus measurement, NaN where lost, with their rows ``H`` to ``sums``.
+    """Add innovations ``z`` (n,) [m/s] with their rows ``H`` (n, states) to the regression ``sums`` (4,).
 
-    These (4,) are slope times innovation, slope squared [m^2/s^4], innovation squared [m^2/s^2], and how many beams.
-    The slope is how fast the velocity along the beam changes: by the acceleration, and by the turning of the beam.
+    ``z`` is estimate minus measurement, NaN where lost. The sums are slope times innovation [m^2/s^3], slope squared
+    [m^2/s^4], innovation squared [m^2/s^2], and the number of beams. The slope is the rate of change of the velocity
+    along the beam, by the vehicle's acceleration and by the rotation of the beam. The delay is the first sum over the
+    second.
     """
     acceleration = load3(nav, PREV_ACCEL)
     turning = q_rotate(load4(nav, QUAT), load3(nav, PREV_RATE))
     for i in range(len(sums)):
-        sums[i] *= _MEMORY
+        sums[i] *= _FORGETTING
     for i in range(len(z)):
         if not math.isfinite(z[i]):
             continue
@@ -55,7 +58,7 @@ def add_delay(sums, z, H, nav):
 
 @kernel
 def velocity_at(nav, lever):
-    """Velocity (3,) over ground in b [m/s] of a point at ``lever`` (3,) [m] from the IMU."""
+    """Velocity over ground (3,) in b [m/s] of the point at lever arm ``lever`` (3,) [m] in b from the IMU."""
     velocity = np.empty(3)
     swing = cross(load3(nav, PREV_RATE), load3(lever, 0))
     store3(velocity, 0, add(q_rotate_back(load4(nav, QUAT), load3(nav, VEL)), swing))
@@ -64,13 +67,13 @@ def velocity_at(nav, lever):
 
 @kernel
 def velocity_change(past, nav, P, t, lever, gnss_is_good, delay):
-    """How fast the velocity at ``lever`` (3,) [m] in b has changed until ``t`` [s], what that tells of the delay.
+    """Rate of change of the velocity in b, at lever arm ``lever`` (3,) [m] and time ``t`` [s], for the delay estimate.
 
-    By differences over two tenths of a second, or from one message to the next where these come more slowly: vibration
-    does not show in them, and they are as good for a delay as a line between the two is. ``past`` is brought up to
-    date; ``delay`` is the state of block ``dvl_delay``. Returns the change (3,) [m/s^2], zero where unknown; the
-    deviation of the delay [s]; and the noise that an uncertain change adds to a late velocity [m^2/s^2]. Without that
-    the delay would seem too small, and its deviation too, while the velocity is vague.
+    The velocity is differenced over two tenths of a second, or from one message to the next at lower rates, which
+    averages out vibration. ``past`` (10,) is updated; ``delay`` is the index of the state of block ``dvl_delay``.
+    Returns that rate of change (3,) [m/s^2], zero where unknown; the standard deviation of the delay [s]; and the
+    variance that an uncertain rate of change adds to a delayed velocity [m^2/s^2]. Without that variance the delay and
+    its deviation would be estimated too small while the velocity is uncertain.
     """
     if gnss_is_good and past[_GNSS_WAS_GOOD] == 0.0:
         past[_SETTLED] = t + _SETTLES

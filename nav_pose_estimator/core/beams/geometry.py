@@ -1,7 +1,8 @@
-"""How the published directions and signs of beams are meant, found from data before any beam is used.
+"""Test of beam conventions: sign and direction of the published beams, decided from data before any beam is used.
 
-Drivers differ in the sign of a beam velocity, which no message defines, and some swap sine and cosine of the angle
-between beam and vertical: (-.653, .653, .383) for a beam 22.5 deg off it, which is (-.271, .271, .924).
+No message type defines the sign of a beam velocity, and drivers differ in it. Some drivers also swap sine and cosine of
+the angle between beam and vertical: they publish (-.653, .653, .383) for a beam 22.5 deg from the vertical, whose
+direction is (-.271, .271, .924).
 """
 
 from __future__ import annotations
@@ -14,22 +15,22 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-ENOUGH = 20  # messages
-_FIT = 9.0  # mean square of residual over deviation: three deviations
-_MOST = 49.0  # that one residual counts for: a radar also sees what moves
-_CLEAR = 4.0  # the next best reading fits so many times worse
-_SLOW = 5.0  # deviations: slower than that, every reading fits
+ENOUGH = 20  # messages before a decision
+_ACCEPT = 9.0  # largest mean squared normalised residual of the accepted reading: three standard deviations
+_RESIDUAL_CAP = 49.0  # largest squared normalised residual that is counted: a radar also sees moving objects
+_SEPARATION = 4.0  # the second best reading must fit worse by this factor
+_MIN_SPEED = 5.0  # standard deviations of the velocity: at a lower speed every reading fits
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One way to read a message: velocity along a beam = ``sign`` * published, sine and cosine ``swapped`` or not."""
+    """One convention: velocity along a beam = ``sign`` * published value, sine and cosine ``swapped`` or not."""
 
     swapped: bool
     sign: int
 
     def directions(self, published: Array) -> Array:
-        """Unit vectors (n, 3) as they are meant."""
+        """The true unit vectors (n, 3) under this convention."""
         return with_swapped_angle(published) if self.swapped else published
 
 
@@ -43,20 +44,20 @@ def with_swapped_angle(directions: Array) -> Array:
 
 
 def readings(sign: int, directions_are_certain: bool) -> tuple[Reading, ...]:
-    """What has to be told apart where the ``sign`` is known (1, -1) or not (0), and the directions are or are not."""
+    """The conventions to be distinguished; ``sign`` is 1 or -1 where known, 0 where unknown."""
     swaps = (False,) if directions_are_certain else (False, True)
     return tuple(Reading(swapped, s) for swapped in swaps for s in ((sign,) if sign else (1, -1)))
 
 
 @dataclass
 class GeometryCheck:
-    """Sums the misfit of every reading against a velocity that is known otherwise, in the sensor frame."""
+    """Compares the misfit of every convention with a velocity from another source, in the sensor frame."""
 
     candidates: tuple[Reading, ...]
     messages: int = 0
     refusals: int = 0
     fit: float = math.nan
-    """Residual over deviation, root mean square, of the best reading when it was last decided."""
+    """RMS of the normalised residuals of the best reading at the last decision."""
     _misfit: Array = field(init=False)
     _beams: int = 0
 
@@ -64,33 +65,34 @@ class GeometryCheck:
         self._misfit = np.zeros(len(self.candidates))
 
     def add(self, directions: Array, measured: Array, velocity: Array, sd: float) -> None:
-        """A message: published ``directions`` (n, 3) and ``measured`` (n,) [m/s], NaN where lost.
+        """Add a message: published ``directions`` (n, 3) and ``measured`` velocities (n,) [m/s], NaN where lost.
 
-        ``velocity`` (3,) [m/s] in the sensor frame; ``sd`` [m/s] of beam and velocity together.
+        ``velocity`` (3,) [m/s] is the reference in the sensor frame; ``sd`` [m/s] is the standard deviation of beam and
+        reference together.
         """
         known = np.isfinite(measured)
-        if not known.any() or math.hypot(*velocity) < _SLOW * sd:
+        if not known.any() or math.hypot(*velocity) < _MIN_SPEED * sd:
             return
         self.messages += 1
         self._beams += int(known.sum())
         for k, reading in enumerate(self.candidates):
             along = reading.directions(directions[known]) @ velocity
             squares = np.square((reading.sign * measured[known] - along) / sd)
-            self._misfit[k] += float(np.minimum(squares, _MOST).sum())
+            self._misfit[k] += float(np.minimum(squares, _RESIDUAL_CAP).sum())
 
     def decide(self) -> Reading | None:
-        """The reading that fits and no other does, after ``ENOUGH`` messages; None before, or where none fits.
+        """The only reading that fits, after ``ENOUGH`` messages; None before, or where none or several fit.
 
-        Where none fits ``refusals`` grows and the check begins anew.
+        Where none or several fit, the test starts again; ``refusals`` counts how often none fitted.
         """
         if self.messages < ENOUGH:
             return None
         order = np.argsort(self._misfit)
         best = float(self._misfit[order[0]])
         self.fit = math.sqrt(best / self._beams)
-        if best > _FIT * self._beams:
+        if best > _ACCEPT * self._beams:
             self.refusals += 1
-        elif len(order) == 1 or self._misfit[order[1]] > _CLEAR * max(best, float(self._beams)):
+        elif len(order) == 1 or self._misfit[order[1]] > _SEPARATION * max(best, float(self._beams)):
             return self.candidates[order[0]]
         self.messages, self._beams, self._misfit = 0, 0, np.zeros(len(self.candidates))
         return None

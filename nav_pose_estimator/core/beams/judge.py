@@ -1,15 +1,16 @@
-"""Which beams of a message are sound, and how noisy they are: gate, parity, latch and variational noise of each beam.
+"""Fault detection and noise estimation per beam: gate, parity test, latch and variational measurement noise.
 
-Every beam is judged by its own innovation with its nominal noise, so that a faulty one takes no other with it.
+Each beam is tested by its own innovation with its nominal noise, so that a faulty beam does not discard the others.
 
-* Gate: NIS above ``GATE`` flags a beam.
-* Parity: the null vector c of the directions makes c . z free of the velocity, however badly that is known. Where it is
-  too large for its variance, the beam whose absence explains the others clearly better is flagged. The mean of what
-  the gate has passed of late is looked at in the same way: it shows a bias that no single message does, before the
-  navigator has followed it.
-* Latch: a small fault passes the gate now and then and would drag the state until nothing is flagged. A beam that is
-  flagged often is out until it has agreed for a while.
-* Noise: an inverse gamma distribution for each beam, found together with the velocity from the beams that are used.
+* Gate: a beam is flagged when its NIS exceeds ``GATE``.
+* Parity: for the null vector c of four beam directions, c . z does not depend on the velocity, however uncertain that
+  is. Where it exceeds its variance, the beam without which the others agree clearly better is flagged. The running mean
+  of the innovations that passed the gate is tested in the same way. It reveals a bias too small for a single message,
+  before the navigator follows it.
+* Latch: a small fault passes the gate now and then, and would pull the state until nothing is flagged. A beam that is
+  flagged often is excluded until it has agreed for a while.
+* Noise: an inverse gamma distribution of each beam's variance, estimated jointly with the velocity from the beams in
+  use.
 
 Sources: S. Sarkka and A. Nummenmaa, Recursive noise adaptive Kalman filtering by variational Bayesian approximations,
 IEEE Trans. Automatic Control 54(3), 2009, algorithm 1; J. E. Potter and M. C. Suman, Thresholdless redundancy
@@ -32,27 +33,28 @@ from nav_pose_estimator.core.numerics.jit import kernel
 Array = NDArray[np.float64]
 
 USED, LOST, GATED, PARITY, OUT = 0, 1, 2, 3, 4
-"""Verdicts: in order; no velocity; refused by the gate; by parity; left out as it has been flagged too often."""
+"""Verdicts: in use; no velocity; rejected by the gate; rejected by the parity test; excluded by the latch."""
 GATE = 10.8
-"""NIS of one row that a sound beam exceeds once in a thousand."""
-_MILD = 4.0  # NIS that a sound beam exceeds once in twenty
-_MARGIN = 4.0  # of the NIS of three beams between the best and the second best explanation
-_OUT_ABOVE, _IN_BELOW = 0.35, 0.2  # flag rates
-_FLAG_MEMORY, _MILD_MEMORY = 0.9, 0.95
-_NOISE_MEMORY = 0.97
-_MEAN_MEMORY = 0.9
-_MEAN_SHARE = (1.0 - _MEAN_MEMORY) / (1.0 + _MEAN_MEMORY)  # variance of that mean over that of one
-_MEAN_GATE = 15.0  # NIS of a mean, of which many in a row are hardly independent
-_TURNS = 4
-_LEAST_FACTOR, _LARGEST_FACTOR = 0.25, 1e4  # of a variance
-_FLAGS, _MILDS, _IS_OUT, _SHAPE, _FACTOR, _MEAN = 0, 1, 2, 3, 4, 5
+"""NIS of one beam, chi-squared with 1 degree of freedom: a sound beam exceeds it once in a thousand messages."""
+_MILD = 4.0  # NIS that a sound beam exceeds once in twenty messages
+_MARGIN = 4.0  # difference of NIS between the best and the second best beam to leave out
+_OUT_ABOVE, _IN_BELOW = 0.35, 0.2  # flag rates at which the latch excludes a beam and takes it back
+_FLAG_MEMORY, _MILD_MEMORY = 0.9, 0.95  # forgetting factors per message of the rates of flags and of mild innovations
+_NOISE_MEMORY = 0.97  # forgetting factor per message of the noise estimate
+_MEAN_MEMORY = 0.9  # forgetting factor per message of the mean innovation
+_MEAN_SHARE = (1.0 - _MEAN_MEMORY) / (1.0 + _MEAN_MEMORY)  # variance of that mean relative to one innovation's
+_MEAN_GATE = 15.0  # parity gate of the mean: larger than ``GATE``, because consecutive means are correlated
+_TURNS = 4  # fixed-point iterations of the variational noise
+_LEAST_FACTOR, _LARGEST_FACTOR = 0.25, 1e4  # bounds of the estimated variance, relative to the nominal one
+_FLAGS, _MILDS, _IS_OUT, _SHAPE, _FACTOR, _MEAN = 0, 1, 2, 3, 4, 5  # columns of the memory of a beam
 _COLUMNS = 6
 
 
 class Judged(NamedTuple):
-    """Of n beams: the verdict; the variance of the noise to go by [m^2/s^2]; NIS with the nominal noise.
+    """Result for n beams, each array (n,).
 
-    ``nominal`` noise and ``spread``, the variance of the innovation with it, H P H' + R [m^2/s^2].
+    ``verdict``; ``variance`` of the measurement noise to be used [m^2/s^2]; ``nis`` with the nominal noise;
+    ``nominal`` noise variance [m^2/s^2]; ``spread``, the innovation variance H P H' + R with it [m^2/s^2].
     """
 
     verdict: NDArray[np.int64]
@@ -69,7 +71,7 @@ def _new_memory() -> Array:
 
 
 class Parts(NamedTuple):
-    """Which of the tests are made; without ``noise`` each beam has its nominal one."""
+    """Which of the tests are active; without ``noise`` each beam has its nominal noise."""
 
     gate: bool = True
     parity: bool = True
@@ -82,39 +84,40 @@ ALL_PARTS = Parts()
 
 @dataclass
 class BeamJudge:
-    """What is remembered of each of up to ``BEAMS`` beams. Points of a cloud have no history: the gate judges them."""
+    """The tests, with a memory of up to ``BEAMS`` beams. Points of a cloud have no history: only the gate applies."""
 
     parts: Parts = ALL_PARTS
     memory: Array = field(default_factory=_new_memory)
 
     def judge(self, z: Array, H: Array, P: Array, nominal: Array, are_beams: bool) -> Judged:
-        """Judge innovations ``z`` (n,), NaN where lost, with rows ``H`` (n, states) and variances ``nominal`` (n,).
+        """Test innovations ``z`` (n,) [m/s], NaN where lost, with rows ``H`` (n, states), variances ``nominal`` (n,).
 
-        ``are_beams``: row i is always the same beam, and there are at most ``BEAMS``; else they are points.
+        ``are_beams``: row i is always the same beam, and there are at most ``BEAMS``; otherwise the rows are points of
+        a cloud, which differ from message to message.
         """
         return Judged(*_judge(z, H, P, nominal, self.memory, are_beams, *self.parts))
 
     @property
     def factors(self) -> Array:
-        """Variance over the nominal one, of each beam."""
+        """Estimated noise variance of each beam, relative to the nominal one (BEAMS,)."""
         return self.memory[:, _FACTOR]
 
     @property
     def flag_rates(self) -> Array:
-        """How often each beam has been flagged of late, 0 to 1."""
+        """Recent rate of flags of each beam, 0 to 1 (BEAMS,)."""
         return self.memory[:, _FLAGS]
 
     @property
     def out(self) -> NDArray[np.bool_]:
-        """Which beams are left out."""
+        """Which beams the latch excludes (BEAMS,)."""
         return self.memory[:, _IS_OUT] > 0.0
 
 
 @kernel
 def _judge(z, H, P, nominal, memory, has_history, gates, compares, latches, adapts):
-    """See ``Judged``; ``memory`` (BEAMS, _COLUMNS) is brought up to date where the beams have a history.
+    """The fields of ``Judged``; ``memory`` (BEAMS, _COLUMNS) is updated where the beams have a history.
 
-    The last arguments are ``Parts``.
+    The last four arguments are those of ``Parts``.
     """
     n = len(z)
     A = _spread(H, P)
@@ -143,7 +146,7 @@ def _judge(z, H, P, nominal, memory, has_history, gates, compares, latches, adap
 
 @kernel
 def _spread(H, P):
-    """H P H' (n, n), without the zeros of H."""
+    """H P H' (n, n), skipping the zeros of H."""
     n, states = H.shape
     A = np.zeros((n, n))
     row = np.empty(states)
@@ -163,7 +166,7 @@ def _spread(H, P):
 
 @kernel
 def _remember(beam, is_flagged, is_mild, is_biased):
-    """Flag rates of one ``beam`` (_COLUMNS,), and whether it is out."""
+    """Update the flag rates and the latch of one ``beam`` (_COLUMNS,)."""
     beam[_FLAGS] = _FLAG_MEMORY * beam[_FLAGS] + (1.0 - _FLAG_MEMORY) * (1.0 if is_flagged else 0.0)
     beam[_MILDS] = _MILD_MEMORY * beam[_MILDS] + (1.0 - _MILD_MEMORY) * (1.0 if is_mild else 0.0)
     if beam[_FLAGS] > _OUT_ABOVE:
@@ -174,7 +177,7 @@ def _remember(beam, is_flagged, is_mild, is_biased):
 
 @kernel
 def _check_parity(z, H, A, nominal, memory, verdict):
-    """Flag one of four beams where they contradict each other, now or in the mean, and its absence explains that."""
+    """Flag one of four beams where the parity test fails, now or in the mean, and one beam alone explains it."""
     for i in range(len(z)):
         if verdict[i] == USED:
             memory[i, _MEAN] += (1.0 - _MEAN_MEMORY) * (z[i] - memory[i, _MEAN])
@@ -193,9 +196,9 @@ def _check_parity(z, H, A, nominal, memory, verdict):
 
 @kernel
 def _odd_one_out(z, A, noise, c, gate):
-    """The beam whose absence explains innovations ``z`` (4,), covariance A + diag(noise), that contradict each other.
+    """Index of the beam without which the innovations ``z`` (4,) of covariance A + diag(noise) agree.
 
-    -1 where ``c`` . z is within its ``gate``, or none stands out.
+    -1 where the parity ``c`` . z is within its ``gate``, or no beam is clearly the faulty one.
     """
     parity, spread = 0.0, 0.0
     for i in range(BEAMS):
@@ -217,7 +220,7 @@ def _odd_one_out(z, A, noise, c, gate):
 
 @kernel
 def _null_vector(H):
-    """c (4,) with c . (velocity along four beams) = 0 for every velocity: signed volumes of the other three."""
+    """Parity vector c (4,): c . (velocities along four beams) = 0 for every velocity; signed triple products."""
     c = np.empty(BEAMS)
     others = np.empty((3, 3))
     for i in range(BEAMS):
@@ -238,7 +241,7 @@ def _null_vector(H):
 
 @kernel
 def _nis_without(z, A, nominal, left_out):
-    """NIS of all beams but one, together."""
+    """Joint NIS of all beams but one."""
     m = len(z) - 1
     S, rest = np.empty((m, m)), np.empty((m, 1))
     row = 0
@@ -262,7 +265,7 @@ def _nis_without(z, A, nominal, left_out):
 
 @kernel
 def _solve(S, B):
-    """``B`` (m, k) <- S^-1 B for a positive definite ``S`` (m, m), which is used up: elimination needs no pivots."""
+    """``B`` (m, k) <- S^-1 B for a positive definite ``S`` (m, m), by elimination without pivots; S is overwritten."""
     m, k = B.shape
     for i in range(m):
         for row in range(m):
@@ -279,7 +282,7 @@ def _solve(S, B):
 
 @kernel
 def _adapt(z, A, nominal, memory, verdict, variance):
-    """Noise of the beams that are used, by the residual and the spread that the state has with it; four turns."""
+    """Variational estimate of the noise of the beams in use: fixed-point iterations of velocity and variances."""
     used = np.flatnonzero(verdict == USED)
     m = len(used)
     if m == 0:

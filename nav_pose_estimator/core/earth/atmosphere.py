@@ -1,4 +1,4 @@
-"""Pressure and height in the standard atmosphere (ICAO, ISO 2533) below 11 km, and under water: numbers and arrays."""
+"""Pressure and height in the ICAO standard atmosphere (ISO 2533) below 11 km, and under water; scalars and arrays."""
 
 from typing import TypeVar
 
@@ -14,12 +14,12 @@ _EXPONENT = 0.190263  # R L / (g M)
 
 
 def pressure_height(pressure: Numbers) -> Numbers:
-    """Pressure altitude [m] of a static ``pressure`` [Pa]."""
+    """Pressure altitude [m] of the static ``pressure`` [Pa]."""
     return _SEA_LEVEL_TEMPERATURE / _LAPSE_RATE * (1.0 - (pressure / _SEA_LEVEL_PRESSURE) ** _EXPONENT)
 
 
 def air_density(pressure: Numbers) -> Numbers:
-    """Density [kg/m^3] of dry air at a static ``pressure`` [Pa], with the temperature of the standard atmosphere."""
+    """Density [kg/m^3] of dry air at the static ``pressure`` [Pa] and the temperature of the standard atmosphere."""
     temperature = _SEA_LEVEL_TEMPERATURE - _LAPSE_RATE * pressure_height(pressure)
     return pressure / (_GAS_CONSTANT * temperature)
 
@@ -30,5 +30,8 @@ def height_pressure(height: Numbers) -> Numbers:
 
 
 def water_height(pressure: Numbers, density: float, gravity: float) -> Numbers:
-    """Height [m] over the surface, below zero, of an absolute ``pressure`` [Pa] in water of ``density`` [kg/m^3]."""
+    """Height [m] above the water surface (negative below it) of the absolute ``pressure`` [Pa].
+
+    The water has ``density`` [kg/m^3]; ``gravity`` [m/s^2].
+    """
     return (_SEA_LEVEL_PRESSURE - pressure) / (density * gravity)

@@ -1,11 +1,11 @@
-"""The Earth: WGS-84 ellipsoid, its rotation, normal gravity, and turns between geodetic, ECEF and local ENU positions.
+"""WGS-84 ellipsoid, Earth rotation, normal gravity, and conversions between geodetic, ECEF and local ENU positions.
 
-Latitude and longitude in radians, height above the ellipsoid in metres. ``radii``, ``gravity`` and ``earth_rate_n``
-are kernels for one point, ``radii_many`` and ``gravity_many`` their numpy forms for arrays. The coordinate turns at the
-end take scalars and arrays alike.
+Latitude and longitude are in radians, height above the ellipsoid in metres. ``radii``, ``gravity`` and ``earth_rate_n``
+are kernels for one point, ``radii_many`` and ``gravity_many`` their numpy forms for arrays. The conversions at the end
+take scalars and arrays alike.
 
-Near a pole the level East-North frame has no direction. The cosine of the latitude is held at ``MIN_COS_LAT`` there:
-within 0.64 km of a pole results stay finite but East rates are wrong.
+East and North are undefined at the poles. ``cos_latitude`` is therefore limited to ``MIN_COS_LAT``: within 0.64 km of
+a pole results stay finite, but East rates are wrong.
 
 Sources: NIMA TR8350.2 (WGS-84), third edition, chapters 3 and 4; P. Groves, "Principles of GNSS, Inertial and
 Multisensor Integrated Navigation Systems", second edition, equations 2.105, 2.106, 2.112, 2.123, 2.134, 2.139, 5.44.
@@ -31,15 +31,15 @@ E2 = F * (2.0 - F)
 OMEGA = 7.292115e-5
 """Rate of rotation, rad/s."""
 GM = 3.986004418e14
-"""Gravitational constant with the atmosphere, m^3/s^2."""
+"""Geocentric gravitational constant, the mass of the atmosphere included, m^3/s^2."""
 GAMMA_E = 9.7803253359
 """Normal gravity at the equator on the ellipsoid, m/s^2."""
 SOMIGLIANA_K = 0.00193185265241
 """Constant of Somigliana's formula."""
 GRAVITY_M = OMEGA * OMEGA * A * A * B / GM
-"""Centrifugal acceleration over gravity at the equator."""
+"""Ratio of centrifugal acceleration to gravity at the equator (m of WGS-84)."""
 MIN_COS_LAT = 1e-4
-"""The cosine of the latitude is not taken smaller."""
+"""Lower limit of ``cos_latitude``."""
 
 
 # --- kernels for one point -----------------------------------------------------------------------------------------
@@ -114,9 +114,9 @@ def gravity_many(lat: ArrayLike, h: ArrayLike) -> Array:
     return surface * (1.0 - 2.0 * (1.0 + F + GRAVITY_M - 2.0 * F * s2) * x + 3.0 * x * x)
 
 
-# --- coordinate turns ----------------------------------------------------------------------------------------------
+# --- coordinate conversions ----------------------------------------------------------------------------------------
 def lla_to_ecef(lat: ArrayLike, lon: ArrayLike, h: ArrayLike) -> Array:
-    """Earth-fixed positions (..., 3) [m] of geodetic positions."""
+    """ECEF positions (..., 3) [m] of geodetic positions: ``lat``, ``lon`` [rad], ``h`` [m] (...)."""
     _, R_N = radii_many(lat)
     h = np.asarray(h, dtype=float)
     p = (R_N + h) * np.cos(lat)
@@ -125,10 +125,10 @@ def lla_to_ecef(lat: ArrayLike, lon: ArrayLike, h: ArrayLike) -> Array:
 
 
 def ecef_to_lla(position: ArrayLike) -> tuple[Array, Array, Array]:
-    """Latitude, longitude [rad] and height [m] (...) of Earth-fixed positions (..., 3) [m].
+    """Latitude, longitude [rad] and height [m] (...) of ECEF positions (..., 3) [m].
 
-    Bowring's formula for the parametric latitude, three rounds: better than 1e-8 m from 50 km under the ellipsoid to
-    beyond geostationary orbit, poles included.
+    Three iterations of Bowring's formula for the parametric latitude. The error is below 1e-8 m from 50 km under the
+    ellipsoid to beyond geostationary orbit, poles included.
     """
     x, y, z = np.moveaxis(np.asarray(position, dtype=float), -1, 0)
     p = np.hypot(x, y)
@@ -143,7 +143,7 @@ def ecef_to_lla(position: ArrayLike) -> tuple[Array, Array, Array]:
 
 
 def ecef_to_enu_matrix(lat: ArrayLike, lon: ArrayLike) -> Array:
-    """C_ne (..., 3, 3): its rows are East, North and Up at (lat, lon) in Earth-fixed axes."""
+    """C_ne (..., 3, 3): its rows are East, North and Up at (lat, lon) [rad] in ECEF axes."""
     lat, lon = np.broadcast_arrays(np.asarray(lat, dtype=float), np.asarray(lon, dtype=float))
     sl, cl, so, co = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
     rows = ((-so, co, np.zeros_like(so)), (-sl * co, -sl * so, cl), (cl * co, cl * so, sl))
@@ -153,19 +153,19 @@ def ecef_to_enu_matrix(lat: ArrayLike, lon: ArrayLike) -> Array:
 def lla_to_enu(
     lat: ArrayLike, lon: ArrayLike, h: ArrayLike, origin_lat: float, origin_lon: float, origin_h: float
 ) -> Array:
-    """Positions (..., 3) [m] in the flat East-North-Up frame that touches the Earth at the origin; exact."""
+    """Positions (..., 3) [m] in the Cartesian East-North-Up frame tangent to the ellipsoid at the origin; exact."""
     offset = lla_to_ecef(lat, lon, h) - lla_to_ecef(origin_lat, origin_lon, origin_h)
     return offset @ ecef_to_enu_matrix(origin_lat, origin_lon).T
 
 
 def enu_to_lla(enu: ArrayLike, origin_lat: float, origin_lon: float, origin_h: float) -> tuple[Array, Array, Array]:
-    """Latitude, longitude [rad] and height [m] (...) of positions (..., 3) in the local frame of the origin; exact."""
+    """Latitude, longitude [rad] and height [m] (...) of positions (..., 3) [m] in the frame of ``lla_to_enu``."""
     offset = np.asarray(enu, dtype=float) @ ecef_to_enu_matrix(origin_lat, origin_lon)
     return ecef_to_lla(offset + lla_to_ecef(origin_lat, origin_lon, origin_h))
 
 
 def step_enu(before: Array, after: Array) -> Array:
-    """From one geodetic position (3,) to another near by, (3,) [m, ENU]: small against the Earth."""
+    """Displacement (3,) [m, ENU] between two geodetic positions (3,) [rad, rad, m] that are close to each other."""
     r_m, r_n = radii(after[0])
     d_lat, d_lon, d_alt = (after - before).tolist()
     return np.array([d_lon * (r_n + after[2]) * math.cos(after[0]), d_lat * (r_m + after[2]), d_alt])

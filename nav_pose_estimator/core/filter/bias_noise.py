@@ -1,20 +1,21 @@
-"""How fast does this gyroscope's bias wander? Learned in flight from the filter's own corrections of it.
+"""Identification of the gyroscope bias's driving noise in flight, from the filter's own corrections of the bias.
 
-The amount by which a filter moves its bias estimate over a window has the variance that it expected to gain there:
-driving noise plus the fall of the bias variance, ``E = q W + P(t) - P(t + W)`` (innovations of an optimal filter are
-white, so its corrections add up like a random walk). The ratio of the squared movement to ``E`` is one on average when
-the driving noise ``q`` is right, larger when the bias wanders more than modelled (temperature, vibration), smaller for
-a better gyroscope. Over 30 s it shows this clearly, because unmodelled effects accumulate in one direction.
+Over a window W, the change of the bias estimate has the variance ``E = q W + P(t) - P(t + W)``: driving noise plus the
+decrease of the bias variance. (The innovations of an optimal filter are white, so its corrections add up like a random
+walk.) The ratio of the squared change to ``E`` averages one when the driving noise ``q`` is right. It is larger when
+the bias wanders more than modelled (temperature, vibration), and smaller for a better gyroscope. Windows of 30 s show
+this clearly, because unmodelled effects accumulate in one direction.
 
-Innovations that are larger than expected at once (manoeuvres, a poor receiver) show in windows of 3 s already. They are
-no evidence of a wandering bias, so the long ratio is divided by the mean short one where that exceeds one.
+Innovations that are larger than expected for other reasons (manoeuvres, a poor receiver) already show in windows of 3
+s. They are no evidence of a wandering bias, so the long ratio is divided by the mean short one where that exceeds one.
 
 Where the bias moves even less than the smallest noise predicts, the measurement noise is overstated (a receiver much
-better than the floor that is set for all of them), and with it the whole covariance. The mean ratio of the long windows
-says by how much (``overstatement``); the gains do not depend on a common factor, so it only matters once GNSS is lost.
+better than the floor that is set for all receivers), and with it the whole covariance. The mean ratio of the long
+windows gives the factor (``overstatement``). A common factor does not change the gains, so it only matters once GNSS is
+lost.
 
-The noise then moves by a stochastic approximation, ``ln q += gain (ratio - 1)``, within bounds. Everything that is
-remembered lies in ``nav``, so that a checkpoint of the filter takes it along and a replay repeats it exactly.
+The noise follows a stochastic approximation, ``ln q += gain (ratio - 1)``, within bounds. All memory lies in ``nav``,
+so that a checkpoint of the filter includes it and a replay repeats it exactly.
 
 Sources: R. Mehra, IEEE Trans. Automatic Control 17(5), 1972 (covariance matching); K. Myers and B. Tapley, IEEE Trans.
 Automatic Control 21(4), 1976 (noise from the corrections of the state).
@@ -43,24 +44,24 @@ from nav_pose_estimator.core.filter.layout import (
 from nav_pose_estimator.core.numerics.jit import kernel
 
 SMALLEST, LARGEST = 1.0 / 16.0, 4.0
-"""Bounds of the driving noise's density as fractions of the one that is set: a quarter to twice its deviation."""
+"""Bounds of the driving noise's density, relative to the parameter: 1/4 to 2 times its standard deviation."""
 
-_SHORT, _LONG = 3.0, 30.0  # s, windows
-_MARKS = 4  # one short window and three long ones, which begin 10 s apart
-_MARK_SIZE = 8  # t (negative: none), bias (3), its variance (3), driving noise since then
-_GAIN = 0.2
-_LONGEST_STEP = 2.0  # s without an observation: windows across an outage tell nothing
-_LARGEST_RATIO = 4.0
-_LARGEST_SHORT_RATIO = 9.0
-_SHORT_MEMORY = 20.0  # windows
-_LONG_MEMORY = 5.0  # windows
-_BENEFIT = 2.0  # upper bound of a ratio that is known from a handful of overlapping windows
-_SMALLEST_FACTOR = 0.25  # of the covariance: half the deviation. What is learned of one state is not pushed further.
-_INFORMED = 0.2  # part of the driving noise that a window must have observed to count
+_SHORT, _LONG = 3.0, 30.0  # s: lengths of the windows
+_MARKS = 4  # windows open at a time: a short one and three long ones, which begin 10 s apart
+_MARK_SIZE = 8  # of an open window: start time (negative: none), bias (3), its variance (3), driving noise since then
+_GAIN = 0.2  # of the stochastic approximation, per long window
+_LONGEST_STEP = 2.0  # s without an observation after which all windows are dropped: they must not span an outage
+_LARGEST_RATIO = 4.0  # limit of the ratio of a long window, against outliers
+_LARGEST_SHORT_RATIO = 9.0  # limit of the ratio of a short window
+_SHORT_MEMORY = 20.0  # short windows over which their ratio is averaged
+_LONG_MEMORY = 5.0  # long windows over which their ratio is averaged
+_BENEFIT = 2.0  # safety factor on that mean, which comes from a handful of overlapping windows
+_SMALLEST_FACTOR = 0.25  # of the covariance, half the standard deviation: one state is no evidence for more
+_INFORMED = 0.2  # a window counts if the observations removed at least this fraction of its driving noise
 
 
 class Wander(NamedTuple):
-    """What was learned of a gyroscope: its driving noise over that which is set, and what windows have shown."""
+    """Identified gyroscope: driving noise relative to the parameter, and the running means over windows."""
 
     factor: float = 1.0
     level: float = 1.0
@@ -69,7 +70,7 @@ class Wander(NamedTuple):
 
 
 def learned(nav: NDArray[np.float64]) -> Wander:
-    """What ``nav`` (NAV_SIZE,) knows, for a filter that goes on later."""
+    """The result stored in ``nav`` (NAV_SIZE,), to be passed on to a later filter."""
     floor = float(nav[WANDER_FLOOR])
     if not floor > 0.0:
         return Wander()
@@ -78,7 +79,7 @@ def learned(nav: NDArray[np.float64]) -> Wander:
 
 
 def go_on(nav: NDArray[np.float64], wander: Wander) -> None:
-    """After ``begin``: let ``nav`` (NAV_SIZE,) know what was ``learned`` before."""
+    """After ``begin``: continue in ``nav`` (NAV_SIZE,) from a result that was ``learned`` before."""
     if nav[WANDER_FLOOR] > 0.0:
         nav[GYRO_WANDER] = nav[WANDER_FLOOR] * (wander.factor / SMALLEST - 1.0)
         nav[WANDER_LEVEL], nav[WANDER_SHORT_COUNT] = wander.level, wander.short_windows
@@ -87,7 +88,7 @@ def go_on(nav: NDArray[np.float64], wander: Wander) -> None:
 
 @kernel
 def begin(nav, constants):
-    """Learn from now on. ``constants`` hold the smallest density; the start is with the one that is set."""
+    """Start the identification at the parameter's density; ``constants`` hold the smallest one."""
     nav[WANDER_FLOOR] = constants[GYRO_BIAS_PSD]
     nav[GYRO_WANDER] = constants[GYRO_BIAS_PSD] * (1.0 / SMALLEST - 1.0)
     nav[WANDER_LEVEL] = nav[WANDER_MEAN] = 1.0
@@ -98,9 +99,9 @@ def begin(nav, constants):
 
 @kernel
 def observe(nav, P):
-    """Look at the bias after a GNSS observation has corrected it, and adapt ``nav[GYRO_WANDER]`` when a window ends.
+    """Process the bias after a GNSS update; ``nav[GYRO_WANDER]`` is adapted when a long window ends.
 
-    Without ``begin`` nothing happens.
+    Does nothing before ``begin``.
     """
     if not nav[WANDER_FLOOR] > 0.0:
         return
@@ -127,9 +128,10 @@ def observe(nav, P):
 
 @kernel
 def overstatement(nav):
-    """Factor, at most 1, by which the covariance is to be multiplied for what the windows have shown; 1 unlearned.
+    """Factor, at most 1, by which the covariance is overstated; 1 before the first long window.
 
-    It is that of a filter that observations have shaped: before the first long window the first state has.
+    It applies to a covariance that observations have shaped; before the first long window, the initial one still
+    counts.
     """
     if not nav[WANDER_FLOOR] > 0.0 or nav[WANDER_COUNT] < 1.0:
         return 1.0
@@ -144,7 +146,7 @@ def _forget_windows(nav):
 
 @kernel
 def _may_open(nav, k):
-    """The short window opens at once; long ones begin a third of their length apart."""
+    """Whether window ``k`` may open: the short one at once, the long ones a third of their length apart."""
     if k == 0:
         return True
     for other in range(1, _MARKS):
@@ -156,7 +158,7 @@ def _may_open(nav, k):
 
 @kernel
 def _ratio(nav, P, mark):
-    """Squared movement of the bias over a window against what was expected; negative where nothing was observed."""
+    """Squared change of the bias over a window relative to its expectation; negative where too little was observed."""
     moved, expected = 0.0, 0.0
     for i in range(3):
         change = nav[GYRO_BIAS + i] - nav[mark + 1 + i]
@@ -167,7 +169,7 @@ def _ratio(nav, P, mark):
 
 @kernel
 def _close(nav, k, ratio):
-    """Take the outcome of a window in."""
+    """Update the means, and the driving noise for a long window, by the ``ratio`` of window ``k``."""
     if ratio < 0.0:
         return
     if k == 0:

@@ -1,9 +1,9 @@
-"""The optional blocks of the error state: which there are, where their numbers lie, and how they wander.
+"""Optional blocks of the error state: their table, their place in the filter's arrays, and their process models.
 
-A filter has the base states of ``filter.layout`` and any subset of ``BLOCKS``, behind each other in the order of this
-table. The constants vector says where each of them begins (``I_WIND`` ..., -1 without), and nothing else does: the size
-of an array never tells which states it holds. Every block is an estimate in ``nav``, and its error state is what is
-missing from it (truth = estimate + error), a Gauss-Markov process or a random walk.
+A filter has the base states of ``filter.layout`` and any subset of ``BLOCKS``, one after the other in the order of this
+table. Only the constants vector says which blocks a filter has and where each begins (``I_WIND`` ..., -1 without); the
+size of an array never does. Each block has an estimate in ``nav``. Its error state, truth minus estimate, is a
+Gauss-Markov process or a random walk.
 
 | block | states | enters |
 |---|---|---|
@@ -12,11 +12,11 @@ missing from it (truth = estimate + error), a Gauss-Markov process or a random w
 | dvl | biases of four beams [m/s], common scale error k, rotation vector m (3) [rad] of the mounting: measured =\
  (1 + k) (Exp(m) direction) . velocity + bias | observations of beams |
 | depth | bias of a height from water pressure [m] | observations of that height |
-| gravity | gravity beyond the normal one, n [m/s^2] | velocity: dv_dot = ... - dg |
+| gravity | gravity disturbance in n [m/s^2] | velocity: dv_dot = ... - dg |
 | airspeed | scale error k of an airspeed sensor: measured = (1 + k) airspeed | observations of the airspeed |
-| gnss_error | what lasts of the errors of GNSS, n: positions (3) [m], velocities (3) [m/s]; measured = true + error |\
+| gnss_error | time-correlated GNSS errors in n: positions (3) [m], velocities (3) [m/s]; measured = true + error |\
  observations of GNSS |
-| dvl_delay | delay d [s]: velocity in the row of dvl = velocity - d change of velocity | observations of beams |
+| dvl_delay | delay d [s]: the velocity in the row of dvl is velocity - d (dv/dt) | observations of beams |
 
 Sources: CN114459477B (dvl, there without the mounting, depth: states 16 to 21); J. Sola (2017), section 5.3 (gravity,
 there with the other sign); A. Bryson and D. Johansen, IEEE Trans. Automatic Control 10(1), 1965 (gnss_error: coloured
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """``size`` states with estimates at ``nav`` in the nominal state; constant ``index`` says where they begin."""
+    """One block: ``size`` states, estimates at ``nav`` in the nominal state, first state in constant ``index``."""
 
     name: str
     size: int
@@ -46,28 +46,28 @@ class Block:
     index: int
 
     def is_in(self, constants: Array) -> bool:
-        """Whether the filter of ``constants`` has it."""
+        """Whether the filter of ``constants`` has the block."""
         return bool(constants[self.index] >= 0.0)
 
     def states(self, constants: Array) -> slice:
-        """Its states in the error state of a filter that has it."""
+        """The block's states in the error state of a filter that has it."""
         start = int(constants[self.index])
         return slice(start, start + self.size)
 
     @property
     def estimates(self) -> slice:
-        """Its estimates in ``nav``."""
+        """The block's estimates in ``nav``."""
         return slice(self.nav, self.nav + self.size)
 
     @property
     def psd(self) -> slice:
-        """Densities of its driving noise in the constants."""
+        """Densities of the block's driving noise in the constants."""
         start = at.BLOCK_PSD + self.nav - at.WIND
         return slice(start, start + self.size)
 
     @property
     def rate(self) -> slice:
-        """Its rates 1/tau in the constants."""
+        """The block's rates 1/tau in the constants."""
         start = at.BLOCK_RATE + self.nav - at.WIND
         return slice(start, start + self.size)
 
@@ -88,7 +88,7 @@ TABLE = tuple((block.index, block.size, block.nav) for block in BLOCKS)
 
 @dataclass(frozen=True, slots=True)
 class Wander:
-    """How a block changes: random walk per root second and correlation time [s], one number or one for each state."""
+    """Process model of a block: random walk per root second and correlation time [s], for all states or one each."""
 
     walk: float | tuple[float, ...] = 0.0
     tau: float | tuple[float, ...] = math.inf
@@ -96,7 +96,7 @@ class Wander:
 
 # --- which blocks a filter has --------------------------------------------------------------------------------------
 def set_blocks(constants: Array, blocks: Collection[Block]) -> None:
-    """Give the filter of ``constants`` these blocks and no others."""
+    """Set the blocks of the filter of ``constants`` to exactly these."""
     start = at.BASE_STATES
     for block in BLOCKS:
         constants[block.index] = start if block in blocks else -1.0
@@ -104,18 +104,18 @@ def set_blocks(constants: Array, blocks: Collection[Block]) -> None:
 
 
 def blocks_of(constants: Array) -> tuple[Block, ...]:
-    """The blocks that the filter of ``constants`` has, in order."""
+    """The blocks of the filter of ``constants``, in order."""
     return tuple(block for block in BLOCKS if constants[block.index] >= 0.0)
 
 
 def set_wander(constants: Array, block: Block, wander: Wander) -> None:
-    """How ``block`` changes in the filter of ``constants``."""
+    """Set the process model of ``block`` in the filter of ``constants``."""
     constants[block.psd] = np.square(wander.walk)
     constants[block.rate] = np.divide(1.0, wander.tau)
 
 
 def keep_blocks(constants: Array, before: Array) -> None:
-    """Give ``constants`` the blocks of ``before`` as well, with their noise."""
+    """Add the blocks of the filter ``before`` to that of ``constants``, with their process models."""
     own = blocks_of(constants)
     set_blocks(constants, {*own, *blocks_of(before)})
     for block in blocks_of(before):
@@ -135,7 +135,7 @@ def state_count(constants):
 
 @kernel
 def states_within(constants, wider):
-    """Where each state of the filter of ``constants`` is in that of ``wider``, which has all its blocks and others."""
+    """Index of each state of the filter of ``constants`` in that of ``wider``, which has all its blocks and others."""
     places = np.arange(state_count(constants))
     for index, size, _ in TABLE:
         if constants[index] >= 0.0:
@@ -146,16 +146,17 @@ def states_within(constants, wider):
 
 # --- covariances ----------------------------------------------------------------------------------------------------
 def with_block(constants: Array, P: Array, block: Block, cov: ArrayLike) -> tuple[Array, Array]:
-    """The filter (constants, P) with one block more, of covariance ``cov`` and tied to no other state."""
+    """(constants, P) of the filter with one more block of covariance ``cov``, uncorrelated with all other states."""
     wider = constants.copy()
     set_blocks(wider, (*blocks_of(constants), block))
     return wider, enlarged(P, constants, wider, {block: cov})
 
 
 def enlarged(P: Array, constants: Array, wider: Array, cov: Mapping[Block, ArrayLike]) -> Array:
-    """``P`` of the filter of ``constants`` as that of ``wider``: each new block has its covariance in ``cov``.
+    """``P`` of the filter of ``constants``, enlarged to the states of ``wider``; ``cov`` has that of each new block.
 
-    ``cov`` is (size, size); one number is the variance of all states of a block. New blocks are tied to no other state.
+    A covariance is (size, size), or one number for the variance of all states of the block. New blocks are uncorrelated
+    with all other states.
     """
     n = state_count(wider)
     larger = np.zeros((n, n))
@@ -171,7 +172,7 @@ def enlarged(P: Array, constants: Array, wider: Array, cov: Mapping[Block, Array
 # --- for kernels ----------------------------------------------------------------------------------------------------
 @inlined
 def add_rates(F, constants):
-    """Decay of all optional states into the system matrix ``F``."""
+    """Write the decay rates of all optional states to the system matrix ``F``."""
     for index, size, nav in TABLE:
         start = int(constants[index])
         if start >= 0:
@@ -181,7 +182,7 @@ def add_rates(F, constants):
 
 @inlined
 def add_block_noise(P, constants, T):
-    """Driving noise of all optional states over ``T`` [s] into the covariance ``P``."""
+    """Add the driving noise of all optional states over ``T`` [s] to the covariance ``P``."""
     for index, size, nav in TABLE:
         start = int(constants[index])
         if start >= 0:
@@ -191,7 +192,7 @@ def add_block_noise(P, constants, T):
 
 @inlined
 def fade_gnss_error(nav, constants, T):
-    """Over ``T`` [s] the estimates of the errors of GNSS fade, which do not last as long as a bias."""
+    """Decay of the estimated GNSS errors over ``T`` [s]; unlike biases they are not held between updates."""
     if constants[at.I_GNSS_ERROR] >= 0.0:
         for i in range(6):
             rate = constants[at.BLOCK_RATE + at.GNSS_ERROR - at.WIND + i]

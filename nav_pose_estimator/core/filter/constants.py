@@ -1,4 +1,4 @@
-"""The constants vector of the filter, from plain numbers by name."""
+"""The constants vector of the filter, made from named parameters."""
 
 from collections.abc import Mapping
 
@@ -41,10 +41,10 @@ def make_constants(
 ) -> Array:
     """The constants vector of ``core.filter.layout`` (CONSTANTS_SIZE,).
 
-    ``gyro_noise`` [rad/s/sqrt(Hz)] and ``accel_noise`` [m/s^2/sqrt(Hz)] are densities; ``_sd`` and ``_tau`` [s] of the
-    biases their steady-state deviation and correlation time. A gap is an IMU interval longer than ``gap_dt`` [s];
-    during it rate [rad/s] and force [m/s^2] are unknown with ``gap_..._sd``. ``blocks``: the optional blocks that the
-    filter has, and how they change.
+    ``gyro_noise`` [rad/s/sqrt(Hz)] and ``accel_noise`` [m/s^2/sqrt(Hz)] are noise densities. ``_sd`` and ``_tau`` [s]
+    of the biases are steady-state standard deviation and correlation time of a Gauss-Markov process. An IMU interval
+    longer than ``gap_dt`` [s] is a gap, in which rate [rad/s] and force [m/s^2] are unknown with ``gap_..._sd``.
+    ``blocks``: the optional blocks of the filter and their processes.
     """
     constants = np.zeros(CONSTANTS_SIZE)
     constants[GYRO_NOISE_PSD] = gyro_noise**2

@@ -1,11 +1,11 @@
-"""How the navigator's errors grow: the system matrix F of the error state, and the covariance step made of it.
+"""Error model of the navigator: system matrix F of the error state, and the propagation of the covariance.
 
 State order, signs and units are those of ``filter.layout``: misalignment ``phi``, velocity and position error in n,
 position in metres East, North, Up, then gyroscope and accelerometer bias in b, then the optional ``blocks``.
 
     phi_dot = -w_in x phi + dw_in - C (dbg + M w)      C = C_nb, w = w_ib_b, dw_in linear in dv and dp
     dv_dot  =  f_n x phi - (2 w_ie + w_en) x dv + v x (2 dw_ie + dw_en) + dg + C dba - g'
-    dp_dot  =  dv + (errors of the metres per radian)
+    dp_dot  =  dv + (rotation and scale of the metric coordinates)
     others  :  first-order Gauss-Markov with driving noise, or a random walk where its rate 1/tau is zero
 
 dg is the change of normal gravity with height, g' the states of the gravity block.
@@ -15,8 +15,8 @@ Position errors are kept in metres, so that the covariance is well scaled. With 
 exactly, because d((R_N + h) cos L)/dL = -(R_M + h) sin L. Known small terms are dropped elsewhere: the change of the
 radii with latitude in w_en (1/300 of that term) and the change of gravity with latitude (8e-9 m/s^2 per metre).
 
-Estimates of biases, wind and other blocks are held between corrections, but for those of the errors of GNSS: the
-Gauss-Markov model describes what is missing from them.
+Estimates of biases, wind and other blocks are held constant between updates, except those of the GNSS errors: the
+Gauss-Markov model describes truth minus estimate.
 
 Sources: CN113777645A, step 3 (states and structure; it drives no noise into the biases, which would stop the filter
 from learning them); Titterton and Weston, "Strapdown Inertial Navigation Technology", second edition, section 12.3;
@@ -106,7 +106,7 @@ def fill_system_matrix(F, nav, constants, f_n, w_b, C):
 
 @inlined
 def _fill_level_frame(F, nav):
-    """What position and velocity do to attitude, velocity and position by the rotation and curvature of the Earth."""
+    """Coupling of position and velocity errors into all three by the rotation and curvature of the Earth."""
     lat, h = float(nav[LAT]), float(nav[ALT])
     s = math.sin(lat)
     c = max(math.cos(lat), MIN_COS_LAT)
@@ -118,7 +118,7 @@ def _fill_level_frame(F, nav):
     tan = s / c
     w_ie = (0.0, OMEGA * c, OMEGA * s)
     w_en = (-v[NORTH] * i_m, v[EAST] * i_n, v[EAST] * tan * i_n)
-    # change of w_en with velocity East and North; of w_ie and of w_in with metres North; of w_en with metres Up
+    # derivatives of w_en by velocity East and North; of w_ie and w_in by metres North; of w_en by metres Up
     by_east = (0.0, i_n, tan * i_n)
     by_north = (-i_m, 0.0, 0.0)
     earth_north = (0.0, -w_ie[UP] * i_m, w_ie[NORTH] * i_m)
@@ -149,8 +149,8 @@ def _fill_level_frame(F, nav):
 def _propagate_by_shears(P, F, constants, T):
     """``P <- Phi (P + Q T / 2) Phi' + Q T / 2``, in place, with Phi of second order in the step ``T`` [s].
 
-    Phi is Strang's splitting of exp(F T): half of the Gauss-Markov decay, velocity half a step, attitude and position a
-    whole step, then the other halves of velocity and decay. Each part changes three states by the others, a shear.
+    Phi is Strang's splitting of exp(F T): half a step of Gauss-Markov decay and of velocity, a whole step of attitude
+    and position, then the other halves of velocity and decay. Each part changes three states by the others, a shear.
     """
     n = P.shape[0]
     _shear_all(P, F, constants, T, scratch(n)[n:])
@@ -158,16 +158,16 @@ def _propagate_by_shears(P, F, constants, T):
 
 @inlined
 def scratch(n):
-    """Working space of the covariance steps of ``n`` states: the system matrix and three rows for ``_shear``."""
+    """Work space of the covariance steps of ``n`` states: the system matrix and three rows for ``_shear``."""
     return np.zeros((n + 3, n))
 
 
 @inlined
 def _shear_all(P, F, constants, T, W):
-    """``_propagate_by_shears`` with working space ``W`` (3, n)."""
+    """``_propagate_by_shears`` with work space ``W`` (3, n)."""
     _add_noise(P, constants, 0.5 * T)
     _decay(P, F, 0.5 * T)
-    for b, share in ((DVEL, 0.5), (PHI, 1.0), (DPOS, 1.0), (DVEL, 0.5)):  # a loop: to be compiled once, not four times
+    for b, share in ((DVEL, 0.5), (PHI, 1.0), (DPOS, 1.0), (DVEL, 0.5)):  # a loop, so that it is compiled only once
         _shear(P, F, W, b, share * T)
     _decay(P, F, 0.5 * T)
     _add_noise(P, constants, 0.5 * T)
@@ -175,7 +175,7 @@ def _shear_all(P, F, constants, T, W):
 
 @inlined
 def _decay(P, F, T):
-    """Biases and wind fade by exp(F_ii T), rows and columns alike. Neighbours mostly share their rate."""
+    """Multiply rows and columns of biases and optional states by exp(F_ii T); neighbours mostly share their rate."""
     n = P.shape[0]
     rate, factor = 0.0, 1.0
     for i in range(D_GYRO_BIAS, n):
@@ -191,7 +191,7 @@ def _decay(P, F, T):
 
 @inlined
 def _shear(P, F, W, b, T):
-    """``P <- S P S'`` with S = I + T F[b:b+3] in rows b to b+2: three states grow by their rates."""
+    """``P <- S P S'`` with S = I + T F[b:b+3] in rows b to b+2: one step of three states."""
     n = P.shape[0]
     x, y, z = 0, 1, 2
     for k in range(n):
@@ -205,7 +205,7 @@ def _shear(P, F, W, b, T):
                 W[x, k] += c0 * P[j, k]
                 W[y, k] += c1 * P[j, k]
                 W[z, k] += c2 * P[j, k]
-    # The block on the diagonal takes the shear from the other side, too; six sums side by side keep the adders busy.
+    # The diagonal block is sheared from both sides; six independent sums use the processor's pipelines.
     s00, s10, s11, s20, s21, s22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(n):
         c0, c1, c2 = F[b, j], F[b + 1, j], F[b + 2, j]
@@ -229,7 +229,7 @@ def _shear(P, F, W, b, T):
 
 
 def _propagate_by_products(P, F, constants, T, space=None):
-    """The same step, and as accurate, by products of whole matrices: without a compiler numpy is faster than loops."""
+    """The same step with equal accuracy by matrix products: without a compiler numpy is faster than loops."""
     transition = np.eye(len(P)) + T * F + (0.5 * T * T) * (F @ F)
     _add_noise(P, constants, 0.5 * T)
     later = transition @ P @ transition.T
@@ -239,7 +239,7 @@ def _propagate_by_products(P, F, constants, T, space=None):
 
 propagate_in = _shear_all if COMPILED else _propagate_by_products
 propagate_covariance = _propagate_by_shears if COMPILED else _propagate_by_products
-"""(P, F, constants, T): bring ``P`` (n, n) over ``T`` [s] with the system matrix ``F`` (n, n), in place."""
+"""(P, F, constants, T): propagate ``P`` (n, n) over ``T`` [s] with the system matrix ``F`` (n, n), in place."""
 
 
 @inlined
@@ -255,7 +255,7 @@ def _add_noise(P, constants, T):
 
 @inlined
 def _add_gap(P, constants, gap):
-    """What an unknown constant rate and acceleration do in ``gap`` [s]: attitude, velocity and, with it, position."""
+    """Add the effect of an unknown constant rate and force over a ``gap`` [s] on attitude, velocity and position."""
     turn = constants[GAP_RATE_SD] * gap
     push = constants[GAP_ACCEL_SD] * gap
     for i in range(3):
@@ -287,11 +287,11 @@ def _add_column(F, row, column, v):
 
 @kernel
 def covariance_step(nav, P, constants):
-    """Bring ``P`` (n, n) over the time since the last step; empties the sums in ``nav``. Nothing happens without time.
+    """Propagate ``P`` (n, n) over the time since the last step and clear the sums in ``nav``; none, if no time passed.
 
-    The transition is second order in the step and a congruence, so ``P`` stays exactly symmetric and, but for rounding,
-    positive definite. Noise is integrated by the trapezoidal rule. The attitude is that of the middle of the step, the
-    specific force its mean.
+    The transition is of second order in the step and a congruence, so ``P`` stays exactly symmetric and, up to
+    rounding, positive definite. Noise is integrated by the trapezoidal rule. Attitude is taken in the middle of the
+    step, specific force as its mean.
     """
     if nav[SUM_TIME] > 0.0:
         covariance_step_in(nav, P, constants, scratch(P.shape[0]))
@@ -299,7 +299,7 @@ def covariance_step(nav, P, constants):
 
 @inlined
 def covariance_step_in(nav, P, constants, space):
-    """``covariance_step`` over a time above zero with working ``space`` from ``scratch``: nothing is allocated."""
+    """``covariance_step`` over a time above zero, with work ``space`` from ``scratch``: nothing is allocated."""
     n = P.shape[0]
     T = float(nav[SUM_TIME])
     f_n = scale(1.0 / T, load3(nav, SUM_FORCE))

@@ -1,7 +1,7 @@
-"""From an error to the nominal state and back: what the filter estimates is the difference of two nominal states.
+"""Error state: correction of the nominal state by an estimated error, and the error between two nominal states.
 
-Velocity and position errors are estimate minus truth, C_true = Exp(phi) C_estimate; the error of a bias or of another
-constant (optional blocks) is what is missing from the estimate, truth minus estimate.
+Velocity and position errors are estimate minus truth; the attitude error phi is defined by C_true = Exp(phi)
+C_estimate. The error of a bias or of a state of an optional block is truth minus estimate.
 """
 
 import math
@@ -17,20 +17,20 @@ from nav_pose_estimator.core.numerics.vectors import load3, load4, q_exp, q_mult
 
 _IMU_BIASES = -1
 _ADDED = ((_IMU_BIASES, 6, GYRO_BIAS), *TABLE)
-"""What is missing from an estimate: (constant with the first state, size, place in ``nav``)."""
+"""Errors of sign truth minus estimate: (constant with the first state, size, place in ``nav``)."""
 
 
 @inlined
 def _first_state(constants, index):
-    """Where states of ``_ADDED`` begin in the error state, negative where the filter is without."""
+    """First state of an entry of ``_ADDED`` in the error state; negative where the filter does not have it."""
     return D_GYRO_BIAS if index == _IMU_BIASES else int(constants[index])
 
 
 @kernel
 def inject(nav, constants, error):
-    """Take an estimated ``error`` (n,) out of ``nav``: C <- Exp(phi) C, v and p less their errors, the rest added.
+    """Correct ``nav`` by an estimated ``error`` (n,): C <- Exp(phi) C, v <- v - dv, p <- p - dp, the others added.
 
-    An error of another size is a ``ValueError``: machine code would read what happens to lie behind it.
+    Raises ``ValueError`` for an error of another size: machine code would read beyond the end of the array.
     """
     if len(error) != state_count(constants):
         raise ValueError("the error does not have the states of the filter")
@@ -50,7 +50,7 @@ def inject(nav, constants, error):
 
 @kernel
 def error_between(nav, other, constants):
-    """The error (n,) of ``other`` were ``nav`` the truth: ``inject(other, constants, error)`` gives ``nav``."""
+    """Error (n,) of ``other`` if ``nav`` is the truth: ``inject(other, constants, error)`` gives ``nav``."""
     error = np.zeros(state_count(constants))
     turn = turn_between(nav[QUAT : QUAT + 4], other[QUAT : QUAT + 4])
     R_M, R_N = radii(other[LAT])

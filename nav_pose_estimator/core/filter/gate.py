@@ -1,16 +1,16 @@
-"""Thresholds of the gates on the normalised innovation squared, for any number of rows.
+"""Chi-square quantiles: thresholds of the gates on the normalised innovation squared (NIS).
 
-Of an honest filter the NIS of m rows is chi-square distributed with m degrees of freedom.
+The NIS of an m-dimensional observation of a consistent filter is chi-square distributed with m degrees of freedom.
 """
 
 import math
 
 
 def chi_square_quantile(probability: float, dof: int) -> float:
-    """The value that a chi-square variable of ``dof`` degrees of freedom exceeds with 1 - ``probability``.
+    """Quantile of the chi-square distribution with ``dof`` degrees of freedom at ``probability``.
 
-    By bisection of the tail in closed form (``chi_square_tail``): a few lines instead of a quarter of a second to load
-    scipy.special. The result is exact to rounding of 1 - ``probability``.
+    It is found by bisection of the closed-form tail (``chi_square_tail``), which saves the quarter of a second that
+    importing scipy.special takes. The result is exact to the rounding of 1 - ``probability``.
     """
     tail, low, high = 1.0 - probability, 0.0, 2000.0 + 2.0 * dof
     while True:
@@ -24,9 +24,9 @@ def chi_square_quantile(probability: float, dof: int) -> float:
 
 
 def chi_square_tail(x: float, dof: int) -> float:
-    """Probability that a chi-square variable of ``dof`` degrees of freedom (1 or more) exceeds ``x`` (0 or more).
+    """Probability that a chi-square variable with ``dof`` >= 1 degrees of freedom exceeds ``x`` >= 0.
 
-    Source: Abramowitz and Stegun, 26.4.4 and 26.4.5, a finite sum over every other number up to ``dof``.
+    Source: Abramowitz and Stegun, 26.4.4 and 26.4.5, a finite sum over every second number up to ``dof``.
     """
     if dof < 1:
         raise ValueError(f"chi-square has one degree of freedom or more, not {dof}")

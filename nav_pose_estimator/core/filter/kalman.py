@@ -1,8 +1,9 @@
-"""Kalman filter of the error state, closed loop: an observation corrects the nominal state and the error is zero again.
+"""Measurement update of the closed-loop error-state Kalman filter: each update corrects the nominal state.
 
 An observation is ``z`` (m,), estimate minus measurement, with ``H`` (m, n) such that z = H error + noise, and the
-noise covariance ``R`` (m, m). All arrays are float64 and contiguous; ``nav`` and ``P`` change in place. ``constants``
-tell which states there are. Bring ``P`` to the time of ``nav`` first (``core.filter.strapdown.flush_covariance``).
+noise covariance ``R`` (m, m). After the update the error estimate is zero again. All arrays are float64 and contiguous;
+``nav`` and ``P`` change in place. ``constants`` say which states the filter has. Propagate ``P`` to the time of ``nav``
+first (``core.filter.strapdown.flush_covariance``).
 
 The covariance update is Joseph's form, so that ``P`` stays exactly symmetric and positive definite, also for
 measurements much better than the state.
@@ -26,17 +27,17 @@ from nav_pose_estimator.core.numerics.vectors import add, cross, load3, scale
 Array = NDArray[np.float64]
 
 REJECTED, ACCEPTED, INFLATED = 0, 1, 2
-"""Status of ``gated_correct``: left out, taken as it is, taken with more noise than it claims."""
+"""Status of ``gated_correct``: rejected, used as it is, used with inflated noise."""
 
-PREDICTION_STEP = 1.0  # s
+PREDICTION_STEP = 1.0  # s: covariance step of ``predicted_horizontal_sd``
 
 
 # --- correct -------------------------------------------------------------------------------------------------------
 @kernel
 def correct(nav, P, constants, z, H, R):
-    """Take one observation in. Returns its normalised innovation squared (NIS).
+    """Update by one observation; returns its normalised innovation squared (NIS).
 
-    The NIS is infinite, and nothing is changed, when a number is not finite or H P H' + R is not positive definite.
+    The NIS is infinite, and nothing is changed, where a number is not finite or H P H' + R is not positive definite.
     """
     m, n = H.shape
     HP, L = np.empty((m, n)), np.empty((m, m))
@@ -71,14 +72,14 @@ def gated_correct(nav, P, constants, z, H, R, soft, hard):
 
 @kernel
 def innovation(P, z, H, R):
-    """Normalised innovation squared of an observation that is not taken in; infinite as in ``correct``."""
+    """NIS of an observation without an update; infinite as in ``correct``."""
     m, n = H.shape
     return _whitened_square(P, z, H, R, np.empty((m, n)), np.empty((m, m)))
 
 
 @kernel
 def log_density(P, z, H, R):
-    """Logarithm of the density of an observation, but for a constant that depends on its size alone."""
+    """Log-likelihood of an observation, up to a constant that depends only on its dimension."""
     m, n = H.shape
     L = np.empty((m, m))
     nis = _whitened_square(P, z, H, R, np.empty((m, n)), L)
@@ -92,9 +93,9 @@ def log_density(P, z, H, R):
 
 @kernel
 def _whitened_square(P, z, H, R, HP, L):
-    """The NIS, or infinity when there is none; ``HP`` (m, n) becomes H P and ``L`` (m, m) the factor of H P H' + R.
+    """The NIS, infinite where invalid; ``HP`` (m, n) becomes H P, ``L`` (m, m) the Cholesky factor of H P H' + R.
 
-    H P skips the zeros of H. The product with H' does not: 0 times NaN shows that P is broken.
+    H P skips the zeros of H. The product with H' does not, so that a NaN in P makes the NIS invalid (0 times NaN).
     """
     m, n = H.shape
     for i in range(m):
@@ -127,7 +128,7 @@ def _whitened_square(P, z, H, R, HP, L):
 
 @kernel
 def _factorise(S):
-    """Lower Cholesky factor of ``S``, whose lower triangle is read, in its place; False unless positive definite."""
+    """Replace the lower triangle of ``S`` by its Cholesky factor; False unless S is positive definite."""
     for i in range(S.shape[0]):
         for j in range(i + 1):
             total = S[i, j]
@@ -180,8 +181,8 @@ def _widened(R, L, factor):
 def _joseph_by_loops(P, H, R, HP, gain):
     """``P <- (I - K H) P (I - K H)' + K R K'`` for any ``gain`` K' (m, n), as two updates of rank m.
 
-    A = P - K H P, then P = A - (A H' - K R) K': the second one is rounding alone when K is the optimal gain, and what
-    makes the form safe.
+    A = P - K H P, then P = A - (A H' - K R) K'. For the optimal gain the second term is only rounding; it makes the
+    form robust.
     """
     m, n = H.shape
     rest = np.zeros((m, n))  # (A H' - K R)'
@@ -210,7 +211,7 @@ def _joseph_by_loops(P, H, R, HP, gain):
 
 
 def _joseph_by_products(P, H, R, HP, gain):
-    """The same by products of whole matrices: without a compiler numpy is faster than loops."""
+    """The same by matrix products: without a compiler numpy is faster than loops."""
     A = P - gain.T @ HP
     later = A - (A @ H.T - gain.T @ R) @ gain
     P[:] = 0.5 * (later + later.T)
@@ -221,9 +222,9 @@ _joseph = _joseph_by_loops if COMPILED else _joseph_by_products
 
 @kernel
 def _turn_misalignment(P, phi):
-    """Express ``P`` in the misalignment that is left after C <- Exp(phi) C: phi' = (I + [phi x] / 2) (phi_old - phi).
+    """Reset of the attitude error: express ``P`` in phi' = (I + [phi x] / 2) (phi_old - phi) after C <- Exp(phi) C.
 
-    The left Jacobian of SO(3) to first order: Exp(phi + d) Exp(-phi) = Exp((I + [phi x] / 2) d).
+    This is the left Jacobian of SO(3) to first order: Exp(phi + d) Exp(-phi) = Exp((I + [phi x] / 2) d).
     """
     n = P.shape[0]
     half = scale(0.5, phi)
@@ -247,7 +248,7 @@ def _turn_misalignment(P, phi):
 
 @kernel
 def _update(nav, P, constants, z, H, R, HP, gain):
-    """Correct ``nav`` and ``P`` with a given gain, K' (m, n)."""
+    """Correct ``nav`` and ``P`` with the transposed gain K' (m, n)."""
     m, n = H.shape
     error = np.zeros(n)
     for i in range(n):
@@ -258,18 +259,18 @@ def _update(nav, P, constants, z, H, R, HP, gain):
     inject(nav, constants, error)
 
 
-# --- outlook -------------------------------------------------------------------------------------------------------
+# --- prediction ----------------------------------------------------------------------------------------------------
 @kernel
 def horizontal_sd(P):
-    """Root of the summed variances East and North [m]."""
+    """Horizontal standard deviation [m]: root of the sum of the variances East and North."""
     return math.sqrt(P[DPOS, DPOS] + P[DPOS + 1, DPOS + 1])
 
 
 def predicted_horizontal_sd(nav: Array, P: Array, constants: Array, seconds: float) -> float:
-    """``horizontal_sd`` [m] that ``P`` will have when nothing but the IMU is used for ``seconds`` from now.
+    """``horizontal_sd`` [m] predicted for ``seconds`` [s] of coasting on the IMU alone.
 
-    The vehicle is taken to hold its attitude and velocity: any vehicle's mean specific force over such a time is close
-    to the reaction to gravity.
+    The vehicle is assumed to keep its attitude and velocity: the mean specific force of any vehicle over such a time is
+    close to the reaction to gravity.
     """
     later = P.copy()
     f_n = np.array((0.0, 0.0, gravity(nav[LAT], nav[ALT])))

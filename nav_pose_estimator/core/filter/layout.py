@@ -1,7 +1,7 @@
-"""Where each quantity lives in the filter's arrays. Code uses these names, never numbers.
+"""Layout of the filter's arrays: the index of each quantity. Code uses these names, never numbers.
 
-``nav`` is the nominal state with the integrator's memory, one float64 vector, so that a compiled kernel takes one
-array and a snapshot is one copy. ``P`` is the (n, n) covariance of the error state, n = 15 plus optional blocks.
+``nav`` is one float64 vector of the nominal state and the memory of the integrator: a compiled kernel takes one array,
+and a snapshot is one copy. ``P`` is the (n, n) covariance of the error state, n = 15 plus optional blocks.
 """
 
 # --- nominal state -------------------------------------------------------------------------------------------------
@@ -10,15 +10,15 @@ VEL = 3  # 3: East, North, Up, m/s
 QUAT = 6  # 4: q_nb, scalar first
 GYRO_BIAS = 10  # 3: rad/s
 ACCEL_BIAS = 13  # 3: m/s^2
-# nominal values of the optional blocks (``filter.blocks``), zero where the filter is without
+# nominal values of the optional blocks (``filter.blocks``), zero where the filter does not have them
 WIND = 16  # 2: air velocity over ground, East, North, m/s
 GYRO_MATRIX = 18  # 9: row-major M in w_measured = (I + M) w + bias
-DVL = 27  # 8: biases of four beams, m/s, their common scale error, and how the sensor is turned in b, rad
+DVL = 27  # 8: biases of four beams, m/s (4), their common scale error, and the mounting error as a rotation vector, rad
 DEPTH = 35  # 1: bias of a height from water pressure, m
-GRAVITY = 36  # 3: gravity beyond the normal one, n, m/s^2
+GRAVITY = 36  # 3: gravity disturbance in n (beyond normal gravity), m/s^2
 AIRSPEED = 39  # 1: scale error of an airspeed sensor: measured = (1 + scale) airspeed
-GNSS_ERROR = 40  # 6: what lasts of the errors of GNSS, positions E, N, U, m, and velocities, m/s
-DVL_DELAY = 46  # 1: how much older than its stamp a velocity along beams is, beyond what is known, s
+GNSS_ERROR = 40  # 6: time-correlated errors of GNSS positions, E, N, U, m, and of velocities, m/s
+DVL_DELAY = 46  # 1: latency of beam velocities beyond the known one, s
 # --- memory of the integrator --------------------------------------------------------------------------------------
 TIME = 47  # s since the engine's epoch
 PREV_RATE = 48  # 3: corrected angular rate of the last interval, rad/s (coning, sculling)
@@ -29,15 +29,15 @@ SUM_TIME = 57  # s
 SUM_FORCE = 58  # 3: integral of C_nb f_b, m/s
 SUM_RATE = 61  # 3: integral of the corrected angular rate in b, rad
 SUM_GAP = 64  # s of data gap bridged since the last covariance step
-# --- what the flight has shown of the gyroscope's bias (bias_noise) -------------------------------------------
+# --- identified driving noise of the gyroscope bias (``bias_noise``) -----------------------------------------------
 GYRO_WANDER = 65  # (rad/s)^2/s: driving noise of the gyroscope bias beyond that of the constants
 WANDER_LEVEL = 66  # mean ratio of short windows
-WANDER_SHORT_COUNT = 67
-WANDER_TIME = 68  # s, last look
-WANDER_MARKS = 69  # 4 x 8: begun windows
-WANDER_FLOOR = 101  # (rad/s)^2/s: the constants' driving noise; 0 while nothing is learned
+WANDER_SHORT_COUNT = 67  # short windows so far
+WANDER_TIME = 68  # s: time of the last observation
+WANDER_MARKS = 69  # 4 x 8: open windows
+WANDER_FLOOR = 101  # (rad/s)^2/s: the constants' driving noise; 0 while the identification is off
 WANDER_MEAN = 102  # mean ratio of long windows
-WANDER_COUNT = 103
+WANDER_COUNT = 103  # long windows so far
 NAV_SIZE = 104
 
 # --- error state ---------------------------------------------------------------------------------------------------
@@ -65,7 +65,7 @@ GAP_ACCEL_SD = 9  # m/s^2: unknown specific force during a gap
 POINT_SAMPLED = 10
 """1: IMU values are instantaneous (trapezoidal rule), 0: means over the interval that ends at the stamp."""
 I_WIND, I_GYRO_MATRIX, I_DVL, I_DEPTH, I_GRAVITY, I_AIRSPEED, I_GNSS_ERROR, I_DVL_DELAY = 11, 12, 13, 14, 15, 16, 17, 18
-"""Where each optional block begins in the error state, -1 without."""
+"""First state of each optional block in the error state; -1 where the filter does not have it."""
 BLOCK_PSD = 19
 """OPTIONAL_STATES: density of the driving noise of every optional state, its unit squared per s, in the order of
 ``nav``."""
@@ -82,4 +82,4 @@ SOLUTION_BIASES = OUT_COLUMNS  # 6: gyroscope, accelerometer
 SOLUTION_ENU = SOLUTION_BIASES + 6  # 3: position from the origin, m
 SOLUTION_COV = SOLUTION_ENU + 3  # 225: covariance of the base states, row-major
 SOLUTION_SIZE = SOLUTION_COV + BASE_STATES * BASE_STATES
-"""A solution of one sample: an output row and what follows it."""
+"""Size of the solution at one sample: an output row, biases, position and covariance."""

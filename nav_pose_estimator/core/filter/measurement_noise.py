@@ -1,8 +1,9 @@
-"""Measurement noise: from what a sensor states to the covariance R that the filter goes by.
+"""Measurement noise models: from the variance that a sensor states to the covariance R that the filter uses.
 
-A model is asked when an observation acts, and told then what came of it; that is when it may learn.
-What it learns are factors on the stated variances, one for each row, never below 1: errors that are correlated look
-small in every innovation, and a filter that believed them would run away, while too large an R costs little.
+The filter asks a model for R when it processes an observation, and then notifies it of the innovation and residual; an
+adaptive model learns from these. It learns factors on the stated variances, one per row, never below 1. Time-correlated
+errors look small in every innovation, and a filter that lowered R accordingly would diverge, while too large an R costs
+little.
 
 Sources: fine alignment of inertial navigation systems by innovation detection (Chinese patent application, March 2022),
 steps 10 and 11: noise from the innovations, here made robust; S. Sarkka and A. Nummenmaa, Recursive noise adaptive
@@ -23,37 +24,37 @@ from numpy.typing import NDArray
 Array = NDArray[float64]
 
 LARGEST_FACTOR = 100.0
-"""Of a variance: ten times the deviation. Worse errors are for the gate."""
-_MOST_ROWS = 8
-_PAUSE = 5.0  # s: after a longer one the innovations are the navigator's errors more than the sensor's ...
-_SETTLING = 10  # ... for so many observations
+"""Upper bound of a factor on a variance: ten times the standard deviation. Larger errors are left to the gate."""
+_MOST_ROWS = 8  # largest dimension of an observation
+_PAUSE = 5.0  # s: after a longer pause the innovations show the navigator's errors rather than those of the sensor ...
+_SETTLING = 10  # ... for this many observations, from which nothing is learned
 
 
 class NoiseModel(Protocol):
-    """Decides how noisy one sensor is. One that learns is a dataclass, of which copies are kept (``snapshot``)."""
+    """Noise model of one sensor. An adaptive one is a dataclass, so that ``snapshot`` can copy it."""
 
     learns: ClassVar[bool]
-    """Whether anything but ``factor`` is to be called."""
+    """Whether the model is adaptive; if not, only ``factor`` needs to be called."""
 
     @property
     def factor(self) -> float:
-        """R over the stated variance, of the row where it is largest; 1 or more."""
+        """Largest ratio over the rows of R to the stated variance; 1 or more."""
 
     def expected(self, stated: Array) -> Array:
-        """R (m, m) of an observation that states ``stated``, before its innovation is looked at."""
+        """R (m, m) of an observation of stated covariance ``stated`` (m, m), without regard to its innovation."""
 
     def covariance(self, z: Array, HPH: Array, stated: Array) -> Array:
-        """R (m, m) for an innovation ``z`` (m,) whose covariance is ``HPH`` + R; changes nothing."""
+        """R (m, m) for an innovation ``z`` (m,) of covariance ``HPH`` + R; the model itself does not change."""
 
     def note(self, t: float, z: Array, residual: Array | None, HPH: Array, stated: Array) -> None:
-        """An observation of the time ``t`` [s] has had its turn.
+        """Learn from an observation at ``t`` [s] that has been processed.
 
-        ``residual`` (m,) is what it left of the innovation, None where it was not given to the filter.
+        ``residual`` (m,) is the innovation after the update, None where the filter did not use the observation.
         """
 
 
 class Fixed:
-    """What the sensor states, with the floors that its parameters put under it."""
+    """R as the sensor states it, with the floors that its parameters set."""
 
     learns: ClassVar[bool] = False
 
@@ -71,13 +72,14 @@ class Fixed:
         return stated
 
     def note(self, t: float, z: Array, residual: Array | None, HPH: Array, stated: Array) -> None:
-        """Nothing is learned."""
+        """Does nothing."""
 
 
 def enlarged(stated: Array, factors: Array) -> Array:
-    """``stated`` (m, m) with its variances times ``factors`` (m,), each 1 or more.
+    """``stated`` (m, m) with its variances multiplied by ``factors`` (m,), each 1 or more.
 
-    What is missing counts as independent from row to row, so that the result less ``stated`` is never negative.
+    The additional noise is taken as independent between rows, so that the result less ``stated`` is positive
+    semidefinite.
     """
     R = stated.copy()
     R[np.diag_indices(len(R))] += (factors - 1.0) * stated.diagonal()
@@ -86,10 +88,10 @@ def enlarged(stated: Array, factors: Array) -> Array:
 
 @dataclass
 class _Pauses:
-    """Tells when observations follow each other closely enough to learn from."""
+    """Suspends learning for ``_SETTLING`` observations after a pause longer than ``_PAUSE``."""
 
     _last: float = field(default=math.inf, init=False)  # s
-    settling: int = field(default=0, init=False)
+    settling: int = field(default=0, init=False)  # observations still to be skipped
 
     def passes(self, t: float) -> bool:
         """Whether to learn from the observation at ``t`` [s]."""
@@ -110,7 +112,7 @@ def _unknown() -> Array:
 
 @dataclass
 class _Learned:
-    """Factors on the stated variances, one for each row, that earlier observations have shown."""
+    """Base of the adaptive models: factors on the stated variances, one per row, learned from earlier observations."""
 
     learns: ClassVar[bool] = True
 
@@ -120,37 +122,37 @@ class _Learned:
 
     @property
     def factor(self) -> float:
-        """R over the stated variance, of the row where it is largest."""
+        """Largest ratio over the rows of R to the stated variance."""
         return float(self._factors[: self._rows].max())
 
     def expected(self, stated: Array) -> Array:
-        """``stated`` by the factors that earlier observations have shown."""
+        """``stated`` enlarged by the factors learned so far."""
         return enlarged(stated, self._factors[: len(stated)])
 
 
 @dataclass
 class InnovationAdaptive(_Learned):
-    """The variance of what changes from one observation to the next, with exponential memory.
+    """Noise variance from the differences of consecutive observations, with exponential forgetting.
 
-    The innovation less the last residual, d = z(k) - (z(k-1) - H x(k-1)), holds the noise of two observations and
-    what the navigator drifted in between, which is little: its own error, and its corrections, cancel. So d^2 over the
-    sum of both stated variances estimates the factor without any trust in P, and also from observations that the filter
-    did not believe: a receiver that states far too little is refused most of the time.
+    The innovation less the last residual, d = z(k) - (z(k-1) - H x(k-1)), contains the noise of two observations and
+    the small drift of the navigator between them; the navigator's own error and its corrections cancel. So d^2 over the
+    sum of the two stated variances estimates the factor without relying on P. Rejected observations count as well: a
+    receiver that states far too small a variance is rejected most of the time.
     """
 
-    _MEMORY: ClassVar[float] = 0.95
-    _MOST: ClassVar[float] = 3.0  # factors that one observation may count for: outliers cannot open R
-    _KEPT: ClassVar[float] = 0.858  # E min(x, 3) of a chi-square x with one degree of freedom
+    _MEMORY: ClassVar[float] = 0.95  # forgetting factor per observation
+    _MOST: ClassVar[float] = 3.0  # robustness: one observation counts for at most this multiple of the current factor
+    _KEPT: ClassVar[float] = 0.858  # E min(x, 3) of a chi-square x with one degree of freedom: corrects for that limit
 
     _residual: Array = field(default_factory=_unknown, init=False)  # of the last observation
     _variance: Array = field(default_factory=_unknown, init=False)  # that it stated
 
     def covariance(self, z: Array, HPH: Array, stated: Array) -> Array:
-        """The same: outliers are for the gate."""
+        """``stated`` enlarged by the factors learned so far; outliers are left to the gate."""
         return self.expected(stated)
 
     def note(self, t: float, z: Array, residual: Array | None, HPH: Array, stated: Array) -> None:
-        """Learn from the change since the last observation, row by row."""
+        """Learn row by row from the change since the last observation."""
         m = self._rows = len(z)
         variance = stated.diagonal()
         change = z - self._residual[:m]
@@ -167,23 +169,24 @@ class InnovationAdaptive(_Learned):
 
 @dataclass
 class Variational(_Learned):
-    """An inverse gamma distribution for the factor of each row, found together with the state (variational Bayes).
+    """Inverse gamma distribution of the factor of each row, estimated jointly with the state (variational Bayes).
 
-    Each innovation is explained by state and noise in turns; the state that this takes is not the filter's, which is
-    corrected once, with the R that comes out. What is clamped is also remembered clamped, else the scale runs away.
+    Fixed-point iterations alternate between state and noise of one observation. The filter's own state is not touched:
+    it is updated once, with the resulting R. A factor that reached its bound is also stored at the bound; otherwise the
+    scale of its distribution would grow without limit.
     """
 
-    _MEMORY: ClassVar[float] = 0.98
-    _TURNS: ClassVar[int] = 5
+    _MEMORY: ClassVar[float] = 0.98  # forgetting factor per observation
+    _TURNS: ClassVar[int] = 5  # fixed-point iterations
 
-    _shape: float = field(default=2.0, init=False)  # half as many observations as are remembered
+    _shape: float = field(default=2.0, init=False)  # shape parameter: half the effective number of observations
 
     def covariance(self, z: Array, HPH: Array, stated: Array) -> Array:
-        """``stated`` by the factors that this innovation and the earlier ones are best explained with."""
+        """``stated`` enlarged by the factors that explain this innovation and the earlier ones best."""
         return enlarged(stated, self._explained(z, HPH, stated))
 
     def note(self, t: float, z: Array, residual: Array | None, HPH: Array, stated: Array) -> None:
-        """Keep what ``covariance`` found; what the filter did not take in is rather the filter's own error."""
+        """Store the factors that ``covariance`` found; a rejected observation rather shows an error of the filter."""
         self._rows = len(z)
         if self._pauses.passes(t) and residual is not None:
             self._factors[: len(z)] = self._explained(z, HPH, stated)
@@ -209,4 +212,4 @@ MODELS: dict[str, Callable[[], NoiseModel]] = {
     "innovation_adaptive": InnovationAdaptive,
     "variational": Variational,
 }
-"""The models by the names that parameters choose them by."""
+"""The models by the names that the parameters use."""

@@ -1,7 +1,7 @@
-"""Linearised observations of the navigation state: each returns ``(z, H)`` with ``z = estimate - measurement``.
+"""Linearised observation models: each returns ``(z, H)`` with ``z = estimate - measurement``.
 
-``H`` maps the error state (``filter.layout``, estimate minus truth) to ``z``; it has as many columns as the filter has
-states. Noise belongs to the caller, who knows the sensor. Frames: n is ENU, b is FLU. Compiled or plain.
+``H`` maps the error state (``filter.error_state``) to ``z``; it has as many columns as the filter has states. The
+caller supplies the measurement noise. Frames: n is ENU, b is FLU. All functions are kernels.
 
 Sources: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., eq. 14.103-14.115
 (position and velocity with lever arm, there with the opposite sign of the attitude error); CN113777645A step 3.
@@ -48,14 +48,14 @@ from nav_pose_estimator.core.numerics.vectors import (
 )
 
 BEAMS = 4
-"""Beams of which each has a bias state of its own."""
+"""Number of beams with a bias state."""
 POSITION, VELOCITY = 0, 3
-"""Where the errors of GNSS positions and velocities begin in their block."""
+"""First state of the errors of GNSS positions and of velocities in block ``gnss_error``."""
 
 
 @kernel
 def gnss_position(nav, states, lat, lon, alt, lever):
-    """Antenna position. ``lat``, ``lon`` [rad], ``alt`` [m], ``lever`` (3,) IMU to antenna in b [m]; z in m, ENU."""
+    """Position of the GNSS antenna: ``lat``, ``lon`` [rad], ``alt`` [m]; ``lever`` (3,) arm in b [m]; z in m, ENU."""
     z = np.zeros(3)
     H = np.zeros((3, states))
     C = quat_to_matrix(nav[QUAT : QUAT + 4])
@@ -74,7 +74,7 @@ def gnss_position(nav, states, lat, lon, alt, lever):
 
 @kernel
 def gnss_velocity(nav, states, velocity, lever):
-    """Antenna velocity over ground in n [m/s], (3,); ``lever`` (3,) antenna from the IMU in b [m]."""
+    """Velocity of the GNSS antenna over ground, (3,) in n [m/s]; ``lever`` (3,) arm from IMU to antenna in b [m]."""
     z = np.zeros(3)
     H = np.zeros((3, states))
     C = quat_to_matrix(nav[QUAT : QUAT + 4])
@@ -87,7 +87,7 @@ def gnss_velocity(nav, states, velocity, lever):
         swing[i] = C[i, 0] * wx + C[i, 1] * wy + C[i, 2] * wz
         z[i] = nav[VEL + i] + swing[i] - velocity[i]
         H[i, DVEL + i] = 1.0
-        # -C [l x]: a gyroscope bias turns the lever arm
+        # -C [l x]: a gyroscope bias acts through the lever arm
         H[i, D_GYRO_BIAS] = -(C[i, 1] * lever[2] - C[i, 2] * lever[1])
         H[i, D_GYRO_BIAS + 1] = -(C[i, 2] * lever[0] - C[i, 0] * lever[2])
         H[i, D_GYRO_BIAS + 2] = -(C[i, 0] * lever[1] - C[i, 1] * lever[0])
@@ -97,20 +97,20 @@ def gnss_velocity(nav, states, velocity, lever):
 
 @kernel
 def see_gnss_error(z, H, nav, constants, part):
-    """Add the lasting errors to a GNSS observation (3 rows) of a filter that has them as states.
+    """Add the time-correlated GNSS errors to a GNSS observation (3 rows) of a filter that has them as states.
 
-    ``part``: ``POSITION`` or ``VELOCITY``. The receiver measures what is true and what lasts of its error.
+    ``part``: ``POSITION`` or ``VELOCITY``. The receiver measures the truth plus its correlated error.
     """
     first = int(constants[I_GNSS_ERROR])
     if first >= 0:
         for i in range(3):
             z[i] += nav[GNSS_ERROR + part + i]
-            H[i, first + part + i] = -1.0  # what is missing from the estimate of the error
+            H[i, first + part + i] = -1.0  # the state is truth minus estimate
 
 
 @kernel
 def horizontal_velocity(nav, states, v_east, v_north):
-    """Horizontal velocity over ground [m/s]: a prior or a zero-velocity update of the plane."""
+    """Horizontal velocity over ground [m/s], ENU: a velocity prior or a horizontal zero-velocity update."""
     z = np.zeros(2)
     H = np.zeros((2, states))
     z[0] = nav[VEL] - v_east
@@ -122,7 +122,7 @@ def horizontal_velocity(nav, states, v_east, v_north):
 
 @kernel
 def zero_velocity(nav, states):
-    """The IMU does not move over ground; z [m/s] is the estimated velocity, ENU (Groves, section 15.3)."""
+    """Zero-velocity update: z [m/s] is the estimated velocity of the IMU, ENU (Groves, section 15.3)."""
     z = nav[VEL : VEL + 3].copy()
     H = np.zeros((3, states))
     for i in range(3):
@@ -141,22 +141,23 @@ def height(nav, states, alt):
 
 @kernel
 def height_in_water(nav, states, bias, alt):
-    """Height [m] by the pressure of the water above, whose surface is ``nav[DEPTH]`` higher than taken for ``alt``.
+    """Height ``alt`` [m] from water pressure, with the bias ``nav[DEPTH]``: z = height - bias - alt.
 
-    The state of block ``depth`` is at ``bias``. z = height - bias - alt.
+    The water surface is higher by the bias than assumed in ``alt``. ``bias`` is the index of the state of block
+    ``depth``.
     """
     z = np.array([nav[ALT] - nav[DEPTH] - alt])
     H = np.zeros((1, states))
     H[0, DPOS + 2] = 1.0
-    H[0, bias] = 1.0  # what is missing from the bias is still in the estimate
+    H[0, bias] = 1.0  # the state is truth minus estimate
     return z, H
 
 
 @kernel
 def magnetic_heading(nav, states, mag_x, mag_y, mag_z, declination):
-    """Heading error seen by a magnetometer, the field levelled with the estimated tilt. z [rad] is phi_z itself.
+    """Magnetic heading: z [rad] is the heading error phi_z, from the field levelled with the estimated tilt.
 
-    With ``C_hat = (I - [phi x]) C`` the levelled field of direction (sin D, cos D) appears turned by +phi_z clockwise.
+    With ``C_hat = (I - [phi x]) C`` the levelled field of direction (sin D, cos D) appears turned clockwise by phi_z.
     """
     C = quat_to_matrix(nav[QUAT : QUAT + 4])
     east = C[0, 0] * mag_x + C[0, 1] * mag_y + C[0, 2] * mag_z
@@ -169,7 +170,7 @@ def magnetic_heading(nav, states, mag_x, mag_y, mag_z, declination):
 
 @kernel
 def body_velocity(nav, states, velocity, lever):
-    """Velocity of a point at ``lever`` (3,) [m] over ground, resolved in b [m/s] (DVL, optical flow, wheel)."""
+    """Velocity over ground in b (3,) [m/s] of the point at ``lever`` (3,) arm in b [m] (DVL, optical flow, wheel)."""
     z = np.zeros(3)
     H = np.zeros((3, states))
     C = quat_to_matrix(nav[QUAT : QUAT + 4])
@@ -196,9 +197,10 @@ def body_velocity(nav, states, velocity, lever):
 def beam_velocities(nav, states, blocks, directions, measured, lever, change, has_biases):
     """Velocities along beams over ground: ``directions`` (n, 3) unit vectors in b, ``measured`` (n,) [m/s].
 
-    ``lever`` (3,) sensor from the IMU in b [m]; ``change`` (3,) of the sensor's velocity in b [m/s^2], of late.
-    ``blocks``: where the states of ``dvl`` begin, and that of ``dvl_delay``, -1 without. With u = Exp(m) b_i the row is
-    z = (1 + k) u . (C^T v + w x l - delay change) + bias_i - measured; beams without an identity have no biases.
+    ``lever`` (3,) arm from the IMU in b [m]; ``change`` (3,) recent rate of change of the sensor's velocity in b
+    [m/s^2]. ``blocks``: first states of ``dvl`` and of ``dvl_delay`` (-1 without). With u = Exp(m) b_i the row is
+    z = (1 + k) u . (C^T v + w x l - delay change) + bias_i - measured. Points of a cloud have no biases
+    (``has_biases`` False).
     """
     n = len(measured)
     z = np.empty(n)
@@ -220,14 +222,14 @@ def beam_velocities(nav, states, blocks, directions, measured, lever, change, ha
         store3(H[i], PHI, cross(v, in_n))
         store3(H[i], DVEL, in_n)
         store3(H[i], D_GYRO_BIAS, scale(gain, cross(arm, u)))
-        # what is missing from bias, scale and mounting is still in the estimate
+        # states of bias, scale and mounting are truth minus estimate
         if has_biases:
             z[i] += nav[DVL + i]
             H[i, first + i] = -1.0
         H[i, first + BEAMS] = -along
         if delay >= 0:
             H[i, delay] = gain * dot(u, changing)
-        # -gain (u x v) on a small turn; J(m)' of that on m, the left Jacobian of the rotation vector to second order
+        # -gain (u x v) for a small rotation; for m times J(m)', the left Jacobian of SO(3) to second order
         slope = scale(-gain, cross(u, at_sensor))
         bent = cross(slope, mounting)
         slope = add_scaled(slope, 0.5, bent)
@@ -237,10 +239,11 @@ def beam_velocities(nav, states, blocks, directions, measured, lever, change, ha
 
 @kernel
 def mean_air_velocity(nav, states, wind, attitude, velocity, body_velocity, air):
-    """Predicted velocity through the air [m/s], body axes, against means over an interval that ends at ``nav``.
+    """Air velocity in b (3,) [m/s] as a mean over an interval that ends at the time of ``nav``.
 
-    ``attitude`` (3, 3) mean C_nb, ``velocity`` (3,) and ``body_velocity`` (3,) mean v and mean C^T v of the estimate,
-    ``air`` (3,) the prediction. The states of the wind begin at ``wind``. z = C^T (v - wind) - air.
+    ``attitude`` (3, 3) is the mean C_nb of the estimate over it, ``velocity`` (3,) and ``body_velocity`` (3,) its mean
+    v and mean C^T v; ``air`` (3,) is the predicted air velocity. The states of the wind begin at ``wind``. z = C^T (v -
+    wind) - air.
     """
     z = np.zeros(3)
     H = np.zeros((3, states))
@@ -249,18 +252,18 @@ def mean_air_velocity(nav, states, wind, attitude, velocity, body_velocity, air)
         z[i] = body_velocity[i] - attitude[0, i] * nav[WIND] - attitude[1, i] * nav[WIND + 1] - air[i]
         _velocity_in_body_row(H, i, attitude, through_air, i)
         for k in range(2):
-            # what is missing from the wind is still in the expected air velocity
+            # the states of the wind are truth minus estimate
             H[i, wind + k] = attitude[k, i]
     return z, H
 
 
 @kernel
 def airspeed(nav, states, wind, scale, measured):
-    """True airspeed [m/s] of a pitot tube, and no sideslip: two rows, for a vehicle that flies where its nose points.
+    """True airspeed [m/s] of a pitot tube, and zero sideslip: two rows, for a fixed-wing vehicle.
 
-    ``wind`` and ``scale`` say where the states of the wind and of the sensor's scale begin. A pitot tube forgives flow
-    from up to some 15 deg aside, so the first row is the length of the velocity through the air:
-    z = (1 + k) |v - wind| - measured. The second is its component along body y, which is none in coordinated flight.
+    ``wind`` and ``scale`` are the first states of the wind and of the sensor's scale. A pitot tube is insensitive to
+    flow angles up to about 15 deg, so the first row is the norm of the air velocity: z = (1 + k) |v - wind| - measured.
+    The second row is its component along body y, which is zero in coordinated flight.
     """
     z = np.zeros(2)
     H = np.zeros((2, states))
@@ -272,7 +275,7 @@ def airspeed(nav, states, wind, scale, measured):
     for i in range(3):
         H[0, DVEL + i] = gain * air[i] / max(speed, 1.0)
         z[1] += C[i, 1] * air[i]
-    H[0, scale] = -speed  # what is missing from wind and scale is still in the estimate
+    H[0, scale] = -speed  # states of wind and scale are truth minus estimate
     _velocity_in_body_row(H, 1, C, air, 1)
     for k in range(2):
         H[0, wind + k] = H[0, DVEL + k]

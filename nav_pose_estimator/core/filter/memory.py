@@ -1,7 +1,7 @@
-"""The hot loop of the navigator: IMU rows through the filter, with checkpoints of it in a ring.
+"""Inner loop of the navigator: propagation over IMU rows, with a ring buffer of checkpoints of the filter.
 
-State, covariance, constants and checkpoints lie in one vector, so that a call from Python hands over one array. Its
-head has fixed places; P (n, n) follows at ``HEAD``, then the checkpoints, each a copy of ``nav`` and P.
+State, covariance, constants and checkpoints lie in one vector, so that a call from Python passes one array. The head of
+the vector has a fixed layout; P (n, n) follows at ``HEAD``, then the checkpoints, each a copy of ``nav`` and P.
 """
 
 import math
@@ -40,15 +40,15 @@ NAV = 0
 CONSTANTS = NAV + NAV_SIZE
 ORIGIN = CONSTANTS + CONSTANTS_SIZE  # 3: latitude, longitude [rad], height [m] of the local frame
 STATES = ORIGIN + 3  # n
-PERIOD = STATES + 1  # s between checkpoints at the least
-SLOTS = PERIOD + 1  # checkpoints that the ring holds
-OLDEST = SLOTS + 1  # number of the oldest checkpoint that is kept, counted from the start
+PERIOD = STATES + 1  # s: shortest interval between checkpoints
+SLOTS = PERIOD + 1  # capacity of the ring in checkpoints
+OLDEST = SLOTS + 1  # running number of the oldest checkpoint in the ring ...
 NEWEST = OLDEST + 1  # ... and of the newest
 HEAD = NEWEST + 1
 
 
 def make(constants: NDArray[np.float64], slots: int, period: float) -> NDArray[np.float64]:
-    """The vector for the filter of ``constants`` that keeps ``slots`` checkpoints; ``nav`` and P are zero."""
+    """A new vector for the filter of ``constants`` with ``slots`` checkpoints; ``nav`` and P are zero."""
     states = state_count(constants)
     memory = np.zeros(HEAD + states * states + slots * (NAV_SIZE + states * states))
     memory[CONSTANTS:ORIGIN] = constants
@@ -58,14 +58,14 @@ def make(constants: NDArray[np.float64], slots: int, period: float) -> NDArray[n
 
 @inlined
 def checkpoint_start(memory, number):
-    """Where checkpoint ``number`` begins in the vector: ``nav``, then P."""
+    """Index at which checkpoint ``number`` begins in the vector: ``nav``, then P."""
     n = int(memory[STATES])
     return HEAD + n * n + (number % int(memory[SLOTS])) * (NAV_SIZE + n * n)
 
 
 @kernel
 def add_checkpoint(memory):
-    """Keep the filter as it stands; the oldest checkpoint gives way when the ring is full."""
+    """Store the present filter as a checkpoint; it replaces the oldest one when the ring is full."""
     n = int(memory[STATES])
     memory[NEWEST] += 1.0
     memory[OLDEST] = max(memory[OLDEST], memory[NEWEST] - memory[SLOTS] + 1.0)
@@ -76,7 +76,7 @@ def add_checkpoint(memory):
 
 @kernel
 def renew_checkpoint(memory):
-    """Where the newest checkpoint is of the present time, make it again: the filter has been corrected since."""
+    """Replace the newest checkpoint if it is of the present time, because the filter has been corrected since."""
     if memory[checkpoint_start(memory, int(memory[NEWEST])) + TIME] == memory[NAV + TIME]:
         memory[NEWEST] -= 1.0
         add_checkpoint(memory)
@@ -84,7 +84,7 @@ def renew_checkpoint(memory):
 
 @kernel
 def drop_before(memory, t):
-    """Drop all checkpoints before ``t`` but the last of them; returns the time of the oldest that is left."""
+    """Drop all checkpoints up to ``t`` [s] except the last of them; returns the time of the oldest one left."""
     while memory[OLDEST] < memory[NEWEST] and memory[checkpoint_start(memory, int(memory[OLDEST]) + 1) + TIME] <= t:
         memory[OLDEST] += 1.0
     return memory[checkpoint_start(memory, int(memory[OLDEST])) + TIME]
@@ -92,7 +92,7 @@ def drop_before(memory, t):
 
 @kernel
 def restore_before(memory, t):
-    """Put the filter back to the last checkpoint before ``t``, or else the oldest; those after it are dropped."""
+    """Restore the last checkpoint before ``t`` [s], or else the oldest one; later checkpoints are dropped."""
     while memory[NEWEST] > memory[OLDEST] and memory[checkpoint_start(memory, int(memory[NEWEST])) + TIME] >= t:
         memory[NEWEST] -= 1.0
     n = int(memory[STATES])
@@ -103,17 +103,17 @@ def restore_before(memory, t):
 
 @inlined
 def _copy(memory, source, target, count):
-    """A loop: for slices the compiler would also make what words an error about their lengths."""
+    """Copy ``count`` numbers in a loop: slices would also compile code for errors of their lengths."""
     for i in range(count):
         memory[target + i] = memory[source + i]
 
 
 @kernel
 def run_block(memory, rows, begin, end, due, out):
-    """Carry the filter over IMU rows ``begin`` to ``end`` of ``rows`` (N, 7), but not beyond the time ``due``.
+    """Propagate the filter over IMU rows ``begin`` to ``end`` of ``rows`` (N, 7), but not beyond the time ``due`` [s].
 
-    Returns the number of the row it stopped ahead of. That is ``end`` where all rows are earlier than ``due``. Else the
-    filter stands at ``due`` within the interval of that row, and P with it: ready for an observation. The last rows of
+    Returns the index of the row before which it stopped. That is ``end`` where all rows are earlier than ``due``.
+    Otherwise state and P are at ``due``, within the interval of that row, ready for an observation. The last rows of
     ``out`` (M, OUT_COLUMNS) receive the state after each row that was reached.
     """
     n = int(memory[STATES])
@@ -143,7 +143,7 @@ def run_block(memory, rows, begin, end, due, out):
 
 @inlined
 def _between(rows, i, column, t):
-    """Three values of the IMU at ``t`` in the interval of row ``i``, on the line from the row before."""
+    """Three IMU values at ``t`` [s] within the interval of row ``i``, interpolated linearly from the row before."""
     last, now = load3(rows[i - 1], column), load3(rows[i], column)
     span = rows[i, IMU_T] - rows[i - 1, IMU_T]
     share = (t - rows[i - 1, IMU_T]) / span if span > 0.0 else 1.0
@@ -152,9 +152,9 @@ def _between(rows, i, column, t):
 
 @kernel
 def run_sample(memory, rows, index, solution, t, wx, wy, wz, fx, fy, fz):
-    """One sample, the same as a block of one row; it is also written to ``rows`` [index].
+    """Propagate over one sample, as ``run_block`` does over a block of one row, and write it to ``rows`` [index].
 
-    ``solution`` (SOLUTION_SIZE,) receives everything that is known after it.
+    ``solution`` (SOLUTION_SIZE,) receives the complete solution after it.
     """
     row = rows[index : index + 1]
     row[0, IMU_T] = t
@@ -166,7 +166,7 @@ def run_sample(memory, rows, index, solution, t, wx, wy, wz, fx, fy, fz):
 
 @kernel
 def complete_solution(memory, solution):
-    """What a solution holds beyond its output row: biases, position from the origin, covariance of the base states."""
+    """Write the part of a solution after its output row: biases, ENU position, covariance of the base states."""
     n = int(memory[STATES])
     for i in range(6):
         solution[SOLUTION_BIASES + i] = memory[NAV + GYRO_BIAS + i]
@@ -181,7 +181,7 @@ def complete_solution(memory, solution):
 
 @kernel
 def mix(branches, weights, trunk):
-    """The mixture of the filters in ``branches`` (K, ...) into the filter ``trunk``, which may have fewer blocks."""
+    """Merge the filters ``branches`` (K, ...) by ``weights`` (K,) into the filter ``trunk``, which may lack blocks."""
     n, m = int(branches[0, STATES]), int(trunk[STATES])
     constants = branches[0, CONSTANTS:ORIGIN]
     places = states_within(trunk[CONSTANTS:ORIGIN], constants)

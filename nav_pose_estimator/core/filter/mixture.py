@@ -1,7 +1,8 @@
-"""Several Gaussians about one vehicle, and the one Gaussian that they make together.
+"""Moment matching of a Gaussian mixture of filters: the single Gaussian with its mean and covariance.
 
-A branch is a pair ``nav`` (NAV_SIZE,), ``P`` (n, n) of ``filter.layout``, one for each hypothesis of what the vehicle
-does. Branches differ by small errors, so the mixture is formed in the error state of its strongest member.
+A branch is a pair ``nav`` (NAV_SIZE,), ``P`` (n, n) of ``filter.layout``, one per hypothesis about the vehicle's
+motion. Branches differ by small errors, so the mixture is formed in the error state about the branch of the largest
+weight.
 
 Source: H. Blom and Y. Bar-Shalom, "The interacting multiple model algorithm for systems with Markovian switching
 coefficients", IEEE Transactions on Automatic Control 33(8), 1988.
@@ -29,9 +30,10 @@ from nav_pose_estimator.core.numerics.rotation import wrap_angle
 
 @kernel
 def merge(navs, Ps, constants, weights):
-    """The Gaussian with mean and covariance of the mixture: ``navs`` (K, NAV_SIZE), ``Ps`` (K, n, n), ``weights`` (K,).
+    """(nav, P) with the mean and covariance of the mixture: ``navs`` (K, NAV_SIZE), ``Ps`` (K, n, n), ``weights`` (K,).
 
-    ``constants`` are those of every branch; ``weights`` sum to one. The integrator's memory is the strongest branch's.
+    ``constants`` are those of every branch; ``weights`` sum to one. The memory of the integrator is taken from the
+    strongest branch.
     """
     K, n = Ps.shape[0], Ps.shape[1]
     strongest = 0
@@ -59,9 +61,10 @@ def merge(navs, Ps, constants, weights):
 
 @kernel
 def blend_rows(rows, weights, begin, end, out):
-    """Output rows of the mixture, ``begin`` to ``end``: ``rows`` (K, N, OUT_COLUMNS) -> ``out`` (N, OUT_COLUMNS).
+    """Output rows ``begin`` to ``end`` of the mixture: ``rows`` (K, N, OUT_COLUMNS) -> ``out`` (N, OUT_COLUMNS).
 
-    Between two decisions the branches move by the same linear law, so the mean of their rows is the mixture's mean.
+    Between two updates the branches propagate by the same linear model, so the mean of their rows is the mixture's
+    mean.
     """
     K = rows.shape[0]
     for i in range(begin, end):
@@ -92,7 +95,7 @@ def blend_rows(rows, weights, begin, end, out):
 
 @kernel
 def _mean_longitude(longitudes, weights):
-    """Weighted mean (weights sum to one) of longitudes (K,) that are near each other, maybe across the date line."""
+    """Weighted mean (weights sum to one) of longitudes (K,) that are close, possibly across the antimeridian."""
     shift = 0.0
     for k in range(1, len(longitudes)):
         shift += weights[k] * wrap_angle(longitudes[k] - longitudes[0])

@@ -1,28 +1,30 @@
-"""How noisy are this IMU and this receiver? Identified in flight, from short flights without GNSS.
+"""Identification of IMU and GNSS noise in flight, from the drift of an unaided copy of the filter.
 
-While GNSS is good a copy of the filter goes on without it, ten seconds at a time. What the aided filter corrected in
-the meantime is the copy's drift d. The error of an optimal estimate is orthogonal to its corrections, so
+While GNSS is good, a copy of the filter runs without it for ten seconds at a time. The difference to the aided filter
+is the copy's drift d. The error of an optimal estimate is orthogonal to its corrections, so
 
     E d d' = P(copy) - P(aided)
 
-when process and measurement noise are right, and the ratio q = d'd / tr E d d' of the horizontal velocity is one on
-average. One-step innovations cannot tell this: the errors of a receiver last for seconds, and what an IMU does in a
-fifth of a second vanishes in them. Over seconds both show, and apart from each other: after two seconds the drift is
-mostly the velocity that GNSS left (too much trust in the receiver), after ten mostly tilt and gyroscope bias (too much
-trust in the IMU, vibration and its rectification included).
-Each variance factor moves up the gradient of the likelihood with respect to its logarithm, drawn towards one by a
-normal prior on that logarithm: ``ln s += gain (q - 1 - ln s / PRIOR_VARIANCE)``. The gain falls as one over the number
-of trials to a floor, so that the factors follow a flight that changes. All noises of the IMU share one factor: what a
-drift of ten seconds is made of cannot be told from its size.
+when process and measurement noise are right, and the ratio q = d'd / tr E d d' of the horizontal velocity averages one.
+One-step innovations cannot show this: the errors of a receiver are correlated over seconds and hide the IMU's error of
+a fifth of a second. Over seconds both show, and separately. After two seconds the drift is mostly the velocity error
+that GNSS left (too much trust in the receiver). After ten it is mostly tilt and gyroscope bias (too much trust in the
+IMU, including vibration and its rectification).
 
-No factor falls below one. A flight that is calmer than the parameters say would lower both, which leaves the gains as
-they are; lowering one alone made them worse, and the first manoeuvre after a calm stretch would find too little noise.
-That sigma is too large then is for ``bias_noise`` and the rehearsals to say, when GNSS is lost.
+Each variance factor s follows the gradient of the likelihood with respect to ln s, with a normal prior on ln s centred
+on zero: ``ln s += gain (q - 1 - ln s / PRIOR_VARIANCE)``. The gain decreases as one over the number of trials down to a
+floor, so that the factors follow changes in flight. All noises of the IMU share one factor: the size of a drift over
+ten seconds does not show which of them caused it.
 
-Where the filter has states for the errors of the receiver that last, innovations are to be white from one to the next,
-and that tells how an error is shared between what lasts and white noise (``ErrorShares``): correlated ones say that the
-filter follows what lasts too slowly, alternating ones that it takes noise for something that lasts. Their size is left
-out of it: it would make the filter believe a receiver more than an IMU that it is told too little of can bear.
+No factor falls below one. In a flight calmer than the parameters say, both factors would fall together and leave the
+gains as they are. Lowering one alone made the gains worse, and the first manoeuvre after a calm period would meet too
+small a noise. An overstated sigma is corrected by ``bias_noise`` and the rehearsals when GNSS is lost.
+
+Where the filter has states for the time-correlated GNSS errors, its innovations should be white. Their lag-one
+autocorrelation shows how the error divides into correlated and white noise (``ErrorShares``). A positive one says that
+the filter follows the correlated error too slowly, a negative one that it takes white noise for a correlated error. The
+size of the innovations is not used: it would raise the trust in the receiver beyond what an IMU with an understated
+noise allows.
 
 Sources: R. Mehra, "Approaches to adaptive filtering", IEEE Trans. Automatic Control 17(5), 1972 (maximum likelihood and
 covariance matching, here with predictions over many steps; whiteness of the innovations).
@@ -43,43 +45,45 @@ from nav_pose_estimator.core.filter import memory
 Array = NDArray[np.float64]
 
 PERIOD = 1.0  # s between two calls of ``note``
-RECEIVER_TRIAL, IMU_TRIAL = 2, 10  # calls after which a trial tells of the receiver, of the IMU and ends
-LARGEST = 16.0  # factor: four times the deviation that is set
-PRIOR_VARIANCE = 6.0  # of the logarithm of a variance factor
-SMALLEST_GAIN = 0.15
-_FIRST_TRIALS = 3.0  # trials that the defaults are worth
-_LARGEST_RATIO = 4.0  # a single trial may be a gust or a glitch
-_COVARIANCE_PERIOD = 0.2  # s: the copy's covariance need not be as fine as the filter's
-_LEAST_VARIANCE = 1e-6  # (m/s)^2 of drift
-LEAST_WHITE, LARGEST_WHITE = 0.05, 20.0  # factors of ``ErrorShares``
-FASTEST_POSITION, LARGEST_VELOCITY = 12.0, 1.5  # lasting: a velocity that may err at will tells nothing of the tilt
-_SHARE_GAIN = 0.01  # for each innovation
-_SHARE_MEMORY = 100.0  # innovations that their power is taken from
-_LARGEST_PRODUCT = 2.0  # of two innovations in parts of that power
+RECEIVER_TRIAL, IMU_TRIAL = 2, 10  # calls after which a trial is evaluated for the receiver, and for the IMU (its end)
+LARGEST = 16.0  # upper bound of a variance factor: four times the standard deviation of the parameter
+PRIOR_VARIANCE = 6.0  # prior variance of the logarithm of a variance factor
+SMALLEST_GAIN = 0.15  # floor of the gain
+_FIRST_TRIALS = 3.0  # weight of the parameters, in trials
+_LARGEST_RATIO = 4.0  # limit of the ratio of one trial, against gusts and outliers
+_COVARIANCE_PERIOD = 0.2  # s: covariance step of the copy, which may be coarser than the filter's
+_LEAST_VARIANCE = 1e-6  # (m/s)^2: floor of the expected variance of a drift
+LEAST_WHITE, LARGEST_WHITE = 0.05, 20.0  # bounds of the white factor of ``ErrorShares``
+# Upper bounds of the lasting factor, for positions and velocities. That of velocities is small: with a large one the
+# filter would attribute every velocity error to the receiver, and the tilt would become unobservable.
+FASTEST_POSITION, LARGEST_VELOCITY = 12.0, 1.5
+_SHARE_GAIN = 0.01  # step of the shares' logarithms per innovation
+_SHARE_MEMORY = 100.0  # innovations over which their power is averaged
+_LARGEST_PRODUCT = 2.0  # limit of the product of two consecutive innovations, relative to that power
 
 
 @dataclass
 class ErrorShares:
-    """How the error of one kind of GNSS observation is shared, as factors of the variances that are set.
+    """Division of the error of one kind of GNSS observation into correlated and white noise, as variance factors.
 
-    ``lasting`` of the noise that drives what lasts, from one to ``largest``; ``white`` of the noise of a single
-    observation. They move apart along the lag-one autocorrelation of the horizontal innovations, which is zero in the
-    end.
+    ``lasting`` multiplies the driving noise of the time-correlated error, from one to ``largest``; ``white`` multiplies
+    the noise of a single observation. A positive lag-one autocorrelation of the horizontal innovations raises the first
+    and lowers the second, a negative one the reverse, until it is zero.
     """
 
-    largest: float  # lasting
+    largest: float  # upper bound of ``lasting``
     lasting: float = 1.0
     white: float = 1.0
     _last: tuple[float, float] | None = field(default=None, init=False)
-    _power: float = field(default=0.0, init=False)  # of an innovation, both axes
+    _power: float = field(default=0.0, init=False)  # mean square of an innovation, both axes
     _count: float = field(default=0.0, init=False)
 
     def interrupt(self) -> None:
-        """What comes next has nothing to do with what came last."""
+        """Forget the last innovation: the next one does not follow it in time."""
         self._last = None
 
     def note(self, innovations: Iterable[tuple[float, float]]) -> None:
-        """Learn from ``innovations``, East and North, in order of time."""
+        """Learn from consecutive ``innovations`` (East, North)."""
         for east, north in innovations:
             self._count = min(self._count + 1.0, _SHARE_MEMORY)
             self._power += (east * east + north * north - self._power) / self._count
@@ -94,7 +98,7 @@ class ErrorShares:
 
 
 class NoiseIdentification:
-    """Factors of the variances of IMU noise and GNSS noise, and the trial that is under way."""
+    """Variance factors of IMU noise and GNSS noise, with the current trial."""
 
     def __init__(self) -> None:
         self.imu_variance = self.gnss_variance = 1.0
@@ -105,7 +109,7 @@ class NoiseIdentification:
 
     @property
     def error_shares(self) -> tuple[float, float, float, float]:
-        """Lasting and white factors of positions, then of velocities."""
+        """Lasting and white factor of positions, then of velocities."""
         return self.position.lasting, self.position.white, self.velocity.lasting, self.velocity.white
 
     @error_shares.setter
@@ -113,15 +117,15 @@ class NoiseIdentification:
         self.position.lasting, self.position.white, self.velocity.lasting, self.velocity.white = shares
 
     def interrupt(self) -> None:
-        """What happens now is no evidence: GNSS is lost, the pose was reset, or the vehicle does not fly."""
+        """End the trial without a result: GNSS is lost, the pose was reset, or the vehicle does not fly."""
         self._flying = None
         self.position.interrupt()
         self.velocity.interrupt()
 
     def note(self, nav: Array, P: Array, constants: Array, rows: Array) -> bool:
-        """Called every ``PERIOD`` with the aided filter and the IMU ``rows`` (N, 7) since the last call, or more.
+        """Process the aided filter and the IMU ``rows`` (N, 7) since the last call or longer; call it every ``PERIOD``.
 
-        True when a factor may have changed.
+        Returns True when a factor may have changed.
         """
         if self._flying is None:
             self._begin(nav, P, constants)
@@ -150,7 +154,7 @@ class NoiseIdentification:
         self._flying, self._calls = flying, 0
 
     def _ratio(self, nav: Array, P: Array) -> float:
-        """Squared drift of the horizontal velocity in parts of what was to be expected."""
+        """Squared drift of the horizontal velocity relative to its expectation."""
         assert self._flying is not None
         n = len(P)
         velocity = slice(at.DVEL, at.DVEL + 2)
@@ -168,7 +172,7 @@ class NoiseIdentification:
         return min(max(variance * math.exp(step), 1.0), LARGEST)
 
     def figures(self) -> dict[str, float]:
-        """Deviations in parts of those that are set, and the number of trials that say so."""
+        """Status: standard deviations relative to the parameters, and the number of completed trials."""
         return {
             "noise.imu": math.sqrt(self.imu_variance),
             "noise.gnss": math.sqrt(self.gnss_variance),

@@ -1,14 +1,14 @@
-"""Strapdown navigator: angular rate and specific force in, attitude, velocity and geodetic position out.
+"""Strapdown integration: attitude, velocity and geodetic position from angular rate and specific force.
 
 All functions work in place on ``nav`` (layout in ``filter.layout``) and the covariance ``P`` (n, n), with the filter's
 ``constants``. IMU rows are ``[t, gyro (3), accel (3)]``: seconds since the engine's epoch, rad/s, m/s^2, body frame.
 
-One interval is integrated by rotation-vector and velocity increments with the one-interval-plus-previous coning and
-sculling terms, which are exact for rates and forces that change linearly in time; the turn of the level frame and the
-Coriolis term are taken in the middle of the interval at an extrapolated velocity.
+One interval is integrated by rotation-vector and velocity increments. Their coning and sculling terms use the present
+and the previous interval, and are exact for rates and forces that change linearly in time. The rotation of n and the
+Coriolis term are evaluated in the middle of the interval at an extrapolated velocity.
 
-Set the memory to the first sample when a start is made: PREV_RATE and PREV_FORCE to the corrected sample, TIME to
-its time. Near a pole see ``core.earth.ellipsoid``.
+A caller that sets a new state must also set the memory: PREV_RATE and PREV_FORCE to the corrected first sample, TIME to
+its time. For positions near a pole see ``core.earth.ellipsoid``.
 
 Sources: P. Savage, "Strapdown inertial navigation integration algorithm design", parts 1 and 2, J. Guidance, Control
 and Dynamics 21(1, 2), 1998; Groves, second edition, sections 5.5 and 5.6; CN113777645A, step 3 (there with a
@@ -71,24 +71,25 @@ from nav_pose_estimator.core.numerics.vectors import (
 
 @kernel
 def propagate(nav, P, constants, imu_row):
-    """Bring ``nav`` to the time of one IMU row, and ``P`` when its step is due. A row that is not later does nothing.
+    """Propagate ``nav`` to the time of one IMU row, and ``P`` when its step is due. Rows not later are ignored.
 
-    An interval may be split in two, say at the time of a measurement: pass the same values twice when samples are means
-    over the interval, interpolated values when they are instantaneous.
+    An interval may be split, for example at the time of a measurement: pass the same values twice if samples are means
+    over the interval, interpolated values if they are instantaneous.
     """
     if integrate(nav, constants, imu_row[IMU_T], load3(imu_row, IMU_GYRO), load3(imu_row, IMU_ACCEL)):
         covariance_step(nav, P, constants)
 
 
 flush_covariance = covariance_step
-"""(nav, P, constants): bring ``P`` to the time of ``nav`` now, before a measurement or before ``P`` is shown."""
+"""(nav, P, constants): propagate ``P`` to the time of ``nav``, before a measurement or before ``P`` is reported."""
 
 
 @inlined
 def integrate(nav, constants, t, gyro, accel):
-    """Bring ``nav`` to time ``t``; True when the covariance is due. The step comes at the sample nearest to its time:
+    """Propagate ``nav`` to ``t`` [s] with ``gyro`` (3,) [rad/s] and ``accel`` (3,) [m/s^2]; True when P is due.
 
-    jittering stamps do not make it slip by a whole sample.
+    The covariance step comes at the sample nearest to its time, so that jitter of the stamps does not delay it by a
+    whole sample.
     """
     dt = float(t) - float(nav[TIME])  # float: in plain Python numpy's own scalars cost three times as much
     if not dt > 0.0:
@@ -105,10 +106,10 @@ def integrate(nav, constants, t, gyro, accel):
 
 @kernel
 def unaided_velocities(nav, constants, rows, lever, out, angle):
-    """Carry ``nav`` alone over IMU ``rows`` (N, 7); ``out`` (N, 4) receives time and velocity of a point of the body.
+    """Propagate ``nav`` without covariance over IMU ``rows`` (N, 7); ``out`` (N, 4) receives time and velocity in n.
 
-    The point lies at ``lever`` (3,) [m] from the IMU. What the covariance would need is summed up and not looked at.
-    ``angle`` (3,) [rad] grows by the integral of the rate over all rows but the first.
+    The velocity is that of the point at lever arm ``lever`` (3,) [m] in b from the IMU. ``angle`` (3,) [rad] is
+    increased by the integral of the rate over all rows but the first.
     """
     arm = load3(lever, 0)
     for i in range(len(rows)):
@@ -123,7 +124,7 @@ def unaided_velocities(nav, constants, rows, lever, out, angle):
 
 @inlined
 def write_output(nav, P, out, row):
-    """The state into ``out`` [row] in the order of ``layout``; variances are those of the last covariance step."""
+    """Write the state to ``out`` [row] in the order of ``layout``; variances are those of the last covariance step."""
     out[row, OUT_T] = nav[TIME]
     for i in range(3):
         out[row, OUT_POS + i] = nav[LAT + i]
@@ -158,14 +159,14 @@ def _body_increments(nav, constants, rate, force, dt):
     gap = dt > constants[GAP_DT]
     if gap:
         nav[SUM_GAP] += dt
-    # After a gap the sample tells little of the interval: the mean of both ends is the better guess.
+    # After a gap the sample does not represent the interval; the mean of both ends is the better estimate.
     if gap or constants[POINT_SAMPLED] != 0.0:
         rate = scale(0.5, add(last_rate, rate))
         force = scale(0.5, add(last_force, force))
     dt2 = dt * dt
     turn = add_scaled(scale(dt, rate), dt2 / 12.0, coning)
-    # The body turns while it is pushed: both orders of that turn count (without the second, 4 g and 3 rad/s leave
-    # 16 cm after a minute at 200 Hz; with it 4 mm).
+    # Rotation of the body during the interval, to second order: without the second order, 4 g and 3 rad/s leave an
+    # error of 16 cm after a minute at 200 Hz; with it 4 mm.
     turned = cross(rate, force)
     push = add_scaled(scale(dt, force), 0.5 * dt2, turned)
     push = add_scaled(push, dt * dt2 / 6.0, cross(rate, turned))
@@ -175,12 +176,12 @@ def _body_increments(nav, constants, rate, force, dt):
 
 @inlined
 def _navigate(nav, turn, push, dt):
-    """Move attitude, velocity and position over ``dt`` by body increments; add to the sums for the covariance."""
+    """Advance attitude, velocity and position over ``dt`` [s] by the body increments; add to the covariance's sums."""
     half = 0.5 * dt
     v = load3(nav, VEL)
     q = load4(nav, QUAT)
     h, lat = float(nav[ALT]), float(nav[LAT])
-    # Middle of the interval. The equatorial radius is good enough to extrapolate half a step.
+    # State in the middle of the interval; the equatorial radius is accurate enough to extrapolate half a step.
     v_mid = add_scaled(v, half, load3(nav, PREV_ACCEL))
     h_mid = h + half * v_mid[2]
     lat_mid = lat + half * v_mid[1] / (A + h)
@@ -205,7 +206,7 @@ def _navigate(nav, turn, push, dt):
     nav[LAT] = lat + half * (v[1] + v_end[1]) * i_m
     nav[LON] = _wrapped(float(nav[LON]) + half * (v[0] + v_end[0]) * i_n / c)
     nav[ALT] = h + half * (v[2] + v_end[2])
-    # The level frame turns so little that first order is exact once the length is put right.
+    # n rotates so little in one interval that first order is exact after normalisation.
     level = (1.0, -0.5 * level_turn[0], -0.5 * level_turn[1], -0.5 * level_turn[2])
     store4(nav, QUAT, q_polish(q_multiply(level, q_multiply(q, q_exp(turn)))))
     store3(nav, VEL, v_end)
@@ -217,7 +218,7 @@ def _navigate(nav, turn, push, dt):
 
 @inlined
 def _wrapped(lon):
-    """Longitude within [-pi, pi]; at most one turn is taken off."""
+    """Longitude wrapped to [-pi, pi] from at most one turn outside."""
     if lon > math.pi:
         return lon - 2.0 * math.pi
     if lon < -math.pi:

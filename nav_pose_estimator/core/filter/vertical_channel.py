@@ -1,11 +1,12 @@
-"""A height corrects the vertical channel alone: vertical position and velocity.
+"""Height update of the vertical channel alone: only vertical position and velocity are corrected.
 
-In an outage the tilt errors grow to many degrees, and through them the filter's covariance ties the height to the
-horizontal states: a linear tie, which a barometer's errors (wind, dynamic pressure: metres for a minute) then turn into
-false and over-confident corrections of tilt and horizontal position. On recorded flights a barometer that corrected
-every state made the horizontal drift at 60 s up to a fifth larger, and its stated deviation a third too small.
+In an outage the tilt errors grow to many degrees, and the covariance then correlates height with the horizontal states.
+That correlation is linear, and a barometer has errors of metres over a minute (wind, dynamic pressure). A full update
+turns them into false and over-confident corrections of tilt and horizontal position. On recorded flights a barometer
+that corrected every state made the horizontal drift at 60 s up to a fifth larger, and its stated deviation a third too
+small.
 
-A gain with zeros is not optimal; Joseph's form of the covariance holds for any gain, so the covariance stays honest.
+A gain with zeros is not optimal. Joseph's form holds for any gain, so the covariance remains valid.
 Source: Schmidt's consider filter with a gain set to zero, Simon, "Optimal State Estimation", section 10.2.
 """
 
@@ -23,9 +24,9 @@ _UP = DPOS + 2
 
 @kernel
 def gated_height(nav, P, constants, z, variance, soft, hard):
-    """Take in a height: ``z`` [m], estimate minus measurement, its ``variance`` [m^2]; returns (status, nis).
+    """Update by a height: innovation ``z`` [m], estimate minus measurement, of ``variance`` [m^2].
 
-    Gate and statuses are those of ``kalman.gated_correct``. Only vertical position and velocity are corrected.
+    Returns (status, nis); gate and statuses are those of ``kalman.gated_correct``.
     """
     n = P.shape[0]
     S = P[_UP, _UP] + variance

@@ -89,12 +89,14 @@ class ClimbCheck:
         if self.baro > _HIGH:
             self._look_at(alt)
         climb = self._climb
-        fresh = _Climb(t, up, alt, alt, self.baro, t) if math.isfinite(alt) and math.isfinite(up) else None
-        if fresh is None or climb is None or t - climb.t > _PAUSE or t - climb.begin > _LONGEST:
-            self._climb = fresh
+        if not math.isfinite(alt + up):
+            self._climb = None
+            return
+        if climb is None or t - climb.t > _PAUSE or t - climb.begin > _LONGEST:
+            self._climb = _Climb(t, up, alt, alt, self.baro, t)
             return
         if abs(alt - climb.alt) > _STEEPEST * (t - climb.t) + _SCATTER:
-            self._climb = fresh  # heights that jump are no witness
+            self._climb = _Climb(t, up, alt, alt, self.baro, t)  # heights that jump are no witness
             return
         climb.summed += 0.5 * (t - climb.t) * (climb.up + up)
         climb.t, climb.up, climb.alt = t, up, alt
@@ -107,7 +109,7 @@ class ClimbCheck:
         undecided = abs(gained - climb.summed) > scatter and max(abs(gained), abs(climb.summed)) < 2.0 * _CLIMB
         if undecided and _agree(gained, climb.summed, scatter):
             return  # a longer climb tells
-        self._climb = fresh
+        self._climb = _Climb(t, up, alt, alt, self.baro, t)
         self._conclude(self._verdict(gained, climb.summed, self.baro - climb.baro_start, scatter))
 
     def _look_at(self, alt: float) -> None:

@@ -63,6 +63,9 @@ class Verdict:
     notices: tuple[Notice, ...] = ()
 
 
+_USABLE = Verdict(True, "gnss.usable")
+
+
 @dataclass(eq=False)
 class GnssGate:
     """Gate by satellite count with hysteresis, fix status, age and stated accuracy.
@@ -141,6 +144,8 @@ class GnssGate:
             s.usable_since = None
         elif s.usable_since is None:
             s.usable_since = t
+        if not (reason or s.notices):
+            return _USABLE
         notices, s.notices = s.notices, ()
         return Verdict(not reason, reason or "gnss.usable", notices)
 

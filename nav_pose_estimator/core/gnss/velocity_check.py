@@ -5,7 +5,7 @@ each usual mistake (``velocity_mistakes``) against a sound velocity by the ratio
 probability ratio test; A. Wald, Annals of Mathematical Statistics 16(2), 1945). The odds are limited, so that one
 blunder proves nothing and what was sound for an hour is found out within seconds.
 
-Whether velocity or position is at fault cannot be told from the two alone. Pure Python, without a clock.
+Whether velocity or position is at fault cannot be told from the two alone. Without a clock.
 """
 
 from __future__ import annotations
@@ -14,13 +14,15 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from nav_pose_estimator.core.gnss import velocity_mistakes as mistakes
 from nav_pose_estimator.core.gnss.climb_check import DOWN, ClimbCheck
 from nav_pose_estimator.core.gnss.lateness import Lateness
 from nav_pose_estimator.core.gnss.velocity_mistakes import ANY, BODY, COUNT, LIKE, LINEAR, NORTH_EAST, STUCK, Similarity
 from nav_pose_estimator.core.gnss.velocity_steps import Step, StepMaker
 
-_EXPLAINED = 5.0  # squared deviations within which a mistake has to explain a step for which it is to be blamed
 _PRIOR, _CLEARED, _SUSPECT, _PROVED, _MOST = -10.0, 0.0, 5.0, 20.0, 45.0
 """Twice the logarithm of the odds of a mistake. On thirteen recorded flights they rise to -2.4 at most."""
 _DOWN_TOO = 15.0  # by which a vertical that is positive down raises the odds of North-East, as long as no step ...
@@ -56,7 +58,7 @@ class VelocityCheck:
     late: Lateness = field(default_factory=Lateness, init=False)
     _steps: StepMaker = field(default_factory=StepMaker, init=False)
     _similarity: Similarity = field(default_factory=Similarity, init=False)
-    _odds: list[float] = field(default_factory=lambda: [_PRIOR] * COUNT, init=False)
+    _odds: NDArray[np.float64] = field(default_factory=lambda: np.full(COUNT, _PRIOR), init=False)
     _found: int = field(default=-1, init=False)
     _held: int = field(default=0, init=False)  # steps that it has explained since it was found
     _last: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), init=False)
@@ -90,7 +92,7 @@ class VelocityCheck:
         self.late.interrupt()
         self._waiting.clear()
         if not self.fault:
-            self.suspect, self._odds = False, [_PRIOR] * COUNT
+            self.suspect, self._odds = False, np.full(COUNT, _PRIOR)
 
     def velocity(self, t: float, east: float, north: float, up: float) -> None:
         """A velocity [m/s] valid at ``t``, as the driver names its axes."""
@@ -123,25 +125,25 @@ class VelocityCheck:
 
     def _weigh(self, step: Step) -> None:
         """Let a step speak for and against every mistake."""
-        own, weight = mistakes.sound(step), step.weight
-        if weight > _SAYS:
-            self._learn(step, own.square < _EXPLAINED)
-        for i, fit in enumerate(mistakes.fits(step, self._similarity)):
-            gain = own.cost - fit.cost
-            gain = weight * (gain if fit.square < _EXPLAINED else min(gain, 0.0))
-            if i == NORTH_EAST and gain < -_REFUTED:
-                self._is_not_ned = True
+        says = step.weight > _SAYS
+        if says:
+            self._similarity.learn(step)
+        is_sound, gains, explained = mistakes.odds_of(step, self._similarity)
+        if says:
+            self._learn(step, is_sound)
+        self._is_not_ned = self._is_not_ned or bool(gains[NORTH_EAST] < -_REFUTED)
+        change = gains - _STANDS * (1.0 - step.weight)
+        if self._found >= 0:
             goes = abs(step.way) > _GOES * step.floor or not self.stands_still
-            if i == self._found and goes and weight > _SAYS and fit.square < _EXPLAINED:
-                self._held += 1
-            self._odds[i] += gain - (0.0 if i == self._found else _STANDS * (1.0 - weight))
-        beyond = max(max(self._odds) - _MOST, 0.0)
-        self._odds = [max(odds - beyond, _PRIOR) for odds in self._odds]
+            self._held += bool(goes and says and explained[self._found])
+            change[self._found] = gains[self._found]
+        odds = self._odds + change
+        self._odds = np.maximum(odds - max(float(odds.max()) - _MOST, 0.0), _PRIOR)
         self._conclude(self._with_witnesses())
 
-    def _with_witnesses(self) -> list[float]:
+    def _with_witnesses(self) -> NDArray[np.float64]:
         """The odds with what else is known."""
-        odds = list(self._odds)
+        odds = self._odds.copy()
         if self.felt:  # by the IMU, what the velocity says: the blame for the unexplained is left with the positions
             odds[ANY] = _PRIOR
         if self.climb.fault == DOWN and not self._is_not_ned:
@@ -150,16 +152,15 @@ class VelocityCheck:
 
     def _learn(self, step: Step, agrees: bool) -> None:
         self.misfit = step.misfit
-        self._similarity.learn(step)
         if not self.fault and not self.suspect:
             self.late.stretch(step)
         if agrees and step.dense:
             self._along += (step.way * step.said.conjugate()).real
             self._square += abs(step.said) ** 2
 
-    def _conclude(self, odds: list[float]) -> None:
-        best = max(range(COUNT), key=lambda i: odds[i])
-        self.suspect = odds[best] > (_CLEARED if self.suspect else _SUSPECT)
+    def _conclude(self, odds: NDArray[np.float64]) -> None:
+        best = int(odds.argmax())
+        self.suspect = bool(odds[best] > (_CLEARED if self.suspect else _SUSPECT))
         if self.suspect:
             self.late.interrupt()
         self.sound_steps = 0 if self.suspect or self.fault else self.sound_steps + 1
@@ -169,8 +170,8 @@ class VelocityCheck:
             self._found, self._held = best, 0
             self.fault, self.name = self._in_words(best)
         if self.fault:
-            others = max(value for i, value in enumerate(odds) if not self._is_like_found(i))
-            self.certain = self._can_be_undone() and odds[self._found] - others > _ALONE
+            others = max(value for i, value in enumerate(odds.tolist()) if not self._is_like_found(i))
+            self.certain = self._can_be_undone() and bool(odds[self._found] - others > _ALONE)
 
     def _can_be_undone(self) -> bool:
         if not (self._similarity.is_known and all(self._filled)):

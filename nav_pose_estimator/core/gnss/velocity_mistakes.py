@@ -14,7 +14,11 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from nav_pose_estimator.core.gnss.velocity_steps import Step
+from nav_pose_estimator.core.numerics.jit import inlined, kernel
 
 _SCALE = 0.1  # of the way: coarse sampling, reflections
 _WORST = 25.0  # squared deviations: a worse step says no more
@@ -63,14 +67,9 @@ BODY, STUCK, LIKE, ANY = (len(LINEAR) + i for i in range(4))
 COUNT = len(LINEAR) + 4
 
 
-class Fit(NamedTuple):
-    """By how many squared deviations a prediction is off, and minus twice its log-likelihood."""
-
-    square: float
-    cost: float
-
-
-_IMPOSSIBLE = Fit(math.inf, math.inf)
+_STRAIGHT, _MIRRORED = np.array([one.a for one in LINEAR]), np.array([one.b for one in LINEAR])
+_NEVER = 1e9  # squared deviations of what is impossible
+_EXPLAINED = 5.0  # squared deviations within which a mistake has to explain a step for which it is to be blamed
 
 
 @dataclass(eq=False)
@@ -127,50 +126,72 @@ def is_near_unit(i: int) -> bool:
     return i < len(LINEAR) and LINEAR[i].kind == UNIT and abs(LINEAR[i].a) > _UNLIKE
 
 
-def sound(step: Step) -> Fit:
-    """How well a sound velocity explains a step."""
-    return _fit(step, step.said, step.timing)
+def odds_of(step: Step, similarity: Similarity) -> tuple[bool, NDArray[np.float64], NDArray[np.bool_]]:
+    """What a step says: whether a sound velocity explains it, and of every mistake (COUNT,) what it adds to the odds
+    against a sound velocity (twice their logarithm), and whether it explains the step."""
+    gains, explained = np.empty(COUNT), np.empty(COUNT, dtype=bool)
+    like = similarity.factor if similarity.predicts else complex(math.nan)
+    numbers = step.way, step.said, step.floor, step.timing
+    is_sound = _weigh(numbers, (step.all_same, *step.silent), like, gains, explained)
+    return is_sound, step.weight * gains, explained
 
 
-def fits(step: Step, similarity: Similarity) -> list[Fit]:
-    """How well every mistake explains a step."""
-    found = [_fit(step, m.undo(step.said), abs(m.a + m.b) * step.timing) for m in LINEAR]
-    way, said, variance = step.way, step.said, _variance(step, step.said, step.timing)
+@kernel
+def _weigh(numbers, same, like, gains, explained):
+    """``odds_of`` by way, sum, floor and timing of a step, and whether all, East, North repeat the same."""
+    way, said, _, timing = numbers
+    sound = _fit(numbers, said, timing)
+    for i in range(len(_STRAIGHT)):
+        a, b = _STRAIGHT[i], _MIRRORED[i]
+        fit = _fit(numbers, a * said + b * said.conjugate(), abs(a + b) * timing)
+        explained[i], gains[i] = _gain(sound, fit)
+    variance = _variance(numbers, said, timing)
     square = (abs(way) - abs(said)) ** 2 / variance
     around = max(abs(said), math.sqrt(variance / (2.0 * math.pi)))
-    body = min(square, _WORST) + math.log(2.0 * math.pi * variance) + 2.0 * math.log(2.0 * math.pi * around)
-    like = similarity.factor
-    found += [
-        Fit(square, body),
-        _stuck(step, variance),
-        _fit(step, like * said, abs(like) * step.timing) if similarity.predicts else _IMPOSSIBLE,
-        Fit(0.0, _spread(way, _ANYWHERE)),
-    ]
-    return found
+    cost = min(square, _WORST) + math.log(2.0 * math.pi * variance) + 2.0 * math.log(2.0 * math.pi * around)
+    explained[BODY], gains[BODY] = _gain(sound, (square, cost))
+    explained[STUCK], gains[STUCK] = _gain(sound, _stuck(way, said, variance, same))
+    fit = (_NEVER, _NEVER) if math.isnan(like.real) else _fit(numbers, like * said, abs(like) * timing)
+    explained[LIKE], gains[LIKE] = _gain(sound, fit)
+    explained[ANY], gains[ANY] = _gain(sound, (0.0, _spread(way, _ANYWHERE)))
+    return sound[0] < _EXPLAINED
 
 
-def _fit(step: Step, predicted: complex, timing: float) -> Fit:
-    variance = _variance(step, predicted, timing)
-    square = abs(step.way - predicted) ** 2 / variance
-    return Fit(square, min(square, _WORST) + 2.0 * math.log(2.0 * math.pi * variance))
+@inlined
+def _gain(sound, fit):
+    """Whether a ``fit`` explains the step, and its gain on a ``sound`` velocity; none where it does not."""
+    gain = sound[1] - fit[1]
+    return fit[0] < _EXPLAINED, (gain if fit[0] < _EXPLAINED else min(gain, 0.0))
 
 
-def _stuck(step: Step, variance: float) -> Fit:
+@inlined
+def _fit(numbers, predicted, timing):
+    """By how many squared deviations a prediction is off, and minus twice its log-likelihood."""
+    variance = _variance(numbers, predicted, timing)
+    square = abs(numbers[0] - predicted) ** 2 / variance
+    return square, min(square, _WORST) + 2.0 * math.log(2.0 * math.pi * variance)
+
+
+@inlined
+def _stuck(way, said, variance, same):
     """The same velocity again and again says nothing; an axis that is always zero leaves the other one."""
-    if step.all_same:
-        return Fit(0.0, _spread(step.way, _NEAR))
-    if not any(step.silent):
-        return _IMPOSSIBLE
-    apart = step.way - step.said
-    square = (apart.imag if step.silent[0] else apart.real) ** 2 / variance
-    anywhere = 2.0 * math.log(2.0 * max(_NEAR, abs(step.way)))
-    return Fit(square, min(square, _WORST) + math.log(2.0 * math.pi * variance) + anywhere)
+    if same[0]:
+        return 0.0, _spread(way, _NEAR)
+    if not (same[1] or same[2]):
+        return _NEVER, _NEVER
+    apart = way - said
+    square = (apart.imag if same[1] else apart.real) ** 2 / variance
+    anywhere = 2.0 * math.log(2.0 * max(_NEAR, abs(way)))
+    return square, min(square, _WORST) + math.log(2.0 * math.pi * variance) + anywhere
 
 
-def _variance(step: Step, predicted: complex, timing: float) -> float:
-    return step.floor**2 + (_SCALE * max(abs(step.way), abs(predicted))) ** 2 + timing**2
+@inlined
+def _variance(numbers, predicted, timing):
+    way, _, floor, _ = numbers
+    return floor**2 + (_SCALE * max(abs(way), abs(predicted))) ** 2 + timing**2
 
 
-def _spread(way: complex, radius: float) -> float:
+@inlined
+def _spread(way, radius):
     """Minus twice the log-likelihood of a way that may lead anywhere within ``radius`` [m], or where it does."""
     return 2.0 * math.log(math.pi * max(radius, abs(way)) ** 2)

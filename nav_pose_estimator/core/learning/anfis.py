@@ -1,9 +1,9 @@
-"""Adaptive-network-based fuzzy inference: a regression for any smooth map, small enough to train in flight.
+"""Adaptive-network-based fuzzy inference system (ANFIS): a nonlinear regression small enough to train in flight.
 
     model = Anfis(rules=4).fit(X, Y, X_val, Y_val)
     model.predict(X)
 
-The network is ``takagi_sugeno``, where its rules start ``partition``, how it learns ``hybrid_learning``.
+The network is in ``takagi_sugeno``, its initial partition in ``partition``, its training in ``hybrid_learning``.
 """
 
 import math
@@ -34,14 +34,14 @@ from nav_pose_estimator.core.learning.takagi_sugeno import (
 from nav_pose_estimator.core.numerics.jit import COMPILED
 from nav_pose_estimator.errors import UserError
 
-_FAR = 1e6  # standard deviations: beyond, the novelty grows no more
+_FAR = 1e6  # standard deviations: inputs further away do not increase the novelty
 
 
 @dataclass(frozen=True)
 class Scaling:
-    """The normalisation, frozen with the model: z = (x - in_mean) in_gain, clipped; y = out_mean + out_scale o.
+    """Standardisation stored with the model: z = (x - in_mean) in_gain, clipped; y = out_mean + out_scale o.
 
-    An input that was constant in training has gain 0: it is ignored.
+    An input that was constant in training has gain 0 and is ignored.
     """
 
     in_mean: np.ndarray
@@ -73,9 +73,9 @@ class Scaling:
 
 @dataclass(frozen=True)
 class Network:
-    """A trained network: everything that prediction needs. ``consequents`` (R (n + 1), m).
+    """A trained network: everything that a prediction needs. ``consequents`` (R (n + 1), m).
 
-    ``familiar`` (2,): median and 1st percentile over the training samples of the strength with which a rule fires.
+    ``familiar`` (2,): median and 1st percentile of ``strength`` over the training samples.
     """
 
     premises: Premises
@@ -100,7 +100,7 @@ class Network:
 
 
 def strength(premises: Premises, scaling: Scaling, x: np.ndarray) -> np.ndarray:
-    """Logarithm of the strongest rule's mean membership, (N, n) -> (N,): max_i ln(w_i) / n, of unclipped inputs."""
+    """Log firing strength per input of the strongest rule, (N, n) -> (N,): max_i ln(w_i) / n, of unclipped inputs."""
     return log_firing(premises, scaling.inputs(x, _FAR)).max(axis=0) / x.shape[1]
 
 
@@ -114,16 +114,16 @@ class Anfis:
     partition : where the rules start: ``grid`` (k bells per input, needs k^n rules), ``fcm`` (fuzzy c-means),
         ``subtractive`` (clustering), ``auto``: a grid where the number of rules allows it, else fuzzy c-means.
     premise_optimizer : ``frcg`` (Fletcher-Reeves conjugate gradient) or ``pso`` (particle swarm, much slower).
-    iterations : steps of the premise optimiser; 0 leaves the premises where they start.
-    patience, tolerance : learning ends after ``patience`` steps without a better validation, or in which the training
-        error fell by less than the part ``tolerance``.
+    iterations : steps of the premise optimiser; 0 keeps the initial premises.
+    patience, tolerance : learning ends after ``patience`` steps without a better validation error, or in which the
+        training error fell by less than the fraction ``tolerance``.
     ridge, prior : weights rho on the consequents and kappa on the movement of the premises (``hybrid_learning`` eq. 1).
         None: chosen from the training data (``hybrid_learning.ReducedObjective``).
-    slope, width : b of the bells at the start, and their width as a multiple of what the partition says.
-    clip : standardised inputs are clipped to +-clip: no consequent extrapolates without limit.
+    slope, width : initial b of the bells, and their initial width as a multiple of the partition's.
+    clip : standardised inputs are clipped to +-clip, which bounds the extrapolation.
     seed : of fuzzy c-means and of the swarm; the same data and seed give the same model.
 
-    Every error is a ``UserError`` with one sentence.
+    All errors are ``UserError`` with one sentence.
     """
 
     rules: int = 4
@@ -140,7 +140,7 @@ class Anfis:
     clip: float = 4.0
     seed: int = 0
     curve: LearningCurve | None = field(default=None, init=False, repr=False, compare=False)
-    """How the last training went."""
+    """Learning curve of the last training."""
 
     def __post_init__(self) -> None:
         _check_options(self)
@@ -170,7 +170,7 @@ class Anfis:
         """Train from scratch on ``X`` (N, n) and ``Y`` (N, m) in physical units; return self.
 
         With ``X_val`` (K, n) and ``Y_val`` (K, m) the premises that predict these best are kept. Take them from another
-        block of time: neighbours of training samples cannot tell learning from memory.
+        period of time: neighbours of training samples do not reveal overfitting.
         """
         x, y = _samples(X, Y)
         if self.rules > len(x):
@@ -198,14 +198,14 @@ class Anfis:
         return y
 
     def novelty(self, X: np.ndarray) -> np.ndarray:
-        """How far samples (N, n) lie from the training data, (N,): 0 like the median of these, 1 like their rarest 1 %.
+        """Distance of samples (N, n) from the training data, (N,): 0 at their median, 1 at their rarest 1 %.
 
-        Beyond 1 the network extrapolates. The score is the strength of the best matching rule, in logarithm.
+        Above 1 the network extrapolates. The score is the log firing strength of the best matching rule.
         """
         return self.network.novelty(_matrix(X, "X", len(self.network.scaling.in_mean)))
 
     def state(self) -> dict[str, np.ndarray]:
-        """Options and trained network as named arrays, for a file. ``from_state`` gives the same model, bit for bit."""
+        """Options and trained network as named arrays, for a file; ``from_state`` restores the model bit for bit."""
         network = self.network
         arrays = {
             f"option.{name}": np.array(np.nan if value is None else value) for name, value in self._options().items()
@@ -216,7 +216,7 @@ class Anfis:
 
     @classmethod
     def from_state(cls, state: Mapping[str, np.ndarray]) -> "Anfis":
-        """The model of ``state()``. ``UserError`` when parts are missing or do not fit together."""
+        """The model of ``state()``; ``UserError`` where parts are missing or inconsistent."""
         try:
             options: dict[str, Any] = {}
             for item in fields(cls):

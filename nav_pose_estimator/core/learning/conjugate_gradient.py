@@ -3,10 +3,10 @@
     p_0 = -M^-1 g_0,    x_{k+1} = x_k + alpha_k p_k,    p_{k+1} = -M^-1 g_{k+1} + beta_k p_k
     beta_k = (g_{k+1}' M^-1 g_{k+1}) / (g_k' M^-1 g_k)                   Fletcher & Reeves 1964
 
-The step satisfies the strong Wolfe conditions with c2 < 1/2; then every direction is one of descent, g' p < 0
+The step satisfies the strong Wolfe conditions with c2 < 1/2, so that every direction is one of descent, g' p < 0
 (Al-Baali 1985). The metric M is constant between restarts: the method is Fletcher-Reeves in other coordinates. It
 restarts after ``period`` steps, when consecutive gradients are far from orthogonal (Powell 1977), and when rounding
-spoils the descent.
+errors leave no descent.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,12 +19,12 @@ Objective = Callable[[np.ndarray], tuple[float, np.ndarray]]
 Metric = Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]]
 """x (n,) -> the function g -> M^-1 g for a positive definite M that suits x."""
 Curvature = Callable[[np.ndarray, np.ndarray], float]
-"""x (n,), direction p (n,) -> a rough second derivative of the objective along p, for the first trial of the step."""
+"""x (n,), direction p (n,) -> approximate second derivative of the objective along p, for the first trial step."""
 
 
 @dataclass(frozen=True)
 class Iterate:
-    """One accepted step. ``slope`` g' p where it began (negative), ``restarted`` why p is steepest descent, or ""."""
+    """One accepted step: ``slope`` g' p at its start (negative), ``restarted`` why p is steepest descent, or ""."""
 
     x: np.ndarray
     value: float
@@ -36,7 +36,7 @@ class Iterate:
 
 @dataclass(frozen=True)
 class Point:
-    """Where a line search stands: ``step`` along the direction, ``slope`` the derivative along it."""
+    """A point of a line search: ``step`` along the direction, ``slope`` the derivative along it."""
 
     step: float
     value: float
@@ -58,8 +58,8 @@ def fletcher_reeves(
 ) -> Iterator[Iterate]:
     """Yield iterates of decreasing value until no step along steepest descent improves. ``period`` 0: len(start).
 
-    ``metric`` and ``curvature`` are optional knowledge of second derivatives. A good curvature makes the first trial of
-    most line searches the last one.
+    ``metric`` and ``curvature`` are optional approximations of second derivatives. With a good curvature the first
+    trial of most line searches is accepted.
     """
     x = np.asarray(start, float)
     value, gradient = objective(x)
@@ -109,8 +109,8 @@ def strong_wolfe(
 ) -> Point | None:
     """A step with value <= f0 + c1 step f0' and |f'| <= c2 |f0'|, first tried at ``step``.
 
-    Bracket, then shrink (Nocedal & Wright 2006, algorithms 3.5 and 3.6). After ``limit`` evaluations the best point
-    with the first property is returned, or None when there is none: rounding hides any descent.
+    Bracketing, then sectioning (Nocedal & Wright 2006, algorithms 3.5 and 3.6). After ``limit`` evaluations the best
+    point with the first property is returned, or None where there is none, because rounding hides any descent.
     """
     low, high = origin, None
     for _ in range(limit):
@@ -135,7 +135,7 @@ def strong_wolfe(
 
 
 def _between(low: Point, high: Point) -> float:
-    """The minimum of the cubic through two points (Nocedal & Wright 2006 eq. 3.59), kept off the ends."""
+    """Minimum of the cubic through two points (Nocedal & Wright 2006 eq. 3.59), kept away from both ends."""
     width = high.step - low.step
     fraction = 0.5
     if np.isfinite(high.value) and np.isfinite(high.slope):

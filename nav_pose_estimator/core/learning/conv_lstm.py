@@ -1,17 +1,16 @@
-"""A convolutional-recurrent network, flown with numpy: a second of IMU data in, what the vehicle does out.
+"""Inference of a convolutional-recurrent network (CNN-LSTM) in numpy: from one second of IMU data to the motion.
 
     z = (x - input_mean) / input_scale                                        x: (STEPS, C) at 50 Hz
-    a_d = relu(sum_k z[t - k d] W_dk + b_d)        d = 1, 2, 4, 8: four views of the same second                 (1)
+    a_d = relu(sum_k z[t - k d] W_dk + b_d)        dilations d = 1, 2, 4, 8 of the same second                   (1)
     m = relu([a_1 a_2 a_4 a_8] M + b_m), its mean over POOL steps                                                (2)
     h = LSTM(m), its last state                                                                                  (3)
-    y = output_mean + output_scale (h H + b_h + mean(z) L)        L: what a linear law would say                 (4)
+    y = output_mean + output_scale (h H + b_h + mean(z) L)        L: linear bypass                               (4)
 
-It is trained elsewhere (``offline.training``) and is data here: 12 500 numbers in named arrays, checked before use.
+The network is trained by ``offline.training``. Here it is data: 12 500 numbers in named arrays, checked before use.
 
 Sources: M. Feng et al. (Chongqing University of Posts and Telecommunications), a method to keep positions precise in
-complex surroundings, Chinese patent application published on 22 March 2024, steps 21 and 22 (a stand-in for GNSS of
-dilated convolutions and an LSTM); S. Hochreiter and J. Schmidhuber, "Long short-term memory", Neural Computation 9(8),
-1997.
+complex surroundings, Chinese patent application published on 22 March 2024, steps 21 and 22 (pseudo-GNSS from dilated
+convolutions and an LSTM); S. Hochreiter and J. Schmidhuber, "Long short-term memory", Neural Computation 9(8), 1997.
 """
 
 from collections.abc import Mapping
@@ -27,14 +26,14 @@ Array = NDArray[np.float64]
 STEPS, POOL = 50, 5
 DILATIONS, KERNEL = (1, 2, 4, 8), 3
 FEATURES, MIXED, HIDDEN = 16, 32, 32
+# sigmoid(x) = (1 + tanh(x / 2)) / 2: with these factors one call of tanh evaluates all four gates.
 _HALVED = np.repeat([0.5, 0.5, 0.5, 1.0], HIDDEN)
-# a sigmoid is a tanh of half its argument: one call does all four gates
-_LARGEST_WEIGHT = 1e3  # no training yields it
+_LARGEST_WEIGHT = 1e3  # weights beyond this limit are refused: no training produces them
 
 
 @dataclass(frozen=True)
 class ConvLstm:
-    """The weights: C input channels, O outputs. Gates of the LSTM stand side by side: input, forget, output, cell."""
+    """Weights for C input channels and O outputs. Order of the LSTM's gates: input, forget, output, cell."""
 
     input_mean: Array  # (C,)
     input_scale: Array  # (C,)
@@ -53,12 +52,12 @@ class ConvLstm:
 
     @property
     def channels(self) -> int:
-        """C."""
+        """Number C of input channels."""
         return len(self.input_mean)
 
     @property
     def outputs(self) -> int:
-        """O."""
+        """Number O of outputs."""
         return len(self.output_mean)
 
     def predict(self, window: Array) -> Array:
@@ -94,14 +93,14 @@ class ConvLstm:
 
     @classmethod
     def from_state(cls, state: Mapping[str, np.ndarray]) -> "ConvLstm":
-        """The network of ``state()``. ``UserError`` for what is missing, does not fit or cannot come of a training."""
+        """The network of ``state()``; ``UserError`` where arrays are missing, of a wrong shape or implausible."""
         channels, outputs = (len(np.atleast_1d(state.get(name, ()))) for name in ("input_mean", "output_mean"))
         expected = shapes(channels, outputs)
         for name, shape in expected.items():
             if name not in state or np.shape(state[name]) != shape or state[name].dtype.kind != "f":
                 raise UserError(f"this is not a network of convolutions and LSTM: {name} is missing or does not fit")
             if not (np.abs(state[name]) <= _LARGEST_WEIGHT).all():  # false for NaN
-                raise UserError(f"the weights {name} of this network are not what a training yields")
+                raise UserError(f"the weights {name} of this network are implausibly large or not finite")
         if not (np.concatenate([state["input_scale"], state["output_scale"]]) > 0.0).all():
             raise UserError("the scales of this network are not positive")
         return cls(**{name: np.asarray(state[name], float) for name in expected})
@@ -121,7 +120,7 @@ def shapes(channels: int, outputs: int) -> dict[str, tuple[int, ...]]:
 
 
 def untrained(scales: Mapping[str, Array], seed: int) -> ConvLstm:
-    """Where a training begins, and the control that says what a training is worth: weights by chance (He, Glorot).
+    """Network with random weights (He, Glorot): the start of a training, and the control to compare a trained one with.
 
     ``scales``: input_mean, input_scale (C,), output_mean, output_scale (O,).
     """
@@ -135,6 +134,6 @@ def untrained(scales: Mapping[str, Array], seed: int) -> ConvLstm:
         else:
             gain = 2.0 if name in ("conv_weight", "mix_weight") else 1.0
             arrays[name] = random.normal(0.0, np.sqrt(gain / shape[-2]), shape)
-    arrays["lstm_bias"][HIDDEN : 2 * HIDDEN] = 1.0  # remember at first
-    # as in the file: a control that is made anew must be the one that was trained beside
+    arrays["lstm_bias"][HIDDEN : 2 * HIDDEN] = 1.0  # forget gate open at the start, so that the cell keeps its state
+    # rounded as in a file, so that the same seed gives the same network as one that was stored and loaded
     return ConvLstm(**{name: np.asarray(np.float32(value), float) for name, value in arrays.items()})

@@ -5,8 +5,8 @@
 The consequents Theta enter linearly. They are eliminated: E*(v) = min_Theta E(v, Theta) (variable projection, Golub &
 Pereyra 1973), and the gradient of E* is the partial gradient of E at the best Theta. So every evaluation is a forward
 pass with least squares and a backward pass with the gradient, as in Jang's hybrid rule (1993) and in CN113777645A
-(claim 3), and yet the conjugate gradient sees one fixed function; if the two passes took turns, the function would
-change under its feet with every step. Everything here works on standardised numbers.
+(claim 3). The conjugate gradient nevertheless minimises one fixed function; with alternating passes the function would
+change at every step. All quantities are standardised.
 """
 
 import itertools
@@ -27,19 +27,19 @@ from nav_pose_estimator.core.learning.takagi_sugeno import (
     with_one,
 )
 
-_METRIC_DAMPING = 0.1  # of its mean diagonal
-_METRIC_SAMPLES = 2  # at least, per premise parameter
-_PARTICLES = 24
-_PRIOR = 0.05  # of sigma^2 dim v / N, see ReducedObjective
-_RIDGES = 10.0 ** np.arange(-9, 0)
-_CAUTION = 1.4  # of the cross-validation about degrees of freedom: 1 is the plain form, which chooses too little ridge
+_METRIC_DAMPING = 0.1  # damping of the metric, relative to its mean diagonal
+_METRIC_SAMPLES = 2  # smallest number of samples per premise parameter for the metric
+_PARTICLES = 24  # size of the swarm
+_PRIOR = 0.05  # default prior, relative to sigma^2 dim v / N (see ``ReducedObjective``)
+_RIDGES = 10.0 ** np.arange(-9, 0)  # candidates of ``choose_ridge``
+_CAUTION = 1.4  # factor on the degrees of freedom in GCV: plain GCV (factor 1) tends to choose too small a ridge
 
 
 def whitening(matrix: np.ndarray) -> tuple[np.ndarray, float]:
-    """W with W matrix W' = I, the inverse of the lower Cholesky factor of a symmetric matrix, and the jitter it took.
+    """(W, jitter) with W matrix W' = I: the inverse of the lower Cholesky factor of a symmetric matrix.
 
-    Jitter is a multiple of the mean diagonal added to the diagonal: 0, and when rounding has made the matrix indefinite
-    1e-14, 1e-12, ... Raises ``ValueError`` for a matrix that is not finite.
+    Jitter, a multiple of the mean diagonal, is added to the diagonal: 0, and where rounding has made the matrix
+    indefinite 1e-14, 1e-12, ... Raises ``ValueError`` for a matrix that is not finite.
     """
     jitter, scale = 0.0, max(float(np.trace(matrix)) / len(matrix), 1e-300)
     if not np.isfinite(scale):
@@ -55,7 +55,7 @@ def ridge_least_squares(design: np.ndarray, targets: np.ndarray, ridge: float) -
     """Theta (P, m) that minimises 1/(2 N) ||Phi Theta - T||^2 + ridge/2 ||Theta||^2, by Cholesky.
 
     ``design`` (P, N) is Phi transposed, ``targets`` (m, N). The regressors of a fuzzy network are always nearly
-    dependent (the normalised strengths sum to 1): ``ridge`` > 0 decides what the data leave open.
+    collinear (the normalised strengths sum to 1); ``ridge`` > 0 makes the solution unique.
     """
     return _ridge(design, targets, ridge)[0]
 
@@ -73,7 +73,7 @@ def _normal_matrix(design: np.ndarray, ridge: float) -> np.ndarray:
 
 
 def choose_ridge(design: np.ndarray, targets: np.ndarray) -> float:
-    """The ridge among 1e-9, 1e-8 ... 0.1 with the least generalised cross-validation error.
+    """The ridge among 1e-9, 1e-8 ... 0.1 with the smallest generalised cross-validation (GCV) error.
 
     GCV = RSS / N / (1 - 1.4 df / N)^2 (Golub, Heath & Wahba 1979; the factor: Cummins, Filloon & Nychka 2001), from one
     eigendecomposition for all candidates.
@@ -93,7 +93,7 @@ def choose_ridge(design: np.ndarray, targets: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class _Pass:
-    """What one evaluation leaves behind: the linear problem at ``vector``, and on demand the premises' way into it."""
+    """Intermediate results of one evaluation: the linear problem at ``vector``, and derivatives on demand."""
 
     vector: np.ndarray
     premises: Premises
@@ -101,7 +101,7 @@ class _Pass:
     extended: np.ndarray  # (n + 1, N)
     targets: np.ndarray  # (m, N)
     buffer: np.ndarray  # (3, n, R, N) for ``slopes``
-    has_slopes: bool  # whether they are in it already
+    has_slopes: bool  # whether ``buffer`` holds them already
     firing: np.ndarray  # (R, N)
     design: np.ndarray  # (P, N)
     consequents: np.ndarray  # (P, m)
@@ -127,10 +127,11 @@ class _Pass:
 class ReducedObjective:
     """E*(v) of equation (1) and its gradient, for ``fletcher_reeves`` or any other minimiser.
 
-    ``premises`` are the start v0, ``inputs`` (n, N) and ``targets`` (m, N) standardised. ``ridge`` None: chosen by
-    ``choose_ridge`` at the start. ``prior`` None: 0.05 of what makes a movement of the premises by one as unlikely as
-    one deviation of the residuals at the start (sigma^2 dim v / N): learning will leave smaller residuals.
-    ``evaluations`` and ``jittered`` (evaluations whose normal equations needed jitter) count.
+    ``premises`` are the initial v0; ``inputs`` (n, N) and ``targets`` (m, N) are standardised. ``ridge`` None: chosen
+    by ``choose_ridge`` at the start. ``prior`` None: 0.05 sigma^2 dim v / N, with sigma the initial residuals'
+    deviation. Without the factor 0.05, a change of the premises by one would cost as much as one standard deviation of
+    the initial residuals; learning leaves smaller ones. ``evaluations`` and ``jittered`` (evaluations whose normal
+    equations needed jitter) are counters.
     """
 
     def __init__(
@@ -151,7 +152,7 @@ class ReducedObjective:
         self.prior = prior
 
     def __call__(self, vector: np.ndarray) -> tuple[float, np.ndarray]:
-        """Value and gradient at ``vector`` (3 n R,); infinite where the numbers leave the range of float64."""
+        """Value and gradient at ``vector`` (3 n R,); infinite where numbers overflow."""
         last = self._at(vector, with_slopes=True)
         if last is None:
             return np.inf, np.zeros_like(vector)
@@ -161,7 +162,7 @@ class ReducedObjective:
         return self._value(last.residual, last.consequents, move), gradient
 
     def value(self, vector: np.ndarray) -> float:
-        """The value at ``vector`` alone: what a swarm asks for."""
+        """The value at ``vector`` without the gradient, for the swarm."""
         last = self._at(vector)
         return np.inf if last is None else self._value(last.residual, last.consequents, vector - self.start)
 
@@ -177,7 +178,7 @@ class ReducedObjective:
         return last
 
     def _at(self, vector: np.ndarray, with_slopes: bool = False) -> _Pass | None:
-        """The evaluation at ``vector``, which may be the last one; None where the numbers leave the range."""
+        """The evaluation at ``vector``, reused if it was the last one; None where numbers overflow."""
         if self._last is None or not np.array_equal(self._last.vector, vector):
             self._last = self._evaluate(vector, with_slopes)
         return self._last
@@ -205,11 +206,11 @@ class ReducedObjective:
         return float(np.sqrt(np.mean(np.square(self._pass(vector).residual))))
 
     def metric(self, vector: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """The function g -> M^-1 g, M the damped Gauss-Newton matrix of E* at ``vector`` (Kaufman 1975), rule by rule.
+        """The function g -> M^-1 g, with M the damped block-diagonal Gauss-Newton matrix of E* at ``vector``.
 
-        With J = d y / d v at fixed consequents, M = J' (I - Phi (Phi'Phi + N rho I)^-1 Phi') J / N + damping; what
-        couples the bells of different rules is left out. It only has to be roughly right: of many samples every second,
-        third, ... is used.
+        With J = d y / d v at fixed consequents, M = J' (I - Phi (Phi'Phi + N rho I)^-1 Phi') J / N + damping (Kaufman
+        1975). Blocks that couple different rules are omitted. An approximation is sufficient, so many samples are
+        thinned out.
         """
         last = self._pass(vector)
         step = max(1, self.targets.shape[1] // (_METRIC_SAMPLES * len(vector)))
@@ -229,7 +230,7 @@ class ReducedObjective:
         return lambda gradient: np.einsum("rij,jr->ir", inverse, gradient.reshape(size, rules)).ravel()
 
     def curvature(self, vector: np.ndarray, direction: np.ndarray) -> float:
-        """p' M p along ``direction`` p, with the whole Gauss-Newton matrix M from all samples, undamped."""
+        """p' M p along ``direction`` p, with the full undamped Gauss-Newton matrix M of all samples."""
         last = self._pass(vector)
         push = np.einsum("ajik,aji->ik", last.slopes, direction.reshape(last.slopes.shape[:3]))
         change = np.einsum("imk,ik->mk", last.influence, push)
@@ -240,9 +241,9 @@ class ReducedObjective:
 
 @dataclass(frozen=True)
 class LearningCurve:
-    """What happened in training. Entry 0 of the curves is the start; RMS errors as parts of the targets' deviation.
+    """Record of a training: RMS errors relative to the targets' standard deviation; entry 0 is before the first step.
 
-    ``best`` is the entry that was kept, ``stopped`` why learning ended: "one rule", "iterations", "converged" or
+    ``best`` is the entry that was kept, ``stopped`` the reason for the end: "one rule", "iterations", "converged" or
     "validation". ``jittered`` counts evaluations whose normal equations needed jitter.
     """
 
@@ -258,7 +259,7 @@ class LearningCurve:
 
 @dataclass(frozen=True)
 class Validation:
-    """Standardised samples that are not learnt: ``inputs`` (n, N), ``targets`` (m, N)."""
+    """Standardised validation samples, which are not trained on: ``inputs`` (n, N), ``targets`` (m, N)."""
 
     inputs: np.ndarray
     targets: np.ndarray
@@ -281,9 +282,9 @@ def swarm_steps(
     iterations: int,
     random: np.random.Generator,
 ) -> Iterator[np.ndarray]:
-    """Premise vectors by particle swarm. Fitness is the error of validation, without it the objective.
+    """Premise vectors by particle swarm. The fitness is the validation error, or the objective without validation.
 
-    The box around the start: centres +-1 (one deviation of the input), ln a +-1, softplus^-1(b - 1/2) +-2.
+    Search box about the start: centres +-1 (one deviation of the input), ln a +-1, softplus^-1(b - 1/2) +-2.
     """
     reach = np.repeat([1.0, 1.0, 2.0], len(objective.start) // 3)
 
@@ -309,16 +310,17 @@ def learn_premises(
     patience: int,
     tolerance: float,
 ) -> tuple[Premises, np.ndarray, LearningCurve]:
-    """Follow ``steps`` and keep the best: of the validation where there is one, else the last.
+    """Follow ``steps`` and keep the best: by the validation error where there is one, else the last.
 
-    Ends after ``iterations``, when the validation has not improved for ``patience`` steps, or when the training error
-    has fallen by less than the part ``tolerance`` over ``patience`` steps. Returns premises, consequents, curve.
+    Ends after ``iterations``, when the validation error has not improved for ``patience`` steps, or when the training
+    error has fallen by less than the fraction ``tolerance`` over ``patience`` steps. Returns premises, consequents,
+    curve.
     """
     best, best_at, stopped = objective.start, 0, "iterations"
     training, scores = [objective.rmse(best)], []
     if validation:
         scores.append(validation.rmse(objective.premises, objective.consequents(best)))
-    if objective.premises.rules == 1:  # one rule always fires with strength 1: its bells have no part in the output
+    if objective.premises.rules == 1:  # a single rule always has strength 1, so its bells do not affect the output
         iterations, stopped = 0, "one rule"
     for vector in itertools.islice(steps, iterations):
         training.append(objective.rmse(vector))
@@ -330,7 +332,7 @@ def learn_premises(
         if stopped != "iterations":
             break
     if stopped == "iterations" and len(training) <= iterations:
-        stopped = "converged"  # no direction led any further down
+        stopped = "converged"  # the optimiser found no further descent
     consequents = objective.consequents(best)
     counts = objective.evaluations, objective.jittered, objective.ridge, objective.prior
     curve = LearningCurve(tuple(training), tuple(scores), best_at, stopped, *counts)

@@ -1,7 +1,7 @@
-"""Where the rules of a fuzzy network start: grid, subtractive clustering, fuzzy c-means.
+"""Initial partition of a fuzzy network's input space: grid, subtractive clustering, fuzzy c-means.
 
-Points are standardised inputs (N, n). A grid of k bells per input gives k^n rules: fine for four inputs, hopeless for
-ten (1024 rules). Clustering places any number of rules where the data are.
+Points are standardised inputs (N, n). A grid of k bells per input has k^n rules: feasible for four inputs, not for ten
+(at least 1024 rules). Clustering places any number of rules where the data are.
 """
 
 import itertools
@@ -11,16 +11,17 @@ import numpy as np
 
 from nav_pose_estimator.core.learning.takagi_sugeno import Premises
 
-_HALF_WIDTH = math.sqrt(2.0 * math.log(2.0))  # half-height width of a Gaussian over its standard deviation: 1.177
-_LEAST_SPREAD = 0.05  # of a cluster along an input: a cluster of equal values still gets a bell
-_MOST_POINTS = 4000  # subtractive clustering compares every point with every other: more points are thinned out
-_ROWS = 500  # of the distances computed at a time
+_HALF_WIDTH = math.sqrt(2.0 * math.log(2.0))  # half width at half height of a Gaussian over its deviation: 1.177
+_LEAST_SPREAD = 0.05  # floor of a cluster's standard deviation along an input, for clusters of equal values
+_MOST_POINTS = 4000  # points used by subtractive clustering, whose cost is quadratic; more are thinned out
+_ROWS = 500  # rows of the distance matrix that are computed at a time
 
 
 def grid_premises(points: np.ndarray, per_input: int, slope: float, width: float) -> Premises:
     """``per_input`` bells per input, evenly from the smallest to the largest value; one rule per combination.
 
-    With ``width`` 1 neighbouring bells cross at 1/2 (Jang 1993). Every rule owns its bells: they learn apart.
+    With ``width`` 1 neighbouring bells cross at 1/2 (Jang 1993). Each rule has its own bells, which learn
+    independently.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     axes = np.linspace(low, high, per_input) if per_input > 1 else 0.5 * (low + high)[None, :]
@@ -32,7 +33,7 @@ def grid_premises(points: np.ndarray, per_input: int, slope: float, width: float
 def cluster_premises(points: np.ndarray, centres: np.ndarray, slope: float, width: float) -> Premises:
     """One rule per row of ``centres`` (R, n), as wide along every input as the points that belong to it.
 
-    a = ``width`` 1.177 sigma sqrt(n): the half-height width of the cluster, and sqrt(n) because n bells are multiplied.
+    a = ``width`` 1.177 sigma sqrt(n): the half width of the cluster, times sqrt(n) because n bells are multiplied.
     """
     exponent = fuzzifier(points)
     weight = fuzzy_memberships(points, centres, exponent) ** exponent
@@ -44,10 +45,10 @@ def cluster_premises(points: np.ndarray, centres: np.ndarray, slope: float, widt
 
 
 def fuzzifier(points: np.ndarray) -> float:
-    """The exponent of fuzzy c-means: 2, or less where 2 would draw all centres to the mean, as it does for many inputs.
+    """Exponent of fuzzy c-means: 2, or less where 2 would make all centres collapse to the mean (many inputs).
 
-    With l the largest eigenvalue of the mean of d d' / |d|^2, d a point minus the mean, the centres stay apart below
-    1 / (1 - 2 l) (Yu, Cheng & Huang 2004). Taken is the middle between 1 and that.
+    With l the largest eigenvalue of the mean of d d' / |d|^2, d a point minus the mean, the centres stay distinct for
+    exponents below 1 / (1 - 2 l) (Yu, Cheng & Huang 2004). The middle between 1 and that limit is used.
     """
     away = points - points.mean(axis=0)
     away = away / np.maximum(np.sqrt(np.square(away).sum(axis=1)), 1e-12)[:, None]
@@ -64,7 +65,7 @@ def fuzzy_memberships(points: np.ndarray, centres: np.ndarray, exponent: float) 
 
 
 def fuzzy_c_means(points: np.ndarray, clusters: int, random: np.random.Generator, iterations: int = 100) -> np.ndarray:
-    """Centres (clusters, n) by fuzzy c-means (Bezdek 1981), started as k-means++ starts, ended when they rest."""
+    """Centres (clusters, n) by fuzzy c-means (Bezdek 1981), initialised by k-means++, until they no longer move."""
     exponent = fuzzifier(points)
     centres = _spread_out(points, clusters, random)
     for _ in range(iterations):
@@ -82,8 +83,9 @@ def subtractive_centres(
 ) -> np.ndarray:
     """At most ``most`` centres (R, n) by subtractive clustering (Chiu 1994): points with many neighbours.
 
-    ``radius`` is the range of a centre as a part of the data's range; after a centre the potential around it is taken
-    away over 1.5 radii. Fewer centres come out when what is left has less than ``reject`` of the first potential.
+    ``radius`` is the range of influence of a centre, relative to the range of the data. After each centre the potential
+    around it is reduced over 1.5 radii. The search ends early when the largest remaining potential is below ``reject``
+    times the first one.
     """
     points = points[:: -(-len(points) // _MOST_POINTS)]
     span = np.ptp(points, axis=0)
@@ -116,7 +118,7 @@ def _square_distances(points: np.ndarray, centres: np.ndarray) -> np.ndarray:
 
 
 def _spread_out(points: np.ndarray, clusters: int, random: np.random.Generator) -> np.ndarray:
-    """k-means++ (Arthur & Vassilvitskii 2007): every next centre is a point far from those before, by chance."""
+    """k-means++ (Arthur & Vassilvitskii 2007): each centre is drawn with the squared distance to those before."""
     centres = points[random.integers(len(points))][None, :]
     while len(centres) < clusters:
         weight = _square_distances(points, centres).min(axis=1)

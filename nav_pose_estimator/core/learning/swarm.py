@@ -1,12 +1,12 @@
-"""Particle swarm: a gradient-free optimiser for the premises (Kennedy & Eberhart 1995; Shi & Eberhart 1998)."""
+"""Particle swarm: a gradient-free optimiser of the premises (Kennedy & Eberhart 1995; Shi & Eberhart 1998)."""
 
 from collections.abc import Callable, Iterator
 
 import numpy as np
 
-_INERTIA = (0.9, 0.4)  # from the first to the last iteration
-_PULL = 1.496  # towards a particle's own best and towards the swarm's best
-_MAX_SPEED = 0.2  # of the range of a coordinate, per iteration
+_INERTIA = (0.9, 0.4)  # inertia weight at the first and at the last iteration, linear in between
+_PULL = 1.496  # acceleration coefficient towards a particle's own best and towards the swarm's best
+_MAX_SPEED = 0.2  # largest speed per iteration, relative to the range of a coordinate
 
 
 def particle_swarm(
@@ -19,10 +19,11 @@ def particle_swarm(
     iterations: int,
     random: np.random.Generator,
 ) -> Iterator[tuple[np.ndarray, float]]:
-    """Minimise ``fitness`` in the box [low, high]; yield the best point so far and its fitness, iteration by iteration.
+    """Minimise ``fitness`` in the box [low, high]; yield the best point so far and its fitness at every iteration.
 
     ``start``, ``low``, ``high`` (n,). One particle begins at ``start``, so that the result is never worse; the others
-    are spread evenly over the box. A particle that leaves it is reflected. A fitness that is not finite is the worst.
+    are distributed uniformly over the box. Particles are reflected at its walls. A fitness that is not finite counts as
+    infinite.
     """
     span = high - low
     x = random.uniform(low, high, (particles, len(start)))

@@ -1,4 +1,4 @@
-"""The layers of a first-order Takagi-Sugeno network with generalised bell memberships (Jang 1993).
+"""Layers of a first-order Takagi-Sugeno fuzzy network with generalised bell membership functions (Jang 1993).
 
 Rule i reads: if x_1 is A_i1 and ... and x_n is A_in then y = theta_i [x, 1]. With u = (x - c) / a:
 
@@ -20,15 +20,15 @@ import numpy as np
 
 from nav_pose_estimator.core.numerics.jit import kernel
 
-_BLOCK = 16384  # numbers per temporary array: it stays in the second-level cache, three times faster than whole arrays
-_TINY = 1e-24  # smallest squared distance from a centre: its logarithm stays finite
-_HUGE = 600.0  # largest exponent: a membership is at least exp(-600)
-_FULL = 1e40  # times exp(600) it is still a finite number
+_BLOCK = 16384  # numbers per temporary array: they stay in the second-level cache, three times faster than whole arrays
+_TINY = 1e-24  # floor of the squared distance from a centre, so that its logarithm is finite
+_HUGE = 600.0  # limit of an exponent: a membership is at least exp(-600)
+_FULL = 1e40  # limit of a product before its logarithm is taken: times exp(600) it is still finite
 
 
 @dataclass(frozen=True)
 class Premises:
-    """The bells of R rules on n inputs: ``centre``, ``width`` > 0, ``slope`` > 1/2, each (n, R)."""
+    """Membership functions of R rules on n inputs: ``centre``, ``width`` > 0, ``slope`` > 1/2, each (n, R)."""
 
     centre: np.ndarray
     width: np.ndarray
@@ -39,12 +39,12 @@ class Premises:
         return self.centre.shape[1]
 
     def vector(self) -> np.ndarray:
-        """The bells as unconstrained numbers (3 n R,): c, ln a, softplus^-1(b - 1/2)."""
+        """The membership functions as unconstrained parameters (3 n R,): c, ln a, softplus^-1(b - 1/2)."""
         slope = self.slope - 0.5
         return np.stack([self.centre, np.log(self.width), slope + np.log(-np.expm1(-slope))]).ravel()
 
     def with_vector(self, vector: np.ndarray) -> "Premises":
-        """Bells of the same shape from ``vector``: the inverse of ``vector()``."""
+        """Membership functions of the same shape from ``vector``: the inverse of ``vector()``."""
         centre, log_width, raw_slope = vector.reshape(3, *self.centre.shape)
         return Premises(centre, np.exp(log_width), 0.5 + np.logaddexp(0.0, raw_slope))
 
@@ -123,7 +123,7 @@ def pack(
     out_mean: np.ndarray,
     out_scale: np.ndarray,
 ) -> np.ndarray:
-    """A trained network as one flat array for ``predict_row``: one array argument keeps the call short.
+    """A trained network as one flat array for ``predict_row``: a single array argument makes the call fast.
 
     n, R, m, clip | input mean, gain (1 / sd) | output mean, scale | per rule and input c, ln a^2, b | consequents.
     """
@@ -137,7 +137,7 @@ def pack(
 def predict_row(packed, x, y):
     """All layers for one sample in physical units: ``x`` (n,) -> ``y`` (m,). False if ``x`` is not finite.
 
-    The softmax runs along: the outputs are rescaled whenever a rule fires stronger than all before it.
+    The softmax is computed in one pass: the outputs are rescaled whenever a rule fires stronger than all before it.
     """
     n, rules, m, clip = int(packed[0]), int(packed[1]), int(packed[2]), packed[3]
     bell = 4 + 2 * n + 2 * m

@@ -1,7 +1,7 @@
-"""``copy.deepcopy`` in fewer steps: a navigator is thousands of small objects, and is copied several times a minute.
+"""A faster ``copy.deepcopy``: a navigator consists of thousands of small objects and is copied several times a minute.
 
-Most of what they hold never changes: numbers, and tuples and frozen dataclasses of them. It is recognised at once and
-shared. What is neither a container nor a plain object is left to ``copy.deepcopy``.
+Most of its content is immutable: numbers, and tuples and frozen dataclasses of them. Such values are recognised at once
+and shared. Anything that is neither a container nor a plain object is left to ``copy.deepcopy``.
 """
 
 from __future__ import annotations
@@ -23,12 +23,13 @@ _Copier = Callable[[Any, _Memo], Any]
 
 _ATOMS = frozenset((NoneType, bool, int, float, complex, str, bytes, type, range, FunctionType, BuiltinFunctionType))
 _ATOMS_AND_TUPLES = _ATOMS | {tuple}
-_HEAP_TYPE = 1 << 9  # flag of a class that was not built into Python (Py_TPFLAGS_HEAPTYPE)
+_HEAP_TYPE = 1 << 9  # Py_TPFLAGS_HEAPTYPE: flag of classes that are not built into Python
+# Special methods by which a class customises its own copying.
 _OWN_WAYS = ("__getstate__", "__setstate__", "__getnewargs__", "__getnewargs_ex__", "__reduce__", "__reduce_ex__")
 
 
 def deep_copy(value: T, memo: dict[int, Any]) -> T:
-    """What ``copy.deepcopy(value, memo)`` is, but for the identity of what cannot change."""
+    """Same as ``copy.deepcopy(value, memo)``, except that immutable values may be shared with the copy."""
     kind = type(value)
     if kind in _ATOMS:
         return value
@@ -52,7 +53,7 @@ def _copy_tuple(value: tuple, memo: _Memo) -> tuple:
 
 
 def _never_change(items: Collection) -> bool:
-    """Whether all are numbers and the like, or tuples of such, as in a history: told in a few steps for hundreds."""
+    """Whether all items are immutable atoms or tuples of them; fast for the long lists of a history."""
     kinds = set(map(type, items))
     if tuple not in kinds:
         return kinds <= _ATOMS
@@ -99,15 +100,15 @@ def _copy_method(value: MethodType, memo: _Memo) -> MethodType:
     return twin
 
 
-def _by_its_own_way(value: Any, memo: _Memo) -> Any:
+def _copy_by_own_method(value: Any, memo: _Memo) -> Any:
     twin = memo[id(value)] = value.__deepcopy__(memo)
     return twin
 
 
 def _copier_of(kind: type) -> _Copier:
-    """How to copy what is of a ``kind`` that has not been met before."""
+    """The function that copies instances of ``kind``, chosen at its first instance."""
     if hasattr(kind, "__deepcopy__"):
-        return _by_its_own_way
+        return _copy_by_own_method
     if issubclass(kind, tuple) and hasattr(kind, "_fields"):
         return _copy_tuple
     ancestors = kind.__mro__[:-1]
@@ -148,7 +149,7 @@ def _copier_of_objects(kind: type, slots: list[str], has_dictionary: bool) -> _C
 
 
 def _copier_of_frozen(kind: type, slots: list[str], has_dictionary: bool) -> _Copier:
-    """A frozen dataclass is shared where all that it holds is. What it holds never leads back to it."""
+    """Copier of a frozen dataclass: it is shared where all its content is. Its content must not refer back to it."""
 
     def copy_frozen(value: Any, memo: _Memo) -> Any:
         content = _content(value, slots, has_dictionary)

@@ -1,15 +1,17 @@
-"""Questions about a block of IMU samples that one compiled pass answers at a tenth of the cost of numpy calls."""
+"""Quick acceptance tests of a block of IMU samples, each in one compiled pass at a tenth of the cost of numpy calls."""
+
+import math
 
 from nav_pose_estimator.core.numerics.jit import kernel
 
 
 @kernel
 def is_unremarkable(stamps, gyro, accel, last_ns, before, step_ns, bounds):
-    """True for N samples that follow one another in time, are in range, and neither repeat nor clip anywhere.
+    """True for N samples that are in order of time, in range, and show neither repeated nor clipped values.
 
-    ``stamps`` (N,) int64 ns, ``gyro`` and ``accel`` (N, 3). They continue the sample of time ``last_ns`` with the six
-    values ``before`` by at most ``step_ns`` from one to the next. ``bounds``: largest rate and force, and the rate and
-    force beyond which an axis that repeats itself is clipped. False says nothing: the exact rules have to look.
+    ``stamps`` (N,) int64 ns, ``gyro`` (N, 3) [rad/s], ``accel`` (N, 3) [m/s^2]. They follow the sample at ``last_ns``
+    with the six values ``before``, in steps of at most ``step_ns``. ``bounds``: largest valid rate and force, and the
+    rate and force above which a repeated value of an axis means clipping. False is no verdict: the exact rules decide.
     """
     rate, force, usual_rate, usual_force = bounds
     for i in range(len(stamps)):
@@ -36,14 +38,15 @@ def is_unremarkable(stamps, gyro, accel, last_ns, before, step_ns, bounds):
 
 @kernel
 def is_calm(rows, usual, bounds, dead):
-    """True for IMU rows (N, 7) in which nothing is struck or clipped, nor silent for as long as ``dead`` [s].
+    """True for IMU rows (N, 7) without a shock, clipped values, or constant values for as long as ``dead`` [s].
 
-    Each row but the first continues the one before it. ``usual`` (6,) rates and forces; ``bounds``: how far away from
-    them rate and force are a blow, and the rate and force beyond which an axis that repeats itself is clipped.
-    ``dead`` (2,): of a whole sensor, and of one axis. False says nothing: the exact measure has to look.
+    The first row is that before the block. ``usual`` (6,) are the mean rates and forces. ``bounds``: distances of rate
+    and force from them that count as a shock, and the rate and force above which a repeated value of an axis means
+    clipping. ``dead`` (2,): time without change of a whole sensor, and of one axis, that counts as a failure. False is
+    no verdict: the exact test decides.
     """
     struck_rate, struck_force, clipped_rate, clipped_force = bounds
-    silent_gyro = silent_accel = 0.0  # s since the first of equal values, its own step counted in
+    silent_gyro = silent_accel = 0.0  # s since the first of equal values, its own step included
     for column in range(1, 7):
         silent = 0.0
         for i in range(1, len(rows)):
@@ -76,8 +79,24 @@ def is_calm(rows, usual, bounds, dead):
 
 
 @kernel
+def finest_and_largest(rows, first):
+    """The smallest step other than zero from one of ``rows`` (N, 7) to the next, and the largest absolute value.
+
+    Of three columns from ``first`` on; the step is infinite where nothing changes.
+    """
+    finest, largest = math.inf, 0.0
+    for i in range(len(rows)):
+        for column in range(first, first + 3):
+            largest = max(largest, abs(rows[i, column]))
+            step = abs(rows[i, column] - rows[i - 1, column]) if i > 0 else 0.0
+            if 0.0 < step < finest:
+                finest = step
+    return finest, largest
+
+
+@kernel
 def stays_in_period(stamps, period, length):
-    """Whether every one of ``stamps`` (N,) [ns] lies in the ``period``-th stretch of ``length`` [ns]."""
+    """Whether all ``stamps`` (N,) [ns] lie in the ``period``-th interval of ``length`` [ns]."""
     for i in range(len(stamps)):  # noqa: SIM110 - a compiled kernel has no generators
         if stamps[i] // length != period:
             return False

@@ -1,7 +1,7 @@
-"""One source for two worlds: numeric kernels are compiled where numba is installed and plain Python elsewhere.
+"""Decorators of numeric kernels: machine code where numba is installed, plain Python elsewhere, from one source.
 
-A kernel is written with scalars and explicit loops over small arrays. That is what numba compiles best, and what
-plain Python runs faster than numpy calls on 3-vectors.
+A kernel is written with scalars and explicit loops over small arrays. That is what numba compiles best, and plain
+Python runs it faster than numpy calls on 3-vectors.
 """
 
 import hashlib
@@ -21,7 +21,7 @@ try:
 except ImportError:
     numba = None  # type: ignore[assignment]
 
-_PACKAGE = __name__.partition(".")[0]  # kernels of every room are compiled into each other
+_PACKAGE = __name__.partition(".")[0]  # kernels of all sub-packages may be compiled into each other
 _FOLDER = os.path.dirname(sys.modules[_PACKAGE].__file__ or "")
 COMPILED: bool = numba is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
 """True when kernels run as machine code in this process."""
@@ -57,10 +57,10 @@ def kernel(function):
 
 
 def inlined(function):
-    """A kernel for the inside of others: the compiler copies it into every caller.
+    """Compile ``function`` as a kernel that is inlined into every kernel that calls it.
 
-    A call between compiled functions costs tens of nanoseconds for its arrays alone (their reference counts), more
-    than the arithmetic of a small kernel.
+    A call between compiled functions costs tens of nanoseconds for the reference counts of its arrays alone, more than
+    the arithmetic of a small kernel.
     """
     return _compile(function, forceinline=True)
 
@@ -68,19 +68,19 @@ def inlined(function):
 def _compile(function, **options):
     if numba is None:
         return function
-    options = {"error_model": "numpy", "no_cfunc_wrapper": True, **options}  # nothing calls a kernel as C does
+    options = {"error_model": "numpy", "no_cfunc_wrapper": True, **options}  # kernels are never called from C
     compiled = numba.njit(cache=True, **options)(function)
     if COMPILED and not _tie_cache_to_sources(compiled):
         compiled = numba.njit(**options)(function)
     if COMPILED:
-        _be_one_for_all_constants(compiled)
+        _ignore_literal_types(compiled)
     return compiled
 
 
-def _be_one_for_all_constants(compiled) -> None:
-    """Compile a kernel once for all constant arguments: numba would do it anew for each that a caller spells out.
+def _ignore_literal_types(compiled) -> None:
+    """Compile a kernel once for all values of a constant argument; numba would specialise it for each literal.
 
-    What is ``inlined`` sees its constants in the end, when it has been copied into the caller.
+    An ``inlined`` kernel still benefits from constants, because it is optimised inside its caller.
     """
     for_types = compiled.get_call_template
 
@@ -92,12 +92,12 @@ def _be_one_for_all_constants(compiled) -> None:
 
 
 def _tie_cache_to_sources(compiled) -> bool:
-    """Make the cached machine code of a kernel stale when anything that was compiled into it has changed.
+    """Invalidate the cached machine code of a kernel when anything that was compiled into it has changed.
 
-    By itself numba looks at size and time of the kernel's file only. Numbers and kernels of other files are compiled in
-    as well: with an old cache, a new layout would be read at the old places. So are numba's forms of NumPy's functions,
-    whose types follow the rules of the NumPy that is installed. False when this numba keeps its cache some other way:
-    the kernel then has to do without.
+    Numba itself checks only the size and time of the kernel's file. Constants and kernels of other files are compiled
+    in as well: with a stale cache, a changed state layout would be read at the old indices. So are numba's versions of
+    NumPy functions, whose types depend on the installed NumPy. Returns False when this version of numba keeps its cache
+    in another way; the kernel is then compiled without a cache.
     """
     function = compiled.py_func
     text, others = _text_of(function.__code__.co_filename), _compiled_in(function.__globals__)
@@ -112,13 +112,13 @@ def _tie_cache_to_sources(compiled) -> bool:
 
 @cache
 def _text_of(path: str) -> str:
-    """Digest of a source file: its text and not its time, so that a copied or touched file keeps its cache."""
+    """Digest of a source file's text (not its time, so that a copied or touched file keeps its cache)."""
     with open(path, "rb") as file:
         return hashlib.sha256(file.read()).hexdigest()
 
 
 def _compiled_in(names: dict[str, Any]) -> list[Any]:
-    """What kernels may take from a module's globals: numbers, kernels, and those of modules of this package."""
+    """Globals that kernels may have compiled in: numbers, tuples, kernels, and those of modules of this package."""
     parts: list[Any] = []
     for name, value in sorted(names.items()):
         if isinstance(value, int | float | tuple):
@@ -131,7 +131,7 @@ def _compiled_in(names: dict[str, Any]) -> list[Any]:
 
 
 def is_first_run() -> bool:
-    """True when machine code has yet to be made, which takes about a minute: worth telling the user."""
+    """True when no kernel has been compiled yet: that takes about a minute, and the user should be told."""
     if not COMPILED or os.environ.get("NUMBA_CACHE_DIR"):
         return False
     return not any(name.endswith(".nbi") for _, _, names in os.walk(_FOLDER) for name in names)

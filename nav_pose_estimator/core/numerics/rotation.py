@@ -1,11 +1,11 @@
 """Rotations: unit quaternions (Hamilton, scalar first), rotation vectors, matrices and Euler angles.
 
 The plain names are kernels for one rotation, callable from Python and from other kernels. The names that end in
-``_many`` are their numpy forms for arrays with leading dimensions. ``q_nb`` and ``C_nb`` take body vectors into n:
-``v_n = C v_b``.
+``_many`` are their numpy forms for arrays with leading dimensions. ``q_nb`` and ``C_nb`` transform vectors from b to n:
+``v_n = C_nb v_b``.
 
-Euler angles are those of REP-103 (FLU body, ENU level frame): yaw about Up, counter-clockwise from East, then pitch,
-then roll. They are for display and for setting a start, never for integration.
+Euler angles follow REP-103 (FLU body, ENU navigation frame): yaw about Up, counter-clockwise from East, then pitch,
+then roll. They are used for display and initial attitudes, never for integration.
 
 Sources: J. Sola, "Quaternion kinematics for the error-state Kalman filter" (2017), chapters 1 and 2;
 S. W. Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978.
@@ -98,13 +98,13 @@ def quat_from_matrix(C):
 
 @kernel
 def quat_rotate(q, v):
-    """``v`` (3,) taken by the rotation ``q``: with ``q_nb`` from b into n."""
+    """``v`` (3,) rotated by the unit quaternion ``q``: with ``q_nb``, from b to n."""
     return np.array(q_rotate(q, v))
 
 
 @kernel
 def euler_from_quat(q):
-    """(roll, pitch, yaw) [rad] of the unit quaternion ``q_nb``; at pitch +-90 deg roll is 0."""
+    """(roll, pitch, yaw) [rad] of the unit quaternion ``q_nb``; at pitch +-90 deg, roll is set to 0."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     sin_pitch = 2.0 * (w * y - x * z)
     cos_pitch = math.hypot(w * w + x * x - y * y - z * z, 2.0 * (x * y + w * z))
@@ -114,6 +114,12 @@ def euler_from_quat(q):
     roll = math.atan2(2.0 * (y * z + w * x), w * w - x * x - y * y + z * z)
     yaw = math.atan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z)
     return roll, pitch, yaw
+
+
+@kernel
+def yaw_of(q):
+    """The yaw of ``euler_from_quat``."""
+    return euler_from_quat(q)[2]
 
 
 @kernel
@@ -140,7 +146,7 @@ def skew(v):
 
 @kernel
 def wrap_angle(a):
-    """The angle ``a`` [rad] brought into [-pi, pi)."""
+    """The angle ``a`` [rad] wrapped to [-pi, pi)."""
     return a - 2.0 * math.pi * math.floor((a + math.pi) / (2.0 * math.pi))
 
 
@@ -181,7 +187,7 @@ def quat_from_rotvec_many(v: ArrayLike) -> Array:
 
 
 def quat_rotate_many(q: ArrayLike, v: ArrayLike) -> Array:
-    """Vectors ``v`` (..., 3) taken by the rotations ``q`` (..., 4); leading dimensions are broadcast."""
+    """Vectors ``v`` (..., 3) rotated by the unit quaternions ``q`` (..., 4); leading dimensions are broadcast."""
     q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
     u = q[..., 1:]
     t = 2.0 * np.cross(u, v)
@@ -189,7 +195,7 @@ def quat_rotate_many(q: ArrayLike, v: ArrayLike) -> Array:
 
 
 def euler_from_quat_many(q: ArrayLike) -> Array:
-    """(roll, pitch, yaw) (..., 3) [rad] of the unit quaternions ``q`` (..., 4); roll is 0 at pitch +-90 deg."""
+    """(roll, pitch, yaw) (..., 3) [rad] of unit quaternions ``q`` (..., 4); at pitch +-90 deg, roll is set to 0."""
     w, x, y, z = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
     c00, c10 = w * w + x * x - y * y - z * z, 2.0 * (x * y + w * z)
     cos_pitch = np.hypot(c00, c10)
@@ -217,7 +223,7 @@ def quat_from_euler_many(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> A
 
 
 def wrap_angle_many(a: ArrayLike) -> Array:
-    """Angles ``a`` (...) [rad] brought into [-pi, pi)."""
+    """Angles ``a`` (...) [rad] wrapped to [-pi, pi)."""
     a = np.asarray(a, dtype=float)
     return a - 2.0 * np.pi * np.floor((a + np.pi) / (2.0 * np.pi))
 

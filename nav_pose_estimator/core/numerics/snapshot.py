@@ -1,11 +1,11 @@
-"""Independent copies of a component's state, by one rule for all components.
+"""Snapshots: independent copies of a component's state, by one rule for all components.
 
-A component holds parameters, state and what it derives from the parameters. Parameters are frozen dataclasses and are
-shared between copies; the state is a dataclass, and every field that is ever added to it is copied, with no code of
-its own. What the rule does not know is an error and not silently shared.
+A component holds parameters, values derived from them, and state. Parameters are frozen dataclasses and are shared
+between copies. The state is a dataclass, and each of its fields is copied, new ones without further code. A type that
+the rule does not cover raises an error instead of being shared silently.
 
-A class with methods and a constructor of its own is a state, too, as ``@dataclass(init=False, eq=False, slots=True)``:
-with slots an attribute that is not declared as a field cannot be set, so none is forgotten.
+A class with methods and its own constructor can be a state as ``@dataclass(init=False, eq=False, slots=True)``: with
+slots, an attribute that is not declared as a field cannot be set, so none is forgotten.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _ATOMS = (bool, int, float, complex, str, bytes, NoneType, range, frozenset, np.
 
 
 def snapshot(state: T) -> T:
-    """A copy of ``state`` that later changes of either leave alone.
+    """An independent copy of ``state``.
 
-    Copied, with what they hold: dataclasses (without a call of ``__init__``), lists, tuples, sets, dictionaries, deques
-    and numpy arrays. Shared: numbers, texts, enumerations, functions, frozen dataclasses, arrays that are not
-    writeable, and fields marked ``SHARED``. What two places of a state share, they share in its copy. A state must not
-    keep a view of one of its own arrays: the copy of a view is an array by itself.
+    Copied with their content: dataclasses (without a call of ``__init__``), lists, tuples, sets, dictionaries, deques
+    and numpy arrays. Shared: numbers, strings, enumerations, functions, frozen dataclasses, read-only arrays, and
+    fields marked ``SHARED``. An object that occurs twice in the state occurs twice in the copy as one object. A state
+    must not keep a view of one of its own arrays: the copy of a view is an array of its own.
 
-    Raises TypeError, which names the type, for anything else.
+    Raises TypeError with the name of the type for anything else.
     """
     copied: T = _copy(state, {})
     return copied

@@ -1,7 +1,7 @@
-"""3-vectors and quaternions as tuples of floats, for the inside of kernels.
+"""Arithmetic of 3-vectors and quaternions as tuples of floats, for use inside kernels.
 
 Compiled code keeps a tuple in registers, and plain Python handles it faster than a numpy array of three. Every argument
-may also be an array of that length. Quaternions are scalar first.
+may also be an array of that length. Quaternions are scalar first (Hamilton).
 """
 
 import math
@@ -9,7 +9,7 @@ import math
 from nav_pose_estimator.core.numerics.jit import inlined
 
 SMALL_ANGLE_SQUARED = 0.04
-"""rad^2: below, the five terms of the series of exp are exact to float64, and cheaper than sin and cos."""
+"""rad^2: below it, five terms of the series of exp are exact to float64, and cheaper than sin and cos."""
 
 
 @inlined
@@ -84,7 +84,7 @@ def q_multiply(a, b):
 
 @inlined
 def q_rotate(q, v):
-    """``q v q*``: ``v`` taken by the rotation ``q`` of unit length."""
+    """``q v q*``: ``v`` rotated by the unit quaternion ``q``."""
     u = (q[1], q[2], q[3])
     t = cross(u, v)
     t = (t[0] + t[0], t[1] + t[1], t[2] + t[2])
@@ -114,9 +114,9 @@ def q_exp(v):
 
 @inlined
 def q_polish(q):
-    """A quaternion of almost unit length brought to unit length: one Newton step instead of a square root.
+    """Normalise a quaternion of almost unit length by one Newton step, without a square root.
 
-    Exact to rounding for errors of the length up to 1e-8, and it converges when repeated.
+    Exact to rounding where the length is wrong by up to 1e-8; repeated steps converge.
     """
     s = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return s * q[0], s * q[1], s * q[2], s * q[3]
@@ -124,7 +124,7 @@ def q_polish(q):
 
 @inlined
 def q_columns(q):
-    """The three columns of the rotation matrix of the unit quaternion ``q``: where the axes of the body point."""
+    """The three columns of the rotation matrix of the unit quaternion ``q_nb``: the axes of b, resolved in n."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     return (
         (w * w + x * x - y * y - z * z, 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),

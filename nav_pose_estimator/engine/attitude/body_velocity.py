@@ -1,7 +1,7 @@
-"""A velocity measured in the vehicle (wheels, Doppler log) on its way into the attitude filter.
+"""Body velocity input of the attitude filter: wheel odometry or a Doppler log separates acceleration from gravity.
 
-What such a velocity changes by, turned into n, is the part of the specific force that is not gravity: the vehicle's
-acceleration and the centripetal one. GNSS has no part in it, so it helps as well where there is none.
+The change of such a velocity, resolved in n, is the vehicle's acceleration including the centripetal part: the specific
+force without the reaction to gravity. It needs no GNSS.
 """
 
 import numpy as np
@@ -15,12 +15,12 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import BodyVelocity
 from nav_pose_estimator.engine.solutions import Event
 
-_LARGEST_SPEED = 1e3  # m/s
-_GAP_NS = 1_000_000_000
+_LARGEST_SPEED = 1e3  # m/s: a larger velocity is not used
+_GAP_NS = 1_000_000_000  # velocities further apart give no acceleration; an older navigator velocity no longer counts
 
 
 class BodyVelocityInput:
-    """Takes body velocities for one attitude filter, mounted as ``aids.body_velocity_*`` says."""
+    """Receives body velocities for one attitude filter, with the mounting of ``aids.body_velocity_*``."""
 
     def __init__(self, parameters: Parameters) -> None:
         aids = parameters.aids
@@ -28,7 +28,7 @@ class BodyVelocityInput:
         self._axes, self._lever = rotation_from_rpy(aids.body_velocity_rpy), np.array(aids.body_velocity_lever)
 
     def take(self, sample: BodyVelocity, memory: Memory) -> list[Event]:
-        """Let one sample act on the filter of ``memory``; returns why it does not."""
+        """Pass one sample to the filter of ``memory``; returns the event of a rejection."""
         stamp = sample.stamp_ns
         if not self._enabled or memory.last_ns is None or _navigator_helps(memory):
             return []
@@ -46,6 +46,6 @@ class BodyVelocityInput:
 
 
 def _navigator_helps(memory: Memory) -> bool:
-    """A navigator of which GNSS or this very sensor is a part already says how the velocity changes."""
+    """Whether the navigator provides the velocity change; its velocity already includes GNSS or this very sensor."""
     said = memory.velocity
     return said is not None and said.valid and (memory.last_ns or 0) - said.stamp_ns < _GAP_NS

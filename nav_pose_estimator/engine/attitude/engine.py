@@ -1,4 +1,4 @@
-"""Attitude engine: IMU, magnetometer and a velocity (navigator, wheels) in; attitude with covariance and events out."""
+"""Attitude engine: attitude with covariance from IMU, magnetometer and a velocity (navigator or wheels)."""
 
 import copy
 import math
@@ -45,7 +45,7 @@ _SENSOR_TROUBLE: dict[str, dict[int, float]] = {
     STUCK: {at.EXTRA_PSD: 0.1, at.FROZEN: 1.0},
     STUCK_END: _HEALTHY,
 }
-"""What the filter must know about a faulty sensor, by the event that reports it."""
+"""Settings of the filter for a faulty sensor, by the event that reports the fault."""
 
 
 class AttitudeEngine:
@@ -60,10 +60,10 @@ class AttitudeEngine:
         self._counters: Counter[str] = Counter()
         self._memory = _fresh(self._parameters)
 
-    # --- the face shared by all engines ----------------------------------------------------------------------------
+    # --- interface of all engines ----------------------------------------------------------------------------------
 
     def feed(self, sample: Sample) -> list[Output]:
-        """Solutions and events that follow from ``sample``, in order. Samples that are of no use here give nothing."""
+        """Solutions and events that follow from ``sample``, in order; empty for samples that are not used here."""
         if isinstance(sample, ImuSample):
             if self.input.passes(sample):
                 mounting = self.input.mounting
@@ -80,7 +80,7 @@ class AttitudeEngine:
         return []
 
     def _handle(self, item: ImuSample | ImuBlock | Event) -> Output:
-        """One thing at a time, in order: an event in the middle of a block acts before what follows it."""
+        """Process one item in order: an event within a block takes effect before the samples after it."""
         if isinstance(item, ImuSample):
             return self._step(item.stamp_ns, item.gyro, item.accel)
         if isinstance(item, ImuBlock):
@@ -88,7 +88,7 @@ class AttitudeEngine:
         return self.note(item)
 
     def note(self, event: Event) -> Event:
-        """Count an event and let the filter know what it has to know of it."""
+        """Count an event and apply its consequences to the filter."""
         self._counters[event.name] += 1
         if event.name in RESTARTS:
             self._restart(event.name)
@@ -104,7 +104,7 @@ class AttitudeEngine:
         return Mode.AIDED if self._memory.age >= 1.0 else Mode.ALIGNING
 
     def status(self) -> Status:
-        """How the filter stands; ``values`` holds deviations [deg] and what was learned."""
+        """Status of the filter; ``values`` holds standard deviations [deg] and learned quantities."""
         memory, s = self._memory, self._memory.state
         values = {
             "tilt_sd_deg": math.degrees(math.sqrt(max(s[at.COV], s[at.COV + 4]))),
@@ -126,7 +126,7 @@ class AttitudeEngine:
         )
 
     def snapshot(self) -> Any:
-        """Everything that changes, to be given to :meth:`restore`. Counters go on counting."""
+        """The whole state except the counters, for :meth:`restore`."""
         return copy.deepcopy(self._memory), self.input.snapshot()
 
     def restore(self, snapshot: Any) -> None:
@@ -136,14 +136,14 @@ class AttitudeEngine:
         self.input.restore(door)
 
     def set_parameters(self, parameters: Parameters) -> None:
-        """Take new constants while the filter runs; estimates stay. The filter itself must be the same."""
+        """Change the constants of the running filter; estimates stay. The choice of filter must be the same."""
         self._parameters = parameters
         state, declination = self._memory.state, self._memory.state[at.DECLINATION]
         state[at.PERIOD : at.OWN] = MAKE_STATE[parameters.attitude.filter](parameters)[at.PERIOD : at.OWN]
         state[at.DECLINATION] = declination
 
     def set_declination(self, declination: float) -> None:
-        """Magnetic declination [rad], east positive, known only now: a heading from the field turns with it."""
+        """Set the magnetic declination [rad], east positive; a heading from the field changes with it."""
         state = self._memory.state
         change = declination - state[at.DECLINATION]
         if change == 0.0:
@@ -153,14 +153,14 @@ class AttitudeEngine:
         state[at.DECLINATION] = declination
 
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
-        """Forget everything but the counters and the declination, and say why."""
+        """Reset everything except the counters and the declination; the event gives the ``reason``."""
         self._memory = _fresh(self._parameters, float(self._memory.state[at.DECLINATION]))
         self.input.reset()
         text = f"the attitude filter restarts: {reason}"
         return [self.note(Event(stamp_ns, "attitude.reset", Level.WARN, text))]
 
     def warm_up(self) -> None:
-        """Compile (or load) every kernel now, so that no sample has to wait for it."""
+        """Compile (or load) all kernels now, so that no sample has to wait for them."""
         twin, stamps = AttitudeEngine(self._parameters), np.array([1, 2]) * 10_000_000
         twin.feed(
             ImuBlock(stamps, np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1e-3]]), np.array([[0, 0, 9.8], [0, 0, 9.81]]))
@@ -184,7 +184,7 @@ class AttitudeEngine:
         return AttitudeSolution(stamp_ns, memory.state[: at.HEAD_SIZE].copy())
 
     def run(self, block: ImuBlock, field: np.ndarray) -> np.ndarray:
-        """Rows (N, BLOCK_COLUMNS) of accepted samples; ``field`` (N, 3) or (0, 3) in b."""
+        """Rows (N, BLOCK_COLUMNS) of the solution at accepted samples; ``field`` (N, 3) or (0, 3) in b."""
         memory = self._memory
         if memory.last_ns is None:
             memory.last_ns = memory.started_ns = int(block.stamps_ns[0])
@@ -194,7 +194,7 @@ class AttitudeEngine:
         return rows
 
     def _restart(self, name: str) -> None:
-        """Start levelling again; what was learned of the sensors stays unless the clock is a new one."""
+        """Start levelling again; learned sensor errors are kept unless the clock changed."""
         memory = self._memory
         if name == CLOCK_JUMP:
             self._memory = _fresh(self._parameters, float(memory.state[at.DECLINATION]))
@@ -204,7 +204,7 @@ class AttitudeEngine:
 
 
 def _fresh(parameters: Parameters, declination: float | None = None) -> Memory:
-    """A memory that waits for its first sample, with the ``declination`` [rad] that was found."""
+    """A memory before its first sample, with a known ``declination`` [rad]."""
     memory = Memory(MAKE_STATE[parameters.attitude.filter](parameters))
     if declination is not None:
         memory.state[at.DECLINATION] = declination

@@ -1,4 +1,4 @@
-"""The magnetometer on its way into the attitude filter: calibration, mounting, and reports of disturbances."""
+"""Magnetometer input of the attitude filter: calibration, mounting, and events of disturbances."""
 
 import math
 from types import ModuleType
@@ -13,8 +13,8 @@ from nav_pose_estimator.engine.sensors.magnetic.field_calibration import FieldCa
 from nav_pose_estimator.engine.solutions import Event, Level
 
 NO_FIELD = np.empty((0, 3))
-_DISTURBED, _UNDISTURBED = 0.45, 0.05  # anomalies of the field at which a disturbance begins and ends
-_STALE_NS = 500_000_000
+_DISTURBED, _UNDISTURBED = 0.45, 0.05  # anomalies of the field (relative square) at which a disturbance begins and ends
+_STALE_NS = 500_000_000  # a field further from the IMU's time is not used
 
 
 class FieldInput:
@@ -25,7 +25,7 @@ class FieldInput:
         self._calibration = FieldCalibration(parameters)
 
     def take(self, sample: MagSample, memory: Memory) -> list[Event]:
-        """Let one sample act on the filter of ``memory``; returns why it does not, or what it says about the field."""
+        """Pass one sample to the filter of ``memory``; returns the events of a rejection or a disturbance."""
         stamp = sample.stamp_ns
         if not self._enabled:
             return [Event(stamp, "mag.ignored")]
@@ -42,14 +42,14 @@ class FieldInput:
         return _disturbance(stamp, memory)
 
     def many_in_body(self, mag: np.ndarray) -> np.ndarray:
-        """Fields ``mag`` (N, 3) calibrated and in body axes; (0, 3) where the magnetometer is not used."""
+        """Fields ``mag`` (N, 3), calibrated and in body axes; (0, 3) where the magnetometer is not used."""
         if not self._enabled:
             return NO_FIELD
         return np.column_stack(self._calibration.in_body(tuple(np.asarray(mag, dtype=float).T)))
 
 
 def _disturbance(stamp: int, memory: Memory) -> list[Event]:
-    """Begin and end of a disturbed magnetic field; each refused sample is counted."""
+    """Events of the begin and end of a disturbance, and one for every disturbed sample."""
     state = memory.state
     anomaly = state[at.FIELD_ANOMALY] if state[at.FIELD_TRUST] > 0.0 else math.inf
     events = [Event(stamp, "mag.rejected.disturbed")] if anomaly > _DISTURBED else []

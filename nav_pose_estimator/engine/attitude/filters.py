@@ -1,4 +1,4 @@
-"""The attitude filters behind one face: how parameters become the constants in a filter's state vector."""
+"""The attitude filters behind one interface: from parameters to the initial state vector of a filter."""
 
 import math
 
@@ -24,7 +24,7 @@ _FIXED = {
     at.FIELD_TRUST: 1.0,
     at.TRUST: 1.0,
 }
-"""Constants that no user has a reason to turn, and the state ahead of the first sample."""
+"""Constants that no user has a reason to change, and the state before the first sample."""
 
 
 def _fill_shared(s: np.ndarray, parameters: Parameters) -> None:
@@ -63,7 +63,7 @@ def _fill_shared(s: np.ndarray, parameters: Parameters) -> None:
 
 
 def complementary_state(parameters: Parameters) -> np.ndarray:
-    """State vector of ``core.attitude.complementary`` that waits for its first sample."""
+    """State vector of ``core.attitude.complementary`` before its first sample."""
     p, c = parameters.attitude, complementary
     s = np.zeros(c.SIZE)
     _fill_shared(s, parameters)
@@ -78,7 +78,7 @@ def complementary_state(parameters: Parameters) -> np.ndarray:
 
 
 def two_stage_state(parameters: Parameters) -> np.ndarray:
-    """State vector of ``core.attitude.two_stage`` that waits for its first sample."""
+    """State vector of ``core.attitude.two_stage`` before its first sample."""
     p, t, c = parameters.attitude.two_stage, two_stage, parameters.attitude
     s = np.zeros(t.SIZE)
     _fill_shared(s, parameters)

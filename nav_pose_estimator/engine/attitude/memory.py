@@ -1,4 +1,4 @@
-"""What an attitude engine remembers, and what the navigator's velocity does to it."""
+"""State of an attitude engine, and the aiding of its filter by the navigator's velocity."""
 
 import math
 from collections.abc import Sequence
@@ -12,18 +12,19 @@ from nav_pose_estimator.engine.samples import NavigatorVelocity
 from nav_pose_estimator.engine.solutions import Event
 
 _NS = 1e-9
-_VELOCITY_GAP_NS = 1_000_000_000
-_GOOD_HEADING = 0.1  # rad: a navigator's heading of this deviation is worth taking
-_GOOD_LEVEL = 0.01  # rad: ... and a tilt of this one
-_LEVEL_TAU = 60.0  # s: learning of the accelerometer bias, slow against the filter's own levelling
-_MOST_BIAS = 0.5  # m/s^2
-_HEADING_TAU = 20.0  # s: how long an error of the navigator's heading lasts while GNSS aids it
-_KNOWN_HEADING = 0.35  # rad: a wider heading cannot turn the navigator's velocity into the filter's axes
+_VELOCITY_GAP_NS = 1_000_000_000  # velocities further apart give no acceleration
+_GOOD_HEADING = 0.1  # rad: largest deviation of a navigator's heading that corrects the filter
+_GOOD_LEVEL = 0.01  # rad: largest deviation of a navigator's tilt that corrects the accelerometer bias
+_LEVEL_TAU = 60.0  # s: time constant of that correction, slow compared with the filter's own levelling
+_MOST_BIAS = 0.5  # m/s^2: bound of the accelerometer bias
+_HEADING_TAU = 20.0  # s: correlation time of the navigator's heading error while GNSS aids it
+# rad: a filter with a larger heading deviation cannot resolve a velocity without orientation in its own axes.
+_KNOWN_HEADING = 0.35
 
 
 @dataclass
 class Memory:
-    """All that changes while the engine runs; ``state`` is the filter's (``core.attitude.layout``)."""
+    """Everything that changes while the engine runs; ``state`` is the filter's (``core.attitude.layout``)."""
 
     state: np.ndarray
     last_ns: int | None = None
@@ -40,14 +41,14 @@ class Memory:
 
     @property
     def waiting_for(self) -> str:
-        """One sentence for the pilot, empty once the attitude is level."""
+        """What the engine is waiting for, one sentence for the user; empty once the attitude is level."""
         if self.last_ns is None:
             return "no IMU sample has come yet"
         return "levelling: the first second of data" if self.age < 1.0 else ""
 
 
 def take_velocity(sample: NavigatorVelocity, memory: Memory) -> list[Event]:
-    """Give the filter the change of the vehicle's velocity since the last sample: that part is not gravity."""
+    """Pass the change of the vehicle's velocity since the last sample to the filter, which is not gravity."""
     stamp, before = sample.stamp_ns, memory.velocity
     if not all(map(math.isfinite, (*sample.vel_enu, *(sample.q_nb or ())))):
         return [Event(stamp, "navigator_velocity.rejected.nan")]
@@ -72,12 +73,12 @@ def take_velocity(sample: NavigatorVelocity, memory: Memory) -> list[Event]:
 
 
 def _learn_from(sample: NavigatorVelocity, q_nb: Sequence[float], s: np.ndarray, turn: float, dt: float) -> None:
-    """Heading and level of a navigator that GNSS aids; after its loss nothing is taken from it, only kept."""
+    """Learn heading and accelerometer bias from a navigator that GNSS aids; after its loss both are only kept."""
     if sample.heading_sd < _GOOD_HEADING:
         s[at.NAV_HEADING] = math.remainder(-turn, 2.0 * math.pi)
         s[at.NAV_HEADING_VAR] = sample.heading_sd**2 * _HEADING_TAU / dt
     if sample.tilt_sd < _GOOD_LEVEL:
-        # What the accelerometer takes for up, less what is up, is its bias over gravity.
+        # The filter's up (from the accelerometer) less the navigator's up, in b, is the bias over gravity.
         change = _up_in_b(s[at.QUAT : at.QUAT + 4]) - _up_in_b(q_nb)
         bias = s[at.FORCE_BIAS : at.FORCE_BIAS + 3]
         bias += min(dt / _LEVEL_TAU, 1.0) * s[at.GRAVITY] * change
@@ -90,7 +91,7 @@ def _up_in_b(q: Sequence[float] | np.ndarray) -> np.ndarray:
 
 
 def _heading_from(sample: NavigatorVelocity, s: np.ndarray) -> float | None:
-    """Angle from the navigator's axes to the filter's about Up; None when neither can be trusted to be the same."""
+    """Angle [rad] about Up from the navigator's axes to those of the filter; None where it is unknown."""
     if sample.q_nb is None:
         return 0.0 if s[at.COV + 8] < _KNOWN_HEADING**2 else None
     (a, b, c, d), (w, x, y, z) = s[at.QUAT : at.QUAT + 4].tolist(), sample.q_nb

@@ -1,4 +1,4 @@
-"""Attitude of recorded arrays: the same engine as on line, row by row, causal."""
+"""Attitude from recorded arrays, by the same engine as in flight: causal, row by row."""
 
 import math
 from collections.abc import Mapping
@@ -29,9 +29,9 @@ def estimate_attitude(
 
     ``t`` (N,) [s], increasing; ``gyro`` (N, 3) [rad/s]; ``accel`` (N, 3) [m/s^2], +g up at rest; ``mag`` (N, 3), any
     unit, NaN rows where there is none, or None. ``method`` complementary or two_stage. ``params`` the parameter tree,
-    or dotted names in it (``{"attitude.wander": 0.003}``). Returns (N, 4) quaternions w, x, y, z that take body (FLU)
-    to ENU; without a magnetometer the yaw starts near 0. A sample that has to be refused (NaN, out of range, out of
-    order) repeats the previous estimate.
+    or dotted names in it (``{"attitude.wander": 0.003}``). Returns (N, 4) quaternions w, x, y, z from body (FLU) to
+    ENU; without a magnetometer the yaw starts near 0. At a rejected sample (NaN, out of range, out of order) the
+    previous estimate is repeated. Raises ``UserError`` for arrays of a wrong shape.
     """
     t, gyro, accel = (np.ascontiguousarray(x, dtype=float) for x in (t, gyro, accel))
     _check_shapes(t, gyro, accel, mag)
@@ -54,7 +54,7 @@ def _check_shapes(t: np.ndarray, gyro: np.ndarray, accel: np.ndarray, mag: np.nd
 
 
 def feed_recorded(engine: AttitudeEngine, block: ImuBlock, mag: np.ndarray | None = None) -> AttitudeBlock:
-    """One row for every sample of ``block``, refused ones included: they repeat the previous row.
+    """One row for every sample of ``block``; a rejected sample repeats the previous row.
 
     ``mag`` (N, 3) is the field that follows each IMU sample, any unit, NaN for none.
     """
@@ -78,7 +78,7 @@ def feed_recorded(engine: AttitudeEngine, block: ImuBlock, mag: np.ndarray | Non
 
 
 def _hold(rows: np.ndarray) -> np.ndarray:
-    """``rows`` with each NaN row replaced by the previous row; before the first, level and all unknown."""
+    """``rows`` with each NaN row replaced by the previous one; before the first valid row, level and unknown."""
     last = np.maximum.accumulate(np.where(np.isnan(rows[:, 0]), -1, np.arange(len(rows))))
     held = rows[np.maximum(last, 0)]
     held[last < 0] = 0.0

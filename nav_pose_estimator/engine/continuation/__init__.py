@@ -1,1 +1,1 @@
-"""What outlives a restart: the state of a navigator as plain numbers, and how the next one continues from it."""
+"""Continuation after a restart or an IMU gap: the saved state of a navigator, and the warm start from it."""

@@ -1,4 +1,4 @@
-"""The state of a navigator as plain numbers, and what such numbers must be before anybody flies on with them."""
+"""Saved state of a navigator as plain numbers, with the checks that a state must pass before it is used."""
 
 from __future__ import annotations
 
@@ -19,25 +19,24 @@ from nav_pose_estimator.errors import UserError
 
 Place = tuple[float, float, float]
 """Latitude, longitude [rad], height above the ellipsoid [m]."""
-_FASTEST = 400.0  # m/s
-_LARGEST_RATE, _LARGEST_FORCE = 1.0, 5.0  # rad/s, m/s^2: no IMU that flies has larger biases
-_FARTHEST = 1e7  # m
-_LARGEST_NOISE = 16.0
-_KNOWN_GYRO_SD = 0.01  # rad/s: a bias less certain than that tells no turn from rest
-_LEAST_SHARE, _LARGEST_SHARE = 0.01, 100.0
+_FASTEST = 400.0  # m/s: largest valid velocity component
+_LARGEST_RATE, _LARGEST_FORCE = 1.0, 5.0  # rad/s, m/s^2: largest valid biases of an IMU
+_FARTHEST = 1e7  # m: largest valid offset between map and odom
+_LARGEST_NOISE = 16.0  # largest valid variance factor of the noise identification
+_KNOWN_GYRO_SD = 0.01  # rad/s: with a larger deviation of the bias, a gentle turn cannot be distinguished from rest
+_LEAST_SHARE, _LARGEST_SHARE = 0.01, 100.0  # range of valid error shares
 
 
 @dataclass(frozen=True)
 class SavedState:
-    """A navigator at ``stamp_ns``: frames, units and the order of ``cov`` (15, 15) are those of ``core.filter.layout``.
+    """A navigator at ``stamp_ns``; frames, units and the order of ``cov`` (15, 15) are those of ``core.filter.layout``.
 
-    ``unaided`` [s] since GNSS corrected the position last. ``correction_enu`` [m] and ``resets``: map against odom.
-    ``compass_offset`` [rad] and ``baro_offset`` [m] as the sensors have learned them, NaN where they know none;
-    ``baro_variance`` [m^2] of the height that told the latter.
-    ``error_shares``: of GNSS positions, then velocities, how fast what lasts of an error moves and how much is white,
-    as factors (``core.filter.noise_identification``).
-    ``gyro_wander``: of the gyroscope's bias, as ``core.filter.bias_noise.Wander``.
-    ``is_sound``: attitude and position may be continued, not only origin and noise.
+    ``unaided``: s since the last position update by GNSS. ``correction_enu`` [m] and ``resets``: offset of odom in map,
+    and number of its changes. ``compass_offset`` [rad] and ``baro_offset`` [m]: as learned by the sensors, NaN where
+    unknown; ``baro_variance`` [m^2]: variance of the height from which the latter was learned. ``error_shares``:
+    lasting and white factor of GNSS positions, then of velocities (``core.filter.noise_identification``).
+    ``gyro_wander``: identified driving noise of the gyroscope bias (``core.filter.bias_noise.Wander``). ``is_sound``:
+    attitude and position may be continued, not only origin and noise.
     """
 
     stamp_ns: int
@@ -63,13 +62,13 @@ class SavedState:
     is_sound: bool
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Every field as an array."""
+        """All fields as arrays, by name."""
         return {item.name: np.asarray(getattr(self, item.name)) for item in fields(self)}
 
     @classmethod
     def of(cls, arrays: Mapping[str, np.ndarray]) -> SavedState:
-        """From what ``arrays`` gave. ``UserError`` where something is missing, or is beyond what a vehicle can do."""
-        # files of earlier versions do not have them
+        """The state of ``arrays()``; ``UserError`` where a field is missing or its value is impossible."""
+        # fields that files of earlier versions do not have
         since = {
             "error_shares": np.ones(4),
             "gyro_wander": np.array(bias_noise.Wander()),
@@ -84,7 +83,7 @@ class SavedState:
 
     @property
     def is_possible(self) -> bool:
-        """Whether a vehicle can be in this state: nothing in it is NaN or beyond all bounds."""
+        """Whether a vehicle can be in this state: all values are finite and within physical bounds."""
         offsets = (self.compass_offset, self.baro_offset)
         return (
             self.stamp_ns > 0
@@ -110,14 +109,14 @@ class SavedState:
 
     @property
     def biases(self) -> KnownBiases:
-        """Those of the IMU, each twice as uncertain as they were."""
+        """Biases of the IMU, with twice their saved standard deviations."""
         variances = self.cov.diagonal()
         gyro_sd, accel_sd = (2.0 * math.sqrt(variances[i : i + 3].max()) for i in (D_GYRO_BIAS, D_ACCEL_BIAS))
         return KnownBiases(self.gyro_bias, self.accel_bias, gyro_sd, accel_sd)
 
     @property
     def known_biases(self) -> KnownBiases | None:
-        """``biases`` for an alignment that tells rest from a gentle turn by them; None where they are too uncertain."""
+        """``biases`` that are certain enough to distinguish rest from a gentle turn in an alignment, else None."""
         return self.biases if self.biases.gyro_sd <= _KNOWN_GYRO_SD else None
 
 
@@ -130,13 +129,13 @@ _FORM: dict[str, Any] = {
     **dict.fromkeys(("compass_offset", "baro_offset", "baro_variance"), 0.0),
     **dict.fromkeys(("gate_is_open", "is_sound"), False),
 }
-"""What each field looks like."""
+"""Form of each field: a value of its type and shape."""
 
 
 def _value(name: str, arrays: Mapping[str, np.ndarray], like: Any) -> Any:
     form, value = np.asarray(like), arrays.get(name)
     if value is None or value.shape != form.shape or value.dtype.kind != form.dtype.kind:
-        raise UserError(f"{name} is missing, or not what it should be")
+        raise UserError(f"{name} is missing, or has a wrong type or shape")
     if isinstance(like, np.ndarray):
         return value.astype(float)
     return tuple(value.tolist()) if isinstance(like, tuple) else value.item()

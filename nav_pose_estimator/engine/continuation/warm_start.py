@@ -1,13 +1,16 @@
-"""From a saved state to a first state of the filter: over a restart in flight, and over a gap in the IMU data.
+"""Warm start: first state of the filter from a saved state, after a restart in flight or a gap in the IMU data.
 
-What happened in the gap nobody has seen. So position and velocity come from the first fix, which must lie where the
-vehicle can have got to, and in an outage from the saved ones with what an unknown acceleration and an unknown turn make
-of them. Tilt is found anew: from a force that is level, else from one that GNSS explains by an acceleration; in an
-outage from one that is not too far from level, with a deviation as large as its size allows. The heading is the saved
-one with what an unknown turn makes of it, or that of a magnetometer whose error was known, or what the hypotheses of
-the alignment in motion say so far; it is on trial like every heading that motion has not shown. Where nothing tells it,
-a vehicle in calm flight goes on without, for GNSS tells its position: the covariance says so, and the trial ends with
-the first motion. Of an old state the origin stays: the vehicle is the same, and so is its map.
+The motion during the gap is unknown.
+
+* Position and velocity come from the first fix, which must lie where the vehicle can have moved. In an outage the saved
+  ones are used, with a covariance enlarged by an unknown acceleration and an unknown turn.
+* Tilt is found anew: from a specific force that is level, else from one that the acceleration by GNSS explains. In an
+  outage, from a force that is not too far from level, with a deviation derived from its norm.
+* Heading is the saved one with a covariance enlarged by an unknown turn, or that of a magnetometer with a known offset,
+  or the present estimate of the heading hypotheses. It remains on trial, like every heading that motion has not
+  confirmed. Where nothing gives a heading, a vehicle in calm flight starts without one, because GNSS gives its
+  position; the covariance says so, and the trial ends with the first motion.
+* Of an old state only the origin is used, so that the map stays the same.
 """
 
 from __future__ import annotations
@@ -40,26 +43,26 @@ from nav_pose_estimator.engine.parameters import Parameters
 Array = NDArray[np.float64]
 
 LONGEST = 60.0
-"""s without IMU data over which a navigator goes on from its state."""
-_SAME_MAP = 100e3  # m from where an old state was saved: further off, its origin is of no use here
-_LEVEL_TIME = 1.0  # s of IMU that give a level in motion ...
-_LEAST_LEVEL_TIME = 0.7  # ... and what is enough of it
-_PATIENCE = 2.0  # s that a fix may take to come before the start is without one
-_CALM = 0.2  # rad: off level by less, a vehicle can be flown on with an unknown heading ...
-_LONGEST_SILENCE = 2.2  # s: ... after so long without a better one
+"""s: longest gap in the IMU data over which a navigator continues."""
+_SAME_MAP = 100e3  # m: an old origin is used within this distance
+_LEVEL_TIME = 1.0  # s of IMU data that are averaged for a level in motion ...
+_LEAST_LEVEL_TIME = 0.7  # ... and the part of it that must be present
+_PATIENCE = 2.0  # s to wait for a fix before a start without one
+_CALM = 0.2  # rad: within this apparent tilt a vehicle may start with an unknown heading ...
+_LONGEST_SILENCE = 2.2  # s: ... after this time without a better one
 _RETRY = 0.1  # s between two attempts
-_GIVEN_UP = 5.0  # s after which an alignment with fixes is left to find everything itself
-_STEEPEST_UNAIDED = 0.8  # rad: off level by more, the first attitude of an outage is worth nothing
-_FIELD_WINDOW = 0.15  # s of magnetometer that make a heading of a vehicle that may turn
-_LEAST_MOTION = 1.0  # s of GNSS before its heading hypotheses may be believed so far
+_GIVEN_UP = 5.0  # s after which a start with fixes is left to the ordinary alignment
+_STEEPEST_UNAIDED = 0.8  # rad: beyond this apparent tilt there is no start in an outage
+_FIELD_WINDOW = 0.15  # s of magnetometer data that are averaged: short, because the vehicle may turn
+_LEAST_MOTION = 1.0  # s of GNSS before the estimate of the heading hypotheses is used
 WIDEST_HEADING = 0.7
-"""rad: of a wider one the filter knows little."""
+"""rad: largest standard deviation of a heading with which the filter normally starts."""
 _MOVED, _BIASES = slice(DVEL, DPOS + 3), slice(D_GYRO_BIAS, BASE_STATES)
-_UNKNOWN_HEADING = math.pi / math.sqrt(3.0)  # rad: deviation of a heading that is anything
+_UNKNOWN_HEADING = math.pi / math.sqrt(3.0)  # rad: standard deviation of a uniformly distributed heading
 
 
 class _Attitude(NamedTuple):
-    """``q`` (4,), the deviations of its tilt and heading [rad], and whether the magnetometer told the heading."""
+    """``q`` (4,), the deviations of its tilt and heading [rad], and whether the magnetometer gave the heading."""
 
     q: Array
     tilt_sd: float
@@ -69,31 +72,34 @@ class _Attitude(NamedTuple):
 
 @dataclass(init=False, eq=False)
 class WarmStart:
-    """Sees what an alignment sees, from the first IMU sample on. Times are seconds since the engine's epoch."""
+    """The warm start. It receives the alignment's data from the first IMU sample on; times are s since the epoch."""
 
     saved: SavedState
     is_own: bool
-    """Whether the navigator that goes on is the one that saved it: same process, same vehicle."""
+    """Whether the same process saved the state: an IMU gap and not a restart."""
 
     def __init__(self, saved: SavedState, t: float, parameters: Parameters, is_own: bool = False) -> None:
-        """``t``: when ``saved`` was true."""
+        """``t`` [s]: time of ``saved``."""
         self.saved, self._t, self.is_own = saved, t, is_own
-        self.is_fresh = 0.0 < -t <= LONGEST  # else old, or of another clock: how old nobody knows
+        self.is_fresh = 0.0 < -t <= LONGEST  # else old, or of another clock and so of unknown age
         self._parameters = parameters
         self._rows = RecentRows()
-        self._begun = math.inf
-        self._tried = -math.inf  # the time of the last attempt
+        self._begun = math.inf  # time of the first IMU sample
+        self._tried = -math.inf  # time of the last attempt
         self._biases = saved.biases
 
     def imu(self, row: Array) -> None:
-        """One IMU row (7,)."""
+        """Add one IMU row (7,)."""
         t = float(row[IMU_T])
         self._begun = min(self._begun, t)
         self._rows.rows.append(tuple(row.tolist()))
         self._rows.forget_before(t - 2.0 * _LEVEL_TIME)
 
     def contradiction(self, t: float, place: tuple[float, ...], sd: float) -> str:
-        """Why ``place`` cannot be where the vehicle has got to by ``t``, a clause; empty if it can."""
+        """Why the vehicle cannot have moved to ``place`` by ``t`` [s], one clause for the user; empty if it can.
+
+        ``place`` is latitude, longitude [rad], height [m]; ``sd`` [m] its standard deviation.
+        """
         limits = self._parameters.gnss.reacquisition
         gap = t - self._t
         apart = math.hypot(*step_enu(np.array(self.saved.position), np.array(place)).tolist())
@@ -105,7 +111,7 @@ class WarmStart:
         return f"GNSS is {apart:.0f} m from where the vehicle was {gap:.1f} s before"
 
     def result(self, aligner: Aligner) -> Alignment | None:
-        """The first state, as soon as there is one."""
+        """The first state, None while there is none yet."""
         if not (self.is_fresh and self._rows.rows):
             return None
         own = self._own(aligner) if self.saved.is_sound else None
@@ -114,17 +120,17 @@ class WarmStart:
         return self._so_far(aligner.bank)
 
     def _so_far(self, bank: HeadingHypotheses | None) -> Alignment | None:
-        """What the hypotheses of the alignment in motion say, as soon as the filter can go on with it."""
+        """The estimate of the alignment's heading hypotheses, once its heading is good enough for the filter."""
         if bank is None or bank.time - bank.began < _LEAST_MOTION:
             return None
         if not bank.heading()[1] * math.sqrt(max(bank.nis, 1.0)) <= WIDEST_HEADING:
             return None
         nav, P = bank.merged()
-        how = f"goes on after {bank.time - self._t:.1f} s, heading of the motion so far"
+        how = f"continues after {bank.time - self._t:.1f} s, heading from the motion so far"
         return Alignment(bank.time, nav, 0.5 * (P + P.T), how, continues=True, nis=bank.nis)
 
     def _own(self, aligner: Aligner) -> Alignment | None:
-        """From what was saved and the level of now."""
+        """First state from the saved state and the present level."""
         now, fix = float(self._rows.rows[-1][IMU_T]), aligner.last_fix
         was_aided = self.saved.unaided <= self._parameters.navigator.lost_after
         waits = was_aided and now - self._begun < _LEVEL_TIME + _PATIENCE
@@ -141,14 +147,14 @@ class WarmStart:
         return self._first_state(there, aligner, last_fix)
 
     def _completed(self, fix: Fix) -> Fix:
-        """A fix without velocity has that of before."""
+        """``fix`` with the predicted velocity where it has none."""
         if fix.velocity is not None:
             return fix
         predicted = self._predicted(fix.t)
         return replace(fix, velocity=predicted.velocity, velocity_sd=predicted.velocity_sd)
 
     def _predicted(self, t: float) -> Fix:
-        """Where the vehicle is if it has gone on as it was, and how far off that may be."""
+        """Predicted position and velocity at ``t`` [s] of a vehicle with constant velocity, and their deviations."""
         saved, gap = self.saved, t - self._t
         deviations = np.sqrt(self._moved(t).diagonal())
         (lat, lon, alt), (east, north, up) = saved.position, (gap * v for v in saved.velocity)
@@ -157,23 +163,23 @@ class WarmStart:
         return Fix(t, place, np.array(saved.velocity), deviations[3:], deviations[:3])
 
     def _moved(self, t: float) -> Array:
-        """Covariance (6, 6) of velocity and position, ENU, at ``t`` of a vehicle that may have done anything since.
+        """Covariance (6, 6) of velocity and position, ENU, predicted to ``t`` [s] with unknown motion in between.
 
-        An unknown acceleration changes the velocity, and an unknown turn takes its direction along, up to any direction
-        of the same speed. The position is as uncertain as if that had come at once, and of the covariance of both there
-        is as much as if it may have come at any time.
+        An unknown acceleration changes the velocity, and an unknown turn its direction. The change is limited by the
+        vehicle's maximum speed. The position variance is that of a change at the beginning of the gap, the
+        cross-covariance that of a change in its middle, as for a change at an unknown time.
         """
         saved, gap, navigator = self.saved, t - self._t, self._parameters.navigator
-        fly_on = np.eye(6)
-        fly_on[3:, :3] = gap * np.eye(3)
+        transition = np.eye(6)
+        transition[3:, :3] = gap * np.eye(3)
         turn = math.hypot(*saved.velocity[:2]) * min(navigator.gap_rate_sd * gap, 1.0)
         push = navigator.gap_force_sd * gap
         changed = np.minimum(np.hypot(push, [turn, turn, 0.0]), self._parameters.gnss.reacquisition.max_speed) ** 2
         added = np.kron([[1.0, 0.5 * gap], [0.5 * gap, gap**2]], np.diag(changed))
-        return np.asarray(fly_on @ saved.cov[_MOVED, _MOVED] @ fly_on.T + added)
+        return np.asarray(transition @ saved.cov[_MOVED, _MOVED] @ transition.T + added)
 
     def _wandered(self, t: float) -> Array:
-        """Covariance (6, 6) of the IMU's biases at ``t``: they have gone on wandering."""
+        """Covariance (6, 6) of the IMU's biases, predicted to ``t`` [s] by their Gauss-Markov processes."""
         imu, gap = self._parameters.imu, t - self._t
         gyro, accel = (
             sd**2 * -math.expm1(-2.0 * gap / tau)
@@ -192,7 +198,7 @@ class WarmStart:
             found = self._inclined(there, aligner)
         if found is None:
             return None
-        # with fixes a heading that is anything bends the filter: it waits as long as it may, and takes it in calm only
+        # With fixes, an unknown heading makes the filter diverge in manoeuvres: wait, and accept it in calm flight.
         patience = math.inf if off_level > _CALM else _LONGEST_SILENCE
         silent = float(self._rows.rows[-1][IMU_T]) - self._begun
         if found.yaw_sd > WIDEST_HEADING and last_fix is None and silent < patience:
@@ -204,14 +210,14 @@ class WarmStart:
         unseen = 0.0
         if last_fix is not None:
             P[_MOVED, _MOVED], unseen = self._moved(there.t), there.t - self._t
-        how = f"goes on after {there.t - self._t:.1f} s" + (
-            ", heading of the magnetometer" if from_magnetometer else ""
+        how = f"continues after {there.t - self._t:.1f} s" + (
+            ", heading from the magnetometer" if from_magnetometer else ""
         )
         return Alignment(there.t, nav, P, how, True, from_magnetometer, True, last_fix, unseen=unseen)
 
     def _levelled(self, there: Fix, rows: Array, off_level: float, aligner: Aligner) -> _Attitude:
-        """The mean force is up, as far as ``off_level`` [rad]."""
-        # an attitude filter that has just started in flight knows the tilt better than it can be sure of
+        """Attitude from the mean force taken as vertical, with ``off_level`` [rad] as a deviation of the tilt."""
+        # not the deviation that an attitude filter states, which is optimistic just after a start in flight
         tilt_sd = max(aligner.settings.tilt_sd, off_level)
         outside = aligner.outside.near(there.t, tilt_sd)
         q, stated_sd = outside or (level_in_motion(rows), tilt_sd)
@@ -219,10 +225,10 @@ class WarmStart:
         return _Attitude(turned(q, yaw), tilt_sd, yaw_sd, from_magnetometer)
 
     def _inclined(self, there: Fix, aligner: Aligner) -> _Attitude | None:
-        """The mean force is what GNSS says of the acceleration; None where it does not, or nothing tells the heading.
+        """Attitude from the mean force and the acceleration by GNSS; None where these, or a heading, are not available.
 
-        Of the attitudes that are left the one is taken that puts the magnetic field where the Earth's is, or, where
-        that is known better, the heading where it was.
+        They leave a rotation about the force open. It is chosen so that the magnetic field agrees with the Earth's, or,
+        where the saved heading is known better, so that the heading agrees with it.
         """
         attitudes = inclined(aligner.recent, self._rows, there, self._biases.accel)
         if attitudes is None:
@@ -245,14 +251,14 @@ class WarmStart:
         return _Attitude(q, tilt_sd, math.hypot(magnetic_sd, tilt_sd * abs(math.tan(dip))), True)
 
     def _saved_heading_sd(self, t: float) -> float:
-        """What an unknown turn has left by ``t`` of the heading that was saved [rad]."""
+        """Standard deviation [rad] of the saved heading at ``t`` [s], after an unknown turn."""
         turn = self._parameters.navigator.gap_rate_sd * (t - self._t)
         return math.hypot(math.sqrt(self.saved.cov[PHI + 2, PHI + 2]), turn)
 
     def _heading(self, there: Fix, q_level: Array, tilt_sd: float, aligner: Aligner) -> tuple[float, float, bool]:
-        """Yaw, its deviation [rad], and whether it is the magnetometer's.
+        """(yaw, its deviation [rad], whether it is from the magnetometer): the saved or the magnetic heading.
 
-        A tilt that is wrong turns the vertical field into a horizontal one, and the magnetic heading with it.
+        A tilt error projects the vertical field into the horizontal plane, which adds to the magnetic heading's error.
         """
         saved, sd = self.saved, self._saved_heading_sd(there.t)
         magnetic_sd = aligner.settings.mag_heading_sd

@@ -1,1 +1,1 @@
-"""Every event there is, in words."""
+"""Catalogue of all events: meaning and remedy."""

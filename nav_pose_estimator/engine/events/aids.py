@@ -15,7 +15,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "navigator.turned",
-            "IMU and GNSS have shown that the heading was far off: the navigator continues with theirs",
+            "IMU and GNSS have shown that the heading was far off: the navigator continues with the one that they show",
             "find its cause: a magnetometer (docs/calibration.md), a start in motion, velocities in other axes",
         ),
         Entry(
@@ -25,7 +25,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "mag.heading.disagrees",
-            "the magnetic heading is not the one that motion shows; the magnetometer is not used",
+            "the magnetic heading contradicts the heading that the motion shows; the magnetometer is not used",
             "as above; the log line says by how much, and the likely cause",
         ),
         Entry(
@@ -54,8 +54,8 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "baro.contradicts",
-            "the barometer has moved away from the heights of GNSS; it is not used in an outage",
-            "look for a blocked port, or one that the propellers blow on",
+            "the barometric height has drifted away from GNSS; it is not used in an outage",
+            "look for a blocked port, or one in the propellers' wash",
         ),
         Entry("baro.contradicts.ended", "barometer and GNSS heights agree again"),
         Entry(
@@ -67,10 +67,10 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("baro.rejected.value", "a pressure outside the atmospheric range", "check the unit: pascal, not hPa"),
         Entry(
             "depth.rejected.value",
-            "an impossible pressure of the water",
+            "an impossible water pressure",
             "publish absolute pressure in pascal; set aids.water_density to 0 for a barometer",
         ),
-        Entry("depth.*", "a height by the pressure of the water was used, given less weight (inflated), or refused"),
+        Entry("depth.*", "a height from water pressure was used, given less weight (inflated), or refused"),
         Entry("zero_velocity.rejected", "the IMU was still, but the filter is certain of motion: not rest"),
         Entry(
             "zero_velocity.withheld.rate",
@@ -78,16 +78,23 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "zero_velocity.withheld.speed",
-            "the IMU was still, but it is not certain that the speed is low: not taken for rest",
+            "the IMU was still, but the estimated speed does not exclude steady motion: not taken for rest",
         ),
         Entry("body_velocity.rejected.value", "a velocity without a finite component", SENSOR),
         Entry(
+            "body_velocity.implausible",
+            "the body velocity does not change as the IMU feels, or its size is not that of GNSS velocity; not used",
+            "the sentence names the likely mistake: set aids.body_velocity_rpy or _delay, or let the driver send "
+            "Forward-Left-Up in m/s",
+        ),
+        Entry("body_velocity.rejected.axes", "a body velocity that contradicts the IMU and was not used", "as above"),
+        Entry(
             "beam_velocity.geometry",
-            "directions and signs of the beams are verified: the log line says how they are read",
+            "directions and signs of the beams are verified: the log line names the convention",
         ),
         Entry(
             "beam_velocity.geometry.refused",
-            "directions and signs of the beams agree with a known velocity in no reading; no beam is used",
+            "no convention of directions and signs makes the beams agree with the known velocity; no beam is used",
             "the sentence says what would fit; aids.beams.directions, sign and rpy (docs/beams.md)",
         ),
         Entry(
@@ -108,13 +115,13 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("beam_velocity.contradicts.ended", "beams and GNSS agree again"),
         Entry(
             "beam_velocity.beam_out",
-            "a beam is left out until it fits again, because too many of its velocities did not",
+            "a beam is excluded until it agrees again, because too many of its velocities did not",
             "if it stays out, check its transducer and whether something is in its way",
         ),
-        Entry("beam_velocity.beam_in", "a beam that was left out is used again"),
+        Entry("beam_velocity.beam_in", "an excluded beam is used again"),
         Entry(
             "beam_velocity.accusation",
-            "two beams or more have contradicted the navigator for 30 s without GNSS: it follows them step by step",
+            "two or more beams have contradicted the navigator for 30 s without GNSS: it is corrected by them in steps",
         ),
         Entry("beam_velocity.rejected.empty", "a message without beams", SENSOR),
         Entry(
@@ -163,7 +170,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "beam_velocity.*.rejected.parity",
             "the beams contradicted each other, and this one explained the contradiction best",
         ),
-        Entry("beam_velocity.*.rejected.out", "a velocity that fits, of a beam that is left out"),
+        Entry("beam_velocity.*.rejected.out", "a velocity that agrees, of a beam that is excluded"),
         Entry("airspeed.rejected.absent", "PX4 reports no airspeed", "check the pitot tube and its driver"),
         Entry("airspeed.rejected.value", "an airspeed that is not finite, or impossible", SENSOR),
         Entry("airspeed.rejected.slow", "an airspeed below aids.airspeed_min, where a pitot tube is useless"),
@@ -218,7 +225,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("attitude.rejected.absent", "imu/data has no orientation", "let attitude_node publish imu/data"),
         Entry(
             "attitude.body_velocity.incomplete",
-            "a body velocity lacks an axis: the attitude filter cannot tell acceleration from it",
+            "a body velocity lacks an axis: the attitude filter cannot derive the acceleration from it",
             "let a driver for wheels publish 0 for the axes along which they cannot move",
         ),
         Entry("attitude.body_velocity.stamp", "a body velocity not newer than the previous one"),

@@ -1,11 +1,11 @@
-"""One kind of event, and cures that several of them share."""
+"""Entry of the event catalogue, and remedies that several entries share."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One kind of event: ``meaning`` is a clause for the pilot, ``cure`` what to do; empty where nothing is wrong."""
+    """One kind of event: ``meaning``, one clause for the user; ``cure``, the remedy, empty where nothing is wrong."""
 
     name: str
     meaning: str

@@ -20,7 +20,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "gnss.rejected.future",
             "the fix has a stamp more than 1 s ahead of the IMU's time; the sentence says by how much and why",
-            CLOCKS + "; leap seconds and time zones are the driver's to correct",
+            CLOCKS + "; the driver has to correct leap seconds and time zones",
         ),
         Entry(
             "gnss.rejected.stuck",
@@ -34,7 +34,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "gnss.position.axes",
-            "positions and velocities contradict each other, and the IMU feels the velocities; positions are not used",
+            "positions and velocities contradict each other; the IMU confirms the velocities; positions are not used",
             "let the driver send degrees, latitude North and longitude East positive, in their own fields",
         ),
         Entry(
@@ -47,6 +47,12 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "heights now have another reference; the step is subtracted",
             "let the driver give heights above the ellipsoid in every fix",
         ),
+        Entry(
+            "gnss.height.stuck",
+            "the height of fixes is exactly zero from the beginning, or repeats itself while they move; not used",
+            "let the driver fill the altitude; a barometer holds the height meanwhile",
+        ),
+        Entry("gnss.height.stuck.ended", "GNSS heights change again and are used"),
         Entry(
             "gnss.height.missing",
             "a fix has no altitude: the height is the barometer's, or held",
@@ -110,10 +116,10 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "the receiver's velocity changed without a force on the IMU, and its positions follow",
             "do not trust GNSS: spoofing, or an IMU fault; call ~/accept_return if GNSS is right",
         ),
-        Entry("gnss.pulled.ended", "GNSS has taken back the change that no force explained"),
+        Entry("gnss.pulled.ended", "GNSS agrees with the IMU again after a change that no force explained"),
         Entry(
             "gnss.other_motion",
-            "the velocity changes of GNSS are not those that the IMU feels",
+            "the velocity changes of GNSS are not those that the IMU measures",
             "find out whose fixes they are (base station, another vehicle); look for a frozen receiver or an IMU fault",
         ),
         Entry(
@@ -126,7 +132,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "all positions lie on a coarse grid; they are used with that error, which sigma covers",
             "let the driver print latitude and longitude with seven decimals; no single precision",
         ),
-        Entry("gnss.rounded.ended", "positions have more digits than that"),
+        Entry("gnss.rounded.ended", "positions are no longer rounded to a coarse grid"),
         Entry(
             "gnss.two_places",
             "every other fix is displaced by the same amount, as from two receivers",
@@ -163,13 +169,13 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "gnss.velocity.axes.unexplained",
-            "velocities do not fit the positions, and the IMU does not feel them; they are not used",
+            "velocities contradict the positions, and the IMU does not confirm them; they are not used",
             SENSOR,
         ),
         Entry("gnss.velocity.axes.ended", "velocities agree with the motion between fixes again"),
         Entry(
             "gnss.velocity.turned",
-            "axes or unit of the velocities are known beyond doubt; they are corrected and used",
+            "the error in axes or unit of the velocities is established; they are corrected and used",
             "let the driver send East-North-Up in m/s; set ros.input.velocity_frame to ned if it sends that",
         ),
         Entry(
@@ -194,7 +200,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry(
             "gnss.velocity.vertical.down",
-            "the vertical velocity is positive down; it is turned round and used",
+            "the vertical velocity is positive down; its sign is inverted and it is used",
             "let the driver send it positive up",
         ),
         Entry(
@@ -236,6 +242,18 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "wait: gnss.reacquisition.contradiction_time decides",
         ),
         Entry("gnss.rejected.contradiction", "consistent fixes contradict a filter that GNSS still aids", "see above"),
+        Entry(
+            "gnss.waiting.unexplained",
+            "position and velocity of the fixes lie where no drift of the navigator since the loss leads",
+            "wait: gnss.reacquisition.contradiction_time decides; if it recurs, look for spoofing or reflections",
+        ),
+        Entry("gnss.rejected.unexplained", "fixes that no drift of the navigator explains", "as above"),
+        Entry(
+            "gnss.waiting.doubtful",
+            "the fixes fit what the navigator may have drifted only just, and have to last longer",
+            "wait",
+        ),
+        Entry("gnss.rejected.doubtful", "fixes that fit the navigator only just, and have not lasted long", "wait"),
         Entry(
             "gnss.waiting.implausible",
             "the vehicle cannot have reached the position that the fixes give",

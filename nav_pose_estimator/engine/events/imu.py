@@ -22,7 +22,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("imu.saturated.accelerometer", "the accelerometer is at the limit of its range", "as for the gyroscope"),
         Entry(
             "imu.clips",
-            "an axis repeats the largest value of the flight: it is at the end of its range, whatever that is",
+            "an axis repeats the largest value of the flight: it is saturated at the end of its range",
             "choose a wider range (docs of the driver); sigma covers what may be lost",
         ),
         Entry("imu.saturated.ended", "the IMU is within its range again"),
@@ -91,11 +91,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry("imu.vibration", "the IMU vibrates heavily: expect errors of the vertical velocity", "damp its mount"),
         Entry(
             "imu_doubt.used",
-            "the IMU was stuck or struck while GNSS was away, or clipped at any time: sigma is larger from then on",
+            "the IMU was stuck or had a shock without GNSS, or was saturated at any time: sigma is larger from then on",
         ),
         Entry(
             "navigator.distrusted",
-            "without GNSS, an impossible IMU or a speed that the vehicle cannot reach: EXPIRED until GNSS is back",
+            "without GNSS, the IMU is not plausible or the speed not possible: EXPIRED until GNSS is back",
             "see the reason in the log line",
         ),
         Entry("imu.rejected.nan", "a value that is not finite", SENSOR),

@@ -6,7 +6,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
     "Start, modes and operator": (
         Entry(
             "outage.class",
-            "the vehicle moves like another class than that of the airframe file or of learner.vehicle_class",
+            "the vehicle moves like another class than the one of the airframe file or of learner.vehicle_class",
             "use the file of this vehicle, or none",
         ),
         Entry("aligned", "attitude and position are known, the navigator runs"),
@@ -59,10 +59,10 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "a saved state, or that before an IMU gap, continues: origin, noise and, where possible, pose and biases",
         ),
         Entry(
-            "resume.refused.file", "the saved state cannot be read, or is not one", "nothing; the next one replaces it"
+            "resume.refused.file", "the saved state cannot be read or is invalid", "nothing: the next one replaces it"
         ),
         Entry(
-            "resume.origin", "the saved state is over a minute old, or of another clock: only origin and noise are kept"
+            "resume.origin", "the saved state is over a minute old or of another clock: only origin and noise are kept"
         ),
         Entry(
             "resume.refused.moved", "GNSS is further away than the vehicle can have travelled since the state was saved"

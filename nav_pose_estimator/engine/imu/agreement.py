@@ -1,11 +1,12 @@
-"""Have the changes of velocity that GNSS tells anything to do with those that the IMU feels?
+"""Consistency test of GNSS and IMU: whether both observe the same changes of velocity.
 
-A base station, another vehicle, a frozen or a replayed receiver may be sound in itself: its positions go where its
-velocities say. But the vehicle moves otherwise, and a filter that has to follow explains the difference as tilt. So
-over each window of seconds the impulses of the specific force, turned by the best rotation, are compared with the
-forces that GNSS velocity tells: what varies in both, and what varies in their difference. A constant difference is
-tilt, bias or scale. On thirteen recorded flights, with and without their latency, the difference was below half of what
-varies, or the IMU felt too little, in all but two windows in a row: a blow (launch, crash) is in two.
+The data of a base station, of another vehicle, or of a frozen or replaying receiver are consistent in themselves: the
+positions follow from the velocities. But they do not describe this vehicle, and a filter that follows them attributes
+the difference to tilt. The test compares, over windows of several seconds, the specific force integrated by the IMU and
+rotated by the best-fitting rotation with the force that GNSS velocity implies. It compares the variation of the two
+with the variation of their difference; a constant difference would be tilt, bias or scale. On thirteen recorded
+flights, with and without compensated latency, the difference was below half of the variation, or the IMU measured too
+little motion, in all windows but two consecutive ones: a shock (launch, crash) falls into two windows.
 """
 
 from __future__ import annotations
@@ -17,57 +18,53 @@ import numpy as np
 
 from nav_pose_estimator.core.alignment import motion_history
 
-_MOVES = 0.01  # of the squared force varies: about 1 m/s^2
-_MOVES_AT_ALL = 0.002  # ... and so much will do to show that both agree
-_RESTS = 0.1  # of what varies in the IMU's force, of a receiver that stands still
-_UNLIKE, _ALIKE = 0.5, 0.25  # of what varies, by which they differ
-_PROOF, _TAKEN_BACK = 3, 2  # windows in a row
+# Limits of the variation of the force over a window, relative to its squared norm; 0.01 is about 1 m/s^2.
+_MIN_EXCITATION = 0.01  # smallest variation of the IMU's force with which a contradiction counts
+_MIN_MOTION = 0.002  # smallest variation of the IMU's force with which an agreement counts
+_MAX_RESTING = 0.1  # largest variation of the GNSS force, relative to the IMU's, of a receiver that reports no motion
+# Variation of the difference, relative to the larger of both: above the first they contradict, below the second agree.
+_CONTRADICTS, _AGREES = 0.5, 0.25
+_WINDOWS_TO_RAISE, _WINDOWS_TO_CLEAR = 3, 2  # consecutive windows that raise and clear the contradiction
 
 
 @dataclass(eq=False)
 class MotionAgreement:
-    """Tell it every window in which both are known."""
+    """The test. It receives every window for which both GNSS and IMU are known."""
 
     apart: float = field(default=0.0, init=False)
-    """m/s by which velocities differ after a window in which they tell other motions; 0 unless that is proved."""
+    """m/s: difference of the velocity changes over the last window; 0 unless a contradiction is established."""
     share: float = field(default=0.0, init=False)
-    """Of what varies in the force that the last window left unexplained."""
+    """Unexplained variation of the force in the last window, relative to the larger variation of the two."""
     moves: bool = field(default=False, init=False)
-    """Whether the IMU moved in the last window."""
+    """Whether the IMU measured motion in the last window."""
     only_imu_moves: bool = field(default=False, init=False)
-    """Whether the IMU moved in the last window, and GNSS hardly, as ever since the start."""
+    """Whether the IMU measured motion in the last window and GNSS hardly any, without an agreement since the start."""
     is_contradicted: bool = field(default=False, init=False)
-    """Whether GNSS and IMU tell different motions beyond doubt."""
-    _unlike: int = field(default=0, init=False)
-    _alike: int = field(default=0, init=False)
-    _has_agreed: bool = field(default=False, init=False)
+    """Whether a contradiction of GNSS and IMU is established."""
+    _unlike: int = field(default=0, init=False)  # consecutive windows that contradict
+    _alike: int = field(default=0, init=False)  # consecutive windows that agree
+    _has_agreed: bool = field(default=False, init=False)  # in any window since the start
 
     def forget_time(self) -> None:
-        """Windows do not follow one another; what is proved stays proved."""
+        """Start counting windows anew after a change of the clock; an established contradiction remains."""
         self._unlike = self._alike = 0
         self.apart = 0.0
 
     def compare(self, impulses: np.ndarray, forces: np.ndarray) -> None:
-        """A window: ``impulses`` (S, 3) [m/s] in the axes of its beginning, ``forces`` (S, 3) as GNSS tells them."""
-        felt = impulses @ motion_history.best_rotation(impulses, forces).T
+        """Compare a window: ``impulses`` (S, 3) [m/s] of the IMU in b at its beginning, ``forces`` (S, 3) of GNSS."""
         total = float(np.vdot(forces, forces))
-        gnss, imu, apart = (_varying(part) / total for part in (forces, felt, forces - felt))
+        imu, apart = (part / total for part in motion_history.unexplained(impulses, forces))
+        gnss = motion_history.varying(forces) / total
         moves = max(gnss, imu)
         self.share = apart / moves if moves > 0.0 else 0.0
-        self._has_agreed = self._has_agreed or (imu > 0.5 * _MOVES_AT_ALL and apart < _UNLIKE * moves)
-        self.only_imu_moves = not self._has_agreed and imu > _MOVES and gnss < _RESTS * imu
-        self.moves = imu > _MOVES_AT_ALL
-        unlike = imu > _MOVES and apart > _UNLIKE * moves
+        self._has_agreed = self._has_agreed or (imu > 0.5 * _MIN_MOTION and apart < _CONTRADICTS * moves)
+        self.only_imu_moves = not self._has_agreed and imu > _MIN_EXCITATION and gnss < _MAX_RESTING * imu
+        self.moves = imu > _MIN_MOTION
+        unlike = imu > _MIN_EXCITATION and apart > _CONTRADICTS * moves
         self._unlike = self._unlike + 1 if unlike else 0
-        self._alike = self._alike + 1 if self.moves and apart < _ALIKE * moves else 0
-        if self._unlike >= _PROOF:
+        self._alike = self._alike + 1 if self.moves and apart < _AGREES * moves else 0
+        if self._unlike >= _WINDOWS_TO_RAISE:
             self.is_contradicted = True
-        elif self._alike >= _TAKEN_BACK:
+        elif self._alike >= _WINDOWS_TO_CLEAR:
             self.is_contradicted = False
         self.apart = math.sqrt(apart * total) if self.is_contradicted and unlike else 0.0
-
-
-def _varying(parts: np.ndarray) -> float:
-    """Sum of the squares of (S, 3) less their mean."""
-    about_mean = parts - parts.mean(axis=0)
-    return float(np.vdot(about_mean, about_mean))

@@ -1,4 +1,4 @@
-"""The last second or so of IMU rows in one array with room at its end."""
+"""Buffer of the most recent IMU rows in one array with spare room at its end."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ class ImuBuffer:
         self.first = self.last = 0
 
     def live(self) -> np.ndarray:
-        """The rows that are kept; not to be written to."""
+        """View of the stored rows; read only."""
         return self.rows[self.first : self.last]
 
     def append(self, rows: np.ndarray) -> None:
-        """Add ``rows`` (N, 7), later than those there are."""
+        """Append ``rows`` (N, 7), which must be later than the stored ones."""
         need = len(rows)
         self.make_room(need)
         self.rows[self.last : self.last + need] = rows
         self.last += need
 
     def make_room(self, need: int) -> None:
-        """Let ``need`` rows fit behind the last one."""
+        """Make room for ``need`` rows after the last one."""
         if self.last + need <= len(self.rows):
             return
         live = self.live()
@@ -35,16 +35,16 @@ class ImuBuffer:
         self.rows, self.first, self.last = room, 0, len(live)
 
     def recent(self, since: float) -> np.ndarray:
-        """The rows later than ``since`` [s], as far as they are kept; not to be written to."""
+        """View of the stored rows later than ``since`` [s]; read only."""
         rows = self.live()
         return rows[rows[:, IMU_T].searchsorted(since, side="right") :]
 
     def between(self, start: float, end: float) -> tuple[int, int]:
-        """The numbers in ``rows`` of those later than ``start``, up to and with ``end`` [s]."""
+        """Index range in ``rows`` of those later than ``start`` [s], up to and including ``end`` [s]."""
         times = self.live()[:, IMU_T]
         begin, stop = (self.first + int(times.searchsorted(t, side="right")) for t in (start, end))
         return begin, stop
 
     def drop_before(self, t: float) -> None:
-        """Forget what lies before ``t``, but for one row: point-sampled data interpolate from it."""
+        """Drop the rows before ``t`` [s] except the last one, which point-sampled data interpolate from."""
         self.first += max(int(self.live()[:, IMU_T].searchsorted(t)) - 1, 0)

@@ -1,8 +1,8 @@
-"""An IMU that clips, whatever its range: equal values in a row at the largest value that the sensor has ever had.
+"""Detection of saturation at an unknown range: repeated values at the largest value that the sensor has ever had.
 
-Where an axis resolves its own noise or the vehicle's motion, it hardly ever repeats a value; at the end of its range
-it does so again and again. A sensor that is too coarse for that tells nothing, because its smooth peaks look the same.
-What was missed lies between a plateau and the two slopes that lead to it.
+An axis that resolves its noise or the vehicle's motion hardly ever repeats a value, except at the end of its range. A
+sensor with a coarse resolution cannot be tested, because smooth peaks also look like plateaus. The signal lost beyond
+the range is estimated by extending the slopes on both sides of a plateau.
 """
 
 from __future__ import annotations
@@ -15,19 +15,20 @@ from typing import NamedTuple
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.imu_checks import finest_and_largest
 
-_LEAST = (0.8, 12.0)  # rad/s, m/s^2: no IMU has a smaller range
-_RUN = 3  # equal values in a row
-_CHANCE = math.log(1e-6)  # of so many repetitions, by how often values elsewhere repeat
-_ENOUGH = 20  # values elsewhere by which that is known
-_RESOLVED = 2.0  # smallest steps by which an axis changes its slope, as a median
-_SAME = 1e-4  # of a value: the range of an integer is one larger on the negative side
-_LEAST_BEYOND, _MOST_BEYOND = 0.1, 2.0  # of the range: height of the part that was cut off
-_UNKNOWN = 0.3  # ... where neither slope is known
+_LEAST = (0.8, 12.0)  # rad/s, m/s^2: smallest range that an IMU has
+_RUN = 3  # consecutive equal values that count as a plateau
+_CHANCE = math.log(1e-6)  # log of the probability of the plateaus by chance, below which saturation is established
+_ENOUGH = 20  # values outside of the plateaus that are needed to estimate the rate of repetition
+_RESOLVED = 2.0  # resolution: median second difference of an axis, in quantisation steps, that the test needs
+_SAME = 1e-4  # relative tolerance of equality: the range of an integer is one step larger on the negative side
+_LEAST_BEYOND, _MOST_BEYOND = 0.1, 2.0  # limits of the estimated height beyond the range, relative to it
+_UNKNOWN = 0.3  # that height where the slopes are unknown
 
 
 class Clipped(NamedTuple):
-    """What a second of clipped values has missed: angle [rad], velocity [m/s], and the range in words."""
+    """Signal lost by saturation in one second: angle [rad], velocity [m/s], and a clause that names the range."""
 
     angle: float
     velocity: float
@@ -35,13 +36,13 @@ class Clipped(NamedTuple):
 
 
 class ClipWatch:
-    """Give it every second of rows; it knows a range after a few runs, and counts from then on."""
+    """The detector. It receives every second of IMU rows, and knows a range after a few plateaus at it."""
 
     def __init__(self) -> None:
         self._sensors = (_Range(0), _Range(3))
 
     def second(self, rows: np.ndarray) -> Clipped | None:
-        """Of the IMU rows (N, 7) of a second, with one from before it; None where nothing clips."""
+        """Evaluate the IMU rows (N, 7) of a second, the first one from before it; None without saturation."""
         if len(rows) < _RUN:
             return None
         gyroscope, accelerometer = self._sensors
@@ -57,24 +58,23 @@ class ClipWatch:
 
 @dataclass(eq=False)
 class _Range:
-    """The range of one sensor: the largest value of all its axes, if it proves to be more than that."""
+    """Range of one sensor: the largest absolute value of its axes so far, once plateaus at it establish saturation."""
 
-    first: int  # of its three columns
-    bound: float = field(default=0.0, init=False)
-    _evidence: float = field(default=0.0, init=False)  # logarithm of the chance that it is none
-    _waiting: float = field(default=0.0, init=False)  # what has been missed if it is one
-    _finest: float = field(default=math.inf, init=False)  # step between two values: the sensor's resolution
+    first: int  # first of its three columns
+    bound: float = field(default=0.0, init=False)  # largest absolute value so far
+    _evidence: float = field(default=0.0, init=False)  # log of the probability that the plateaus at it are chance
+    _waiting: float = field(default=0.0, init=False)  # lost signal of plateaus that are not yet established
+    _finest: float = field(default=math.inf, init=False)  # smallest step between two values: the resolution
 
     def second(self, rows: np.ndarray) -> float:
-        """Integral of what lay beyond the range, 0 while that is not proved."""
-        t, columns = rows[:, at.IMU_T], rows[:, at.IMU_GYRO + self.first : at.IMU_GYRO + self.first + 3]
-        steps = np.abs(np.diff(columns, axis=0))
-        self._finest = min(self._finest, float(steps[steps > 0.0].min(initial=math.inf)))
-        largest = float(np.abs(columns).max())
+        """Integral [unit s] of the signal beyond the range; 0 while saturation is not established."""
+        finest, largest = finest_and_largest(rows, at.IMU_GYRO + self.first)
+        self._finest = min(self._finest, finest)
         if largest < max(_LEAST[self.first // 3], self.bound * (1.0 - _SAME)):
             return 0.0
         if largest > self.bound * (1.0 + _SAME):
             self.bound, self._evidence, self._waiting = largest, 0.0, 0.0
+        t, columns = rows[:, at.IMU_T], rows[:, at.IMU_GYRO + self.first : at.IMU_GYRO + self.first + 3]
         for sign in (1.0, -1.0):
             for axis in np.flatnonzero((sign * columns).max(axis=0) >= self.bound * (1.0 - _SAME)).tolist():
                 self._look_at(t, sign * columns[:, axis])
@@ -84,7 +84,7 @@ class _Range:
         return missed
 
     def _look_at(self, t: np.ndarray, values: np.ndarray) -> None:
-        """An axis (N,) that reaches the bound."""
+        """Evaluate the plateaus of one axis (N,) that reaches the bound."""
         plateaus = list(_plateaus(values, self.bound))
         chance = _chance_of_repeating(values, plateaus, self._finest)
         for first, last in plateaus:
@@ -102,7 +102,7 @@ def _plateaus(values: np.ndarray, bound: float) -> Iterator[tuple[int, int]]:
 
 
 def _chance_of_repeating(values: np.ndarray, plateaus: list[tuple[int, int]], finest: float) -> float:
-    """How often values (N,) outside of the plateaus repeat themselves; 1 where that is unknown or says nothing."""
+    """Probability that a value outside of the plateaus repeats; 1 where it is unknown or the resolution too coarse."""
     outside = np.ones(len(values), dtype=bool)
     for first, last in plateaus:
         outside[first : last + 1] = False
@@ -116,7 +116,7 @@ def _chance_of_repeating(values: np.ndarray, plateaus: list[tuple[int, int]], fi
 
 
 def _beyond(t: np.ndarray, values: np.ndarray, first: int, last: int) -> float:
-    """Area of the triangle above a plateau that its slopes make, within what is likely."""
+    """Area of the triangle that the slopes on both sides form above a plateau, with limits on its height."""
     bound, step = float(values[first]), float(np.median(np.diff(t)))
     lasts = float(t[last] - t[first]) + step
     rise = (bound - values[first - 2]) / (2.0 * step) if first >= 2 else 0.0

@@ -1,13 +1,14 @@
-"""Is the heading the one in which GNSS velocity shows the forces? Asked of the IMU alone, over six seconds at a time.
+"""Heading monitor: heading error by correlation of GNSS velocity changes with the specific force, independent of P.
 
-A filter can make itself believe any heading for a while: a tilt that is wrong by a/g looks like an acceleration a. But
-what the tilt is wrong by does not change within seconds, and the accelerations do. So the horizontal changes of GNSS
-velocity from second to second, less their mean over the window, are compared with the impulses of the specific force,
-integrated with the gyroscope from the navigator's attitude at the window's beginning, less theirs. As complex numbers
-u and h the angle of sum u conj(h) is what the heading is wrong by (regression; the correlation says how well). Windows
-add up with what corrections have turned the heading by since.
+A filter can be consistent with a wrong heading for a while, because a tilt error of a/g looks like an acceleration a.
+But the tilt error is constant over seconds, and the accelerations are not. Per window of six seconds, two sequences are
+compared, each with its mean over the window removed: the horizontal changes of GNSS velocity from second to second, and
+the specific force integrated with the gyroscope from the navigator's attitude at the beginning of the window. As
+complex numbers u and h, East + i North, the angle of sum u conj(h) is the heading error, by linear regression, and the
+correlation coefficient is its quality. The sums fade from window to window, and follow the rotations of the heading by
+the filter's updates.
 
-On thirteen recorded flights the angle was 29 deg at most where it counts, but for one of 42 deg just after a launch.
+On thirteen recorded flights the angle was at most 29 deg where it counts, except one of 42 deg just after a launch.
 """
 
 from __future__ import annotations
@@ -18,90 +19,87 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nav_pose_estimator.core.alignment.motion_history import best_rotation
-from nav_pose_estimator.core.numerics.rotation import (
-    euler_from_quat,
-    quat_from_matrix,
-    quat_from_rotvec,
-    quat_multiply,
-    quat_to_matrix,
-)
+from nav_pose_estimator.core.alignment.motion_history import correlation
+from nav_pose_estimator.core.numerics.jit import kernel
+from nav_pose_estimator.core.numerics.rotation import quat_multiply, yaw_of
+from nav_pose_estimator.core.numerics.vectors import add_scaled, load3, q_exp, q_multiply, q_rotate
+from nav_pose_estimator.core.numerics.wahba import best_rotation
 
-_MEMORY = 0.7  # of the sums, from one window to the next
-_EXCITED = 0.6  # m/s: root of the sum of squared changes; GNSS velocities scatter by 0.1 to 0.2
-_COHERENT = 0.7
-_WRONG = math.radians(40.0)
-_REMEMBERED = 12  # s
-_PARTS = 5  # of a second's rotations that are taken for one
-_PROOF = 2  # windows in a row
+_MEMORY = 0.7  # forgetting factor of the sums from one window to the next
+_EXCITED = 0.6  # m/s: smallest root of the sum of squared changes that counts; GNSS velocities scatter by 0.1 to 0.2
+_COHERENT = 0.7  # smallest correlation coefficient that counts
+_WRONG = math.radians(40.0)  # heading error that counts as wrong
+_REMEMBERED = 12  # s for which attitudes and rotations are kept
+_PARTS = 5  # consecutive bins of a second whose rotation angles are summed to one rotation vector
+_PROOF = 2  # consecutive windows with a wrong heading that establish it
 
 
 @dataclass(eq=False)
 class HeadingMonitor:
-    """``error`` [rad]: by how much the navigator's heading has to be turned, counter-clockwise; 0 while it need not."""
+    """``error`` [rad]: correction of the navigator's heading, counter-clockwise; 0 unless an error is established."""
 
     error: float = field(default=0.0, init=False)
-    _attitudes: dict[int, np.ndarray] = field(default_factory=dict, init=False)  # at whole seconds
-    _turned: dict[int, float] = field(default_factory=dict, init=False)  # rad, by corrections since the beginning
+    _attitudes: dict[int, np.ndarray] = field(default_factory=dict, init=False)  # (4,) of the navigator, by second
+    _turned: dict[int, float] = field(default_factory=dict, init=False)  # rad: total turn by the filter's updates
     level: np.ndarray | None = field(default=None, init=False)
-    """Attitude (4,) at the last whole second by IMU and GNSS alone; its roll and pitch are as good as its gyroscope."""
-    _rotations: dict[int, np.ndarray] = field(default_factory=dict, init=False)  # (4,) of the second that ends there
-    _cross: complex = field(default=0j, init=False)
-    _gnss: float = field(default=0.0, init=False)
-    _felt: float = field(default=0.0, init=False)
-    _wrong: int = field(default=0, init=False)
+    """Attitude (4,) at the last whole second from IMU and GNSS velocity alone, when an error is established."""
+    _rotations: dict[int, np.ndarray] = field(default_factory=dict, init=False)  # (4,) over the second that ends there
+    _cross: complex = field(default=0j, init=False)  # sum of u conj(h), turned by ``_turned`` [(m/s)^2]
+    _gnss: float = field(default=0.0, init=False)  # sum of |u|^2 [(m/s)^2]
+    _felt: float = field(default=0.0, init=False)  # sum of |h|^2 [(m/s)^2]
+    _wrong: int = field(default=0, init=False)  # consecutive windows with a wrong heading
 
     def forget(self) -> None:
-        """The attitude or the clock is another one."""
+        """Forget everything: the attitude was reset, or the clock changed."""
         self._attitudes.clear()
         self._turned.clear()
         self._rotations.clear()
         self._cross, self._gnss, self._felt, self._wrong, self.error = 0j, 0.0, 0.0, 0, 0.0
 
     def attitude(self, k: int, q_nb: np.ndarray) -> None:
-        """The navigator's attitude (4,) at the whole second ``k``."""
+        """Store the navigator's attitude (4,) at the whole second ``k``."""
         self._attitudes[k] = q_nb
         for known in (self._attitudes, self._turned, self._rotations):
             known.pop(k - _REMEMBERED, None)
 
-    def carry(self, k: int, angles: np.ndarray) -> None:
-        """The rotation of the second that ends at ``k``, in parts (N, 3) [rad]: what else turned the heading?"""
-        rotation = np.array([1.0, 0.0, 0.0, 0.0])
-        for part in angles.reshape(-1, _PARTS, 3).sum(axis=1):
-            rotation = quat_multiply(rotation, quat_from_rotvec(part))
-        self._rotations[k] = rotation
+    def carry(self, k: int, angles: np.ndarray, bias: np.ndarray) -> None:
+        """Store the rotation over the second that ends at ``k``, given as parts (N, 3) [rad].
+
+        The parts contain the gyroscope's ``bias`` (3,) [rad/s]. What the heading turned beyond that rotation is due to
+        the filter's updates.
+        """
+        rotation = self._rotations[k] = _rotation_of(angles, bias)
         before, now = self._attitudes.get(k - 1), self._attitudes.get(k)
         if before is None or now is None:
             self._turned = {k: 0.0}
             return
         felt = quat_multiply(before, rotation)
-        turned = math.remainder(float(euler_from_quat(now)[2] - euler_from_quat(felt)[2]), 2.0 * math.pi)
+        turned = math.remainder(float(yaw_of(now) - yaw_of(felt)), 2.0 * math.pi)
         self._turned[k] = self._turned.get(k - 1, 0.0) + turned
 
     def compare(self, begin: int, impulses: np.ndarray, forces: np.ndarray) -> None:
-        """A window from second ``begin`` on.
+        """Evaluate the window that begins at second ``begin``.
 
-        ``impulses`` (S, 3) [m/s] of the specific force in b as it was then; ``forces`` (S, 3) what GNSS says of them in
-        ENU.
+        ``impulses`` (S, 3) [m/s] are the specific force integrated over each second, in the axes of b at ``begin``;
+        ``forces`` (S, 3) [m/s] the same in ENU according to GNSS velocity.
         """
         q, turned = self._attitudes.get(begin), self._turned.get(begin)
         if q is None or turned is None:
             return
-        in_n = impulses @ quat_to_matrix(q).T
-        u, h = (_varying(part) for part in (forces, in_n))
-        self._cross = _MEMORY * self._cross + complex(np.vdot(h, u)) * cmath.rect(1.0, turned)
-        self._gnss = _MEMORY * self._gnss + float(np.vdot(u, u).real)
-        self._felt = _MEMORY * self._felt + float(np.vdot(h, h).real)
+        along, across, gnss, felt = _regression(q, impulses, forces)
+        self._cross = _MEMORY * self._cross + complex(along, across) * cmath.rect(1.0, turned)
+        self._gnss = _MEMORY * self._gnss + gnss
+        self._felt = _MEMORY * self._felt + felt
         angle = math.remainder(cmath.phase(self._cross) - self._turned[max(self._turned)], 2.0 * math.pi)
         excited = min(self._gnss, self._felt) > _EXCITED**2
         coherent = abs(self._cross) > _COHERENT * math.sqrt(self._gnss * self._felt)
         self._wrong = self._wrong + 1 if excited and coherent and abs(angle) > _WRONG else 0
         self.error = angle if self._wrong >= _PROOF else 0.0
         if self.error:
-            self.level = self._carried(begin, quat_from_matrix(best_rotation(impulses, forces)))
+            self.level = self._carried(begin, np.array(best_rotation(correlation(impulses, forces))[0]))
 
     def _carried(self, begin: int, q_nb: np.ndarray) -> np.ndarray | None:
-        """``q_nb`` (4,) of the second ``begin`` as it is at the last one; None across a gap."""
+        """``q_nb`` (4,) at second ``begin``, propagated to the last second by the gyroscope; None across a gap."""
         for k in range(begin + 1, max(self._turned) + 1):
             if k not in self._rotations:
                 return None
@@ -109,7 +107,38 @@ class HeadingMonitor:
         return q_nb
 
 
-def _varying(parts: np.ndarray) -> np.ndarray:
-    """East + i North of (S, 3), less the mean."""
-    horizontal = parts[:, 0] + 1j * parts[:, 1]
-    return np.asarray(horizontal - horizontal.mean())
+@kernel
+def _rotation_of(angles, bias):
+    """Quaternion (4,) of a second's rotation from its parts ``angles`` (N, 3) [rad], without ``bias`` (3,) [rad/s]."""
+    rotation, count = (1.0, 0.0, 0.0, 0.0), len(angles)
+    for first in range(0, count, _PARTS):
+        part = (0.0, 0.0, 0.0)
+        for i in range(first, min(first + _PARTS, count)):
+            part = add_scaled(add_scaled(part, 1.0, load3(angles[i], 0)), -1.0 / count, load3(bias, 0))
+        rotation = q_multiply(rotation, q_exp(part))
+    return np.array(rotation)
+
+
+@kernel
+def _regression(q_nb, impulses, forces):
+    """Real and imaginary part of the sum of u conj(h), sum of abs(u)^2, sum of abs(h)^2.
+
+    u and h: horizontal components, East + i North, of ``forces`` (S, 3) in n and of ``impulses`` (S, 3) in b rotated by
+    ``q_nb`` (4,), with their means removed.
+    """
+    count = len(forces)
+    felt, mean = np.empty((count, 2)), np.zeros(4)
+    for k in range(count):
+        felt[k, 0], felt[k, 1], _ = q_rotate(q_nb, load3(impulses[k], 0))
+        for axis in range(2):
+            mean[axis] += forces[k, axis] / count
+            mean[2 + axis] += felt[k, axis] / count
+    along = across = gnss_power = felt_power = 0.0
+    for k in range(count):
+        east, north = forces[k, 0] - mean[0], forces[k, 1] - mean[1]
+        x, y = felt[k, 0] - mean[2], felt[k, 1] - mean[3]
+        along += east * x + north * y
+        across += north * x - east * y
+        gnss_power += east * east + north * north
+        felt_power += x * x + y * y
+    return along, across, gnss_power, felt_power

@@ -1,11 +1,11 @@
-"""The door for IMU samples: checks them, names what is wrong, and turns the sensor's axes into the body's.
+"""Input of IMU samples: validation, events for what is wrong, and rotation into body axes.
 
-Every engine that takes IMU samples owns one :class:`ImuInput`, so that a damaged sample is refused for the same reason
-everywhere. ``rules`` is the only definition of a good sample; :meth:`ImuInput.accept_block` proves with whole-array
-comparisons that no rule applies to a block and otherwise walks through it sample by sample.
+Every engine that takes IMU samples owns one :class:`ImuInput`, so that a damaged sample is rejected for the same reason
+everywhere. ``rules`` is the only definition of a valid sample. :meth:`ImuInput.accept_block` first tests by whole-array
+comparisons that no rule applies to a block, and otherwise processes it sample by sample.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -15,11 +15,11 @@ from nav_pose_estimator.core.numerics.snapshot import snapshot
 from nav_pose_estimator.engine.imu.mounting import Mounting
 from nav_pose_estimator.engine.imu.rules import CLIPPED_FORCE, CLIPPED_RATE, ImuMemory, ImuRules, count_one
 from nav_pose_estimator.engine.parameters.imu import ImuParameters
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Vector3
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Vector3, joined
 from nav_pose_estimator.engine.solutions import Event
 
-_FEW = 4  # up to so many samples are checked faster one by one than by whole-array comparisons
-_MANY = 64  # a longer block with something in it is halved: most of it may be clean
+_FEW = 4  # blocks of up to this many samples are checked faster one by one than by whole-array comparisons
+_MANY = 64  # longer blocks that fail the quick test are halved, because most of it may be clean
 
 
 class ImuInput:
@@ -33,7 +33,7 @@ class ImuInput:
         self.mounting = Mounting(parameters)
 
     def snapshot(self) -> ImuMemory:
-        """The memory of the checks, to be given to :meth:`restore`."""
+        """The memory of the rules, for :meth:`restore`."""
         return snapshot(self._rules.memory)
 
     def restore(self, memory: ImuMemory) -> None:
@@ -45,10 +45,10 @@ class ImuInput:
         self._rules.memory = ImuMemory()
 
     def passes(self, sample: ImuSample) -> bool:
-        """True where :meth:`accept` would give the sample and nothing else: it then counts as accepted.
+        """Quick test of the usual case: True where :meth:`accept` would return the sample and no event.
 
-        False leaves everything as it was. The usual case at a tenth of the cost; the sample still has to be turned
-        into the body.
+        The sample then counts as accepted, and the caller has to apply ``mounting`` itself. False changes nothing.
+        It costs a tenth of :meth:`accept`.
         """
         memory, stamp, gyro, accel = self._rules.memory, sample.stamp_ns, sample.gyro, sample.accel
         rate, force, last = self._usual_rate, self._usual_force, memory.last_ns
@@ -75,14 +75,28 @@ class ImuInput:
         return True
 
     def accept(self, sample: ImuSample) -> list[ImuSample | Event]:
-        """What follows from ``sample``, in order: events, and the sample in body axes unless it is refused."""
+        """Events of ``sample``, followed by the sample in body axes unless it is rejected."""
         if self.passes(sample):
             return [self.mounting.sample(sample)]
         good, events = self._rules.judge(sample)
         return [*events, self.mounting.sample(sample)] if good else [*events]
 
+    def accept_all(self, blocks: Sequence[ImuBlock]) -> bool:
+        """True where ``accept_block`` would give every one of ``blocks`` and nothing else: they then count as accepted.
+
+        They still have to be turned into the body. False leaves everything as it was.
+        """
+        if not (COMPILED and len(blocks) > 1):
+            return False
+        whole = joined(blocks)
+        if not self._block_passes(whole):
+            return False
+        stamp = int(whole.stamps_ns[-1])
+        self._remember_end(whole, (stamp, stamp))
+        return True
+
     def accept_block(self, block: ImuBlock) -> list[ImuBlock | Event]:
-        """What follows from ``block``, in order: events and the accepted runs of samples in body axes."""
+        """Events of ``block`` and the accepted runs of its samples in body axes, in order."""
         if COMPILED and self._block_passes(block):
             stamp = int(block.stamps_ns[-1])
             self._remember_end(block, (stamp, stamp))
@@ -101,7 +115,7 @@ class ImuInput:
         return _joined(items)
 
     def _block_passes(self, block: ImuBlock) -> bool:
-        """``_quiet_since`` in one compiled pass, for blocks in which no sensor repeats itself: nearly all."""
+        """``_quiet_since`` in one compiled pass, for blocks in which no sensor repeats a sample, the usual case."""
         memory, limits = self._rules.memory, self._limits
         stamps, gyro, accel = block.stamps_ns, block.gyro, block.accel
         if memory.stuck or memory.saturated or not len(stamps) or stamps[0] <= 0:
@@ -111,7 +125,7 @@ class ImuInput:
         return is_unremarkable(stamps, gyro, accel, last_ns, memory.gyro + memory.accel, self._rules.max_gap_ns, bounds)
 
     def _quiet_since(self, block: ImuBlock) -> tuple[int, int] | None:
-        """None when a rule of :meth:`accept` may speak up; else since when each sensor repeats its last value [ns]."""
+        """Times [ns] since which gyroscope and accelerometer repeat their last value; None where a rule may apply."""
         memory, stamps, gyro, accel = self._rules.memory, block.stamps_ns, block.gyro, block.accel
         if memory.stuck or memory.saturated or stamps[0] <= 0:
             return None
@@ -132,7 +146,7 @@ class ImuInput:
     def _repeats_since(
         self, values: np.ndarray, before: Vector3, since_ns: int, bound: float, stamps: np.ndarray
     ) -> int | None:
-        """Since when the last row repeats itself; None if any run is long enough for stuck, or an axis clips."""
+        """Time [ns] since which the last row is repeated; None where a run is as long as stuck, or an axis clips."""
         equal = np.empty(values.shape, dtype=bool)
         equal[0], equal[1:] = values[0] == before, values[1:] == values[:-1]
         if not equal.any():
@@ -161,7 +175,7 @@ class ImuInput:
 
 
 def _joined(items: Iterable[ImuSample | Event]) -> list[ImuBlock | Event]:
-    """Runs of samples joined into blocks, events left in their places."""
+    """Join consecutive samples into blocks; events keep their places."""
     out: list[ImuBlock | Event] = []
     run: list[ImuSample] = []
     for item in items:

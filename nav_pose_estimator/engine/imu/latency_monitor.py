@@ -1,10 +1,11 @@
-"""By how much does GNSS follow the IMU late? Asked of the changes of velocity in both, shifted against each other.
+"""GNSS latency beyond ``gnss.delay``: estimated by shifting GNSS velocity changes against those of the IMU.
 
-A receiver's stamp that is late by tau puts the vehicle where it was tau ago, with a heading that fits: no innovation
-shows it for long. So over each window the forces that GNSS velocity tells, taken tau later, are compared with the
-impulses that the IMU feels, turned by the best rotation. What varies in the difference, summed with a fading memory, is
-a parabola in tau; its lowest point is the latency. In steady turns the rotation explains a shift, and nothing is found.
-On ten recorded flights without ``gnss.delay`` it lay within 0.2 s of the latency that is known of them.
+With stamps that are late by tau, the filter places the vehicle where it was tau ago, and adapts its heading: the
+innovations do not show the latency for long. So over each window, the forces implied by GNSS velocity tau later are
+compared with the IMU's impulses rotated by the best-fitting rotation. The variation of the difference, summed with
+exponential forgetting, is approximately a parabola in tau with its minimum at the latency. In steady turns a rotation
+explains any shift, and no latency is found. On ten recorded flights without ``gnss.delay`` the estimate was within 0.2
+s of the known latency.
 """
 
 from __future__ import annotations
@@ -15,36 +16,35 @@ import numpy as np
 
 from nav_pose_estimator.core.alignment import motion_history
 
-_STEP = 0.2  # s
+_STEP = 0.2  # s between the shifts that are compared
 SHIFTS = _STEP * np.arange(-3, 4)
-"""s by which velocities may be late."""
-_NONE = 3  # number of the shift that is none
-_MEMORY = 0.95  # of the sums, from window to window
-_BLOW = 20.0  # (m/s)^2: more of one window is a blow
-_LEAST = 0.15  # s: less costs little
+"""s: candidate latencies."""
+_NONE = 3  # index of the shift 0
+_MEMORY = 0.95  # forgetting factor of the sums from window to window
+_MOST = 20.0  # (m/s)^2: limit of one window's variation, so that a shock does not dominate the sums
+_LEAST = 0.15  # s: a smaller latency is not reported
 _BETTER, _ENOUGH = 0.5, 0.8
-"""A shift has to leave so little of the difference, and to explain so much of it [(m/s)^2]."""
-_PROOF = 2  # windows in a row
+"""A latency must reduce the sum without shift to less than this fraction, and by at least this amount [(m/s)^2]."""
+_PROOF = 2  # consecutive windows that establish a latency
 
 
 @dataclass(eq=False)
 class LatencyMonitor:
-    """``delay`` [s]: stamp minus validity of GNSS beyond ``gnss.delay``; 0 while none is proved."""
+    """``delay`` [s]: stamp minus time of validity of GNSS, beyond ``gnss.delay``; 0 while none is established."""
 
     delay: float = field(default=0.0, init=False)
     _sums: np.ndarray = field(default_factory=lambda: np.zeros(len(SHIFTS)), init=False)
     _found: int = field(default=0, init=False)
 
     def compare(self, impulses: np.ndarray, forces: np.ndarray | None) -> None:
-        """A window in which the IMU moves: its ``impulses`` (S, 3) [m/s].
+        """Evaluate a window with motion: ``impulses`` (S, 3) [m/s] of the IMU.
 
-        ``forces`` (len(SHIFTS), S, 3) as GNSS told them so much later; None where it did not.
+        ``forces`` (len(SHIFTS), S, 3) [m/s] are those of GNSS later by each shift; None where GNSS has gaps.
         """
         if forces is None:
             return
-        apart = forces - impulses @ np.swapaxes(motion_history.best_rotation(impulses, forces), -1, -2)
-        about_mean = apart - apart.mean(axis=1, keepdims=True)
-        self._sums = _MEMORY * self._sums + [min(float(np.vdot(one, one)), _BLOW) for one in about_mean]
+        apart = [motion_history.unexplained(impulses, shifted)[1] for shifted in forces]
+        self._sums = _MEMORY * self._sums + np.minimum(apart, _MOST)
         self._conclude()
 
     def _conclude(self) -> None:

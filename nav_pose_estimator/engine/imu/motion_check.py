@@ -1,42 +1,43 @@
-"""Does the IMU tell the motion that GNSS velocity tells? The evidence of a flight for the usual mistakes."""
+"""Consistency of IMU and GNSS velocity in flight, and the search for the integration mistake that explains a misfit."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
 
 import numpy as np
 
 from nav_pose_estimator.core.alignment import motion_history
-from nav_pose_estimator.core.alignment.motion_history import DEGREE
+from nav_pose_estimator.core.alignment.body_motion import BodyMotion
+from nav_pose_estimator.core.alignment.motion_history import ANGLE, DEGREE
+from nav_pose_estimator.core.alignment.velocity_history import GAP, VelocityHistory
+from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.imu.agreement import MotionAgreement
 from nav_pose_estimator.engine.imu.heading_monitor import HeadingMonitor
 from nav_pose_estimator.engine.imu.latency_monitor import SHIFTS, LatencyMonitor
 from nav_pose_estimator.engine.imu.plausibility import Finding, G
 from nav_pose_estimator.engine.samples import Vector3
 
-_GRAVITY = np.array([0.0, 0.0, G])  # m/s^2
-_NOW = np.zeros(1)  # s
-_WINDOW = 6  # s that are compared at a time ...
-_EVERY = 3  # s
-_LAG = 2  # s: by then the velocities of a window have arrived
-_ONE_PLACE = 2.0  # m within which the fixes of a receiver that stands still scatter
-_VELOCITY_GAP = 1.2  # s: between velocities further apart the change is not known
-_SUSPICIOUS = 0.05  # misfit from which on it is asked whether a mistake explains it; recorded flights: median 0.02-0.09
-_MEMORY = 0.93  # of the evidence, from one window to the next
+_AS_PUBLISHED = np.eye(3)
+_WINDOW = 6  # s: length of a window
+_EVERY = 3  # s from the beginning of one window to the next
+_LAG = 2  # s after its end at which a window is evaluated, when its velocities have arrived
+_ONE_PLACE = 2.0  # m: scatter of the fixes of a receiver at rest
+_SUSPICIOUS = 0.05  # misfit above which mistakes are tested; the median of recorded flights is 0.02 to 0.09
+_MEMORY = 0.93  # forgetting factor of the evidence from one window to the next
 _BETTER, _EVIDENCE = 0.35, 0.06
-"""A mistake has to leave so little of the squared misfit, and to explain so much of it.
+"""A mistake must reduce the sum of the squared misfits to less than this fraction, and by at least this amount.
 
-On sixteen recorded flights, with 0 and 0.2 s of ``gnss.delay``, at most 0.03 was explained by a mistake that left 0.4.
+On sixteen recorded flights, with 0 and 0.2 s of ``gnss.delay``, no mistake reduced it by more than 0.03 or to less than
+0.4 of it.
 """
 _WINS, _WIN = 2.7, 0.01
-"""... and to win three windows in a row: a blow is in two of them."""
+"""A mistake must win about three consecutive windows (faded count), each by this squared misfit; a shock is in two."""
 _EXCITED, _FELT = 0.06, 0.5
-"""Share of the force that is horizontal, and the misfit in parts of that, with which an IMU feels what GNSS tells."""
-_UNREAL = 0.6  # of the force is horizontal for seconds: velocities in another unit
-_CALM = 10  # windows in a row without misfit that end a wrong unit, which shows in every window of a flight
-_ALIKE, _ALIKE_FLOOR = 1.3, 0.004  # mistakes that explain nearly as much cannot be told apart
+"""Smallest horizontal fraction of the force, and largest misfit relative to it, with which IMU and GNSS agree."""
+_UNREAL = 0.6  # horizontal fraction of the force over a window above which the velocities have a wrong unit
+_CALM = 10  # consecutive windows without misfit that end a finding of a wrong unit, which shows in every window
+_ALIKE, _ALIKE_FLOOR = 1.3, 0.004  # factor and floor within which two mistakes explain the data equally well
 
 
 class MotionCheck:
@@ -57,121 +58,123 @@ class MotionCheck:
         self.finding: Finding | None = None
         self.misfit = math.nan
         self.felt = False
-        """Whether the IMU has lately felt the changes of velocity that GNSS reports."""
+        """Whether the IMU measured the velocity changes that GNSS reports, in the last window."""
         self.felt_as_received = 0.0
-        """By how much the squared misfit of velocities as received is below that of the corrected ones."""
+        """Reduction of the squared misfit by using the velocities as received instead of the corrected ones."""
         self.heading = HeadingMonitor()
         self.agreement = MotionAgreement()
         self.shakes = False
-        """Whether the IMU vibrates so heavily that its impulses say little of the motion."""
+        """Whether the IMU vibrates so heavily that its impulses do not show the motion."""
         self.latency = LatencyMonitor()
+        self.body = BodyMotion()
+        """Whether a velocity in body axes is one."""
         self.forget_time()
 
     def forget_time(self) -> None:
-        """The clock is another one: forget samples, keep what they have proved."""
-        self._seconds: dict[int, motion_history.Second] = {}
-        self._velocities: deque[tuple[float, Vector3]] = deque(maxlen=400)
-        self._received: deque[tuple[float, Vector3]] = deque(maxlen=400)
+        """The clock changed: forget the samples, keep established findings."""
+        self._seconds: dict[int, np.ndarray] = {}
+        self._velocities, self._received = VelocityHistory(), VelocityHistory()
         self._places: deque[tuple[float, float, float]] = deque(maxlen=400)
         self.heading.forget()
         self.agreement.forget_time()
+        self.body.forget_time()
 
     def velocity(self, t: float, used: Vector3 | None, received: Vector3) -> None:
-        """GNSS velocity ENU [m/s] valid at ``t`` [s]; one without a vertical component says nothing here.
+        """Add a GNSS velocity ENU [m/s] valid at ``t`` [s]; one without a vertical component is ignored.
 
-        ``received``: as it came, where a mistake was undone to use it, or where it is not used (None).
+        ``used``: as the navigator uses it, None where it does not. ``received``: as the receiver sent it, before a
+        mistake in it was corrected.
         """
         for known, velocity in ((self._velocities, used), (self._received, received)):
-            if velocity is not None and (not known or t > known[-1][0]) and all(map(math.isfinite, velocity)):
-                known.append((t, velocity))
+            if velocity is not None and math.isfinite(sum(velocity)):
+                known.add(t, *velocity)
 
     def fix(self, t: float, east: float, north: float) -> None:
-        """A position [m] from anywhere, valid at ``t`` [s]: without velocities it can still be seen to stay."""
+        """Add a position [m] in any level frame, valid at ``t`` [s]; it shows rest where velocities are missing."""
         if not self._places or t > self._places[-1][0]:
             self._places.append((t, east, north))
 
     def second(self, k: int, rows: np.ndarray, gyro_bias: np.ndarray) -> None:
-        """The IMU rows (N, 7) of the second that ends at ``k``, with one from before it.
+        """Process the IMU rows (N, 7) of the second that ends at ``k``, the first one from before it.
 
-        ``gyro_bias`` (3,) [rad/s] as far as the navigator knows it: that of a poor gyroscope is no mistake.
+        ``gyro_bias`` (3,) [rad/s] is the navigator's estimate; the large bias of a poor gyroscope is no mistake.
         """
         self._forget_before(k - _WINDOW - _LAG)
         whole = motion_history.second_of(rows, float(k - 1))
         if whole is not None:
             self._seconds[k] = whole
-            self.heading.carry(k, whole.without(gyro_bias).angle)
-            motion = motion_history.unrest(whole.angle)
+            self.heading.carry(k, whole[ANGLE], gyro_bias)
+            motion = motion_history.unrest(whole[ANGLE])
             if motion < self._least_motion:
-                self._offset, self._least_motion = whole.angle.sum(axis=0), motion
+                self._offset, self._least_motion = whole[ANGLE].sum(axis=0), motion
         if k % _EVERY == 0:
             self._compare(k - _LAG, gyro_bias)
 
     def _forget_before(self, k: int) -> None:
-        """Drop what no window from the second that begins at ``k`` on looks at."""
+        """Drop data that no window from second ``k`` on needs."""
         self._seconds.pop(k, None)
-        for known in (self._velocities, self._received):
-            while known and known[0][0] <= k - _VELOCITY_GAP:
-                known.popleft()
+        while self._places and self._places[0][0] < k:
+            self._places.popleft()
+        self._velocities.forget_before(k - GAP)
+        self._received.forget_before(k - GAP)
 
     def _compare(self, end: int, gyro_bias: np.ndarray) -> None:
-        seconds = [self._seconds.get(k) for k in range(end - _WINDOW + 1, end + 1)]
-        forces, received = (_first(_forces(end, known)) for known in (self._velocities, self._received))
-        known = [one for one in seconds if one is not None]
-        if len(known) < _WINDOW:
+        now = np.array([float(end)])
+        forces, received = (_first(known.forces(now, _WINDOW, G)) for known in (self._velocities, self._received))
+        if not all(k in self._seconds for k in range(end - _WINDOW + 1, end + 1)):
             return
-        felt = self._feel(known, received, gyro_bias)
+        seconds = np.array([self._seconds[k] for k in range(end - _WINDOW + 1, end + 1)])
+        biases = np.array([np.zeros(3), gyro_bias, self._offset])  # one of which its gyroscope may have
+        impulses = motion_history.impulses(seconds, gyro_bias, _AS_PUBLISHED)
+        self.body.compare(end - _WINDOW, seconds, gyro_bias, impulses, self._received.rows())
+        felt = self._feel(seconds, received, biases)
         if forces is None:
             if received is None and not self.shakes and self._stays(end):
-                self.agreement.compare(self._as_they_are(known, gyro_bias), np.tile(_GRAVITY, (_WINDOW, 1)))
+                self.agreement.compare(impulses, np.tile([0.0, 0.0, G], (_WINDOW, 1)))
             return
         is_as_received = received is not None and np.array_equal(forces, received)
-        self.misfit = felt if is_as_received else self._own_misfit(known, forces, gyro_bias)
+        self.misfit = felt if is_as_received else _own_misfit(seconds, forces, biases)
         self.felt_as_received *= _MEMORY
         if received is not None:
             self.felt_as_received += self.misfit**2 - felt**2
-        impulses = self._as_they_are(known, gyro_bias)
         self.heading.compare(end - _WINDOW, impulses, forces)
         if not self.shakes:
             self.agreement.compare(impulses, forces)
         if self.agreement.moves:
-            self.latency.compare(impulses, _forces(end, self._received, SHIFTS))
+            self.latency.compare(impulses, self._received.forces(end + SHIFTS, _WINDOW, G))
+        if self.agreement.only_imu_moves:
+            return  # GNSS has reported no motion yet, so a misfit is no evidence of a mistake of the IMU
+        self._weigh(seconds, forces)
+
+    def _weigh(self, seconds: np.ndarray, forces: np.ndarray) -> None:
+        """Add the evidence of a window for and against every mistake."""
         squares = np.full(len(self._sums), self.misfit**2)
         if self.misfit > _SUSPICIOUS or self._blamed is not None:
-            all_of_them = motion_history.fit(known, forces, self._gyros)
+            all_of_them = motion_history.fit(seconds, forces, self._gyros)
             squares = np.concatenate([all_of_them.misfit, all_of_them.inverted_misfit]) ** 2
             squares[0] = self.misfit**2
-        if self.agreement.only_imu_moves:
-            return  # GNSS has told of no motion yet, and so of no mistake in the IMU's
         self._sums = _MEMORY * self._sums + squares
         self._wins = _MEMORY * self._wins + ((squares < _BETTER * squares[0]) & (squares[0] - squares > _WIN))
         self._calm = self._calm + 1 if self.misfit < _SUSPICIOUS else 0
         self._judge()
 
-    def _as_they_are(self, known: list[motion_history.Second], gyro_bias: np.ndarray) -> np.ndarray:
-        """Impulses (S, 3) [m/s] of the IMU as it is, in the axes of the window's beginning."""
-        return motion_history.impulses([one.without(gyro_bias) for one in known], self._gyros[:1])[0]
-
     def _stays(self, end: int) -> bool:
-        """Whether the fixes of the window, of which there are enough, lie in one place."""
+        """Whether there are enough fixes in the window and all lie in one place."""
         near = [place for place in self._places if end - _WINDOW <= place[0] <= end]
-        if len(near) < _WINDOW or near[-1][0] - near[0][0] < _WINDOW - _VELOCITY_GAP:
+        if len(near) < _WINDOW or near[-1][0] - near[0][0] < _WINDOW - GAP:
             return False
         spread = np.ptp(np.array(near)[:, 1:], axis=0)
         return bool(spread.max() < _ONE_PLACE)
 
-    def _feel(self, known: list[motion_history.Second], received: np.ndarray | None, gyro_bias: np.ndarray) -> float:
-        """The misfit of the velocities as they were ``received``, NaN without; notes whether the IMU feels those."""
+    def _feel(self, seconds: np.ndarray, received: np.ndarray | None, biases: np.ndarray) -> float:
+        """Misfit of the velocities as ``received``, NaN without them; sets ``felt``."""
         if received is None:
             self.felt = False
             return math.nan
         excitation = math.sqrt(float(np.sum(received[:, :2] ** 2) / np.sum(received**2)))
-        misfit = self._own_misfit(known, received, gyro_bias)
+        misfit = _own_misfit(seconds, received, biases)
         self.felt = _EXCITED < excitation < _UNREAL and misfit < _FELT * excitation
         return misfit
-
-    def _own_misfit(self, known: list[motion_history.Second], forces: np.ndarray, gyro_bias: np.ndarray) -> float:
-        """Of the IMU as it is, or without one of the biases that its gyroscope may have; the best of them."""
-        return motion_history.least_misfit(known, forces, (np.zeros(3), gyro_bias, self._offset), enough=_SUSPICIOUS)
 
     def _judge(self) -> None:
         sums = self._sums
@@ -194,17 +197,17 @@ class MotionCheck:
         self._sums, self._wins = (
             np.zeros(len(sums)),
             np.zeros(len(sums)),
-        )  # from here on it has to prove that it is well
+        )  # the finding ends when new evidence contradicts it
 
     def _mistake(self, index: int) -> tuple[np.ndarray, float, bool]:
-        """Axes (3, 3), scale and sign of the gyroscope, and whether the accelerometer is inverted."""
+        """A mistake: signed axes (3, 3) and scale of the gyroscope, and whether the accelerometer is inverted."""
         inverted, h = divmod(index, len(self._gyros))
         matrix = self._gyros[h]
         size = float(np.abs(matrix).max())
         return matrix / size, size, bool(inverted)
 
     def _unusual(self, index: int) -> tuple[int, int]:
-        """How many things have to be wrong for this mistake."""
+        """Number of single errors that this mistake combines: of equal explanations the simplest is chosen."""
         matrix, size, inverted = self._mistake(index)
         plain = _same(np.abs(matrix), np.eye(3))
         flips = min(int((np.diag(matrix) < 0.0).sum()), 1) if plain else 2
@@ -226,27 +229,21 @@ class MotionCheck:
         return ", and ".join(wrong)
 
 
-def _forces(end: float, velocities: Iterable[tuple[float, Vector3]], late: np.ndarray = _NOW) -> np.ndarray | None:
-    """(L, S, 3) m/s: what GNSS says of the specific force in each second of the window; None where it says nothing.
-
-    ``late`` (L,) [s]: how much older the velocities are than their stamps.
-    """
-    ends = end + late
-    begins = ends - _WINDOW
-    least, most = begins.min() - _VELOCITY_GAP, ends.max() + _VELOCITY_GAP
-    table = np.array([(t, *v) for t, v in velocities if least < t < most])
-    if len(table) < 3 or not _covers(table[:, 0], begins, ends):
-        return None
-    times = begins[:, None] + np.arange(_WINDOW + 1.0)
-    at_ends = np.stack([np.interp(times, table[:, 0], table[:, axis]) for axis in (1, 2, 3)], axis=-1)
-    return at_ends[:, 1:] - at_ends[:, :-1] + _GRAVITY
+def _own_misfit(seconds: np.ndarray, forces: np.ndarray, biases: np.ndarray) -> float:
+    """Misfit of the IMU as published: the smallest over the candidate gyroscope ``biases`` (K, 3) [rad/s]."""
+    return float(motion_history.least_misfit(seconds, forces, biases, _SUSPICIOUS))
 
 
-def _covers(t: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> bool:
-    """Whether velocities at ``t`` (N,) [s] tell the change from each of ``begins`` to ``ends`` (L,), without a gap."""
-    if t[0] > begins.min() or t[-1] < ends.max():
-        return False
-    return float(np.diff(t).max()) <= _VELOCITY_GAP
+def warm_up() -> None:
+    """Compile the kernels: two windows of a vehicle that brakes and turns."""
+    check, zero = MotionCheck(), np.zeros(3)
+    rows = np.zeros((11, at.IMU_COLUMNS))
+    rows[:, at.IMU_ACCEL + 2] = G
+    for k in range(1, 2 * _WINDOW + 1):
+        rows[:, at.IMU_T], rows[:, at.IMU_ACCEL] = k + np.linspace(-1.0, 0.0, len(rows)), 4.0 * math.cos(k)
+        check.heading.attitude(k, np.array([1.0, 0.0, 0.0, 0.0]))
+        check.velocity(float(k), (4.0 * math.sin(k), 0.0, 0.0), (4.0 * math.sin(k), 0.0, 0.0))
+        check.second(k, rows, zero)
 
 
 def _first(forces: np.ndarray | None) -> np.ndarray | None:
@@ -254,7 +251,7 @@ def _first(forces: np.ndarray | None) -> np.ndarray | None:
 
 
 def _axes(matrix: np.ndarray) -> str:
-    """Which published axes are the accelerometer's x, y, z: ``y, -x, z``."""
+    """The gyroscope's published axes along the accelerometer's x, y, z, as in ``y, -x, z``."""
     return ", ".join(("-" if row.sum() < 0.0 else "") + "xyz"[int(np.argmax(np.abs(row)))] for row in matrix)
 
 

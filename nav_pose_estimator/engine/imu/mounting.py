@@ -1,4 +1,4 @@
-"""From a sensor as published to the body: its calibration, and its axes (forward, left, up)."""
+"""Mounting and calibration of an IMU: from the published samples to calibrated values in body axes (FLU)."""
 
 import math
 from collections.abc import Sequence
@@ -10,11 +10,11 @@ from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Vector3
 
 
 def axes_matrix(parameters: ImuParameters) -> np.ndarray:
-    """C_bs (3, 3): sensor axes as published (``convention``, then ``mounting_rpy``) into body axes FLU."""
+    """C_bs (3, 3) from published sensor axes (``convention``, then ``mounting_rpy``) to body axes FLU."""
     matrix = rotation_from_rpy(parameters.mounting_rpy)
     if parameters.convention == "frd":
         matrix = matrix @ np.diag([1.0, -1.0, -1.0])
-    exact = np.round(matrix)  # a quarter turn is exact, not 6e-17 beside it
+    exact = np.round(matrix)  # quarter turns become exact, without rounding errors of 6e-17
     return np.where(np.abs(matrix - exact) < 1e-12, exact, matrix)
 
 
@@ -32,7 +32,7 @@ def rotation_from_rpy(rpy: Sequence[float]) -> np.ndarray:
 
 
 class Mounting:
-    """Calibrates samples as published and turns them into body axes; costs nothing where both change nothing."""
+    """Calibrates published samples and rotates them into body axes; free of cost where neither is configured."""
 
     def __init__(self, parameters: ImuParameters) -> None:
         matrix = axes_matrix(parameters)
@@ -42,7 +42,7 @@ class Mounting:
         self._calibrated = any(parameters.accel_bias) or any(parameters.accel_scale)
 
     def vector(self, vector: Vector3) -> Vector3:
-        """A vector in the sensor's axes, or three columns of vectors."""
+        """A vector (or three columns of vectors) in the sensor's axes, rotated into body axes."""
         if self._rows is None:
             return vector
         x, y, z = vector
@@ -50,7 +50,7 @@ class Mounting:
         return a[0] * x + a[1] * y + a[2] * z, b[0] * x + b[1] * y + b[2] * z, c[0] * x + c[1] * y + c[2] * z
 
     def force(self, force: Vector3) -> Vector3:
-        """A specific force as published, or three columns of them: calibrated, in body axes."""
+        """A published specific force (or three columns of them), calibrated and in body axes [m/s^2]."""
         if self._calibrated:
             fx, fy, fz = force
             (bx, by, bz), (gx, gy, gz) = self._bias, self._gain
@@ -58,15 +58,15 @@ class Mounting:
         return self.vector(force)
 
     def sample(self, sample: ImuSample) -> ImuSample:
-        """A sample."""
+        """A sample, calibrated and in body axes."""
         if self._rows is None and not self._calibrated:
             return sample
         return ImuSample(sample.stamp_ns, self.vector(sample.gyro), self.force(sample.accel))
 
     def block(self, block: ImuBlock) -> ImuBlock:
-        """A block, to the bit as its samples."""
+        """A block, calibrated and in body axes; bit-identical to its single samples."""
         if self._rows is None and not self._calibrated:
             return block
-        # Sums of columns round exactly as the scalar form does; a matrix product may not.
+        # Sums of columns round exactly like the scalar form; a matrix product might not.
         gyro = np.column_stack(self.vector(tuple(block.gyro.T)))
         return ImuBlock(block.stamps_ns, gyro, np.column_stack(self.force(tuple(block.accel.T))))

@@ -1,4 +1,4 @@
-"""Whether the IMU is an IMU: what its samples cannot be, before a navigator is aligned with them and in flight."""
+"""Monitoring of the IMU second by second: plausibility, consistency with GNSS, saturation, vibration, faults."""
 
 from __future__ import annotations
 
@@ -22,32 +22,33 @@ from nav_pose_estimator.engine.samples import Vector3
 from nav_pose_estimator.engine.solutions import Level
 
 SECOND = 1.0
-"""s of IMU that ``look`` is given, and one sample before them."""
+"""s of IMU rows that each call of ``look`` evaluates; it needs one row before them."""
 REACH = 1.3
-"""s that hold them."""
-_WELL = 3  # s in a row without a finding, and with gravity in the mean force, that end one
-_LEAST, _MOST = 0.6 * plausibility.G, 1.6 * plausibility.G  # m/s^2: gravity is in it
+"""s of buffered rows that are sure to contain them."""
+_WELL = 3  # consecutive seconds without a finding, and with gravity in the mean force, that end a finding
+_LEAST, _MOST = 0.6 * plausibility.G, 1.6 * plausibility.G  # m/s^2: range of a mean force that contains gravity
 _STEADY_ACCELERATION = ("imu.implausible.no_gravity", "imu.implausible.in_g")
-"""Without gravity an acceleration of 1 m/s^2 looks like g in parts of itself; in g there is never less."""
-_TWO_IMUS_LAST = 30  # ... but a vehicle at rest hides a second IMU
-_CLIPPED_FOR = 10  # s for which a value that was clipped is worth a word
+"""The first finding is not replaced by the second: with gravity removed, an acceleration of about 1 m/s^2 looks like
+data in units of g. The reverse does not occur."""
+_TWO_IMUS_LAST = 30  # s without a finding that end the one of two IMUs, which does not show at rest
+_CLIPPED_FOR = 10  # s after saturation for which the status mentions it
 
 
 class ImuPhysics:
-    """Takes the IMU second by second. ``refusal`` is empty, or says in one sentence why it is not to be used."""
+    """All monitors of the IMU. ``refusal`` is empty, or says in one sentence why the IMU must not be used."""
 
     def __init__(self) -> None:
         self._seconds: deque[ImuSecond] = deque(maxlen=plausibility.MEMORY)
         self.motion = MotionCheck()
-        """What IMU and GNSS tell of each other."""
+        """Consistency of IMU and GNSS velocity."""
         self._doubt, self._clips = DoubtMeter(), ClipWatch()
-        self._clipped, self._clipped_for = "", 0  # in words, and s that they still hold
+        self._clipped, self._clipped_for = "", 0  # clause for the status, and s for which it is still shown
         self._finding: Finding | None = None
         self._well = 0
         self.vibration, self.speed = Vibration(), SpeedDoubt()
 
     def forget_time(self) -> None:
-        """The navigator starts again: forget samples, keep what they have proved."""
+        """The navigator starts again: forget the samples, keep established findings."""
         self._seconds.clear()
         self.motion.forget_time()
         self.vibration.forget_time()
@@ -68,17 +69,17 @@ class ImuPhysics:
 
     @property
     def felt(self) -> bool:
-        """Whether the IMU has lately felt the changes of velocity that GNSS tells."""
+        """Whether the IMU recently measured the velocity changes that GNSS reports."""
         return self.motion.felt
 
     @property
     def heading(self) -> HeadingMonitor:
-        """Whether the heading is the one in which GNSS velocity shows the forces."""
+        """Monitor of the heading against GNSS velocity."""
         return self.motion.heading
 
     @property
     def felt_as_received(self) -> float:
-        """By how much the squared misfit of velocities as received is below that of the corrected ones."""
+        """Reduction of the squared misfit by using the velocities as received instead of the corrected ones."""
         return self.motion.felt_as_received
 
     def look(
@@ -90,10 +91,10 @@ class ImuPhysics:
         stamp_ns: int,
         is_aided: bool = False,
     ) -> Doubt | None:
-        """Judge the second up to ``end`` (a whole one), of which ``rows`` (N, 7) has all and one row more.
+        """Evaluate the second up to ``end`` (a whole second), with ``rows`` (N, 7) of it and one row before it.
 
-        ``gyro_bias`` (3,) [rad/s] that the navigator has found; None where it does not run yet. ``is_aided``: by GNSS.
-        Returns how far it may have led a navigator astray; None where nothing is wrong with it.
+        ``gyro_bias`` (3,) [rad/s] is the navigator's estimate, None before it runs; ``is_aided``: GNSS aids it.
+        Returns the error that faulty data of this second may have caused, None for good data.
         """
         own = rows[rows[:, at.IMU_T].searchsorted(end - SECOND) :]
         with_one_more = rows[max(len(rows) - len(own) - 1, 0) :]
@@ -110,20 +111,20 @@ class ImuPhysics:
         return doubt if shaken is None else shaken if doubt is None else doubt.with_one_more(shaken)
 
     def _watch_clipping(self, rows: np.ndarray, doubt: Doubt | None, journal: Journal, stamp_ns: int) -> Doubt | None:
-        """``doubt``, or what clipping of the second that is in ``rows`` makes of it."""
+        """``doubt``, enlarged by saturation in the second of ``rows``."""
         self._clipped_for = max(self._clipped_for - 1, 0)
         clipped = self._clips.second(rows)
         if clipped is None:
             return doubt
         if not self._clipped_for and clipped.words != self._clipped:
-            text = f"the {clipped.words}: what lies beyond is lost, and the attitude or the velocity with it"
+            text = f"the {clipped.words}: motion beyond its range is lost, and attitude or velocity become wrong"
             journal.say(stamp_ns, "imu.clips", Level.WARN, text)
         self._clipped, self._clipped_for = clipped.words, _CLIPPED_FOR
         before = doubt or Doubt(0.0, 0.0)
         return Doubt(max(before.tilt, clipped.angle), max(before.speed, clipped.velocity), lasting=True)
 
     def _lives(self, second: ImuSecond) -> bool:
-        """Whether an axis that was dead, if any was, changes again."""
+        """Whether all axes change again after a finding of a dead axis; True after other findings."""
         return self._finding is None or self._finding.name != plausibility.DEAD_AXIS or all(second.spread)
 
     def _tell(self, found: Finding | None, is_well: bool, journal: Journal, stamp_ns: int) -> None:
@@ -145,11 +146,11 @@ class ImuPhysics:
 
     @property
     def doubt(self) -> str:
-        """Why the solution is less certain, a clause; empty unless the IMU shakes heavily or clips."""
+        """Why the solution is less certain, one clause for the user; empty where no monitor has a reason."""
         return f"the {self._clipped}" if self._clipped_for else self.vibration.reason or self.speed.reason
 
     def figures(self) -> dict[str, float]:
-        """What the status shows, by names that begin with ``imu``."""
+        """Values of the status, with keys that begin with ``imu``."""
         last = self._seconds[-1] if self._seconds else None
         return {
             "imu.vibration_m_s2": math.nan if last is None else last.vibration,

@@ -1,8 +1,8 @@
-"""What an IMU cannot read, whatever the vehicle does: one function for each mistake, each gives a finding or None.
+"""Plausibility checks of IMU data, one function per integration mistake; each returns a finding or None.
 
-They look at the last seconds (``seconds.ImuSecond``), the newest last. On sixteen recorded flights (rotors that shake
-by 17 m/s^2, loops with 3 g, a tumble, a crash) the mean force was below 2.5 m/s^2 in no two calm seconds in a row, and
-above 30 m/s^2 for five at most.
+The checks use the last seconds (``seconds.ImuSecond``), the newest last. Their limits allow for all sixteen recorded
+flights (rotors with a vibration of 17 m/s^2, loops with 3 g, a tumble, a crash): there the mean force was never below
+2.5 m/s^2 in two consecutive calm seconds, and above 30 m/s^2 for at most five seconds.
 """
 
 from __future__ import annotations
@@ -13,36 +13,36 @@ from dataclasses import dataclass
 from nav_pose_estimator.engine.imu.seconds import ImuSecond
 
 G = 9.81  # m/s^2
-_AGREED = 2  # s in a row that decide before the filter runs
-_AGREED_IN_FLIGHT = 4  # ... and in flight, where they end a solution
-_CONSTANT = 5  # s of an axis that never moves
-_CALM_TURN = 0.5  # rad/s: the mean over a second still tells where gravity is
-_STILL_FORCE, _STILL_TURN = 0.3, 0.05  # m/s^2 from sample to sample, rad/s: at rest, or a very smooth flight
-_RESTING = 5  # s
-_AIRBORNE = 3  # s on its back that a start in the air may not begin with
-_SCALE = 0.15  # of g: accelerometers at rest are better than that
-_LARGE = 6.0 * G  # no vehicle here bears this for seconds
-_INTERLEAVED_OF, _INTERLEAVED = 8, 2  # s, and how many of them: in 3900 s of recorded flights not one
-_NEAR_G, _NO_FORCE = (8.5, 11.0), 2.0  # of what should be rad/s, and m/s^2
+_AGREED = 2  # consecutive seconds that decide before the filter runs
+_AGREED_IN_FLIGHT = 4  # consecutive seconds that decide in flight, where a finding ends the solution
+_CONSTANT = 5  # s without any change after which an axis is dead
+_CALM_TURN = 0.5  # rad/s: up to this mean rate, the mean force over a second still shows gravity
+_STILL_FORCE, _STILL_TURN = 0.3, 0.05  # m/s^2 (vibration), rad/s: limits of rest, or of a very smooth flight
+_RESTING = 5  # s of rest that the check of the scale requires
+_AIRBORNE = 3  # s upside down before the start that count as a wrong mounting
+_SCALE = 0.15  # largest scale error of an accelerometer at rest, relative to g
+_LARGE = 6.0 * G  # m/s^2: no vehicle of this package sustains such a mean force for seconds
+_INTERLEAVED_OF, _INTERLEAVED = 8, 2  # two interleaved seconds of eight are a finding; 3900 s of flights had none
+_NEAR_G, _NO_FORCE = (8.5, 11.0), 2.0  # norm of the gyroscope's values, of the accelerometer's, when they are exchanged
 _AXES = "xyz"
 DEAD_AXIS = "imu.implausible.dead_axis"
-"""Name of what ends only when every axis changes."""
+"""Name of the finding that ends only when all axes change again."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that an IMU of this vehicle cannot say. ``name`` of its event, ``sentence`` for the pilot."""
+    """An implausibility: ``name`` of its event, ``sentence`` with the likely cause for the user."""
 
     name: str
     sentence: str
 
 
 Check = Callable[[Sequence[ImuSecond], int], "Finding | None"]
-"""Takes the last seconds and how many of them have to agree."""
+"""Takes the last seconds, and the number of them that have to agree."""
 
 
 def absent(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
-    """A sensor that reads exactly zero while time passes: a message with only one half."""
+    """A sensor that reads exactly zero: the messages have only one half."""
     last = seconds[-agreed:]
     if all(not any(s.spread[3:]) and not any(s.force) for s in last):
         text = (
@@ -60,7 +60,7 @@ def absent(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
 
 
 def dead_axis(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
-    """One axis that never changes while the two others do."""
+    """One axis that does not change while the two others do."""
     last = seconds[-_CONSTANT:]
     if len(last) < _CONSTANT or all(last[-1].spread):
         return None
@@ -69,13 +69,16 @@ def dead_axis(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
             others = {first, first + 1, first + 2} - {first + axis}
             move = all(sum(s.spread[k] for s in last) > _CONSTANT * moves for k in others)
             if move and not any(s.spread[first + axis] for s in last):
-                text = f"the {name}'s {_AXES[axis]} axis does not change while the others do: it is dead or not filled"
+                text = (
+                    f"the {name}'s {_AXES[axis]} axis does not change while the others do: it is dead, or the driver "
+                    "does not fill it in"
+                )
                 return Finding(DEAD_AXIS, text)
     return None
 
 
 def gravity_missing(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
-    """The mean specific force is far from 9.8 m/s^2: in g, or without gravity."""
+    """Mean specific force far below 9.8 m/s^2: in units of g, or with gravity removed."""
     last = seconds[-agreed:]
     norm = sum(s.norm for s in last) / len(last)
     mean = sum(s.gravity for s in last) / len(last)
@@ -92,7 +95,7 @@ def gravity_missing(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None
 
 
 def scale(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
-    """The specific force at rest is not that of gravity, or larger than a vehicle bears."""
+    """Specific force at rest that differs from gravity, or is larger than a vehicle sustains."""
     mean = seconds[-1].gravity
     if all(s.gravity > _LARGE for s in seconds[-_AGREED_IN_FLIGHT:]) and len(seconds) >= _AGREED_IN_FLIGHT:
         text = f"the mean specific force has been {mean:.0f} m/s^2 for seconds: probably another unit than m/s^2"
@@ -110,7 +113,7 @@ def scale(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
 
 
 def exchanged(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
-    """The gyroscope reads gravity, and the accelerometer next to nothing."""
+    """Exchanged fields: the gyroscope's values have the norm of gravity, and the accelerometer's are small."""
     last = seconds[-agreed:]
     if not all(_NEAR_G[0] < s.turn < _NEAR_G[1] and s.norm < _NO_FORCE for s in last):
         return None
@@ -122,7 +125,7 @@ def exchanged(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
 
 
 def on_its_back(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
-    """Gravity pulls towards the body's top, at rest or for seconds in the air."""
+    """Specific force along negative z: upside down, at rest or for seconds in the air."""
     still = all(s.vibration < 2.0 * _STILL_FORCE and s.turn < 2.0 * _STILL_TURN for s in seconds[-_AGREED:])
     last = seconds[-(_AGREED if still else _AIRBORNE) :]
     if any(s.gravity < 0.5 * G for s in last):
@@ -138,7 +141,7 @@ def on_its_back(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
 
 
 def two_imus(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
-    """Every other sample lies elsewhere."""
+    """Two IMUs on one topic: every second sample differs from the rest by the same amount."""
     if sum(s.interleaved for s in seconds) < _INTERLEAVED:
         return None
     text = "every other IMU sample contradicts the rest: two IMUs probably publish on one topic"
@@ -146,15 +149,15 @@ def two_imus(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
 
 
 ALWAYS: tuple[Check, ...] = (absent, exchanged, gravity_missing, scale, dead_axis, two_imus)
-"""Checks that hold in every attitude and motion."""
+"""Checks that are valid at any attitude and motion."""
 BEFORE_THE_START: tuple[Check, ...] = (*ALWAYS, on_its_back)
-"""A vehicle in flight may be on its back; one that starts so is more likely mounted otherwise than told."""
+"""Checks before the start. A vehicle in flight may be upside down; at the start a wrong mounting is more likely."""
 MEMORY = _INTERLEAVED_OF
-"""s that the checks look back at."""
+"""s of data that the checks need."""
 
 
 def find(seconds: Sequence[ImuSecond], in_flight: bool) -> Finding | None:
-    """The first finding of the checks; None where the IMU is plausible or too little is known."""
+    """First finding of the checks; None where the IMU is plausible or too little is known."""
     agreed = _AGREED_IN_FLIGHT if in_flight else _AGREED
     if len(seconds) < agreed:
         return None

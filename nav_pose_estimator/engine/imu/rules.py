@@ -1,4 +1,4 @@
-"""The rules for single IMU samples: what is refused, what is a gap or a new clock, what is stuck or clipped."""
+"""Rules for single IMU samples: rejection, gaps and clock jumps, stuck and saturated sensors."""
 
 import math
 from collections import Counter
@@ -11,7 +11,7 @@ from nav_pose_estimator.engine.solutions import Event, Level
 GAP = "imu.gap"
 CLOCK_JUMP = "imu.clock_jump"
 RESTARTS = frozenset((GAP, CLOCK_JUMP))
-"""Names of the events after which an engine must not integrate across: it starts again from the next sample."""
+"""Events over which an engine must not integrate: it starts again from the next sample."""
 
 STUCK = "imu.stuck"
 STUCK_END = "imu.stuck.ended"
@@ -19,34 +19,37 @@ SATURATED_GYRO = "imu.saturated.gyroscope"
 SATURATED_ACCEL = "imu.saturated.accelerometer"
 SATURATED_END = "imu.saturated.ended"
 
-_OTHER_RATE, _OTHER_FORCE = 0.2, 2.0  # rad/s, m/s^2 between two samples of one time
-_GAP_RUN = 2  # so many samples in a row that agree on a later time end a gap; one alone is a damaged stamp
-_BACKWARD_RUN = 3  # so many that agree on an earlier time are a clock set back
-_CLIPPED_RUN = 3  # so many equal values in a row on one axis ...
-CLIPPED_RATE = 4.3  # ... beyond the smallest usual range (250 deg/s) are a saturated gyroscope [rad/s]
-CLIPPED_FORCE = 19.0  # ... beyond the smallest usual range (2 g) are a saturated accelerometer [m/s^2]
+_OTHER_RATE, _OTHER_FORCE = 0.2, 2.0  # rad/s, m/s^2: samples with equal stamps that differ by more are of two IMUs
+_GAP_RUN = 2  # consecutive samples after a jump forward that make it a gap; a single one has a damaged stamp
+_BACKWARD_RUN = 3  # consecutive samples after a jump back that make it a change of the clock
+_CLIPPED_RUN = 3  # consecutive equal values of one axis, beyond the limits below, that mean saturation
+CLIPPED_RATE = 4.3
+"""rad/s: just below the smallest usual range of a gyroscope (250 deg/s)."""
+CLIPPED_FORCE = 19.0
+"""m/s^2: just below the smallest usual range of an accelerometer (2 g)."""
 NOT_CLIPPED = (0, 0, 0)
+"""Counts of equal values of three axes within these limits."""
 _NS = 1e-9
 
 
 @dataclass
 class ImuMemory:
-    """All that the checks remember of earlier samples; a snapshot is a copy of it."""
+    """Memory of the rules: everything they need of earlier samples; a snapshot is a copy of it."""
 
     last_ns: int | None = None
-    elsewhere_ns: int = 0  # last stamp of a run that does not continue ``last_ns``
-    elsewhere_run: int = 0
+    elsewhere_ns: int = 0  # last stamp of a run of samples that does not continue ``last_ns``
+    elsewhere_run: int = 0  # length of that run
     gyro: Vector3 = (math.nan,) * 3  # last accepted values, as published
     accel: Vector3 = (math.nan,) * 3
-    gyro_since_ns: int = 0  # since when the gyroscope repeats ``gyro``
+    gyro_since_ns: int = 0  # time since which the gyroscope repeats ``gyro``
     accel_since_ns: int = 0
     stuck: bool = False
-    clipped: tuple[int, ...] = 2 * NOT_CLIPPED  # per axis: values in a row, 0 within usual ranges
+    clipped: tuple[int, ...] = 2 * NOT_CLIPPED  # per axis: consecutive equal values, 0 within the usual ranges
     saturated: bool = False
 
 
 class ImuRules:
-    """The only definition of a good sample; ``memory`` is all that is remembered of earlier ones."""
+    """The only definition of a valid sample; ``memory`` is its whole state."""
 
     def __init__(self, parameters: ImuParameters) -> None:
         self._limits = parameters
@@ -56,7 +59,7 @@ class ImuRules:
         self.memory = ImuMemory()
 
     def judge(self, sample: ImuSample) -> tuple[bool, list[Event]]:
-        """Whether ``sample`` is good, and what is to be said. A restart forgets what came before the sample."""
+        """(whether ``sample`` is valid, events). A gap or clock jump clears the memory before the sample is judged."""
         refusal = self._refusal(sample)
         if refusal is not None:
             if refusal.name not in RESTARTS:
@@ -80,7 +83,7 @@ class ImuRules:
     # --- refusals --------------------------------------------------------------------------------------------------
 
     def _refusal(self, sample: ImuSample) -> Event | None:
-        """None for a good sample; else the reason, or the event of a gap or a new clock."""
+        """None for a valid sample; else the event of its rejection, of a gap or of a clock jump."""
         rate, force = self._limits.max_rate, self._limits.max_force
         (wx, wy, wz), (fx, fy, fz), stamp = sample.gyro, sample.accel, sample.stamp_ns
         in_range = (
@@ -103,7 +106,7 @@ class ImuRules:
         return self._elsewhere(sample, last)
 
     def _duplicate(self, sample: ImuSample) -> Event:
-        """Two samples of one IMU at one time are the same but for noise."""
+        """Rejection of a second sample with the same stamp, with a hint where the two differ by more than noise."""
         text = f"two IMU samples have the stamp {sample.stamp_ns * _NS:.6f} s; the second is not used"
         turn, push = math.dist(sample.gyro, self.memory.gyro), math.dist(sample.accel, self.memory.accel)
         if turn > _OTHER_RATE or push > _OTHER_FORCE:
@@ -125,7 +128,7 @@ class ImuRules:
         return self._event(sample.stamp_ns, "imu.rejected.force", text)
 
     def _elsewhere(self, sample: ImuSample, last: int) -> Event:
-        """A stamp that does not continue ``last``: one alone is damaged, a run that agrees is a gap or a new clock."""
+        """A stamp that does not continue ``last``: damaged if single; a gap or clock jump if the next ones agree."""
         memory, stamp = self.memory, sample.stamp_ns
         follows = memory.elsewhere_run and 0 < stamp - memory.elsewhere_ns <= self.max_gap_ns
         memory.elsewhere_run = memory.elsewhere_run + 1 if follows else 1
@@ -134,7 +137,7 @@ class ImuRules:
         if stamp > last and memory.elsewhere_run >= _GAP_RUN:
             return self._event(stamp, GAP, f"no IMU data for {seconds:.3f} s", gap_s=seconds)
         if stamp > last:
-            text = f"an IMU sample is {seconds:.3f} s later than the one before it; not used until a second one agrees"
+            text = f"an IMU sample is {seconds:.3f} s later than the one before it; not used unless the next one agrees"
             return self._event(stamp, "imu.rejected.forward", text)
         if memory.elsewhere_run >= _BACKWARD_RUN and seconds > self._limits.max_gap:
             text = f"the IMU's clock went back by {seconds:.3f} s; starting again"
@@ -145,7 +148,7 @@ class ImuRules:
     # --- warnings --------------------------------------------------------------------------------------------------
 
     def _check_stuck(self, sample: ImuSample) -> list[Event]:
-        """Begin and end of a sensor that repeats exactly one value for longer than a live one can."""
+        """Begin and end of a stuck sensor: it repeats one value exactly for longer than a live sensor can."""
         memory, stamp = self.memory, sample.stamp_ns
         gyro = sample.gyro == memory.gyro and stamp - memory.gyro_since_ns >= self.stuck_ns
         accel = sample.accel == memory.accel and stamp - memory.accel_since_ns >= self.stuck_ns
@@ -155,13 +158,16 @@ class ImuRules:
         if not memory.stuck:
             return [self._event(stamp, STUCK_END, "the IMU's values change again", level=Level.INFO)]
         which = "gyroscope and accelerometer" if gyro and accel else "gyroscope" if gyro else "accelerometer"
-        text = f"the {which} repeated one value exactly for {self._limits.stuck_time:g} s: stuck, or made without noise"
+        text = (
+            f"the {which} has repeated one value exactly for {self._limits.stuck_time:g} s: it is stuck, or simulated "
+            "without noise"
+        )
         return [self._event(stamp, STUCK, text, gyro=float(gyro), accel=float(accel))]
 
     def _check_saturation(self, sample: ImuSample) -> list[Event]:
-        """A value that stays exactly the same beyond the smallest usual range has been clipped."""
+        """Begin and end of saturation: a value repeats exactly beyond the smallest usual range."""
         memory, clipped = self.memory, self.memory.clipped
-        if sample.gyro != memory.gyro:  # three equal values are no saturation but a slow sensor, sent again
+        if sample.gyro != memory.gyro:  # all three axes equal: the same sample was published again, no saturation
             clipped = _count_equal(sample.gyro, memory.gyro, CLIPPED_RATE, clipped[:3]) + clipped[3:]
         if sample.accel != memory.accel:
             clipped = clipped[:3] + _count_equal(sample.accel, memory.accel, CLIPPED_FORCE, clipped[3:])
@@ -180,7 +186,7 @@ class ImuRules:
         return [self._event(sample.stamp_ns, SATURATED_ACCEL, text, value=value)]
 
     def _event(self, stamp: int, name: str, text: str, level: Level = Level.WARN, **data: float) -> Event:
-        """Counted every time, told in words the 1st, 10th, 100th ... time; why an engine starts again, always."""
+        """An event, with its sentence only the 1st, 10th, 100th ... time; events of a restart always have one."""
         self._seen[name] += 1
         told = name in RESTARTS or math.log10(self._seen[name]).is_integer()
         return Event(stamp, name, level if told else Level.DEBUG, text if told else "", data)
@@ -194,13 +200,13 @@ def _is_extreme(sample: ImuSample) -> bool:
 
 
 def _count_equal(values: Vector3, before: Vector3, bound: float, counts: tuple[int, ...]) -> tuple[int, ...]:
-    """Per axis: how often a value beyond ``bound`` came in a row; 0 within the bound."""
+    """Per axis: number of consecutive equal values beyond ``bound``; 0 within the bound."""
     rows = zip(values, before, counts, strict=True)
     return tuple(0 if abs(v) <= bound else n + 1 if v == b else 1 for v, b, n in rows)
 
 
 def count_one(values: Vector3, bound: float) -> tuple[int, ...]:
-    """The counts of :func:`_count_equal` for values of which none repeats."""
+    """The counts of :func:`_count_equal` where no value repeats the one before."""
     if -bound <= min(values) and max(values) <= bound:
         return NOT_CLIPPED
     return tuple(int(abs(v) > bound) for v in values)

@@ -1,4 +1,4 @@
-"""One second of an IMU in a few numbers: what the checks of its physics look at."""
+"""Statistics of one second of IMU data, on which the plausibility checks are based."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.numerics.jit import inlined, kernel
 
-_COMPLETE = 0.8  # s that a second's samples have to span
-_SETS_APART = 20.0  # deviations of the difference between every other sample and the rest
-_APART_RATE, _APART_FORCE = 0.1, 0.5  # rad/s, m/s^2: the difference itself
+_COMPLETE = 0.8  # s that the samples of a second have to span
+_SETS_APART = 20.0  # significance, in standard errors, of the difference between every second sample and the rest
+_APART_RATE, _APART_FORCE = 0.1, 0.5  # rad/s, m/s^2: smallest such difference that counts
 
 
 @dataclass(frozen=True, slots=True)
 class ImuSecond:
-    """What the IMU said over one second, in body axes; ``end`` engine time [s]."""
+    """Statistics over one second in body axes; ``end`` is its engine time [s]."""
 
     end: float
     samples: int
@@ -28,21 +28,21 @@ class ImuSecond:
     norm: float
     """m/s^2, mean of the specific force's norm."""
     vibration: float
-    """m/s^2: deviation of the specific force from sample to sample."""
+    """m/s^2: standard deviation of the specific force (all axes), from differences of consecutive samples."""
     shaking: float
-    """rad/s: the same of the rate."""
+    """rad/s: the same of the angular rate."""
     spread: tuple[float, ...]
-    """(6,) largest less smallest value of each axis of rate and force."""
+    """(6,) range, largest less smallest value, of each axis of rate and force."""
     interleaved: bool
-    """Every other sample belongs to another IMU."""
+    """Whether every second sample is of another IMU."""
     gravity: float
-    """m/s^2, norm of the mean force: vibration, which has no mean, is not in it."""
+    """m/s^2, norm of the mean force, which vibration does not affect."""
     turn: float
     """rad/s, norm of the mean rate."""
 
 
 def second_of(rows: np.ndarray, end: float) -> ImuSecond | None:
-    """The numbers of IMU rows (N, 7) of one second up to ``end``; None where too much of it is missing."""
+    """Statistics of the IMU rows (N, 7) of the second up to ``end`` [s]; None where too many rows are missing."""
     if len(rows) < 5 or rows[-1, at.IMU_T] - rows[0, at.IMU_T] < _COMPLETE:
         return None
     values = rows[:, at.IMU_GYRO :]
@@ -68,7 +68,7 @@ def second_of(rows: np.ndarray, end: float) -> ImuSecond | None:
 
 @kernel
 def _summary(rows, out):
-    """Means (6), spreads (6) and the mean norm of the force into ``out`` (13,); True where two IMUs take turns."""
+    """Write means (6), ranges (6) and mean norm of the force to ``out`` (13,); True where two IMUs alternate."""
     count = len(rows)
     norm = 0.0
     for i in range(count):
@@ -91,7 +91,7 @@ def _summary(rows, out):
 
 @kernel
 def _is_interleaved(rows, column, large):
-    """Whether every other sample lies elsewhere by the same amount: demodulated at half the rate."""
+    """Whether every second sample is offset by the same amount: demodulation at half the sample rate."""
     count = len(rows) - 2
     mean = 0.0
     for i in range(count):

@@ -1,8 +1,9 @@
-"""Vibration of the IMU: how much noise it adds, what it does to a filter that GNSS no longer corrects, and what to say.
+"""Vibration monitor: additional IMU noise and bias uncertainty by vibration, and its warnings.
 
-A vibration that was there while GNSS was good is in the noise that the flight has shown. One that begins or grows in an
-outage is not: whatever of it sampling folds down to low frequencies integrates to velocity and attitude. Nobody knows
-how much that is, so all of what has come on top counts as white noise, and its rectification as a change of the bias.
+Vibration that was present while GNSS was good is part of the noise identified in flight. Vibration that begins or grows
+in an outage is not: the part that sampling aliases to low frequencies integrates to velocity and attitude. How large
+that part is cannot be observed. So all of the increase counts as white noise, and its rectification as a change of the
+accelerometer bias.
 """
 
 from __future__ import annotations
@@ -14,41 +15,42 @@ from nav_pose_estimator.engine.imu.seconds import ImuSecond
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.solutions import Level
 
-_BEARABLE = 5.0  # m/s^2 from sample to sample that the noise of an IMU in flight includes
-_BEARABLE_RATE = 0.1  # rad/s
-_UNRESOLVED = 0.1  # of vibration beyond that which sampling does not resolve: it aliases and rectifies
-_NOTABLE = 0.2  # by which noise has to change to be another one
-_HEAVY = 15.0  # m/s^2 from sample to sample: rectification is likely
-_RISEN = 2.0  # times the largest of the flight while GNSS was good
-_MORE = 1.2  # ... by which it has to rise further to count again
-_RECTIFIED = 0.002  # s^2/m: bias of the accelerometer over the square of its vibration
+# Vibration is the standard deviation from sample to sample, see ``seconds.ImuSecond``.
+_BEARABLE = 5.0  # m/s^2: vibration that the noise parameters of an IMU in flight include
+_BEARABLE_RATE = 0.1  # rad/s: the same of the gyroscope
+_UNRESOLVED = 0.1  # fraction of the vibration beyond ``_BEARABLE`` that aliases or rectifies even if it has not risen
+_NOTABLE = 0.2  # relative change of the noise below which the filter keeps the old value
+_HEAVY = 15.0  # m/s^2: vibration with a warning, because rectification is likely
+_RISEN = 2.0  # factor to the largest vibration with GNSS above which it has risen in an outage
+_MORE = 1.2  # factor by which the rectified bias has to grow before it is charged again
+_RECTIFIED = 0.002  # s^2/m: accelerometer bias by rectification, relative to the squared vibration
 
 
 class Vibration:
-    """Takes every complete second of the IMU."""
+    """The monitor. It receives every complete second of the IMU."""
 
     def __init__(self) -> None:
         self.force_noise = self.rate_noise = 0.0
-        """m/s^2/sqrt(Hz) and rad/s/sqrt(Hz) by which it adds to the noise of accelerometer and gyroscope."""
+        """m/s^2/sqrt(Hz) and rad/s/sqrt(Hz): additional noise of accelerometer and gyroscope."""
         self.is_heavy = False
-        self._known, self._known_rate = 0.0, 0.0  # m/s^2, rad/s: the largest while GNSS was good
-        self._charged = 0.0  # m/s^2: what has been told to the filter as a change of the bias
+        self._known, self._known_rate = 0.0, 0.0  # m/s^2, rad/s: largest vibration while GNSS was good
+        self._charged = 0.0  # m/s^2: bias uncertainty already passed to the filter in this outage
         self._risen = False
-        self._last = 0.0  # m/s^2
+        self._last = 0.0  # m/s^2: vibration of the last second
 
     def forget_time(self) -> None:
-        """The navigator starts again."""
+        """The navigator starts again: reset the additional noise."""
         self.force_noise = self.rate_noise = 0.0
 
     @property
     def reason(self) -> str:
-        """Why the solution is less certain, a clause; empty where it is not."""
+        """Why the solution is less certain, one clause for the user; empty where it is not."""
         if self._risen:
-            return f"the IMU vibrates by {self._last:.1f} m/s^2, and by {self._known:.1f} at most while GNSS was there"
+            return f"the IMU vibrates by {self._last:.1f} m/s^2, at most {self._known:.1f} while GNSS was available"
         return f"the IMU vibrates by {self._last:.0f} m/s^2" if self.is_heavy else ""
 
     def second(self, second: ImuSecond, is_aided: bool, journal: Journal, stamp_ns: int) -> Doubt | None:
-        """A second with or without GNSS; returns what a vibration that has risen without GNSS does to the biases."""
+        """Process a second; returns the bias uncertainty of a vibration that has risen without GNSS, else None."""
         force, rate = second.vibration, second.shaking
         self._last = force
         if is_aided:
@@ -88,5 +90,5 @@ class Vibration:
 
 
 def _white(size: float, known: float, samples: int) -> float:
-    """Density per sqrt(Hz) on each axis of a vibration of this ``size`` beyond a ``known`` one, if it is white."""
+    """Density per sqrt(Hz) and axis of the vibration ``size`` beyond ``known``, assumed white at ``samples`` [Hz]."""
     return math.sqrt(max(size**2 - known**2, 0.0) / (3.0 * samples))

@@ -1,1 +1,1 @@
-"""The strapdown navigator: filter on its time line, modes, start."""
+"""The strapdown navigator: engine, filter on its time line, start-up, modes and status."""

@@ -1,7 +1,6 @@
-"""One run of the navigator's filter, from the first IMU sample to the next restart, and what is left to the next run.
+"""One run of the navigator's filter, from the first IMU sample to the next restart, and the transfer to the next run.
 
-``intake`` handles each sample that is not the IMU's; the IMU, which carries the filter on, is the business
-of ``SinsEngine``.
+``intake`` processes all samples other than IMU; ``SinsEngine`` processes the IMU, which propagates the filter.
 """
 
 from __future__ import annotations
@@ -48,13 +47,13 @@ from nav_pose_estimator.engine.solutions import Level
 
 Origin = tuple[float, float, float]
 """Latitude, longitude [rad] and height [m] of the local frame."""
-_SURE_HEADING = 0.35  # rad: with fixes, a wider one is nothing to go on with
-_NOISE_LIFE = 3600.0  # s: by then batteries, payload or propellers may be others
+_SURE_HEADING = 0.35  # rad: with fixes, a state with a larger heading deviation is not continued from
+_NOISE_LIFE = 3600.0  # s for which the identified noise is kept; later batteries, payload or propellers may differ
 _LATE = "an observation arrived later than the filter's memory reaches; it is not used"
 
 
 class FilterRun:
-    """The filter on its time line, its sensors, what aligns it, and the mode it is in."""
+    """The filter on its time line, with its sensors, alignment, monitors and mode."""
 
     def __init__(
         self,
@@ -65,13 +64,14 @@ class FilterRun:
         known: KnownBiases | None = None,
         noise: NoiseIdentification | None = None,
     ) -> None:
-        """``origin``, ``use_gnss`` and, after a short time, ``known`` biases and ``noise`` stay from the run before."""
+        """``origin``, ``use_gnss`` and, after a short gap, ``known`` biases and ``noise`` come from the run before."""
         self.parameters, self.journal, self.origin = parameters, journal, origin
-        self.origin_is_fixed = parameters.origin.place() is not None  # by the operator: it is never given up
+        self.origin_is_fixed = parameters.origin.place() is not None  # set by the operator: it is never abandoned
         self.clock = EngineClock()
-        # Up to here IMU samples meet nothing: no observation waits, the mode stays. Other input may end it.
+        # Up to this time no observation is pending and the mode cannot change, so that IMU samples take a short cut.
+        # Other input resets it.
         self.quiet_until = -math.inf
-        # While IMU rows wait to be flown (``stretch.Backlog``): the time of the last one, and who takes observations.
+        # While IMU rows are in a ``stretch.Backlog``: the time of the last one, and the receiver of observations.
         self.waiting_until: float | None = None
         self.take_observation: Callable[[Observation], bool] | None = None
         self.aiding = Aiding(parameters.navigator.lost_after)
@@ -85,7 +85,7 @@ class FilterRun:
         self.noise = noise or NoiseIdentification()
         self.gnss.reception.shown = self.noise
         constants = filter_setup.constants(parameters, self.noise)
-        # without a compiler it would be no faster
+        # without a compiler the routine would not be faster
         expected = kinds(self.gnss, self.aids.values(), self.aiding)
         routine = Routine(expected, self.aiding, self._fusion) if COMPILED else None
         self.timeline = Timeline(constants, self._fusion.apply, parameters.navigator.memory, routine)
@@ -95,20 +95,21 @@ class FilterRun:
         self.modes = ModeKeeper(parameters.navigator)
         self.stillness = Stillness()
         self.imu_physics = ImuPhysics()
-        self.imu_failure = ""  # why the IMU cannot be one, where that has spoiled the filter
-        self.second_due = -math.inf  # when to look back on the last second next
+        self.imu_failure = ""  # why the IMU is implausible, where that has made the filter wrong
+        self.second_due = -math.inf  # s: time at which the last second is evaluated next
         self.past = Past()
-        self.gyro_wander = bias_noise.Wander()  # that it begins with
-        self._began, self._unseen = math.inf, 0.0  # s: when the filter started, and ``Alignment.unseen`` then
+        self.gyro_wander = bias_noise.Wander()  # initial result of the bias identification
+        self._began, self._unseen = math.inf, 0.0  # s: start of the filter, and its ``Alignment.unseen``
+        self.pose_given = False  # by set_pose since the filter started
 
     def copy(self, journal: Journal) -> FilterRun:
-        """An independent copy that reports to ``journal``: of all there is, but parameters never change."""
+        """An independent copy that reports to ``journal``; only the parameters, which are immutable, are shared."""
         twin = deep_copy(self, {id(self.journal): journal, id(self.parameters): self.parameters})
         twin.quiet_until = -math.inf
         return twin
 
     def set_parameters(self, parameters: Parameters) -> None:
-        """Change what is marked mutable while the filter runs; the rest must be as it was."""
+        """Change the mutable parameters of the running filter; the others must be unchanged."""
         self.parameters = parameters = declination.as_before(parameters, self.parameters)
         self.quiet_until = -math.inf
         self.past.forget()
@@ -121,7 +122,7 @@ class FilterRun:
         self.modes.set_parameters(parameters.navigator)
 
     def renew_constants(self) -> None:
-        """Renew the filter's constants with the noise identified in flight, keeping the states that it has."""
+        """Compute the filter's constants again with the noise identified in flight; its states stay."""
         vibration = self.imu_physics.vibration
         constants = filter_setup.constants(
             self.parameters,
@@ -141,24 +142,24 @@ class FilterRun:
 
     @property
     def failure(self) -> str:
-        """Why the filter should start again; empty where it need not."""
+        """Why the filter has to start again; empty where it need not."""
         return self.gnss.position.failure or self.imu_failure
 
     @property
     def settled(self) -> SplitFilter:
-        """The filter at the last IMU sample, with everything that has arrived."""
+        """The filter at the last IMU sample, with all observations applied."""
         self.timeline.settle()
         return self.timeline.filter
 
     @property
     def unseen(self) -> float:
-        """Seconds of motion that nobody has seen since a fix corrected the position last; 0 where there are none."""
+        """s without IMU data since the last fix that corrected the position; 0 without such a gap."""
         return self._unseen if self.aiding.fix_used <= self._began else 0.0
 
     # --- start -------------------------------------------------------------------------------------------------------
 
     def align(self, row: np.ndarray) -> None:
-        """One IMU row (1, 7) while the filter does not run yet."""
+        """Process one IMU row (1, 7) before the filter runs."""
         self.timeline.remember(row)
         self.start_up.imu(row[0])
         self.try_start()
@@ -168,7 +169,7 @@ class FilterRun:
         start, warm = self.start_up.result(), self.start_up.warm_start
         if start is not None and (why := self.start_up.contradiction(start)):
             self.forget_saved(why, warm is not None and warm.is_own)
-            if warm is not None and warm.is_fresh:  # the alignment may rest on it
+            if warm is not None and warm.is_fresh:  # the alignment may be based on it
                 self.start_up = self.start_up.afresh(self.parameters)
                 return
         self.modes.note_alignment(self.start_up.has_attitude and not self.imu_physics.refusal)
@@ -177,11 +178,11 @@ class FilterRun:
         self.begin(start)
 
     def begin(self, start: Alignment) -> None:
-        """Start the filter at a state with a position, not later than the last IMU sample."""
+        """Start the filter at a complete state that is not later than the last IMU sample."""
         nav, P = filter_setup.complete_start(start, self.timeline.filter.constants, self.parameters)
         bias_noise.go_on(nav, self.gyro_wander)
         place = tuple(nav[at.LAT : at.VEL].tolist())
-        self._began, self._unseen = float(nav[at.TIME]), start.unseen
+        self._began, self._unseen, self.pose_given = float(nav[at.TIME]), start.unseen, False
         if start.last_fix is not None:
             self.gnss.go_on(start.last_fix, place)
         else:
@@ -189,7 +190,7 @@ class FilterRun:
         if self.origin is None:
             self.origin = place
         elif start_up.is_far(place, self.origin):
-            text = "the fixed origin is more than 100 km from here: are origin.latitude and origin.longitude right?"
+            text = "the fixed origin is more than 100 km away: check origin.latitude and origin.longitude"
             self.journal.say(self.clock.stamp(self.now), "origin.far", Level.WARN, text)
         now = self.now
         self.timeline.start(nav, P, self.origin)
@@ -202,7 +203,7 @@ class FilterRun:
         self.update_mode(now)
 
     def forget_saved(self, why: str, is_own: bool) -> None:
-        """Nothing of the saved state is true of this vehicle, except what is ``is_own``: origin and noise."""
+        """Discard the saved state; ``is_own``: it is of this process, so that origin and noise are still valid."""
         text = f"the saved state is not used: {why}"
         self.journal.say(self.clock.stamp(self.now), "resume.refused.moved", Level.WARN, text)
         if not (self.origin_is_fixed or is_own):
@@ -214,7 +215,7 @@ class FilterRun:
         self.renew_constants()
 
     def locate(self, fix: GnssFix) -> None:
-        """The first position that is trusted tells the declination."""
+        """Set the declination from the first trusted position."""
         self.parameters = declination.located(self.parameters, fix, self.journal.say)
         self.start_up.aligner.set_declination(self.parameters.aids.declination)
         self.set_parameters(self.parameters)
@@ -222,7 +223,7 @@ class FilterRun:
     # --- observations ------------------------------------------------------------------------------------------------
 
     def observe(self, observation: Observation | None) -> None:
-        """Put an observation, if there is one, on the time line."""
+        """Put an observation, if there is one, on the time line; too early or too late ones are rejected."""
         if observation is None:
             return
         self.quiet_until = -math.inf
@@ -237,15 +238,12 @@ class FilterRun:
     # --- mode --------------------------------------------------------------------------------------------------------
 
     def update_mode(self, t: float) -> None:
-        """Bring the mode up to ``t``."""
+        """Update the mode to ``t`` [s]."""
         self.modes.update(t, self.aiding, self.gnss.reception.refusal, self.journal, self.clock.stamp)
 
 
 def state_of(run: FilterRun) -> SavedState | None:
-    """What ``run`` leaves to the next one: its present state, or where it has not started yet, the one it was left.
-
-    None where there is none.
-    """
+    """State of ``run`` for the next one; before its start, the fresh saved state that it was given; else None."""
     if not run.timeline.running or run.origin is None:
         warm = run.start_up.warm_start
         return warm.saved if warm is not None and warm.is_fresh else None
@@ -282,16 +280,16 @@ def state_of(run: FilterRun) -> SavedState | None:
 
 
 def _is_sound(run: FilterRun, t: float) -> bool:
-    """Whether the next run may go on with attitude and position."""
+    """Whether the next run may continue with attitude and position."""
     if run.modes.distrust_reason or run.gnss.position.doubt(t) or run.imu_physics.refusal or run.failure:
         return False
-    # where fixes come, an alignment finds a better heading; where none come, there is no other
+    # With fixes an alignment finds a better heading; without, there is no other. A heading on trial remains on trial.
     heading_sd = math.sqrt(run.settled.P[at.PHI + 2, at.PHI + 2])
-    return heading_sd < _SURE_HEADING or not run.aiding.gnss_is_good(t)  # one on trial is on trial again
+    return heading_sd < _SURE_HEADING or not run.aiding.gnss_is_good(t)
 
 
 def take_over(run: FilterRun, before: FilterRun) -> None:
-    """Let ``run`` know what ``before`` knew that does not age: whose the origin is, what IMU and receiver are."""
+    """Pass to ``run`` what ``before`` knew and what does not age: the origin's status, findings on IMU and receiver."""
     run.origin_is_fixed = before.origin_is_fixed
     run.imu_physics = before.imu_physics
     run.imu_physics.forget_time()
@@ -300,11 +298,11 @@ def take_over(run: FilterRun, before: FilterRun) -> None:
 
 
 def resumed(saved: SavedState, before: FilterRun, stamp_ns: int, why: str = "") -> FilterRun:
-    """The run that begins at its first IMU sample, at ``stamp_ns``, with the state ``saved``, in place of ``before``.
+    """The run that replaces ``before`` and continues from ``saved`` at its first IMU sample, at ``stamp_ns``.
 
-    ``why``: what has interrupted ``before``, which left ``saved``; empty in a new process, which has seen nothing yet.
-    The origin goes on whatever its age: same vehicle, same map. The noise that was identified is that of IMU, receiver
-    and airframe, and no factor is below one: for an hour it is better than none. The rest ages within a minute.
+    ``why``: the interruption of ``before``, which left ``saved``; empty in a new process. The origin is kept at any
+    age, so that the map stays the same. The identified noise is that of IMU, receiver and airframe, and its factors are
+    one or more; it is kept for an hour. Everything else is kept for a minute.
     """
     gap = 1e-9 * (stamp_ns - saved.stamp_ns)
     warm, noise = WarmStart(saved, -gap, before.parameters, is_own=bool(why)), before.noise
@@ -332,7 +330,7 @@ def resumed(saved: SavedState, before: FilterRun, stamp_ns: int, why: str = "") 
 
 
 def _begin_with_offsets(run: FilterRun, saved: SavedState) -> None:
-    """Let magnetometer and barometer know what they have learned, where that is anything."""
+    """Pass the saved offsets, where they are known, to magnetometer and barometer."""
     magnetometer, barometer = run.aids[MagSample], run.aids[PressureSample]
     if isinstance(magnetometer, Magnetometer) and math.isfinite(saved.compass_offset):
         magnetometer.begin_with(saved.compass_offset)
@@ -342,16 +340,16 @@ def _begin_with_offsets(run: FilterRun, saved: SavedState) -> None:
 
 def _resumption_said(saved: SavedState, gap: float, why: str) -> tuple[str, Level, str]:
     """Name, level and text of the event with which the next run begins ``gap`` [s] after ``saved``."""
-    doubt = "" if saved.is_sound else "; it was in doubt itself, so attitude and position are found again"
+    doubt = "" if saved.is_sound else "; that state was in doubt, so attitude and position are found again"
     if why:
-        text = f"{why}: the navigator goes on from its state of {gap:.1f} s ago{doubt}"
+        text = f"{why}: the navigator continues from its state of {gap:.1f} s ago{doubt}"
         return "resume.begun", Level.WARN, text
     if 0.0 < gap <= LONGEST:
         text = f"a state from {gap:.1f} s ago was found: origin and noise are kept{doubt}"
         return "resume.begun", Level.INFO, text
     if gap > 0.0:
-        kept = "origin and noise are kept" if gap <= _NOISE_LIFE else "its origin is kept, and nothing else"
+        kept = "origin and noise are kept" if gap <= _NOISE_LIFE else "only its origin is kept"
         text = f"a state from {gap:.0f} s ago was found, too old to continue from: {kept}"
         return "resume.origin", Level.INFO, text
-    text = f"the saved state is {-gap:.1f} s younger than the IMU: another clock, or another run; its origin is kept"
+    text = f"the saved state is {-gap:.1f} s newer than the IMU data: another clock or run; only its origin is kept"
     return "resume.origin", Level.WARN, text

@@ -1,4 +1,4 @@
-"""From parameters to the numbers that the kernels work with."""
+"""Set-up of the filter from the parameters: constants, first state and gates."""
 
 import math
 
@@ -16,7 +16,7 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.sensors.gnss import lasting_error
 
 MOST_ROWS = 8
-"""Of one observation."""
+"""Largest dimension of an observation."""
 
 
 def constants(
@@ -27,9 +27,9 @@ def constants(
 ) -> np.ndarray:
     """The vector of filter constants (``core.filter.layout``).
 
-    ``shown``: noise that the flight has shown; ``vibration`` [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)] adds to that of
-    gyroscope and accelerometer; ``lasting``: what the receiver states of its positions.
-    How much the gyroscope's bias wanders is followed by ``bias_noise`` and not part of that.
+    ``shown``: noise identified in flight; ``vibration`` [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)]: additional noise of gyroscope
+    and accelerometer; ``lasting``: the correlated part of the position errors that the receiver states. The driving
+    noise of the gyroscope bias is the smallest one if it is learned in flight, where ``bias_noise`` adds to it.
     """
     noise = math.sqrt(shown.imu_variance)
     imu, navigator = parameters.imu, parameters.navigator
@@ -51,7 +51,7 @@ def constants(
 
 
 def complete_start(start: Alignment, constants: np.ndarray, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
-    """(nav, P) of an alignment: ``nav`` set to learn what it may, ``P`` enlarged to the filter's states."""
+    """(nav, P) of an alignment: ``nav`` with the bias identification started, ``P`` enlarged to the filter's states."""
     nav = start.nav.copy()
     if parameters.imu.learn_gyro_bias_sd:
         bias_noise.begin(nav, constants)
@@ -65,7 +65,7 @@ def complete_start(start: Alignment, constants: np.ndarray, parameters: Paramete
         GNSS_ERROR: errors,
     }
     P = enlarged(start.P, base, constants, first)
-    if GNSS_ERROR.is_in(constants):  # the position is that of a fix, with its error
+    if GNSS_ERROR.is_in(constants):  # the position is that of a fix: the correlated error of the fix is in it
         begin = GNSS_ERROR.states(constants).start
         for i in range(3):
             P[DPOS + i, DPOS + i] += errors[i, i]
@@ -76,7 +76,7 @@ def complete_start(start: Alignment, constants: np.ndarray, parameters: Paramete
 def _blocks(
     parameters: Parameters, shown: NoiseIdentification, lasting: lasting_error.LastingPosition | None
 ) -> dict[Block, Wander]:
-    """The optional states that are there from the start; gravity is a constant of the place."""
+    """Optional blocks that the filter has from the start; the gravity disturbance is constant."""
     chosen = (
         (parameters.navigator.gyro_matrix_states, GYRO_MATRIX, 1e-6),
         (parameters.navigator.gravity_states, GRAVITY, 0.0),
@@ -89,7 +89,7 @@ def _blocks(
 
 
 def gates(parameters: Parameters) -> list[tuple[float, float]]:
-    """(soft, hard) thresholds of the NIS, the first ones for an observation of one row, and so on to ``MOST_ROWS``."""
+    """(soft, hard) thresholds of the NIS for observations of 1, 2 ... ``MOST_ROWS`` rows."""
     navigator = parameters.navigator
     soft, hard = navigator.gate_probability, navigator.reject_probability
     return [(chi_square_quantile(soft, rows), chi_square_quantile(hard, rows)) for rows in range(1, MOST_ROWS + 1)]

@@ -1,11 +1,13 @@
-"""Going back: velocities that prove to be wrong are taken out of the filter, as if they had never been used.
+"""Undoing of wrong GNSS velocities: the last seconds are computed again as if they had never been used.
 
-The proof takes seconds, and meanwhile they have turned heading, tilt and biases. Added variance would be honest and
-useless. So an older copy of the run (``past``) goes the same way again, with what is now known of the velocities.
+It takes seconds to establish that velocities are wrong, and meanwhile they have changed heading, tilt and biases. To
+enlarge the covariance would be consistent, but the solution would be useless. So an older copy of the run (``past``)
+processes the same data again, with the present knowledge of the velocities.
 """
 
 from __future__ import annotations
 
+import copy
 import math
 
 import numpy as np
@@ -18,13 +20,13 @@ from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.solutions import Level
 
 UNDONE = "gnss.velocity.undone"
-"""Event: the navigator goes on from another state, and what was learned along the old one is worth nothing."""
+"""Event: the navigator continues from another state, and quantities learned with the old one are void."""
 
-_LONGEST_GAP = 1.0  # s between IMU rows that are flown again
+_LONGEST_GAP = 1.0  # s: longest gap between IMU rows that are processed again
 
 
 def go_back(run: FilterRun, stamp_ns: int) -> FilterRun:
-    """The run to continue with after velocities have proved to be wrong; ``run`` itself if there is no other."""
+    """The run to continue with after velocities have turned out to be wrong; ``run`` itself if there is no other."""
     twin = _again(run)
     if twin is None:
         return run
@@ -37,7 +39,7 @@ def go_back(run: FilterRun, stamp_ns: int) -> FilterRun:
         step = step_enu(run.timeline.filter.nav[at.LAT : at.VEL], twin.timeline.filter.nav[at.LAT : at.VEL])
         twin.timeline.shift = run.timeline.shift + step
         twin.gnss.position.resets = run.gnss.position.resets + 1
-    text = "the effect of wrong velocities is undone: the last seconds are computed again with what is known now"
+    text = "the effect of wrong velocities is undone: the last seconds were computed again"
     run.journal.say(stamp_ns, UNDONE, Level.WARN, text)
     mode, now = run.modes.mode.value, twin.modes.mode.value
     if mode != now:
@@ -46,7 +48,7 @@ def go_back(run: FilterRun, stamp_ns: int) -> FilterRun:
 
 
 def _again(run: FilterRun) -> FilterRun | None:
-    """``run`` as it would be had it known of its velocities what it knows now; None if it would not run."""
+    """``run`` as it would be with the present knowledge of its velocities from the start; None if it would not run."""
     start, journal = run.past.start, Journal()
     if start is None:
         return None
@@ -56,6 +58,7 @@ def _again(run: FilterRun) -> FilterRun | None:
     twin = start.copy(journal)
     twin.origin, twin.origin_is_fixed = run.origin, run.origin_is_fixed
     twin.gnss.reception.velocities = run.gnss.reception.velocities.in_hindsight(journal)
+    twin.imu_physics.motion.body = copy.deepcopy(run.imu_physics.motion.body)
     for now, sample in heard:
         rows = _carry(twin, rows, now)
         if twin.failure:
@@ -66,7 +69,7 @@ def _again(run: FilterRun) -> FilterRun | None:
 
 
 def _carry(run: FilterRun, rows: np.ndarray, until: float) -> np.ndarray:
-    """Carry ``run`` over the IMU ``rows`` (N, 7) up to ``until`` [s]; returns the others."""
+    """Propagate ``run`` over the IMU ``rows`` (N, 7) up to ``until`` [s]; returns the remaining rows."""
     count = int(np.searchsorted(rows[:, at.IMU_T], until, side="right"))
     if count:
         stamps_ns = np.array([run.clock.stamp(t) for t in rows[:count, at.IMU_T].tolist()])

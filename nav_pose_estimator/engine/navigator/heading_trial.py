@@ -1,13 +1,13 @@
-"""A heading that only a magnetometer, or the time before a gap, has told is on trial until motion confirms it.
+"""Heading trial: a heading from the magnetometer alone, or from before an IMU gap, is tested by the first motion.
 
-The navigator starts with it at once. The aligner goes on beside it, without the magnetometer: at the first motion its
-heading hypotheses follow GNSS, and the heading that wins is compared with the one on trial. One that is far off ends
-there: the navigator goes on from the aligner's state, and the magnetometer steers nothing any more.
+The navigator starts with this heading at once. An aligner without magnetometer runs beside it: at the first motion its
+heading hypotheses follow GNSS, and their result is compared with the heading on trial. Where the latter is far off, the
+navigator continues from the aligner's state, and the magnetometer is no longer used.
 
-The aligner is a witness, not the judge. In slow, smooth motion it takes a gentle turn for rest, and all its hypotheses
-start from a wrong level and wrong gyroscope biases; one of them wins all the same. So the navigator has to say the same
-with what GNSS has shown it: by having turned to the aligner's heading, or by innovations that are larger than expected
-and larger than the aligner's. If neither is so, the trial goes on with an aligner that has seen nothing.
+The aligner alone is not sufficient evidence. In slow, smooth motion it takes a gentle turn for rest; then all its
+hypotheses start from a wrong level and wrong gyroscope biases, and one of them still wins. So the navigator has to
+confirm the result with the data of GNSS: its own heading has turned to the aligner's, or its NIS is larger than
+expected and larger than the aligner's. Otherwise the trial continues with a fresh aligner.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ from nav_pose_estimator.engine.samples import MagSample
 from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 from nav_pose_estimator.engine.solutions import Level
 
-_FAR_OFF = (
-    0.6  # rad: more than a declination that nobody has set and the hypotheses' 10 deg; the filter mends less by itself
-)
+# rad: heading error that ends the trial. It is more than an unset declination and the hypotheses' 10 deg together; the
+# filter corrects smaller errors by itself.
+_FAR_OFF = 0.6
 _SIGNIFICANT = 3.0  # joint standard deviations
-_CONTRADICTED = 2.0  # mean NIS per row above which GNSS does not bear out the navigator's heading
+_CONTRADICTED = 2.0  # mean NIS per row above which GNSS contradicts the navigator's heading
 TURNED = "navigator.turned"
-"""Event: the navigator goes on with another heading, and what was learned along the old one is worth nothing."""
-_TURNED_HEADING_SD, _TURNED_TILT_SD = 0.25, 0.05  # rad
-_TURNED_GYRO_SD, _TURNED_ACCEL_SD = 0.01, 0.2  # rad/s, m/s^2
-_PATIENCE = 5.0  # s without a fix after which the aligner begins anew instead of keeping the IMU
+"""Event: the navigator continues with another heading, and quantities learned with the old one are void."""
+_TURNED_HEADING_SD, _TURNED_TILT_SD = 0.25, 0.05  # rad: standard deviations after ``turn``
+_TURNED_GYRO_SD, _TURNED_ACCEL_SD = 0.01, 0.2  # rad/s, m/s^2: the same of the biases
+_PATIENCE = 5.0  # s without a fix after which the aligner restarts, so that it need not keep more IMU rows
 
 
 def carry(run: FilterRun, trial: CarriedHeading, rows: np.ndarray, out: np.ndarray) -> None:
-    """The IMU ``rows`` (N, 7) that the navigator has taken, and its solutions ``out`` (N, OUT_COLUMNS).
+    """Propagate aligner and heading on trial over IMU ``rows`` (N, 7); ``out`` (N, OUT_COLUMNS) are the solutions.
 
-    The heading on trial is the navigator's up to the first motion; from then on, while fixes correct that, the
-    gyroscope's.
+    The heading on trial is the navigator's up to the first motion. From then on fixes correct the navigator, and the
+    heading on trial is propagated by the gyroscope alone.
     """
     for row, solution in zip(rows, out, strict=True):
         run.start_up.imu(row)
@@ -58,16 +58,16 @@ def carry(run: FilterRun, trial: CarriedHeading, rows: np.ndarray, out: np.ndarr
 
 
 def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
-    """Compare the headings if there are two, after what came with a stamp of ``stamp_ns``."""
+    """Compare the two headings once the aligner has one, after an input with the stamp ``stamp_ns``."""
     second = run.start_up.result()
     if second is None:
         return
     age = run.now - second.t
-    # velocities in wrong axes would show a wrong heading: motion has to show it again
+    # with velocities in wrong axes the aligner's heading would be wrong: a new one has to be found
     if age > run.parameters.navigator.memory or run.gnss.reception.velocities.doubted:
         run.start_up = run.start_up.afresh(run.parameters)
         return
-    # without the states that sensors have asked for: they are given them again
+    # without the states of sensors, which are added again at their next observation
     constants = filter_setup.constants(run.parameters, run.noise)
     start = filter_setup.complete_start(second, constants, run.parameters)
     nav, P = start[0].copy(), start[1].copy()
@@ -87,21 +87,22 @@ def judge(run: FilterRun, trial: CarriedHeading, stamp_ns: int) -> None:
             assert isinstance(magnetometer, Magnetometer)
             magnetometer.reject(stamp_ns, error)
         else:
-            text = f"the heading that was carried over was {math.degrees(abs(error)):.0f} deg off, as motion shows"
+            text = f"the heading from before the gap was wrong by {math.degrees(abs(error)):.0f} deg, as motion shows"
             run.journal.say(stamp_ns, "resume.heading.wrong", Level.WARN, text, error_deg=math.degrees(error))
         _start_from(run, constants, start)
 
 
 def turn(run: FilterRun, monitor: HeadingMonitor, stamp_ns: int) -> None:
-    """Turn the heading, for IMU and GNSS have shown it to be far off.
+    """Correct a heading that ``monitor`` has shown to be far off.
 
-    A filter with a wrong heading has bent tilt and biases until they fitted: roll and pitch are the monitor's, too.
+    A filter with a wrong heading has also wrong tilt and biases, which compensated for it. So roll and pitch are taken
+    from the monitor as well, and the biases are reset.
     """
     whole, angle = run.settled, monitor.error
     nav, P = whole.nav.copy(), whole.P.copy()
     own = nav[at.QUAT : at.GYRO_BIAS]
     roll, pitch, _ = euler_from_quat(own if monitor.level is None else monitor.level)
-    nav[at.ACCEL_BIAS : at.ACCEL_BIAS + 3] = 0.0  # as in the monitor's roll and pitch
+    nav[at.ACCEL_BIAS : at.ACCEL_BIAS + 3] = 0.0  # as assumed in the monitor's roll and pitch
     own[:] = quat_from_euler(roll, pitch, euler_from_quat(own)[2] + angle)
     tilt = max(float(P.diagonal()[at.PHI : at.PHI + 2].max()), _TURNED_TILT_SD**2)
     for start, variances in (
@@ -113,7 +114,7 @@ def turn(run: FilterRun, monitor: HeadingMonitor, stamp_ns: int) -> None:
         P[states, :] = P[:, states] = 0.0
         P[states, states] = np.diag(variances)
     constants = filter_setup.constants(run.parameters, run.noise)
-    base = P[: at.BASE_STATES, : at.BASE_STATES]  # sensors are given their states again, which were bent as well
+    base = P[: at.BASE_STATES, : at.BASE_STATES]  # states of sensors were wrong as well, and are added again later
     bare = Alignment(whole.time, nav, base, "turned")
     run.timeline.restart(constants, *filter_setup.complete_start(bare, constants, run.parameters))
     run.gnss.position.resets += 1
@@ -125,7 +126,7 @@ def turn(run: FilterRun, monitor: HeadingMonitor, stamp_ns: int) -> None:
     if run.trial is not None and run.trial.from_magnetometer:
         magnetometer.reject(stamp_ns, error)
     else:
-        text = f"the heading was {math.degrees(abs(error)):.0f} deg off, as IMU and GNSS show: corrected"
+        text = f"the heading was wrong by {math.degrees(abs(error)):.0f} deg, as IMU and GNSS show: corrected"
         run.journal.say(stamp_ns, TURNED, Level.WARN, text, error_deg=math.degrees(error))
     run.trial = None
 
@@ -136,9 +137,9 @@ def _heading(nav: np.ndarray, P: np.ndarray) -> tuple[float, float]:
 
 
 def _navigator_agrees(run: FilterRun, heading: tuple[float, float], nis: float) -> bool:
-    """Whether the navigator, which began with the heading on trial, bears out the aligner's.
+    """Whether the navigator, which started with the heading on trial, confirms the aligner's ``heading``.
 
-    ``heading``: the aligner's yaw and its deviation [rad]; ``nis``: how well that fitted GNSS, per degree of freedom.
+    ``heading``: the aligner's yaw and its deviation [rad]; ``nis``: its mean NIS per degree of freedom.
     """
     yaw, sd = heading
     own, own_sd = _heading(run.timeline.filter.nav, run.timeline.filter.P)
@@ -148,7 +149,7 @@ def _navigator_agrees(run: FilterRun, heading: tuple[float, float], nis: float) 
 
 
 def _start_from(run: FilterRun, constants: np.ndarray, start: tuple[np.ndarray, np.ndarray]) -> None:
-    """Go on from another state, valid a moment ago; the odometry does not jump."""
+    """Continue from another state, valid a moment ago; the odometry does not jump."""
     run.timeline.settle()
     before = run.timeline.filter.nav[at.LAT : at.VEL].copy()
     run.timeline.restart(constants, *start)

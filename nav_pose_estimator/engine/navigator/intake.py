@@ -24,6 +24,7 @@ from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.samples import (
     Airspeed,
     AttitudeSample,
+    BodyVelocity,
     DifferentialPressure,
     GnssFix,
     GnssVelocity,
@@ -42,6 +43,7 @@ from nav_pose_estimator.engine.samples import (
 from nav_pose_estimator.engine.sensors import barometer
 from nav_pose_estimator.engine.sensors.aids import AIDS
 from nav_pose_estimator.engine.sensors.barometer import Barometer
+from nav_pose_estimator.engine.sensors.body_velocity import BodyVelocitySensor
 from nav_pose_estimator.engine.sensors.magnetometer import Magnetometer
 from nav_pose_estimator.engine.sensors.sensor import Aid
 from nav_pose_estimator.engine.solutions import Level
@@ -128,6 +130,19 @@ def _aid(run: FilterRun, sample: Any) -> None:
         run.start_up.mag(t, aid.receive(sample))
     elif isinstance(sample, PressureSample):
         run.start_up.standard_height = barometer.standard_height(sample.pressure)
+
+
+def _body_velocity(run: FilterRun, sample: BodyVelocity) -> None:
+    """One that does not change as the IMU feels is left out, and once that is proved, its effect is undone."""
+    sensor, body = run.aids[BodyVelocity], run.imu_physics.motion.body
+    assert isinstance(sensor, BodyVelocitySensor)
+    if run.timeline.running and run.parameters.aids.body_velocity:
+        body.velocity(sensor.time_of(run.clock.seconds(sample.stamp_ns)), sensor.in_body(sample))
+        if body.fault or body.suspect:
+            if sensor.refuse_axes(body.fault, sample.stamp_ns):
+                run.gnss.reception.velocities.misled = True
+            return
+    _aid(run, sample)
 
 
 def _give_blocks(run: FilterRun, aid: Aid) -> bool:
@@ -229,6 +244,7 @@ def _set_pose(run: FilterRun, sample: SetPose) -> None:
     nav, P = run.timeline.filter.nav, run.timeline.filter.P
     start_up.set_pose(nav, P, sample, run.origin)
     run.timeline.start(nav, P)
+    run.pose_given = True
     run.gnss.position.resets += 1
     run.noise.interrupt()
     run.journal.say(sample.stamp_ns, "set_pose", Level.INFO, "the pose was set from outside")
@@ -289,6 +305,7 @@ _HANDLERS: dict[type, Callable[[FilterRun, Any], None]] = {
     NavigatorVelocity: _not_for_us,
     VelocityError: _not_for_us,
     **{aid.sample: _aid for aid in AIDS},
+    BodyVelocity: _body_velocity,
     PressureSample: _pressure,
     Airspeed: _airspeed,
     DifferentialPressure: _differential_pressure,

@@ -1,4 +1,4 @@
-"""Which mode the navigator is in, when that changes, and what is said about it."""
+"""Mode of the navigator: its rules, its changes and their events."""
 
 from __future__ import annotations
 
@@ -10,31 +10,32 @@ from nav_pose_estimator.engine.parameters.navigator import NavigatorParameters
 from nav_pose_estimator.engine.sensors.aiding import AID_HOLDS, Aiding
 from nav_pose_estimator.engine.solutions import Level, Mode
 
-_OFFER_HOLDS = 2.0  # s: how long a fix under test counts as re-acquisition
+_OFFER_HOLDS = 2.0  # s after a fix under test for which the mode is REACQUIRING
 LEVELLING = frozenset((Mode.WAITING_IMU, Mode.ALIGNING, Mode.NO_ORIGIN))
-"""While the filter does not run."""
+"""Modes in which the filter does not run."""
 DENIED = frozenset((Mode.COASTING, Mode.DEAD_RECKONING, Mode.EXPIRED, Mode.REACQUIRING))
+"""Modes without GNSS."""
 
 
 class ModeKeeper:
-    """The mode is a function of four times: now, last used fix, last offered fix, last bounding aid."""
+    """Keeps the mode, a function of four times: now, last used fix, last fix under test, last bounding aid."""
 
     def __init__(self, parameters: NavigatorParameters) -> None:
         self._parameters = parameters
         self.mode = Mode.WAITING_IMU
         self.distrust_reason = ""
-        """Why a solution without GNSS is not to be trusted at all, one sentence; empty where it is."""
+        """Why a solution without GNSS must not be trusted at all, one sentence; empty where it may."""
 
     def set_parameters(self, parameters: NavigatorParameters) -> None:
-        """New times that separate the modes."""
+        """Take new times at which the mode changes."""
         self._parameters = parameters
 
     def note_alignment(self, has_attitude: bool) -> None:
-        """While the filter does not run: aligning, or level but without a position."""
+        """Set the mode before the filter runs: ALIGNING, or NO_ORIGIN where only a position is missing."""
         self.mode = Mode.NO_ORIGIN if has_attitude else Mode.ALIGNING
 
     def distrust(self, reason: str, journal: Journal, stamp_ns: int) -> None:
-        """Without GNSS, ``reason`` not empty: from now on the solution counts as expired, until GNSS has mended it."""
+        """Without GNSS and with a ``reason``: the solution counts as EXPIRED until GNSS aids the filter again."""
         if reason and not self.distrust_reason:
             self.distrust_reason = reason
             journal.say(
@@ -43,12 +44,12 @@ class ModeKeeper:
 
     @staticmethod
     def seconds_unaided(t: float, aiding: Aiding) -> float:
-        """Seconds since the last used fix while GNSS counts as lost, else zero."""
+        """s since the last used fix while GNSS counts as lost, else zero."""
         gap = t - aiding.fix_used
         return gap if aiding.lost_after < gap < math.inf else 0.0
 
     def deadline(self, t: float, aiding: Aiding) -> float:
-        """The next time after ``t`` at which the mode may change by time alone."""
+        """The next time [s] after ``t`` at which the mode may change without an observation."""
         times = (
             aiding.fix_used + aiding.lost_after,
             aiding.fix_used + self._parameters.expire_after,
@@ -58,7 +59,10 @@ class ModeKeeper:
         return min((at for at in times if at > t), default=math.inf)
 
     def update(self, t: float, aiding: Aiding, refusal: str, journal: Journal, stamp: Callable[[float], int]) -> Mode:
-        """The mode at ``t`` of a running filter; a change is an event. ``refusal``: why the last fix was not used."""
+        """Update the mode of a running filter to ``t`` [s], with an event for a change.
+
+        ``refusal``: why the last fix was not used.
+        """
         mode = self.at(t, aiding)
         if mode is Mode.AIDED:
             self.distrust_reason = ""
@@ -71,7 +75,7 @@ class ModeKeeper:
         return mode
 
     def at(self, t: float, aiding: Aiding) -> Mode:
-        """The mode that ``t`` asks for, of a running filter."""
+        """The mode of a running filter at ``t`` [s]."""
         gap, lost_after = t - aiding.fix_used, aiding.lost_after
         if gap < lost_after:
             return Mode.AIDED

@@ -1,6 +1,6 @@
-"""The last half minute of a run: copies of it, a quarter of a minute apart, and all that has arrived since the first.
+"""Recent past of a run: copies of it every 15 s, and everything that has arrived since the oldest of them.
 
-``go_back`` needs it.
+``go_back`` computes the last half minute again from it.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from nav_pose_estimator.engine.samples import GnssVelocity, Sample
 if TYPE_CHECKING:
     from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 
-_APART = 15.0  # s between two copies; the older one is gone back to
-_LONGEST = 60.0  # s: what has been wrong for longer than that, and could not be proved, stays
+_APART = 15.0  # s between two copies
+_LONGEST = 60.0  # s: errors that are not established within this time are not undone
 
 
 class _Start(NamedTuple):
+    """A copy of the run at ``t`` [s], with the lengths of the two records at that time."""
+
     t: float
     run: FilterRun
     heard: int
@@ -30,33 +32,33 @@ class _Start(NamedTuple):
 
 
 class Past:
-    """The last half minute of a run, from the first GNSS velocity on. What it holds is never written to."""
+    """Copies and records of a run from the first GNSS velocity on. Its content is never written to."""
 
     def __init__(self) -> None:
         self._starts: list[_Start] = []
-        self._heard: list[tuple[float, Sample]] = []  # time of the last IMU row before it
-        self._seconds: list[np.ndarray] = []  # IMU rows
-        self._until = -math.inf  # s: the last of them
+        self._heard: list[tuple[float, Sample]] = []  # samples other than IMU, each with the time of the last IMU row
+        self._seconds: list[np.ndarray] = []  # blocks of IMU rows (N, 7)
+        self._until = -math.inf  # s: time of the last of them
 
     def __deepcopy__(self, _memo: dict) -> Past:
-        """A copy with lists of its own and the same things in them."""
+        """A copy with its own lists of the same items, which are never written to."""
         twin = copy.copy(self)
         twin._starts, twin._heard, twin._seconds = list(self._starts), list(self._heard), list(self._seconds)
         return twin
 
     def __reduce__(self) -> tuple[type[Past], tuple[()]]:
-        """Another process, where rehearsals are flown, is not told the past."""
+        """Pickled as empty: a process that runs rehearsals does not need the past."""
         return Past, ()
 
     def hear(self, run: FilterRun, sample: Sample) -> None:
-        """What arrives, before it acts."""
+        """Record a ``sample`` other than IMU before it is processed."""
         if not self._starts and isinstance(sample, GnssVelocity):
             self._keep(run)
         if self._starts:
             self._heard.append((run.now, sample))
 
     def second(self, run: FilterRun) -> None:
-        """Keep the IMU rows of the last second, and from time to time a copy of ``run``."""
+        """Record the IMU rows of the last second, and from time to time a copy of ``run``."""
         if not self._starts:
             return
         self._keep_rows(run)
@@ -70,17 +72,17 @@ class Past:
 
     @property
     def start(self) -> FilterRun | None:
-        """The run as it was half a minute ago, not to be written to; None where that is not known."""
+        """The oldest copy of the run, read only; None without one."""
         return self._starts[0].run if self._starts else None
 
     def since(self, run: FilterRun) -> tuple[np.ndarray, list[tuple[float, Sample]]]:
-        """What ``run`` has heard since ``start``: IMU rows (N, 7), and the rest with the time [s] of the last row."""
+        """Input of ``run`` since ``start``: IMU rows (N, 7), and other samples with the time [s] of the row before."""
         self._keep_rows(run)
         first = self._starts[0]
         return np.concatenate(self._seconds[first.seconds :]), self._heard[first.heard :]
 
     def forget(self) -> None:
-        """What has been cannot be gone back to."""
+        """Drop everything."""
         self._starts, self._heard, self._seconds = [], [], []
 
     def _keep_rows(self, run: FilterRun) -> None:

@@ -1,4 +1,4 @@
-"""The strapdown navigator: samples in, navigation solutions and events out. Node and replay use this class."""
+"""Engine of the strapdown navigator: navigation solutions and events from samples, for node and replay alike."""
 
 from __future__ import annotations
 
@@ -24,16 +24,17 @@ from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock, NavSolution, Output, Status
 
 _MISLED = Doubt(tilt=0.2, speed=3.0, gyro_bias=0.005, accel_bias=0.3)
-"""What velocities in wrong axes or units may have done to a filter that cannot go back."""
+"""Possible error after GNSS velocities in wrong axes or units, for a filter that cannot be computed again."""
 Resume = Callable[[FilterRun, int], FilterRun]
-"""What a run that has seen nothing becomes at the stamp of its first IMU sample: it goes on from a saved state."""
+"""Makes a run that continues from a saved state, given a fresh run and the stamp of its first IMU sample."""
 
 
 class SinsEngine:
     """Strapdown navigation with a closed-loop error-state Kalman filter (CN113777645A step 3, Groves ch. 14).
 
-    The engine never asks a clock: time comes with the samples, and GNSS acts at stamp minus ``gnss.delay``. What it
-    keeps over a restart is here, the rest in its ``run``; ``journal`` counts all that was used, refused or reset.
+    The engine never uses a clock: time comes with the samples, and GNSS is valid at stamp minus ``gnss.delay``. Its
+    attributes persist over a restart of the filter, the rest of the state is in its ``run``; ``journal`` counts
+    everything that was used, rejected or reset.
     """
 
     def __init__(self, parameters: Parameters | None = None) -> None:
@@ -47,7 +48,7 @@ class SinsEngine:
     # --- public ------------------------------------------------------------------------------------------------------
 
     def feed(self, sample: Sample) -> list[Output]:
-        """Take one sample; returns the solutions and events that follow from it."""
+        """Process one sample; returns the solutions and events that follow from it."""
         outputs: list[Output] = []
         if isinstance(sample, ImuSample):
             outputs += self._on_sample(sample)
@@ -60,18 +61,14 @@ class SinsEngine:
         return [*events, *outputs] if events else outputs
 
     def feed_all(self, samples: Sequence[Sample]) -> list[Output]:
-        """Take samples in the order in which they arrived: the numbers of ``feed``, in fewer and longer blocks."""
+        """Process samples in order of arrival; the results are those of ``feed``, in fewer and longer blocks."""
         outputs: list[Output] = []
         backlog = stretch.Backlog(self.run)
+        all_pass = self._input.accept_all([sample for sample in samples if isinstance(sample, ImuBlock)])
         try:
             for sample in samples:
-                if isinstance(sample, ImuBlock) and self.resume is None and backlog.is_open():
-                    items = self._input.accept_block(sample)
-                    if len(items) == 1 and isinstance(items[0], ImuBlock):
-                        outputs += _let_wait(self, backlog, items[0])
-                    else:
-                        outputs += _flown(self, backlog)
-                        outputs += self._carry(items)
+                if isinstance(sample, ImuBlock):
+                    outputs += self._on_block(backlog, sample, all_pass)
                 elif backlog.may_wait_for(sample):
                     intake.take(self.run, sample)
                     if self.run.gnss.reception.velocities.misled:
@@ -90,7 +87,7 @@ class SinsEngine:
 
     @property
     def mode(self) -> Mode:
-        """How things stand."""
+        """Present mode."""
         return self.run.modes.mode
 
     @property
@@ -103,34 +100,34 @@ class SinsEngine:
         self._gnss_enabled = self.run.gnss.reception.enabled = flag
 
     def set_parameters(self, parameters: Parameters) -> None:
-        """Change what is marked mutable while the filter runs; the rest must be as it was."""
+        """Change the mutable parameters of the running filter; the others must be unchanged."""
         self.parameters = parameters
         self.run.set_parameters(parameters)
 
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
-        """Forget the solution and align again. The local frame's origin stays."""
+        """Discard the solution and align again; the origin of the local frame stays."""
         self._input.reset()
         self.run = _afresh(self, stamp_ns, reason)
         return list(self.journal.drain())
 
     def status(self) -> Status:
-        """What a pilot wants to know."""
+        """Status for the operator."""
         return status_of(self.run)
 
     def warm_up(self) -> None:
-        """Compile every kernel now, so that no flight waits for a compiler."""
+        """Compile all kernels now, so that no flight waits for a compiler."""
         start_up.warm_up(filter_setup.constants(self.parameters, self.run.noise))
         warm_up_flight.warm_up(lambda: SinsEngine(self.parameters))
 
     def snapshot(self) -> SinsEngine:
-        """An independent copy of the engine as it stands."""
+        """An independent copy of the engine."""
         twin = copy.copy(self)
         twin._input = ImuInput(self.parameters.imu)
         twin.restore(self)
         return twin
 
     def restore(self, snapshot: SinsEngine) -> None:
-        """Continue from ``snapshot``, which stays as it is."""
+        """Continue from ``snapshot``, which is not changed."""
         self.journal = snapshot.journal.copy()
         self._input.restore(snapshot._input.snapshot())
         self._gnss_enabled, self.resume = snapshot._gnss_enabled, snapshot.resume
@@ -152,8 +149,18 @@ class SinsEngine:
             solutions.append(NavSolution(stamp, block.mode, values, block.correction_enu, block.reset_count))
         return solutions
 
+    def _on_block(self, backlog: stretch.Backlog, block: ImuBlock, passes: bool) -> list[Output]:
+        """A ``block`` waits in ``backlog``, or is flown. ``passes``: the IMU's input has accepted it."""
+        items: list[ImuBlock | Event]
+        items = [self._input.mounting.block(block)] if passes else self._input.accept_block(block)
+        whole = items[0] if len(items) == 1 else None
+        if isinstance(whole, ImuBlock) and self.resume is None and backlog.is_open():
+            return _let_wait(self, backlog, whole)
+        outputs, blocks = _flown(self, backlog), self._carry(items)
+        return [*outputs, *self.journal.drain(), *blocks]
+
     def _carry(self, items: list[ImuSample | Event] | list[ImuBlock | Event]) -> list[NavBlock]:
-        """What the IMU's input let pass, in order: events, which may end the run, and samples."""
+        """Process the output of the IMU input in order: samples, and events, which may end the run."""
         blocks: list[NavBlock] = []
         for item in items:
             if isinstance(item, Event):
@@ -169,14 +176,17 @@ class SinsEngine:
         return blocks
 
     def _go_on(self, ahead: list[NavBlock], stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
-        """``ahead`` is what became of IMU ``rows``; where the filter failed, the rest is left to the next one."""
+        """Solutions of IMU ``rows``, of which ``ahead`` are those up to a failure of the filter, if it has failed.
+
+        A failed filter is replaced by a fresh one, which processes the remaining rows.
+        """
         blocks = ahead
         while self.run.failure:
             last = int(ahead[-1].stamps_ns[-1] if ahead else stamps_ns[0])  # an alignment stops after one row
             done = int(stamps_ns.searchsorted(last, side="right"))
             stamps_ns, rows = stamps_ns[done:], rows[done:]
-            clock = self.run.clock  # the rows that follow count from it
-            # what the IMU or GNSS has spoiled is not gone on from
+            clock = self.run.clock  # engine time continues
+            # no saved state: the failure has made it wrong
             self.run = _afresh(self, last, self.run.failure)
             self.run.clock = clock
             ahead = stretch.carry(self.run, stamps_ns, rows) if len(rows) else []
@@ -185,7 +195,7 @@ class SinsEngine:
 
 
 def _let_wait(engine: SinsEngine, backlog: stretch.Backlog, block: ImuBlock) -> list[Output]:
-    """Let ``block`` wait; where it is time to look back within it, what comes before is flown first."""
+    """Add ``block`` to the backlog; where a look back is due within it, the part before that is processed first."""
     now, later = backlog.cut(block)
     backlog.add(now)
     if later is None:
@@ -199,16 +209,16 @@ def _let_wait(engine: SinsEngine, backlog: stretch.Backlog, block: ImuBlock) -> 
 
 
 def _flown(engine: SinsEngine, backlog: stretch.Backlog) -> list[Output]:
-    """What has happened when all that waits has been flown."""
+    """Process the whole backlog; returns solutions and events."""
     blocks = engine._go_on(*backlog.flown())
     return [*engine.journal.drain(), *blocks]
 
 
 def _after(engine: SinsEngine, event: Event) -> FilterRun:
-    """The run after a gap or a new clock.
+    """The run after a gap in the IMU data or a change of the clock.
 
-    Over a gap nothing is wrong with what the filter knew, and it goes on from there. A clock set back may be another
-    flight.
+    After a gap the state before it is still valid, and the new run continues from it. A clock set back may mean another
+    flight, which starts from nothing.
     """
     if event.name != GAP:
         return _afresh(engine, event.stamp_ns, event.text)
@@ -218,17 +228,17 @@ def _after(engine: SinsEngine, event: Event) -> FilterRun:
         return _afresh(engine, event.stamp_ns, event.text, before.start_up.known_biases if is_short else None)
     gap = (event.stamp_ns - saved.stamp_ns) * NS
     if gap > LONGEST:
-        text = f"no IMU data for {gap:.0f} s, nobody knows where the vehicle is without GNSS"
+        text = f"no IMU data for {gap:.0f} s, so the vehicle's position is unknown without GNSS"
         return _afresh(engine, event.stamp_ns, text)
     before.parameters = _parameters(engine)
     return resumed(saved, before, event.stamp_ns, event.text)
 
 
 def _afresh(engine: SinsEngine, stamp_ns: int, reason: str, known: KnownBiases | None = None) -> FilterRun:
-    """A run that has seen nothing; counters, origin, declination and the operator's choice stay."""
+    """A fresh run; counters, origin, declination and the operator's choice of GNSS stay."""
     engine.journal.say(stamp_ns, "reset", Level.WARN, f"the navigator starts again: {reason}")
     before = engine.run
-    noise = None if known is None else before.noise  # the same flight goes on
+    noise = None if known is None else before.noise  # with known biases it is the same flight
     abandoned = before.gnss.position.abandons_origin and not before.origin_is_fixed
     origin = None if abandoned else before.origin
     run = FilterRun(_parameters(engine), engine.journal, origin, before.gnss.reception.enabled, known, noise)
@@ -237,14 +247,14 @@ def _afresh(engine: SinsEngine, stamp_ns: int, reason: str, known: KnownBiases |
 
 
 def _parameters(engine: SinsEngine) -> Parameters:
-    """Those of the next run."""
+    """Parameters of the next run, with the declination that the model has given."""
     if engine.run.parameters.aids.declination == engine.parameters.aids.declination:
-        return engine.parameters  # a field model that said nothing (the clock was not set yet?) is asked again
+        return engine.parameters  # a model that gave none (the clock was not set yet?) is tried again
     return engine.run.parameters
 
 
 def _without_wrong_velocities(run: FilterRun) -> FilterRun:
-    """``run``, or where GNSS velocities have just proved to be wrong, what it would be without them."""
+    """``run``, or, where GNSS velocities have just turned out to be wrong, a run without their effect."""
     velocities = run.gnss.reception.velocities
     if not velocities.misled:
         return run

@@ -1,4 +1,4 @@
-"""The filter that a time line carries: one, or in an outage its branches and the mixture of them."""
+"""The filter of a time line: a single one, or in an outage a bank of branches and their mixture."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
 from nav_pose_estimator.engine.samples import MotionEvidence, Vector3
 
 MOTION = Kind("motion")
-"""Observations that split the filter into branches and weigh them; what they measured is a MotionEvidence."""
+"""Observations that split the filter into branches and weight them; ``measured`` is a MotionEvidence."""
 
 Apply = Callable[[Observation, FilterView], None]
-"""Lets an observation act on a filter that stands at its time."""
+"""Applies an observation to a filter that is at its time."""
 
 
 class SplitFilter:
     """Nominal state ``nav`` and covariance ``P`` with checkpoints; the mixture of ``branches`` where there are any.
 
-    ``vector`` is what kernels take (``core.filter.memory``); ``nav``, ``P`` and ``constants`` are parts of it.
+    ``vector`` is the argument of the kernels (``core.filter.memory``); ``nav``, ``P`` and ``constants`` are its views.
     """
 
     def __init__(self, constants: np.ndarray, slots: int, checkpoint_period: float) -> None:
         self._slots, self._period = slots, checkpoint_period
         self.branches: Branches | None = None
-        self._united_by = 0  # arrival of the observation that ended branches last
+        self._united_by = 0  # arrival number of the observation that last ended branches
         self._hold(memory.make(constants, slots, checkpoint_period))
 
     def _hold(self, vector: np.ndarray) -> None:
@@ -41,14 +41,14 @@ class SplitFilter:
         self.view = FilterView(self.nav, self.P, self.constants)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """In a copy, too, the parts are parts of its own vector."""
+        """Restore a copy; its views refer to its own vector."""
         vars(self).update(state)
         self._hold(self.vector)
 
     def start(
         self, constants: np.ndarray, nav: np.ndarray, P: np.ndarray, origin: tuple[float, float, float] | None
     ) -> None:
-        """Begin whole at ``nav``, ``P``; ``origin`` as in ``Timeline.start``."""
+        """Start without branches at ``nav``, ``P``; ``origin`` as in ``Timeline.start``."""
         place = self.vector[memory.ORIGIN : memory.STATES] if origin is None else origin
         fresh = memory.make(constants, self._slots, self._period)
         fresh[memory.ORIGIN : memory.STATES] = place
@@ -64,7 +64,7 @@ class SplitFilter:
         return float(self.nav[TIME])
 
     def carry(self, rows: np.ndarray, begin: int, end: int, due: float, out: np.ndarray) -> int:
-        """``memory.run_block`` over IMU rows, along every branch where there are any."""
+        """``memory.run_block`` over IMU rows, for each branch where there are any."""
         if self.branches is None:
             return memory.run_block(self.vector, rows, begin, end, due, out)
         stop = self.branches.run(rows, begin, end, due, out)
@@ -72,13 +72,16 @@ class SplitFilter:
         return stop
 
     def carry_one(self, rows: np.ndarray, index: int, t: float, gyro: Vector3, accel: Vector3) -> np.ndarray:
-        """One IMU sample, written to ``rows`` [index], of a filter without branches; returns (SOLUTION_SIZE,)."""
+        """Propagate a filter without branches over one IMU sample, which is written to ``rows`` [index].
+
+        Returns the solution (SOLUTION_SIZE,).
+        """
         solution = np.empty(SOLUTION_SIZE)
         memory.run_sample(self.vector, rows, index, solution, t, *gyro, *accel)
         return solution
 
     def complete(self, row: np.ndarray) -> np.ndarray:
-        """The solution (SOLUTION_SIZE,) at the present, of which ``row`` is the output row."""
+        """The present solution (SOLUTION_SIZE,), of which ``row`` is the output row."""
         solution = np.empty(SOLUTION_SIZE)
         solution[:OUT_COLUMNS] = row
         memory.complete_solution(self.vector, solution)
@@ -87,10 +90,10 @@ class SplitFilter:
     # --- observations ------------------------------------------------------------------------------------------------
 
     def act(self, observation: Observation, apply: Apply) -> bool:
-        """Let an observation act at its time; True when it split the filter or made it whole."""
+        """Apply an observation at its time; True where it split the filter or merged its branches."""
         before = self.branches
         if observation.kind is MOTION:
-            if observation.arrival > self._united_by:  # else it is of means that GNSS has proved wrong since
+            if observation.arrival > self._united_by:  # older evidence is based on a solution that GNSS has corrected
                 self._weigh(observation.measured)
         elif self.branches is None:
             apply(observation, self.view)
@@ -106,14 +109,14 @@ class SplitFilter:
         return self.branches is not before
 
     def _weigh(self, evidence: MotionEvidence) -> None:
-        """Let the hypotheses of an outage act, on branches that are made when there are none yet."""
+        """Apply the hypotheses of an outage to the branches, which are created at the first evidence."""
         if self.branches is None:
             self.branches = Branches(self.vector, self._slots, evidence)
         self.branches.decide(evidence)
         self.branches.mix_into(self.vector)
 
     def _unite(self, arrival: int) -> None:
-        """An absolute position decides what no hypothesis could: go on with ``nav`` and ``P``, and only with them."""
+        """End the branches after an absolute position: continue with the mixture ``nav``, ``P`` alone."""
         self.branches, self._united_by = None, arrival
         self.vector[memory.OLDEST] = 0.0
         self.vector[memory.NEWEST] = -1.0
@@ -126,17 +129,17 @@ class SplitFilter:
         return [self.vector] if self.branches is None else list(self.branches.memories)
 
     def restore_before(self, t: float) -> float:
-        """Go back to the last checkpoint before ``t``; returns the time of the filter then [s]."""
+        """Restore the last checkpoint before ``t`` [s]; returns the time of the filter then [s]."""
         if self.branches is not None:
             return self.branches.restore_before(t)
         memory.restore_before(self.vector, t)
         return self.time
 
     def renew_checkpoints(self) -> None:
-        """Where the filter has just been kept, keep it as it is by now."""
+        """Renew checkpoints of the present time, because the filter has been corrected since."""
         for vector in self._vectors:
             memory.renew_checkpoint(vector)
 
     def forget_before(self, t: float) -> float:
-        """Drop checkpoints before ``t`` but the last of them; returns the time that the others reach back to."""
+        """Drop checkpoints up to ``t`` [s] except the last of them; returns the time of the oldest one left [s]."""
         return min(memory.drop_before(vector, t) for vector in self._vectors)

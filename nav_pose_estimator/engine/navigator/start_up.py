@@ -1,4 +1,4 @@
-"""Before the filter runs: what the aligner is given, what it waits for, and what comes of it."""
+"""Start-up: input and result of the alignment before the filter runs, poses set from outside, warm-up of kernels."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nav_pose_estimator.core.alignment import motion_history
 from nav_pose_estimator.core.alignment.aligner import Aligner
 from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, FixNoise, KnownBiases
 from nav_pose_estimator.core.beams import delay
@@ -20,34 +19,36 @@ from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import state_count
 from nav_pose_estimator.core.filter.kalman import correct, gated_correct
 from nav_pose_estimator.core.filter.vertical_channel import gated_height
+from nav_pose_estimator.core.gnss import unfelt_change
 from nav_pose_estimator.core.numerics.deep_copy import deep_copy
 from nav_pose_estimator.engine.continuation.warm_start import WarmStart
+from nav_pose_estimator.engine.imu import motion_check
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
 from nav_pose_estimator.engine.sensors.routine import routine
 
-_POSE_FLOOR = np.r_[[0.3**2] * 3, [math.radians(0.5) ** 2] * 3]
-_FAR = 1e3  # m
-_FLAT = 1e5  # m
-_FARTHEST = 1e6  # m: a pose beyond this is not in the local frame
+_POSE_FLOOR = np.r_[[0.3**2] * 3, [math.radians(0.5) ** 2] * 3]  # m^2, rad^2: smallest variances of a pose from outside
+_FAR = 1e3  # m: a pose further from the navigator is rejected (or 10 standard deviations, whichever is larger)
+_FLAT = 1e5  # m: distance from the origin up to which the flat local frame is valid
+_FARTHEST = 1e6  # m: a pose beyond this distance is invalid
 POSE_REFUSALS = {
     "no_origin": "a pose can be set only while the navigator runs",
     "value": "its position, orientation or covariance is invalid",
     "stamp": "it has no stamp",
     "far": "it is more than a kilometre and ten deviations from where the navigator is",
 }
-_UNSTATED_TILT_SD = 0.1  # rad: tilt of an attitude that comes without covariance
-_STANDARD_SD = 100.0  # m: height of the standard atmosphere against the ellipsoid, weather and geoid
-_UNKNOWN_HEIGHT_SD = 2000.0  # m
-_SAME_EPOCH = 0.05  # s: a fix and a velocity closer than this belong together
+_UNSTATED_TILT_SD = 0.1  # rad: standard deviation of the tilt of an attitude without covariance
+_STANDARD_SD = 100.0  # m: standard deviation of a pressure altitude as a height above the ellipsoid (weather, geoid)
+_UNKNOWN_HEIGHT_SD = 2000.0  # m: standard deviation of an unknown height
+_SAME_EPOCH = 0.05  # s: a fix and a velocity closer than this are of one epoch
 
 
 class StartUp:
-    """Pairs fixes with velocities for the aligner and keeps the few last velocities for a reset."""
+    """The alignment and its inputs: pairs each fix with the velocity of its epoch."""
 
     def __init__(self, parameters: Parameters, noise: FixNoise, known: KnownBiases | None = None) -> None:
-        """``noise`` of the receiver; ``known``: the biases of the IMU where a navigator has just known them."""
+        """``noise``: models of the receiver; ``known``: biases of the IMU from a navigator that has just ended."""
         self.known_biases, self._noise = known, noise
         self._use_mag = parameters.aids.magnetometer
         settings = {name: getattr(parameters.alignment, name) for name in AlignmentSettings.shared()}
@@ -62,14 +63,14 @@ class StartUp:
             ),
             noise,
         )
-        self.warm_start: WarmStart | None = None  # what goes on from a state before a restart
+        self.warm_start: WarmStart | None = None  # start from a saved state, where there is one
         self._pending_fix: tuple[float, GnssFix, np.ndarray] | None = None
         self._velocities: deque[tuple[float, tuple, np.ndarray]] = deque(maxlen=10)
         self.time = 0.0
         self.standard_height = math.nan  # m: of the last pressure, for a receiver that gives no height
 
     def __deepcopy__(self, memo: dict) -> StartUp:
-        """A finished aligner takes nothing in any more: copies share it, and what it holds."""
+        """A copy; it shares a completed aligner, which no longer changes."""
         if self.aligner.is_complete:
             memo[id(self.aligner)] = self.aligner
         twin = copy.copy(self)
@@ -77,30 +78,30 @@ class StartUp:
         return twin
 
     def afresh(self, parameters: Parameters) -> StartUp:
-        """A start that has seen nothing, at the same time."""
+        """A fresh start-up at the same time."""
         twin = StartUp(parameters, self._noise, self.known_biases)
         twin.time, twin.warm_start = self.time, self.warm_start
         return twin
 
     def imu(self, row: np.ndarray) -> None:
-        """One IMU row [t, gyro, accel] in body axes."""
+        """Process one IMU row [t, gyro, accel] in body axes."""
         self.time = float(row[at.IMU_T])
         self.aligner.imu(self.time, row[at.IMU_GYRO : at.IMU_ACCEL], row[at.IMU_ACCEL :])
         if self.warm_start is not None:
             self.warm_start.imu(row)
 
     def mag(self, t: float, field: tuple[float, float, float]) -> None:
-        """Magnetic field in b."""
+        """Add a magnetic field in b [T] at ``t`` [s]."""
         if self._use_mag and all(map(math.isfinite, field)):
             self.aligner.compass.add(t, np.array(field))
 
     def attitude(self, t: float, sample: AttitudeSample) -> None:
-        """Attitude of the attitude filter: its tilt helps to level in motion."""
+        """Add an attitude of the attitude filter at ``t`` [s], whose tilt improves a levelling in motion."""
         variance = _UNSTATED_TILT_SD**2 if sample.cov_n is None else float(np.max(np.diag(sample.cov_n)[:2]))
         self.aligner.outside.add(t, sample.q_nb, math.sqrt(max(variance, 0.0)))
 
     def fix(self, t: float, sample: GnssFix, R: np.ndarray) -> None:
-        """A usable fix valid at ``t``; handed on with the velocity of its epoch, or alone when none came."""
+        """Add a valid fix at ``t`` [s]; it is passed on with the velocity of its epoch, or alone if there is none."""
         if self._pending_fix is not None:
             self._hand_on(None, None)
         self._pending_fix = (t, sample, R)
@@ -109,22 +110,22 @@ class StartUp:
             self._hand_on(near[1], near[2])
 
     def velocity(self, t: float, vel_enu: tuple, R: np.ndarray) -> None:
-        """A velocity valid at ``t``."""
+        """Add a velocity valid at ``t`` [s]."""
         self._velocities.append((t, vel_enu, R))
         if self._pending_fix is not None and abs(self._pending_fix[0] - t) < _SAME_EPOCH:
             self._hand_on(vel_enu, R)
 
     def result(self) -> Alignment | None:
-        """The finished alignment with position, or how a saved state goes on, or None."""
+        """The completed alignment with position, or the warm start from a saved state, or None."""
         result = self.aligner.result()
         if result is not None and result.has_position:
             return result
         return None if self.warm_start is None else self.warm_start.result(self.aligner)
 
     def contradiction(self, start: Alignment) -> str:
-        """Why ``start`` cannot be where the vehicle has got to since the state was saved; empty if it can, or for none.
+        """Why ``start`` is impossible for the vehicle of the saved state, one clause; empty if it is possible.
 
-        With the first result the saved state has served.
+        The saved state is dropped with this first result.
         """
         warm, self.warm_start = self.warm_start, None
         if warm is None:
@@ -134,11 +135,11 @@ class StartUp:
 
     @property
     def has_attitude(self) -> bool:
-        """True when only the position is missing."""
+        """Whether only the position is missing."""
         return self.aligner.result() is not None
 
     def waiting_for(self, gnss_refusal: str) -> str:
-        """One sentence for the pilot."""
+        """What the alignment is waiting for, one sentence for the user."""
         why = self.aligner.waiting_for()
         return f"{why} (GNSS: {gnss_refusal})" if gnss_refusal else why
 
@@ -160,7 +161,7 @@ class StartUp:
 
 
 def is_far(place: Sequence[float], origin: tuple[float, float, float]) -> bool:
-    """Whether ``place`` [rad, rad, m] lies so far from an origin that Up of its flat frame is no longer up."""
+    """Whether ``place`` [rad, rad, m] is too far from an origin for its flat local frame."""
     lat, lon, alt = place
     return math.hypot(*lla_to_enu(lat, lon, alt, *origin)[:2]) > _FLAT
 
@@ -168,7 +169,8 @@ def is_far(place: Sequence[float], origin: tuple[float, float, float]) -> bool:
 def pose_refusal(sample: SetPose, here: np.ndarray | None, sd: float) -> str:
     """Why a pose given from outside is not used, a key of ``POSE_REFUSALS``; empty if it is.
 
-    ``here`` (3,) where a running navigator is in the local frame [m], with its horizontal deviation ``sd`` [m].
+    ``here`` (3,): position of the running navigator in the local frame [m], None if it does not run; ``sd`` [m]: its
+    horizontal standard deviation.
     """
     if here is None:
         return "no_origin"
@@ -182,9 +184,9 @@ def pose_refusal(sample: SetPose, here: np.ndarray | None, sd: float) -> str:
 
 
 def set_pose(nav: np.ndarray, P: np.ndarray, sample: SetPose, origin: tuple[float, float, float]) -> None:
-    """Write a pose given from outside into ``nav`` and ``P``; a missing covariance means 1 m and 3 deg.
+    """Write a pose given from outside to ``nav`` and ``P``; a missing covariance means 1 m and 3 deg.
 
-    No pose is taken to be better than 0.3 m and 0.5 deg, whatever is stated.
+    The stated standard deviations have floors of 0.3 m and 0.5 deg.
     """
     nav[at.LAT : at.VEL] = [float(x) for x in enu_to_lla(sample.position_enu, *origin)]
     nav[at.QUAT : at.GYRO_BIAS] = np.array(sample.q_nb) / np.linalg.norm(sample.q_nb)
@@ -197,7 +199,7 @@ def set_pose(nav: np.ndarray, P: np.ndarray, sample: SetPose, origin: tuple[floa
 
 
 def warm_up(constants: np.ndarray) -> None:
-    """Call the kernels of observations and checks that the warm-up flight does not reach, once, on harmless numbers."""
+    """Call once, on harmless numbers, the kernels of observations and checks that the warm-up flight omits."""
     nav = np.zeros(at.NAV_SIZE)
     nav[at.QUAT] = 1.0
     states = state_count(constants)
@@ -224,8 +226,10 @@ def warm_up(constants: np.ndarray) -> None:
     delay.velocity_change(delay.no_past(), nav, P, 0.0, zero, True, 0)
     delay.velocity_at(nav, zero)
     gated_height(nav, P, constants, 0.0, 1.0, 10.0, 100.0)
-    still = np.zeros((motion_history.BINS, 3))
-    motion_history.least_misfit([motion_history.Second(still, still)], np.ones((1, 3)), [np.zeros(3)], enough=1.0)
+    motion_check.warm_up()
+    means = np.ones((unfelt_change.SPANS, unfelt_change.COLUMNS))
+    unfelt_change.UnfeltChange().find(means)
+    unfelt_change.second_of(np.ones((2, 4)), np.ones((1, 4)), 0.0, 0.0, 0.0, means[0])
     bias_noise.begin(nav, constants)
     bias_noise.observe(nav, P)
     bias_noise.overstatement(nav)

@@ -1,4 +1,4 @@
-"""What a pilot wants to know of the navigator."""
+"""Status of the navigator for the operator."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.split_filter import MOTION
 from nav_pose_estimator.engine.solutions import Status
 
-_OUTLOOK = 30.0  # s
-_MANY = 50  # refused samples
+_OUTLOOK = 30.0  # s: horizon of the predicted standard deviation
+_MANY = 50  # rejected IMU samples after which the status names the likely unit
 _HELPERS = {
     "body_velocity": "the body velocity",
     "airspeed": "the airspeed",
     "zero_velocity": "the vehicle standing still",
-    MOTION.name: "what this flight has shown of the motion",
+    MOTION.name: "what this flight has shown of the motion",  # learned regimes and air velocity
 }
 
 
 def horizontal_deviation(run: FilterRun) -> float:
-    """Root of the summed position variances East and North [m]; infinite while the filter does not run."""
+    """Horizontal standard deviation of the position [m]; infinite while the filter does not run."""
     return float(horizontal_sd(run.settled.P)) if run.timeline.running else math.inf
 
 
 def status_of(run: FilterRun) -> Status:
-    """How things stand with one run of the filter."""
+    """Status of a run of the filter."""
     t, sd, later, reception = 0.0, horizontal_deviation(run), math.inf, run.gnss.reception
     if run.timeline.running:
         whole = run.settled
@@ -53,22 +53,23 @@ def status_of(run: FilterRun) -> Status:
 
 
 def _unseen(run: FilterRun) -> str:
-    """That the IMU was silent while GNSS was away, one clause; empty where it was not, or a fix has come since."""
+    """Clause for a gap in the IMU data during an outage; empty without one, or after a fix."""
     if not run.unseen:
         return ""
-    return f"nobody saw {run.unseen:.1f} s of the motion without GNSS: position and velocity are as vague as that"
+    what = "the velocity is" if run.pose_given else "position and velocity are"
+    return f"no sensor observed {run.unseen:.1f} s of the motion without GNSS: {what} less certain"
 
 
 def _unknown_heading(run: FilterRun) -> str:
-    """That a restart in flight has lost the heading, one clause; empty where it has not."""
+    """Clause for an unknown heading after a restart in flight; empty where it is known."""
     sd = math.sqrt(run.settled.P[PHI + 2, PHI + 2]) if run.timeline.running else 0.0
     if sd <= WIDEST_HEADING:
         return ""
-    return f"the heading is known to {math.degrees(sd):.0f} deg only, until the vehicle speeds up, brakes or turns"
+    return f"the heading is known to only {math.degrees(sd):.0f} deg until the vehicle speeds up, brakes or turns"
 
 
 def _waiting_for(run: FilterRun) -> str:
-    """What keeps the navigator from being right, one sentence; empty where nothing does."""
+    """What the navigator is waiting for, or why it must not be trusted, one sentence; empty where nothing is wrong."""
     refusal = run.imu_physics.refusal
     if run.timeline.running:
         return run.modes.distrust_reason or refusal

@@ -1,6 +1,6 @@
-"""Every parameter of the package with its default, unit, range and meaning. Nothing is written twice.
+"""All parameters of the package with default, unit, range and description, each written once.
 
-The tree is what a user writes in YAML: ``gnss.delay`` is ``Parameters().gnss.delay``.
+The tree has the structure of the YAML file: ``gnss.delay`` is ``Parameters().gnss.delay``.
 """
 
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from nav_pose_estimator.engine.parameters.ros import RosParameters
 
 @dataclass(frozen=True)
 class Parameters:
-    """The whole tree."""
+    """The whole parameter tree."""
 
     imu: ImuParameters = field(default_factory=ImuParameters)
     gnss: GnssParameters = field(default_factory=GnssParameters)

@@ -9,7 +9,7 @@ from nav_pose_estimator.engine.parameters.schema import param
 
 @dataclass(frozen=True)
 class AidParameters:
-    """Each aid can be switched off; each has its noise floor."""
+    """Switches, noise floors and mounting of the aids."""
 
     magnetometer: bool = param(True, "", "Use the magnetometer for heading")
     magnetometer_sd: float = param(0.1, "rad", "Deviation of a magnetic heading", 0.01, 3.0, mutable=True)
@@ -46,7 +46,7 @@ class AidParameters:
     body_velocity_noise: str = param(
         "fixed",
         "",
-        "Noise model of a body velocity; all but fixed find how much larger the noise is",
+        "Noise model of a body velocity; fixed: as stated, with the floor above; others: estimated upwards",
         choices=tuple(MODELS),
     )
     body_velocity_delay: float = param(0.0, "s", "Stamp minus time of validity of a body velocity", -1.0, 1.0)

@@ -7,7 +7,7 @@ from nav_pose_estimator.engine.parameters.schema import param
 
 @dataclass(frozen=True)
 class AlignmentParameters:
-    """How rest is distinguished from motion, and how good level and heading must be to start."""
+    """Thresholds of the rest detection, and the accuracy of level and heading that a start requires."""
 
     static_window: float = param(2.0, "s", "Length of the rest window that levels the filter", 0.5, 60.0)
     rest_gyro_sd: float = param(

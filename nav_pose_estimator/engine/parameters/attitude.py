@@ -7,7 +7,7 @@ from nav_pose_estimator.engine.parameters.schema import param
 
 @dataclass(frozen=True)
 class TwoStageParameters:
-    """What only the two-stage filter has; the rest it shares with the complementary filter."""
+    """Parameters of the two-stage filter alone; it shares the others with the complementary filter."""
 
     wander: float = param(
         0.009, "rad/sqrt(s)", "Random walk of the attitude from gyroscope errors in motion", 1e-6, 1.0
@@ -27,7 +27,7 @@ class TwoStageParameters:
 
 @dataclass(frozen=True)
 class AttitudeParameters:
-    """One set for all motions; docs/attitude.md says what it was chosen on."""
+    """One set of parameters for all motions; docs/attitude.md names the data that it was chosen on."""
 
     filter: str = param("complementary", "", "Attitude filter", choices=("complementary", "two_stage"))
     world_frame: str = param("enu", "", "Axes of the published attitude (ned: body FRD)", choices=("enu", "ned"))
@@ -97,7 +97,7 @@ class AttitudeParameters:
         0.14, "rad*sqrt(s)", "Root density of the error of a magnetic heading", 1e-3, 100.0, mutable=True
     )
     compass_deviation: float = param(
-        0.05, "rad", "Error of a magnetic heading that rest at one place does not average away", 0.0, 1.0, mutable=True
+        0.05, "rad", "Local error of a magnetic heading; at one place it does not average out", 0.0, 1.0, mutable=True
     )
     anomaly_gain: float = param(
         60.0, "", "Noise per anomaly (squared, relative to the horizontal field)", 0.0, 1e4, mutable=True

@@ -8,7 +8,7 @@ from nav_pose_estimator.engine.parameters.schema import param
 
 @dataclass(frozen=True)
 class GateParameters:
-    """When a fix is good enough to be used."""
+    """Conditions under which a fix is good enough to be used."""
 
     satellite_source: str = param(
         "uint32",
@@ -30,7 +30,7 @@ class GateParameters:
 
 @dataclass(frozen=True)
 class ReacquisitionParameters:
-    """How GNSS must prove itself after an outage."""
+    """Conditions under which GNSS is used again after an outage."""
 
     policy: str = param(
         "blend",
@@ -84,11 +84,11 @@ class GnssParameters:
     noise: str = param(
         "fixed",
         "",
-        "Noise model of positions and velocities; fixed: as stated, with the floors above; others find how much larger",
+        "Noise model of positions and velocities; fixed: as stated, with the floors above; others: estimated upwards",
         choices=tuple(MODELS),
     )
     error_states: bool = param(
-        False, "", "Estimate what lasts of the errors of positions and velocities (six states); see docs/outages.md"
+        False, "", "Estimate time-correlated errors of positions and velocities (six states); see docs/outages.md"
     )
     gate: GateParameters = field(default_factory=GateParameters)
     reacquisition: ReacquisitionParameters = field(default_factory=ReacquisitionParameters)

@@ -7,7 +7,7 @@ from nav_pose_estimator.engine.parameters.schema import param
 
 @dataclass(frozen=True)
 class ImuParameters:
-    """How the IMU is mounted and how good it is in flight (vibration included: about twice the data sheet)."""
+    """Mounting and noise of the IMU; noise as in flight, with vibration about twice that of the data sheet."""
 
     mounting_rpy: tuple[float, ...] = param(
         (0.0, 0.0, 0.0), "rad", "Roll, pitch, yaw of the sensor in the body frame (fixed axes x, y, z)", -3.2, 3.2

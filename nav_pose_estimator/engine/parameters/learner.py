@@ -14,7 +14,7 @@ def _describe_methods() -> str:
 
 @dataclass(frozen=True)
 class LearnerParameters:
-    """What helps the navigator through an outage."""
+    """The learning that aids the navigator during an outage."""
 
     enabled: bool = param(True, "", "Learn from the flight while GNSS is good and help the navigator without it")
     method: str = param("best", "", _describe_methods, choices=lambda: tuple(estimators()))

@@ -7,7 +7,7 @@ from nav_pose_estimator.engine.parameters.schema import param
 
 @dataclass(frozen=True)
 class NavigatorParameters:
-    """The filter, its optional states, its memory and the times that separate its modes."""
+    """The filter, its optional states, its memory, and the times at which its mode changes."""
 
     covariance_period: float = param(0.04, "s", "Time between covariance steps", 0.001, 1.0)
     memory: float = param(1.5, "s", "How old an observation may be when it arrives", 0.1, 10.0)

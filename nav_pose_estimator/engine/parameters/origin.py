@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from nav_pose_estimator.engine.parameters.schema import ParameterError, param
 
 UNSET = -1000.0
-"""Of latitude, longitude and height as long as nobody has set them."""
+"""Value of latitude, longitude and height that are not set."""
 
 
 @dataclass(frozen=True)
 class OriginParameters:
-    """The origin of map: a place that stays the same from start to start, or the first trusted position."""
+    """The origin of map: a fixed place, the same at every start, or the first trusted position."""
 
     latitude: float = param(UNSET, "deg", "Latitude of the origin of map; -1000: first trusted position", UNSET, 90.0)
     longitude: float = param(UNSET, "deg", "Its longitude, East positive; -1000: first trusted position", UNSET, 360.0)

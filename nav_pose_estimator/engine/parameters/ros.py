@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from nav_pose_estimator.engine.parameters.schema import param
 
 READ_BY_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
-"""Prefixes of the parameters that rclpy itself reads; they are in the same files but are not ours."""
+"""Prefixes of parameters that rclpy itself reads; they are in the same files but not in this tree."""
 GEOID_UNKNOWN = -1000.0
-"""``autopilot_geoid`` as long as nobody has set it."""
-_LOWEST_GEOID = -110.0  # m
+"""Value of ``autopilot_geoid`` that is not set."""
+_LOWEST_GEOID = -110.0  # m: below the lowest geoid height on Earth (-107 m)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class FrameParameters:
 
 @dataclass(frozen=True)
 class OutputParameters:
-    """How often results are published, and what goes to an autopilot."""
+    """Rates of the published results, and the output to an autopilot."""
 
     odometry_rate: float = param(
         100.0, "Hz", "Highest rate of odometry/filtered and tf; 0: with every IMU sample", 0.0, 2000.0
@@ -108,13 +108,13 @@ class OutputParameters:
 
     @property
     def knows_geoid(self) -> bool:
-        """Whether ``autopilot_geoid`` is one: the Earth has none below -107 m."""
+        """Whether ``autopilot_geoid`` is set."""
         return self.autopilot_geoid > _LOWEST_GEOID
 
 
 @dataclass(frozen=True)
 class ModelParameters:
-    """The trained model of anfis_node on disk."""
+    """File of the trained model of anfis_node."""
 
     file: str = param("", "", "File of the model: read at start where it exists, written by ~/save_model; empty: none")
     save_after_training: bool = param(False, "", "Write the file after every training whose result is adopted")
@@ -122,7 +122,7 @@ class ModelParameters:
 
 @dataclass(frozen=True)
 class StateParameters:
-    """The state on disk from which a node continues after a restart in flight."""
+    """File of the saved state from which a node continues after a restart in flight."""
 
     file: str = param(
         "",
@@ -135,7 +135,7 @@ class StateParameters:
 
 @dataclass(frozen=True)
 class RosParameters:
-    """Everything at the boundary."""
+    """All parameters of the ROS boundary."""
 
     input: InputParameters = field(default_factory=InputParameters)
     frames: FrameParameters = field(default_factory=FrameParameters)

@@ -1,6 +1,6 @@
-"""Parameters as frozen dataclasses: every default, unit, range and description is written once, in ``parameters.py``.
+"""Schema of the parameters: frozen dataclasses in which each default, unit, range and description is written once.
 
-From there come the ROS parameter descriptors, the YAML files, the documentation table and the checks.
+ROS parameter descriptors, YAML files, the table in the documentation and the checks are derived from them.
 """
 
 import difflib
@@ -14,7 +14,7 @@ from nav_pose_estimator.errors import UserError
 _Settings = TypeVar("_Settings")
 _brief = reprlib.Repr()
 _brief.maxstring = _brief.maxother = 80
-_shown = _brief.repr  # a value for the eye, whatever its length
+_shown = _brief.repr  # a value in a message, shortened if long
 
 
 class ParameterError(UserError):
@@ -23,7 +23,7 @@ class ParameterError(UserError):
 
 @dataclass(frozen=True)
 class Spec:
-    """What is known of one parameter: ``key`` is its dotted name, ``mutable`` whether it can change in flight."""
+    """Specification of one parameter: ``key`` is its dotted name, ``mutable`` whether it can change in flight."""
 
     key: str
     default: Any
@@ -46,7 +46,8 @@ def param(
 ) -> Any:
     """Declare a field. ``default`` bool, int, float, str or a tuple of floats; unit "" for a pure number.
 
-    ``description`` and ``choices`` that come from a registry are functions, asked whenever they are needed.
+    ``description`` and ``choices`` may be functions, called whenever they are needed, for those that come from a
+    registry.
     """
     meta = {
         "unit": unit,
@@ -72,7 +73,7 @@ def specs(group: Any, prefix: str = "") -> Iterator[Spec]:
 
 
 def spec_of(item: Field, key: str, value: Any) -> Spec:
-    """What ``param`` declared of a field, under the name ``key`` and with the default ``value``."""
+    """The specification that ``param`` declared for a field, with the name ``key`` and the default ``value``."""
     return Spec(key, value, **{name: fact() if callable(fact) else fact for name, fact in item.metadata.items()})
 
 
@@ -82,7 +83,7 @@ def flatten(group: Any) -> dict[str, Any]:
 
 
 def check(spec: Spec, value: Any) -> Any:
-    """``value`` in the type of the parameter's default; ``ParameterError`` if it does not fit."""
+    """``value`` converted to the type of the parameter's default; ``ParameterError`` where it is invalid."""
     default = spec.default
     if isinstance(default, tuple):
         return _check_tuple(spec, value)

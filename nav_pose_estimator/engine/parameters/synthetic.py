@@ -1,4 +1,4 @@
-"""Parameters of the node synthetic_sensors. A separate tree: the estimators do not know them."""
+"""Parameters of the node synthetic_sensors, a separate tree that the estimators do not use."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from nav_pose_estimator.engine.parameters.schema import param
 
 @dataclass(frozen=True)
 class SyntheticParameters:
-    """What is simulated, and how the messages travel."""
+    """The simulated scenario, and the transport of its messages."""
 
     scenario: str = param("multirotor_outage", "", "Name of the scenario (simulate --list lists them)")
     duration: float = param(0.0, "s", "Length; 0: that of the scenario", 0.0, 86400.0)

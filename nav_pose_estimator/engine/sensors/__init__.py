@@ -1,1 +1,1 @@
-"""One file for each sensor: from samples to observations of the filter."""
+"""Sensors of the navigator, one file each: from samples to observations of the filter."""

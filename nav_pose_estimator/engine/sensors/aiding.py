@@ -1,29 +1,30 @@
-"""When something last bounded the navigator's drift: what sensors, modes and start-up must know of each other."""
+"""Record of the aiding: times at which GNSS and other aids last bounded the navigator's drift."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 
-AID_HOLDS = 3.0  # s: how long an aid counts as bounding the drift
-_PERIODS = 2.2  # of a slow receiver pass before it counts as lost
+AID_HOLDS = 3.0
+"""s for which an aid counts as bounding the drift after its last use."""
+_PERIODS = 2.2  # periods of a slow receiver without a used fix after which it counts as lost
 
 
 @dataclass
 class Aiding:
-    """Engine times [s] of validity, minus infinity before the first time."""
+    """Times are engine times of validity [s], minus infinity before the first one."""
 
-    patience: float  # s without a used fix after which GNSS counts as lost, of a receiver that is quick enough
+    patience: float  # s without a used fix after which GNSS counts as lost, for a receiver of sufficient rate
     fix_period: float = 0.0  # s between the fixes of the receiver, as far as it is known
-    fix_used: float = -math.inf  # the last fix that corrected the filter
-    height_used: float = -math.inf  # the last fix that corrected the height
-    fix_offered: float = -math.inf  # ... that was good enough to be considered
-    drift_bounded: float = -math.inf  # by something other than GNSS
-    bounded_by: dict[str, float] = field(default_factory=dict)  # by whom, and when last
+    fix_used: float = -math.inf  # time of the last fix that corrected the filter
+    height_used: float = -math.inf  # time of the last fix that corrected the height
+    fix_offered: float = -math.inf  # time of the last fix that passed the quality gate
+    drift_bounded: float = -math.inf  # time at which an aid other than GNSS last bounded the drift
+    bounded_by: dict[str, float] = field(default_factory=dict)  # the same by kind of observation
 
     @property
     def lost_after(self) -> float:
-        """Seconds without a used fix after which GNSS counts as lost: a slow receiver is not lost between its fixes."""
+        """s without a used fix after which GNSS counts as lost; longer for a receiver with a low rate."""
         return max(self.patience, _PERIODS * self.fix_period)
 
     def is_quick(self, period: float) -> bool:
@@ -45,10 +46,10 @@ class Aiding:
             self.height_used = max(self.height_used, t)
 
     def bound_drift(self, t: float, name: str) -> None:
-        """Observations of the kind ``name``, which are not GNSS's, have bounded the drift at ``t``."""
+        """An observation of the kind ``name`` other than GNSS has bounded the drift at ``t``."""
         self.drift_bounded = max(self.drift_bounded, t)
         self.bounded_by[name] = max(self.bounded_by.get(name, t), t)
 
     def holding(self, t: float) -> list[str]:
-        """The kinds of observations that keep the drift within bounds at ``t``."""
+        """The kinds of observations that bound the drift at ``t``."""
         return [name for name, last in self.bounded_by.items() if t - last < AID_HOLDS]

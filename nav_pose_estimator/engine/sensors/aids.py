@@ -1,4 +1,4 @@
-"""The sensors besides GNSS. A new one is a file next to this one and a line here."""
+"""List of the sensors other than GNSS. A new one is a file beside this one and a line here."""
 
 from nav_pose_estimator.engine.sensors.airspeed import AirspeedSensor
 from nav_pose_estimator.engine.sensors.barometer import Barometer, DepthSensor

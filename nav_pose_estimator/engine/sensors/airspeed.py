@@ -1,8 +1,8 @@
-"""True airspeed of a pitot tube on a vehicle that flies where its nose points: velocity, together with the wind.
+"""Airspeed of a pitot tube on a fixed-wing vehicle: a velocity observation with wind and scale as states.
 
-While GNSS is good the filter learns wind and scale of the sensor; without GNSS the remaining drift is the
-change of the wind. The states are added with the first usable airspeed, so that a vehicle without the sensor runs the
-same filter as before.
+While GNSS is good the filter estimates wind and scale of the sensor; without GNSS the remaining drift is the change of
+the wind. The states are added with the first usable airspeed, so that the filter of a vehicle without the sensor is
+unchanged.
 
 Source: A. Cho, J. Kim, S. Lee, C. Kee, "Wind estimation and airspeed calibration using a UAV with a single-antenna GPS
 receiver and pitot tube", IEEE Transactions on Aerospace and Electronic Systems 47(1), 2011 (wind and scale as states;
@@ -25,12 +25,12 @@ from nav_pose_estimator.engine.samples import Airspeed
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised, Pacer, shared_error
 
-_PERIOD = 0.2  # s
-_HOLDS = 3.0  # s
-_FASTEST = 400.0  # m/s
-_SCALE_SD = 0.1  # before the flight has shown it
-_SIDESLIP = 0.06  # rad: of a coordinated flight in gusts
-_SIDESLIP_FLOOR = 0.7  # m/s
+_PERIOD = 0.2  # s: shortest time between two observations
+_HOLDS = 3.0  # s after its last use for which an airspeed bounds the drift
+_FASTEST = 400.0  # m/s: a larger airspeed is rejected
+_SCALE_SD = 0.1  # initial standard deviation of the scale error
+_SIDESLIP = 0.06  # rad: standard deviation of the sideslip angle in coordinated flight with gusts
+_SIDESLIP_FLOOR = 0.7  # m/s: floor of the sideslip velocity's standard deviation
 
 
 class AirspeedSensor(Aid):
@@ -53,7 +53,7 @@ class AirspeedSensor(Aid):
         self.first_sd = {WIND: aids.wind_sd, AIRSPEED: _SCALE_SD}
 
     def observe(self, sample: Airspeed, t: float) -> Observation | None:
-        """A true airspeed [m/s]; below ``aids.airspeed_min`` a pitot tube tells nothing."""
+        """The observation of a true airspeed [m/s]; below ``aids.airspeed_min`` a pitot tube is useless."""
         if not self._enabled:
             return None
         if not -_FASTEST < sample.speed < _FASTEST:
@@ -68,7 +68,7 @@ class AirspeedSensor(Aid):
         return Observation(t, sample.stamp_ns or 0, self.kind, sample.speed, R)
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
-        """Count it, and remember when it was good."""
+        """Count the outcome, and note the time of the last use."""
         super().note(o, f, z, status, nis)
         if status:
             self._last_used = o.t
@@ -78,7 +78,7 @@ class AirspeedSensor(Aid):
         return t - self._last_used < _HOLDS
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
-        """The pair of rows."""
+        """Two rows: airspeed and sideslip."""
         assert o.stated_R is not None
         wind, scale = WIND.states(f.constants).start, AIRSPEED.states(f.constants).start
         return *measurements.airspeed(f.nav, len(f.P), wind, scale, o.measured), o.stated_R

@@ -1,4 +1,4 @@
-"""Pressure of the air, a height against a reference that is learned while GNSS is good; and pressure of the water."""
+"""Heights from pressure: barometer with a reference learned while GNSS is good, and depth sensor under water."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ from nav_pose_estimator.engine.sensors.frozen import Frozen
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised, Pacer, shared_error
 from nav_pose_estimator.engine.solutions import Level
 
-_LOWEST, _HIGHEST = 1_000.0, 120_000.0  # Pa: 31 km up, and below any place on Earth
-_THICK = 30_000.0  # Pa: a lower pressure belongs to 9 km and above
+_LOWEST, _HIGHEST = 1_000.0, 120_000.0  # Pa: range of valid air pressures, from 31 km up to below any place on Earth
+_THICK = 30_000.0  # Pa: pressure at 9 km; a lower one does not identify a unit
 FAR = 2_500.0
-"""m between barometric height and GNSS: neither weather nor the geoid."""
-_NEAR = 1_200.0  # m: what they may do
-_ANY_LAKE = 5e3  # m: height of a surface of which nothing is known
-_OF_A_FIX = 0.5  # of the deviation of a fix is an error that lasts
-_THIN, _DEEPEST = 50_000.0, 1.2e8  # Pa: a mountain lake, and below any sea bed
+"""m: difference of barometric and GNSS height that is too large for weather and geoid."""
+_NEAR = 1_200.0  # m: difference that weather and geoid may cause
+_ANY_LAKE = 5e3  # m: initial standard deviation of the height of the water surface
+_OF_A_FIX = 0.5  # fraction of the standard deviation of a fix that does not average out
+_THIN, _DEEPEST = 50_000.0, 1.2e8  # Pa: range of valid absolute pressures, from a mountain lake to below any sea bed
 _UNITS = {"hPa": 100.0, "kPa": 1e3, "bar": 1e5, "mmHg": 133.322, "inHg": 3386.39, "psi": 6894.76}  # Pa
 VAGUE = 20.0
-"""m: a height with a larger deviation was never GNSS's."""
+"""m: a reference height with a larger standard deviation is not from GNSS."""
 _UP = DPOS + 2
-_APART = 25.0  # m: further from its own reference it contradicts GNSS
-_APART_TIME = 5.0  # s
-_NEWEST = 0.2  # share of the newest height in a mean of what they are off by without GNSS
-_SURE = 4.0  # deviations by which that mean is no noise: the filter is as likely wrong as the barometer ...
-_WIDENING = 2.0  # ... and its covariance of the motion grows by this with every height
+_APART = 25.0  # m: deviation from its reference above which the barometer contradicts GNSS
+_APART_TIME = 5.0  # s for which it has to last
+_NEWEST = 0.2  # weight of the newest innovation in the running mean without GNSS
+_SURE = 4.0  # standard deviations of that mean above which filter or barometer is wrong ...
+_WIDENING = 2.0  # ... and factor on the covariance of the motion at each height then
 
 
 def standard_height(pressure: float) -> float:
-    """Height [m] of a ``pressure`` [Pa] in the standard atmosphere, NaN unless it is one that vehicles fly in."""
+    """Pressure altitude [m] of ``pressure`` [Pa]; NaN outside the range of heights in which vehicles fly."""
     return pressure_height(pressure) if _THICK < pressure < _HIGHEST else math.nan
 
 
 def likely_unit(pressure: float, height: float = math.nan) -> str:
-    """The unit other than pascal in which ``pressure`` belongs to ``height`` [m], or to any; empty if none."""
+    """Unit other than pascal in which ``pressure`` matches ``height`` [m] (NaN: any height); empty without one."""
     for unit, factor in _UNITS.items():
         found = standard_height(pressure * factor)
         if abs(found - height) < _NEAR or (math.isnan(height) and math.isfinite(found)):
@@ -55,7 +55,7 @@ def likely_unit(pressure: float, height: float = math.nan) -> str:
 
 
 class Barometer(Aid):
-    """Pressure altitude, less how much it differed from the height of GNSS."""
+    """Barometric height: pressure altitude less its offset from the GNSS height, learned while GNSS is good."""
 
     kind = Kind("height", quiet=True)
     sample, family = PressureSample, "baro"
@@ -68,7 +68,7 @@ class Barometer(Aid):
         self._since = 0.0
         self.pressure = math.nan  # Pa, the last good one
         self.offset_variance = 0.0
-        """m^2, of the height that it was compared with last."""
+        """m^2: variance of the filter's height at the last comparison."""
         self._unit_told = False
         self._apart_since = math.inf
         self._contradicts = False
@@ -111,26 +111,26 @@ class Barometer(Aid):
         return Decision(Use.GATED, self._offset, widening=_WIDENING if beyond else 1.0)
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
-        """Count it, and keep by how much the filter lies above it [m], a mean over the last second."""
+        """Count the outcome, and update the running mean of the innovation [m], estimate minus measurement."""
         self._lasting += _NEWEST * (float(z[0]) - self._lasting)
         super().note(o, f, z, status, nis)
 
     @property
     def offset(self) -> float:
-        """Barometric minus true height as far as GNSS has shown [m]; NaN where it may hold no height."""
+        """Barometric minus GNSS height [m] as learned; NaN where the barometer must not be used."""
         return math.nan if self._contradicts else self._offset
 
     @property
     def is_vague(self) -> bool:
-        """Whether the height that it was compared with was never GNSS's."""
+        """Whether the height of the last comparison was not from GNSS."""
         return self.offset_variance > VAGUE**2
 
     def begin_with(self, offset: float, variance: float) -> None:
-        """Start with what was learned before a restart: ``offset`` [m] and ``offset_variance`` [m^2]."""
+        """Start with the ``offset`` [m] and ``offset_variance`` [m^2] learned before a restart."""
         self._offset, self._since, self.offset_variance = offset, -self._tau, variance
 
     def _watch_for_repeats(self, sample: PressureSample, t: float) -> None:
-        """Tell when one value has come for longer than this barometer repeats itself, and when that ends."""
+        """Events of the begin and end of a frozen barometer: it repeats a value for longer than ever before."""
         was_frozen = self._frozen.is_frozen
         self._frozen.note(t, pressure_height(sample.pressure))
         if self._frozen.is_frozen and not was_frozen:
@@ -142,28 +142,28 @@ class Barometer(Aid):
             self._journal.say(sample.stamp_ns, "baro.frozen.ended", Level.INFO, "the barometer's values change again")
 
     def _refuse_unit(self, stamp_ns: int, pressure: float, unit: str) -> None:
-        """Count a pressure that is none in pascal; the first is told, with the ``unit`` that it looks like."""
+        """Count a pressure that is not in pascal; the first one gives an event with the likely ``unit``."""
         if self._unit_told:
             self._journal.count("baro.rejected.unit")
             return
         self._unit_told = True
         guess = f"looks like {unit}" if unit else "no unit fits the height of GNSS"
-        text = f"barometer not used: {pressure:.5g}: pascal expected, {guess}"
+        text = f"barometer not used: its value is {pressure:.5g}; pascal expected, {guess}"
         self._journal.say(stamp_ns, "baro.rejected.unit", Level.ERROR, text)
 
     def _watch(self, o: Observation, apart: float) -> None:
-        """Tell when the barometer has moved away from GNSS by ``apart`` [m] for seconds, and when it is back."""
+        """Events of the begin and end of a contradiction: ``apart`` [m] from its reference for some seconds."""
         self._apart_since = min(self._apart_since, o.t) if abs(apart) > _APART else math.inf
         contradicts = o.t - self._apart_since > _APART_TIME
         if contradicts and not self._contradicts:
-            text = f"barometer not used: it has moved {apart:+.0f} m against GNSS heights (a blocked or blown-on port?)"
+            text = f"barometer not used: it has drifted {apart:+.0f} m from GNSS heights (port blocked, prop wash?)"
             self._journal.say(o.stamp_ns, "baro.contradicts", Level.WARN, text)
         elif self._contradicts and not contradicts:
             self._journal.say(o.stamp_ns, "baro.contradicts.ended", Level.INFO, "barometer and GNSS heights agree")
         self._contradicts = contradicts
 
     def learn(self, o: Observation, height: float, variance: float) -> None:
-        """Compare ``o`` with the filter's ``height`` [m], of which GNSS leaves a ``variance`` [m^2]."""
+        """Learn the offset from ``o`` and the filter's ``height`` [m] of ``variance`` [m^2] while GNSS is good."""
         self.offset_variance, self._lasting = variance, 0.0
         difference = o.measured - height
         if math.isfinite(self._offset):
@@ -174,7 +174,7 @@ class Barometer(Aid):
         self._offset += min(share, 1.0) * (difference - self._offset)
 
     def settle(self, o: Observation, f: FilterView) -> None:
-        """However often it is repeated, a height is no better than the reference that it started from."""
+        """Floor of the height's variance: repeated heights cannot be better than the reference they are based on."""
         if self.is_vague:
             f.P[_UP, _UP] = max(f.P[_UP, _UP], self.offset_variance)
 
@@ -185,10 +185,10 @@ class Barometer(Aid):
 
 
 class DepthSensor(Aid):
-    """The height of a vehicle in water by the pressure above it.
+    """Height of an underwater vehicle from water pressure.
 
-    The height of the surface is a state, known as well as GNSS shows the height while the vehicle is up there. It
-    wanders with tide and weather.
+    The height of the water surface is a state. It is observable while the vehicle is at the surface with GNSS, and is a
+    random walk because of tide and weather.
     """
 
     kind = Kind("depth", quiet=True)
@@ -216,20 +216,21 @@ class DepthSensor(Aid):
             if self._unit_told:
                 return self._refuse()
             self._unit_told = True
-            text = f"pressure of the water not used: {sample.pressure:.5g} is not an absolute pressure in pascal"
+            text = f"water pressure not used: {sample.pressure:.5g} is not an absolute pressure in pascal"
             return self._journal.say(sample.stamp_ns, "depth.rejected.value", Level.WARN, text)
         return Observation(t, sample.stamp_ns, self.kind, sample.pressure)
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
-        """Without GNSS the height is known no better than errors of fixes that last let the surface be known."""
+        """Gate it; without GNSS, with the lasting error of fixes as a floor of the surface's deviation."""
         if self._aiding.gnss_is_good(o.t):
             return GATED
         return Decision(Use.GATED, reference=self._surface_sd)
 
     def settle(self, o: Observation, f: FilterView) -> None:
-        """The height is no better than the height of the surface: both have the same error.
+        """Floor of the height's variance: height and surface have a common error, which GNSS has left.
 
-        So the pressure goes on telling how the height changes, and with it the vertical velocity.
+        It is added to both with full correlation, so that pressure still observes changes of height and the vertical
+        velocity.
         """
         if o.decision is None or not o.decision.reference > 0.0:
             return
@@ -237,10 +238,10 @@ class DepthSensor(Aid):
         if missing > 0.0:
             f.P[_UP, _UP] += missing
             f.P[surface, surface] += missing
-            f.P[_UP, surface] -= missing  # estimate minus truth, and truth minus estimate
+            f.P[_UP, surface] -= missing  # negative: one error is estimate minus truth, the other truth minus estimate
             f.P[surface, _UP] -= missing
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
-        """One row, the height and that of the surface."""
+        """One row: the height less that of the surface."""
         height = water_height(o.measured, self._density, gravity(f.nav[LAT], f.nav[ALT]))
         return *measurements.height_in_water(f.nav, len(f.P), DEPTH.states(f.constants).start, height), self._R

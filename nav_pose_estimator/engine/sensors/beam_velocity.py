@@ -1,8 +1,9 @@
-"""Velocities along the beams of a Doppler log or radar: each beam is an observation of its own.
+"""Beam velocities of a Doppler log or radar, with each beam as a separate observation.
 
-A beam that is lost costs nothing but itself; one that is faulty is found by its own innovation and left out
-(``core.beams.judge``). Only two or more beams together may accuse the navigator. Directions and signs are verified
-against data before anything is used (``core.beams.geometry``), and the whole against GNSS while that is good.
+A lost beam costs only its own information; a faulty one is detected by its own innovation and excluded
+(``core.beams.judge``). Only two or more rejected beams together question the navigator. Directions and signs are
+verified by data before anything is used (``core.beams.geometry``), and the whole sensor against GNSS while that is
+good.
 """
 
 from __future__ import annotations
@@ -33,12 +34,12 @@ from nav_pose_estimator.engine.sensors.beams.verification import Verification, d
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised
 from nav_pose_estimator.engine.solutions import Level
 
-_HOLDS = 3.0  # s
-_TELLING = 5.0  # deviations: a velocity that would show a wrong mounting
+_HOLDS = 3.0  # s after their last use for which beams bound the drift
+_TELLING = 5.0  # standard deviations: a faster motion would show a wrong mounting
 
 
 class BeamVelocitySensor(Aid):
-    """One row for each beam that is believed."""
+    """One row for each beam in use."""
 
     kind = Kind("beam_velocity", holds=True)
     sample, family = BeamVelocitySample, "beam_velocity"
@@ -57,11 +58,11 @@ class BeamVelocitySensor(Aid):
         self._said: set[str] = set()
         self.compare_anew()
         self._last_used = -math.inf  # s
-        self._states = np.zeros(DVL.size)  # as last estimated
-        self._fresh: tuple[np.ndarray, np.ndarray] | None = None  # of a decision, for the linearisation that follows it
+        self._states = np.zeros(DVL.size)  # last estimate, for the status
+        self._fresh: tuple[np.ndarray, np.ndarray] | None = None  # (z, H) of a decision, for the linearisation after it
 
     def set_parameters(self, parameters: Parameters) -> None:
-        """New noise; mounting, and what is known of the states."""
+        """New noise, mounting and initial deviations of the states."""
         beams = parameters.aids.beams
         self._floor, self._delay, self._rpy_sd = beams.sd**2, beams.delay, beams.rpy_sd
         self._lever = np.array(beams.lever)
@@ -70,7 +71,7 @@ class BeamVelocitySensor(Aid):
             self.first_sd[DVL_DELAY] = beams.delay_sd
 
     def compare_anew(self) -> None:
-        """Beams were judged, verified and timed by a velocity in wrong axes."""
+        """Start all tests again, because they compared with a velocity in wrong axes."""
         super().compare_anew()
         self.judge, self._was_out = BeamJudge(), [False] * BEAMS
         self._agreement, self._accusation = Agreement(), Accusation()
@@ -80,7 +81,7 @@ class BeamVelocitySensor(Aid):
         self._said.clear()
 
     def take_over(self, before: Self) -> None:
-        """The same beams: how they are meant, that they have proved themselves, and how noisy each is."""
+        """Keep the verified convention, the agreement with GNSS and the noise of the beams over an IMU gap."""
         self._verification, self._arrangement = before._verification, before._arrangement
         self.judge, self._was_out = before.judge, before._was_out
         self._agreement, self._said = before._agreement, before._said
@@ -88,7 +89,7 @@ class BeamVelocitySensor(Aid):
     # --- on arrival --------------------------------------------------------------------------------------------------
 
     def observe(self, sample: BeamVelocitySample, t: float) -> Observation | None:
-        """The beams of a message of which at least one has a velocity."""
+        """The observation of a message in which at least one beam has a velocity."""
         beams = self._reader.read(sample, self._floor)
         if isinstance(beams, Flaw):
             name = f"{self.family}.rejected.{beams.reason}"
@@ -99,7 +100,7 @@ class BeamVelocitySensor(Aid):
         return Observation(t - self._delay, sample.stamp_ns, self.kind, beams)
 
     def _say_once(self, stamp_ns: int, name: str, level: Level, text: str) -> None:
-        """Say it the first time, then count."""
+        """An event the first time; later ones are only counted."""
         if name in self._said:
             self._journal.count(name)
             return
@@ -109,7 +110,7 @@ class BeamVelocitySensor(Aid):
     # --- when it acts ------------------------------------------------------------------------------------------------
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
-        """Which beams are used, and how noisy they are; nothing before the geometry is verified."""
+        """Decide which beams are used, with which noise; none before the geometry is verified."""
         self._states = f.nav[DVL.estimates].copy()
         if self._verification.reading is None:
             self._verify(o, f)
@@ -144,7 +145,7 @@ class BeamVelocitySensor(Aid):
         return Decision(Use.UNGATED, rows=tuple(rows), change=change)
 
     def _verify(self, o: Observation, f: FilterView) -> None:
-        """Compare a message with its own 3-D velocity, else with the navigator's while GNSS is good."""
+        """Verify the convention by the message's own 3-D velocity, else by the navigator's while GNSS is good."""
         navigator = None
         if self._aiding.gnss_is_good(o.t):
             navigator = velocity_at(f.nav, self._lever), deviation_of(f, self._rpy_sd)
@@ -160,7 +161,7 @@ class BeamVelocitySensor(Aid):
         )
 
     def _compare(self, o: Observation, verdicts: list[int], f: FilterView) -> None:
-        """Hold the whole sensor against the navigator while GNSS is good."""
+        """Compare the whole sensor with the navigator while GNSS is good."""
         refused, present = verdicts.count(GATED), len(verdicts) - verdicts.count(LOST)
         telling = False
         if 2 * refused > present or not self._agreement.is_proven:
@@ -177,14 +178,14 @@ class BeamVelocitySensor(Aid):
             self._say_once(o.stamp_ns, *words.delayed(self._delay + late, self._delays.sd))
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
-        """The rows that were decided on."""
+        """The rows of the beams that the decision names."""
         assert o.decision is not None
         assert o.decision.change is not None
         z, H = self._fresh or self._rows(self._arrangement.arrange(o.measured), o.decision.change, f)
         self._fresh = None
         numbers, variances, offsets = zip(*o.decision.rows, strict=True)
         chosen = list(numbers)
-        if chosen != list(range(len(z))):  # some are left out, or flagged ones follow the others
+        if chosen != list(range(len(z))):  # some beams are excluded, or flagged ones follow the others
             z, H = z[chosen], H[chosen]
         R = np.zeros((len(z), len(z)))
         R.flat[:: len(z) + 1] = variances
@@ -193,9 +194,9 @@ class BeamVelocitySensor(Aid):
     # --- outcome -----------------------------------------------------------------------------------------------------
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
-        """Count it, and remember when it was good."""
+        """Count the outcome, and note the time of the last use."""
         super().note(o, f, z, status, nis)
-        if len(z) > 1:  # one beam leaves two directions to drift in
+        if len(z) > 1:  # a single beam leaves the drift in two directions unbounded
             self._last_used = o.t
 
     def bounds_at(self, t: float) -> bool:
@@ -203,7 +204,7 @@ class BeamVelocitySensor(Aid):
         return t - self._last_used < _HOLDS
 
     def _report(self, o: Observation, verdicts: list[int], are_beams: bool) -> None:
-        """Count what became of each beam, and say which is left out for good, or is back."""
+        """Count the verdict of each beam; events for beams that the latch excludes or takes back."""
         for i, verdict in enumerate(verdicts):
             self._journal.count(words.COUNTERS[i if are_beams else BEAMS][verdict])
         out = self.judge.out.tolist()
@@ -215,7 +216,7 @@ class BeamVelocitySensor(Aid):
             self._was_out = out
 
     def figures(self) -> dict[str, float]:
-        """Mounting and scale as estimated, how noisy each beam is, and how often it is flagged."""
+        """Status: estimated mounting and scale; noise factor and flag rate of each beam."""
         if self._verification.reading is None:
             return {}
         figures = {"beams.scale": float(self._states[BEAMS])}
@@ -231,8 +232,8 @@ class BeamVelocitySensor(Aid):
 
 
 def _accusing(gated: list[int], z: np.ndarray, judged: Judged) -> list[Row]:
-    """Beams that are refused together for long, without GNSS: the navigator follows them, at the gate's edge."""
-    variance = judged.nominal + z**2 / GATE - judged.spread  # which makes their NIS that of the gate
+    """Rows of beams that have long been rejected together without GNSS, with noise that makes their NIS ``GATE``."""
+    variance = judged.nominal + z**2 / GATE - judged.spread
     return [Row(i, float(variance[i])) for i in gated]
 
 
@@ -242,7 +243,7 @@ def _flagged(judged: Judged) -> np.ndarray:
 
 
 def _compensated(compensator: Compensator, gnss_is_good: bool, evidence: BeamEvidence) -> list[Row]:
-    """Without GNSS: beams that have been found faulty, less the error that is predicted for them."""
+    """Without GNSS: rows of faulty beams, corrected by their predicted errors; with GNSS the compensator learns."""
     if gnss_is_good:
         compensator.learn(evidence)
         return []

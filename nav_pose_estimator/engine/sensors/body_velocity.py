@@ -1,4 +1,4 @@
-"""Velocity over ground in a sensor's own axes: Doppler log, optical flow, wheels."""
+"""Body velocity: velocity over ground in a sensor's own axes (Doppler log, optical flow, wheels)."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import BodyVelocity
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised
+from nav_pose_estimator.engine.solutions import Level
 
-_LARGEST_SPEED = 1e3  # m/s
-_UNMEASURED = 1e6  # (m/s)^2: an axis that is not measured says nothing
+_LARGEST_SPEED = 1e3  # m/s: a larger component is rejected
+_UNMEASURED = 1e6  # (m/s)^2: variance of an axis that is not measured
 
 
 class _Measured(NamedTuple):
@@ -25,15 +26,16 @@ class _Measured(NamedTuple):
 
 
 class BodyVelocitySensor(Aid):
-    """Three rows in body axes, at the sensor's place and time."""
+    """Three rows: velocity in b of the point at the sensor's lever arm, at its time of validity."""
 
     kind = Kind("body_velocity", holds=True)
     sample, family = BodyVelocity, "body_velocity"
     bounds_drift = True
+    _told = ""  # what is wrong with it
 
     @classmethod
     def noise_model(cls, parameters: Parameters) -> str:
-        """By ``aids.body_velocity_noise``."""
+        """The model of ``aids.body_velocity_noise``."""
         return parameters.aids.body_velocity_noise
 
     def set_parameters(self, parameters: Parameters) -> None:
@@ -44,7 +46,7 @@ class BodyVelocitySensor(Aid):
         self._axes = rotation_from_rpy(aids.body_velocity_rpy)
 
     def observe(self, sample: BodyVelocity, t: float) -> Observation | None:
-        """A velocity of which at least one axis is a number."""
+        """The observation of a velocity with at least one finite axis."""
         if not self._enabled:
             return None
         measured = [value for value in sample.velocity if not math.isnan(value)]
@@ -58,12 +60,30 @@ class BodyVelocitySensor(Aid):
         for axis in range(3):
             if not math.isfinite(sample.velocity[axis]):
                 R[axis, axis] = _UNMEASURED
-        velocity = self._axes @ np.nan_to_num(np.array(sample.velocity))
+        velocity = np.nan_to_num(self.in_body(sample))
         R = self._axes @ R @ self._axes.T
-        return Observation(t - self._delay, sample.stamp_ns, self.kind, _Measured(velocity, self._lever), R)
+        return Observation(self.time_of(t), sample.stamp_ns, self.kind, _Measured(velocity, self._lever), R)
+
+    def in_body(self, sample: BodyVelocity) -> np.ndarray:
+        """The velocity (3,) of a sample in b; NaN where an axis is not measured."""
+        return self._axes @ np.array(sample.velocity, float)
+
+    def time_of(self, t: float) -> float:
+        """When a velocity that is stamped ``t`` [s] was measured."""
+        return t - self._delay
+
+    def refuse_axes(self, fault: str, stamp_ns: int) -> bool:
+        """It contradicts the IMU, and ``fault`` says how where that is beyond doubt; whether that is new."""
+        self._refuse("axes")
+        if not fault or fault == self._told:
+            return False
+        self._told = fault
+        text = f"body velocity not used: {fault}; set aids.body_velocity_rpy, or the driver right"
+        self._journal.say(stamp_ns, "body_velocity.implausible", Level.ERROR, text)
+        return True
 
     def figures(self) -> dict[str, float]:
-        """How much noisier it is than stated."""
+        """Status: estimated noise variance relative to the stated one."""
         return {"body_velocity.noise.factor": self.noise.factor}
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:

@@ -1,9 +1,9 @@
-"""Does a sensor repeat its last value for longer than it ever would?
+"""Detection of a frozen sensor: it repeats its last value for longer than its own statistics explain.
 
-A live barometer has noise, so it rarely repeats a value to the digit. How often it does depends on its resolution, on
-the filter in it and on how often a driver sends the same value again. That share is learned from the runs that have
-ended, and a run that it makes improbable is suspected. A coarse sensor at a constant height may repeat a value for
-long, so a verdict takes time in proportion to the steps in which its values change.
+A live barometer has noise and rarely repeats a value exactly. How often it does depends on its resolution, its internal
+filter, and whether the driver publishes values twice. The rate of repetition is learned from completed runs of equal
+values, and a run that is improbable at this rate is suspect. A coarse sensor at a constant height may repeat a value
+for long. The verdict therefore takes a time in proportion to the usual step between different values.
 """
 
 from __future__ import annotations
@@ -11,32 +11,32 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-_MEMORY = 300.0  # samples
-_PRIOR_REPEATS, _PRIOR_SAMPLES = 5.0, 10.0  # half of the values repeat, as long as nothing is known
-_KNOWN = 50.0  # samples by which the share is known
-_SUSPECT, _FROZEN = math.log(1e-4), math.log(1e-9)  # probability of a run
-_LEAST_TIME = 2.0  # s of one value before it counts as frozen ...
-_TIME_PER_STEP = 30.0  # ... and s for each unit (of a height: metre) of the usual step
-_STEP_SHARE = 0.05  # of the newest step in the usual one
+_MEMORY = 300.0  # samples over which the rate of repetition is averaged
+_PRIOR_REPEATS, _PRIOR_SAMPLES = 5.0, 10.0  # prior of that rate: half of ten values repeat
+_KNOWN = 50.0  # samples before the rate is used
+_SUSPECT, _FROZEN = math.log(1e-4), math.log(1e-9)  # log probabilities of a run that is suspect, or frozen
+_LEAST_TIME = 2.0  # s: shortest run that counts as frozen ...
+_TIME_PER_STEP = 30.0  # ... and s per unit of the usual step (for a height: per metre)
+_STEP_SHARE = 0.05  # weight of the newest step in the mean step
 
 
 @dataclass(eq=False)
 class Frozen:
-    """Tell it every value; ``is_suspect`` and ``is_frozen`` speak of the last one."""
+    """The detector. It receives every value; ``is_suspect`` and ``is_frozen`` are its verdicts on the last one."""
 
     is_suspect: bool = field(default=False, init=False)
-    """The value has been repeated more often than by chance: it may be old."""
+    """Whether the present run of equal values is improbable: the value may be old."""
     is_frozen: bool = field(default=False, init=False)
-    """It is repeated beyond doubt."""
+    """Whether the sensor is frozen beyond doubt."""
     _value: float = field(default=math.nan, init=False)
-    _since: float = field(default=0.0, init=False)  # s
-    _run: int = field(default=0, init=False)
-    _repeats: float = field(default=_PRIOR_REPEATS, init=False)
-    _samples: float = field(default=_PRIOR_SAMPLES, init=False)
-    _step: float = field(default=math.nan, init=False)  # of the values where they change, a mean
+    _since: float = field(default=0.0, init=False)  # s: time of the first of the equal values
+    _run: int = field(default=0, init=False)  # repetitions in the present run
+    _repeats: float = field(default=_PRIOR_REPEATS, init=False)  # repetitions in completed runs, faded
+    _samples: float = field(default=_PRIOR_SAMPLES, init=False)  # samples in completed runs, faded
+    _step: float = field(default=math.nan, init=False)  # mean step between different values
 
     def note(self, t: float, value: float) -> None:
-        """A ``value`` (height [m]) of the time ``t`` [s], increasing."""
+        """Add a ``value`` (height [m]) at ``t`` [s], in order of time."""
         if value == self._value:
             self._run += 1
             self._judge(t)
@@ -47,7 +47,7 @@ class Frozen:
         self.is_suspect = self.is_frozen = False
 
     def _learn(self, step: float) -> None:
-        """A run has ended with a ``step``. One that was judged to be frozen says nothing of a sound sensor."""
+        """Learn from a run that ended with a ``step``; one that was frozen is not typical of a live sensor."""
         self._step = step if math.isnan(self._step) else self._step + _STEP_SHARE * (step - self._step)
         if self.is_frozen:
             return

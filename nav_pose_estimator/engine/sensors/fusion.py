@@ -1,6 +1,6 @@
-"""Where the navigator's filter is corrected: by any sensor, with any number of rows and any noise model.
+"""Measurement updates of the navigator's filter: by any sensor, with any number of rows and any noise model.
 
-What a sensor expects takes a short cut with the same numbers (``engine.sensors.routine``).
+Observations that their sensor expects take a compiled short cut with identical results (``engine.sensors.routine``).
 """
 
 from __future__ import annotations
@@ -20,23 +20,25 @@ from nav_pose_estimator.core.filter.vertical_channel import gated_height
 from nav_pose_estimator.engine.observation import Decision, FilterView, Observation, Use
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 
-_RESET_VELOCITY_SD = (0.3, 0.3, 0.5)  # m/s
-_LARGEST_TILT_VAR = math.radians(10.0) ** 2  # rad^2: beyond, an error state is no longer small
-_LARGEST_VELOCITY_VAR, _LARGEST_POSITION_VAR = 100.0**2, 1e4**2  # beyond, nothing is known: no doubt needs more
+_RESET_VELOCITY_SD = (0.3, 0.3, 0.5)  # m/s: standard deviation of a velocity after a reset, ENU
+# Bounds of variances that ``_widen`` enlarges: beyond 10 deg the linear error model fails, beyond 100 m/s and 10 km
+# nothing is known.
+_LARGEST_TILT_VAR = math.radians(10.0) ** 2
+_LARGEST_VELOCITY_VAR, _LARGEST_POSITION_VAR = 100.0**2, 1e4**2
 _MOTION = (DPOS, DPOS + 1, DPOS + 2, DVEL, DVEL + 1)
 Gates = list[tuple[float, float]]
 """(soft, hard) bounds of the normalised innovation squared for 1, 2, 3 ... rows."""
 
 
 class Fusion:
-    """Lets observations act: asks their sensor what to do, does it, and tells the sensor and its noise model."""
+    """Applies observations: their sensor decides, the filter is updated, and sensor and noise model are notified."""
 
     def __init__(self, sensors: Iterable[Sensor], gates: Gates) -> None:
         self._sensors = {sensor.kind.name: sensor for sensor in sensors}
         self.gates = gates
 
     def apply(self, o: Observation, f: FilterView) -> None:
-        """Let ``o`` act on one filter that has reached its time, with its covariance up to date."""
+        """Apply ``o`` to a filter that is at its time, with its covariance up to date."""
         sensor = self._sensors[o.kind.name]
         first = o.decision is None
         if o.decision is None:
@@ -88,9 +90,9 @@ class Fusion:
 
 
 def _widen(P: np.ndarray, factor: float) -> None:
-    """Multiply the covariance of the motion by ``factor``, within bounds: doubts may return without end.
+    """Multiply the covariance of attitude, velocity and position by ``factor``, within bounds for repeated use.
 
-    Biases stay as known.
+    The covariance of the biases is unchanged.
     """
     for start, most in ((PHI, _LARGEST_TILT_VAR), (DVEL, _LARGEST_VELOCITY_VAR), (DPOS, _LARGEST_POSITION_VAR)):
         states = slice(start, start + 3)
@@ -100,7 +102,7 @@ def _widen(P: np.ndarray, factor: float) -> None:
 
 
 def _reset(f: FilterView, z: np.ndarray, R: np.ndarray, velocity: tuple[float, ...]) -> None:
-    """Put position (and velocity where known) on the fix and forget their correlations."""
+    """Set position (and velocity where known) to the fix, with its noise as covariance and no correlations."""
     nav, P, _ = f
     r_m, r_n = radii(nav[LAT])
     nav[LON] -= z[0] / ((r_n + nav[ALT]) * math.cos(nav[LAT]))
@@ -117,7 +119,7 @@ def _reset(f: FilterView, z: np.ndarray, R: np.ndarray, velocity: tuple[float, .
 
 
 def _tie_to_lasting_error(f: FilterView, rows: int) -> None:
-    """A position that was put on a fix less the estimate of its lasting error has what is missing from that."""
+    """After a reset to a fix less its estimated correlated error, the position has the error of that estimate."""
     own, first = slice(DPOS, DPOS + rows), GNSS_ERROR.states(f.constants).start
     R, error = f.P[own, own].copy(), slice(first, first + rows)
     f.P[own, :] = f.P[error, :]

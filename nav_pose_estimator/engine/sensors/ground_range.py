@@ -1,7 +1,7 @@
-"""Rangefinder that looks down: the height above flat ground. It is never taken for an altitude.
+"""Downward rangefinder: height above flat ground, which is never used as an altitude by itself.
 
-While GNSS is good the height of the ground is learned, and how rough it is per metre travelled; without GNSS the height
-is held against that ground. A step (a roof, a wall) fails the gate, and a new level that lasts becomes the ground.
+While GNSS is good, the height of the ground and its roughness per metre travelled are learned. Without GNSS the height
+is measured relative to that ground. A step (a roof, a wall) fails the gate; a new level that lasts becomes the ground.
 """
 
 from __future__ import annotations
@@ -22,29 +22,30 @@ from nav_pose_estimator.engine.samples import RangeToGround
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised, Pacer, shared_error
 
-_PERIOD = 0.2  # s
-_FARTHEST = 1e4  # m
-_STEEPEST = 0.5  # rad of tilt: beyond it the beam meets the ground too far aside
-_GROUND_MEMORY = 5.0  # s, of the ground's height while GNSS shows the vehicle's
-_RELIEF_MEMORY = 60.0  # s
-_FIRST_RELIEF, _LEAST_RELIEF = 0.01, 0.0025  # m^2 per m travelled: 1 m and 0.5 m over 100 m
-_NEW_LEVEL = 2.0  # s for which a step has to last
+_PERIOD = 0.2  # s: shortest time between two observations
+_FARTHEST = 1e4  # m: a larger distance is rejected
+_STEEPEST = 0.5  # rad: with a larger tilt the beam meets the ground too far from the nadir
+_GROUND_MEMORY = 5.0  # s: averaging time of the ground's height while GNSS is good
+_RELIEF_MEMORY = 60.0  # s: averaging time of the roughness
+# m^2 per m travelled: variance of the ground's height, initial and smallest, 1 m and 0.5 m (1 sigma) over 100 m.
+_FIRST_RELIEF, _LEAST_RELIEF = 0.01, 0.0025
+_NEW_LEVEL = 2.0  # s that a step has to last before it becomes the ground
 
 
 @dataclass
 class _Ground:
-    """What is known of the ground. ``travelled`` [m] since its height was last known."""
+    """Estimate of the ground."""
 
     height: float = math.nan  # m above the ellipsoid
-    relief: float = _FIRST_RELIEF
-    travelled: float = 0.0
-    t: float = -math.inf
-    refused_since: float = math.inf
-    above: float = math.nan  # m above ground, for the status
+    relief: float = _FIRST_RELIEF  # m^2 per m travelled
+    travelled: float = 0.0  # m since the height was last known
+    t: float = -math.inf  # s: time of the last observation
+    refused_since: float = math.inf  # s: time since which all observations have been rejected
+    above: float = math.nan  # m: height above ground, for the status
 
 
 class GroundRange(Aid):
-    """One row of height, the ground's height added to the vertical part of the beam."""
+    """One row: height as the ground's height plus the vertical part of the beam."""
 
     kind = Kind("range", quiet=True)
     sample, family = RangeToGround, "range"
@@ -70,7 +71,7 @@ class GroundRange(Aid):
         return Observation(t, sample.stamp_ns, self.kind, (sample.distance, sample.field_of_view), R)
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
-        """While GNSS is good learn the ground; without GNSS hold the height against it."""
+        """While GNSS is good learn the ground; without GNSS use the height above it."""
         ground = self._ground
         drop = _vertical_part(o.measured, f.nav)
         self._travel(o.t, math.hypot(f.nav[VEL], f.nav[VEL + 1]))
@@ -84,7 +85,7 @@ class GroundRange(Aid):
         if o.t - ground.refused_since > _NEW_LEVEL:
             self._journal.count("range.new_ground")
             ground.height, ground.refused_since = below, math.inf
-            ground.travelled = float(f.P[DPOS + 2, DPOS + 2]) / ground.relief  # no better known than the height is
+            ground.travelled = float(f.P[DPOS + 2, DPOS + 2]) / ground.relief  # variance of the ground as of the height
         return LEFT_OUT if math.isnan(ground.height) else Decision(Use.GATED, ground.height)
 
     def _travel(self, t: float, speed: float) -> None:
@@ -111,7 +112,7 @@ class GroundRange(Aid):
         return *measurements.height(f.nav, len(f.P), height), R
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
-        """Count it, and remember since when the ground has not been where it was."""
+        """Count the outcome, and note the time since which observations have been rejected."""
         super().note(o, f, z, status, nis)
         self._ground.refused_since = math.inf if status else min(self._ground.refused_since, o.t)
 
@@ -121,9 +122,9 @@ class GroundRange(Aid):
 
 
 def _vertical_part(measured: tuple[float, float], nav: np.ndarray) -> float:
-    """Height [m] above flat ground of a beam along the body's z axis; NaN where the vehicle leans too far.
+    """Height [m] above flat ground from a beam along the body's z axis; NaN where the tilt is too large.
 
-    The nearest point in a cone counts: up to half its width a tilt changes nothing.
+    The sensor measures the nearest point within its cone, so a tilt up to half its width has no effect.
     """
     distance, field_of_view = measured
     tilt = math.acos(min(max(float(quat_to_matrix(nav[QUAT : QUAT + 4])[2, 2]), -1.0), 1.0))

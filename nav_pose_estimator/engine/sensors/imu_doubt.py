@@ -1,4 +1,4 @@
-"""Doubt about the IMU itself: where its samples cannot be trusted, attitude and velocity are less certain."""
+"""Doubt about the IMU as an observation: additional variance after samples that cannot be trusted."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ _STATES = np.concatenate([np.arange(first, first + 3) for first in (PHI, DVEL, D
 
 
 class ImuDoubt(Sensor):
-    """Corrects nothing: the covariance grows by independent variances."""
+    """Adds independent variances to the covariance; it corrects no state."""
 
     kind = Kind("imu_doubt", precedence=0)
 
     def set_parameters(self, parameters: Parameters) -> None:
-        """It has none."""
+        """It has no parameters."""
 
     def observe(self, doubt: Doubt, t: float, stamp_ns: int) -> Observation:
-        """The doubt about the second up to ``t``."""
+        """The ``doubt`` about the second up to ``t`` [s]."""
         self._journal.count("imu_doubt.used")
         return Observation(t, stamp_ns, self.kind, doubt)
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
-        """It always acts."""
+        """It always takes effect."""
         return Decision(Use.DOUBTED)
 
     def settle(self, o: Observation, f: FilterView) -> None:

@@ -1,6 +1,6 @@
-"""Magnetometer: a levelled heading. Its offset is learned while GNSS shows the heading; in an outage it holds it.
+"""Magnetometer: levelled magnetic heading, with an offset that is learned while GNSS shows the heading.
 
-What is learned is also compared with the motion: a magnetometer that disagrees with it is not used.
+In an outage it bounds the heading's drift. A magnetometer that disagrees with the motion is not used.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from nav_pose_estimator.core.alignment.levelling import likely_unit
 from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.core.filter.layout import PHI, QUAT
-from nav_pose_estimator.core.numerics.rotation import euler_from_quat, quat_rotate
+from nav_pose_estimator.core.numerics.rotation import quat_rotate, yaw_of
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_within
 from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, FilterView, Kind, Observation, Use
@@ -26,17 +26,17 @@ from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised, Pacer, sha
 from nav_pose_estimator.engine.solutions import Level
 
 WRONG_START = "mag.heading.wrong_start"
-"""Event: the navigator goes on from another heading, and what was learned along the old one is worth nothing."""
-_LARGEST_FIELD = 1e6  # in any unit
+"""Event: the navigator continues from another heading, and quantities learned with the old one are void."""
+_LARGEST_FIELD = 1e6  # in any unit: a larger field is rejected
 KNOWN_HEADING = 0.2
-"""rad: a heading that GNSS motion shows no better cannot teach the offset."""
-_LARGEST_IRON = 1e-3  # T: magnetometers end there
-_OFFSET_MEMORY = 100.0  # s
-_SHORTEST_PERIOD = 0.01  # s
+"""rad: largest standard deviation of the filter's heading from which the offset is learned."""
+_LARGEST_IRON = 1e-3  # T: beyond the range of magnetometers
+_OFFSET_MEMORY = 100.0  # s: averaging time of the offset
+_SHORTEST_PERIOD = 0.01  # s: floor of the period in ``CompassCheck``
 
 
 class Magnetometer(Aid):
-    """The direction of the horizontal field, against declination and the offset that was learned."""
+    """One row: heading error from the levelled field, with declination and the learned offset."""
 
     kind = Kind("magnetic_heading", quiet=True)
     sample, family = MagSample, "mag"
@@ -57,7 +57,7 @@ class Magnetometer(Aid):
         self._variance = aids.magnetometer_sd**2 * shared_error(aids.magnetometer_period)
 
     def receive(self, sample: MagSample) -> Vector3:
-        """The field of a sample, calibrated and in b. A unit that is not tesla is told once."""
+        """The field of a sample, calibrated and in b; a unit other than tesla gives an event once."""
         if self._is_new:
             self._is_new = False
             text = self._wrong_unit(math.hypot(*sample.field))
@@ -82,7 +82,7 @@ class Magnetometer(Aid):
         return Observation(t, sample.stamp_ns, self.kind, tuple(self.receive(sample)))
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
-        """While GNSS shows the heading learn the offset; otherwise let the field hold the heading."""
+        """While GNSS shows the heading learn the offset; otherwise correct the heading by the field."""
         if self._aiding.gnss_is_good(o.t) and math.sqrt(f.P[PHI + 2, PHI + 2]) < KNOWN_HEADING:
             z, _ = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self.declination)
             self.learn(o, float(z[0]), f.nav[QUAT : QUAT + 4])
@@ -92,30 +92,30 @@ class Magnetometer(Aid):
         return Decision(Use.GATED, self._offset)
 
     def reject(self, stamp_ns: int, error: float) -> None:
-        """Motion has shown that the heading from the magnetometer was wrong by ``error`` [rad]: it steers nothing."""
-        self._check = CompassCheck(is_rejected=True)  # and what it saw was compared with a wrong heading
+        """Stop using the magnetometer: motion has shown that its heading at the start was wrong by ``error`` [rad]."""
+        self._check = CompassCheck(is_rejected=True)  # the old one compared with the wrong heading
         self._offset = math.nan
         text = (
-            f"the magnetic heading at the start was {math.degrees(abs(error)):.0f} deg off, as motion shows: aligned "
-            f"anew; likely cause: {single_cause(error)}; the magnetometer is not used, {CURE}"
+            f"the magnetic heading at the start was wrong by {math.degrees(abs(error)):.0f} deg, as motion shows: "
+            f"aligned again; likely cause: {single_cause(error)}; the magnetometer is not used, {CURE}"
         )
         self._journal.say(stamp_ns, WRONG_START, Level.WARN, text, error_deg=math.degrees(error))
 
     def compare_anew(self) -> None:
-        """What has been seen was compared with a wrong heading."""
-        self._check, self._offset = CompassCheck(), math.nan
+        """Start the comparison again, because it was made with a wrong heading. A rejected magnetometer stays out."""
+        self._check, self._offset = CompassCheck(self._check.is_rejected), math.nan
 
     @property
     def offset(self) -> float:
-        """What a magnetic heading is off by, as far as GNSS has shown [rad]; NaN where it may steer nothing."""
+        """Learned error of a magnetic heading [rad]; NaN where the magnetometer must not be used."""
         return math.nan if self._check.doubted else self._offset
 
     def begin_with(self, offset: float) -> None:
-        """Start with what was learned before a restart."""
+        """Start with the ``offset`` [rad] learned before a restart."""
         self._offset, self._since = offset, -_OFFSET_MEMORY
 
     def learn(self, o: Observation, error: float, q: np.ndarray) -> None:
-        """Compare the heading with the filter's attitude ``q`` (4,), from which it is ``error`` [rad] off."""
+        """Learn the offset from the ``error`` [rad] of a magnetic heading against the filter's attitude ``q`` (4,)."""
         self._compare(o, q, error)
         if math.isnan(self._offset):
             self._offset, self._since = error, o.t
@@ -124,8 +124,8 @@ class Magnetometer(Aid):
 
     def _compare(self, o: Observation, q: np.ndarray, error: float) -> None:
         deviation = 0.0 if math.isnan(self._offset) else math.remainder(error - self._offset, 2.0 * math.pi)
-        east, north, _ = quat_rotate(q, np.array(o.measured))
-        to_body = cmath.rect(1.0, -float(euler_from_quat(q)[2]))
+        east, north, _ = quat_rotate(q, np.array(o.measured)).tolist()
+        to_body = cmath.rect(1.0, -float(yaw_of(q)))
         magnetic_north = cmath.rect(1.0, 0.5 * math.pi - self.declination)
         offset = error if math.isnan(self._offset) else self._offset
         name, text = self._check.add(
@@ -140,11 +140,11 @@ class Magnetometer(Aid):
             self._journal.say(o.stamp_ns, name, level, text)
 
     def figures(self) -> dict[str, float]:
-        """How far magnetic headings spread around their mean error [deg] while GNSS shows the heading."""
+        """Status: RMS of the magnetic heading about its mean error [deg] while GNSS shows the heading."""
         return {"mag.heading_spread_deg": math.degrees(self._check.spread)}
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
-        """One row, phi_z. A tilt that is wrong lets the vertical field pass for a horizontal one."""
+        """One row, phi_z; the tilt's variance adds to the noise, since a tilt error projects the vertical field."""
         assert o.decision is not None
         tilt_variance = f.P[PHI, PHI] + f.P[PHI + 1, PHI + 1]
         z, H = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self.declination + o.decision.reference)

@@ -1,4 +1,4 @@
-"""Rest: an IMU that is still means that the velocity is zero, unless the navigator contradicts it."""
+"""Zero-velocity updates: while the IMU is still, unless the navigator contradicts rest."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 
-_RATE = 0.01  # rad/s: at rest nothing but bias and the Earth is left of the mean angular rate
-_SPEED = 0.7  # m/s: the navigator must be sure, by two deviations, to be slower than that
+_RATE = 0.01  # rad/s: largest mean angular rate at rest beside the estimated bias (the Earth's included)
+_SPEED = 0.7  # m/s: the estimated speed plus two standard deviations must be smaller
 
 
 class Rest(Sensor):
-    """Zero velocity (Groves, second edition, section 15.3)."""
+    """Three rows: zero velocity (Groves, second edition, section 15.3)."""
 
     kind = Kind("zero_velocity")
-    all_or_nothing = True  # an unlikely rest is not a rest
+    all_or_nothing = True  # an unlikely zero velocity is rejected, not inflated
     bounds_drift = True
 
     def set_parameters(self, parameters: Parameters) -> None:
@@ -28,10 +28,11 @@ class Rest(Sensor):
         self._R = np.eye(3) * parameters.aids.zero_velocity_sd**2
 
     def observe(self, mean_rate: np.ndarray, f: FilterView, stamp_ns: int) -> Observation | None:
-        """The observation where the IMU is still with ``mean_rate`` (3,) [rad/s]; None where something speaks against.
+        """The observation for an IMU that is still with ``mean_rate`` (3,) [rad/s]; None where rest is not certain.
 
-        An IMU feels neither a steady turn nor a steady cruise: the bias has to explain the rate, and the navigator has
-        to know that it is slow. One that has lost its velocity learns nothing here, safe rather than helpful.
+        A still IMU does not exclude a steady turn or a steady cruise. So the bias has to explain the rate, and the
+        navigator's velocity has to be small with certainty. With an uncertain velocity there is no update: that is
+        safe, although an update would help most then.
         """
         if math.dist(mean_rate, f.nav[GYRO_BIAS : GYRO_BIAS + 3]) > _RATE:
             return self._withhold("rate")

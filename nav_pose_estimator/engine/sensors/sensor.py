@@ -1,4 +1,4 @@
-"""What every sensor of the navigator has in common: from a sample to an observation, and from there into the filter."""
+"""Base classes of the navigator's sensors: from a sample to an observation, and its linearisation for the filter."""
 
 from __future__ import annotations
 
@@ -21,41 +21,41 @@ Linearised = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 class Sensor:
-    """One kind of observation. It knows samples, parameters and counters; only ``fusion`` corrects the filter.
+    """Base of a sensor: one kind of observation. Only ``fusion`` corrects the filter.
 
-    A new sensor is a subclass in its own file and a line in ``aids.AIDS``. It may keep what it learns in
-    attributes: they are copied with the filter.
+    A new sensor is a subclass in its own file and a line in ``aids.AIDS``. It may keep learned quantities in
+    attributes, which are copied with the filter.
     """
 
     kind: ClassVar[Kind]
     vertical_only: ClassVar[bool] = False
-    """One row of height that corrects height and vertical velocity alone (``core.filter.vertical_channel``)."""
+    """Whether it is one row of height that corrects only height and vertical velocity (``vertical_channel``)."""
     all_or_nothing: ClassVar[bool] = False
-    """Unlikely observations are refused instead of counting for less."""
+    """Whether unlikely observations are rejected instead of inflated."""
     bounds_drift: ClassVar[bool] = False
-    """Whether it keeps the drift within bounds while GNSS is away."""
+    """Whether it bounds the drift without GNSS."""
 
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
         self._journal, self._aiding = journal, aiding
         self.noise: NoiseModel = MODELS[self.noise_model(parameters)]()
         self._noises: deque[tuple[tuple[float, int, int], NoiseModel]] = (
             deque()
-        )  # as they stood ahead of the last observations
+        )  # copies of ``noise`` from before the last observations
         self.set_parameters(parameters)
 
     def set_parameters(self, parameters: Parameters) -> None:
-        """New noises and periods; what was learned stays."""
+        """Take new noises and periods; learned quantities stay."""
         raise NotImplementedError
 
     @classmethod
     def noise_model(cls, parameters: Parameters) -> str:
-        """The one of ``measurement_noise.MODELS`` that it goes by; a sensor with a parameter for that answers by it."""
+        """Name of its noise model in ``measurement_noise.MODELS``, from a parameter where the sensor has one."""
         return "fixed"
 
     def noise_ahead_of(self, o: Observation) -> NoiseModel:
-        """``noise`` as it stood before ``o``: where the past is replayed, what it learned since is forgotten first.
+        """``noise`` as it was before ``o``; where the past is replayed, what it learned since is undone first.
 
-        So it is the same whenever an observation arrives, and however often the time line has gone back.
+        The result thus depends neither on when an observation arrives nor on how often the past is replayed.
         """
         while self._noises and self._noises[-1][0] >= o.key:
             self.noise = self._noises.pop()[1]
@@ -65,11 +65,11 @@ class Sensor:
         return self.noise
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
-        """What to do with ``o``: asked once, when the filter ``f`` first reaches its time."""
+        """Decide how to use ``o``; called once, when the filter ``f`` first reaches its time."""
         return GATED
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
-        """The observation at the state of ``f``, with the reference that was decided on."""
+        """(z, H, R) of ``o`` at the state of ``f``, with the reference of its decision."""
         raise NotImplementedError
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
@@ -79,39 +79,39 @@ class Sensor:
             self._aiding.bound_drift(o.t, self.kind.name)
 
     def settle(self, o: Observation, f: FilterView) -> None:
-        """Called each time that ``o`` has acted or was left out."""
+        """Called each time after ``o`` has been applied or left out."""
 
 
 class Aid(Sensor):
-    """A sensor besides GNSS: one sample gives one observation, or none."""
+    """Base of a sensor other than GNSS: one sample gives one observation, or none."""
 
     sample: ClassVar[type]
     family: ClassVar[str]
-    """Of its counters on arrival (``mag.rejected.value``)."""
+    """First word of its counters (``mag.rejected.value``)."""
 
     blocks: ClassVar[dict[Block, Wander]] = {}
-    """States that the filter is given with its first observation, and how they change."""
+    """Blocks of states that the filter is extended by at its first observation, with their process models."""
     first_sd: dict[Block, float | tuple[float, ...]]
-    """Their deviations then, one for all states of a block or one for each; a block without is not asked for."""
+    """Their initial deviations, one for all states of a block or one each; a block without an entry is not added."""
 
     def observe(self, sample: Any, t: float) -> Observation | None:
-        """The observation of a sample stamped ``t`` [s]; None where it is not due, or refused and counted."""
+        """The observation of a sample stamped ``t`` [s]; None where it is not due, or rejected and counted."""
         raise NotImplementedError
 
     def bounds_at(self, t: float) -> bool:
-        """Whether it measures the velocity at ``t`` [s] better than anything that was learned could tell it."""
+        """Whether it measures the velocity at ``t`` [s] better than a learned prediction."""
         return False
 
     def compare_anew(self) -> None:
-        """The navigator's heading was wrong: what was found out by comparison with it is worth nothing."""
+        """Discard everything learned by comparison with the navigator, because its heading was wrong."""
         self.noise = type(self.noise)()
         self._noises.clear()
 
     def take_over(self, before: Self) -> None:
-        """Go on after a gap in the IMU data with what the same sensor has shown ``before`` and no saved state tells."""
+        """Continue after a gap in the IMU data with learned quantities of ``before`` that no saved state holds."""
 
     def figures(self) -> dict[str, float]:
-        """What it shows in the navigator's status, by names that begin with its family."""
+        """Values of the navigator's status, with keys that begin with its family."""
         return {}
 
     def _refuse(self, why: str = "value") -> None:
@@ -119,9 +119,9 @@ class Aid(Sensor):
 
 
 class Pacer:
-    """Lets observations pass at most every ``period`` [s]: closer ones share their errors and add no information."""
+    """Limits the rate of observations to one per ``period`` [s]: closer ones have correlated errors and add little."""
 
-    _JITTER = 1e-6  # s
+    _JITTER = 1e-6  # s: tolerance of the period
 
     def __init__(self) -> None:
         self._last = -np.inf
@@ -135,9 +135,9 @@ class Pacer:
 
 
 CORRELATION = 5.0  # s
-"""Magnetic headings and barometric heights closer than this share their error."""
+"""Correlation time of the errors of magnetic headings and barometric heights."""
 
 
 def shared_error(period: float) -> float:
-    """Factor on the variance of observations every ``period`` [s] whose errors last for ``CORRELATION``."""
+    """Factor on the variance of observations every ``period`` [s] with errors correlated over ``CORRELATION``."""
     return 1.0 + CORRELATION / max(period, 0.1)

@@ -1,18 +1,18 @@
-"""What the benchmarks in simulation share: the words of an option, seeds on several cores, and their tables."""
+"""What the benchmarks in simulation share: seeds on several cores, and the files that they write."""
 
 import argparse
-import csv
-import json
 import sys
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive.jobs import Failure, carry_out
+from nav_pose_estimator.offline.benchmarks.tables import SUMMARY_CSV, SUMMARY_JSON, TRIALS, write_csv
+from nav_pose_estimator.offline.json_file import write_json
 
-TRIALS, SUMMARY_CSV, SUMMARY_JSON, REPORT = "trials.csv", "summary.csv", "summary.json", "report.html"
+_FLOATS = ".5g"
 Task = TypeVar("Task")
 Trial = TypeVar("Trial")
 
@@ -30,17 +30,6 @@ def seeds(arguments: argparse.Namespace) -> range:
     if arguments.seeds < 1 or arguments.first_seed < 0 or arguments.jobs < 1:
         raise UserError("--seeds and --jobs must be 1 or more, --first-seed 0 or more")
     return range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-
-
-def chosen(text: str, known: tuple[str, ...], option: str) -> tuple[str, ...]:
-    """The names of an option's ``text``, each once; all that are ``known`` for the word all. Raises ``UserError``."""
-    names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
-    if names == ("all",):
-        return known
-    unknown = [name for name in names if name not in known]
-    if unknown or not names:
-        raise UserError(f"{option} {text!r}: there are {', '.join(known)}, or all")
-    return names
 
 
 def run_all(work: Callable[[Task], list[Trial]], tasks: Sequence[Task], jobs: int) -> list[Trial]:
@@ -75,28 +64,10 @@ def write_tables(
 
     ``left_out``: what of the trials does not fit into a cell.
     """
-    from nav_pose_estimator.offline.replay.files import plain
-
-    _write_csv(folder / TRIALS, trials, left_out)
-    _write_csv(folder / SUMMARY_CSV, summaries, ())
+    write_csv(folder / TRIALS, trials, _FLOATS, left_out)
+    write_csv(folder / SUMMARY_CSV, summaries, _FLOATS)
     content = {
         "summaries": [asdict(row) for row in summaries],
         "goals": [dict(zip(goal_names, row, strict=True)) for row in goals],
     }
-    (folder / SUMMARY_JSON).write_text(json.dumps(plain(content), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def _write_csv(path: Path, rows: Sequence[Any], left_out: Collection[str]) -> None:
-    names = [item.name for item in fields(rows[0]) if item.name not in left_out]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
-        for row in rows:
-            values = [getattr(row, name) for name in names]
-            writer.writerow([f"{value:.5g}" if isinstance(value, float) else value for value in values])
-
-
-def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table as Markdown."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    write_json(folder / SUMMARY_JSON, content)

@@ -5,6 +5,7 @@ GNSS stamps moved, so that the prediction horizon is the same for all of them an
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from nav_pose_estimator.engine.samples import (
     PressureSample,
     Sample,
     SatelliteCount,
+    known_stamp,
 )
 from nav_pose_estimator.engine.solutions import NavBlock
 from nav_pose_estimator.errors import UserError
@@ -229,8 +231,8 @@ class _Stream:
     def _merged(self, delay_ns: int) -> list[Sample]:
         """All samples in order of time, GNSS at its time of validity."""
         moved = [_moved(s, delay_ns) for s in self._others]
-        moved.sort(key=lambda s: s.stamp_ns)
-        cuts = np.searchsorted(self._imu.stamps_ns, [s.stamp_ns for s in moved])
+        moved.sort(key=known_stamp)
+        cuts = np.searchsorted(self._imu.stamps_ns, list(map(known_stamp, moved)))
         out: list[Sample] = []
         done, imu = 0, self._imu
         for cut, sample in zip(cuts.tolist(), moved, strict=True):
@@ -241,7 +243,7 @@ class _Stream:
         return out
 
 
-def _useful(samples: list[Sample], start: int, limit: int) -> list[Sample]:
+def _useful(samples: Iterable[Sample], start: int, limit: int) -> list[Sample]:
     """What bears on the horizontal velocity, with the magnetometer thinned: every sample more is a block less."""
     out: list[Sample] = []
     next_mag = 0
@@ -262,7 +264,7 @@ def _useful(samples: list[Sample], start: int, limit: int) -> list[Sample]:
 
 def _moved(sample: Sample, delay_ns: int) -> Sample:
     if isinstance(sample, (GnssFix, GnssVelocity, SatelliteCount)):
-        return replace(sample, stamp_ns=sample.stamp_ns - delay_ns)
+        return replace(sample, stamp_ns=known_stamp(sample) - delay_ns)
     return sample
 
 

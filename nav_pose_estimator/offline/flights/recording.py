@@ -48,6 +48,12 @@ class Recording:
         """The flight's name: that of the bag without its ending."""
         return self.path.stem.removesuffix("_bag")
 
+    @property
+    def held(self) -> list[Sample]:
+        """The samples of a recording that is held in memory (``load`` with ``hold``)."""
+        assert isinstance(self.samples, list)
+        return self.samples
+
     @cached_property
     def fixes(self) -> list[GnssFix]:
         """All fixes, in the order of arrival."""

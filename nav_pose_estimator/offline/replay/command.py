@@ -10,7 +10,7 @@ from typing import Any
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.process_clock import seconds_since_start
-from nav_pose_estimator.offline.terminal import printable
+from nav_pose_estimator.offline.terminal import aligned, printable
 
 DESCRIPTION = (
     "Replay a rosbag2 or a flight log (PX4 ULog, ArduPilot DataFlash) through the pose estimator, take GNSS away for a "
@@ -190,10 +190,7 @@ def _tell(result, wall: float) -> None:
     if result.status.waiting_for:
         print(f"waiting for: {result.status.waiting_for}")
     if result.errors:
-        rows = [OUTAGE_HEADER, *outage_rows(result)]
-        widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-        for row in rows:
-            print("  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True)))
+        print("\n".join(aligned([OUTAGE_HEADER, *outage_rows(result)])))
     duration = result.recording.duration
     print(f"{duration:.0f} s in {wall:.2f} s, process start to report: {duration / wall:.0f} x real time ", end="")
     print(f"(estimator alone {duration / max(result.seconds, 1e-9):.0f} x)")

@@ -1,23 +1,19 @@
 """What a replay leaves in its folder: summary.json, trajectory.tum, estimate.csv and the solution bag."""
 
-import json
 import math
-import platform
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from nav_pose_estimator import __version__
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
-from nav_pose_estimator.core.numerics.jit import COMPILED
 from nav_pose_estimator.core.numerics.rotation import euler_from_quat_many
 from nav_pose_estimator.engine.parameters.schema import flatten
 from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.offline.flights.tracks import Track
+from nav_pose_estimator.offline.json_file import versions, write_json
 from nav_pose_estimator.offline.replay import second_opinion
 from nav_pose_estimator.offline.replay.replay import ReplayResult
 from nav_pose_estimator.offline.replay.report import mode_spans
@@ -42,7 +38,7 @@ def decimated(track: Track, rate_hz: float) -> Iterator[Track]:
 
 def write_summary(path: Path, result: ReplayResult, wall_seconds: float) -> dict[str, Any]:
     """Everything a script wants to know of a replay; NaN is null."""
-    recording, status = result.recording, result.status
+    recording, status, spans = result.recording, result.status, mode_spans(result)
     summary = {
         "bag": recording.path.name,
         "duration_s": recording.duration,
@@ -50,9 +46,9 @@ def write_summary(path: Path, result: ReplayResult, wall_seconds: float) -> dict
         "reference": result.reference.kind if len(result.reference) else None,
         "gnss_delay_s": result.parameters.gnss.delay,
         "final_mode": status.mode.value,
-        "seconds_aided": sum(e - s for s, e, mode in mode_spans(result) if mode.value == "AIDED"),
-        "first_aided_s": next((s for s, _, mode in mode_spans(result) if mode.value == "AIDED"), None),
-        "modes": [{"start_s": s, "end_s": e, "mode": mode.value} for s, e, mode in mode_spans(result)],
+        "seconds_aided": sum(end - start for start, end, mode in spans if mode is Mode.AIDED),
+        "first_aided_s": next((start for start, _, mode in spans if mode is Mode.AIDED), None),
+        "modes": [{"start_s": start, "end_s": end, "mode": mode.value} for start, end, mode in spans],
         "outages": [
             {key: value for key, value in vars(e).items() if not isinstance(value, np.ndarray)} for e in result.errors
         ],
@@ -69,20 +65,7 @@ def write_summary(path: Path, result: ReplayResult, wall_seconds: float) -> dict
         "versions": versions(),
         "parameters": flatten(result.parameters),
     }
-    summary = plain(summary)
-    path.write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    return summary
-
-
-def versions() -> dict[str, str]:
-    """Versions of what took part."""
-    found = {"nav_pose_estimator": __version__, "python": platform.python_version(), "kernels": _kernels()}
-    for name in ("numpy", "numba", "rosbags"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
+    return write_json(path, summary)
 
 
 def write_tum(path: Path, result: ReplayResult, rate_hz: float) -> None:
@@ -118,20 +101,3 @@ def modes_at(result: ReplayResult, t: np.ndarray) -> list[Mode]:
 def _local(track: Track, result: ReplayResult) -> np.ndarray:
     origin = result.origin or (tuple(result.track.position[0]) if len(track) else (0.0, 0.0, 0.0))
     return np.asarray(lla_to_enu(*track.position.T, *origin)).reshape(-1, 3)
-
-
-def _kernels() -> str:
-    return "compiled" if COMPILED else "plain Python"
-
-
-def plain(value: Any) -> Any:
-    """``value`` in the types of JSON; numbers that are not finite become null."""
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, str) or value is None or isinstance(value, bool):
-        return value
-    if isinstance(value, Iterable):
-        return [plain(item) for item in value]
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    return int(value)

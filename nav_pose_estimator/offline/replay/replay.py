@@ -200,7 +200,7 @@ def run(
         last_ns = int(sample.stamps_ns[-1])
         if not next_state - 2 * STATE_PERIOD_NS < last_ns < next_state:  # also after a clock that went back
             next_state = last_ns + STATE_PERIOD_NS
-            waiting[-1:] = [*([_rows(sample, slice(0, -1))] if len(sample) > 1 else []), _last(sample)]
+            waiting[-1:] = [*([sample.part(0, -1)] if len(sample) > 1 else []), _last(sample)]
             ahead(last_ns)
             record.take(engine.feed_all(waiting))
             waiting = []
@@ -208,10 +208,6 @@ def run(
             progress(len(sample))
     ahead(last_ns)
     record.take(engine.feed_all(waiting))
-
-
-def _rows(block: ImuBlock, chosen: slice) -> ImuBlock:
-    return ImuBlock(block.stamps_ns[chosen], block.gyro[chosen], block.accel[chosen])
 
 
 def _last(block: ImuBlock) -> ImuSample:

@@ -16,6 +16,7 @@ from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity, with_law
 from nav_pose_estimator.core.motion.prior import MotionPrior, PriorLaw
 from nav_pose_estimator.core.motion.wind import WIND_TIME
+from nav_pose_estimator.offline.terminal import aligned
 
 Array = NDArray[np.float64]
 Learn = Callable[[Array], AirVelocityModel]
@@ -104,8 +105,7 @@ def table(scores: Sequence[Score]) -> list[str]:
     for row in rows:
         count = max((len(errors) for errors in row.errors.values()), default=0)
         cells.append([row.name, str(count), *(_cell(row.errors.get(name)) for name in names)])
-    widths = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
-    return ["  ".join(text.rjust(width) for text, width in zip(line, widths, strict=True)) for line in cells]
+    return aligned(cells)
 
 
 def _cell(errors: Array | None) -> str:

@@ -1,6 +1,5 @@
 """The node's side: which autopilot, when, how often; and the fixes that are our own pose come back."""
 
-import importlib
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,13 +17,14 @@ from nav_pose_estimator.ros.autopilot.channels import Channel, MavrosGps, Mavros
 from nav_pose_estimator.ros.autopilot.echo import EchoWatch, Finding
 from nav_pose_estimator.ros.autopilot.permission import Permission
 from nav_pose_estimator.ros.autopilot.px4_clock import reference
+from nav_pose_estimator.ros.messages import installed
 from nav_pose_estimator.ros.messages.message_table import FIX, VELOCITY, Source
 from nav_pose_estimator.ros.pace import Pace
 
 _CHANNELS: dict[str, tuple[str, str, type[Any]]] = {
-    "mavros": ("nav_msgs/Odometry", "autopilot/odometry", MavrosOdometry),
-    "mavros_gps": ("mavros_msgs/GPSINPUT", "autopilot/gps_input", MavrosGps),
-    "px4": ("px4_msgs/VehicleOdometry", "fmu/in/vehicle_visual_odometry", Px4Odometry),
+    "mavros": ("nav_msgs/msg/Odometry", "autopilot/odometry", MavrosOdometry),
+    "mavros_gps": ("mavros_msgs/msg/GPSINPUT", "autopilot/gps_input", MavrosGps),
+    "px4": ("px4_msgs/msg/VehicleOdometry", "fmu/in/vehicle_visual_odometry", Px4Odometry),
 }
 _PX4_SAYS = "fmu/out/vehicle_local_position"
 _FUSED_TOPICS = ("global_position/global", "vehicle_global_position")
@@ -56,7 +56,7 @@ class AutopilotLink:
         wanted = parameters.ros.output
         type_name, topic, make = _CHANNELS[wanted.autopilot]
         _check(wanted)
-        kind = message_kind(type_name, wanted.autopilot)
+        kind = message_class(type_name, wanted.autopilot)
         self._node, self._dry = node, wanted.autopilot_dry_run
         self.channel: Channel = make(kind(), parameters.ros)
         self._publisher = None if self._dry else qos.advertise(node, kind, topic)
@@ -66,7 +66,7 @@ class AutopilotLink:
         self._sends = False
         self._echo = EchoWatch()
         if isinstance(self.channel, Px4Odometry):
-            says = message_kind("px4_msgs/VehicleLocalPosition", wanted.autopilot)
+            says = message_class("px4_msgs/msg/VehicleLocalPosition", wanted.autopilot)
             qos.subscribe(node, says, _PX4_SAYS, self._hear_px4, qos.sensor(5))
         self._newest_ns = 0
         self._warn_of_fused_topic()
@@ -157,16 +157,10 @@ class AutopilotLink:
             self._node.say("autopilot.feedback.topic", Level.WARN, text)
 
 
-def message_kind(type_name: str, word: str) -> Any:
-    """The message class package/Name; ``ParameterError`` where its package is not installed."""
-    package, name = type_name.split("/")
-    try:
-        return getattr(importlib.import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError):
-        raise ParameterError(
-            f"ros.output.autopilot is {word}, which needs {package}/{name}, but {package} is not installed here; "
-            f"install ros-jazzy-{package.replace('_', '-')} or choose another word"
-        ) from None
+def message_class(name: str, word: str) -> Any:
+    """The class of a message that the autopilot ``word`` needs; ``ParameterError`` where it is not installed."""
+    wanted = f"ros.output.autopilot is {word}, which needs {name.replace('/msg/', '/')}"
+    return installed.message_class(name, wanted, "choose another word")
 
 
 def _check(wanted: OutputParameters) -> None:

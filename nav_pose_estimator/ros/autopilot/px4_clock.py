@@ -35,7 +35,10 @@ class Px4Clock:
 
 @dataclass(frozen=True, slots=True)
 class Px4Reference:
-    """Where PX4's local frame has its zero: latitude, longitude [deg], height above the sea [m]; None: not known."""
+    """Where PX4's local frame has its zero: latitude, longitude [deg], height above the sea [m] (None: not known).
+
+    A zero that is set again is another reference, also at the same place: ``set_at_us`` tells them apart.
+    """
 
     set_at_us: int
     lat_deg: float

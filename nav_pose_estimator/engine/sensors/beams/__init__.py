@@ -1,1 +1,1 @@
-"""Velocities along beams: which of them are believed, and how far."""
+"""Parts of the beam velocity sensor: messages, conventions, agreement with the navigator, compensation."""

@@ -1,30 +1,30 @@
-"""Beams and navigator against each other: who is to be believed where they contradict."""
+"""Consistency of beams and navigator: which of the two is wrong where they contradict."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-_MEMORY = 0.95
-_CONTRADICTS_ABOVE, _AGREES_BELOW = 0.5, 0.1
-_PROVEN = 20  # messages
-_ACCUSERS = 2
-_PERSISTENT = 60  # messages ...
-_PERSISTENT_TIME = 30.0  # s
+_MEMORY = 0.95  # forgetting factor per message of the rate of contradiction
+_CONTRADICTS_ABOVE, _AGREES_BELOW = 0.5, 0.1  # rates at which a contradiction begins and ends
+_PROVEN = 20  # messages of agreement in motion after which the sensor is used without GNSS
+_ACCUSERS = 2  # smallest number of rejected beams that question the navigator
+_PERSISTENT = 60  # consecutive messages, and ...
+_PERSISTENT_TIME = 30.0  # ... s, for which they have to be rejected
 
 
 @dataclass
 class Agreement:
-    """While GNSS is good a sensor of which most beams are refused most of the time is wrong as a whole."""
+    """Test of the whole sensor while GNSS is good: it is wrong if most beams are rejected most of the time."""
 
     contradicts: bool = False
-    rate: float = 0.0  # of messages of which more than half of the beams are refused
-    _told: int = 0  # messages that agreed where a wrong sensor would not have
+    rate: float = 0.0  # of messages with more than half of the beams rejected
+    _told: int = 0  # messages that agreed in a motion in which a wrong mounting would show
 
     def add(self, refused: int, present: int, is_telling: bool) -> bool:
-        """A message with ``present`` beams, in a motion that would show a wrong mounting or not.
+        """Add a message with ``present`` beams, ``refused`` of them rejected; True where ``contradicts`` has changed.
 
-        True where ``contradicts`` has changed.
+        ``is_telling``: the motion is fast enough to show a wrong mounting.
         """
         disagrees = 2 * refused > present
         self.rate = _MEMORY * self.rate + (1.0 - _MEMORY) * disagrees
@@ -38,19 +38,22 @@ class Agreement:
 
     @property
     def is_proven(self) -> bool:
-        """Whether the sensor has agreed for long enough to be believed without GNSS."""
+        """Whether the sensor has agreed for long enough to be used without GNSS."""
         return self._told >= _PROVEN and not self.contradicts
 
 
 @dataclass
 class Accusation:
-    """Without GNSS two beams or more that are refused for long accuse the navigator; one alone accuses itself."""
+    """Test of the navigator without GNSS: it is wrong if two or more beams are rejected together for long.
+
+    A single rejected beam is itself faulty.
+    """
 
     _since: float = math.inf  # s
     _messages: int = 0
 
     def add(self, t: float, refused: int) -> bool:
-        """A message at ``t`` [s] of which so many beams are refused; True where the navigator is to follow them."""
+        """Add a message at ``t`` [s] with ``refused`` rejected beams; True where the navigator has to follow them."""
         if refused < _ACCUSERS:
             self._since, self._messages = math.inf, 0
             return False

@@ -1,13 +1,13 @@
-"""A neuro-fuzzy network that predicts the error of a faulty beam: what CN114459477B does with a Doppler log.
+"""Neuro-fuzzy prediction of the error of a faulty beam, as in CN114459477B for a Doppler log.
 
-Inputs are the text's: innovation, its Mahalanobis distance (with the nominal noise) and the noise that it makes one
-believe in; the output is the beam's error. The text collects faulty beams while GNSS is good. Faults are rare, so they
-are also rehearsed: a known error is put on the innovation of a healthy beam, for some messages. Nothing of that reaches
-the filter. The premises are found by particle swarm as in the text, or by conjugate gradient; one rule is ridge
-regression.
+The inputs are those of the source: innovation, its Mahalanobis distance with the nominal noise, and the noise estimated
+from the innovations. The output is the beam's error. The source collects faulty beams while GNSS is good. Faults are
+rare, so they are also simulated: a known error is added to the innovation of a healthy beam for some messages, in the
+training data only. The premises are trained by particle swarm as in the source, or by conjugate gradient; one rule is
+ridge regression.
 
-All inputs are functions of the innovation, and in an outage the innovation is beam error and navigator's error in one:
-the network is an influence function that cannot tell them apart.
+All inputs are functions of the innovation. In an outage the innovation is the sum of the errors of beam and navigator,
+which the network cannot separate.
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ if TYPE_CHECKING:
     from nav_pose_estimator.engine.sensors.beams.compensation import BeamEvidence
 
 Array = NDArray[np.float64]
-_KEPT, _KEPT_HELD_OUT = 320, 160  # samples that are learnt, and that the swarm is judged by
-_FIRST_FIT = 240  # samples; then whenever the number has doubled
-_BLOCK, _HELD_OUT_EVERY = 30.0, 4  # s: every fourth block of time is held out
-_SMALLEST, _LARGEST = 1.0, 300.0  # rehearsed errors, in deviations of the innovation
-_SHORTEST, _LONGEST = 1, 60  # messages that a rehearsed fault lasts
-_NOISE_MEMORY = 0.97
-_STEPS = 12  # of the optimiser in a training: it runs between two messages
-_STRANGE = 1.5  # novelty from which the network has no answer
+_KEPT, _KEPT_HELD_OUT = 320, 160  # samples for training and for validation
+_FIRST_FIT = 240  # samples before the first training; the next ones follow when the number has doubled
+_BLOCK, _HELD_OUT_EVERY = 30.0, 4  # s: length of a block of time; every fourth block is held out for validation
+_SMALLEST, _LARGEST = 1.0, 300.0  # simulated errors, in standard deviations of the innovation
+_SHORTEST, _LONGEST = 1, 60  # duration of a simulated fault in messages
+_NOISE_MEMORY = 0.97  # forgetting factor per message of the estimated noise
+_STEPS = 12  # optimiser steps of a training, few enough to run between two messages
+_STRANGE = 1.5  # novelty above which the network gives no prediction
 
 
 @dataclass
 class NoiseTrace:
-    """The noise of each beam as estimated from its innovations: an inverse gamma distribution that forgets."""
+    """Noise of each beam estimated from its innovations: an inverse gamma distribution with forgetting."""
 
     shape: Array
     scale: Array  # m^2/s^2
 
     @classmethod
     def of(cls, variance: Array) -> NoiseTrace:
-        """The start at ``variance`` (n,) [m^2/s^2], worth four messages."""
+        """Initial estimate ``variance`` (n,) [m^2/s^2] with the weight of four messages."""
         return cls(np.full(len(variance), 2.0), 2.0 * variance)
 
     def add(self, innovation: Array) -> Array:
-        """The estimate (n,) [m^2/s^2] with one more ``innovation`` (n,) [m/s]; NaN where that is lost."""
+        """Add an ``innovation`` (n,) [m/s]; returns the estimate (n,) [m^2/s^2], NaN for lost beams."""
         seen = np.isfinite(innovation)
         self.shape[seen] = _NOISE_MEMORY * self.shape[seen] + 0.5
         self.scale[seen] = _NOISE_MEMORY * self.scale[seen] + 0.5 * innovation[seen] ** 2
@@ -57,29 +57,29 @@ class NoiseTrace:
 
 @dataclass
 class Rehearsal:
-    """Errors that healthy beams are given on paper: constant or noisy, of any size, one fault after the other."""
+    """Simulated faults of healthy beams for the training data: constant or noisy, of random size and duration."""
 
-    noise: NoiseTrace
-    left: NDArray[np.int64]  # messages
+    noise: NoiseTrace  # as estimated from the innovations with the simulated errors
+    left: NDArray[np.int64]  # messages until the present fault ends
     size: Array  # m/s
     is_noisy: NDArray[np.bool_]
     rng: np.random.Generator
 
     @classmethod
     def of(cls, variance: Array, seed: int) -> Rehearsal:
-        """Nothing is wrong yet with n beams."""
+        """The start for n beams with innovations of ``variance`` (n,), without faults."""
         n = len(variance)
         noise, rng = NoiseTrace.of(variance), np.random.default_rng(seed)
         return cls(noise, np.zeros(n, np.int64), np.zeros(n), np.zeros(n, bool), rng)
 
     def errors(self, variance: Array) -> Array:
-        """The errors (n,) [m/s] of the next message, whose innovations have the ``variance`` (n,)."""
+        """Simulated errors (n,) [m/s] of the next message, whose innovations have ``variance`` (n,) [m^2/s^2]."""
         for i in np.flatnonzero(self.left == 0).tolist():
             self.left[i] = self.rng.integers(_SHORTEST, _LONGEST, endpoint=True)
             deviations = math.exp(self.rng.uniform(math.log(_SMALLEST), math.log(_LARGEST)))
             self.size[i] = self.rng.choice((-1.0, 1.0)) * deviations * math.sqrt(variance[i])
             self.is_noisy[i] = self.rng.random() < 1.0 / 3.0
-            # a fault begins on a beam that has been sound
+            # each fault begins on a beam whose noise estimate is that of a sound one
             self.noise.shape[i], self.noise.scale[i] = 2.0, 2.0 * variance[i]
         self.left -= 1
         return self.size * np.where(self.is_noisy, self.rng.standard_normal(len(self.size)), 1.0)
@@ -87,7 +87,7 @@ class Rehearsal:
 
 @dataclass
 class Reservoir:
-    """A random choice among all samples so far, each as likely as any other."""
+    """Reservoir sampling: a uniformly random selection of all samples so far."""
 
     capacity: int
     rng: np.random.Generator
@@ -95,7 +95,7 @@ class Reservoir:
     offered: int = 0
 
     def add(self, row: tuple[float, ...]) -> None:
-        """Offer one more."""
+        """Offer one more sample."""
         self.offered += 1
         if len(self.rows) < self.capacity:
             self.rows.append(row)
@@ -109,11 +109,11 @@ class Reservoir:
 
 
 class AnfisCompensator:
-    """Learns beam errors while GNSS is good; answers for beams that have been found faulty without it.
+    """Learns beam errors while GNSS is good, and predicts those of faulty beams without it.
 
-    ``optimizer`` and ``rules`` as of ``Anfis``. ``cautious``: it answers only while more beams are sound than faulty,
-    else it would follow the navigator's own drift; it counts that drift as noise of what it answers, and a whole fault
-    as one answer, since it is wrong by the same for as long as that lasts. It is trained on up to ``_KEPT`` samples
+    ``optimizer`` and ``rules`` as of ``Anfis``. ``cautious``: it predicts only while more beams are sound than faulty,
+    since it would otherwise follow the navigator's own drift. It adds that drift to the variance of a prediction, and
+    counts all messages of a fault as one, because their errors are equal. It is trained on up to ``_KEPT`` samples,
     whenever the number of samples seen has doubled.
     """
 
@@ -125,11 +125,11 @@ class AnfisCompensator:
         self._next_fit = _FIRST_FIT
         self._noise: NoiseTrace | None = None
         self._rehearsal: Rehearsal | None = None
-        self._left = (math.nan, math.nan)  # variance of what is left: constant, and per innovation squared
-        self._error = math.nan  # RMS over the held-out samples, m/s
+        self._left = (math.nan, math.nan)  # residual variance: constant part, and factor on the squared innovation
+        self._error = math.nan  # m/s: RMS error over the held-out samples
 
     def learn(self, evidence: BeamEvidence) -> None:
-        """Real faults, with the innovation as the error, and rehearsed ones on healthy beams; train when it is time."""
+        """Add real faults (error: the innovation) and simulated ones on healthy beams; train when it is time."""
         noise = self._follow(evidence)
         assert self._rehearsal is not None
         present = np.isfinite(evidence.innovation)
@@ -150,7 +150,7 @@ class AnfisCompensator:
             self._fit()
 
     def predict(self, evidence: BeamEvidence) -> tuple[Array, Array]:
-        """Errors (n,) and the variances (n,) of what is left; NaN before the first training and for what is strange."""
+        """Predicted errors (n,) [m/s] and residual variances (n,); NaN before a training and for novel inputs."""
         noise = self._follow(evidence)
         error, left = np.full(len(noise), np.nan), np.full(len(noise), np.nan)
         if not self.model.trained or (self._is_cautious and not _most_are_sound(evidence)):
@@ -165,14 +165,14 @@ class AnfisCompensator:
         return error, left
 
     def figures(self) -> dict[str, float]:
-        """How many samples were seen, and how well the held-out ones are predicted."""
+        """Status: number of samples, and RMS error over the held-out ones [m/s]."""
         return {
             "beams.compensation.samples": float(self._learnt.offered + self._held_out.offered),
             "beams.compensation.error": self._error,
         }
 
     def _follow(self, evidence: BeamEvidence) -> Array:
-        """The noise (n,) that the innovations so far make one believe in; begins anew with another number of beams."""
+        """Noise (n,) [m^2/s^2] estimated from the innovations so far; restarts where the number of beams changes."""
         if self._noise is None or len(self._noise.shape) != len(evidence.innovation):
             variance = np.nan_to_num(evidence.variance, nan=1.0)
             self._noise, self._rehearsal = NoiseTrace.of(variance), Rehearsal.of(variance, self._seed)
@@ -197,5 +197,5 @@ def _most_are_sound(evidence: BeamEvidence) -> bool:
 
 
 def _inputs(innovation: float, variance: float, noise: float) -> tuple[float, float, float]:
-    """Innovation [m/s], and the logarithms of Mahalanobis distance squared and noise: they span decades."""
+    """Inputs: innovation [m/s], and the logarithms of squared Mahalanobis distance and noise, which span decades."""
     return innovation, math.log(1e-6 + innovation**2 / variance), math.log(noise)

@@ -1,4 +1,4 @@
-"""Which beam is which: messages to rows in body axes."""
+"""Assignment of the velocities of a message to beams, in body axes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nav_pose_estimator.engine.sensors.beams.message import Beams
 
 Array = NDArray[np.float64]
 
-_SAME_BEAM = 0.9998  # cosine of 1.1 deg
+_SAME_BEAM = 0.9998  # cosine of 1.1 deg: directions closer than this are of the same beam
 
 
 class Arranged(NamedTuple):
@@ -31,9 +31,9 @@ class Arranged(NamedTuple):
 
 @dataclass
 class Arrangement:
-    """The beams of a Doppler log are the same in every message, but lost ones may be missing; points of a cloud differ.
+    """Identifies beams by their directions: a message of a Doppler log may lack the lost ones.
 
-    ``axes`` (3, 3): sensor frame to body.
+    Points of a cloud differ in every message and have no identity. ``axes`` (3, 3): sensor frame to body.
     """
 
     axes: Array
@@ -43,23 +43,23 @@ class Arrangement:
 
     @property
     def count(self) -> int:
-        """How many beams there are; none where messages hold points."""
+        """Number of beams; 0 where messages hold points."""
         return 0 if self._published is None else len(self._published)
 
     def meet(self, beams: Beams) -> None:
-        """A message from before the geometry was verified."""
+        """Note the directions of a message before the geometry is verified."""
         count = len(beams.directions)
         if count <= BEAMS and (self._published is None or count > len(self._published)):
             self._published = beams.directions
 
     def settle(self, reading: Reading) -> None:
-        """From now on messages are read so."""
+        """Set the verified convention."""
         self._reading = reading
         if self._published is not None:
             self._in_body = reading.directions(self._published) @ self.axes.T
 
     def arrange(self, beams: Beams) -> Arranged:
-        """The rows of a message."""
+        """The velocities of a message by beam, in body axes."""
         assert self._reading is not None
         measured = self._reading.sign * beams.velocities
         if self._published is None or self._in_body is None or len(measured) > BEAMS:

@@ -1,7 +1,7 @@
-"""An alternative to leaving out a faulty beam: predict its error.
+"""Compensation of faulty beams: an alternative to excluding them, by a prediction of their error.
 
-A compensator is asked only about beams that the tests (gate, latch, parity) have flagged without it. Its inputs are
-functions of the innovation: where every beam is compensated the innovation goes, and with it the sensor.
+A compensator is used only for beams that the tests (gate, latch, parity) have flagged. Its inputs are functions of the
+innovation: if it compensated all beams, it would remove the innovation and with it all information of the sensor.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class BeamEvidence:
-    """What one message says of its n beams, before any of them has corrected the filter. A lost beam is NaN.
+    """Data of the n beams of one message before the filter is updated; NaN for a lost beam.
 
-    ``innovation`` (n,) measurement minus estimate [m/s]; ``variance`` (n,) of it, H P H' + R [m^2/s^2] with the nominal
-    R: an adapted one hides the fault. ``flagged`` (n,) bool: found faulty.
+    ``innovation`` (n,): measurement minus estimate [m/s]; ``variance`` (n,): its variance H P H' + R [m^2/s^2] with the
+    nominal R, since an adapted one would hide the fault; ``flagged`` (n,) bool: found faulty.
     """
 
     t: float  # s, engine time of validity
@@ -34,19 +34,19 @@ class BeamEvidence:
 
 
 class Compensator(Protocol):
-    """Predicts the errors of beams. It is copied with the filter (``copy.deepcopy``) and asks no clock."""
+    """Predicts the errors of beams. It is copied with the filter (``copy.deepcopy``) and must not use a clock."""
 
     def learn(self, evidence: BeamEvidence) -> None:
-        """Beams while GNSS is good: the innovation then is the beam's error but for the navigator's own."""
+        """Learn from a message while GNSS is good, when the innovation is mostly the beam's error."""
 
     def predict(self, evidence: BeamEvidence) -> tuple[Array, Array]:
-        """Predicted errors (n,), measured minus true [m/s], and the variances (n,) of what is left; NaN: no answer.
+        """Predicted errors (n,), measured minus true [m/s], and residual variances (n,) [m^2/s^2]; NaN: no prediction.
 
-        Only the answers for flagged beams are used.
+        Only the predictions for flagged beams are used.
         """
 
     def figures(self) -> dict[str, float]:
-        """What it shows in the navigator's status, names that begin with ``beams.compensation.``."""
+        """Values of the navigator's status, with keys that begin with ``beams.compensation.``."""
 
 
 COMPENSATORS: dict[str, Callable[[], Compensator | None]] = {
@@ -55,4 +55,4 @@ COMPENSATORS: dict[str, Callable[[], Compensator | None]] = {
     "anfis_frcg": partial(AnfisCompensator, "frcg"),
     "anfis_linear": partial(AnfisCompensator, rules=1),
 }
-"""The compensators by the names that ``aids.beams.compensation`` chooses them by."""
+"""The compensators by the choices of ``aids.beams.compensation``."""

@@ -1,4 +1,4 @@
-"""Whether velocities are stamped late: the filter's own state where it has one, else what the innovations say."""
+"""Latency of beam velocities: from the filter's delay state where it has one, else from the innovations."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from nav_pose_estimator.engine.observation import FilterView
 
 Array = NDArray[np.float64]
 
-_SURE = 5.0  # deviations
-_SHORT = 0.03  # s: a delay that costs nothing
-_ENOUGH = 100  # messages after which the state is worth a word
+_SURE = 5.0  # standard deviations by which a delay has to be significant
+_SHORT = 0.03  # s: smaller delays are not reported
+_ENOUGH = 100  # messages before the estimated state is reported
 _NO_CHANGE = np.zeros(3)
 
 
 @dataclass
 class DelayWatch:
-    """``estimate`` and ``sd`` [s] of the filter's state ``dvl_delay`` as last seen, NaN deviation where it has none.
+    """Monitor of the delay; ``estimate`` and ``sd`` [s] are those of the state ``dvl_delay``, ``sd`` NaN without it.
 
-    Without the state, while GNSS is good: a regression of innovations on the change of the velocity along each beam.
-    Where the beams are used the filter follows them, and less than the whole delay is seen.
+    Without the state and while GNSS is good, the innovations are regressed on the acceleration along each beam. Where
+    the beams are used the filter follows them, and the regression shows less than the whole delay.
     """
 
     estimate: float = 0.0
     sd: float = math.nan
     variance: float = 0.0
-    """What an uncertain change adds to the noise of a late velocity [m^2/s^2]."""
+    """m^2/s^2: variance that an uncertain acceleration adds to a delayed velocity."""
     sums: Array = field(default_factory=lambda: np.zeros(4))
     _past: Array = field(default_factory=no_past)
     _messages: int = 0
 
     def change(self, t: float, f: FilterView, lever: Array, gnss_is_good: bool) -> Array:
-        """Mean change (3,) until ``t`` [s] of the velocity at ``lever`` (3,) [m], b [m/s^2]; zero where not known."""
+        """Rate of change (3,) [m/s^2, b] of the velocity at ``lever`` (3,) [m] at ``t`` [s]; zero if unknown."""
         state = int(f.constants[DVL_DELAY.index])
         if state < 0:
             return _NO_CHANGE
@@ -47,13 +47,13 @@ class DelayWatch:
         return change
 
     def add(self, z: Array, H: Array, f: FilterView) -> None:
-        """Innovations ``z`` (n,) [m/s], estimate minus measurement, NaN where lost, with their rows ``H``."""
+        """Add innovations ``z`` (n,) [m/s], estimate minus measurement, NaN where lost, with their rows ``H``."""
         if math.isnan(self.sd):
             add_delay(self.sums, z, H, f.nav)
 
     @property
     def missing(self) -> float:
-        """Stamp minus time of validity [s] beyond ``aids.beams.delay``; 0 where none is certain."""
+        """Stamp minus time of validity [s] beyond ``aids.beams.delay``; 0 where it is not significant."""
         if not math.isnan(self.sd):
             is_certain = self._messages > _ENOUGH and abs(self.estimate) > max(_SHORT, _SURE * self.sd)
             return self.estimate if is_certain else 0.0

@@ -1,4 +1,4 @@
-"""One message of beam velocities on its way in: what it holds, or the one sentence why it cannot be used."""
+"""Validation of beam velocity messages: the beams of a message, or one sentence why it cannot be used."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from nav_pose_estimator.engine.samples import BeamVelocitySample, Vector3
 Array = NDArray[np.float64]
 
 MOST_POINTS = 64
-_FASTEST = 100.0  # m/s
-_LENGTH = 0.02  # by which a unit vector may be longer or shorter than one
-_SAME = 1e-6  # between two directions of the same beam
-_STUCK = 5  # repetitions: noise does not repeat, but for that of a sensor at rest with few digits
+_FASTEST = 100.0  # m/s: a larger velocity counts as lost
+_LENGTH = 0.02  # tolerance of the length of a unit vector
+_SAME = 1e-6  # largest difference of two directions that count as equal
+_STUCK = 5  # repetitions after which the sensor is stuck; a sensor at rest with few digits repeats less often
 
 FLAWS = {
     "empty": "the message holds no beam, or not as many directions as velocities",
@@ -29,13 +29,13 @@ FLAWS = {
     "stamp": "the message has the stamp of the one before it: its driver does not stamp every measurement",
     "stuck": "all velocities repeat to the last digit: the sensor is stuck, or its driver repeats messages",
 }
-"""Why a message is not used, by the last word of its counter."""
+"""Reason for rejecting a message, by the last word of its counter."""
 
 
 class Beams(NamedTuple):
     """``directions`` (n, 3) in the sensor frame and ``velocities`` (n,) [m/s], both as published, NaN for a lost beam.
 
-    ``variances`` (n,) [m^2/s^2] to go by; ``velocity`` the sensor's own 3-D one or None.
+    ``variances`` (n,) [m^2/s^2] with their floor; ``velocity`` the sensor's own 3-D velocity or None.
     """
 
     directions: Array
@@ -45,7 +45,7 @@ class Beams(NamedTuple):
 
 
 class Flaw(NamedTuple):
-    """A key of ``FLAWS`` and its sentence."""
+    """Rejection of a message: a key of ``FLAWS`` and its sentence."""
 
     reason: str
     text: str
@@ -59,7 +59,7 @@ def given_directions(numbers: tuple[float, ...]) -> Array:
 
 
 class MessageReader:
-    """From samples to beams, whose directions are those ``given`` (k, 3) where there are any."""
+    """Reads samples into beams; ``given`` (k, 3) directions, where there are any, replace those of the messages."""
 
     def __init__(self, given: Array) -> None:
         self._given = given
@@ -68,7 +68,7 @@ class MessageReader:
         self._last, self._repeats = b"", 0  # velocities of the last message, and how often they have been repeated
 
     def read(self, sample: BeamVelocitySample, floor: float) -> Beams | Flaw:
-        """The beams of a message; ``floor`` [m^2/s^2]: the least variance."""
+        """The beams of a message, or the reason for its rejection; ``floor`` [m^2/s^2]: smallest variance."""
         if sample.stamp_ns == self._stamp_ns:
             return _flaw("stamp")
         self._stamp_ns = sample.stamp_ns
@@ -100,7 +100,7 @@ class MessageReader:
         return Beams(directions[chosen], velocities[chosen], variances[chosen], sample.velocity)
 
     def _flaw_of(self, directions: Array, count: int) -> Flaw | None:
-        """What is wrong with ``directions`` for so many velocities; those that were sound before still are."""
+        """Flaw of ``directions`` for ``count`` velocities, None if valid; those of the last valid message are known."""
         is_like = 0 < count == len(self._sound) and directions.shape == self._sound.shape
         if is_like and (directions is self._sound or directions.tobytes() == self._sound.tobytes()):
             return None
@@ -133,9 +133,9 @@ def _flaw_of_directions(directions: Array) -> Flaw | None:
 
 
 def _with_directions(sample: BeamVelocitySample, velocities: Array, directions: Array) -> BeamVelocitySample | None:
-    """The sample without beams that are not there: a direction of zeros, or a lost one whose direction is none either.
+    """The sample without absent beams: those with a zero direction, and lost ones without a unit direction.
 
-    None where that changes nothing.
+    None where that changes nothing, or leaves no beam.
     """
     if directions.shape != (len(velocities), 3):
         return None
@@ -160,7 +160,7 @@ def _part(values: NDArray | None, kept: NDArray[np.bool_]) -> NDArray | None:
 
 
 def _is_lost(sample: BeamVelocitySample, velocities: Array) -> NDArray[np.bool_]:
-    """Which beams (n,) met nothing, by all that the message says of them."""
+    """Which beams (n,) had no echo, by velocity, variance, range and validity flag of the message."""
     lost = ~(np.abs(velocities) < _FASTEST)
     if sample.variances is not None:
         lost |= np.isposinf(sample.variances)

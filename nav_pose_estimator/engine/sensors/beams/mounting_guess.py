@@ -1,4 +1,4 @@
-"""How a sensor that disagrees with the navigator would have to sit: the cure in the sentence that refuses it."""
+"""Search for the mounting with which a rejected beam sensor would agree with the navigator, as a hint to the user."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
 
 Array = NDArray[np.float64]
 
-_KEPT = 40  # messages
-_FIT = 3.0  # deviations
-_CLEAR = 4.0  # a mounting that fits so many times worse than the best is another one
-_SLOW = 2.0  # deviations
+_KEPT = 40  # messages that are kept
+_FIT = 3.0  # largest RMS of the normalised residuals of a mounting that fits
+_CLEAR = 4.0  # factor to the best RMS beyond which a mounting is excluded
+_SLOW = 2.0  # standard deviations of the velocity: slower messages are not kept, because every mounting fits
 _MOUNTINGS = tuple((roll, 0.0, yaw) for roll in (0.0, math.pi) for yaw in (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi))
 """Roll, pitch, yaw of sensors with a vertical z axis, up or down."""
 
@@ -30,22 +30,22 @@ class _Message(NamedTuple):
 
 
 class MountingGuess:
-    """Keeps the last messages that did not fit, with the navigator's velocity."""
+    """Keeps the last messages that did not agree, with the navigator's velocity, and tests mountings on them."""
 
     def __init__(self) -> None:
         self._messages: deque[_Message] = deque(maxlen=_KEPT)
 
     def add(self, directions: Array, velocities: Array, in_body: Array, sd: float) -> None:
-        """A message as published, (n, 3) and (n,) [m/s], NaN where lost.
+        """Add a message as published, (n, 3) and (n,) [m/s], NaN where lost.
 
-        ``in_body`` (3,) velocity over ground that the navigator has; ``sd`` of both [m/s]. Without motion all agree.
+        ``in_body`` (3,): the navigator's velocity over ground in b [m/s]; ``sd`` of beam and velocity together [m/s].
         """
         if np.linalg.norm(in_body) > _SLOW * sd:
             known = np.isfinite(velocities)
             self._messages.append(_Message(directions[known], velocities[known], in_body, sd))
 
     def sentence(self, readings: tuple[Reading, ...]) -> str:
-        """The mounting, or at least its roll, that fits with any of ``readings`` and no other; empty without one."""
+        """One clause with the only mounting (or at least roll) that fits any of ``readings``; empty without one."""
         misfits = {rpy: min(self._misfit(reading, rpy) for reading in readings) for rpy in _MOUNTINGS}
         best = min(misfits.values())
         fitting = [rpy for rpy, misfit in misfits.items() if misfit < max(_CLEAR * best, 1.0)]

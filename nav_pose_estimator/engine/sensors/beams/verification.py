@@ -1,4 +1,4 @@
-"""Directions and signs of beams against the sensor's own 3-D velocity, else against the navigator's."""
+"""Verification of beam conventions against the sensor's own 3-D velocity, else against the navigator's."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from nav_pose_estimator.engine.solutions import Level
 Array = NDArray[np.float64]
 Said = tuple[str, Level, str] | None
 """Name, level and text of an event."""
-_OWN_ERROR = 0.01  # of the speed: the sensor's own 3-D velocity against its beams
+_OWN_ERROR = 0.01  # standard deviation of the sensor's own 3-D velocity relative to its beams, per speed
 
 
 def deviation_of(f: FilterView, angle_sd: float) -> float:
-    """Of each component of that velocity [m/s] in axes that are known to ``angle_sd`` [rad]."""
+    """Standard deviation [m/s] of the navigator's velocity in axes that are known to ``angle_sd`` [rad]."""
     variances = f.P.diagonal()
     angle_var = angle_sd**2 + float(variances[PHI : PHI + 3].max())
     speed_squared = float(np.square(f.nav[VEL : VEL + 3]).sum())
@@ -31,25 +31,28 @@ def deviation_of(f: FilterView, angle_sd: float) -> float:
 
 
 class Verification:
-    """``reading``: how messages are to be read, None until that is certain."""
+    """The verification. ``reading`` is the convention of the messages, None until it is established."""
 
     def __init__(self, sign: int, directions_are_given: bool) -> None:
         self._readings = readings(sign, directions_are_given)
         self._check = GeometryCheck(self._readings)
         self._guess = MountingGuess()
         self.reading: Reading | None = None
-        self._is_own = False  # whether that rests on the sensor's own 3-D velocity
+        self._is_own = False  # whether it was established by the sensor's own 3-D velocity
 
     def compare_anew(self) -> None:
-        """The navigator's velocity was in wrong axes: only a reading that rests on the sensor's own stays."""
+        """Start again, because the navigator's velocity was in wrong axes.
+
+        A convention established by the sensor's own velocity is kept.
+        """
         self._guess = MountingGuess()
         if not self._is_own:
             self._check, self.reading = GeometryCheck(self._readings), None
 
     def add(self, beams: Beams, arrangement: Arrangement, navigator: tuple[Array, float] | None, sd: float) -> Said:
-        """One message, with the ``navigator``'s velocity (3,) in b [m/s] and its deviation where that is known.
+        """Process a message, with the ``navigator``'s velocity (3,) in b [m/s] and its deviation where known.
 
-        ``sd`` [m/s]: the least deviation of a beam. Returns what is to be said, if anything.
+        ``sd`` [m/s]: smallest standard deviation of a beam. Returns the event of a decision, else None.
         """
         arrangement.meet(beams)
         if navigator is not None:
@@ -72,11 +75,11 @@ class Verification:
         return self._refused(whose) if self._check.refusals > refusals else None
 
     def disagrees(self, beams: Beams, in_body: Array, sd: float) -> None:
-        """A message that was verified and yet does not agree with the navigator."""
+        """Add a message of a verified sensor that disagrees with the navigator."""
         self._guess.add(beams.directions, beams.velocities, in_body, sd)
 
     def contradiction(self, delay: float) -> tuple[str, Level, str]:
-        """What is said where most beams contradict the navigator; ``delay`` [s] that they seem to have, or 0."""
+        """Event for beams that mostly contradict the navigator; ``delay`` [s]: their apparent latency, or 0."""
         assert self.reading is not None
         late = f"they seem to be {delay:.2f} s old when they are stamped: aids.beams.delay?" if delay else ""
         cure = self._guess.sentence((self.reading,)) or late or "check aids.beams.rpy, delay, lever and sd"
@@ -86,8 +89,8 @@ class Verification:
     def _refused(self, whose: str) -> tuple[str, Level, str]:
         cure = self._guess.sentence(self._readings) or "check aids.beams.directions, sign, rpy and sd"
         text = (
-            f"beam velocities not used: no reading of directions and signs agrees with {whose} "
-            f"(the best is off by {self._check.fit:.1f} deviations); {cure}"
+            f"beam velocities not used: no convention of directions and signs agrees with {whose} "
+            f"(the best one differs by {self._check.fit:.1f} standard deviations); {cure}"
         )
         return "beam_velocity.geometry.refused", Level.WARN, text
 
@@ -98,5 +101,5 @@ class Verification:
         kind = f"{count} beams" if count else "points"
         return (
             f"beam velocities: {kind}, directions {how}, positive for motion {sense} "
-            f"({self._check.fit:.1f} deviations from {whose} in {ENOUGH} messages){fourth}"
+            f"({self._check.fit:.1f} standard deviations from {whose} in {ENOUGH} messages){fourth}"
         )

@@ -1,4 +1,4 @@
-"""What is said about beams."""
+"""Counters and event sentences of the beam velocity sensor."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ COUNTERS = tuple(
 UNPROVEN = (
     "beam_velocity.unproven",
     Level.WARN,
-    "beam velocities not used: GNSS was lost before they had agreed with it in motion: their mounting is uncertain",
+    "beam velocities not used: GNSS was lost before they had agreed with it in motion, so their mounting is uncertain",
 )
 AGREES = ("beam_velocity.contradicts.ended", Level.INFO, "beam velocities and GNSS agree again: they are used")
 
 
 def delayed(delay: float, sd: float) -> tuple[str, Level, str]:
-    """Innovations follow the acceleration: velocities are ``delay`` [s] old, or more; just so where ``sd`` is known."""
+    """Event for velocities with a latency of ``delay`` [s]; a lower bound where ``sd`` is NaN, else the estimate."""
     text = f"beam velocities seem to be {delay:.2f} s old when they are stamped (at arrival?): set aids.beams.delay"
     if not math.isnan(sd):
-        text = f"beam velocities are {delay:.2f} s old when they are stamped: that is allowed for (aids.beams.delay)"
+        text = f"beam velocities are {delay:.2f} s old when they are stamped: compensated (set aids.beams.delay)"
     return "beam_velocity.delayed", Level.WARN, text
 
 
 def latched(beams: list[int], are_out: bool) -> tuple[str, Level, str]:
-    """Beams, counted from 1, are left out until further notice, or back."""
+    """Event for ``beams``, counted from 1, that are excluded until they agree again, or used again."""
     which = f"beam {beams[0]}" if len(beams) == 1 else f"beams {', '.join(map(str, beams))}"
     if are_out:
-        text = f"{which} left out: too many velocities that do not fit the navigator or the other beams"
+        text = f"{which} excluded: too many velocities disagree with the navigator or the other beams"
         return "beam_velocity.beam_out", Level.WARN, text
-    return "beam_velocity.beam_in", Level.INFO, f"{which} used again: the velocities fit"
+    return "beam_velocity.beam_in", Level.INFO, f"{which} used again: the velocities agree"

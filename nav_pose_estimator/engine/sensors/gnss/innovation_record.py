@@ -19,9 +19,9 @@ class InnovationRecord:
     def __init__(self) -> None:
         self.mean = 0.0
         self._recent: deque[float] = deque(maxlen=_RECENT)
-        self._horizontal: deque[tuple[float, float]] = deque(maxlen=_RECENT)
-        self._new: deque[tuple[float, float]] = deque(maxlen=_RECENT)
-        self._believed: deque[tuple[float, float]] = deque(maxlen=_RECENT)
+        self._horizontal: deque[complex] = deque(maxlen=_RECENT)  # East + i North
+        self._believed: deque[complex] = deque(maxlen=_RECENT)
+        self._new = 0  # of them since ``take``
         self._period = math.inf  # s
 
     def add(self, nis: float, z: Sequence[float] | np.ndarray, period: float, believed: bool = True) -> None:
@@ -31,25 +31,25 @@ class InnovationRecord:
         """
         if not math.isfinite(nis):
             return
+        horizontal = complex(z[0], z[1])
         if believed:
-            self._believed.append((float(z[0]), float(z[1])))
+            self._believed.append(horizontal)
             self._period = period
         self.mean += min(period / _AVERAGED, 0.2) * (min(nis / len(z), _LARGEST) - self.mean)
         self._recent.append(nis / len(z))
-        self._horizontal.append((float(z[0]), float(z[1])))
-        self._new.append(self._horizontal[-1])
+        self._horizontal.append(horizontal)
+        self._new += 1
 
     def take(self) -> list[tuple[float, float]]:
         """Horizontal innovations since the last call, as many as are remembered."""
-        new = list(self._new)
-        self._new.clear()
-        return new
+        count, self._new = min(self._new, len(self._horizontal)), 0
+        return [(z.real, z.imag) for z in list(self._horizontal)[len(self._horizontal) - count :]]
 
     @property
     def offset(self) -> np.ndarray:
         """Mean of the horizontal innovations that were believed, East and North (2,), over the last ten seconds."""
         count = max(round(_AVERAGED / self._period), 1)
-        return np.mean(list(self._believed)[-count:], axis=0) if self._believed else np.zeros(2)
+        return _pairs(list(self._believed)[-count:]).mean(axis=0) if self._believed else np.zeros(2)
 
     @property
     def p99(self) -> float:
@@ -62,6 +62,11 @@ class InnovationRecord:
 
         Zero for an optimal filter (Mehra 1970); the errors of a receiver that lasts for seconds show as well.
         """
-        z = np.array(self._horizontal)
+        z = _pairs(self._horizontal)
         power = float(np.square(z).sum())
         return float((z[1:] * z[:-1]).sum()) / power if len(z) > 1 and power > 0.0 else math.nan
+
+
+def _pairs(horizontal: Sequence[complex]) -> np.ndarray:
+    """East and North (N, 2)."""
+    return np.array(horizontal, dtype=complex).view(float).reshape(-1, 2)

@@ -8,7 +8,7 @@ import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.strapdown import unaided_velocities
-from nav_pose_estimator.core.gnss.unfelt_change import LASTS, SPANS, Second, UnfeltChange
+from nav_pose_estimator.core.gnss.unfelt_change import COLUMNS, LASTS, SPANS, UnfeltChange, second_of
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import FilterView
 from nav_pose_estimator.engine.samples import Vector3
@@ -21,6 +21,7 @@ _LATE = 1.0  # s: by then the velocities of a second have arrived
 _TAKEN_BACK = 0.5  # of the way that was gone wrong, or of the speed: as much has to be left at most
 _LIFE = 11  # s after which an unaided velocity has seen enough
 _LONGEST_STEP = 1.5  # s between two looks
+_NO_SECONDS = np.empty((0, COLUMNS))
 
 
 class Unaided:
@@ -35,7 +36,7 @@ class Unaided:
         self._push = float(variances[at.D_ACCEL_BIAS : at.D_ACCEL_BIAS + 3].max())  # (m/s^2)^2
         self._trace: list[np.ndarray] = []  # t and velocity of the antenna (N, 4), of the last seconds
         self.age = 0
-        self.seconds: tuple[Second, ...] = ()
+        self.seconds = _NO_SECONDS
 
     def carry(self, constants: np.ndarray, rows: np.ndarray, lever: np.ndarray) -> bool:
         """On over the IMU ``rows`` (N, 7) of another second; False where they do not follow."""
@@ -48,22 +49,16 @@ class Unaided:
         self.age += 1
         return True
 
-    def compare(self, end: float, received: list[tuple[float, Vector3]]) -> None:
-        """With what was ``received`` in the second up to ``end``."""
-        begin = float(self._trace[0][0, 0])
-        own = [one for one in received if end - 1.0 <= one[0] < end and begin <= one[0]]
-        if not own:
-            self.seconds = ()
-            return
-        t, v = [one[0] for one in own], [one[1] for one in own]
-        trace = np.concatenate(self._trace)
-        felt = [np.interp(t, trace[:, 0], trace[:, 1 + axis]).tolist() for axis in range(2)]
+    def compare(self, begin: float, received: np.ndarray) -> None:
+        """With what was ``received`` in the second from ``begin`` [s] on: time and velocity (K, 4)."""
         wandered = self._turn * self.age**2 + _CROSS**2 * float(self._angle @ self._angle)
         drift_sd = math.sqrt(_G**2 * (self._tilt + wandered) + self._push)
         heading_sd = math.sqrt(self._heading + wandered)
-        east, north = (_mean([a[axis] - b for a, b in zip(v, felt[axis], strict=True)]) for axis in range(2))
-        newest = Second((east, north), len(own), (_mean(felt[0]), _mean(felt[1])), heading_sd, drift_sd)
-        self.seconds = (*self.seconds, newest)[-SPANS:]
+        trace, newest = np.concatenate(self._trace), np.empty((1, COLUMNS))
+        if second_of(trace, received, begin, heading_sd, drift_sd, newest[0]):
+            self.seconds = np.concatenate((self.seconds, newest))[-SPANS:]
+        else:
+            self.seconds = _NO_SECONDS
 
 
 class Pull:
@@ -73,7 +68,7 @@ class Pull:
         self._journal, self._probation = journal, probation
         self._change = UnfeltChange()
         self._unaided: list[Unaided] = []  # two, of which the older one is old enough most of the time
-        self._received: list[tuple[float, Vector3]] = []
+        self._received: list[tuple[float, ...]] = []  # time and velocity
         self._speed, self._way = np.zeros(2), np.zeros(2)  # m/s, m: what the change comes to
         self._last = -math.inf  # s: of the last fix
         self._until = math.inf  # s: when a speed that was taken back is forgotten
@@ -82,7 +77,7 @@ class Pull:
 
     def velocity(self, t: float, velocity: Vector3) -> None:
         """A GNSS velocity valid at ``t`` [s], of axes that are not in doubt."""
-        self._received.append((t, velocity))
+        self._received.append((t, *velocity))
 
     def interrupt(self) -> None:
         """The filter has been moved, the IMU is in doubt or GNSS away: nothing can be compared across this."""
@@ -95,8 +90,9 @@ class Pull:
         if not all(one.carry(f.constants, rows, lever) for one in self._unaided):
             self.interrupt()
         end = math.floor(now + 1e-6) - _LATE
+        received = np.array(self._received).reshape(-1, 4)
         for one in self._unaided:
-            one.compare(end, self._received)
+            one.compare(end - 1.0, received)
         self._received = [one for one in self._received if one[0] >= end]
         change = self._change.find(self._unaided[0].seconds) if self._unaided else None
         if change is not None:
@@ -157,7 +153,3 @@ class Pull:
         if not was_on:
             self._set(self._speed, change * (_LATE + LASTS))  # since the change began
         self._journal.say(stamp_ns, "gnss.pulled", Level.WARN, f"{self.reason()}; its sigma grows")
-
-
-def _mean(values: list[float]) -> float:
-    return sum(values) / len(values)

@@ -17,6 +17,7 @@ from nav_pose_estimator.engine.number_checks import is_covariance, is_position
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, SatelliteCount
 from nav_pose_estimator.engine.sensors.aiding import Aiding
+from nav_pose_estimator.engine.sensors.frozen import Frozen
 from nav_pose_estimator.engine.sensors.gnss import lasting_error
 from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
 from nav_pose_estimator.engine.sensors.gnss.velocity_input import VelocityInput
@@ -25,6 +26,7 @@ from nav_pose_estimator.engine.solutions import Level
 _PERIOD_MEMORY = 6  # fixes that the period is taken from
 _STUCK = 4  # repetitions of a position in a row
 _MOVED = 8.0  # m by velocities, while positions that are rounded stay
+_ZEROS = 2  # heights of exactly zero from the beginning, at different places
 _CELLS = 2.0  # steps of a known rounding: beyond, the position has to change
 _INTEGER_DEGREES = 1e5  # deg
 _HIGHEST = 1e5  # m
@@ -49,7 +51,7 @@ class GnssReception:
         self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
         self.fix_period = 1.0
         """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
-        self._stay = _Stay()
+        self._stay, self._height = _Stay(), _Height()
         self._no_height_told = False
         self._told_ahead = math.nan  # s: the clock offset that was told last
 
@@ -78,6 +80,8 @@ class GnssReception:
             why = "latitude and longitude are exactly zero, which is what drivers send before the first fix"
             return self.refuse(sample.stamp_ns, "gnss.rejected.null_island", why)
         stayed_for = self._stay.note(sample, self.velocities)
+        if self._stay.is_new:
+            self._watch_height(sample, t)
         self.rounding.fix(sample.lat, sample.lon, _MOVED < stayed_for < math.inf, sample.stamp_ns)
         if stayed_for > max(_MOVED, _CELLS * self.rounding.step):
             why = "the position repeats to the last digit while the vehicle moves: the receiver is stuck"
@@ -107,11 +111,12 @@ class GnssReception:
         if math.isnan(sample.alt):
             self._tell_no_height(sample.stamp_ns)
         if self._stay.is_new and not self.rounding.is_on:
-            self.velocities.fix(sample, t, horizontal or 0.0)
+            self.velocities.fix(self._height.believed(sample), t, horizontal or 0.0)
         return True
 
     def believed(self, sample: GnssFix) -> GnssFix:
         """A fix that passed, without a height that cannot be."""
+        sample = self._height.believed(sample)
         return replace(sample, alt=math.nan) if self.velocities.height_fault else sample
 
     def velocity(self, sample: GnssVelocity, t: float) -> GnssVelocity | None:
@@ -164,6 +169,15 @@ class GnssReception:
         """Hand on what gate or guard have to say."""
         self._journal.say(stamp_ns, notice.name, _LEVELS[notice.severity], notice.text, **data)
 
+    def _watch_height(self, sample: GnssFix, t: float) -> None:
+        was = self._height.reason
+        self._height.note(sample.alt, t)
+        if self._height.reason and not was:
+            text = f"GNSS height not used: {self._height.reason}; it is the barometer's or held"
+            self._journal.say(sample.stamp_ns, "gnss.height.stuck", Level.WARN, text)
+        elif was and not self._height.reason:
+            self._journal.say(sample.stamp_ns, "gnss.height.stuck.ended", Level.INFO, "GNSS heights change again")
+
     def _tell_no_height(self, stamp_ns: int) -> None:
         if self._no_height_told:
             self._journal.count("gnss.height.missing")
@@ -214,6 +228,35 @@ class _Stay:
         if min(self._repeats, velocities.repeats) >= _STUCK:
             return math.inf
         return abs(velocities.way - self._way_before)
+
+
+class _Height:
+    """A height that the driver never fills, or that has stopped while latitude and longitude go on."""
+
+    def __init__(self) -> None:
+        self._frozen = Frozen()
+        self._zeros, self._is_filled = 0, False
+        self._t = -math.inf
+
+    def note(self, height: float, t: float) -> None:
+        """The ``height`` [m] of a fix valid at ``t`` [s] that lies elsewhere than the one before it."""
+        if math.isnan(height) or t <= self._t:
+            return
+        self._t = t
+        self._is_filled = self._is_filled or height != 0.0
+        self._zeros += not self._is_filled
+        self._frozen.note(t, height)
+
+    @property
+    def reason(self) -> str:
+        """Why it is not used, a clause; empty while nothing is proved."""
+        if self._zeros >= _ZEROS and not self._is_filled:
+            return "it is exactly zero, as drivers send it that do not fill it"
+        return "it repeats to the last digit while latitude and longitude change" if self._frozen.is_frozen else ""
+
+    def believed(self, sample: GnssFix) -> GnssFix:
+        """The fix, without a height that may be none."""
+        return replace(sample, alt=math.nan) if self.reason or self._frozen.is_suspect else sample
 
 
 def _no_place(sample: GnssFix) -> str:

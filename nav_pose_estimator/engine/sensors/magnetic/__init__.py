@@ -1,1 +1,1 @@
-"""Earth's magnetic field: its declination, the calibration of what measures it, and whether the heading agrees."""
+"""Magnetic heading: declination, calibration of the magnetometer, and the check of the heading in motion."""

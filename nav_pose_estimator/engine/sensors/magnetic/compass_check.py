@@ -1,4 +1,4 @@
-"""Is the magnetic heading the one that motion shows? Asked for as long as GNSS shows it, so that an outage can know."""
+"""Check of the magnetic heading against the heading that GNSS motion shows, in preparation for an outage."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import math
 
 from nav_pose_estimator.core.attitude.compass_swing import CompassSwing
 
-_TURNED = math.radians(45.0)  # a declination that nobody has set explains no more
-_STRAIGHT = math.radians(30.0)  # offset at which a turned one is believed again
-_SPREAD, _CALM = math.radians(25.0), math.radians(12.0)  # rms at which a heading is doubted, and believed again
-_SPREAD_MEMORY = 20.0  # s
-_SWING_MEMORY = 100.0  # s
-_MIN_TIME = 5.0  # s of comparison before there is a doubt
-_PERSISTENCE = 10.0  # s that a doubt lasts before it is told
+_TURNED = math.radians(45.0)  # mean error above which the heading is doubted: more than an unset declination explains
+_STRAIGHT = math.radians(30.0)  # mean error below which that doubt ends
+_SPREAD, _CALM = math.radians(25.0), math.radians(12.0)  # RMS about the mean at which a doubt begins and ends
+_SPREAD_MEMORY = 20.0  # s over which that RMS is averaged
+_SWING_MEMORY = 100.0  # s: memory of the compass swing
+_MIN_TIME = 5.0  # s of comparison before a doubt
+_PERSISTENCE = 10.0  # s that a doubt has to last before it is reported
 CURE = "calibrate it (docs/calibration.md)"
 
 
 def single_cause(angle: float) -> str:
-    """What one wrong heading suggests: ``angle`` [rad], magnetic minus true, before the vehicle has turned."""
+    """Likely cause of a heading error ``angle`` [rad], magnetic minus true, before the vehicle has turned."""
     quarters = round(angle / (0.5 * math.pi))
     if quarters and abs(angle - quarters * 0.5 * math.pi) < math.radians(15.0):
         return f"the magnetometer is mounted {90 * abs(quarters)} deg off (aids.magnetometer_rpy), or hard iron"
@@ -25,17 +25,17 @@ def single_cause(angle: float) -> str:
 
 
 class CompassCheck:
-    """Learns how far magnetic headings are off, in the mean and around it; ``doubted`` while they must not be used.
+    """Monitors mean and RMS of the magnetic heading's error; ``doubted`` while the heading must not be used.
 
-    A doubt acts at once and is told when it lasts: for some seconds after a start it may be the filter that is wrong.
+    A doubt takes effect at once, but is reported only when it lasts: just after a start the filter may be wrong.
     """
 
     def __init__(self, is_rejected: bool = False) -> None:
-        """``is_rejected``: motion has proved a heading wrong that the magnetometer gave; it is doubted for good."""
+        """``is_rejected``: motion has disproved the magnetometer's heading at the start; the doubt is permanent."""
         self._swing = CompassSwing(_SWING_MEMORY)
         self._seconds = 0.0
         self._square = 0.0
-        self._is_rejected = is_rejected
+        self.is_rejected = is_rejected
         self._is_turned = False
         self._is_unsteady = False
         self._doubt_lasts = 0.0
@@ -45,18 +45,18 @@ class CompassCheck:
     @property
     def doubted(self) -> bool:
         """Whether the magnetic heading must not be used."""
-        return self._is_rejected or self._is_turned or self._is_unsteady
+        return self.is_rejected or self._is_turned or self._is_unsteady
 
     @property
     def spread(self) -> float:
-        """Rms [rad] of the magnetic headings of the last seconds around their mean error."""
+        """RMS [rad] of the magnetic heading's recent errors about their mean."""
         return math.sqrt(self._square)
 
     def add(self, north: complex, field: complex, offset: float, deviation: float, seconds: float) -> tuple[str, str]:
-        """One comparison, ``seconds`` after the one before it: the name of an event and its words, empty for none.
+        """Add a comparison, ``seconds`` after the last one; returns name and sentence of an event, empty for none.
 
-        ``north`` and ``field`` as in ``CompassSwing``; ``offset`` is the mean error so far, ``deviation`` this one's
-        distance from it [rad].
+        ``north`` and ``field`` as in ``CompassSwing``; ``offset`` [rad] is the mean error so far, ``deviation`` [rad]
+        the difference of this error from it.
         """
         self._seconds += seconds
         self._square += min(seconds / min(self._seconds, _SPREAD_MEMORY), 1.0) * (deviation**2 - self._square)
@@ -77,16 +77,16 @@ class CompassCheck:
         cause = self._swing.cause()
         self._is_told, self._cause_is_told = True, bool(cause)
         if self._is_turned:
-            how = f"is {math.degrees(abs(offset)):.0f} deg off the heading that motion shows"
+            how = f"differs by {math.degrees(abs(offset)):.0f} deg from the heading that motion shows"
             cause = cause or single_cause(offset)
         else:
-            how = f"wanders by {math.degrees(self.spread):.0f} deg (rms) against the heading that motion shows"
+            how = f"varies by {math.degrees(self.spread):.0f} deg (rms) about the heading that motion shows"
             cause = cause or "iron or currents that turn with the vehicle"
         text = f"the magnetic heading {how}; likely cause: {cause}; it is not used, {CURE}"
         return "mag.heading.disagrees", text
 
     def _cause(self) -> tuple[str, str]:
-        """Once, when turns have shown what is wrong."""
+        """Event with the cause, once, when turns have revealed it."""
         cause = "" if self._cause_is_told else self._swing.cause()
         if not cause:
             return "", ""

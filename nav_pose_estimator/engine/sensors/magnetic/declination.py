@@ -1,4 +1,4 @@
-"""Magnetic declination from the World Magnetic Model, which the package pygeomag computes where it is installed."""
+"""Magnetic declination from the World Magnetic Model, computed by the optional package pygeomag."""
 
 import math
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from nav_pose_estimator.errors import UserError
 
 try:
     from pygeomag import GeoMag
-except ImportError:  # one sentence when it is wanted
+except ImportError:  # reported when a declination is requested
     GeoMag = None
 
 Say = Callable[[int, str, Level, str], None]
@@ -23,9 +23,9 @@ Say = Callable[[int, str, Level, str], None]
 def model_declination(stamp_ns: int, lat: float, lon: float, alt: float) -> float:
     """Angle from true to magnetic North [rad], east positive, at the date of ``stamp_ns`` (Unix time).
 
-    ``lat``, ``lon`` [rad], ``alt`` [m] above ellipsoid or sea level, which does not matter here. Its deviation is
-    sqrt(0.26^2 + (5417 nT / H)^2) deg with the horizontal field H (error model of WMM2025): 0.4 deg in the middle
-    latitudes. ``UserError`` with one clause where the model says nothing.
+    ``lat``, ``lon`` [rad]; ``alt`` [m] above ellipsoid or sea level, the difference does not matter here. The standard
+    deviation is sqrt(0.26^2 + (5417 nT / H)^2) deg with the horizontal field H (error model of WMM2025): 0.4 deg at
+    middle latitudes. Raises ``UserError`` with one clause where the model gives none.
     """
     if GeoMag is None:
         raise UserError("the package pygeomag is not installed")
@@ -43,9 +43,9 @@ def model_declination(stamp_ns: int, lat: float, lon: float, alt: float) -> floa
 
 
 def located(parameters: Parameters, fix: GnssFix, say: Say) -> Parameters:
-    """``parameters`` with the declination at ``fix``, in which nothing is left to ask of the model.
+    """``parameters`` with the model's declination at ``fix`` and ``declination_from_model`` cleared.
 
-    Where it says nothing, ``aids.declination`` stays. Either way one sentence tells.
+    Where the model gives none, ``aids.declination`` stays. An event reports either outcome.
     """
     declination = parameters.aids.declination
     try:
@@ -61,14 +61,14 @@ def located(parameters: Parameters, fix: GnssFix, say: Say) -> Parameters:
 
 
 def as_before(parameters: Parameters, before: Parameters) -> Parameters:
-    """``parameters`` with the declination of ``before``, in which it may have been found already."""
+    """``parameters`` with the declination of ``before``, which may already be that of the model."""
     found = before.aids
     aids = replace(parameters.aids, declination=found.declination, declination_from_model=found.declination_from_model)
     return replace(parameters, aids=aids)
 
 
 def _decimal_year(stamp_ns: int) -> float:
-    """Unix time as a year with its fraction, as the model counts."""
+    """Unix time [ns] as a decimal year, as the model requires."""
     now = np.datetime64(stamp_ns, "ns")
     this_year = now.astype("datetime64[Y]")
     begin, end = (year.astype(now.dtype) for year in (this_year, this_year + np.timedelta64(1, "Y")))

@@ -1,4 +1,4 @@
-"""The magnetometer's calibration and mounting: from the field as published to the field in b, for whoever uses it."""
+"""Calibration and mounting of the magnetometer: from the published field to the field in b."""
 
 import numpy as np
 
@@ -8,10 +8,10 @@ from nav_pose_estimator.engine.samples import Vector3
 
 
 class FieldCalibration:
-    """``C_bm S (m - h)``: hard iron h and soft iron S in the sensor's axes as published, C_bm its axes into the body.
+    """``C_bm S (m - h)``: hard iron h and soft iron S in the published axes of the sensor, C_bm from these to b.
 
-    The magnetometer's axes are turned by ``aids.magnetometer_rpy`` against those of the IMU as published, and with them
-    into the body. Sums are written out, so that one sample and columns of many give the same bits.
+    C_bm is the rotation ``aids.magnetometer_rpy`` from the magnetometer's axes to the published axes of the IMU, then
+    the mounting of the IMU. Sums are written out, so that a single sample and columns of many are bit-identical.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -23,7 +23,7 @@ class FieldCalibration:
         self._changes_nothing = not any(self._hard_iron) and np.array_equal(matrix, np.eye(3))
 
     def in_body(self, field: Vector3) -> Vector3:
-        """A field (3,) as published, or three columns of fields, calibrated and in b; any unit if h is zero, else T."""
+        """A published field (3,) or three columns of fields, calibrated and in b; in T, or any unit if h is zero."""
         if self._changes_nothing:
             return field
         x, y, z = (part - iron for part, iron in zip(field, self._hard_iron, strict=True))

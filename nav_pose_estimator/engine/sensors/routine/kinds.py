@@ -85,6 +85,7 @@ class RoutinePosition:
 
     def __init__(self, sensor: GnssPositionSensor, aiding: Aiding) -> None:
         self._sensor, self._aiding = sensor, aiding
+        self._decision = GATED  # the last one, which mostly stays the same
 
     def prepare(self, settings: np.ndarray, t: float) -> bool:
         """While neither the guard nor the doubts have anything to say."""
@@ -143,7 +144,7 @@ class RoutinePosition:
         sensor.elsewhere.used(o, place, None if velocity is None else velocity.velocity, CHANCE * sd)
         sensor.record.add(result[table.RESULT_NIS], z, period or sensor.reception.fix_period)
         sensor.reception.use(t, with_height=True)
-        o.decision = Decision(Use.GATED, reference, least_sd=(0.0, result[table.RESULT_LEAST], 0.0))
+        self._decision = o.decision = _gated(reference, result[table.RESULT_LEAST], self._decision)
 
 
 class RoutineHeight:
@@ -200,6 +201,13 @@ class RoutineHeading:
         o.decision = LEFT_OUT
         q = np.array(result[table.RESULT_QUAT : table.RESULT_QUAT + 4])
         self._sensor.learn(o, result[table.RESULT_ERROR], q)
+
+
+def _gated(reference: float, least: float, before: Decision) -> Decision:
+    """That a fix is taken behind the gate, less ``reference`` [m]; the height's deviation is at ``least`` [m]."""
+    if before.reference == reference and before.least_sd[1] == least:
+        return before
+    return Decision(Use.GATED, reference, least_sd=(0.0, least, 0.0))
 
 
 def _gnss_again(o: Observation, gated: int) -> int:

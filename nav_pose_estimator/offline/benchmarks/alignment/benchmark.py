@@ -12,7 +12,8 @@ from nav_pose_estimator.offline.benchmarks.alignment import report
 from nav_pose_estimator.offline.benchmarks.alignment.cases import CASES, CONDITIONS
 from nav_pose_estimator.offline.benchmarks.alignment.summary import judged, summarise
 from nav_pose_estimator.offline.benchmarks.alignment.trial import Trial, run_trials
-from nav_pose_estimator.offline.benchmarks.simulated import REPORT, add_seeds, chosen, run_all, seeds, write_tables
+from nav_pose_estimator.offline.benchmarks.simulated import add_seeds, run_all, seeds, write_tables
+from nav_pose_estimator.offline.benchmarks.tables import REPORT, chosen
 from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.offline.output_folder import OutputFolder
 

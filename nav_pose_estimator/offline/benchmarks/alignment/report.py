@@ -11,7 +11,7 @@ import numpy as np
 from nav_pose_estimator.offline.benchmarks.alignment.cases import CASES
 from nav_pose_estimator.offline.benchmarks.alignment.summary import Summary, judged
 from nav_pose_estimator.offline.benchmarks.alignment.trial import Trial
-from nav_pose_estimator.offline.benchmarks.simulated import markdown
+from nav_pose_estimator.offline.benchmarks.tables import markdown
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
 

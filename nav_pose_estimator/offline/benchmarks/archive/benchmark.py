@@ -16,7 +16,6 @@ Elapsed time gives another efficiency, which means something only where nothing 
 """
 
 import argparse
-import json
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -53,8 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, print every line as it is known, write archive.json."""
+    from nav_pose_estimator.offline.json_file import versions, write_json
     from nav_pose_estimator.offline.output_folder import OutputFolder
-    from nav_pose_estimator.offline.replay.files import plain, versions
 
     counts = _counts(arguments)
     with (
@@ -70,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         figures |= _disturbed(flights, pool, expected)
         content = {"what": arguments.what, "seconds": arguments.seconds, **figures, "versions": versions()}
         folder.mkdir()
-        (folder / "archive.json").write_text(json.dumps(plain(content), indent=1) + "\n", encoding="utf-8")
+        write_json(folder / "archive.json", content)
     print(f"figures: {arguments.out / 'archive.json'}")
     return 0
 

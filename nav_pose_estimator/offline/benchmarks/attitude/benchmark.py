@@ -1,8 +1,6 @@
 """``benchmark attitude``: filters on recorded motions with optical truth, and published filters next to them."""
 
 import argparse
-import csv
-import json
 import time
 from collections.abc import Iterable
 from dataclasses import asdict, replace
@@ -17,17 +15,17 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import ImuBlock
 from nav_pose_estimator.engine.solutions import AttitudeBlock
-from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.benchmarks.attitude import peers as attitude_peers
 from nav_pose_estimator.offline.benchmarks.attitude import report as attitude_report
 from nav_pose_estimator.offline.benchmarks.attitude.row import Row
 from nav_pose_estimator.offline.benchmarks.attitude.trials import CONDITIONS, Trial, errors, load_trial, rmse
+from nav_pose_estimator.offline.benchmarks.tables import REPORT, SUMMARY_CSV, SUMMARY_JSON, TRIALS, chosen, write_csv
 from nav_pose_estimator.offline.damaged_input import reading
 from nav_pose_estimator.offline.flights.config_file import load_parameters
+from nav_pose_estimator.offline.json_file import write_json
 from nav_pose_estimator.offline.output_folder import OutputFolder
 
 METHODS = ("complementary", "two_stage")
-TRIALS, SUMMARY_CSV, SUMMARY_JSON, REPORT = "trials.csv", "summary.csv", "summary.json", "report.html"
 _FIRST_NS = 1_000_000_000
 _IN_95 = (5.991, 3.841)  # chi squared with 2 degrees of freedom (tilt) and with 1 (heading)
 
@@ -52,8 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run every filter on every trial, print the means, write tables and plots."""
-    methods = _chosen(arguments.methods, METHODS, "--methods")
-    conditions = _chosen(arguments.conditions, tuple(CONDITIONS), "--conditions")
+    methods = chosen(arguments.methods, METHODS, "--methods")
+    conditions = chosen(arguments.conditions, tuple(CONDITIONS), "--conditions")
     peers = _peers(arguments.peers)
     trials = []
     for path in arguments.trials:
@@ -72,17 +70,17 @@ def run(arguments: argparse.Namespace) -> int:
         ]
         means = summarise(rows)
         folder.mkdir()
-        _write_tables(folder, rows, means, arguments.advance)
+        write_files(folder, rows, means, arguments.advance)
     print(attitude_report.text_table(means))
     print(f"report: {arguments.out / REPORT}")
     return 0
 
 
-def _write_tables(folder: Path, rows: list[Row], means: list[Row], advance: float) -> None:
-    _write_csv(folder / TRIALS, rows)
-    _write_csv(folder / SUMMARY_CSV, means)
-    content = {"means": [asdict(m) for m in means], "advance_s": advance}
-    (folder / SUMMARY_JSON).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+def write_files(folder: Path, rows: list[Row], means: list[Row], advance: float) -> None:
+    """Tables and report; ``advance`` [s] as in ``judge``."""
+    write_csv(folder / TRIALS, rows, ".4f")
+    write_csv(folder / SUMMARY_CSV, means, ".4f")
+    write_json(folder / SUMMARY_JSON, {"means": [asdict(m) for m in means], "advance_s": advance})
     attitude_report.write_report(folder / REPORT, rows, means, advance)
 
 
@@ -135,8 +133,8 @@ def summarise(rows: list[Row]) -> list[Row]:
 
 def _row(condition: str, trial: Trial, method: str, q_plain: np.ndarray, q: np.ndarray, us_per_sample: float) -> Row:
     plain, full = rmse(q_plain, trial), rmse(q, trial)
-    degrees = np.degrees((plain.inclination, full.heading, full.total)).tolist()
-    return Row(condition, trial.name, method, *degrees, us_per_sample=us_per_sample)
+    inclination, heading, total = np.degrees((plain.inclination, full.heading, full.total)).tolist()
+    return Row(condition, trial.name, method, inclination, heading, total, us_per_sample=us_per_sample)
 
 
 def _with_consistency(row: Row, q: np.ndarray, block: AttitudeBlock, trial: Trial) -> Row:
@@ -153,30 +151,12 @@ def _with_consistency(row: Row, q: np.ndarray, block: AttitudeBlock, trial: Tria
     )
 
 
-def _chosen(text: str, known: tuple[str, ...], option: str) -> list[str]:
-    names = [name.strip() for name in text.split(",") if name.strip()]
-    for name in names:
-        if name not in known:
-            raise UserError(f"{option}: there is no {name!r}; choose from {', '.join(known)}")
-    if not names:
-        raise UserError(f"{option} names nothing")
-    return list(dict.fromkeys(names))
-
-
 def _peers(text: str | None) -> list[str]:
     if text is None:
         return []
     here = attitude_peers.installed()
-    names = list(attitude_peers.PEERS) if text == "all" else _chosen(text, tuple(attitude_peers.PEERS), "--peers")
+    names = chosen(text, tuple(attitude_peers.PEERS), "--peers")
     for name in names:
         if name not in here:
             print(f"note: {name} left out, the package {attitude_peers.PEERS[name][0]} is not installed")
     return [name for name in names if name in here]
-
-
-def _write_csv(path: Path, rows: list[Row]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(asdict(rows[0]))
-        for row in rows:
-            writer.writerow(f"{v:.4f}" if isinstance(v, float) else v for v in asdict(row).values())

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nav_pose_estimator.offline.benchmarks.attitude.row import Row
+from nav_pose_estimator.offline.benchmarks.tables import markdown
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot
 
@@ -19,8 +20,7 @@ def text_table(means: list[Row]) -> str:
     blocks = []
     for condition in dict.fromkeys(row.condition for row in means):
         rows = [[_bold(cell) for cell in cells] for cells in table_rows([m for m in means if m.condition == condition])]
-        lines = [f"| {' | '.join(cells)} |" for cells in ([f"{condition}, deg", *HEADER[1:]], ["---"] * 7, *rows)]
-        blocks.append("\n".join(lines))
+        blocks.append(markdown([f"{condition}, deg", *HEADER[1:]], rows))
     return "\n\n".join(blocks) + "\n"
 
 

@@ -15,7 +15,8 @@ from nav_pose_estimator.offline.benchmarks.beams.cases import CASES, USUAL_LENGT
 from nav_pose_estimator.offline.benchmarks.beams.methods import METHODS, TABLE
 from nav_pose_estimator.offline.benchmarks.beams.summary import judged, summarise
 from nav_pose_estimator.offline.benchmarks.beams.trial import Trial, run_seed
-from nav_pose_estimator.offline.benchmarks.simulated import REPORT, add_seeds, chosen, run_all, seeds, write_tables
+from nav_pose_estimator.offline.benchmarks.simulated import add_seeds, run_all, seeds, write_tables
+from nav_pose_estimator.offline.benchmarks.tables import REPORT, chosen
 from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.offline.output_folder import OutputFolder
 from nav_pose_estimator.sim.beam_faults import PLANS

@@ -9,7 +9,7 @@ from pathlib import Path
 from nav_pose_estimator.offline.benchmarks.beams.cases import CASES
 from nav_pose_estimator.offline.benchmarks.beams.methods import METHODS
 from nav_pose_estimator.offline.benchmarks.beams.summary import Summary
-from nav_pose_estimator.offline.benchmarks.simulated import markdown
+from nav_pose_estimator.offline.benchmarks.tables import markdown
 from nav_pose_estimator.offline.page import page
 
 DETAIL = ["fault", "method", "median, %", "RMS, %", "velocity, m/s", "heading, deg", "mounting, deg", "NEES",

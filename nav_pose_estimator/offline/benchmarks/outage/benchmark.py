@@ -1,394 +1,161 @@
-"""Forced outages on one flight: one aided pass, and from each start a copy of the estimator without GNSS.
+"""``benchmark outage``: forced outages on many recordings, the same for every method."""
 
-What the estimator has learned at an outage's start comes from before it: the copy is taken there. The copy runs for the
-longest outage; the errors after every shorter one are read off the same run, so that no GNSS returns in between.
-"""
-
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+import argparse
+import math
+import sys
 from pathlib import Path
 
-import numpy as np
-
-from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, OUT_POS, OUT_QUAT, OUT_VEL
-from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator, Snapshot
-from nav_pose_estimator.engine.outage.methods.registry import extrapolations
-from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, Sample
-from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution, Status
-from nav_pose_estimator.offline.benchmarks.outage.shared_flight import SharedFlight
-from nav_pose_estimator.offline.flights import latency, methods
+from nav_pose_estimator.engine.outage.airframe_file import load_airframe
+from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.archive import jobs
+from nav_pose_estimator.offline.archive.recordings import find
+from nav_pose_estimator.offline.benchmarks.outage import cross_validation, output
+from nav_pose_estimator.offline.benchmarks.outage.held_out_priors import Workers, with_held_out_priors
+from nav_pose_estimator.offline.benchmarks.outage.many_flights import run_all
+from nav_pose_estimator.offline.benchmarks.outage.statistics import summarise
+from nav_pose_estimator.offline.benchmarks.outage.trials import FlightResult, Task
+from nav_pose_estimator.offline.benchmarks.tables import REPORT
+from nav_pose_estimator.offline.flights import methods
 from nav_pose_estimator.offline.flights.config_file import load_parameters
-from nav_pose_estimator.offline.flights.flight_window import flight_window, outage_starts
-from nav_pose_estimator.offline.flights.outage_errors import NOT_AIDED, OutageErrors, judge
-from nav_pose_estimator.offline.flights.outages import GnssLeak, GnssRemoval, Outage, OutageProof
-from nav_pose_estimator.offline.flights.recording import Recording
-from nav_pose_estimator.offline.flights.tracks import Reference, Track, TrackRecorder, displacement_enu, shift
-from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
-from nav_pose_estimator.offline.logs.options import LogOptions
-from nav_pose_estimator.offline.replay.replay import as_block, reference_lever
+from nav_pose_estimator.offline.flights.flight_window import FIRST_OF_SHORT
+from nav_pose_estimator.offline.flights.groups import groups_of, patterns_of
+from nav_pose_estimator.offline.logs.open_recording import check_readable
+from nav_pose_estimator.offline.logs.options import add_options, options_of
+from nav_pose_estimator.offline.output_folder import OutputFolder
+from nav_pose_estimator.offline.training.flights import digest_of
 
-GRID = 1.0  # s between the points of an error-growth curve
-_AHEAD_NS = 10**9  # a stamp so far ahead of the IMU is damaged: the navigator refuses it
-_BATCH_NS = 10**9
-MARGIN = 0.2  # s: a run goes on so long after the outage's end, still without GNSS, to reach its last fix
+_PRIORS = "priors"
 
 
-@dataclass(frozen=True)
-class Task:
-    """One pass over one bag. ``method`` names the estimator, ``predictors`` what is derived from its states."""
-
-    bag: Path
-    method: str
-    predictors: tuple[str, ...]
-    lengths: tuple[float, ...]
-    every: float
-    first: float | None = None
-    last: float = np.inf
-    gnss_delay: str | None = None
-    config: Path | None = None
-    airframe: Path | None = None
-    prior: Path | None = None  # in place of learner.prior
-    log: LogOptions = field(default_factory=LogOptions)  # which part, if it is a flight log
-
-
-@dataclass
-class FlightResult:
-    """``errors``: (method, length) -> one entry per outage; ``growth``: method -> (outages, seconds) errors."""
-
-    bag: str
-    delay: float
-    window: tuple[float, float]
-    errors: dict[tuple[str, float], list[OutageErrors]] = field(default_factory=dict)
-    growth: dict[str, np.ndarray] = field(default_factory=dict)
-    path: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # reference, East and North, m
-    starts: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # where the outages begin
-    notices: list[str] = field(default_factory=list)
-    proof: int = 0  # GNSS samples that were looked at on their way into an estimator that runs an outage
-    lag_one: list[tuple[float, float]] = field(default_factory=list)  # of the innovations, as ``white`` has it
-
-    @property
-    def white(self) -> tuple[float, float]:
-        """Autocorrelation of GNSS innovations, position and velocity, from one to the next: median over the starts.
-
-        Below 0.2 they pass for white. NaN where there were none.
-        """
-        known = np.array([pair for pair in self.lag_one if np.isfinite(pair).all()]).reshape(-1, 2)
-        position, velocity = np.median(known, axis=0) if len(known) else (np.nan, np.nan)
-        return float(position), float(velocity)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of ``benchmark outage``."""
+    add = parser.add_argument
+    what = "bags, flight logs, folders or lists (.txt) of them, patterns; NAME.json beside NAME_bag is read"
+    add("bags", nargs="+", type=Path, metavar="BAG|LOG", help=what)
+    add("--lengths", default="10,30,60", metavar="S,...", help="lengths of the outages (default: 10,30,60)")
+    add("--every", type=float, default=5.0, metavar="S", help="an outage starts every S seconds (default: 5)")
+    add("--first", type=float, metavar="S", help="first start after the flight begins (default: 160, short flights 60)")
+    add("--last", type=float, default=math.inf, metavar="S", help="last start after the flight begins (default: none)")
+    add("--methods", default="best,coast,hold,const_velocity", metavar="M,...", help="methods to compare")
+    add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto (default: NAME.json, else auto)")
+    add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
+    add("--airframe", type=Path, metavar="FILE", help="what is known before the flight: a file of train")
+    add("--cross-validate", action="store_true", help="group flights by airframe: prior, selection, intervals")
+    add("--groups", default="", metavar="GLOB,...", help='flights that are one group, as in "p4rtk_*,px4_3dr*"')
+    add(
+        "--candidates",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="YAML",
+        help="parameter files among which --cross-validate chooses for each group on the other groups",
+    )
+    add_options(parser)
+    jobs.add_options(parser)
+    add("--out", type=Path, default=Path("outage_benchmark"), metavar="DIR", help="folder for tables and report")
 
 
-@dataclass(frozen=True)
-class _Start:
-    """An outage's start: the estimators there, and the place in the stream to go on from."""
+def run(arguments: argparse.Namespace) -> int:
+    """Fly every outage with every method, print the tables, write them and the report."""
+    arguments.bags = find(arguments.bags)
+    candidates = _candidates(arguments)
+    tasks = [task for config in candidates for task in _tasks(arguments, config)]
+    for bag in arguments.bags:
+        if len(arguments.bags) == 1 or not bag.exists():
+            check_readable(bag)  # a mistyped name ends the command now, not after an hour
+    if arguments.airframe is not None:
+        _note_known_flights(arguments.airframe, arguments.bags)
+    inputs = [*arguments.bags, *(config for config in candidates if config is not None)]
+    groups = groups_of(arguments.bags, patterns_of(arguments.groups)) if arguments.cross_validate else None
+    with OutputFolder(arguments.out, "outage benchmark", inputs) as folder:
+        flights = _flown(arguments, tasks, groups, folder)
+        if groups is not None:
+            flights = _held_out(flights, groups, candidates)
+        rows = output.rows_of(flights)
+        if not rows:
+            raise UserError("no outage fits into these flights: try shorter --lengths or an earlier --first")
+        summaries = summarise(rows, groups=groups)
+        folder.mkdir(exist_ok=True)
+        options = {name: str(getattr(arguments, name)) for name in ("every", "first", "lengths")}
+        output.write(folder, flights, rows, summaries, options)
+        output.tell(flights, rows, summaries)
+        if groups is not None:
+            output.tell_verdicts(summaries)
+    print(f"report: {arguments.out / REPORT}")
+    return 0
 
-    outage: Outage
-    snapshots: list[Snapshot]  # for each method
-    index: int
-    row: int
-    doubt: str  # why the navigator itself would not vouch for its pose; empty where it does
-    state: np.ndarray | None  # last row of the solution, OUT_COLUMNS
-    lag_one: tuple[float, float]  # autocorrelation of the last innovations, position and velocity
+
+def _candidates(arguments: argparse.Namespace) -> list[Path | None]:
+    """The parameter files to choose from; without ``--candidates`` there is only ``--config``."""
+    if not arguments.candidates:
+        return [arguments.config]
+    if not arguments.cross_validate or arguments.config is not None:
+        raise UserError("--candidates takes the place of --config and needs --cross-validate")
+    return list(arguments.candidates)
 
 
-@dataclass(frozen=True)
-class Entrant:
-    """A method that takes part: its parameters, the names that its errors go under, and where they are filed.
-
-    The estimator's errors go under the first of ``names``; the others are predictors.
-    """
-
-    parameters: Parameters
-    names: tuple[str, ...]
-    result: FlightResult
-
-
-def run_task(task: Task, advanced: Callable[[float], None] | None = None) -> FlightResult:
-    """Carry out one pass. ``advanced`` is called with the share done since the last call."""
-    return run_flight((task,), advanced)[0]
-
-
-def run_flight(tasks: Sequence[Task], advanced: Callable[[float], None] | None = None) -> list[FlightResult]:
-    """Carry out passes that differ in their methods only: the recording, its latency and the aided flight are shared.
-
-    ``advanced`` as in ``run_task``, with the share of one pass.
-    """
-    task = tasks[0]
-    parameters = load_parameters(task.config)
-    recording = open_recording(task.bag, task.log, parameters=parameters)
-    window = flight_window(recording)
-    planned = outage_starts(window, list(task.lengths), task.every, task.first, task.last)
-    starts = sorted({outage.start for outages in planned.values() for outage in outages})
-    until = min(starts, default=np.inf)
-    recording = prepared(recording, parameters, until)
-    parameters, how = latency.choose(recording, parameters, task.gnss_delay, task.config, until, search=True)
-    notices = [how, *recording.notices]
-    entrants = [
-        Entrant(
-            methods.apply(parameters, one.method, one.airframe, one.prior),
-            (one.method, *one.predictors),
-            FlightResult(one.bag.name, parameters.gnss.delay, window, notices=list(notices)),
+def _tasks(arguments: argparse.Namespace, config: Path | None) -> list[Task]:
+    """A pass for every recording and estimator. Raises ``UserError`` for options that make no sense."""
+    names = methods.check([name.strip() for name in arguments.methods.split(",") if name.strip()])
+    try:
+        lengths = tuple(sorted({float(text) for text in arguments.lengths.split(",")}))
+    except ValueError:
+        raise UserError(f"--lengths {arguments.lengths!r}: write seconds separated by commas, as in 10,30,60") from None
+    if not names or not all(0.0 < length < 86400.0 for length in lengths):
+        raise UserError("--methods and --lengths must name at least one method and one positive length")
+    if not arguments.last >= (arguments.first or 0.0):
+        raise UserError("--last must not be sooner than --first")
+    if not 0.0 < arguments.every < math.inf or arguments.jobs < 1:
+        raise UserError("--every and --jobs must be positive")
+    first = FIRST_OF_SHORT if arguments.first is None else arguments.first  # no outage of any flight begins sooner
+    log = options_of(arguments, load_parameters(config).imu.max_gap, first)
+    return [
+        Task(
+            bag=bag,
+            method=name,
+            predictors=extrapolated,
+            lengths=lengths,
+            every=arguments.every,
+            first=arguments.first,
+            last=arguments.last,
+            gnss_delay=arguments.gnss_delay,
+            config=config,
+            airframe=arguments.airframe,
+            log=log,
         )
-        for one in tasks
+        for bag in arguments.bags
+        for name, extrapolated in methods.passes(names)
     ]
-    run_entrants(recording, planned, entrants, advanced)
-    for entrant in entrants:
-        _draw(entrant.result, recording.reference(parameters.gnss.delay), starts)
-    return [entrant.result for entrant in entrants]
 
 
-def run_outages(
-    recording: Recording,
-    parameters: Parameters,
-    planned: dict[float, list[Outage]],
-    names: tuple[str, ...],
-    result: FlightResult,
-) -> None:
-    """The ``planned`` outages (length -> outages) of one recording and one entrant, filed in ``result``."""
-    run_entrants(recording, planned, [Entrant(parameters, names, result)])
+def _note_known_flights(airframe: Path, bags: list[Path]) -> None:
+    """Say which flights the file was made of: what is measured on them is no test."""
+    known = {flight.digest for flight in load_airframe(airframe).flights}
+    for bag in bags:
+        if digest_of(bag) in known:
+            print(
+                f"note: {airframe} was made of {bag}, among others: its errors are no test of the file", file=sys.stderr
+            )
 
 
-def run_entrants(
-    recording: Recording,
-    planned: dict[float, list[Outage]],
-    entrants: Sequence[Entrant],
-    advanced: Callable[[float], None] | None = None,
-) -> None:
-    """The ``planned`` outages of one recording, filed in the results of ``entrants``."""
-    starts = sorted({outage.start for outages in planned.values() for outage in outages})
-    runs = [Outage(s, max(n for n, outages in planned.items() if any(o.start == s for o in outages))) for s in starts]
-    trials = [_Trial(recording, planned, entrant) for entrant in entrants]
-    while trials:
-        for start in _aided_pass(recording, [trial.entrant.parameters for trial in trials], runs):
-            for trial, snapshot in zip(trials, start.snapshots, strict=False):  # without those that have parted
-                if start.outage.start > trial.done_to:
-                    trial.run(start, snapshot)
-                    if advanced is not None:
-                        advanced(1.0 / len(runs))
-        del trials[0]
-        trials = [trial for trial in trials if runs and trial.done_to < runs[-1].start]
+def _flown(
+    arguments: argparse.Namespace, tasks: list[Task], groups: dict[str, str] | None, folder: Path
+) -> list[FlightResult]:
+    """The results of all passes; where ``groups`` are held out, with priors that have not seen them."""
+    if groups is not None:
+        workers = Workers(arguments.jobs, arguments.scheduler, arguments.out)
+        tasks = with_held_out_priors(tasks, groups, folder / _PRIORS, workers)
+    return run_all(tasks, arguments.jobs, arguments.scheduler, arguments.out)
 
 
-class _Trial:
-    """One entrant in the outages of one recording; ``done_to`` is the start [s] of the last one."""
-
-    def __init__(self, recording: Recording, planned: dict[float, list[Outage]], entrant: Entrant) -> None:
-        self.entrant, self._recording, self.done_to = entrant, recording, -np.inf
-        parameters = entrant.parameters
-        self._engine = PoseEstimator(parameters, attitude=False)
-        reference = recording.reference(parameters.gnss.delay)
-        fix_times = recording.fix_times(parameters.gnss.delay)
-        self._file = _judge(planned, fix_times, reference, reference_lever(reference, parameters), entrant.result)
-
-    def run(self, start: _Start, snapshot: Snapshot) -> None:
-        """One outage, flown from its ``start`` on."""
-        self.done_to = start.outage.start
-        self.entrant.result.lag_one.append(start.lag_one)
-        own, *predictors = self.entrant.names
-        track = _outage_run(self._engine, self._recording, self.entrant, start, snapshot)
-        self._file(own, start, track)
-        for name in predictors:
-            self._file(name, start, _predict(name, start))
-
-
-def _aided_pass(recording: Recording, parameters: Sequence[Parameters], runs: list[Outage]) -> Iterator[_Start]:
-    """Run the whole flight with GNSS and stop at the start of each outage."""
-    flight = SharedFlight(parameters)
-    state = None
-    waiting, ahead = list(runs), _Batch()
-    delay_ns = round(parameters[0].gnss.delay * 1e9)
-    newest_gnss = 0
-    next_imu = _next_imu_stamps(recording.samples)
-    for index, sample in enumerate(recording.samples):
-        if not waiting:
-            return
-        stamps = sample.stamps_ns if isinstance(sample, ImuBlock) else None
-        done = 0
-        while waiting:
-            start_ns = recording.epoch_ns + round(waiting[0].start * 1e9)
-            row = _first_at(sample, stamps, start_ns, delay_ns, next_imu[index])
-            if row is None:
-                break
-            if newest_gnss >= start_ns:
-                raise GnssLeak("GNSS from inside an outage was used before it")
-            if row > done:
-                ahead.add(_rows(sample, done, row))
-            state = _last_row(flight.engine.feed_all(ahead.take()), state)
-            done = row
-            status = flight.engine.status()
-            yield _Start(waiting.pop(0), flight.snapshots(), index, done, _doubt(status), state, _lag_one(status))
-        if ahead.add(_rows(sample, done, None)):
-            state = _last_row(flight.engine.feed_all(ahead.take()), state)
-        if isinstance(sample, (GnssFix, GnssVelocity)) and sample.stamp_ns <= next_imu[index] + _AHEAD_NS:
-            newest_gnss = max(newest_gnss, sample.stamp_ns - delay_ns)
-
-
-class _Batch:
-    """Samples that wait to be fed together: the estimator takes long blocks at less cost, and with the same result."""
-
-    def __init__(self) -> None:
-        self._samples: list[Sample] = []
-        self._until = 0  # ns
-
-    def add(self, sample: Sample) -> bool:
-        """True when about a second is together and ``take`` is due."""
-        self._samples.append(sample)
-        if not isinstance(sample, ImuBlock) or not len(sample):
-            return False
-        last = int(sample.stamps_ns[-1])
-        if not self._until - 2 * _BATCH_NS < last < self._until:  # also after a clock that went back
-            self._until = last + _BATCH_NS
-            return True
-        return False
-
-    def take(self) -> list[Sample]:
-        """All that waits."""
-        samples, self._samples = self._samples, []
-        return samples
-
-
-def _lag_one(status: Status) -> tuple[float, float]:
-    figures = [status.values.get(f"innovation.{name}.lag_1", np.nan) for name in ("gnss_position", "gnss_velocity")]
-    return float(figures[0]), float(figures[1])
-
-
-def _doubt(status: Status) -> str:
-    """Why no outage can be judged that starts now: what the navigator says of itself, empty where it is aided."""
-    if status.mode is Mode.AIDED:
-        return status.gnss_refusal or status.doubt
-    return status.waiting_for or status.gnss_refusal or status.mode.value.lower()
-
-
-def _next_imu_stamps(samples: list[Sample]) -> list[int]:
-    """The stamp of the IMU sample that follows each sample (at the end: the last one's): the time that it is then."""
-    stamps, now = [0] * len(samples), 0
-    for i in range(len(samples) - 1, -1, -1):
-        sample = samples[i]
-        stamps[i] = now or int(getattr(sample, "stamps_ns", [0])[-1])
-        if isinstance(sample, ImuBlock) and len(sample):
-            now = int(sample.stamps_ns[0])
-    return stamps
-
-
-def _first_at(sample: Sample, stamps: np.ndarray | None, start_ns: int, delay_ns: int, next_imu_ns: int) -> int | None:
-    """Row of ``sample`` with which the outage has begun; None if it begins later."""
-    if stamps is not None:
-        row = int(np.searchsorted(stamps, start_ns))
-        return row if row < len(stamps) else None
-    if sample.stamp_ns is None:
-        return None
-    # GNSS with a negative latency is valid after its stamp; a stamp far ahead of the IMU that follows is damaged and
-    # begins nothing, one after a gap of the IMU is not.
-    time_ns = sample.stamp_ns - min(delay_ns, 0) * isinstance(sample, (GnssFix, GnssVelocity))
-    return 0 if start_ns <= time_ns <= next_imu_ns + _AHEAD_NS else None
-
-
-def _rows(sample: Sample, first: int, last: int | None) -> Sample:
-    if not isinstance(sample, ImuBlock) or (first == 0 and last is None):
-        return sample
-    return sample.part(first, last)
-
-
-def _last_row(outputs: list, before: np.ndarray | None) -> np.ndarray | None:
-    for output in reversed(outputs):
-        if isinstance(output, NavBlock):
-            return output.rows[-1]
-        if isinstance(output, NavSolution):
-            return as_block(output).rows[-1]
-    return before
-
-
-def _outage_run(
-    engine: PoseEstimator, recording: Recording, entrant: Entrant, start: _Start, snapshot: Snapshot
-) -> Track:
-    """The estimator from ``start`` on without GNSS until a little after the outage's end."""
-    engine.restore(snapshot)
-    delay = entrant.parameters.gnss.delay
-    without = [Outage(start.outage.start, start.outage.length + MARGIN)]
-    removal = GnssRemoval(without, recording.epoch_ns, delay)
-    proof = OutageProof([start.outage], recording.epoch_ns, delay)
-    tracks = TrackRecorder(recording.epoch_ns)
-    if start.state is not None:
-        # the state in which GNSS was lost, so that the first fixes find an estimate on both sides
-        stamp = recording.epoch_ns + round(start.outage.start * 1e9) - 1
-        tracks.add(NavBlock(np.array([stamp]), start.state[None, :], Mode.AIDED, 0, np.zeros(3)))
-    end_ns = recording.epoch_ns + round((without[0].end) * 1e9)
-    ahead = _Batch()
-
-    def fly() -> None:
-        for output in engine.feed_all(ahead.take()):
-            if isinstance(output, NavBlock):
-                tracks.add(output)
-
-    for i in range(start.index, len(recording.samples)):
-        sample = _rows(recording.samples[i], start.row if i == start.index else 0, None)
-        if not removal.keep(sample):
-            continue
-        proof.check(sample)
-        if ahead.add(sample):
-            fly()
-        if isinstance(sample, ImuBlock) and sample.stamps_ns[-1] >= end_ns:
-            break
-    fly()
-    entrant.result.proof += proof.seen
-    return tracks.track()
-
-
-def _predict(name: str, start: _Start) -> Track:
-    """Go on from the state at the loss of GNSS as the extrapolation ``name`` says; no deviation is claimed."""
-    if start.state is None:
-        return Track(np.empty(0), np.empty((0, OUT_COLUMNS)))
-    t = np.array([0.0, start.outage.length + MARGIN])
-    rows = np.full((2, OUT_COLUMNS), np.nan)
-    rows[:, OUT_QUAT : OUT_QUAT + 4] = start.state[OUT_QUAT : OUT_QUAT + 4]
-    velocity = extrapolations()[name].velocity(start.state[OUT_VEL : OUT_VEL + 3])
-    rows[:, OUT_POS : OUT_POS + 3] = shift(start.state[OUT_POS : OUT_POS + 3], t[:, None] * velocity)
-    return Track(start.outage.start + t, rows)
-
-
-def _judge(
-    planned: dict[float, list[Outage]],
-    fix_times: np.ndarray,
-    reference: Reference,
-    lever: np.ndarray,
-    out: FlightResult,
-) -> Callable[[str, _Start, Track], None]:
-    """A function that files the errors of one run at every length."""
-    lengths_at: dict[float, list[Outage]] = {}
-    for outages in planned.values():
-        for outage in outages:
-            lengths_at.setdefault(outage.start, []).append(outage)
-    grid = np.arange(0.0, max(planned, default=0.0) + GRID / 2, GRID)
-
-    def file(method: str, start: _Start, track: Track) -> None:
-        for outage in lengths_at[start.outage.start]:
-            if start.doubt:
-                errors = OutageErrors(outage.start, outage.length, status=NOT_AIDED, why=start.doubt)
-            else:
-                errors = judge(outage, fix_times, reference, track, lever)
-            out.errors.setdefault((method, outage.length), []).append(errors)
-            if outage.length == start.outage.length:
-                curve = _curve(errors, grid)
-                before = out.growth.get(method, np.empty((0, len(grid))))
-                out.growth[method] = np.vstack([before, curve])
-
-    return file
-
-
-def _curve(errors: OutageErrors, grid: np.ndarray) -> np.ndarray:
-    if len(errors.after) < 2:
-        return np.full(len(grid), np.nan)
-    return np.interp(grid, errors.after, errors.growth, left=np.nan, right=np.nan)
-
-
-def _draw(result: FlightResult, reference: Reference, starts: list[float]) -> None:
-    """The path of the flight for the report's map."""
-    inside = (reference.t >= result.window[0]) & (reference.t <= result.window[1])
-    if not inside.any():
-        return
-    step = max(int(inside.sum()) // 2000, 1)
-    origin = reference.position[inside][0]
-    result.path = displacement_enu(reference.position[inside][::step], origin)[:, :2]
-    result.starts = displacement_enu(reference.at(np.array(starts)), origin)[:, :2]
+def _held_out(flights: list[FlightResult], groups: dict[str, str], candidates: list[Path | None]) -> list[FlightResult]:
+    """Of all passes those with the parameters that were chosen on the other groups; says what was chosen."""
+    if len(candidates) == 1:
+        return flights
+    size = len(flights) // len(candidates)
+    parts = [flights[i * size : (i + 1) * size] for i in range(len(candidates))]
+    method = next(iter(flights[0].errors))[0] if flights[0].errors else ""
+    chosen = cross_validation.choose([output.rows_of(part) for part in parts], groups, method)
+    for group, i in chosen.items():
+        print(f"{group}: {candidates[i]} (chosen on the other groups)")
+    return [flight for i, part in enumerate(parts) for flight in part if chosen[groups[flight.bag]] == i]

@@ -16,7 +16,7 @@ from pathlib import Path
 from nav_pose_estimator.engine.outage.methods.usual_file import KnownFlight, flights_of
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive.kept import KeptResults
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import Task
+from nav_pose_estimator.offline.benchmarks.outage.trials import Task
 from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.offline.training.flights import Reading, Recorded, digest_of
 from nav_pose_estimator.offline.training.prior import LEAST, WING, PriorFlight, fit, fly, text_of

@@ -8,7 +8,7 @@ from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive.jobs import LOCAL, Failure
 from nav_pose_estimator.offline.archive.kept import KeptResults, key_of
 from nav_pose_estimator.offline.archive.resumed import carry_on
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import FlightResult, Task, run_flight
+from nav_pose_estimator.offline.benchmarks.outage.trials import FlightResult, Task, run_flight
 from nav_pose_estimator.offline.flights.recording import sidecar_path
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.offline.benchmarks.outage.benchmark import GRID, FlightResult
 from nav_pose_estimator.offline.benchmarks.outage.scores import probability
 from nav_pose_estimator.offline.benchmarks.outage.statistics import ALL, Row, Summary, comparable
+from nav_pose_estimator.offline.benchmarks.outage.trials import GRID, FlightResult
 from nav_pose_estimator.offline.flights.methods import classical
 from nav_pose_estimator.offline.page import page
 from nav_pose_estimator.offline.page.svg import Plot

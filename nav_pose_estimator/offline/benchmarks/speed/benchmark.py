@@ -5,7 +5,6 @@ Replay and start-up are wall time, as a user waits for them; they need a machine
 """
 
 import argparse
-import json
 import platform
 import subprocess
 import sys
@@ -33,8 +32,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     What cannot be measured here is said and left out; the exit code is 1 then.
     """
+    from nav_pose_estimator.offline.json_file import versions, write_json
     from nav_pose_estimator.offline.output_folder import OutputFolder
-    from nav_pose_estimator.offline.replay.files import plain, versions
 
     with OutputFolder(arguments.out, "speed benchmark") as folder:
         figures, left_out = _measure(arguments.longest)
@@ -42,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
         measured = {"figures": [asdict(f) for f in figures], "left_out": left_out}
         content = measured | {"machine": machine, "versions": versions()}
         folder.mkdir()
-        (folder / "speed.json").write_text(json.dumps(plain(content), indent=1) + "\n", encoding="utf-8")
+        write_json(folder / "speed.json", content)
     print(f"figures: {arguments.out / 'speed.json'}")
     return 1 if left_out else 0
 

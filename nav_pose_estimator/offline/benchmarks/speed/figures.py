@@ -11,7 +11,7 @@ import numpy as np
 
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, ImuSample, Sample
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, ImuSample, Sample, joined
 from nav_pose_estimator.offline.benchmarks.speed.flight_messages import imu_bytes
 
 SECONDS, IMU_HZ = 600.0, 200.0
@@ -86,9 +86,7 @@ def blocks_of(imu: ImuBlock, size: int) -> list[ImuBlock]:
 
 def imu_only(flight: list[Sample]) -> ImuBlock:
     """All IMU samples as one block."""
-    blocks = [s for s in flight if isinstance(s, ImuBlock)]
-    parts = (np.concatenate([getattr(b, name) for b in blocks]) for name in ("stamps_ns", "gyro", "accel"))
-    return ImuBlock(*parts)
+    return joined([sample for sample in flight if isinstance(sample, ImuBlock)])
 
 
 def aligned(flight: list[Sample], seconds: float):
@@ -160,8 +158,7 @@ def _joined(samples: list[Sample]) -> list[Sample]:
     out: list[Sample] = []
     for sample in samples:
         if isinstance(sample, ImuBlock) and out and isinstance(out[-1], ImuBlock):
-            pair = out[-1], sample
-            out[-1] = ImuBlock(*(np.concatenate([getattr(b, n) for b in pair]) for n in ("stamps_ns", "gyro", "accel")))
+            out[-1] = joined([out[-1], sample])
         else:
             out.append(sample)
     return out

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample, joined
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample, joined, known_stamp
 from nav_pose_estimator.offline.bags.sensor_topics import imu_topic, sensor_topics
 from nav_pose_estimator.offline.bags.writer import MCAP, PLAIN, Messages, write_new
 
@@ -35,6 +35,8 @@ def _parts(samples: Iterator[Sample]) -> Iterator[list[Sample]]:
 
 def _messages(samples: list[Sample]) -> list[Messages]:
     imu = [sample for sample in samples if isinstance(sample, ImuBlock)]
-    others = [(sample.stamp_ns, sample) for sample in samples if not isinstance(sample, ImuBlock)]
+    others: list[tuple[int, Sample]] = [
+        (known_stamp(sample), sample) for sample in samples if not isinstance(sample, ImuBlock)
+    ]
     block = joined(imu) if imu else None
     return [*([imu_topic(block, block.stamps_ns)] if block else []), *sensor_topics(others)]

@@ -6,7 +6,15 @@ import numpy as np
 
 from nav_pose_estimator.core.earth.atmosphere import height_pressure
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla, gravity_many
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, MagSample, PressureSample, Sample
+from nav_pose_estimator.engine.samples import (
+    GnssFix,
+    GnssVelocity,
+    ImuBlock,
+    MagSample,
+    PressureSample,
+    Sample,
+    known_stamp,
+)
 
 ORIGIN = (math.radians(48.0), math.radians(11.0), 500.0)
 REST, RUN_UP, ACCELERATION, TURN_RATE = 10.0, 5.0, 2.0, 0.2  # s, s, m/s^2, rad/s
@@ -65,8 +73,8 @@ def _imu(seconds: float, imu_hz: float, rng: np.random.Generator, epoch_s: int) 
 
 
 def _in_order(imu: ImuBlock, others: list[Sample]) -> list[Sample]:
-    others = sorted(others, key=_stamp)
-    cuts = np.searchsorted(imu.stamps_ns, [sample.stamp_ns for sample in others], side="right")
+    others = sorted(others, key=known_stamp)
+    cuts = np.searchsorted(imu.stamps_ns, list(map(known_stamp, others)), side="right")
     out: list[Sample] = []
     done = 0
     for cut, sample in zip([*cuts.tolist(), len(imu)], [*others, None], strict=True):
@@ -76,10 +84,6 @@ def _in_order(imu: ImuBlock, others: list[Sample]) -> list[Sample]:
         if sample is not None:
             out.append(sample)
     return out
-
-
-def _stamp(sample: Sample) -> int:
-    return sample.stamp_ns
 
 
 def _gnss(seconds: float, rate_hz: float, delay: float, rng: np.random.Generator, epoch_s: int) -> list[Sample]:

@@ -1,0 +1,71 @@
+"""Do fixes move? What says so where the receiver tells no velocity: a steady motion leaves the IMU as still as rest."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nav_pose_estimator.core.alignment.types import Fix
+from nav_pose_estimator.core.earth.ellipsoid import radii
+
+_MEMORY = 5.0  # s of fixes that are compared ...
+_LEAST = 4  # ... and as many fixes at least
+_LEAST_TIME = 2.0  # s that tell rest from a steady motion
+_SURE = 3.0  # deviations
+
+
+@dataclass(eq=False, slots=True)
+class FixMotion:
+    """The fixes of the last seconds."""
+
+    rest_speed: float
+    """m/s above which there is no rest."""
+    _fixes: deque[Fix] = field(default_factory=deque)
+
+    def note(self, fix: Fix) -> None:
+        """One more fix, in order of time."""
+        self._fixes.append(fix)
+        while len(self._fixes) > _LEAST and fix.t - self._fixes[0].t > _MEMORY:
+            self._fixes.popleft()
+
+    @property
+    def moves(self) -> bool:
+        """Whether the last fix shows motion, by its velocity, or else by the way from those before it."""
+        if not self._fixes:
+            return False
+        velocity = self._fixes[-1].velocity
+        if velocity is not None:
+            return math.hypot(*velocity) > self.rest_speed
+        return len(self._fixes) >= _LEAST and _speed(self._fixes) > self.rest_speed
+
+    @property
+    def has_shown_rest(self) -> bool:
+        """Whether fixes have been there for long enough to show motion, and show none."""
+        if not self._fixes or self.moves:
+            return False
+        first, last = self._fixes[0], self._fixes[-1]
+        return last.velocity is not None or (len(self._fixes) >= _LEAST and last.t - first.t >= _LEAST_TIME)
+
+
+def _speed(fixes: deque[Fix]) -> float:
+    """What the horizontal speed [m/s] of the straight line through ``fixes`` is at least."""
+    first = fixes[0]
+    r_m, r_n = radii(first.position[0])
+    way = [
+        (
+            math.remainder(fix.position[1] - first.position[1], 2.0 * math.pi) * r_n * math.cos(first.position[0]),
+            (fix.position[0] - first.position[0]) * r_m,
+        )
+        for fix in fixes
+    ]
+    t = np.array([fix.t for fix in fixes]) - first.t
+    t -= t.mean()
+    east, north = np.array(way).T
+    power = float(t @ t)
+    slopes = np.array([t @ east, t @ north]) / power
+    left = np.array([east - east.mean() - slopes[0] * t, north - north.mean() - slopes[1] * t])
+    sd = math.sqrt(float(np.sum(left**2)) / (len(t) - 2) / power)
+    return float(np.hypot(*slopes)) - _SURE * sd

@@ -1,0 +1,273 @@
+"""Forced outages on one flight: one aided pass, and from each start a copy of the estimator without GNSS.
+
+What the estimator has learned at an outage's start comes from before it: the copy is taken there. The copy runs for the
+longest outage; the errors after every shorter one are read off the same run, so that no GNSS returns in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, OUT_POS, OUT_QUAT, OUT_VEL
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator, Snapshot
+from nav_pose_estimator.engine.outage.methods.registry import extrapolations
+from nav_pose_estimator.engine.parameters import Parameters
+from nav_pose_estimator.engine.samples import ImuBlock
+from nav_pose_estimator.engine.solutions import Mode, NavBlock
+from nav_pose_estimator.offline.benchmarks.outage.aided_pass import Batch, Start, aided_pass, part_of
+from nav_pose_estimator.offline.flights import latency, methods
+from nav_pose_estimator.offline.flights.config_file import load_parameters
+from nav_pose_estimator.offline.flights.flight_window import flight_window, outage_starts
+from nav_pose_estimator.offline.flights.outage_errors import NOT_AIDED, OutageErrors, judge
+from nav_pose_estimator.offline.flights.outages import GnssRemoval, Outage, OutageProof
+from nav_pose_estimator.offline.flights.recording import Recording
+from nav_pose_estimator.offline.flights.tracks import Reference, Track, TrackRecorder, displacement_enu, shift
+from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
+from nav_pose_estimator.offline.logs.options import LogOptions
+from nav_pose_estimator.offline.replay.replay import reference_lever
+
+GRID = 1.0  # s between the points of an error-growth curve
+MARGIN = 0.2  # s: a run goes on so long after the outage's end, still without GNSS, to reach its last fix
+
+
+@dataclass(frozen=True)
+class Task:
+    """One pass over one bag. ``method`` names the estimator, ``predictors`` what is derived from its states."""
+
+    bag: Path
+    method: str
+    predictors: tuple[str, ...]
+    lengths: tuple[float, ...]
+    every: float
+    first: float | None = None
+    last: float = np.inf
+    gnss_delay: str | None = None
+    config: Path | None = None
+    airframe: Path | None = None
+    prior: Path | None = None  # in place of learner.prior
+    log: LogOptions = field(default_factory=LogOptions)  # which part, if it is a flight log
+
+
+@dataclass
+class FlightResult:
+    """``errors``: (method, length) -> one entry per outage; ``growth``: method -> (outages, seconds) errors."""
+
+    bag: str
+    delay: float
+    window: tuple[float, float]
+    errors: dict[tuple[str, float], list[OutageErrors]] = field(default_factory=dict)
+    growth: dict[str, np.ndarray] = field(default_factory=dict)
+    path: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # reference, East and North, m
+    starts: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # where the outages begin
+    notices: list[str] = field(default_factory=list)
+    proof: int = 0  # GNSS samples that were looked at on their way into an estimator that runs an outage
+    lag_one: list[tuple[float, float]] = field(default_factory=list)  # of the innovations, as ``white`` has it
+
+    @property
+    def white(self) -> tuple[float, float]:
+        """Autocorrelation of GNSS innovations, position and velocity, from one to the next: median over the starts.
+
+        Below 0.2 they pass for white. NaN where there were none.
+        """
+        known = np.array([pair for pair in self.lag_one if np.isfinite(pair).all()]).reshape(-1, 2)
+        position, velocity = np.median(known, axis=0) if len(known) else (np.nan, np.nan)
+        return float(position), float(velocity)
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A method that takes part: its parameters, the names that its errors go under, and where they are filed.
+
+    The estimator's errors go under the first of ``names``; the others are predictors.
+    """
+
+    parameters: Parameters
+    names: tuple[str, ...]
+    result: FlightResult
+
+
+def run_task(task: Task, advanced: Callable[[float], None] | None = None) -> FlightResult:
+    """Carry out one pass. ``advanced`` is called with the share done since the last call."""
+    return run_flight((task,), advanced)[0]
+
+
+def run_flight(tasks: Sequence[Task], advanced: Callable[[float], None] | None = None) -> list[FlightResult]:
+    """Carry out passes that differ in their methods only: the recording, its latency and the aided flight are shared.
+
+    ``advanced`` as in ``run_task``, with the share of one pass.
+    """
+    task = tasks[0]
+    parameters = load_parameters(task.config)
+    recording = open_recording(task.bag, task.log, parameters=parameters)
+    window = flight_window(recording)
+    planned = outage_starts(window, list(task.lengths), task.every, task.first, task.last)
+    starts = sorted({outage.start for outages in planned.values() for outage in outages})
+    until = min(starts, default=np.inf)
+    recording = prepared(recording, parameters, until)
+    parameters, how = latency.choose(recording, parameters, task.gnss_delay, task.config, until, search=True)
+    notices = [how, *recording.notices]
+    entrants = [
+        Entrant(
+            methods.apply(parameters, one.method, one.airframe, one.prior),
+            (one.method, *one.predictors),
+            FlightResult(one.bag.name, parameters.gnss.delay, window, notices=list(notices)),
+        )
+        for one in tasks
+    ]
+    run_entrants(recording, planned, entrants, advanced)
+    for entrant in entrants:
+        _draw(entrant.result, recording.reference(parameters.gnss.delay), starts)
+    return [entrant.result for entrant in entrants]
+
+
+def run_outages(
+    recording: Recording,
+    parameters: Parameters,
+    planned: dict[float, list[Outage]],
+    names: tuple[str, ...],
+    result: FlightResult,
+) -> None:
+    """The ``planned`` outages (length -> outages) of one recording and one entrant, filed in ``result``."""
+    run_entrants(recording, planned, [Entrant(parameters, names, result)])
+
+
+def run_entrants(
+    recording: Recording,
+    planned: dict[float, list[Outage]],
+    entrants: Sequence[Entrant],
+    advanced: Callable[[float], None] | None = None,
+) -> None:
+    """The ``planned`` outages of one recording, filed in the results of ``entrants``."""
+    starts = sorted({outage.start for outages in planned.values() for outage in outages})
+    runs = [Outage(s, max(n for n, outages in planned.items() if any(o.start == s for o in outages))) for s in starts]
+    trials = [_Trial(recording, planned, entrant) for entrant in entrants]
+    while trials:
+        for start in aided_pass(recording, [trial.entrant.parameters for trial in trials], runs):
+            for trial, snapshot in zip(trials, start.snapshots, strict=False):  # without those that have parted
+                if start.outage.start > trial.done_to:
+                    trial.run(start, snapshot)
+                    if advanced is not None:
+                        advanced(1.0 / len(runs))
+        del trials[0]
+        trials = [trial for trial in trials if runs and trial.done_to < runs[-1].start]
+
+
+class _Trial:
+    """One entrant in the outages of one recording; ``done_to`` is the start [s] of the last one."""
+
+    def __init__(self, recording: Recording, planned: dict[float, list[Outage]], entrant: Entrant) -> None:
+        self.entrant, self._recording, self.done_to = entrant, recording, -np.inf
+        parameters = entrant.parameters
+        self._engine = PoseEstimator(parameters, attitude=False)
+        reference = recording.reference(parameters.gnss.delay)
+        fix_times = recording.fix_times(parameters.gnss.delay)
+        self._file = _judge(planned, fix_times, reference, reference_lever(reference, parameters), entrant.result)
+
+    def run(self, start: Start, snapshot: Snapshot) -> None:
+        """One outage, flown from its ``start`` on."""
+        self.done_to = start.outage.start
+        self.entrant.result.lag_one.append(start.lag_one)
+        own, *predictors = self.entrant.names
+        track = _outage_run(self._engine, self._recording, self.entrant, start, snapshot)
+        self._file(own, start, track)
+        for name in predictors:
+            self._file(name, start, _predict(name, start))
+
+
+def _outage_run(
+    engine: PoseEstimator, recording: Recording, entrant: Entrant, start: Start, snapshot: Snapshot
+) -> Track:
+    """The estimator from ``start`` on without GNSS until a little after the outage's end."""
+    engine.restore(snapshot)
+    delay = entrant.parameters.gnss.delay
+    without = [Outage(start.outage.start, start.outage.length + MARGIN)]
+    removal = GnssRemoval(without, recording.epoch_ns, delay)
+    proof = OutageProof([start.outage], recording.epoch_ns, delay)
+    tracks = TrackRecorder(recording.epoch_ns)
+    if start.state is not None:
+        # the state in which GNSS was lost, so that the first fixes find an estimate on both sides
+        stamp = recording.epoch_ns + round(start.outage.start * 1e9) - 1
+        tracks.add(NavBlock(np.array([stamp]), start.state[None, :], Mode.AIDED, 0, np.zeros(3)))
+    end_ns = recording.epoch_ns + round((without[0].end) * 1e9)
+    ahead = Batch()
+
+    def fly() -> None:
+        for output in engine.feed_all(ahead.take()):
+            if isinstance(output, NavBlock):
+                tracks.add(output)
+
+    samples = recording.held
+    for i in range(start.index, len(samples)):
+        sample = part_of(samples[i], start.row if i == start.index else 0, None)
+        if not removal.keep(sample):
+            continue
+        proof.check(sample)
+        if ahead.add(sample):
+            fly()
+        if isinstance(sample, ImuBlock) and sample.stamps_ns[-1] >= end_ns:
+            break
+    fly()
+    entrant.result.proof += proof.seen
+    return tracks.track()
+
+
+def _predict(name: str, start: Start) -> Track:
+    """Go on from the state at the loss of GNSS as the extrapolation ``name`` says; no deviation is claimed."""
+    if start.state is None:
+        return Track(np.empty(0), np.empty((0, OUT_COLUMNS)))
+    t = np.array([0.0, start.outage.length + MARGIN])
+    rows = np.full((2, OUT_COLUMNS), np.nan)
+    rows[:, OUT_QUAT : OUT_QUAT + 4] = start.state[OUT_QUAT : OUT_QUAT + 4]
+    velocity = extrapolations()[name].velocity(start.state[OUT_VEL : OUT_VEL + 3])
+    rows[:, OUT_POS : OUT_POS + 3] = shift(start.state[OUT_POS : OUT_POS + 3], t[:, None] * velocity)
+    return Track(start.outage.start + t, rows)
+
+
+def _judge(
+    planned: dict[float, list[Outage]],
+    fix_times: np.ndarray,
+    reference: Reference,
+    lever: np.ndarray,
+    out: FlightResult,
+) -> Callable[[str, Start, Track], None]:
+    """A function that files the errors of one run at every length."""
+    lengths_at: dict[float, list[Outage]] = {}
+    for outages in planned.values():
+        for outage in outages:
+            lengths_at.setdefault(outage.start, []).append(outage)
+    grid = np.arange(0.0, max(planned, default=0.0) + GRID / 2, GRID)
+
+    def file(method: str, start: Start, track: Track) -> None:
+        for outage in lengths_at[start.outage.start]:
+            if start.doubt:
+                errors = OutageErrors(outage.start, outage.length, status=NOT_AIDED, why=start.doubt)
+            else:
+                errors = judge(outage, fix_times, reference, track, lever)
+            out.errors.setdefault((method, outage.length), []).append(errors)
+            if outage.length == start.outage.length:
+                curve = _curve(errors, grid)
+                before = out.growth.get(method, np.empty((0, len(grid))))
+                out.growth[method] = np.vstack([before, curve])
+
+    return file
+
+
+def _curve(errors: OutageErrors, grid: np.ndarray) -> np.ndarray:
+    if len(errors.after) < 2:
+        return np.full(len(grid), np.nan)
+    return np.interp(grid, errors.after, errors.growth, left=np.nan, right=np.nan)
+
+
+def _draw(result: FlightResult, reference: Reference, starts: list[float]) -> None:
+    """The path of the flight for the report's map."""
+    inside = (reference.t >= result.window[0]) & (reference.t <= result.window[1])
+    if not inside.any():
+        return
+    step = max(int(inside.sum()) // 2000, 1)
+    origin = reference.position[inside][0]
+    result.path = displacement_enu(reference.position[inside][::step], origin)[:, :2]
+    result.starts = displacement_enu(reference.at(np.array(starts)), origin)[:, :2]

@@ -1,0 +1,67 @@
+"""A velocity in body axes with the usual mistakes: found by the IMU, left out, its effect undone."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from nav_pose_estimator.core.numerics.rotation import quat_rotate_many
+from nav_pose_estimator.engine.samples import BodyVelocity, ImuBlock, Sample
+from told import flight, silence, tell
+
+pytestmark = pytest.mark.compiled
+LOST, LENGTH, END = 50.0, 15.0, 70.0  # s
+RATE, SD = 10.0, 0.05  # Hz, m/s
+Change = Callable[[np.ndarray], np.ndarray]
+EVENT = "body_velocity.implausible"
+TURNED = np.array([[0.5**0.5, -(0.5**0.5), 0.0], [0.5**0.5, 0.5**0.5, 0.0], [0.0, 0.0, 1.0]])
+
+
+def with_body_velocity(change: Change, name: str, sd: float = SD) -> Iterator[Sample]:
+    """The flight without GNSS from ``LOST`` on for ``LENGTH``, and what a sensor would send of its velocity."""
+    recording = flight(name, END).with_faults(*silence(LOST, LENGTH))
+    truth, due, rng = recording.truth, 0.0, np.random.default_rng(3)
+    velocity = quat_rotate_many(truth.q_nb * np.array([1.0, -1.0, -1.0, -1.0]), truth.v_n)
+    for sample in recording.samples():
+        yield sample
+        if not isinstance(sample, ImuBlock):
+            continue
+        t = (int(sample.stamps_ns[-1]) - recording.start_ns) * 1e-9
+        if t >= due:
+            due = t + 1.0 / RATE - 1e-6
+            measured = velocity[min(round(t / truth.dt), len(truth) - 1)] + rng.normal(0.0, sd, 3)
+            yield BodyVelocity(int(sample.stamps_ns[-1]), tuple(change(measured).tolist()))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda v: v * [1.0, -1.0, -1.0], "Forward-Right-Down"),
+        (lambda v: -v, "sign looks inverted"),
+        (lambda v: v[[1, 0, 2]], "exchanged"),
+        (lambda v: TURNED @ v, "turned by -45 deg"),
+        (lambda v: 1.944 * v, "knots"),
+        (lambda v: 0.5 * v, "times the speed"),
+    ],
+    ids=["FRD", "inverted", "exchanged", "turned", "knots", "halved"],
+)
+def test_a_wrong_body_velocity_is_named_and_steers_nothing(change: Change, words: str) -> None:
+    """GIVEN a velocity sensor with a usual mistake WHEN the vehicle manoeuvres under GNSS THEN the mistake is named
+    before GNSS is lost, its effect is undone, and the outage is flown without the sensor, within three sigma."""
+    told = tell(flight("stop_and_go", END), samples=with_body_velocity(change, "stop_and_go"), learner__enabled=False)
+    assert words in told.event(EVENT).text
+    assert told.when(EVENT)[0] < LOST
+    inside = told.between(LOST, LOST + LENGTH)
+    assert (told.off[inside] < np.maximum(3.0 * told.sigma[inside], 3.0)).all()
+    assert told.off[inside].max() < 10.0
+
+
+@pytest.mark.parametrize("name", ["stop_and_go", "fixed_wing"])
+@pytest.mark.parametrize("sd", [SD, 0.3])
+def test_a_sound_one_is_believed_however_noisy_it_is(name: str, sd: float) -> None:
+    """GIVEN a sound sensor THEN nothing is said of it, and it holds the outage."""
+    told = tell(flight(name, END), samples=with_body_velocity(lambda v: v, name, sd), learner__enabled=False)
+    assert told.when(EVENT) == []
+    assert told.count("body_velocity.rejected.axes") == 0
+    inside = told.between(LOST, LOST + LENGTH)
+    assert told.off[inside].max() < 5.0
