@@ -65,8 +65,10 @@ def attitudes(samples: Iterable[Sample], start_ns: int, **changes: object) -> di
         for output in outputs:
             if isinstance(output, NavBlock):
                 found["navigator"].append((output.stamps_ns, output.rows[:, at.OUT_QUAT : at.OUT_RATE]))
-                if output.stamps_ns[-1] < start_ns:
-                    own.feed(navigator_velocity(output))
+                last_ns = int(output.stamps_ns[-1])
+                velocity = navigator_velocity([output], 0, last_ns)
+                if velocity is not None and last_ns < start_ns:
+                    own.feed(velocity)
     joined = {name: tuple(map(np.concatenate, zip(*parts, strict=True))) for name, parts in found.items()}
     return {name: (t[t >= start_ns], q[t >= start_ns]) for name, (t, q) in joined.items()}
 
