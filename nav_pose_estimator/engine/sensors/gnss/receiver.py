@@ -19,9 +19,9 @@ from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 
 _LARGEST_FACTOR = 9.0  # of the covariance: three times the deviation
-_LATELY = 3.0  # s over which velocities that disagree are no chance any more, and a tilt has not yet gone on
+_LATELY = 3.0  # s: long enough to tell a lasting disagreement of velocities from noise, short enough to be of now
 _LASTING_SD = 0.3  # m/s: what a receiver's velocities may have in common for so long
-_SURPRISING = 4.0  # normalised square of two components (two on average) up to which they may have that in common
+_SURPRISING = 4.0  # normalised square of their mean innovation, two on average, that is still taken for chance
 _LARGEST_WIDENING = 100.0  # factor on the covariance of the motion
 
 
@@ -37,8 +37,11 @@ class Shown(NamedTuple):
     velocity: np.ndarray
 
     @property
-    def was_too_fast(self) -> bool:
-        """Whether the positions, too, say so: a receiver's wrong velocity would have drawn the filter the other way."""
+    def positions_agree(self) -> bool:
+        """Whether position and velocity are off the same way: a filter that is too fast gets ahead.
+
+        A receiver's wrong velocity would have drawn the filter the other way.
+        """
         return float(self.velocity @ self.position) > 0.0
 
 
@@ -47,8 +50,8 @@ class GnssLoss(Sensor):
     position lies where the last fixes were on average.
 
     A filter whose velocity was off for seconds, farther than it states, was wrong about more than that: its tilt went
-    wrong first. Then its motion is as uncertain as the disagreement says. Where the positions confirm that it was too
-    fast, the velocities are taken in once more; else they may be the receiver's error.
+    wrong first. Then its motion is as uncertain as the disagreement says. Where the positions agree with that, the
+    velocities are taken in once more; else the error may be the receiver's.
     """
 
     kind = Kind("gnss_loss", precedence=2, whole=True)
@@ -65,7 +68,7 @@ class GnssLoss(Sensor):
         is_surprised = square > _SURPRISING
         widening = min(square / len(z), _LARGEST_WIDENING) if is_surprised else 1.0
         east, north = (-shown.position).tolist()
-        once_more = is_surprised and shown.was_too_fast
+        once_more = is_surprised and shown.positions_agree
         return Decision(Use.WIDENING, shown.factor, widening=widening, shift=(east, north), once_more=once_more)
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
