@@ -19,7 +19,7 @@ from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 
 _LARGEST_FACTOR = 9.0  # of the covariance: three times the deviation
-_LATELY = 3.0  # s: long enough to tell a lasting disagreement of velocities from noise, short enough to be of now
+_LATELY = (1.0, 3.0)  # s: a lasting disagreement of velocities, and one that manoeuvres to and fro would hide in it
 _LASTING_SD = 0.3  # m/s: what a receiver's velocities may have in common for so long
 _SURPRISING = 4.0  # normalised square of their mean innovation, two on average, that is still taken for chance
 _LARGEST_WIDENING = 100.0  # factor on the covariance of the motion
@@ -72,7 +72,7 @@ class GnssLoss(Sensor):
         return Decision(Use.WIDENING, shown.factor, widening=widening, shift=(east, north), once_more=once_more)
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
-        """The mean innovation of the last velocities."""
+        """The mean innovation of the last velocities, of one second or of three, whichever is larger."""
         _, H = measurements.horizontal_velocity(f.nav, len(f.P), 0.0, 0.0)
         return o.measured.velocity.copy(), H, _LASTING_SD**2 * np.eye(2)
 
@@ -112,9 +112,9 @@ class Gnss:
 
     def loss_at(self, t: float, stamp_ns: int) -> Observation:
         """At ``t`` GNSS counts as lost: what the last innovations have shown acts on the filter."""
-        last = self.velocity.misfit
-        is_recent = last is not None and last.t > self._aiding.fix_used - _LATELY
-        velocity = self.velocity.record.lately(_LATELY) if is_recent else np.zeros(2)
+        last, velocity = self.velocity.misfit, np.zeros(2)
+        if last is not None and last.t > self._aiding.fix_used - max(_LATELY):
+            velocity = max((self.velocity.record.lately(seconds) for seconds in _LATELY), key=np.linalg.norm)
         return Observation(t, stamp_ns, self.loss.kind, Shown(self.variance_factor, self.offset, velocity))
 
     @property
