@@ -16,6 +16,7 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.fusion import Fusion
 from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss, Shown
+from nav_pose_estimator.engine.sensors.gnss.velocity import Misfit
 
 VELOCITY_SD, TILT_SD, CORRELATION = 0.2, math.radians(1.0), 0.9
 
@@ -65,3 +66,21 @@ def test_what_a_receiver_may_have_in_common_for_so_long_changes_nothing(misfit: 
     view = lost(misfit)
     assert view.nav[at.VEL] == 0.0
     assert view.P[at.DVEL, at.DVEL] == pytest.approx(VELOCITY_SD**2)
+
+
+@pytest.mark.parametrize(("before", "last"), [(2.0, 2.0), (-2.0, 2.0), (2.0, -1.0)])
+def test_the_last_second_counts_where_manoeuvres_would_hide_it(before: float, last: float) -> None:
+    """GIVEN three seconds of velocities that are ``before`` m/s off, then ``last`` THEN the larger mean is what counts.
+
+    A loss long after the last velocity knows of none."""
+    parameters = Parameters()
+    aiding = Aiding(parameters.navigator.lost_after)
+    gnss = Gnss(parameters, aiding, Journal())
+    for i in range(15):
+        gnss.velocity.record.add(1.0, (before if i < 10 else last, 0.0), 0.2)
+    gnss.velocity.misfit = Misfit(2.8, np.zeros(2), np.eye(2), [0.0, 0.0, 0.0])
+    aiding.use_fix(2.8)
+    expected = max((last, (2.0 * before + last) / 3.0), key=abs)
+    assert gnss.loss_at(4.3, 0).measured.velocity[0] == pytest.approx(expected)
+    aiding.use_fix(10.0)
+    assert gnss.loss_at(11.5, 0).measured.velocity[0] == 0.0

@@ -19,9 +19,9 @@ from nav_pose_estimator.engine.sensors.gnss.velocity import GnssVelocitySensor
 from nav_pose_estimator.engine.sensors.sensor import Linearised, Sensor
 
 _LARGEST_FACTOR = 9.0  # of the covariance: three times the deviation
-_LATELY = 3.0  # s over which velocities that disagree are no chance any more, and a tilt has not yet gone on
+_LATELY = (1.0, 3.0)  # s: a lasting disagreement of velocities, and one that manoeuvres to and fro would hide in it
 _LASTING_SD = 0.3  # m/s: what a receiver's velocities may have in common for so long
-_SURPRISING = 4.0  # normalised square of two components (two on average) up to which they may have that in common
+_SURPRISING = 4.0  # normalised square of their mean innovation, two on average, that is still taken for chance
 _LARGEST_WIDENING = 100.0  # factor on the covariance of the motion
 
 
@@ -37,8 +37,11 @@ class Shown(NamedTuple):
     velocity: np.ndarray
 
     @property
-    def was_too_fast(self) -> bool:
-        """Whether the positions, too, say so: a receiver's wrong velocity would have drawn the filter the other way."""
+    def positions_agree(self) -> bool:
+        """Whether position and velocity are off the same way: a filter that is too fast gets ahead.
+
+        A receiver's wrong velocity would have drawn the filter the other way.
+        """
         return float(self.velocity @ self.position) > 0.0
 
 
@@ -47,8 +50,8 @@ class GnssLoss(Sensor):
     position lies where the last fixes were on average.
 
     A filter whose velocity was off for seconds, farther than it states, was wrong about more than that: its tilt went
-    wrong first. Then its motion is as uncertain as the disagreement says. Where the positions confirm that it was too
-    fast, the velocities are taken in once more; else they may be the receiver's error.
+    wrong first. Then its motion is as uncertain as the disagreement says. Where the positions agree with that, the
+    velocities are taken in once more; else the error may be the receiver's.
     """
 
     kind = Kind("gnss_loss", precedence=2, whole=True)
@@ -65,11 +68,11 @@ class GnssLoss(Sensor):
         is_surprised = square > _SURPRISING
         widening = min(square / len(z), _LARGEST_WIDENING) if is_surprised else 1.0
         east, north = (-shown.position).tolist()
-        once_more = is_surprised and shown.was_too_fast
+        once_more = is_surprised and shown.positions_agree
         return Decision(Use.WIDENING, shown.factor, widening=widening, shift=(east, north), once_more=once_more)
 
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
-        """The mean innovation of the last velocities."""
+        """The mean innovation of the last velocities, of one second or of three, whichever is larger."""
         _, H = measurements.horizontal_velocity(f.nav, len(f.P), 0.0, 0.0)
         return o.measured.velocity.copy(), H, _LASTING_SD**2 * np.eye(2)
 
@@ -109,9 +112,9 @@ class Gnss:
 
     def loss_at(self, t: float, stamp_ns: int) -> Observation:
         """At ``t`` GNSS counts as lost: what the last innovations have shown acts on the filter."""
-        last = self.velocity.misfit
-        is_recent = last is not None and last.t > self._aiding.fix_used - _LATELY
-        velocity = self.velocity.record.mean_of_last(_LATELY) if is_recent else np.zeros(2)
+        last, velocity = self.velocity.misfit, np.zeros(2)
+        if last is not None and last.t > self._aiding.fix_used - max(_LATELY):
+            velocity = max((self.velocity.record.mean_of_last(seconds) for seconds in _LATELY), key=np.linalg.norm)
         return Observation(t, stamp_ns, self.loss.kind, Shown(self.variance_factor, self.offset, velocity))
 
     @property
