@@ -30,6 +30,7 @@ _ALONE = 12.0  # by which the odds of one mistake exceed those of all others whe
 _GOES = 3.0  # floors that a vehicle has to move in a step that tells cm/s from mm/s
 _HARDLY = 0.05  # of what a velocity says
 _HELD = 2  # steps that a mistake has to explain after the proof before it is undone
+_SETTLED = 20  # steps in motion after which velocities are known to be in the right axes and units
 _SAYS = 0.5  # least weight of a step that teaches anything
 _SCALE_LEAST, _SCALE_SURE = 0.03, 3.0  # of the way, and deviations, by which a scale has to differ from 1
 
@@ -65,6 +66,7 @@ class VelocityCheck:
     _along: float = field(default=0.0, init=False)  # m^2: ways times sums, and sums squared, of steps that agreed
     _square: float = field(default=0.0, init=False)
     _is_not_ned: bool = field(default=False, init=False)
+    _agreed: int = field(default=0, init=False)  # steps of a vehicle that moves which agreed, since the start
 
     @property
     def scale(self) -> float:
@@ -124,11 +126,13 @@ class VelocityCheck:
     def _weigh(self, step: Step) -> None:
         """Let a step speak for and against every mistake."""
         own, weight = mistakes.sound(step), step.weight
+        # a live velocity of nearly nothing is no velocity in wrong axes, whatever the positions do
+        says_rest = abs(step.said) < step.floor and not self.fault
         if weight > _SAYS:
             self._learn(step, own.square < _EXPLAINED)
         for i, fit in enumerate(mistakes.fits(step, self._similarity)):
             gain = own.cost - fit.cost
-            gain = weight * (gain if fit.square < _EXPLAINED else min(gain, 0.0))
+            gain = weight * (gain if fit.square < _EXPLAINED and not (says_rest and i != STUCK) else min(gain, 0.0))
             if i == NORTH_EAST and gain < -_REFUTED:
                 self._is_not_ned = True
             goes = abs(step.way) > _GOES * step.floor or not self.stands_still
@@ -142,6 +146,8 @@ class VelocityCheck:
     def _with_witnesses(self) -> list[float]:
         """The odds with what else is known."""
         odds = list(self._odds)
+        if self._agreed >= _SETTLED:  # a driver's axes and units do not change in flight
+            odds = [value if mistakes.may_begin_in_flight(i) else _PRIOR for i, value in enumerate(odds)]
         if self.felt:  # by the IMU, what the velocity says: the blame for the unexplained is left with the positions
             odds[ANY] = _PRIOR
         if self.climb.fault == DOWN and not self._is_not_ned:
@@ -153,6 +159,8 @@ class VelocityCheck:
         self._similarity.learn(step)
         if not self.fault and not self.suspect:
             self.late.stretch(step)
+        if agrees and abs(step.way) > _GOES * step.floor and not self.fault:
+            self._agreed += 1
         if agrees and step.dense:
             self._along += (step.way * step.said.conjugate()).real
             self._square += abs(step.said) ** 2

@@ -23,6 +23,7 @@ _LEARNS = 1.5  # steps of which the similarity between way and sum is known well
 _KNOWN = 5.0  # ... and to undo a mistake with
 _UNLIKE = 0.2  # of a similarity that differs from that of a sound velocity
 _OTHER_WAY = math.radians(75.0)  # between steps that tell a turn by one angle from body axes
+_STANDS_STILL = 0.05  # of a velocity: positions that go no farther may as well have stopped
 _MEMORY = 0.93  # of the similarity, from step to step
 
 NED, TURNED, SILENT, UNIT, UNEXPLAINED = "ned", "turned", "silent", "unit", "unexplained"
@@ -61,6 +62,14 @@ NORTH_EAST = 0
 BODY, STUCK, LIKE, ANY = (len(LINEAR) + i for i in range(4))
 """Numbers of the mistakes that are not linear, or whose factor the flight has to show."""
 COUNT = len(LINEAR) + 4
+
+
+def may_begin_in_flight(i: int) -> bool:
+    """Whether the mistake ``i`` may befall a velocity that was sound: it stops, or the positions do.
+
+    Axes and units are those of the driver. Positions that leave sound velocities are dragged or reflected.
+    """
+    return i == STUCK or (i < len(LINEAR) and LINEAR[i].kind == UNIT and abs(LINEAR[i].a) < _STANDS_STILL)
 
 
 class Fit(NamedTuple):
