@@ -27,7 +27,7 @@ _BOUNDS = (0.99 * _STRUCK_RATE, 0.99 * _STRUCK_FORCE, CLIPPED_RATE, CLIPPED_FORC
 
 
 class Doubt(NamedTuple):
-    """Deviations to be added to attitude [rad], velocity [m/s], the biases [rad/s, m/s^2] and the horizontal position [m].
+    """Deviations to be added to attitude [rad], velocity [m/s], biases [rad/s, m/s^2] and horizontal position [m].
 
     ``lasting``: GNSS does not show at once what is wrong, so that it counts while GNSS is there, too.
     """

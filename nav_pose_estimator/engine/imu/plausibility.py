@@ -7,6 +7,7 @@ above 30 m/s^2 for five at most.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -24,6 +25,7 @@ _SCALE = 0.15  # of g: accelerometers at rest are better than that
 _LARGE = 6.0 * G  # no vehicle here bears this for seconds
 _INTERLEAVED_OF, _INTERLEAVED = 8, 2  # s, and how many of them: in 3900 s of recorded flights not one
 _NEAR_G, _NO_FORCE = (8.5, 11.0), 2.0  # of what should be rad/s, and m/s^2
+_WHIRLS, _STAYS, _WHIRLING = 2.0, 0.95, 3  # rad/s that would leave 0.84 of gravity in a mean, share that is left, s
 _AXES = "xyz"
 DEAD_AXIS = "imu.implausible.dead_axis"
 """Name of what ends only when every axis changes."""
@@ -121,6 +123,24 @@ def exchanged(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
     return Finding("imu.implausible.exchanged", text)
 
 
+def degrees(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
+    """The rates would turn gravity through the body within a second, and it stays where it is."""
+    told = [s for s in seconds if s.gravity > _STAYS * s.norm and _across(s) > _WHIRLS]
+    if len(told) < _WHIRLING:
+        return None
+    text = (
+        f"the gyroscope reads {told[-1].turn:.1f} rad/s while gravity stays where it is in the body: the gyroscope is "
+        "probably in deg/s instead of rad/s"
+    )
+    return Finding("imu.implausible.degrees", text)
+
+
+def _across(second: ImuSecond) -> float:
+    """Part of the mean rate [rad/s] across the mean force."""
+    along = sum(w * f for w, f in zip(second.rate, second.force, strict=True)) / max(second.gravity, 1e-9)
+    return math.sqrt(max(second.turn**2 - along**2, 0.0))
+
+
 def on_its_back(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
     """Gravity pulls towards the body's top, at rest or for seconds in the air."""
     still = all(s.vibration < 2.0 * _STILL_FORCE and s.turn < 2.0 * _STILL_TURN for s in seconds[-_AGREED:])
@@ -147,8 +167,9 @@ def two_imus(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
 
 ALWAYS: tuple[Check, ...] = (absent, exchanged, gravity_missing, scale, dead_axis, two_imus)
 """Checks that hold in every attitude and motion."""
-BEFORE_THE_START: tuple[Check, ...] = (*ALWAYS, on_its_back)
-"""A vehicle in flight may be on its back; one that starts so is more likely mounted otherwise than told."""
+BEFORE_THE_START: tuple[Check, ...] = (*ALWAYS, on_its_back, degrees)
+"""A vehicle in flight may be on its back, or roll with the thrust along its axis; one that starts so is more likely
+mounted otherwise than told, or in another unit."""
 MEMORY = _INTERLEAVED_OF
 """s that the checks look back at."""
 
