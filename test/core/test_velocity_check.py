@@ -55,6 +55,27 @@ def test_a_receiver_that_converges_proves_nothing(sd: float, suspected: bool) ->
     assert check.suspect is suspected
 
 
+def test_positions_that_are_dragged_do_not_accuse_velocities_that_were_sound() -> None:
+    """GIVEN velocities that have led where positions went WHEN positions leave them in flight THEN no axes are blamed:
+    a driver does not turn them in flight."""
+    check = VelocityCheck()
+    ways, said = travel(60.0, (3.0, 4.0))
+    ways[200:] += np.outer(np.arange(len(ways) - 200) * PERIOD, (-4.0, 1.0))
+    follow(check, ways, said)
+    assert not check.fault
+
+
+def test_a_velocity_of_nearly_nothing_is_in_no_wrong_axes() -> None:
+    """GIVEN a vehicle at rest whose live velocities say so WHEN the positions of a receiver that has just been switched
+    on converge by 30 m THEN the velocities are not accused."""
+    check = VelocityCheck()
+    t = np.arange(0.0, 20.0, PERIOD)
+    said = np.random.default_rng(2).normal(0.0, 0.05, (len(t), 2))
+    follow(check, np.outer(30.0 * np.exp(-t / 5.0), (0.8, -0.6)), said)
+    assert not check.fault
+    assert not check.suspect
+
+
 def test_a_suspicion_ends_where_nothing_moves() -> None:
     """GIVEN one step against the axes WHEN the vehicle then stands THEN the suspicion does not outlast the stand."""
     check = VelocityCheck()

@@ -10,7 +10,7 @@ from nav_pose_estimator.core.numerics.rotation import quat_conjugate_many, quat_
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
 from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.sim.recording import Recording
-from told import Told, flight, silence, tell
+from told import GNSS, Told, flight, silence, tell
 
 pytestmark = pytest.mark.compiled
 SECONDS, MANOEUVRED = 60.0, 45.0  # of the flight: its length, when it has turned and braked
@@ -267,3 +267,15 @@ def test_a_good_imu_is_left_in_peace(name: str) -> None:
     values = told.estimator.status().values
     assert 0.0 < values["imu.vibration_m_s2"] < 1.0
     assert values["imu.mean_force_m_s2"] > 3.0
+
+
+def test_degrees_are_named_without_gnss():
+    """GIVEN a gyroscope in deg/s and no GNSS WHEN the vehicle flies THEN the unit is named, a sound one is not."""
+    recording = flight("multirotor_light", SECONDS)
+
+    def alone(change: Change) -> Told:
+        samples = (sample for sample in spoilt(recording, change) if not isinstance(sample, GNSS))
+        return tell(recording, samples=samples, learner__enabled=False)
+
+    assert "deg/s instead of rad/s" in alone(read_as(DEGREES * SAME)).event("imu.implausible.degrees").text
+    assert alone(read_as()).when("imu.implausible") == []

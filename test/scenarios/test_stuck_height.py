@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nav_pose_estimator.engine.samples import GnssFix, Sample
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, Sample
+from nav_pose_estimator.sim.faults import Creep, Shift
 from told import flight, tell
 
 pytestmark = pytest.mark.compiled
@@ -50,3 +51,15 @@ def test_a_height_that_changes_again_is_used() -> None:
     told = tell(recording, samples=late)
     assert told.when("gnss.height.stuck.ended") == pytest.approx([8.0], abs=0.5)
     assert np.abs(told.error[told.t > 50.0, 2]).max() < 4.0
+
+
+def test_a_height_that_is_dragged_away_from_the_barometers_is_in_doubt() -> None:
+    """GIVEN a vehicle on the road WHEN fixes and their velocities rise by 1.5 m/s THEN the status says that barometer
+    and GNSS have come apart, for nobody knows which is right."""
+    dragged = (
+        Creep(start=15.0, step=(0.0, 0.0, 0.3)),
+        Shift(GnssVelocity, start=15.0, offset=(0.0, 0.0, 1.5)),
+    )
+    recording = flight("road_vehicle", END)
+    assert "one of them is wrong" in tell(recording, *dragged).estimator.status().doubt
+    assert not tell(recording).estimator.status().doubt

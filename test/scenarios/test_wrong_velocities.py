@@ -190,3 +190,15 @@ def test_the_odometry_does_not_jump_when_the_past_is_undone() -> None:
     assert told.resets[-1] >= 1
     for t in told.when(UNDONE):
         assert steps[told.between(t - 0.5, t + 0.5)[1:]].max() < 0.5
+
+
+def test_fixes_that_a_wrong_velocity_keeps_off_widen_sigma():
+    """GIVEN velocities turned by 10 deg, too little to be told WHEN they drag the navigator off the fixes for seconds
+    THEN its sigma covers what lies between, and a sound flight is as it was."""
+    c, s = math.cos(math.radians(10.0)), math.sin(math.radians(10.0))
+    told = tell(flight("laps", 90.0), velocity(lambda e, n, u: (c * e - s * n, s * e + c * n, u)))
+    sound = tell(flight("laps", 90.0))
+    wrong = (told.off > 3.0 * told.sigma) & (told.off > 3.0)
+    assert wrong[told.t > 20.0].mean() < 0.2
+    assert told.count("imu_doubt.used") > sound.count("imu_doubt.used")
+    assert sound.sigma[-1] < 1.2

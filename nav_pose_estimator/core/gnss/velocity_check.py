@@ -20,7 +20,18 @@ from numpy.typing import NDArray
 from nav_pose_estimator.core.gnss import velocity_mistakes as mistakes
 from nav_pose_estimator.core.gnss.climb_check import DOWN, ClimbCheck
 from nav_pose_estimator.core.gnss.lateness import Lateness
-from nav_pose_estimator.core.gnss.velocity_mistakes import ANY, BODY, COUNT, LIKE, LINEAR, NORTH_EAST, STUCK, Similarity
+from nav_pose_estimator.core.gnss.velocity_mistakes import (
+    ANY,
+    BODY,
+    COUNT,
+    LIKE,
+    LINEAR,
+    MAY_BEGIN_IN_FLIGHT,
+    NORTH_EAST,
+    NOT_STUCK,
+    STUCK,
+    Similarity,
+)
 from nav_pose_estimator.core.gnss.velocity_steps import Step, StepMaker
 
 _PRIOR, _CLEARED, _SUSPECT, _PROVED, _MOST = -10.0, 0.0, 5.0, 20.0, 45.0
@@ -32,6 +43,7 @@ _ALONE = 12.0  # by which the odds of one mistake exceed those of all others whe
 _GOES = 3.0  # floors that a vehicle has to move in a step that tells cm/s from mm/s
 _HARDLY = 0.05  # of what a velocity says
 _HELD = 2  # steps that a mistake has to explain after the proof before it is undone
+_SETTLED = 20  # informative steps in motion after which axes and units of the velocities are established
 _SAYS = 0.5  # least weight of a step that teaches anything
 _SCALE_LEAST, _SCALE_SURE = 0.03, 3.0  # of the way, and deviations, by which a scale has to differ from 1
 
@@ -67,6 +79,7 @@ class VelocityCheck:
     _along: float = field(default=0.0, init=False)  # m^2: ways times sums, and sums squared, of steps that agreed
     _square: float = field(default=0.0, init=False)
     _is_not_ned: bool = field(default=False, init=False)
+    _agreed: int = field(default=0, init=False)  # steps in motion that agreed, since the start
 
     @property
     def scale(self) -> float:
@@ -131,6 +144,8 @@ class VelocityCheck:
         is_sound, gains, explained = mistakes.odds_of(step, self._similarity)
         if says:
             self._learn(step, is_sound)
+        if abs(step.said) < step.floor and not self.fault:  # a velocity near zero is in no wrong axes or units
+            gains[NOT_STUCK] = np.minimum(gains[NOT_STUCK], 0.0)
         self._is_not_ned = self._is_not_ned or bool(gains[NORTH_EAST] < -_REFUTED)
         change = gains - _STANDS * (1.0 - step.weight)
         if self._found >= 0:
@@ -144,6 +159,8 @@ class VelocityCheck:
     def _with_witnesses(self) -> NDArray[np.float64]:
         """The odds, combined with the evidence of IMU and vertical velocity."""
         odds = self._odds.copy()
+        if self._agreed >= _SETTLED:  # the axes and units of a driver do not change in flight
+            odds[~MAY_BEGIN_IN_FLIGHT] = _PRIOR
         if self.felt:  # the IMU confirms the velocity, so an unexplained error is in the positions
             odds[ANY] = _PRIOR
         if self.climb.fault == DOWN and not self._is_not_ned:
@@ -154,6 +171,8 @@ class VelocityCheck:
         self.misfit = step.misfit
         if not self.fault and not self.suspect:
             self.late.stretch(step)
+        if agrees and abs(step.way) > _GOES * step.floor and not self.fault:
+            self._agreed += 1
         if agrees and step.dense:
             self._along += (step.way * step.said.conjugate()).real
             self._square += abs(step.said) ** 2

@@ -29,6 +29,7 @@ _LEARNS = 1.5  # steps of which the similarity between way and sum is known well
 _KNOWN = 5.0  # ... and to undo a mistake with
 _UNLIKE = 0.2  # of a similarity that differs from that of a sound velocity
 _OTHER_WAY = math.radians(75.0)  # between steps that tell a turn by one angle from body axes
+_STANDS_STILL = 0.05  # largest scale of a hypothesis that positions which have stopped explain as well
 _MEMORY = 0.93  # of the similarity, from step to step
 
 NED, TURNED, SILENT, UNIT, UNEXPLAINED = "ned", "turned", "silent", "unit", "unexplained"
@@ -67,7 +68,13 @@ NORTH_EAST = 0
 BODY, STUCK, LIKE, ANY = (len(LINEAR) + i for i in range(4))
 """Indices of the hypotheses that are not linear, or whose factor is estimated in flight."""
 COUNT = len(LINEAR) + 4
+NOT_STUCK = np.arange(COUNT) != STUCK
+MAY_BEGIN_IN_FLIGHT = ~NOT_STUCK
+"""Hypotheses (COUNT,) that may become true of a velocity that was correct: it repeats itself, or the positions do.
 
+Axes and units are fixed by the driver. Positions that leave correct velocities are dragged or reflected.
+"""
+MAY_BEGIN_IN_FLIGHT[: len(LINEAR)] = [one.kind == UNIT and abs(one.a) < _STANDS_STILL for one in LINEAR]
 
 _STRAIGHT, _MIRRORED = np.array([one.a for one in LINEAR]), np.array([one.b for one in LINEAR])  # a and b of each
 _NEVER = 1e9  # squared normalised residual of an impossible hypothesis

@@ -51,6 +51,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "let the driver fill angular_velocity with rad/s and linear_acceleration with m/s^2",
         ),
         Entry(
+            "imu.implausible.degrees",
+            "the gyroscope reads fast turns while gravity stays where it is in the body: no alignment",
+            "let the driver publish rad/s",
+        ),
+        Entry(
             "imu.implausible.no_gravity",
             "the mean specific force is about 0: no alignment",
             "use the driver's raw acceleration, not its linear one",

@@ -7,6 +7,7 @@ flights (rotors with a vibration of 17 m/s^2, loops with 3 g, a tumble, a crash)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -24,6 +25,9 @@ _SCALE = 0.15  # largest scale error of an accelerometer at rest, relative to g
 _LARGE = 6.0 * G  # m/s^2: no vehicle of this package sustains such a mean force for seconds
 _INTERLEAVED_OF, _INTERLEAVED = 8, 2  # two interleaved seconds of eight are a finding; 3900 s of flights had none
 _NEAR_G, _NO_FORCE = (8.5, 11.0), 2.0  # norm of the gyroscope's values, of the accelerometer's, when they are exchanged
+# A gyroscope in deg/s: its rate across the mean force, rad/s, which as a true one would leave 0.84 of the force in the
+# mean; share of the force that is left; and number of such seconds of eight.
+_WHIRLS, _STAYS, _WHIRLING = 2.0, 0.95, 3
 _AXES = "xyz"
 DEAD_AXIS = "imu.implausible.dead_axis"
 """Name of the finding that ends only when all axes change again."""
@@ -124,6 +128,24 @@ def exchanged(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
     return Finding("imu.implausible.exchanged", text)
 
 
+def degrees(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
+    """The rates would turn gravity through the body within a second, and it stays where it is."""
+    told = [s for s in seconds if s.gravity > _STAYS * s.norm and _across(s) > _WHIRLS]
+    if len(told) < _WHIRLING:
+        return None
+    text = (
+        f"the gyroscope reads {told[-1].turn:.1f} rad/s while gravity stays where it is in the body: the gyroscope is "
+        "probably in deg/s instead of rad/s"
+    )
+    return Finding("imu.implausible.degrees", text)
+
+
+def _across(second: ImuSecond) -> float:
+    """Part of the mean rate [rad/s] across the mean force."""
+    along = sum(w * f for w, f in zip(second.rate, second.force, strict=True)) / max(second.gravity, 1e-9)
+    return math.sqrt(max(second.turn**2 - along**2, 0.0))
+
+
 def on_its_back(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
     """Specific force along negative z: upside down, at rest or for seconds in the air."""
     still = all(s.vibration < 2.0 * _STILL_FORCE and s.turn < 2.0 * _STILL_TURN for s in seconds[-_AGREED:])
@@ -150,8 +172,9 @@ def two_imus(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
 
 ALWAYS: tuple[Check, ...] = (absent, exchanged, gravity_missing, scale, dead_axis, two_imus)
 """Checks that are valid at any attitude and motion."""
-BEFORE_THE_START: tuple[Check, ...] = (*ALWAYS, on_its_back)
-"""Checks before the start. A vehicle in flight may be upside down; at the start a wrong mounting is more likely."""
+BEFORE_THE_START: tuple[Check, ...] = (*ALWAYS, on_its_back, degrees)
+"""Checks before the start. A vehicle in flight may be upside down, or roll with the thrust along its axis; at the start
+a wrong mounting or unit is more likely."""
 MEMORY = _INTERLEAVED_OF
 """s of data that the checks need."""
 

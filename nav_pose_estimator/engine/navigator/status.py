@@ -9,6 +9,8 @@ from nav_pose_estimator.core.filter.layout import PHI
 from nav_pose_estimator.engine.continuation.warm_start import WIDEST_HEADING
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.split_filter import MOTION
+from nav_pose_estimator.engine.samples import PressureSample
+from nav_pose_estimator.engine.sensors.barometer import Barometer
 from nav_pose_estimator.engine.solutions import Status
 
 _OUTLOOK = 30.0  # s: horizon of the predicted standard deviation
@@ -48,7 +50,11 @@ def status_of(run: FilterRun) -> Status:
         satellites=reception.satellites,
         counters=dict(run.journal.counters),
         values=values,
-        doubt=run.gnss.position.doubt(t) or run.imu_physics.doubt or _unseen(run) or _unknown_heading(run),
+        doubt=run.gnss.position.doubt(t)
+        or run.imu_physics.doubt
+        or _unseen(run)
+        or _unknown_heading(run)
+        or _heights(run),
     )
 
 
@@ -58,6 +64,12 @@ def _unseen(run: FilterRun) -> str:
         return ""
     what = "the velocity is" if run.pose_given else "position and velocity are"
     return f"no sensor observed {run.unseen:.1f} s of the motion without GNSS: {what} less certain"
+
+
+def _heights(run: FilterRun) -> str:
+    """That barometer and GNSS tell different heights, one clause; empty where they do not."""
+    barometer = run.aids[PressureSample]
+    return barometer.contradiction if isinstance(barometer, Barometer) else ""
 
 
 def _unknown_heading(run: FilterRun) -> str:

@@ -71,7 +71,7 @@ class Barometer(Aid):
         """m^2: variance of the filter's height at the last comparison."""
         self._unit_told = False
         self._apart_since = math.inf
-        self._contradicts = False
+        self._contradicts, self._apart = False, 0.0  # m above its reference, at the last height
         self._frozen, self._lasting = Frozen(), 0.0
 
     def set_parameters(self, parameters: Parameters) -> None:
@@ -116,6 +116,13 @@ class Barometer(Aid):
         super().note(o, f, z, status, nis)
 
     @property
+    def contradiction(self) -> str:
+        """Why the height is not to be believed as usual, a clause; empty if it is."""
+        if not self._contradicts:
+            return ""
+        return f"barometer and GNSS have come {abs(self._apart):.0f} m apart in height: one of them is wrong"
+
+    @property
     def offset(self) -> float:
         """Barometric minus GNSS height [m] as learned; NaN where the barometer must not be used."""
         return math.nan if self._contradicts else self._offset
@@ -153,6 +160,7 @@ class Barometer(Aid):
 
     def _watch(self, o: Observation, apart: float) -> None:
         """Events of the begin and end of a contradiction: ``apart`` [m] from its reference for some seconds."""
+        self._apart = apart
         self._apart_since = min(self._apart_since, o.t) if abs(apart) > _APART else math.inf
         contradicts = o.t - self._apart_since > _APART_TIME
         if contradicts and not self._contradicts:

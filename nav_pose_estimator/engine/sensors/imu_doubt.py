@@ -32,4 +32,6 @@ class ImuDoubt(Sensor):
 
     def settle(self, o: Observation, f: FilterView) -> None:
         """Add the variances."""
-        f.P[_STATES, _STATES] += np.repeat(np.square(o.measured[:5]), 3)
+        variances = np.repeat(np.square(o.measured[:5]), 3)
+        variances[-1] = 0.0  # Up: the way is along the ground
+        f.P[_STATES, _STATES] += variances

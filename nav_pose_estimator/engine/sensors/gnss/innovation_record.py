@@ -10,6 +10,8 @@ import numpy as np
 
 _RECENT = 300  # innovations that the 99th percentile and the autocorrelation are taken from
 _AVERAGED = 10.0  # s over which the mean slides
+_LEAST = 8  # innovations that have a middle
+_SURE = 3.0  # deviations, about, of a middle
 _LARGEST = 100.0  # a blunder is no measure of the filter
 
 
@@ -54,6 +56,19 @@ class InnovationRecord:
         """Mean of the accepted horizontal innovations, East and North (2,), over the last ``seconds``."""
         count = max(round(seconds / self._period), 1)
         return _pairs(list(self._believed)[-count:]).mean(axis=0) if self._believed else np.zeros(2)
+
+    def lasting(self, seconds: float) -> float:
+        """Size of the middle of all horizontal innovations of the last ``seconds`` [m], less what may be chance.
+
+        0.0 of fewer than eight.
+        """
+        count = round(seconds / self._period)
+        if not _LEAST <= count <= len(self._horizontal):
+            return 0.0
+        z = np.array(list(self._horizontal)[-count:])
+        middle = np.median(z, axis=0)
+        chance = _SURE * float(np.median(np.hypot(*(z - middle).T))) / math.sqrt(count)
+        return max(float(np.hypot(*middle)) - chance, 0.0)
 
     @property
     def p99(self) -> float:
