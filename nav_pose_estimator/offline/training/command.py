@@ -1,4 +1,7 @@
-"""``train RECORDING ... --out NAME.airframe``: what past flights show of an aircraft; ``train prior``: of all."""
+"""Command ``train RECORDING ... --out NAME.airframe``: learns from past flights of an aircraft.
+
+``train prior`` learns from flights of many airframes.
+"""
 
 import argparse
 import math
@@ -20,7 +23,7 @@ DESCRIPTION = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``train``."""
+    """Add the options of ``train``."""
     parser.description = DESCRIPTION
     parser.add_argument(
         "recordings",
@@ -49,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Carry the command out. Raises ``UserError`` for what the user can mend."""
+    """Run the command. Raises ``UserError`` for wrong options, unusable recordings and unwritable outputs."""
     from nav_pose_estimator.offline.training import prior
 
     if arguments.recordings[0] == prior.WORD:
@@ -118,6 +121,6 @@ def _check(arguments: argparse.Namespace, ending: str) -> None:
     if out.exists() and not arguments.force:
         raise UserError(f"{out} exists already; choose another name or give --force")
     if not out.parent.is_dir():
-        raise UserError(f"{out.parent} is no folder to write {out.name} into")
+        raise UserError(f"the folder {out.parent} of {out.name} does not exist")
     if arguments.jobs < 1 or arguments.steps < 1 or arguments.folds < 2:
         raise UserError("--jobs and --steps must be at least 1, --folds at least 2")
