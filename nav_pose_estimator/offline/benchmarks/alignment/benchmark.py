@@ -1,4 +1,4 @@
-"""``benchmark alignment``: how fast and how honestly the heading is found, by noise model, in simulation."""
+"""Benchmark ``alignment``: convergence and consistency of the heading in simulation, by noise model."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Task = tuple[str, str, int, tuple[str, ...], Parameters]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``benchmark alignment``."""
+    """Add the options of ``benchmark alignment``."""
     add = parser.add_argument
     add("--cases", default="ship,drone", metavar="C,...", help=f"of {', '.join(CASES)} (default: ship,drone)")
     names = ", ".join(CONDITIONS).replace("%", "%%")

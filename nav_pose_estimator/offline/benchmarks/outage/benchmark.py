@@ -1,4 +1,4 @@
-"""``benchmark outage``: forced outages on many recordings, the same for every method."""
+"""Benchmark ``outage``: forced outages on many recordings, the same for all methods."""
 
 import argparse
 import math
@@ -28,7 +28,7 @@ _PRIORS = "priors"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``benchmark outage``."""
+    """Add the options of ``benchmark outage``."""
     add = parser.add_argument
     what = "bags, flight logs, folders or lists (.txt) of them, patterns; NAME.json beside NAME_bag is read"
     add("bags", nargs="+", type=Path, metavar="BAG|LOG", help=what)
@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Fly every outage with every method, print the tables, write them and the report."""
+    """Run all outages with all methods, print the tables, and write them and the report."""
     arguments.bags = find(arguments.bags)
     candidates = _candidates(arguments)
     tasks = [task for config in candidates for task in _tasks(arguments, config)]
@@ -95,7 +95,7 @@ def _candidates(arguments: argparse.Namespace) -> list[Path | None]:
 
 
 def _tasks(arguments: argparse.Namespace, config: Path | None) -> list[Task]:
-    """A pass for every recording and estimator. Raises ``UserError`` for options that make no sense."""
+    """A pass for every recording and estimator. Raises ``UserError`` for invalid options."""
     names = methods.check([name.strip() for name in arguments.methods.split(",") if name.strip()])
     try:
         lengths = tuple(sorted({float(text) for text in arguments.lengths.split(",")}))
@@ -129,7 +129,7 @@ def _tasks(arguments: argparse.Namespace, config: Path | None) -> list[Task]:
 
 
 def _note_known_flights(airframe: Path, bags: list[Path]) -> None:
-    """Say which flights the file was made of: what is measured on them is no test."""
+    """Print which of the flights the file was made from, because results on them are not a test."""
     known = {flight.digest for flight in load_airframe(airframe).flights}
     for bag in bags:
         if digest_of(bag) in known:
@@ -141,7 +141,7 @@ def _note_known_flights(airframe: Path, bags: list[Path]) -> None:
 def _flown(
     arguments: argparse.Namespace, tasks: list[Task], groups: dict[str, str] | None, folder: Path
 ) -> list[FlightResult]:
-    """The results of all passes; where ``groups`` are held out, with priors that have not seen them."""
+    """Results of all passes; if ``groups`` are held out, with priors that were made without them."""
     if groups is not None:
         workers = Workers(arguments.jobs, arguments.scheduler, arguments.out)
         tasks = with_held_out_priors(tasks, groups, folder / _PRIORS, workers)
@@ -149,7 +149,7 @@ def _flown(
 
 
 def _held_out(flights: list[FlightResult], groups: dict[str, str], candidates: list[Path | None]) -> list[FlightResult]:
-    """Of all passes those with the parameters that were chosen on the other groups; says what was chosen."""
+    """The passes with the parameters that were chosen on the other groups; prints the choice."""
     if len(candidates) == 1:
         return flights
     size = len(flights) // len(candidates)
