@@ -1,10 +1,10 @@
 # ruff: noqa: E402
-"""Measure the neuro-fuzzy network: error and speed against what else can be installed, in one run.
+"""Error and speed of the neuro-fuzzy network, compared with other packages if they are installed.
 
     python benchmarks/anfis.py [--quick]
 
-Peers are used where they can be imported: anfis-toolbox (PyPI), scipy (L-BFGS on the same objective). The tables of
-docs/anfis.md are this program's output. One thread throughout: on a busy machine several threads wait for each other.
+The peers are anfis-toolbox (PyPI) and scipy (L-BFGS on the same objective). The tables of docs/anfis.md are the output
+of this program. It uses one thread, because on a busy machine several threads wait for each other.
 """
 
 import os
@@ -34,9 +34,10 @@ Samples = tuple[np.ndarray, np.ndarray]
 
 
 def mackey_glass_series(start: float = 1.2, delayed: str = "held", length: int = 1200) -> np.ndarray:
-    """x at t = 0, 1, ... of dx/dt = 0.2 x(t - 17) / (1 + x(t - 17)^10) - 0.1 x, x = 0 before t = 0; RK4, step 0.1.
+    """Mackey-Glass series at t = 0, 1, ...: dx/dt = 0.2 x(t - 17) / (1 + x(t - 17)^10) - 0.1 x, with x = 0 for t < 0.
 
-    ``delayed``: within a step x(t - 17) is ``held``, as in the classic generator, or ``interpolated``.
+    It is integrated by RK4 with a step of 0.1. ``delayed``: within a step x(t - 17) is ``held``, as in the classic
+    generator, or ``interpolated``.
     """
     step, lag = 0.1, 170
     x = np.zeros(lag + 1 + 10 * length)
@@ -78,7 +79,7 @@ def rms(error: np.ndarray) -> float:
 
 
 def seconds(call: Callable[[], object], repeat: int) -> float:
-    """The least wall-clock time of ``repeat`` calls."""
+    """Smallest elapsed time [s] of ``repeat`` calls."""
     best = np.inf
     for _ in range(repeat):
         begin = time.perf_counter()
@@ -122,7 +123,7 @@ def peer_row(training: Samples, checking: Samples, epochs: int, delayed: str, ou
     except ImportError:
         return
     logging.disable()
-    # The best of its three trainers, four learning rates and two kinds of memberships on this task.
+    # settings: the best of its three trainers, four learning rates and two kinds of memberships on this task
     settings = {"n_mfs": 2, "mf_type": "bell", "optimizer": "hybrid_adam", "learning_rate": 0.1}
     peer = ANFISRegressor(**settings, epochs=epochs, random_state=0)
     used = seconds(lambda: peer.fit(training[0], training[1][:, 0]), 1)

@@ -1,4 +1,4 @@
-"""docs/troubleshooting.md from the code: the modes, what a node waits for, and every event with cause and cure."""
+"""Generator of docs/troubleshooting.md: the modes, what a node waits for, and every event with cause and remedy."""
 
 from collections.abc import Iterable, Iterator
 
