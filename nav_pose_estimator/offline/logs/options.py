@@ -26,7 +26,7 @@ class LogOptions:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options ``--imu``, ``--segment`` and ``--clock``."""
     add = parser.add_argument
-    add("--imu", type=int, metavar="N", help="of a log: which IMU, from 1 (default: that which follows GNSS best)")
+    add("--imu", type=int, metavar="N", help="of a log: number of the IMU, from 1 (default: the best match to GNSS)")
     add("--segment", type=int, metavar="N", help="of a log: one arming or piece only, from 1 (default: the whole log)")
     add("--clock", choices=CLOCKS, default="auto", help="of a log: scale its times to GNSS time (auto: if 0.1 %% off)")
 

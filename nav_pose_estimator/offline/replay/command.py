@@ -25,19 +25,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = DESCRIPTION
     what = "rosbag2 (a folder, a .mcap or a .db3 file), PX4 .ulg, or ArduPilot .bin or .log"
     parser.add_argument("bag", type=Path, metavar="BAG|LOG", help=what)
-    parser.add_argument("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
+    parser.add_argument("--config", type=Path, metavar="YAML", help="parameter file, as for the nodes")
     add = parser.add_argument
-    add("--outage", action="append", default=[], metavar="START:LENGTH", help="take GNSS away, s from the first stamp")
+    add(
+        "--outage",
+        action="append",
+        default=[],
+        metavar="START:LENGTH",
+        help="remove GNSS; seconds from the first stamp",
+    )
     add("--outage-every", metavar="PERIOD:LENGTH", help="outages throughout the flight")
     add("--aid", metavar="NAME,...", help="use exactly these aids besides IMU and GNSS; none for no aid")
-    add("--method", metavar="NAME", default="best", help="how to get through an outage (default: best)")
-    add("--airframe", type=Path, metavar="FILE", help="what is known before the flight: a file of train")
+    add("--method", metavar="NAME", default="best", help="method for outages (default: best)")
+    add("--airframe", type=Path, metavar="FILE", help="airframe file made by the command train")
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto to estimate it from the bag")
     add("--estimate-latency", action="store_true", help="estimate the latency of the fixes, print it and stop")
-    add("--origin", metavar="LAT,LON,HEIGHT", help="zero of the local frame: degrees, metres above the ellipsoid")
+    add("--origin", metavar="LAT,LON,HEIGHT", help="origin of the local frame: degrees, metres above the ellipsoid")
     add("--remap", action="append", default=[], metavar="OURS:=THEIRS", help="/imu/data_raw:=/topic/in/the/bag")
     add_options(parser)
-    add("--list", action="store_true", help="say what the recording holds, replay nothing")
+    add("--list", action="store_true", help="list the contents of the recording and stop")
     add("--rate", type=float, default=20.0, metavar="HZ", help="rows per second in the output files (default: 20)")
     add("--rerun", type=Path, metavar="FILE.rrd", help="also write a file for the Rerun viewer (needs rerun-sdk)")
     add("--out", type=Path, metavar="DIR", help="folder for report and data (default: NAME_replay)")

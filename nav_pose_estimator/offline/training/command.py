@@ -33,14 +33,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="FILE", help="file to write, NAME.airframe")
-    add("--class", dest="vehicle_class", choices=CLASSES, help="what the vehicles are (default: as the flights show)")
+    add("--class", dest="vehicle_class", choices=CLASSES, help="class of the vehicles (default: by their motion)")
     add("--one-aircraft", action="store_true", help="all flights are of the aircraft that will fly with the file")
-    add("--network", action="store_true", help="train a network, too (make train-setup)")
-    add("--form", choices=FORMS, default=FORMS[0], help="what the network says of a second (default: velocity)")
+    add("--network", action="store_true", help="also train a network (make train-setup)")
+    add("--form", choices=FORMS, default=FORMS[0], help="output of the network for a second (default: velocity)")
     add("--steps", type=int, default=2500, metavar="N", help="steps of each training (default: 2500)")
     add("--folds", type=int, default=4, metavar="N", help="networks trained without a part of the flights (default: 4)")
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto (default: NAME.json, else auto)")
-    add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
+    add("--config", type=Path, metavar="YAML", help="parameter file, as for the nodes")
     add_options(parser)
     add(
         "--groups", default="", metavar="GLOB,...", help='of a prior: flights of one airframe, as in "p4rtk_*,px4_3dr*"'

@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--conditions", default="all", metavar="C,...", help=f"of {names} (default: all)")
     add("--methods", default="all", metavar="M,...", help=f"noise, of {', '.join(MODELS)} (default: all)")
     add_seeds(parser, "alignments")
-    add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them; noises are the benchmark's")
+    add("--config", type=Path, metavar="YAML", help="parameter file, as for the nodes; the benchmark sets the noises")
     add("--out", type=Path, default=Path("alignment_benchmark"), metavar="DIR", help="folder for tables and report")
 
 

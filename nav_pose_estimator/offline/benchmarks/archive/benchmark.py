@@ -42,8 +42,8 @@ _RESULTS = {TRAIN: "a.airframe", OUTAGE: "a/outages.csv"}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``benchmark archive``."""
     add = parser.add_argument
-    add("--what", choices=(TRAIN, OUTAGE), default=TRAIN, help="command to carry out (default: train)")
-    add("--flights", default="8,16,32", metavar="N,...", help="how many, more and more (default: 8,16,32)")
+    add("--what", choices=(TRAIN, OUTAGE), default=TRAIN, help="command to run (default: train)")
+    add("--flights", default="8,16,32", metavar="N,...", help="numbers of flights, increasing (default: 8,16,32)")
     add("--seconds", type=float, default=120.0, metavar="S", help="length of each flight (default: 120)")
     add("--workers", type=int, default=2, metavar="N", help="processes at a time (default: 2)")
     add("--dask", action="store_true", help="workers of a Dask scheduler on this machine in place of a pool")

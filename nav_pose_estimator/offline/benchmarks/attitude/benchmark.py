@@ -43,8 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"also {', '.join(attitude_peers.PEERS)}: those installed",
     )
     add("--conditions", default="recorded", metavar="C,...", help=f"of {', '.join(CONDITIONS)} (default: recorded)")
-    add("--advance", type=float, default=0.0, metavar="S", help="turn every estimate on by S seconds of its rate")
-    add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
+    add(
+        "--advance", type=float, default=0.0, metavar="S", help="extrapolate all estimates by S seconds with their rate"
+    )
+    add("--config", type=Path, metavar="YAML", help="parameter file, as for the nodes")
     add("--out", type=Path, default=Path("attitude_benchmark"), metavar="DIR", help="folder for tables and report")
 
 

@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_seeds(parser, "outages")
     add("--length", type=float, default=USUAL_LENGTH, metavar="S", help="time without GNSS (default: 600)")
     add("--mounting", type=float, default=0.0, metavar="DEG", help="unknown mounting yaw of the sensor (default: 0)")
-    add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them; sensors are the benchmark's")
+    add("--config", type=Path, metavar="YAML", help="parameter file, as for the nodes; the benchmark sets the sensors")
     add("--out", type=Path, default=Path("beams_benchmark"), metavar="DIR", help="folder for tables and report")
 
 

@@ -38,8 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--last", type=float, default=math.inf, metavar="S", help="last start after the flight begins (default: none)")
     add("--methods", default="best,coast,hold,const_velocity", metavar="M,...", help="methods to compare")
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto (default: NAME.json, else auto)")
-    add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
-    add("--airframe", type=Path, metavar="FILE", help="what is known before the flight: a file of train")
+    add("--config", type=Path, metavar="YAML", help="parameter file, as for the nodes")
+    add("--airframe", type=Path, metavar="FILE", help="airframe file made by the command train")
     add("--cross-validate", action="store_true", help="group flights by airframe: prior, selection, intervals")
     add("--groups", default="", metavar="GLOB,...", help='flights that are one group, as in "p4rtk_*,px4_3dr*"')
     add(
