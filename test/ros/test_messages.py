@@ -264,7 +264,7 @@ def test_a_silent_input_is_named():
     level, text = wording.input_sentence([quiet, never, idle])
     assert (level, text) == (
         wording.WARN,
-        "gps/fix silent for 4 s (0 publishers); imu/data_raw never came (1 publishers)",
+        "gps/fix silent for 4 s (0 publishers); imu/data_raw was never received (1 publishers)",
     )
     assert "last unknown s ago" in dict(wording.input_facts([never]))["imu/data_raw"]
 

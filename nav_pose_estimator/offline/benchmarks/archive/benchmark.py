@@ -187,5 +187,5 @@ def _counts(arguments: argparse.Namespace) -> list[int]:
     if counts[0] < 4 or arguments.workers < 2 or not 110.0 <= arguments.seconds <= 3600.0:
         raise UserError("--flights must be at least 4, --workers at least 2, --seconds between 110 and 3600")
     if not Path("/proc/self/stat").exists():
-        raise UserError("benchmark archive reads what processes cost from /proc, which this system does not have")
+        raise UserError("benchmark archive needs /proc for the costs of processes, which this system does not have")
     return counts

@@ -56,9 +56,9 @@ def load_trial(path: Path) -> Trial:
             fields = {key: data[key] for key in ("gyr", "acc", "mag", "quat", "movement", "fs")}
             name = str(data["name"]) if "name" in data else path.stem
     except KeyError as error:
-        raise UserError(f"{path} has no array {error.args[0].split()[0]}: it is no attitude trial") from None
+        raise UserError(f"{path} has no array {error.args[0].split()[0]}: it is not an attitude trial") from None
     except (ValueError, zipfile.BadZipFile, EOFError):
-        raise UserError(f"{path} is no npz file") from None
+        raise UserError(f"{path} is not an npz file") from None
     gyro, accel, mag, q_ref = (fields[key].astype(float) for key in ("gyr", "acc", "mag", "quat"))
     n, rate = len(gyro), float(fields["fs"])
     shapes = (gyro.shape, accel.shape, mag.shape, q_ref.shape, fields["movement"].shape)

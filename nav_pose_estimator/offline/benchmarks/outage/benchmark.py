@@ -90,7 +90,7 @@ def _candidates(arguments: argparse.Namespace) -> list[Path | None]:
     if not arguments.candidates:
         return [arguments.config]
     if not arguments.cross_validate or arguments.config is not None:
-        raise UserError("--candidates takes the place of --config and needs --cross-validate")
+        raise UserError("--candidates replaces --config and needs --cross-validate")
     return list(arguments.candidates)
 
 
@@ -104,7 +104,7 @@ def _tasks(arguments: argparse.Namespace, config: Path | None) -> list[Task]:
     if not names or not all(0.0 < length < 86400.0 for length in lengths):
         raise UserError("--methods and --lengths must name at least one method and one positive length")
     if not arguments.last >= (arguments.first or 0.0):
-        raise UserError("--last must not be sooner than --first")
+        raise UserError("--last must not be less than --first")
     if not 0.0 < arguments.every < math.inf or arguments.jobs < 1:
         raise UserError("--every and --jobs must be positive")
     first = FIRST_OF_SHORT if arguments.first is None else arguments.first  # no outage of any flight begins sooner
