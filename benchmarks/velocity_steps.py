@@ -25,7 +25,7 @@ from nav_pose_estimator.ros.messages.steady_twist import follow
 
 _GNSS = (GnssFix, GnssVelocity, SatelliteCount)
 _PERIOD, _FIRST, _LENGTH = 60.0, 30.0, 30.0  # s
-_PAUSE = 1.0  # s without a solution over which no step is computed
+_PAUSE = 1.0  # s
 
 
 def fly(recording: Recording) -> tuple[np.ndarray, np.ndarray]:

@@ -21,7 +21,7 @@ class YamlError(yaml.YAMLError):
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # libyaml may be absent
-    """PyYAML's loader of plain data, which also reads ``5e-4`` as a number, like YAML 1.2 and ROS."""
+    """PyYAML's loader of plain data, which also takes ``5e-4`` for a number, as YAML 1.2 and ROS do."""
 
 
 _Loader.add_implicit_resolver(

@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out.exists() and not arguments.force:
         raise UserError(f"{arguments.out} exists already; choose another name or give --force")
     if not arguments.out.parent.is_dir():
-        raise UserError(f"the folder {arguments.out.parent} of {arguments.out.name} does not exist")
+        raise UserError(f"{arguments.out.parent} is no folder to write {arguments.out.name} into")
     out = arguments.out.resolve()
     for path in arguments.recordings:
         if path.resolve() in (out, out.parent):

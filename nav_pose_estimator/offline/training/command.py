@@ -121,6 +121,6 @@ def _check(arguments: argparse.Namespace, ending: str) -> None:
     if out.exists() and not arguments.force:
         raise UserError(f"{out} exists already; choose another name or give --force")
     if not out.parent.is_dir():
-        raise UserError(f"the folder {out.parent} of {out.name} does not exist")
+        raise UserError(f"{out.parent} is no folder to write {out.name} into")
     if arguments.jobs < 1 or arguments.steps < 1 or arguments.folds < 2:
         raise UserError("--jobs and --steps must be at least 1, --folds at least 2")
