@@ -65,7 +65,8 @@ def attitudes(samples: Iterable[Sample], start_ns: int, **changes: object) -> di
         for output in outputs:
             if isinstance(output, NavBlock):
                 found["navigator"].append((output.stamps_ns, output.rows[:, at.OUT_QUAT : at.OUT_RATE]))
-                if (velocity := navigator_velocity([output], 0, start_ns)) is not None:
+                velocity = navigator_velocity([output], 0, int(output.stamps_ns[-1]))
+                if velocity is not None and output.stamps_ns[-1] < start_ns:
                     own.feed(velocity)
     joined = {name: tuple(map(np.concatenate, zip(*parts, strict=True))) for name, parts in found.items()}
     return {name: (t[t >= start_ns], q[t >= start_ns]) for name, (t, q) in joined.items()}

@@ -1,10 +1,9 @@
-"""Solution of Wahba's problem, the rotation that best fits two sets of vectors, for use inside kernels.
+"""The rotation that takes vectors nearest to others (Wahba's problem), for the inside of kernels.
 
 Davenport's q method: the quaternion that maximises the trace is the eigenvector of the largest eigenvalue of a
 symmetric matrix (4, 4), and the eigenvalue is that trace (Markley & Crassidis, Fundamentals of Spacecraft Attitude
-Determination and Control, 2014, section 5.3). The eigenvalues are computed by Jacobi's method, which is accurate to
-rounding even where some of them are equal. For parallel vectors, where the rotation is not unique, the result is one of
-the solutions.
+Determination and Control, 2014, section 5.3). Eigenvalues by Jacobi's method, which is exact to rounding for any of
+them; of vectors that are all parallel it finds one of the many rotations.
 """
 
 import math
@@ -14,15 +13,15 @@ import numpy as np
 from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.core.numerics.vectors import load4
 
-_MAX_SWEEPS = 12  # quadratic convergence needs four or five
-_NEGLIGIBLE = 1e-34  # sum of squares off the diagonal, relative to that of the matrix, that counts as zero
+_SWEEPS = 12  # quadratic convergence needs four or five
+_NEGLIGIBLE = 1e-34  # squared, of what is beside the diagonal in parts of the matrix
 
 
 @kernel
 def best_rotation(B):
-    """Quaternion (4 numbers) of the rotation R that maximises tr R'B, with ``B`` (3, 3) = sum u s', and that trace.
+    """Quaternion (4 numbers) of the rotation R with the largest tr R'B, ``B`` (3, 3) = sum u s', and that trace.
 
-    R minimises the sum of |u - R s|^2 over the pairs of vectors (u, s).
+    R takes the vectors s nearest to the vectors u.
     """
     K, V = np.empty((4, 4)), np.eye(4)
     K[0, 0] = B[0, 0] + B[1, 1] + B[2, 2]
@@ -41,8 +40,8 @@ def best_rotation(B):
 
 @kernel
 def _diagonalise(A, V):
-    """Diagonalise the symmetric ``A`` (4, 4) in place by Jacobi rotations; the columns of ``V`` become eigenvectors."""
-    for _ in range(_MAX_SWEEPS):
+    """Jacobi's rotations until the symmetric ``A`` (4, 4) is diagonal; they are collected in ``V`` (4, 4)."""
+    for _ in range(_SWEEPS):
         beside, total = 0.0, 0.0
         for i in range(4):
             for j in range(4):
@@ -57,7 +56,7 @@ def _diagonalise(A, V):
 
 @kernel
 def _rotate(A, V, p, q):
-    """Apply the Jacobi rotation in the plane of the axes ``p`` and ``q`` that makes ``A[p, q]`` zero."""
+    """Turn ``A`` (4, 4) in the plane of axes ``p`` and ``q`` so that their element vanishes."""
     if A[p, q] == 0.0:
         return
     slope = (A[q, q] - A[p, p]) / (2.0 * A[p, q])
