@@ -24,7 +24,7 @@ from nav_pose_estimator.offline.flights.recording import Recording, load
 from nav_pose_estimator.ros.messages.steady_twist import follow
 
 _GNSS = (GnssFix, GnssVelocity, SatelliteCount)
-_PERIOD, _FIRST, _LENGTH = 60.0, 30.0, 30.0  # s
+_PERIOD, _FIRST = 60.0, 30.0  # s: an outage lasts from _FIRST to the end of each period
 _PAUSE = 1.0  # s
 
 

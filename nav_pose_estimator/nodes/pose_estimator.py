@@ -22,9 +22,9 @@ class PoseEstimatorNode(NavigatorNode):
         trainer = Trainer()
         super().__init__("pose_estimator", partial(PoseEstimator, train=trainer.submit))
         self._attitude = AttitudeOutput(self, self.parameters)
-        self._learned, pupil = LearnerOutput(self, self.parameters), self.engine.outage_aid
+        self._learned, aid = LearnerOutput(self, self.parameters), self.engine.outage_aid
         model = self.parameters.ros.model
-        self.model_keeper = None if pupil is None else ModelKeeper(self, pupil, trainer, model, self.say)
+        self.model_keeper = None if aid is None else ModelKeeper(self, aid, trainer, model, self.say)
         self.continue_flight()
         self.get_logger().info("ready")
 

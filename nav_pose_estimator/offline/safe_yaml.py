@@ -4,7 +4,6 @@ Aliases can expand to a tree that doubles with each line, and deep nesting overf
 detected in the stream of events, before any object is created.
 """
 
-import re
 import stat
 from pathlib import Path
 from typing import Any
@@ -20,13 +19,7 @@ class YamlError(yaml.YAMLError):
     """The document is not YAML, or exceeds a limit. The text is one line."""
 
 
-class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # libyaml may be absent
-    """PyYAML's loader of plain data, which also takes ``5e-4`` for a number, as YAML 1.2 and ROS do."""
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
-)
+_Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml may be absent
 
 
 def read_yaml(path: Path) -> Any:

@@ -23,24 +23,24 @@ _CURVE = 20  # number of trainings that the learning curve contains
 class ModelKeeper:
     """Services ~/train, ~/save_model and ~/load_model of ``node``.
 
-    ``pupil`` has a ``learner`` (``engine.outage.learner``) and receives results in ``accept``; ``trainer`` runs its
-    jobs. ``say`` takes the name, level and sentence of an event. Every failure is reported and leaves the model
+    ``outage_aid`` has a ``learner`` (``engine.outage.learner``) and receives results in ``accept``; ``trainer`` runs
+    its jobs. ``say`` takes the name, level and sentence of an event. Every failure is reported and leaves the model
     unchanged.
     """
 
     def __init__(
         self,
         node: Node,
-        pupil: Any,
+        outage_aid: Any,
         trainer: Trainer,
         parameters: ModelParameters,
         say: Callable[[str, Level, str], None],
     ) -> None:
         self.history: list[dict[str, float]] = []  # scores after each training
-        self._pupil, self._trainer, self._parameters, self._say = pupil, trainer, parameters, say
+        self._outage_aid, self._trainer, self._parameters, self._say = outage_aid, trainer, parameters, say
         self._failure, self._trainings = "", 0
         _check_folder(parameters.file)
-        pupil.learner.warm_up()
+        outage_aid.learner.warm_up()
         self._timer = node.create_timer(_PERIOD, self.look_after, clock=Clock(clock_type=ClockType.STEADY_TIME))
         for name, action in (("train", self.train), ("save_model", self.save), ("load_model", self.load)):
             node.create_service(Trigger, f"~/{name}", partial(self._serve, action))
@@ -81,7 +81,7 @@ class ModelKeeper:
         """Start a training; ``UserError`` where it is not possible now."""
         if self._trainer.is_busy:
             raise UserError("a training is running")
-        learner = self._pupil.learner
+        learner = self._outage_aid.learner
         job = learner.job()
         if job is None:
             raise UserError(f"there is nothing to train on yet: {learner.state.reason}")
@@ -90,13 +90,13 @@ class ModelKeeper:
 
     def save(self) -> str:
         """Save the model; ``UserError`` where it is not possible."""
-        save_arrays(self._path(), self._pupil.learner.arrays())
+        save_arrays(self._path(), self._outage_aid.learner.arrays())
         self._say("outage.model.saved", Level.INFO, f"the model was saved to {self._path()}")
         return f"the model was saved to {self._path()}"
 
     def load(self) -> str:
         """Load the model; ``UserError`` where it is not possible."""
-        self._pupil.learner.load(load_arrays(self._path()))
+        self._outage_aid.learner.load(load_arrays(self._path()))
         self._say("outage.model.loaded", Level.INFO, f"the model was loaded from {self._path()}")
         return f"the model was loaded from {self._path()}"
 
@@ -109,16 +109,16 @@ class ModelKeeper:
         if outcome.failure:
             self._say("outage.training_failed", Level.ERROR, f"the training failed: {outcome.failure}")
             return
-        self._pupil.accept(outcome.result)
+        self._outage_aid.accept(outcome.result)
         self._say("outage.trained", Level.INFO, "a training has ended")
         if self._parameters.file and self._parameters.save_after_training:
             self.attempt(self.save)
 
     def _note_scores(self) -> None:
         """Append a point to the learning curve once the learner has adopted a result, which may be some time later."""
-        before, self._trainings = self._trainings, self._pupil.learner.state.trainings
+        before, self._trainings = self._trainings, self._outage_aid.learner.state.trainings
         if self._trainings > before:
-            scores = {name: float(value) for name, value in self._pupil.learner.scores().items()}
+            scores = {name: float(value) for name, value in self._outage_aid.learner.scores().items()}
             self.history = [*self.history, scores][-_CURVE:]
 
     def _path(self) -> str:

@@ -33,7 +33,6 @@ from nav_pose_estimator.core.numerics.rotation import (
 )
 
 CHOICES = ((), (WIND,), (GYRO_MATRIX,), BLOCKS)
-SIZES = [state_count(plain_constants(blocks)) for blocks in CHOICES]
 
 
 def start_covariance(numbers):

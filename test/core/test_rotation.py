@@ -21,10 +21,6 @@ quaternion = turn.map(rotation.quat_from_rotvec)
 angle = st.floats(-3.1, 3.1)
 
 
-def scipy_rotation(q):
-    return Rotation.from_quat(np.roll(q, -1))
-
-
 @given(turn)
 def test_exp_and_log_are_inverse(v):
     assert np.allclose(rotation.rotvec_from_quat(rotation.quat_from_rotvec(v)), v, rtol=1e-12, atol=1e-15)

@@ -31,11 +31,6 @@ def test_a_hostile_document_is_one_line(text, words):
     assert "\n" not in str(caught.value)
 
 
-def test_exponents_are_numbers_as_they_are_for_ros():
-    values = parse_yaml("[5e-4, 1E3, -2e+1, .5e1, 1.5e3, 3, e5, 1e, 0x10, '5e-4']")
-    assert values == [5e-4, 1000.0, -20.0, 5.0, 1500.0, 3, "e5", "1e", 16, "5e-4"]
-
-
 def test_files_that_are_none_or_too_large_are_refused(tmp_path):
     pipe = tmp_path / "pipe.yaml"
     os.mkfifo(pipe)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.logs.options import add_options, options_of
+from nav_pose_estimator.offline.output_file import check_new
 
 DESCRIPTION = (
     "Find hard iron, soft iron and mounting of the magnetometer by how its field turns against the gyroscope, and "
@@ -34,14 +35,11 @@ def run(arguments: argparse.Namespace) -> int:
     from nav_pose_estimator.offline.flights.config_file import load_parameters
     from nav_pose_estimator.offline.logs.open_recording import open_recording
 
-    if arguments.out.exists() and not arguments.force:
-        raise UserError(f"{arguments.out} exists already; choose another name or give --force")
-    if not arguments.out.parent.is_dir():
-        raise UserError(f"{arguments.out.parent} is no folder to write {arguments.out.name} into")
     out = arguments.out.resolve()
     for path in arguments.recordings:
         if path.resolve() in (out, out.parent):
             raise UserError(f"{arguments.out} is part of the recording {path}; choose another name")
+    check_new(arguments.out, arguments.force)
     parameters = load_parameters(arguments.config)
     recordings = [
         open_recording(path, options_of(arguments, parameters.imu.max_gap), parameters=parameters)

@@ -27,6 +27,7 @@ from nav_pose_estimator.engine.samples import (
 )
 from nav_pose_estimator.engine.solutions import NavBlock
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.flights.interleaving import interleaved
 from nav_pose_estimator.offline.flights.recording import Recording
 from nav_pose_estimator.offline.flights.tracks import displacement_enu
 
@@ -232,15 +233,7 @@ class _Stream:
         """All samples in order of time, GNSS at its time of validity."""
         moved = [_moved(s, delay_ns) for s in self._others]
         moved.sort(key=known_stamp)
-        cuts = np.searchsorted(self._imu.stamps_ns, list(map(known_stamp, moved)))
-        out: list[Sample] = []
-        done, imu = 0, self._imu
-        for cut, sample in zip(cuts.tolist(), moved, strict=True):
-            if cut > done:
-                out.append(imu.part(done, cut))
-                done = cut
-            out.append(sample)
-        return out
+        return interleaved(self._imu, moved, np.searchsorted(self._imu.stamps_ns, list(map(known_stamp, moved))))
 
 
 def _useful(samples: Iterable[Sample], start: int, limit: int) -> list[Sample]:

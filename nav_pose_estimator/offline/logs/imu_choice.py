@@ -57,8 +57,8 @@ def with_best_imu(recording: Recording, parameters: Parameters, until: float) ->
         return recording
     chosen = recording if found.best == recording.imu_number else recording.with_imu(found.best)
     values = ", ".join(f"{value:.2f} m/s with {imu.name}" for value, imu in zip(found.innovations, imus, strict=True))
-    chosen.notices.append(f"IMU {found.best} of {len(imus)} is used (--imu N takes another): {_HOW} {values}")
+    chosen.notices.append(
+        f"IMU {found.best} of {len(imus)} is used (--imu N takes another): "
+        f"GNSS velocities differ from the predicted ones by {values}"
+    )
     return chosen
-
-
-_HOW = "GNSS velocities differ from the predicted ones by"

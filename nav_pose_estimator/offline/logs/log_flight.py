@@ -9,6 +9,7 @@ from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, S
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.bags.raw_messages import BagError
 from nav_pose_estimator.offline.flights.flight_window import ARMED
+from nav_pose_estimator.offline.flights.interleaving import interleaved
 from nav_pose_estimator.offline.flights.latency import PRIOR, PRIOR_SOURCE
 from nav_pose_estimator.offline.flights.recording import Recording
 from nav_pose_estimator.offline.flights.tracks import Reference
@@ -58,12 +59,14 @@ def log_recording(log: LogSensors, options: LogOptions) -> LogRecording:
     clock = _Clock(imu.time_us, gnss, options)
     block = _imu_block(imu, clock)
     timed = _timed_samples(gnss, log, segment, clock)
+    # in order of receipt, the IMU first at equal times
+    rows = np.searchsorted(block.stamps_ns, [stamp for stamp, _ in timed], side="right")
     epoch_ns, last_ns = min([int(block.stamps_ns[0]), *(stamp for stamp, _ in timed[:1])]), int(block.stamps_ns[-1])
     counters = log.counters.copy()
     counters.update({"log.gnss_repeated": repeated, "log.imu_clipped": imu.clipped})
     return LogRecording(
         path=log.path,
-        samples=_merged(block, timed),
+        samples=interleaved(block, [sample for _, sample in timed], rows),
         epoch_ns=epoch_ns,
         duration=(last_ns - epoch_ns) * 1e-9,
         notices=[*log.notices, *told, *clock.notices, *_notices(log, imu, gnss, repeated, options)],
@@ -192,21 +195,6 @@ def _gnss_samples(gnss: Gnss, i: int, stamp: int) -> list[Sample]:
     return out
 
 
-def _merged(block: ImuBlock, timed: list[tuple[int, Sample]]) -> list[Sample]:
-    """All samples in order of receipt, the IMU first at equal times."""
-    cuts = np.searchsorted(block.stamps_ns, [stamp for stamp, _ in timed], side="right")
-    out: list[Sample] = []
-    done = 0
-    for cut, (_, sample) in zip(cuts.tolist(), timed, strict=True):
-        if cut > done:
-            out.append(block.part(done, cut))
-            done = cut
-        out.append(sample)
-    if done < len(block):
-        out.append(block.part(done, None))
-    return out
-
-
 def _opinion(opinion: Reference | None, clock: _Clock, epoch_ns: int) -> Reference | None:
     """The autopilot's estimate with times in seconds of the recording."""
     if opinion is None:
@@ -234,7 +222,7 @@ def _notices(log: LogSensors, imu: Imu, gnss: Gnss, repeated: int, options: LogO
     long = pauses[pauses > options.max_gap]
     if len(long):
         times = "once" if len(long) == 1 else f"{len(long)} times"
-        told.append(f"the IMU pauses {times}, {long.max():.1f} s at most: the estimator restarts after each pause")
+        told.append(f"the IMU pauses {times}, {long.max():.1f} s at most: the estimator goes on from its last state")
     if repeated:
         told.append(f"{repeated} GNSS messages only repeat the previous one: left out")
     if imu.clipped:

@@ -14,6 +14,7 @@ from nav_pose_estimator.core.motion.vehicle_class import CLASSES, MULTIROTOR
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.archive import jobs
 from nav_pose_estimator.offline.logs.options import add_options, options_of
+from nav_pose_estimator.offline.output_file import check_new
 
 DESCRIPTION = (
     "Learn from recorded flights of an aircraft, or of others like it, what helps in the first minutes of the next. "
@@ -116,11 +117,6 @@ def _check(arguments: argparse.Namespace, ending: str) -> None:
     out = arguments.out
     if out.suffix != ending:
         raise UserError(f"--out {out}: the name of the file must end in {ending}")
-    if out.is_dir():
-        raise UserError(f"--out {out} is a folder; choose another name")
-    if out.exists() and not arguments.force:
-        raise UserError(f"{out} exists already; choose another name or give --force")
-    if not out.parent.is_dir():
-        raise UserError(f"{out.parent} is no folder to write {out.name} into")
+    check_new(out, arguments.force)
     if arguments.jobs < 1 or arguments.steps < 1 or arguments.folds < 2:
         raise UserError("--jobs and --steps must be at least 1, --folds at least 2")

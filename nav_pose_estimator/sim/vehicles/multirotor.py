@@ -64,7 +64,7 @@ LAT, VEL, QUAT, RATE, THRUST, TURN, PUSH, SIZE = 0, 3, 6, 10, 13, 14, 17, 20
 # layout of the constants for the kernels: the fields of Airframe in their order, then origin, take-off and time step
 _DRAG, _FRAME_DRAG, _THRUST_LAG, _RATE_LAG = 0, 3, 4, 5
 _KP, _KV, _KI, _K_TILT, _K_YAW, _MAX_TILT, _MAX_RATE, _MAX_YAW_RATE = 6, 7, 8, 9, 10, 11, 12, 13
-_PLACE, _TAKE_OFF, _DT, _SUBSTEPS, _CONSTANTS = 14, 17, 18, 19, 20
+_PLACE, _TAKE_OFF, _DT, _SUBSTEPS = 14, 17, 18, 19
 
 MAX_STEP = 0.005
 """Longest integration step [s]; with a lag of the rate loop of 0.04 s the error is below 1e-9 rad per second."""

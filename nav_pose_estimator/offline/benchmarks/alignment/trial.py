@@ -23,7 +23,7 @@ from nav_pose_estimator.sim.trajectories import Truth
 
 ARC_MINUTES = 5.0
 _EVERY = 1.0  # s between two looks at the errors
-_KINEMATIC = slice(at.DVEL, at.DPOS + 3)  # velocity and position
+_KINEMATIC = list(range(at.DVEL, at.DPOS + 3))  # velocity and position
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def _errors(engine: SinsEngine, recording: Recording, case: Case, gnss: Gnss) ->
                 sample, has_begun = begin(engine, recording, sample, sd, case.misalignment), True
             engine.feed(sample)
             if engine.run.timeline.running and engine.run.now >= due:
-                rows.append(_look(engine, recording.truth))
+                rows.append(look(engine, recording.truth, _KINEMATIC))
                 due = engine.run.now + _EVERY
         else:
             engine.feed(sample)
@@ -115,12 +115,16 @@ def true_nav(truth: Truth, row: int) -> np.ndarray:
     return nav
 
 
-def _look(engine: SinsEngine, truth: Truth) -> np.ndarray:
+def look(engine: SinsEngine, truth: Truth, judged: list[int]) -> np.ndarray:
+    """A row (11,): time [s], errors of attitude, velocity, position (9), NEES per degree of freedom of ``judged``.
+
+    ``judged``: the states whose errors are held against their covariance.
+    """
     estimate, t = engine.run.settled, engine.run.now
     true = true_nav(truth, round((t - truth.t[0]) / truth.dt))
     error = error_between(true, estimate.nav, estimate.constants)
-    kinematic = error[_KINEMATIC]
-    nees = float(kinematic @ np.linalg.solve(estimate.P[_KINEMATIC, _KINEMATIC], kinematic)) / len(kinematic)
+    states = error[judged]
+    nees = float(states @ np.linalg.solve(estimate.P[np.ix_(judged, judged)], states)) / len(states)
     return np.r_[t, error[: at.DPOS + 3], nees]
 
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from nav_pose_estimator.core.beams.judge import LOST, USED
 from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.filter.error_state import error_between
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import (
@@ -24,20 +23,18 @@ from nav_pose_estimator.engine.samples import (
     stamp_of,
 )
 from nav_pose_estimator.offline.benchmarks.alignment.cases import start_deviations
-from nav_pose_estimator.offline.benchmarks.alignment.trial import begin, true_nav
+from nav_pose_estimator.offline.benchmarks.alignment.trial import begin, look
 from nav_pose_estimator.offline.benchmarks.beams.cases import Case
 from nav_pose_estimator.offline.benchmarks.beams.methods import METHODS, Watched, prepared
 from nav_pose_estimator.sim import beam_faults
 from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import generate
-from nav_pose_estimator.sim.trajectories import Truth
 
 _GNSS = (GnssFix, GnssVelocity, SatelliteCount)
 _START_SD, _START_VELOCITY_SD = (0.2, 0.2, 2.0), 0.1  # deg about East, North, Up; m/s
 _EVERY = 1.0  # s between two evaluations of the errors
 _LARGE = 5.0  # standard deviations of a beam from which an error should be rejected
 _SETTLED = 2.0  # s after a total loss from which on the velocity is judged again
-_VELOCITY, _POSITION = slice(at.DVEL, at.DVEL + 3), slice(at.DPOS, at.DPOS + 2)
 _JUDGED = [at.DVEL, at.DVEL + 1, at.DPOS, at.DPOS + 1]  # horizontal: what the beams hold
 
 
@@ -171,17 +168,9 @@ class _Outage:
                 is_first = False
             self._engine.feed(sample)
             if isinstance(sample, ImuBlock) and self._engine.run.now >= due:
-                rows.append(self._look(self._clean.truth))
+                rows.append(look(self._engine, self._clean.truth, _JUDGED))
                 due = self._engine.run.now + _EVERY
         return np.array(rows)
-
-    def _look(self, truth: Truth) -> np.ndarray:
-        estimate, t = self._engine.run.settled, self._engine.run.now
-        row = round((t - truth.t[0]) / truth.dt)
-        error = error_between(true_nav(truth, row), estimate.nav, estimate.constants)
-        judged = error[_JUDGED]
-        nees = float(judged @ np.linalg.solve(estimate.P[np.ix_(_JUDGED, _JUDGED)], judged)) / len(judged)
-        return np.r_[t, error[: at.DPOS + 3], nees]
 
     def _velocity_rms(self, errors: np.ndarray) -> float:
         """RMS of the velocity error [m/s] while at least one beam is available, except shortly after a total loss."""

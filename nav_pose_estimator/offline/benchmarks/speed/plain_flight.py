@@ -15,6 +15,7 @@ from nav_pose_estimator.engine.samples import (
     Sample,
     known_stamp,
 )
+from nav_pose_estimator.offline.flights.interleaving import interleaved
 
 ORIGIN = (math.radians(48.0), math.radians(11.0), 500.0)
 REST, RUN_UP, ACCELERATION, TURN_RATE = 10.0, 5.0, 2.0, 0.2  # s, s, m/s^2, rad/s
@@ -75,16 +76,8 @@ def _imu(seconds: float, imu_hz: float, rng: np.random.Generator, epoch_s: int) 
 
 def _in_order(imu: ImuBlock, others: list[Sample]) -> list[Sample]:
     others = sorted(others, key=known_stamp)
-    cuts = np.searchsorted(imu.stamps_ns, list(map(known_stamp, others)), side="right")
-    out: list[Sample] = []
-    done = 0
-    for cut, sample in zip([*cuts.tolist(), len(imu)], [*others, None], strict=True):
-        if cut > done:
-            out.append(imu.part(done, cut))
-            done = cut
-        if sample is not None:
-            out.append(sample)
-    return out
+    rows = np.searchsorted(imu.stamps_ns, list(map(known_stamp, others)), side="right")
+    return interleaved(imu, others, rows)
 
 
 def _gnss(seconds: float, rate_hz: float, delay: float, rng: np.random.Generator, epoch_s: int) -> list[Sample]:

@@ -1,0 +1,15 @@
+"""A single file that a command is asked to write."""
+
+from pathlib import Path
+
+from nav_pose_estimator.errors import UserError
+
+
+def check_new(path: Path, force: bool) -> None:
+    """``UserError`` where ``path`` cannot be written, or exists and ``force`` does not allow to replace it."""
+    if path.is_dir():
+        raise UserError(f"--out {path} is a folder; choose another name")
+    if path.exists() and not force:
+        raise UserError(f"{path} exists already; choose another name or give --force")
+    if not path.parent.is_dir():
+        raise UserError(f"{path.parent} is no folder to write {path.name} into")
