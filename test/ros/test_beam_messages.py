@@ -120,7 +120,7 @@ def test_flags_of_a_dvl_that_is_not_valid_as_a_whole_cost_no_beam():
 def test_a_dvl_that_tracks_the_water_is_refused():
     event = refusal(beams.dvl(dvl(velocity_mode=2)))
     assert event.name == "beam_velocity.rejected.water"
-    assert "against the water" in event.text
+    assert "relative to the water" in event.text
 
 
 @pytest.mark.parametrize("first", [0, 1])
