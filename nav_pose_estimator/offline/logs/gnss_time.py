@@ -7,7 +7,7 @@ _GPS_EPOCH = 315_964_800  # s from 1970-01-01 to 1980-01-06, UTC
 WEEK = 604_800  # s
 ROLLOVER = 1024  # weeks: receivers send the week in ten bits
 _OLDEST_WEEK = 1565  # January 2010: the logs of these autopilots are not older
-_LAST_WEEK = 10_000
+_LAST_WEEK = 10_000  # larger weeks are invalid
 OLDEST_UTC = _GPS_EPOCH + _OLDEST_WEEK * WEEK
 # (begin of validity [s of UTC since 1970], leap seconds between GPS and UTC), by IERS Bulletin C
 _LEAP_SECONDS = ((1_230_768_000, 15), (1_341_100_800, 16), (1_435_708_800, 17), (1_483_228_800, 18))

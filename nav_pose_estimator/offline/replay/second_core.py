@@ -82,7 +82,7 @@ class _Copy:
     def __init__(self) -> None:
         ours, theirs = socket.socketpair()
         with warnings.catch_warnings():
-            # of threads: those of the libraries take no part in what the copy does
+            # Python warns of a fork with threads, but the fork does not use those of the libraries
             warnings.simplefilter("ignore", DeprecationWarning)
             self._process = os.fork()
         if self._process == 0:

@@ -158,7 +158,7 @@ def _left_out(
         model = with_law(epochs, others.law(), vehicle_class == WHEELS)
         archive = others.archive(model.noise, model.wind_spread)
         ways = left_out.linear_ways(others.law(), as_prior(archive, vehicle_class, is_one_aircraft))
-    # what the law of other aircraft errs in the same way for long is in the doubt about it, which is small for this one
+    # lasting errors of the law are only added for one aircraft: for others they are part of the law's own uncertainty
     noise = left_out.lasting_noise(epochs, model) if is_one_aircraft else model.noise
     own = member.equations.archive(noise, model.wind_spread)
     return left_out.Score(member.past.name, left_out.judge(epochs, ways)), own

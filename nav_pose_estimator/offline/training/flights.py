@@ -36,7 +36,7 @@ Floats = NDArray[np.float32]
 LEAST = 60.0
 """Shortest aided flight [s], below which the wind of a recording is not observable enough."""
 _CLIMBS = 0.5  # m/s: vertical speed that counts as climbing
-_CHUNK = 1 << 20
+_CHUNK = 1 << 20  # bytes that are hashed at once
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from nav_pose_estimator.offline.json_file import write_json
 from nav_pose_estimator.offline.output_folder import OutputFolder
 
 METHODS = ("complementary", "two_stage")
-_FIRST_NS = 1_000_000_000
+_FIRST_NS = 1_000_000_000  # stamp of the first sample
 _IN_95 = (5.991, 3.841)  # chi squared with 2 degrees of freedom (tilt) and with 1 (heading)
 
 

@@ -119,8 +119,8 @@ def _first_at(sample: Sample, start_ns: int, delay_ns: int, next_imu_ns: int) ->
         return row if row < len(sample) else None
     if sample.stamp_ns is None:
         return None
-    # GNSS with a negative latency is valid after its stamp; a stamp far ahead of the IMU that follows is damaged and
-    # begins nothing, one after a gap of the IMU is not.
+    # GNSS with a negative latency is valid after its stamp. A stamp far ahead of the next IMU sample is damaged and
+    # does not begin an outage, but one after a gap of the IMU is not damaged.
     time_ns = sample.stamp_ns - min(delay_ns, 0) * isinstance(sample, (GnssFix, GnssVelocity))
     return 0 if start_ns <= time_ns <= next_imu_ns + _AHEAD_NS else None
 

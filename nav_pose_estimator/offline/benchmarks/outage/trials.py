@@ -189,7 +189,7 @@ def _outage_run(
     proof = OutageProof([start.outage], recording.epoch_ns, delay)
     tracks = TrackRecorder(recording.epoch_ns)
     if start.state is not None:
-        # the state in which GNSS was lost, so that the first fixes find an estimate on both sides
+        # the state at the loss of GNSS, so that there are estimates on both sides of the first fixes
         stamp = recording.epoch_ns + round(start.outage.start * 1e9) - 1
         tracks.add(NavBlock(np.array([stamp]), start.state[None, :], Mode.AIDED, 0, np.zeros(3)))
     end_ns = recording.epoch_ns + round((without[0].end) * 1e9)

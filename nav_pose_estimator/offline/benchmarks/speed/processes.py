@@ -25,7 +25,7 @@ from nav_pose_estimator.offline.benchmarks.speed.figures import (
 from nav_pose_estimator.offline.benchmarks.speed.flight_messages import write_samples
 
 _LIMIT = 900.0  # s: time limit of a process
-_TRIES = 3
+_TRIES = 3  # repetitions, of which the fastest counts
 _LONG = 3600.0  # s: long flight
 REPLAYED = {SECONDS: (_TRIES, (300.0, 400.0)), _LONG: (1, (600.0, 900.0))}
 """By duration of the flight [s]: number of replays, and goals of ``best`` and ``coast`` as multiples of real time."""

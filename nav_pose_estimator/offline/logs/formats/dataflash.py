@@ -17,7 +17,7 @@ from nav_pose_estimator.offline.logs.formats.log_tables import LogTables
 MAGIC = b"\xa3\x95"
 FMT_TYPE, FMT_LENGTH = 0x80, 89
 FMT_MAGIC = MAGIC + bytes([FMT_TYPE])
-_HEADER = 3
+_HEADER = 3  # bytes of the header of a message
 _TYPES = {
     "a": "(32,)<i2",
     "b": "i1",

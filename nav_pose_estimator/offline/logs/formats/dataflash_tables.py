@@ -34,7 +34,7 @@ NUMBERED = {f"{name}{i}": (name, i - 1) for name in ("IMU", "GPS", "GPA", "MAG")
 NUMBERED |= {"BAR2": ("BARO", 1), "BAR3": ("BARO", 2), "ASP2": ("ARSP", 1)}
 DESCRIPTIONS = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG")
 _SCALED_BY_LETTER = "cCeEL"  # the multiplier that FMTU gives for these is the one that the letter has applied already
-_RESTART_US = 5_000_000
+_RESTART_US = 5_000_000  # step back of the time that counts as a restart, and the gap that is put in its place
 
 
 @dataclass(frozen=True)

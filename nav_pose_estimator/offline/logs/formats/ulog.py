@@ -101,7 +101,7 @@ class _Watched(io.BufferedReader):
         return data
 
 
-_LONGEST_NAME = 80
+_LONGEST_NAME = 80  # characters of the firmware's name that are kept
 _HEADER_BYTES = 3  # size of a message header; an undamaged file ends where the next one would begin
 
 
