@@ -80,7 +80,7 @@ def test_the_written_file_gives_the_baseline_in_replay(tmp_path, capsys):
     assert "agrees with the gyroscope" in capsys.readouterr().out
     text = (tmp_path / "mag.yaml").read_text()
     assert text.startswith("# Magnetometer calibration")
-    assert "Deviations" in text
+    assert "Standard deviations" in text
     # WHEN it is flown with the file
     p = load_parameters(tmp_path / "mag.yaml")
     mended = tell(
