@@ -1,4 +1,4 @@
-"""How good an attitude filter is on motions that its parameters were not chosen on: leave one family of trials out.
+"""Cross-validation of the attitude filters: parameters are selected without the family of trials they are tested on.
 
     python benchmarks/attitude_cross_validation.py TRIAL.npz...
 
@@ -8,11 +8,11 @@ Protocol:
 2. For each family in turn, every candidate of the grid below runs on all other families, and the one with the smallest
    mean of inclination (without magnetometer) and total error (with it) is chosen. Then it runs on the family left out.
 3. Reported is the mean over all trials of the figures of step 2 ("left out"), and of the candidate that is best on all
-   trials ("in sample"). Their difference is what choosing on these trials is worth.
-4. A cold start is no part of the choice: it is run with what was chosen.
+   trials ("in sample"). Their difference is the benefit of selecting on these trials.
+4. Cold starts are run with the selected candidates, but not used in the selection.
 
-The parameters of the grid are those that these motions are sensitive to. The structure of the filter was made looking
-at these trials too, which no cross-validation undoes; see docs/attitude.md.
+The parameters of the grid are those that these motions are sensitive to. The structure of the filter was also designed
+with these trials, which no cross-validation can compensate; see docs/attitude.md.
 """
 
 import argparse
@@ -43,7 +43,7 @@ Candidate = tuple[float, ...]
 
 
 def family(name: str) -> str:
-    """What was done in the trial ``name``: without its number, its letter or distance, and its breaks."""
+    """Family of the trial ``name``: the name without number, letter or distance, and breaks."""
     what = re.sub(r"^\d+_(un)?disturbed_", "", name).replace("_with_breaks", "")
     return re.sub(r"_([A-Z]|\d+cm)$", "", what)
 

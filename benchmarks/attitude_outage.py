@@ -3,14 +3,14 @@
     python benchmarks/attitude_outage.py --length 600 --seeds 3
     python benchmarks/attitude_outage.py --bags FLIGHT_bag... --aided 160
 
-A flight's reference is the attitude that its autopilot logged on /reference/odom: a second opinion, not truth.
+The reference of a recorded flight is the attitude logged by its autopilot on /reference/odom, which is not the truth.
 
 Magnetometer, barometer and wheels stay; nothing from GNSS reaches the estimators after its loss. Four of them run:
 
     navigator    SINS and Kalman filter
-    helped       attitude filter in the navigator's process: told the velocity also while the navigator coasts
-    own process  attitude filter that heard the navigator's odometry until the loss, and nothing of it after
-    alone        attitude filter that never heard of a navigator
+    helped       attitude filter in the navigator's process, which receives its velocity also while it coasts
+    own process  attitude filter that receives the navigator's odometry until the loss of GNSS only
+    alone        attitude filter without a navigator
 """
 
 import argparse
@@ -37,7 +37,7 @@ from nav_pose_estimator.offline.bags.reader import read_samples
 from nav_pose_estimator.sim.scenarios import generate
 
 SCENARIOS = ("road_vehicle_wheels", "road_vehicle", "multirotor_light", "fixed_wing")
-_FIRST_SEED = 301  # no seed from here on has been looked at while the filter was made
+_FIRST_SEED = 301  # seeds from here on were not used in the development of the filter
 _GNSS = (GnssFix, GnssVelocity, SatelliteCount)
 
 
@@ -83,12 +83,12 @@ def rmse_deg(q: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 
 def as_text(rpy: np.ndarray) -> str:
-    """Three columns."""
+    """Roll, pitch and yaw as columns of text."""
     return "  ".join(f"{value:6.2f}" for value in rpy)
 
 
 def simulated(length: float, seeds: int, first: int, **changes: object) -> None:
-    """Each scenario and seed: 280 s with GNSS, then ``length`` seconds without; then mean and largest by scenario."""
+    """Run each scenario and seed for 280 s with GNSS and ``length`` [s] without; print errors, mean and largest."""
     figures: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)
     for scenario in SCENARIOS:
         for seed in range(first, first + seeds):
@@ -116,7 +116,7 @@ def logged_attitude(bag: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def recorded(bags: list[Path], aided: float) -> None:
-    """Each flight: ``aided`` seconds with GNSS from its beginning, the rest without."""
+    """Run each flight for ``aided`` [s] with GNSS, and the rest without."""
     for bag in bags:
         about = bag.with_name(bag.name.removesuffix("_bag") + ".json")
         known = json.loads(about.read_text()) if about.exists() else {}

@@ -1,10 +1,10 @@
 # ruff: noqa: E402
-"""What velocities along beams cost: an IMU at 400 Hz, all other sensors of the drone, with and without beams at 10 Hz.
+"""Computing time of beam velocities: an IMU at 400 Hz, all sensors of the drone, with and without beams at 10 Hz.
 
     tools/in_environment.sh python benchmarks/beams_cost.py [--seconds 120] [--rounds 12]
 
-CPU time in memory, without rclpy; the first half of the flight is not counted (alignment, verification of the beams).
-Runs with and without take turns. What is printed is the smallest time of each, which other programs disturb least.
+CPU time with samples in memory, without rclpy and without the first half of the flight (alignment, verification of the
+beams). Runs with and without beams alternate; the smallest time of each is printed, which other load affects least.
 """
 
 import os
@@ -24,18 +24,18 @@ from nav_pose_estimator.engine.samples import BeamVelocitySample, Sample
 from nav_pose_estimator.sim.scenarios import DRONE, generate
 
 IMU_RATE, BEAM_RATE = 400.0, 10.0
-_PER_CALL = 2000  # samples that a replay hands over at once
+_PER_CALL = 2000  # samples that a replay feeds at once
 Way = Callable[[PoseEstimator, list[Sample]], None]
 
 
 def one_by_one(engine: PoseEstimator, samples: list[Sample]) -> None:
-    """As a node hears them."""
+    """Feed the samples one by one, as a node does."""
     for sample in samples:
         engine.feed(sample)
 
 
 def together(engine: PoseEstimator, samples: list[Sample]) -> None:
-    """As a replay reads them."""
+    """Feed many samples at once, as a replay does."""
     for first in range(0, len(samples), _PER_CALL):
         engine.feed_all(samples[first : first + _PER_CALL])
 

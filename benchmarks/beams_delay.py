@@ -1,13 +1,13 @@
 # ruff: noqa: E402
-"""Velocities along beams whose stamps are late, unknown to the estimator: with the delay as a state and without.
+"""Beam velocities with a delay that is unknown to the estimator, with and without a state for the delay.
 
     tools/in_environment.sh python benchmarks/beams_delay.py [--case drone] [--delays 0,0.05,0.15] [--seeds 10] \
         [--first-seed 7000] [--aided 120] [--length 60]
 
-Simulated. Over the seeds: error of the delay when GNSS goes, in ms (mean and RMS), the deviation that the filter
-states (median) and the squared error over its variance (mean, 1 is honest); horizontal error at the end of the time
-without GNSS in % of the distance (median, RMS), and NEES of horizontal velocity and position then, per degree of
-freedom (mean).
+Results over the seeds of a simulation: error of the delay at the loss of GNSS in ms (mean and RMS), its standard
+deviation by the filter (median) and the squared error over the variance (mean; 1 is consistent); horizontal error at
+the end of the time without GNSS in % of the distance (median, RMS), and the NEES of horizontal velocity and position
+then, per degree of freedom (mean).
 """
 
 import os
@@ -39,7 +39,7 @@ _JUDGED = [at.DVEL, at.DVEL + 1, at.DPOS, at.DPOS + 1]
 
 
 class Outcome(NamedTuple):
-    """One flight: the delay's error and stated deviation [s], NaN where it is no state; % of the distance; NEES."""
+    """One flight: error and sigma of the delay [s], NaN if it is not a state; error in % of the distance; NEES."""
 
     error: float
     sd: float
@@ -48,13 +48,13 @@ class Outcome(NamedTuple):
 
 
 def flown(case: Case, recording: Recording, delay: float, sd: float, aided: float) -> Outcome:
-    """``aided`` [s] with GNSS, the rest without, of beams that are ``delay`` [s] late."""
+    """Run ``aided`` [s] with GNSS and the rest without, with beams that are ``delay`` [s] late."""
     begin_ns = recording.start_ns + round(aided * 1e9)
     samples = list(without_gnss(recording, begin_ns).samples())
     values = {"aids.beams.delay": 0.0, "aids.beams.delay_sd": sd}
     engine = SinsEngine(update(case.parameters(), values))
     with_gnss = _count_before(samples, begin_ns)
-    if case.scenario.magnetometer is None:  # what shows the heading is not the question
+    if case.scenario.magnetometer is None:  # the observability of the heading is not tested here
         fly_with_gnss(engine, case, recording, begin_ns)
     else:
         engine.feed_all(samples[:with_gnss])
@@ -82,7 +82,7 @@ def _count_before(samples: list[Sample], end_ns: int) -> int:
 
 
 def main() -> None:
-    """Print a line for every delay and way."""
+    """Print a line for every delay and method."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--case", choices=tuple(CASES), default="drone", help="vehicle (default: drone)")
     parser.add_argument("--delays", default="0,0.05,0.15", help="of the stamps, s (default: 0,0.05,0.15)")

@@ -1,4 +1,4 @@
-"""An hour of flight with a failure every minute: what the estimator survives, how far off it gets, what it remembers.
+"""Endurance: an hour of flight with a failure every minute; errors, recovery and memory of the estimator.
 
     tools/in_environment.sh python benchmarks/endurance.py --duration 3600 --seeds 1,2 --out out/endurance
 
@@ -25,12 +25,12 @@ from nav_pose_estimator.sim.recording import Recording
 from nav_pose_estimator.sim.scenarios import generate
 
 GOOD = 10.0  # m: horizontal error of a navigator that has recovered
-_BLOCK = 200  # IMU samples at most in one piece
+_BLOCK = 200  # largest number of IMU samples that are fed at once
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one failure did until the next one began."""
+    """Effects of one failure until the next one."""
 
     sensor: str
     kind: str
@@ -47,13 +47,13 @@ class Endurance:
 
     outcomes: list[Outcome]
     not_finite: int  # numbers in all outputs
-    honest: float  # share of the time in which the error lies within 3 sigma
+    honest: float  # fraction of the time in which the error is within 3 sigma
     megabytes: list[float]  # resident memory, once a minute of flight
     cpu_s: float
 
 
 def run(duration: float, seed: int, scenario: str = "multirotor_light", imu_rate: float = 100.0) -> Endurance:
-    """Fly ``duration`` seconds with the failures of ``seed``. Whatever raises, raises."""
+    """Fly ``duration`` [s] with the failures of ``seed``; exceptions are not caught."""
     plan = random_plan(seed, duration)
     recording = generate(scenario, duration, seed, imu_rate=imu_rate).with_faults(*(item.fault for item in plan))
     estimator = PoseEstimator()
@@ -76,7 +76,7 @@ def run(duration: float, seed: int, scenario: str = "multirotor_light", imu_rate
 
 
 class _Ledger:
-    """What is needed of every solution: stamp, place, variance, aided. Memory is taken at once, so that none grows."""
+    """Stamp, position, variance and mode of every solution, in memory that is allocated at the start."""
 
     def __init__(self, rows: int) -> None:
         self.stamps = np.full(rows, 1, np.int64)
@@ -108,7 +108,7 @@ def _judged(
     stamps, numbers = ledger.stamps[: ledger.used], ledger.numbers[: ledger.used]
     places, var, aided = numbers[:, :3], numbers[:, 3], numbers[:, 4] == 1.0
     t, truth = (stamps - recording.start_ns) * 1e-9, recording.truth
-    within = (t >= 0.0) & (t <= truth.t[-1])  # solutions under a wrong clock have no truth to be compared with
+    within = (t >= 0.0) & (t <= truth.t[-1])  # there is no truth for solutions under a wrong clock
     t, places, var, aided = t[within], places[within], var[within], aided[within]
     off = np.hypot(*recording.error_enu(t, places)[:, :2].T)
     outcomes, period = [], truth.dt
@@ -125,7 +125,7 @@ def _judged(
 
 
 def _resident() -> float:
-    """Memory of this process [MB]; where the system does not tell, its largest value so far."""
+    """Memory of this process [MB]; its peak where the system does not give the present value."""
     statm = Path("/proc/self/statm")
     if statm.exists():
         return int(statm.read_text().split()[1]) * resource.getpagesize() / 1e6

@@ -1,6 +1,6 @@
-"""How often the pose is wrong and said to be good when an IMU, a barometer or a clock fails in a way that looks sound.
+"""Frequency of a wrong pose with a good status, with faults of IMU, barometer or clock that are hard to detect.
 
-The size, rate, axis and start of every fault are drawn anew for each flight, and so are vehicle and seed.
+Size, rate, axis and start of the fault are random for each flight, and so are vehicle and seed.
 
 tools/in_environment.sh python benchmarks/hostile_imu.py --kinds "gyro ramp" "baro frozen" --draws 3
 """
@@ -26,46 +26,46 @@ VEHICLES = ("multirotor_outage", "laps", "stop_and_go", "hover", "fixed_wing", "
 LOST, LENGTH = 60.0, 25.0  # s: the outage, of the faults that need one
 DURATION = 100.0  # s
 GNSS = (GnssFix, GnssVelocity, SatelliteCount)
-WRONG, LEAST = 3.0, 3.0  # deviations, and metres: a pose that is off by more than both is wrong
+WRONG, LEAST = 3.0, 3.0  # sigmas, and m: an error that exceeds both is wrong
 Samples = Iterator[Sample]
 
 
 @dataclass(frozen=True)
 class Flight:
-    """One flight and what has been drawn for it; times [s] from the recording's start."""
+    """One flight and its random values; times [s] are from the start of the recording."""
 
     recording: Recording
     rng: np.random.Generator
     lost: float
-    """When the outage begins, infinite without one."""
+    """Start of the outage, infinite without one."""
 
     def seconds(self, stamps_ns: Any) -> Any:
         """Times of stamps."""
         return (stamps_ns - self.recording.start_ns) * 1e-9
 
     def begin(self) -> float:
-        """A fault begins up to 5 s after the outage, or between 20 and 40 s where there is none."""
+        """Random start of a fault, up to 5 s after that of the outage, or between 20 and 40 s without one."""
         return self.lost + self.rng.uniform(0.0, 5.0) if math.isfinite(self.lost) else self.rng.uniform(20.0, 40.0)
 
     def axis(self) -> np.ndarray:
-        """A direction (3,) in the body."""
+        """Random direction (3,) in b."""
         axis = self.rng.standard_normal(3)
         return axis / np.linalg.norm(axis)
 
 
 def on_imu(flight: Flight, change: Callable[[np.ndarray, ImuBlock], ImuBlock]) -> Samples:
-    """The flight with another IMU; ``change`` gets the times (N,) of a block and the block."""
+    """The flight with changed IMU data; ``change`` receives the times (N,) of a block and the block."""
     for sample in flight.recording.samples():
         yield change(flight.seconds(sample.stamps_ns), sample) if isinstance(sample, ImuBlock) else sample
 
 
 def sound(flight: Flight) -> Samples:
-    """Nothing is wrong."""
+    """No fault."""
     return flight.recording.samples()
 
 
 def imu_late(flight: Flight) -> Samples:
-    """The IMU's stamps are 0.25 to 0.8 s late, as those of a driver that stamps on arrival behind a queue."""
+    """The IMU's stamps are 0.25 to 0.8 s late, as of a driver that stamps after a queue."""
     late = round(flight.rng.uniform(0.25, 0.8) * 1e9)
     return on_imu(flight, lambda t, b: replace(b, stamps_ns=b.stamps_ns + late))
 
@@ -78,7 +78,7 @@ def gnss_late(flight: Flight) -> Samples:
 
 
 def aliased(flight: Flight) -> Samples:
-    """Vibration of 1 to 4 m/s^2 that sampling turns into 0.1 to 1 Hz."""
+    """Vibration of 1 to 4 m/s^2 that sampling aliases to 0.1 to 1 Hz."""
     size, rate, axis, begin = flight.rng.uniform(1.0, 4.0), flight.rng.uniform(0.1, 1.0), flight.axis(), flight.begin()
 
     def change(t: np.ndarray, b: ImuBlock) -> ImuBlock:
@@ -106,13 +106,13 @@ def clipped(flight: Flight) -> Samples:
 
 
 def ramp(flight: Flight) -> Samples:
-    """A gyroscope whose bias drifts by 1 to 5 deg/s a minute."""
+    """The gyroscope bias drifts by 1 to 5 deg/s per minute."""
     slope, axis, begin = math.radians(flight.rng.uniform(1.0, 5.0)) / 60.0, flight.axis(), flight.begin()
     return on_imu(flight, lambda t, b: replace(b, gyro=b.gyro + slope * np.maximum(t - begin, 0.0)[:, None] * axis))
 
 
 def step(flight: Flight) -> Samples:
-    """A gyroscope whose bias steps by 0.3 to 2 deg/s."""
+    """The gyroscope bias steps by 0.3 to 2 deg/s."""
     size, axis, begin = math.radians(flight.rng.uniform(0.3, 2.0)), flight.axis(), flight.begin()
     return on_imu(flight, lambda t, b: replace(b, gyro=b.gyro + np.where(t > begin, size, 0.0)[:, None] * axis))
 
@@ -152,7 +152,7 @@ def baro_frozen(flight: Flight) -> Samples:
 
 
 def baro_late(flight: Flight) -> Samples:
-    """The barometer tells what it was 1 to 5 s ago."""
+    """The barometer's values are 1 to 5 s old."""
     late, memory = flight.rng.uniform(1.0, 5.0), []
     for sample in flight.recording.samples():
         if isinstance(sample, PressureSample):
@@ -164,7 +164,7 @@ def baro_late(flight: Flight) -> Samples:
 
 
 def returned(flight: Flight) -> Samples:
-    """GNSS comes back 5 to 60 m off, and stays there."""
+    """GNSS returns with a constant error of 5 to 60 m."""
     far, angle = flight.rng.uniform(5.0, 60.0), flight.rng.uniform(0.0, 2.0 * np.pi)
     away = (far * math.cos(angle), far * math.sin(angle), 0.0)
     return flight.recording.with_faults(faults.Shift(GnssFix, flight.lost + LENGTH, math.inf, away)).samples()
@@ -190,18 +190,18 @@ KINDS: dict[str, tuple[Callable[[Flight], Samples], bool]] = {
     "baro late, outage": (baro_late, True),
     "GNSS returns off": (returned, True),
 }
-"""What is wrong, and whether GNSS is away for a while."""
+"""Faults by name, and whether there is a GNSS outage."""
 
 
 @dataclass
 class Judged:
-    """Of one flight, every 0.2 s of engine time: error and its deviation [m], and whether the status is good."""
+    """Of one flight, every 0.2 s of engine time: error and sigma [m], and whether the status is good."""
 
     rows: list[tuple[float, float, float, float, float, bool]]
     words: list[str]
 
     def lies(self) -> tuple[float, float, float, str]:
-        """Seconds wrong and OK, seconds wrong, the largest error in the former [m], and the worst in words."""
+        """Time wrong with good status [s], time wrong [s], largest error in the former [m], and the worst as text."""
         if not self.rows:
             return 0.0, 0.0, 0.0, "no pose"
         t, off, sd, up, up_sd, ok = (np.array(column) for column in zip(*self.rows, strict=True))
@@ -214,7 +214,7 @@ class Judged:
 
 
 def fly(flight: Flight, samples: Samples, method: str) -> Judged:
-    """The samples, without GNSS in the outage."""
+    """Run the samples without GNSS in the outage."""
     estimator = PoseEstimator(update(Parameters(), {"learner.method": method}), attitude=False)
     recording, now, asked, judged = flight.recording, 0.0, -1.0, Judged([], [])
     for sample in samples:

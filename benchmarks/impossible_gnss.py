@@ -1,4 +1,4 @@
-"""What becomes of the pose when GNSS says what cannot be: kinds of wrong GNSS by vehicles, with and without an outage.
+"""Errors of the pose with impossible GNSS data, by kind of error and vehicle, with and without an outage.
 
 tools/in_environment.sh python benchmarks/impossible_gnss.py --vehicles multirotor wing car --kinds ned body
 """
@@ -25,11 +25,11 @@ from nav_pose_estimator.sim.recording import Recording
 VEHICLES = {"multirotor": "multirotor_outage", "wing": "fixed_wing", "car": "road_vehicle"}
 GNSS = (GnssFix, GnssVelocity, SatelliteCount)
 Change = Callable[[Recording, Any, dict], Any]
-"""What arrives instead of a fix or velocity; the dictionary is its memory within one flight."""
+"""Function that changes a fix or velocity; the dictionary is its state within one flight."""
 
 
 def on_velocity(new: Callable[[float, float, float], tuple[float, float, float]]) -> Change:
-    """``new`` velocity from the old one."""
+    """Change of the velocity (East, North, Up) by ``new``."""
 
     def change(_recording: Recording, sample: Any, _memory: dict) -> Any:
         return replace(sample, vel_enu=new(*sample.vel_enu)) if isinstance(sample, GnssVelocity) else sample
@@ -38,12 +38,12 @@ def on_velocity(new: Callable[[float, float, float], tuple[float, float, float]]
 
 
 def on_fix(new: Callable[[GnssFix], GnssFix]) -> Change:
-    """``new`` fix from the old one."""
+    """Change of the fix by ``new``."""
     return lambda _recording, sample, _memory: new(sample) if isinstance(sample, GnssFix) else sample
 
 
 def body(recording: Recording, sample: Any, _memory: dict) -> Any:
-    """Velocity forward, left, up."""
+    """Velocity in body axes instead of ENU."""
     if not isinstance(sample, GnssVelocity):
         return sample
     row = min(
@@ -54,7 +54,7 @@ def body(recording: Recording, sample: Any, _memory: dict) -> Any:
 
 
 def late(recording: Recording, sample: Any, memory: dict) -> Any:
-    """The velocity of a second ago with the stamp of now."""
+    """The velocity of one second ago with the present stamp."""
     if not isinstance(sample, GnssVelocity):
         return sample
     waiting = memory.setdefault("waiting", [])
@@ -75,7 +75,7 @@ def frozen(kind: type[GnssFix | GnssVelocity], after: float) -> Change:
 
 
 def turned(degrees: float) -> Change:
-    """Velocity turned about Up."""
+    """Velocity rotated about Up."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return on_velocity(lambda e, n, u: (c * e - s * n, s * e + c * n, u))
 
@@ -120,7 +120,7 @@ KINDS: dict[str, Change] = {
 
 @dataclass
 class Judged:
-    """Every 0.1 s or so: time [s], error (N, 3), its deviations (N, 3) [m], and whether the status was OK."""
+    """About every 0.1 s: time [s], error (N, 3), sigma (N, 3) [m], and whether the status is OK."""
 
     t: np.ndarray
     error: np.ndarray
@@ -134,12 +134,12 @@ class Judged:
 
 @cache
 def flight(vehicle: str, duration: float, seed: int) -> Recording:
-    """Made once."""
+    """The simulated flight, which is cached."""
     return scenarios.generate(VEHICLES[vehicle], duration, seed, imu_rate=100.0)
 
 
 def fly(recording: Recording, change: Change, lost: float | None, length: float) -> Judged:
-    """The flight with changed GNSS, and without it from ``lost`` on for ``length`` [s]."""
+    """Run the flight with changed GNSS, and without GNSS from ``lost`` on for ``length`` [s]."""
     estimator = PoseEstimator(update(Parameters(), {"learner.method": "coast"}), attitude=False)
     memory: dict = {}
     t, rows, ok, words, now, asked = [], [], [], [], 0.0, -1.0
@@ -171,7 +171,7 @@ def fly(recording: Recording, change: Change, lost: float | None, length: float)
 
 
 def summary(judged: Judged, begin: float, end: float, fixed: bool) -> str:
-    """Of the time from ``begin`` to ``end``, or of its end where ``fixed``."""
+    """Summary of the time from ``begin`` to ``end`` [s], or with ``fixed`` of its end."""
     rows = judged.row(end - 0.3, end) if fixed else judged.row(begin, end)
     if not rows.any():
         return "no pose"

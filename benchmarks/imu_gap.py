@@ -1,9 +1,9 @@
-"""An IMU that falls silent in an outage: how long the navigator is silent afterwards, and whether sigma is honest.
+"""A gap of the IMU in an outage: time until the navigator's next solution, its errors, and the consistency of sigma.
 
 tools/in_environment.sh python benchmarks/imu_gap.py --lengths 1,3,10,30 flights/*_bag
 
-GNSS is lost at 40 % of each flight, the IMU falls silent 8 s later, and what follows is judged for 20 s. Errors are
-horizontal, against the GNSS that was withheld; "ratio" is the largest error over its sigma.
+GNSS is lost at 40 % of each flight, the gap of the IMU begins 8 s later, and the 20 s after it are evaluated. Errors
+are horizontal, relative to the withheld GNSS; "ratio" is the largest error divided by its sigma.
 """
 
 import argparse
@@ -23,12 +23,12 @@ from nav_pose_estimator.engine.solutions import NavBlock
 from nav_pose_estimator.offline.flights.flight_window import flight_window
 from nav_pose_estimator.offline.flights.recording import Recording, load
 
-_SHARE, _BEFORE, _AFTER = 0.4, 8.0, 20.0  # of the flight; s
+_SHARE, _BEFORE, _AFTER = 0.4, 8.0, 20.0  # fraction of the flight at the loss; s from there to the gap; s evaluated
 _GNSS = (GnssFix, GnssVelocity, SatelliteCount)
 
 
 def spoiled(recording: Recording, lost: float, gap: float, length: float) -> Iterator[Sample]:
-    """The flight without GNSS from ``lost`` on, and without IMU for ``length`` from ``gap`` on, up to 20 s later."""
+    """The flight without GNSS from ``lost`` on, and without IMU for ``length`` from ``gap`` on, until 20 s after it."""
     now = 0.0
     for sample in recording.samples:
         now = ((stamp_of(sample) or recording.epoch_ns) - recording.epoch_ns) * 1e-9

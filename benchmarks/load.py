@@ -1,10 +1,10 @@
-"""What the estimator costs on this machine: CPU share, latency from stamp to odometry, drops, for several IMU rates.
+"""Load of this machine by the nodes: CPU usage, latency from stamp to odometry, and losses, by IMU rate.
 
     python benchmarks/load.py --rates 200,400,1000 --seconds 30 --out out/load
 
-A sender publishes a simulated flight in wall time, a receiver takes the odometry, the estimator runs between them in
-processes of its own: composed (pose_estimator) or separate (attitude_node, sins_node, anfis_node). Everything stays on
-this host.
+A sender publishes a simulated flight in wall time, and a receiver takes the odometry. The estimator runs between them
+in separate processes: composed (pose_estimator) or separate (attitude_node, sins_node, anfis_node). All of them run on
+this computer.
 """
 
 import argparse
@@ -34,7 +34,7 @@ _TICKS = os.sysconf("SC_CLK_TCK")
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table; times in ms, CPU in per cent of one core, ``others``: what else ran meanwhile."""
+    """One line of the table: times [ms], CPU usage [% of one core]; ``others``: that of all other programs."""
 
     system: str
     imu_hz: float
@@ -168,7 +168,7 @@ def _running(system: str, rate: float, seconds: float) -> Iterator[tuple[list[su
 
 
 def _cpu(children: Sequence[subprocess.Popen]) -> float:
-    """Seconds of CPU that the processes have used."""
+    """CPU time [s] of the processes."""
     total = 0
     for child in children:
         fields = stat_fields(child.pid)
@@ -177,7 +177,7 @@ def _cpu(children: Sequence[subprocess.Popen]) -> float:
 
 
 def _machine() -> float:
-    """Seconds of CPU that everything on this machine has used."""
+    """CPU time [s] of all processes on this machine."""
     user, nice, system, _idle, _wait, irq, softirq = map(int, Path("/proc/stat").read_text().split()[1:8])
     return (user + nice + system + irq + softirq) / _TICKS
 

@@ -1,5 +1,5 @@
 # ruff: noqa: E402
-"""What identifying the noise in flight is worth on an IMU that is noisier than its parameters say.
+"""Benefit of the identification of the noise in flight, with an IMU that is noisier than its parameters.
 
     python benchmarks/noisier_imu.py BAG... [--gyro 4e-3] [--accel 0.1] [--methods coast,anfis,best] [--every 20]
 
@@ -47,7 +47,7 @@ def noisier(recording: Recording, gyro: float, accel: float) -> Iterator[Sample]
 def errors(
     recording: Recording, method: str, lengths: list[float], every: float, learns: bool
 ) -> dict[float, np.ndarray]:
-    """Length -> (N, 2) end errors and their stated deviations [m]."""
+    """End errors and sigmas (N, 2) [m] by length of the outage."""
     parameters = update(methods.apply(Parameters(), method), {"imu.learn_noise": learns})
     window = flight_window(recording)
     planned = outage_starts(window, lengths, every, None)

@@ -1,11 +1,11 @@
 # ruff: noqa: E402
-"""What each part of the help in an outage is worth: the outage benchmark with one part changed at a time.
+"""Ablation of the aiding in an outage: the outage benchmark with one part changed at a time.
 
     python benchmarks/outage_ablation.py BAG... [--every 20] [--lengths 30,60] [--variants "best,one rule,..."]
 
-Every variant is a method of its own, registered beside those of the package; all run on the same outages. The literal
-reading of the source text is among them: a network that learns the Kalman filter's own position corrections
-(CN113777645A, claim 3) and subtracts what it predicts.
+Every variant is a separate method, registered with those of the package; all run on the same outages. One of them is
+the literal method of the patent: a network that learns the Kalman filter's position corrections (CN113777645A, claim
+3), and subtracts its predictions.
 """
 
 import os
@@ -45,7 +45,7 @@ from nav_pose_estimator.offline.benchmarks.outage.trials import Task, run_task
 
 @dataclass(frozen=True)
 class ChangedTraining:
-    """A training in which one part is changed: ``train`` makes the model from the epochs of ``job``."""
+    """A training with one part changed: ``train`` creates the model from the epochs of ``job``."""
 
     job: Any
     train: Callable[[np.ndarray, tuple[int, ...]], AirVelocityModel]
@@ -59,14 +59,14 @@ class ChangedTraining:
 
 
 class LiteralNetwork:
-    """The filter's position correction of an epoch, learned from the ten inputs of the source text; as a velocity."""
+    """The filter's position correction of an epoch as a velocity, learned from the ten inputs of the patent."""
 
     rules = 4
 
     def __init__(self, learned: np.ndarray) -> None:
         """``learned`` (N, COLUMNS + 3): epochs and the sum of all corrections so far, ENU [m]."""
         increments = np.diff(learned[:, me.COLUMNS :], axis=0, prepend=learned[:1, me.COLUMNS :]) / me.PERIOD
-        increments[np.diff(learned[:, me.TIME], prepend=-np.inf) > 1.5 * me.PERIOD] = 0.0  # behind a gap
+        increments[np.diff(learned[:, me.TIME], prepend=-np.inf) > 1.5 * me.PERIOD] = 0.0  # after a gap
         self.network = Network(rules=4, partition="fcm", iterations=20).fit(self._inputs(learned), increments)
 
     def _inputs(self, some: np.ndarray) -> np.ndarray:
@@ -74,13 +74,13 @@ class LiteralNetwork:
         return np.column_stack([some[:, me.VELOCITY : me.POSITION], np.cos(yaw), np.sin(yaw)])
 
     def velocity(self, one: np.ndarray) -> np.ndarray:
-        """Velocity in b (3,): that of the navigator less the predicted error. A correction is minus the error."""
+        """Velocity (3,) [m/s] in b: the navigator's minus the predicted error. A correction is minus the error."""
         error = -self.network.predict(self._inputs(one[None]))[0]
         return one[me.BODY_VELOCITY : me.VELOCITY] - me.attitude(one[None])[0].T @ error
 
 
 class LiteralModel(AirVelocityModel):
-    """The usual model with the literal network in the place of its own, and no wind."""
+    """The usual model with the literal network instead of its own, and without wind."""
 
     def predict(self, epoch: np.ndarray) -> tuple[np.ndarray, float]:
         return self.network.velocity(epoch), 1.0  # type: ignore[attr-defined]
@@ -117,7 +117,7 @@ class RegimesAlone(Best):
 
 
 class MeanWindModel(AirVelocityModel):
-    """The wind stays what it was on average."""
+    """The wind remains at its mean."""
 
     def follow(self, epoch: np.ndarray) -> AirVelocityModel:
         return replace(self, wind=np.zeros(2))
@@ -131,7 +131,7 @@ def without_force(some: np.ndarray) -> np.ndarray:
 
 
 class BlindModel(AirVelocityModel):
-    """A network that does not feel drag."""
+    """A network without specific force as input, and so without drag."""
 
     def predict(self, epoch: np.ndarray) -> tuple[np.ndarray, float]:
         return super().predict(without_force(epoch))
@@ -151,22 +151,22 @@ class Retrained(Best):
 
 
 def with_mean_wind(epochs: np.ndarray, rules: tuple[int, ...]) -> AirVelocityModel:
-    """The change of the wind is not followed."""
+    """Changes of the wind are not tracked."""
     return MeanWindModel(**vars(learn_air_velocity(epochs, rules)))
 
 
 def blind(epochs: np.ndarray, rules: tuple[int, ...]) -> AirVelocityModel:
-    """Specific force is hidden from the network."""
+    """The network has no specific force as input."""
     return BlindModel(**vars(learn_air_velocity(without_force(epochs), rules)))
 
 
 def with_axes_alike(epochs: np.ndarray, rules: tuple[int, ...]) -> AirVelocityModel:
-    """Every body axis counts alike for the wind."""
+    """All body axes have the same weight for the wind."""
     return learn_air_velocity(epochs, rules, weigh=np.ones_like)
 
 
 class StatedDrift(Best):
-    """The filter's covariance is believed, whatever rehearsals show."""
+    """The filter's covariance is never reduced by rehearsals."""
 
     name = "stated drift"
     rehearsal = RehearsalRules(smallest_variance=1.0)
@@ -174,7 +174,7 @@ class StatedDrift(Best):
 
 @dataclass(frozen=True)
 class ChangedGuide:
-    """A guide whose evidence has other values for some of its fields."""
+    """A guide whose evidence has some fields changed."""
 
     guide: Guide
     fields: dict[str, Any]
@@ -185,7 +185,7 @@ class ChangedGuide:
 
 
 class ChangedEvidence(Best):
-    """``best`` with evidence of which ``fields`` differ."""
+    """``best`` with evidence in which ``fields`` are changed."""
 
     def __init__(self, name: str, **fields: float) -> None:
         self.name, self._fields = name, fields
@@ -207,7 +207,7 @@ CHANGED = (
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "best": ("best", {}),
     "literal": ("literal", {}),
-    "no prior": ("anfis", {}),  # nothing is expected of the speed: the network alone
+    "no prior": ("anfis", {}),  # no prior of the speed: the network alone
     "regimes alone": ("regimes alone", {}),
     "one rule": ("best", {"learner.rules": 1}),
     "four rules": ("best", {"learner.rules": 4}),
@@ -216,7 +216,7 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "drag": ("drag", {}),
     "coast": ("coast", {}),
 }
-"""Name -> (method, further parameters)."""
+"""(method, further parameters) by name."""
 
 
 def run(name: str, bags: list[Path], lengths: tuple[float, ...], every: float) -> dict[float, list[float]]:

@@ -1,12 +1,12 @@
 # ruff: noqa: E402
-"""GNSS outages in simulated flight and on a simulated road: how far each method drifts, against coasting.
+"""GNSS outages in simulated flight and on a simulated road: drift of each method compared with coasting.
 
     python benchmarks/outage_simulation.py --flights 12 --first-seed 501 --out out/outage_simulation
 
-Multirotors fly between waypoints at up to 8 m/s, stop, and turn their nose; three IMU grades, four winds, three outages
-a flight. Cars drive 30 s outages. Seeds are the outer loop: a run that ends early (--minutes) has the same number of
-flights in every cell or one more, and the next run with the same --out goes on where it ended. The tables of
-docs/outage_simulation.md are this program's output.
+Multirotors fly between waypoints at up to 8 m/s, stop and yaw, with three IMU grades, four winds and three outages per
+flight. Cars have outages of 30 s. The seeds are the outer loop, so that a run that ends early (--minutes) has the same
+number of flights in every cell or one more; the next run with the same --out continues it. The tables of
+docs/outage_simulation.md are the output of this program.
 """
 
 import os
@@ -54,7 +54,7 @@ WAYS: dict[str, tuple[str, dict[str, Any]]] = {
     "anfis": ("anfis", {}),
     "drag": ("drag", {}),
 }
-"""Name in the tables -> method of ``benchmark outage`` and further parameters."""
+"""Method of ``benchmark outage`` and further parameters, by name in the tables."""
 LENGTHS = (30.0, 60.0)  # s
 FIRST, EVERY, OUTAGES = 300.0, 65.0, 3  # s: the network learns from up to 300 s of flight
 DURATION = FIRST + (OUTAGES - 1) * EVERY + max(LENGTHS) + 2.0  # s
@@ -65,7 +65,7 @@ GOALS = {
     ("walk", 60.0): 0.70,
     **{(wind, 30.0): 1.05 for wind in WINDS},
 }
-"""RMS of the end error over that of coasting with 15 states, at most."""
+"""Largest ratio of the RMS end error to that of coasting with 15 states."""
 ROAD_GOAL = 2.30  # m, median over the outages of the horizontal RMSE in 30 s: CN113777645A's road test
 CSV = "outages.csv"
 
@@ -84,7 +84,7 @@ class Flight:
 
 
 def fly(flight: Flight) -> list[Row]:
-    """Every method through the outages of one flight."""
+    """Run all methods through the outages of one flight."""
     made = in_memory(generate(WINDS.get(flight.wind, flight.wind), DURATION, flight.seed, flight.grade))
     planned = {length: periodic(EVERY, length, FIRST, FIRST + (OUTAGES - 1) * EVERY + length) for length in LENGTHS}
     result = FlightResult(flight.name, 0.0, (0.0, DURATION))
@@ -106,7 +106,7 @@ def plan(arguments: argparse.Namespace) -> list[Flight]:
 
 
 def run(waiting: list[Flight], jobs: int, minutes: float) -> Iterator[list[Row]]:
-    """The rows of one flight after the other, as they come; none begins after ``minutes`` of wall-clock time."""
+    """Yield the rows of each flight as it completes; no flight begins after ``minutes`` of elapsed time."""
     until = time.monotonic() + 60.0 * minutes
     todo = iter(waiting)
     if jobs == 1:
@@ -142,7 +142,7 @@ def _value(column: str, text: str) -> Any:
 
 
 def append(path: Path, rows: list[Row]) -> None:
-    """Add rows to the file, with a header where it is new."""
+    """Append rows to the file, with a header if it is new."""
     is_new = not path.is_file()
     with path.open("a", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -156,7 +156,7 @@ def append(path: Path, rows: list[Row]) -> None:
 # --- tables --------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Cell:
-    """The same outages by all methods: end error, its deviation, RMSE [m] (outages, methods), and seeds (outages,)."""
+    """The same outages with all methods: end error, sigma, RMSE [m] (outages, methods), and seeds (outages,)."""
 
     errors: np.ndarray
     sigma: np.ndarray
@@ -217,7 +217,7 @@ def _method(cell: Cell, i: int) -> str:
 
 
 def _with_interval(errors: np.ndarray, seed: np.ndarray, statistic) -> str:
-    """The statistic with its interval; without one where a single flight says nothing of another."""
+    """The statistic with its confidence interval, which needs more than one flight."""
     low, high = bootstrap(errors, seed, statistic, seed=1)
     return f"{statistic(errors):.2f}" + (f" [{low:.2f}, {high:.2f}]" if np.isfinite(low) else "")
 
@@ -232,7 +232,7 @@ def wind_table(rows: list[Row], length: float, grades: Sequence[str], winds: Seq
             continue
         kept = [np.isin(cell.seed, list(seeds)) for cell in cells]
         if len({int(keep.sum()) for keep in kept}) > 1:
-            continue  # an outage that a method did not come through: only the cells can be compared
+            continue  # a method has no result for an outage, so that only the cells can be compared
         seed = cells[0].seed[kept[0]]
         goal = GOALS[wind, length]
         for i, way in list(enumerate(WAYS))[1:]:
@@ -245,7 +245,7 @@ def wind_table(rows: list[Row], length: float, grades: Sequence[str], winds: Seq
 
 
 def road_table(rows: list[Row]) -> str:
-    """The source text's own figure, and the end error."""
+    """The figure of the patent's road test, and the end error."""
     lines = []
     for length in LENGTHS:
         cell = Cell.of(rows, ROAD_GRADE, ROAD, length)
@@ -262,7 +262,7 @@ def road_table(rows: list[Row]) -> str:
 
 
 def report(rows: list[Row], grades: Sequence[str], winds: Sequence[str]) -> str:
-    """All tables of which there are data."""
+    """All tables with data."""
     lost = len({(row.bag, row.start_s, row.length_s) for row in rows if row.status != "ok"})
     rows = comparable(rows)
     parts = [f"{lost} outages were left out for all methods because one had no estimate."] if lost else []
@@ -280,7 +280,7 @@ def _part(title: str, content: str) -> list[str]:
 
 
 def names(text: str, known: Sequence[str], option: str) -> list[str]:
-    """``text`` split at commas; ends the program with a sentence for what is not ``known``."""
+    """``text`` split at commas; ends the program with a sentence for an unknown name."""
     chosen = [name for name in text.split(",") if name]
     for name in chosen:
         if name not in known:
@@ -306,7 +306,7 @@ def options() -> argparse.Namespace:
 
 
 def main() -> int:
-    """Fly what is not in the folder yet, then print and write the tables of all that is."""
+    """Run the missing flights, then print and write the tables of all flights in the folder."""
     arguments = options()
     arguments.out.mkdir(parents=True, exist_ok=True)
     path = arguments.out / CSV

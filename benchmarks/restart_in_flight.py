@@ -1,9 +1,10 @@
-"""A process killed in flight: how long it is silent when it comes back, with what it had saved and without.
+"""A process killed in flight: time until its next solution and errors after the restart, with and without saved state.
 
 tools/in_environment.sh python benchmarks/restart_in_flight.py --gap 6 flights/*_bag
 
-Each flight is cut at 40, 60 and 80 % of its length; what follows is watched for 25 s. Silence counts from the first IMU
-sample of the new process, errors are horizontal, against GNSS, and "sigma" is the share of them within three.
+Each flight is interrupted at 40, 60 and 80 % of its length, and evaluated for 25 s after the restart. Silence is the
+time from the first IMU sample of the new process to its first solution, errors are horizontal, relative to GNSS, and
+"sigma" is the fraction of them within three sigma.
 """
 
 import argparse
@@ -26,12 +27,12 @@ from nav_pose_estimator.engine.solutions import NavBlock
 from nav_pose_estimator.offline.flights.flight_window import flight_window
 from nav_pose_estimator.offline.flights.recording import Recording, load
 
-_WATCHED = 25.0  # s
-_SHARES = (0.4, 0.6, 0.8)
+_WATCHED = 25.0  # s after the restart that are evaluated
+_SHARES = (0.4, 0.6, 0.8)  # fractions of the flight at which the process is killed
 
 
 class Life(NamedTuple):
-    """What a new process gave: seconds of silence (infinite: it never spoke), worst error [m], share within 3 sigma."""
+    """Results of a new process: silence [s] (infinite without solution), largest error [m], fraction within 3 sigma."""
 
     silent: float
     worst: float
@@ -43,7 +44,7 @@ class Life(NamedTuple):
 
 
 def live(recording: Recording, samples: list[Sample], parameters: Parameters, saved: Mapping | None, back: int) -> Life:
-    """A process that begins with ``samples`` at the stamp ``back``."""
+    """Run a process that begins with ``samples`` at the stamp ``back``."""
     engine = PoseEstimator(parameters)
     if saved is not None:
         resumption.resume(engine, saved)
@@ -64,7 +65,7 @@ def live(recording: Recording, samples: list[Sample], parameters: Parameters, sa
 
 
 def restart(recording: Recording, parameters: Parameters, killed_s: float, gap: float) -> tuple[Life, Life] | None:
-    """With the saved state and without; None where the navigator did not run when it was killed."""
+    """Results with and without the saved state; None if the navigator did not run when it was killed."""
     killed = recording.epoch_ns + round(killed_s * 1e9)
     back, end = killed + round(gap * 1e9), killed + round((gap + _WATCHED) * 1e9)
     engine, now, later = PoseEstimator(parameters), 0, []

@@ -1,11 +1,11 @@
-"""Kill a small node and start it again, over and over: how soon the next one hears its sensor, as Fast DDS is set.
+"""Repeated kill and restart of a small node: time until the new one receives its sensor, by settings of Fast DDS.
 
 tools/in_environment.sh env ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET FASTDDS_BUILTIN_TRANSPORTS=UDPv4 \
     ROS_DOMAIN_ID=99 python benchmarks/restart_over_dds.py --trials 40 --in-start 6
 
-Without FASTDDS_BUILTIN_TRANSPORTS there is shared memory, too; docs/getting_started.md says how the profile is set.
-Beside it runs one publisher of 100 Hz. A node is killed when it has heard; others before it, while they start.
-What is killed may leave broken shared memory of the domain behind; `fastdds shm clean` removes it.
+Without FASTDDS_BUILTIN_TRANSPORTS shared memory is also used; docs/getting_started.md describes the profile. A
+publisher of 100 Hz runs meanwhile. A node is killed once it has received a message; others are killed during their
+start. Killed processes may leave damaged shared memory of the domain behind; `fastdds shm clean` removes it.
 """
 
 import argparse
@@ -24,12 +24,12 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Imu
 
 _CREATED, _HEARD = b"c", b"h"
-_LONGEST_START = 0.35  # s: when a node that is killed in its start is killed at the latest
-_GIVEN_UP = 10.0  # s: a node that has not heard by then never does
+_LONGEST_START = 0.35  # s: latest time at which a node is killed during its start
+_GIVEN_UP = 10.0  # s without a message after which a node has failed
 
 
 def child(live: Callable[[], None]) -> int:
-    """Run ``live`` in a child process; its number."""
+    """Run ``live`` in a child process; return its id."""
     number = os.fork()
     if number == 0:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -48,7 +48,7 @@ def sense() -> None:
 
 
 def listen(pipe: int) -> None:
-    """Create a node, hear the sensor, and tell both."""
+    """Create a node and receive the sensor, and report both through ``pipe``."""
     rclpy.init()
     node = rclpy.create_node(f"listener_{os.getpid()}")
     os.write(pipe, _CREATED)
@@ -81,7 +81,7 @@ def kill_in_mid_start(count: int, draw: random.Random) -> None:
 
 
 def restart() -> dict[bytes, float]:
-    """One life, until it has heard or is given up: when [s] it told what."""
+    """Start a node and wait for its first message or the time-out; return the times [s] of its reports."""
     ours, theirs = os.pipe()
     began, told = time.monotonic(), dict[bytes, float]()
     node = child(lambda: listen(theirs))
@@ -96,7 +96,7 @@ def restart() -> dict[bytes, float]:
 
 
 def main() -> None:
-    """All trials, and one line."""
+    """Run all trials and print one line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, default=40)
     parser.add_argument("--in-start", type=int, default=0, help="nodes that are killed in mid-start before each life")

@@ -1,4 +1,4 @@
-"""How long a true return of GNSS waits after an outage, and whether one that is 300 m off is taken within 20 s.
+"""Time until a true return of GNSS is used after an outage, and whether one with an error of 300 m is used within 20 s.
 
 tools/in_environment.sh python benchmarks/returns.py --length 60 --offset 300 flights/*_bag
 """
@@ -20,11 +20,11 @@ from nav_pose_estimator.offline.flights.outages import Outage
 from nav_pose_estimator.offline.flights.recording import Recording, load
 
 _EARTH = 6.37e6  # m
-_PATIENCE = {True: 20.0, False: 40.0}  # s that a wrong and a true return are watched
+_PATIENCE = {True: 20.0, False: 40.0}  # s for which a wrong and a true return are evaluated
 
 
 def waited(engine: PoseEstimator, recording: Recording, start: Start, offset: float) -> float | None:
-    """Seconds from the outage's end to the first fix that is used, ``offset`` [m] to the north; None if none is."""
+    """Time [s] from the end of the outage to the first used fix, with an error ``offset`` [m] North; None without."""
     engine.restore(start.snapshots[0])
     delay_ns = round(engine.parameters.gnss.delay * 1e9)
     begin = recording.epoch_ns + round(start.outage.start * 1e9)

@@ -1,10 +1,10 @@
-"""Outages in recorded flights: by how much the velocity steps from sample to sample, estimated and published.
+"""Steps of the estimated and of the published velocity between samples, in outages of recorded flights.
 
 tools/in_environment.sh python benchmarks/velocity_steps.py flights/*_bag
 
-A step is what motion does not explain: the velocity in the body less what the last one and the IMU have led to. In each
-flight GNSS is taken away for the second half of every minute, all in one run. "late" is the share of the time in which
-the published velocity (``ros.output.velocity_slew``) is more than 0.1 m/s from the estimate.
+A step is the difference of the velocity in b from the last one propagated with the IMU. In each flight GNSS is removed
+for the second half of every minute, all in one run. "late" is the fraction of the time in which the published velocity
+(``ros.output.velocity_slew``) differs from the estimate by more than 0.1 m/s.
 """
 
 import argparse
@@ -47,7 +47,7 @@ def fly(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
 
 
 def steps(t: np.ndarray, rows: np.ndarray, slew: float) -> tuple[np.ndarray, np.ndarray]:
-    """Step (N,) [m/s] of the published velocity at every sample, and how far (N,) it is from the estimate."""
+    """Step (N,) [m/s] of the published velocity at every sample, and its difference (N,) [m/s] from the estimate."""
     memory, taken, apart = np.zeros(6), np.zeros(len(t)), np.zeros(len(t))
     for i, row in enumerate(rows):
         dt = t[i] - t[i - 1] if i else math.inf
@@ -55,7 +55,7 @@ def steps(t: np.ndarray, rows: np.ndarray, slew: float) -> tuple[np.ndarray, np.
             follow(memory, row, 0.0, math.inf)
             continue
         whole = memory.copy()
-        follow(whole, row, dt, 0.0)  # the offset that would leave no step
+        follow(whole, row, dt, 0.0)  # the offset with which there would be no step
         follow(memory, row, dt, slew * dt if slew > 0.0 else math.inf)
         taken[i], apart[i] = np.linalg.norm(whole[3:] - memory[3:]), np.linalg.norm(memory[3:])
     return taken, apart

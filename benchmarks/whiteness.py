@@ -1,13 +1,13 @@
 # ruff: noqa: E402
-"""What the innovations of GNSS look like, and whether sigma is honest, with and without states for its lasting errors.
+"""Whiteness of the GNSS innovations and consistency of sigma, with and without states for correlated GNSS errors.
 
     python benchmarks/whiteness.py [BAG...] [--simulated 4] [--skip 30]
 
-For each recorded flight the autocorrelation of the innovations of position and velocity from one to the next (East,
-North, Up), their RMS and the normalised innovation squared (NIS) per row, over the flight from ``--skip`` seconds after
-the start, and the processor time. Simulated are laps of a quadrotor, as many seeds as ``--simulated`` says, with a
-receiver whose positions err by 1.5 m for 20, 60 and 180 s: against the truth RMS, normalised estimation error squared
-per axis (NEES) and share within 3 sigma of the horizontal error, every five seconds.
+For each recorded flight: lag-one autocorrelation of the innovations of position and velocity (East, North, Up), their
+RMS and the normalised innovation squared (NIS) per row, from ``--skip`` seconds after the start, and the CPU time.
+Simulated flights are laps of a quadrotor with ``--simulated`` seeds, and position errors of the receiver of 1.5 m with
+correlation times of 20, 60 and 180 s: RMS of the horizontal error, normalised estimation error squared (NEES) per axis
+and fraction within 3 sigma, every five seconds.
 """
 
 import os
@@ -43,7 +43,7 @@ SECONDS = 300.0
 
 
 class Watched(InnovationRecord):
-    """A record that keeps every innovation: (N, 3) with NaN where there is no height, and the NIS per row."""
+    """A record that stores every innovation: (N, 3), with NaN without a height, and the NIS per row."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -51,7 +51,7 @@ class Watched(InnovationRecord):
         self.nis: list[float] = []
 
     def add(self, nis: float, z: Sequence[float] | np.ndarray, period: float, believed: bool = True) -> None:
-        """As in the record, and kept."""
+        """Add and store an innovation."""
         row = [float(one) for one in z]
         super().add(nis, row, period, believed)
         self.all.append([*row, np.nan][:3])
@@ -69,7 +69,7 @@ def fly(samples: Iterable[Sample], parameters: Parameters) -> tuple[list[Output]
 
 
 def in_words(record: Watched, skip: int) -> str:
-    """Three cells: autocorrelation, RMS on each axis, mean NIS per row."""
+    """Three table cells: autocorrelation, RMS on each axis, mean NIS per row."""
     z, nis = np.array(record.all[skip:]).reshape(-1, 3), np.array(record.nis[skip:])
     if len(z) < 2:
         return "- | - | -"
@@ -91,7 +91,7 @@ def recorded(bag: Path, skip: float) -> None:
 
 
 def slow(tau: float, seed: int) -> Recording:
-    """Laps with a receiver whose error lasts for ``tau`` [s]."""
+    """Laps with a receiver whose errors have the correlation time ``tau`` [s]."""
     gnss = Gnss(position_sd=(1.5, 1.5, 2.5), position_tau=tau, position_noise=(0.2, 0.2, 0.3))
     return generate(replace(find_scenario("laps"), gnss=gnss), SECONDS, seed, imu_rate=50.0)
 

@@ -1,4 +1,4 @@
-"""The composed estimator beside MAVROS, and back to the autopilot if asked for:
+"""Launch file of the composed estimator with the topics of MAVROS, optionally with output to the autopilot:
 
 ros2 launch nav_pose_estimator mavros.launch.py autopilot:=mavros mavros:=/drone1/mavros namespace:=drone1
 """
@@ -23,7 +23,7 @@ _TOPICS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """MAVROS itself is started by its own launch files; see docs/autopilot.md before ``autopilot`` is set."""
+    """Launch the estimator. MAVROS has its own launch files; read docs/autopilot.md before setting ``autopilot``."""
     config = [FindPackageShare("nav_pose_estimator"), "config"]
     text = {"value_type": str}
     frames = {

@@ -1,4 +1,4 @@
-"""The composed estimator: ros2 launch nav_pose_estimator pose_estimator.launch.py namespace:=drone1"""
+"""Launch file of the composed estimator: ros2 launch nav_pose_estimator pose_estimator.launch.py namespace:=drone1"""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
@@ -9,9 +9,9 @@ from launch_ros.substitutions import FindPackageShare
 
 
 def generate_launch_description() -> LaunchDescription:
-    """One process; it is started again half a second after it has ended, and with a state file it goes on in flight.
+    """Launch one process, which is restarted half a second after it ends, and resumes in flight with a state file.
 
-    It speaks UDP, not the shared memory of Fast DDS (docs/getting_started.md): nothing to be set here.
+    It selects UDP instead of the shared memory of Fast DDS by itself (docs/getting_started.md).
     """
     shipped = PathJoinSubstitution([FindPackageShare("nav_pose_estimator"), "config", "nav_pose_estimator.yaml"])
     return LaunchDescription(

@@ -9,10 +9,10 @@ from launch_ros.substitutions import FindPackageShare
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Each goes on without the others, and is started again half a second after it has ended.
+    """Launch three processes. Each runs without the others, and is restarted half a second after it ends.
 
-    With a state file the navigator goes on in flight. All speak UDP, not the shared memory of Fast DDS
-    (docs/getting_started.md): nothing to be set here.
+    With a state file the navigator resumes in flight. All select UDP instead of the shared memory of Fast DDS by
+    themselves (docs/getting_started.md).
     """
     shipped = PathJoinSubstitution([FindPackageShare("nav_pose_estimator"), "config", "nav_pose_estimator.yaml"])
     own = {"use_sim_time": LaunchConfiguration("use_sim_time")}

@@ -1,12 +1,12 @@
-"""Fingerprints of what the estimators compute, to prove that a change which only moves or types code changes no bit.
+"""Hashes of the estimators' results, to verify that a refactoring does not change them by a single bit.
 
     tools/in_environment.sh python tools/golden_hashes.py > before.txt      # then change something, and
     tools/in_environment.sh python tools/golden_hashes.py | diff before.txt -
 
-Flights: the shipped bags, a simulated one with late fixes and a velocity sensor, and a recorded one where the folder
-``shared`` lies beside the repository. For each a hash of every row of the solution, of the full states, attitudes,
-network outputs, events and counters. A hash holds for one machine and one set of library versions; what counts is that
-it stays the same from one commit to the next. It does not depend on how rows are packed into blocks.
+The flights are the shipped bags, a simulated one with late fixes and a velocity sensor, and a recorded one if the
+folder ``shared`` is beside the repository. For each flight there are hashes of the rows of the solution, the full
+states, the attitudes, network outputs, events and counters. They are valid for one machine and one set of library
+versions, and do not depend on the division of the rows into blocks.
 """
 
 import hashlib
@@ -50,7 +50,7 @@ class Fingerprint:
         self._hashes = {kind: hashlib.sha256() for kind in self.KINDS}
 
     def take(self, outputs: Iterable[Output]) -> None:
-        """Add what came out of one call."""
+        """Add the outputs of one call."""
         for output in outputs:
             if isinstance(output, NavBlock):
                 self._add_rows(output.stamps_ns, output.rows, output.correction_enu, output.mode)
@@ -83,7 +83,7 @@ class Fingerprint:
 
 
 def fly(samples: Iterable[Sample], outages: list[Outage]) -> str:
-    """Samples through the estimator with GNSS taken away in ``outages``, one IMU block or so a call."""
+    """Run samples through the estimator without GNSS in ``outages``; return the fingerprint as text."""
     samples = list(samples)
     engine, fingerprint = PoseEstimator(Parameters()), Fingerprint()
     epoch_ns = min(int(s.stamps_ns[0]) for s in samples if isinstance(s, ImuBlock))
@@ -100,7 +100,7 @@ def fly(samples: Iterable[Sample], outages: list[Outage]) -> str:
 
 
 def _last_alone(block: ImuBlock) -> list[Sample]:
-    """A sample by itself gives a full state, biases and covariance included."""
+    """The block with its last sample separate, because single samples yield full states with biases and covariance."""
     last = ImuSample(int(block.stamps_ns[-1]), tuple(block.gyro[-1].tolist()), tuple(block.accel[-1].tolist()))
     return [block.part(0, len(block) - 1), last] if len(block) > 1 else [last]
 
@@ -120,7 +120,7 @@ def recorded(bag: Path, last: float = np.inf) -> list[Sample]:
 
 
 def simulated() -> Iterator[Sample]:
-    """Fixes that arrive late, and a velocity sensor from the true motion in the first half of the flight."""
+    """A simulated flight with late fixes, and a velocity sensor in its first half."""
     recording = generate("late_gnss", 120.0, seed=7)
     truth, stamps = recording.truth, recording.imu_data.block.stamps_ns
     velocity_b = quat_rotate_many(truth.q_nb * np.array([1.0, -1.0, -1.0, -1.0]), truth.v_n)

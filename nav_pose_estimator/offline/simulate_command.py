@@ -13,7 +13,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = DESCRIPTION
     parser.add_argument("bag", type=Path, nargs="?", metavar="OUT_BAG", help="folder of the new bag")
     add = parser.add_argument
-    add("--scenario", default="multirotor_outage", metavar="NAME", help="what happens (default: multirotor_outage)")
+    add("--scenario", default="multirotor_outage", metavar="NAME", help="scenario (default: multirotor_outage)")
     add("--duration", type=float, metavar="S", help="length in seconds (default: that of the scenario)")
     add("--seed", type=int, default=0, metavar="N", help="the same seed gives the same flight (default: 0)")
     add("--imu", default="icm42688", metavar="GRADE", help="IMU and its errors (default: icm42688)")

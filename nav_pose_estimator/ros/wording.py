@@ -120,7 +120,7 @@ def input_sentence(reports: list[InputReport]) -> tuple[int, str]:
 
 def _complaints(report: InputReport) -> Iterator[str]:
     if report.needed and report.age > 2.0:
-        since = "never came" if not math.isfinite(report.age) else f"silent for {report.age:.0f} s"
+        since = "was never received" if not math.isfinite(report.age) else f"silent for {report.age:.0f} s"
         yield f"{report.topic} {since} ({report.publishers} publishers)"
     elif report.is_gone:
         yield f"{report.topic}: its publisher is gone"

@@ -1,4 +1,4 @@
-"""Airframes of made-up flights, with and without a network."""
+"""Airframe files of synthetic flights, with and without a network."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from nav_pose_estimator.core.motion.vehicle_class import FIXED_WING, MULTIROTOR,
 
 
 def archive_of(epochs: np.ndarray, added: int = 0) -> Archive:
-    """The archive of one flight; what is added to its inputs is of no use."""
+    """Archive of one flight with ``added`` inputs that have no effect."""
     wide = np.column_stack([epochs, np.random.default_rng(0).normal(size=(len(epochs), added))])
     wind = wind_along(learn_air_velocity(epochs), epochs)
     in_body = np.einsum("nij,ni->nj", me.attitude(epochs)[:, :2], wind)
@@ -30,7 +30,7 @@ def archive_of(epochs: np.ndarray, added: int = 0) -> Archive:
 
 
 def airframe(vehicle_class: str = MULTIROTOR, is_one: bool = True, form: str | None = None) -> Airframe:
-    """Of one flight of ``flown.Flight`` in another wind, or of a drive."""
+    """Airframe of one flight of ``flown.Flight`` in another wind, or of a drive."""
     epochs = drive(seed=5) if vehicle_class == WHEELS else Flight(wind=(-4.0, 1.0), seed=11).epochs()
     network = None
     if form is not None:

@@ -1,9 +1,9 @@
-"""Autopilots as far as they check what comes in: each consumer keeps what it takes, and why it refuses the rest.
+"""Simulated input checks of autopilots: each consumer stores the messages it accepts, and why it rejects others.
 
-The checks are those of PX4's EKF2 (external vision: finite and known frame, quaternion of unit length in float32, a gap
-of at most 200 ms, time not ahead of its own), of ArduPilot's external navigation (LOCAL_FRD and BODY_FRD by way of
-MAVROS, at least 4 Hz) and of its GPS_INPUT driver (instance, fix type, time of week). Beyond these: a position may only
-jump where the reset counter says so, or between two stretches of sending.
+The checks are those of PX4's EKF2 (external vision: finite values, known frame, unit quaternion in float32, gaps of at
+most 200 ms, no stamps in the future), of ArduPilot's external navigation (LOCAL_FRD and BODY_FRD via MAVROS, at least
+4 Hz) and of its GPS_INPUT driver (instance, fix type, time of week). In addition, a position may only jump with the
+reset counter, or after a pause in sending.
 """
 
 import math
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 LATE = 0.2  # s
-SILENCE = 1.0  # s: a gap from here on is a new stretch
+SILENCE = 1.0  # s: gap that counts as a pause in sending
 JUMP = 1.0  # m
 TO_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 TO_FRD = np.diag([1.0, -1.0, -1.0])
@@ -21,7 +21,7 @@ TO_FRD = np.diag([1.0, -1.0, -1.0])
 
 @dataclass
 class Taken:
-    """One message as the autopilot understands it: seconds, NED, body FRD."""
+    """A message as interpreted by the autopilot: time [s], NED, body FRD."""
 
     t: float
     position: np.ndarray  # (3,), NaN where none is given
@@ -33,14 +33,14 @@ class Taken:
 
 @dataclass
 class Consumer:
-    """What is common: time, rate, jumps."""
+    """Common checks: time, rate, jumps."""
 
     longest_gap: float
     taken: list[Taken] = field(default_factory=list)
     refused: list[str] = field(default_factory=list)
 
     def take(self, message: Any, now: float) -> None:
-        """One message that arrives at ``now`` [s]."""
+        """Receive a message at ``now`` [s]."""
         try:
             item = self.read(message)
             self.check(item, now)
@@ -50,11 +50,11 @@ class Consumer:
             self.taken.append(item)
 
     def read(self, message: Any) -> Taken:
-        """What the message says; an assertion for what the autopilot would not take."""
+        """Interpret the message; ``AssertionError`` if the autopilot would reject it."""
         raise NotImplementedError
 
     def check(self, item: Taken, now: float) -> None:
-        """Time and continuity."""
+        """Check time and continuity."""
         assert -1e-6 <= now - item.t <= LATE, f"time: {now - item.t:.3f} s old"
         assert np.isfinite(item.velocity).all(), "velocity: not finite"
         if np.isfinite(item.position).all():
@@ -95,13 +95,13 @@ class Px4(Consumer):
 
 
 class Mavros(Consumer):
-    """The plugin ``odometry`` of MAVROS with an autopilot behind it: no reset counter, so no jump at all."""
+    """The plugin ``odometry`` of MAVROS with an autopilot: without a reset counter, so that no jump is allowed."""
 
     def __init__(self) -> None:
         super().__init__(0.25)
 
     def read(self, message: Any) -> Taken:
-        """nav_msgs/Odometry, turned as MAVROS does by the static transforms that it publishes."""
+        """nav_msgs/Odometry, converted like MAVROS by the static transforms that it publishes."""
         assert message.header.frame_id in ("map", "odom"), "frame: no transform to ..._ned"
         assert message.child_frame_id == "base_link", "frame: no transform to ..._frd"
         for name, cov in (("pose", message.pose.covariance), ("twist", message.twist.covariance)):
@@ -154,7 +154,7 @@ def seconds(message: Any) -> float:
 
 
 def matrix(q: np.ndarray) -> np.ndarray:
-    """(3, 3) of a quaternion, scalar first; written down anew, so that a test does not lean on what it tests."""
+    """Matrix (3, 3) of a quaternion, scalar first; independent of the code under test."""
     w, x, y, z = (float(c) for c in q)
     return np.array(
         [

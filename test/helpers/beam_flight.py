@@ -1,4 +1,4 @@
-"""A flight with beams through the navigator, GNSS lost for most of it."""
+"""A flight with beam velocities and a long GNSS outage in the navigator."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -20,13 +20,13 @@ LOST, END = 60.0, 110.0  # s
 
 
 def beam_flight() -> Recording:
-    """A drone that GNSS leaves from ``LOST`` to ``END``."""
+    """Flight of a drone with a GNSS outage from ``LOST`` to ``END``."""
     recording = generate("multirotor_outage", END + 1.0, seed=5, imu_rate=50.0)
     return recording.with_faults(*silence(LOST, END - LOST))
 
 
 class Flown:
-    """The engine behind ``samples`` up to ``until`` [s], its events, and its horizontal error [m]."""
+    """The engine after ``samples`` up to ``until`` [s], its events, and its horizontal error [m]."""
 
     def __init__(self, recording: Recording, samples: Iterable[Sample], until: float = END, **beams) -> None:
         self.engine = SinsEngine(update(Parameters(), {f"aids.beams.{key}": value for key, value in beams.items()}))

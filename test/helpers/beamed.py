@@ -1,4 +1,4 @@
-"""A simulated flight with a Doppler log of four beams, or under water, made from the truth."""
+"""Beam velocities of a Doppler log, or water pressures, from the truth of a simulated flight."""
 
 from collections.abc import Callable, Iterator
 
@@ -11,11 +11,11 @@ from nav_pose_estimator.sim.recording import Recording
 
 SD = 0.02  # m/s
 Change = Callable[[float, BeamVelocitySample], BeamVelocitySample | None]
-"""What happens to the message of a time [s]; None: it is lost."""
+"""Change of the message at a time [s]; None: it is lost."""
 
 
 def beam_directions(angle: float = 25.0, azimuths: tuple[float, ...] = (45.0, 135.0, 225.0, 315.0)) -> np.ndarray:
-    """Unit vectors (n, 3) in FLU, looking down, ``angle`` [deg] off the vertical."""
+    """Unit vectors (n, 3) in FLU that point down at ``angle`` [deg] from the vertical."""
     a, psi = np.radians(angle), np.radians(azimuths)
     return np.column_stack([np.sin(a) * np.cos(psi), np.sin(a) * np.sin(psi), np.full(len(psi), -np.cos(a))])
 
@@ -29,9 +29,9 @@ def with_beams(
     own: bool = False,
     lever: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Iterator[Sample]:
-    """The samples of ``recording`` with beam velocities from ``begin`` [s] on, sensor turned by ``rpy``.
+    """The samples of ``recording`` with beam velocities from ``begin`` [s] on, with the sensor mounted at ``rpy``.
 
-    ``own``: messages hold the sensor's own 3-D velocity, too.
+    ``own``: messages also contain the sensor's 3-D velocity.
     """
     truth, due, rng = recording.truth, begin, np.random.default_rng(7)
     velocity = quat_rotate_many(truth.q_nb * np.array([1.0, -1.0, -1.0, -1.0]), truth.v_n) + np.cross(truth.gyro, lever)
@@ -55,7 +55,7 @@ def with_beams(
 
 
 def in_water(recording: Recording, density: float = 1000.0, surface: float = 30.0) -> Iterator[Sample]:
-    """The samples of ``recording`` with pressures as ``surface`` [m] below that of water, above where it began."""
+    """The samples of ``recording`` with water pressures; the surface is ``surface`` [m] above the start."""
     truth = recording.truth
     for sample in recording.samples():
         if isinstance(sample, PressureSample):

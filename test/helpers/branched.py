@@ -1,4 +1,4 @@
-"""A filter in an outage on a time line of its own, with evidence of what the vehicle does."""
+"""A filter on its own time line in an outage, with evidence about the motion of the vehicle."""
 
 from typing import Any
 
@@ -37,7 +37,7 @@ def apply(o: Observation, f: FilterView) -> None:
 
 
 def observation(t: float, kind: Kind, measured: Any) -> Observation:
-    """One that is stamped like its time."""
+    """Observation whose stamp is its time of validity."""
     return Observation(t, round(t * 1e9), kind, measured)
 
 

@@ -1,4 +1,4 @@
-"""Questions to a page: headless Chromium runs its scripts and answers."""
+"""Evaluation of JavaScript expressions in a page by headless Chromium."""
 
 import html
 import json
@@ -12,13 +12,13 @@ from chromium import CHROMIUM, document
 
 
 def needs_browser() -> None:
-    """Skip where there is none."""
+    """Skip the test without Chromium."""
     if CHROMIUM is None:
         pytest.skip("needs Chromium (apt install chromium)")
 
 
 def ask(page: Path, question: str, width: int, dark: bool) -> Any:
-    """The value of the JavaScript expression ``question``, which may be a promise, when the page stands."""
+    """Value of the JavaScript expression ``question``, which may be a promise, after the page is complete."""
     needs_browser()
     script = (
         "<script>addEventListener('load', async () => { const answer = document.createElement('pre');"

@@ -1,4 +1,4 @@
-"""Recordings as somebody else's drone would have made them: a simulated flight, message by message changed."""
+"""Bags with changed messages, to imitate the recordings of other drivers."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The strapdown navigator on the readings of an ideal IMU: how far it strays from the truth."""
+"""Errors of the strapdown navigator with the data of an ideal IMU."""
 
 from typing import NamedTuple
 

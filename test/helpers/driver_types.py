@@ -1,8 +1,8 @@
-"""Messages of drivers that are not part of ROS itself, with all their fields, made without the drivers' packages.
+"""Messages of drivers that are not part of ROS itself, with all their fields, without the drivers' packages.
 
 The fields are those of px4_msgs (1.15 and, as SensorGps114, 1.14), gps_msgs, ublox_msgs, mavros_msgs,
-marine_acoustic_msgs, dvl_msgs and geographic_msgs: an adapter that reads a field that a driver does not send fails here
-as it would in the air.
+marine_acoustic_msgs, dvl_msgs and geographic_msgs, so that an adapter that reads a field that a driver does not send
+fails in the tests.
 """
 
 from typing import Any

@@ -1,4 +1,4 @@
-"""Stand-ins for what is learned: jobs that end as they are told, and a model that always says the same."""
+"""Test doubles of learners: jobs with a given outcome, and a model with constant output."""
 
 import os
 import time
@@ -11,7 +11,7 @@ from nav_pose_estimator.errors import UserError
 
 @dataclass(frozen=True)
 class Job:
-    """Gives back its number and its process; or fails, dies or takes long."""
+    """Job that returns its number and its process id, or fails, dies or takes long."""
 
     number: int
     how: str = "well"
@@ -36,7 +36,7 @@ class State:
 
 @dataclass
 class Learner:
-    """The face of ``OutageLearner`` that a node needs."""
+    """The part of the interface of ``OutageLearner`` that a node needs."""
 
     weight: float = 0.0
     state: State = field(default_factory=State)
@@ -62,7 +62,7 @@ class Learner:
 
 @dataclass
 class Pupil:
-    """What has a learner and takes results."""
+    """Owner of a learner, which receives results."""
 
     learner: Learner = field(default_factory=Learner)
     results: list[tuple[int, int]] = field(default_factory=list)
@@ -75,7 +75,7 @@ class Pupil:
 
 @dataclass
 class StillAir:
-    """A model for which the vehicle always rests in still air."""
+    """A model that always predicts rest in still air."""
 
     noise: np.ndarray = field(default_factory=lambda: np.array([0.04, 0.09, 0.16]))
     hover_noise: np.ndarray = field(default_factory=lambda: np.ones(3))

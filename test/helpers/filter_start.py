@@ -11,11 +11,11 @@ from nav_pose_estimator.core.filter.blocks import BLOCKS, Block, Wander, enlarge
 from nav_pose_estimator.core.filter.constants import make_constants
 
 SUBSETS = [chosen for size in range(len(BLOCKS) + 1) for chosen in itertools.combinations(BLOCKS, size)]
-"""Every choice of optional blocks."""
+"""All subsets of the optional blocks."""
 
 
 def names(blocks: Iterable[Block]) -> str:
-    """A test's name for a choice of blocks."""
+    """Name of a test for a subset of blocks."""
     return "+".join(block.name for block in blocks) or "none"
 
 

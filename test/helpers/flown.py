@@ -1,4 +1,4 @@
-"""Epochs of made-up flights whose law of motion is known: what the outage learning has to find."""
+"""Epochs of synthetic flights with a known law of motion, which the outage learning has to find."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ def linear_drag(air: np.ndarray) -> np.ndarray:
 
 @dataclass
 class Flight:
-    """A multirotor that turns, tilts and dashes to and fro; ``epochs()`` are its half-second means."""
+    """A multirotor that yaws, tilts and moves back and forth; ``epochs()`` are its half-second means."""
 
     seconds: float = 300.0
     speed: float = 6.0  # m/s, through the air
@@ -27,7 +27,7 @@ class Flight:
     change: Callable[[np.ndarray], np.ndarray] = field(default=lambda t: np.zeros((len(t), 2)))  # of the wind
     drag: Callable[[np.ndarray], np.ndarray] = linear_drag
     noise: float = 0.05  # m/s^2, of the mean specific force
-    hover: float = 0.0  # share of the time without motion over ground
+    hover: float = 0.0  # fraction of the time without motion over ground
     seed: int = 1
 
     def epochs(self) -> np.ndarray:
@@ -58,9 +58,9 @@ class Flight:
 
 
 def drive(seconds: float = 200.0, wind: tuple[float, float] = (0.0, 0.0), seed: int = 1) -> np.ndarray:
-    """Epochs of a level vehicle that goes where its nose points, through air that moves with ``wind`` [m/s].
+    """Epochs of a level vehicle that moves along its x axis, through air with the velocity ``wind`` [m/s].
 
-    With no wind it is a car: no drag tells its speed. The specific force is that of its turns.
+    Without wind it is a car: its speed does not show in any drag. The specific force is that of its turns.
     """
     random = np.random.default_rng(seed)
     t = me.PERIOD * np.arange(1, round(seconds / me.PERIOD) + 1)

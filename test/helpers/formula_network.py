@@ -1,4 +1,4 @@
-"""A network whose weights follow from a formula: the same everywhere, whatever generators of random numbers do."""
+"""A network with weights by a formula, which do not depend on random generators."""
 
 import numpy as np
 

@@ -1,9 +1,9 @@
-"""A test that hangs costs that test, never the run.
+"""Watchdog for tests that hang, so that only such a test fails and not the whole run.
 
-A participant of DDS can hang in C++ with the interpreter's lock held: no exception and no other Python thread gets in
-between. So a watchdog in C prints the stack of every thread and ends the process. xdist counts the test as failed and
-goes on with another worker, for which its scheduler has to be ``worksteal``: ``loadfile`` of 3.8 runs the test again,
-or waits for ever for the worker that is gone.
+A DDS participant can hang in C++ while it holds the interpreter's lock, so that neither exceptions nor Python threads
+can interrupt it. Therefore a watchdog in C prints the stacks of all threads and ends the process. xdist counts the test
+as failed and continues with another worker. This needs its scheduler ``worksteal``: ``loadfile`` of 3.8 runs the test
+again, or waits for ever for the lost worker.
 """
 
 import faulthandler

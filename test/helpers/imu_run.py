@@ -1,4 +1,4 @@
-"""The navigator's hot loop on a state and covariance that lie by themselves."""
+"""The navigator's propagation loop on a separate state and covariance."""
 
 import math
 

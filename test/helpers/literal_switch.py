@@ -1,6 +1,6 @@
-"""The switch between two rules for R as the text on fine alignment by innovation detection has it, to the letter.
+"""The switch between two rules for R, literally as in the source on fine alignment by innovation detection.
 
-A reference to show what it does; the package does without. ``C(k) = H P H' + R`` is read as a chi-square test.
+It is a reference for comparison, which the package does not use. ``C(k) = H P H' + R`` is read as a chi-square test.
 """
 
 from collections import deque
@@ -39,7 +39,7 @@ class LiteralSwitch:
         return self.R
 
     def note(self, residual: np.ndarray) -> None:
-        """What the update left of the innovation."""
+        """Store the residual after the update."""
         self._residual = residual
 
     def _sound(self, R: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""MCAP files written byte by byte, so that a test decides what stands in them."""
+"""Writer of MCAP files byte by byte, so that a test determines all of their content."""
 
 import struct
 import zlib

@@ -1,6 +1,6 @@
-"""Every parameter with another value than its default, and the flight on which that makes a difference.
+"""A changed value of every parameter, and the flight on which the change has an effect.
 
-A parameter that stands nowhere here fails ``test_every_parameter_has_its_flight_or_its_observer``.
+A parameter without an entry fails ``test_every_parameter_has_its_flight_or_its_observer``.
 """
 
 from collections.abc import Callable, Iterator
@@ -266,7 +266,7 @@ OF_NODES: dict[str, Any] = {
     "ros.model.save_after_training": True,
     "attitude.world_frame": "ned",
 }
-"""Parameters of what only nodes have: queues, topics that they publish, files that they write."""
+"""Parameters that only affect nodes: queues, published topics, written files."""
 PRESETS: dict[str, dict[str, Any]] = {
     "origin": {"origin.latitude": 47.4, "origin.longitude": 8.6, "origin.height": 400.0},
     "two_stage": {"attitude.filter": "two_stage"},
@@ -276,7 +276,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "known_before": {"learner.enabled": True, "learner.airframe": AIRFRAME},
     "gravity": {"navigator.gravity_states": True},
 }
-"""What must be set for the parameters of a flight to matter at all. The learner is on only where it is looked at."""
+"""Values that must be set for the parameters of a flight to have an effect. The learner is on only where tested."""
 
 
 def _base(duration: float = 110.0) -> Recording:
@@ -284,7 +284,7 @@ def _base(duration: float = 110.0) -> Recording:
 
 
 def _full() -> list[Sample]:
-    """Rest, take-off, an outage with a velocity sensor for a while; an IMU that sticks, pauses, stops and spikes."""
+    """Rest, take-off, an outage with a velocity sensor for a while; an IMU that freezes, pauses, stops and spikes."""
     faults = (
         *silence(45.0, 15.0),
         Shift(ImuSample, 30.0, 0.03, (0.0, 0.0, 0.0, 60.0, 0.0, 0.0)),

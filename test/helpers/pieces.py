@@ -1,4 +1,4 @@
-"""A flight in other pieces: the same samples, one by one."""
+"""Division of a flight into single samples."""
 
 from collections.abc import Iterable
 
@@ -6,7 +6,7 @@ from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
 
 
 def one_by_one(flight: Iterable[Sample]) -> list[Sample]:
-    """Every sample by itself; each IMU block gives as many as it has rows."""
+    """All samples one by one, with the rows of IMU blocks as single samples."""
     return [single for sample in flight for single in _singles(sample)]
 
 

@@ -1,4 +1,4 @@
-"""Small recordings made message by message, for the tests of what reads bags."""
+"""Small bags with individual messages, for the tests of bag readers."""
 
 from pathlib import Path
 
@@ -68,7 +68,7 @@ def count(value: int = 9):
 
 
 def flight(seconds: float = 4.0, rate: int = 100, imu_topic: str = "/imu/data_raw"):
-    """(receive time, topic, type, message) of a short recording; the IMU's values tell their index."""
+    """(receive time, topic, type, message) of a short recording; the IMU's values depend on their index."""
     messages = []
     for i in range(int(seconds * rate)):
         t = EPOCH_NS + i * 10**9 // rate

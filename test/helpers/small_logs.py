@@ -41,7 +41,7 @@ class Ulog:
     topics: list[tuple[str, int, list[tuple[str, str]], np.ndarray]] = field(default_factory=list)
 
     def add(self, name: str, time_us, columns: dict[str, tuple[str, Sequence | np.ndarray]], multi_id: int = 0) -> None:
-        """``columns``: name -> (type, values); a type such as ``float[3]`` takes (N, 3)."""
+        """``columns``: (type, values) by name; values (N, 3) for a type such as ``float[3]``."""
         spec = [("uint64_t", "timestamp"), *((kind, column) for column, (kind, _) in columns.items())]
         dtype = []
         for kind, column in spec:
@@ -94,7 +94,7 @@ _FACTORS = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
 
 @dataclass
 class DataFlash:
-    """Messages to be written, values as a reader shall see them."""
+    """Messages to be written, with the values that a reader must return."""
 
     formats: dict[str, tuple[int, str, str]] = field(default_factory=dict)
     messages: list[tuple[float, int, str, tuple]] = field(default_factory=list)
@@ -154,7 +154,7 @@ class DataFlash:
 
 @dataclass
 class Flight:
-    """A simulated flight in the numbers that autopilots log: FRD, NED, log clock in microseconds (of receipt)."""
+    """A simulated flight in the units of autopilot logs: FRD, NED, microseconds of the log's clock at reception."""
 
     recording: Recording
     imu_us: np.ndarray
@@ -182,7 +182,7 @@ def flight(seconds: float = 60.0, rate: float = 100.0, seed: int = 3, clock: flo
     def of(kind):
         return [timed for timed in recording.others if type(timed.sample) is kind]
 
-    # one stamp for what a receiver says at once: that of the fix
+    # all messages of one epoch of the receiver have the stamp of the fix
     fixes, velocities, mags, baros = of(GnssFix), of(GnssVelocity), of(MagSample), of(PressureSample)
     by_stamp = {timed.sample.stamp_ns: timed.sample for timed in velocities}
     fixes = [timed for timed in fixes if timed.sample.stamp_ns in by_stamp]
@@ -262,7 +262,7 @@ def px4_gnss(flown: Flight, new: bool) -> dict:
 
 
 def _px4_opinion(log: Ulog, flown: Flight) -> None:
-    """An estimator that flies ten metres beside the truth, to the North."""
+    """An estimate with an error of ten metres North."""
     truth = flown.recording.truth
     rows = np.arange(0, len(truth), 10)
     enu = truth.position_enu(flown.recording.origin)[rows]
@@ -289,7 +289,7 @@ def _px4_opinion(log: Ulog, flown: Flight) -> None:
 
 
 def _ned_frd(q_enu_flu: np.ndarray) -> np.ndarray:
-    """Attitude FLU to ENU as FRD to NED, by matrices: another way than the one under test."""
+    """Convert the attitude from FLU to ENU into FRD to NED, by matrices, unlike the code under test."""
     w, x, y, z = q_enu_flu.T
     matrix = np.array(
         [
@@ -370,7 +370,7 @@ def _gps(log: DataFlash, flown: Flight, new: bool) -> None:
 
 
 def _estimates(log: DataFlash, flown: Flight, new: bool, q: str, time: str, scale: float) -> None:
-    """An estimator that flies ten metres beside the truth, to the North; an old log does not tell its origin."""
+    """An estimate with an error of ten metres North; an old log does not contain its origin."""
     name = "XKF1" if new else "EKF1"
     log.define(name, q + ("B" if new else "") + "ffffff", time + (",C" if new else "") + ",VN,VE,VD,PN,PE,PD")
     truth = flown.recording.truth

@@ -1,4 +1,4 @@
-"""A flight told to the estimator: what it answered, and how far it was from the truth."""
+"""A simulated flight in the estimator: its outputs, and their errors relative to the truth."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -23,12 +23,12 @@ GNSS = (GnssFix, GnssVelocity, SatelliteCount)
 
 @cache
 def flight(name: str = "multirotor_light", duration: float = 120.0, seed: int = 5, rate: float = 100.0) -> Recording:
-    """A simulated flight, made once; faults are added to copies of it."""
+    """A simulated flight, which is cached; faults are added to copies of it."""
     return scenarios.generate(name, duration, seed, imu_rate=rate)
 
 
 def silence(start: float, length: float) -> tuple[Fault, ...]:
-    """The whole receiver says nothing."""
+    """Faults that stop all messages of the receiver."""
     return tuple(Stop(kind, start, length) for kind in GNSS)
 
 
@@ -56,7 +56,7 @@ class Told:
         return np.hypot(self.error[:, 0], self.error[:, 1])
 
     def between(self, start: float, end: float) -> np.ndarray:
-        """Which rows lie in [start, end)."""
+        """Mask of the rows in [start, end) [s]."""
         return (self.t >= start) & (self.t < end)
 
     def modes_between(self, start: float, end: float) -> set[Mode]:
@@ -115,7 +115,7 @@ def tell(
 
 
 def _last_alone(samples: Iterable[Sample]) -> Iterator[Sample]:
-    """The very last IMU sample by itself: its solution has biases and covariance."""
+    """The samples with the last IMU sample separate, so that its solution has biases and covariance."""
     before: Sample | None = None
     for sample in samples:
         if before is not None:

@@ -1,4 +1,4 @@
-"""Half-second epochs of the true motion, as the outage learning gets them from the navigator."""
+"""Half-second epochs of the true motion, in the form in which the outage learning receives them."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ SECONDS = 150.0
 
 
 def epochs_of(scenario: str, seed: int, seconds: float = SECONDS) -> np.ndarray:
-    """Epochs (N, COLUMNS) of a vehicle under way, its velocity known to 3 cm/s."""
+    """Epochs (N, COLUMNS) of a moving vehicle, with a velocity sigma of 3 cm/s."""
     truth = generate(scenario, seconds, seed, "perfect", imu_rate=50.0).truth
     rows = np.zeros((len(truth), at.OUT_COLUMNS))
     rows[:, at.OUT_QUAT : at.OUT_QUAT + 4] = truth.q_nb

@@ -1,4 +1,4 @@
-"""Simulated flights whose magnetometer is mounted another way, mirrored, or near iron."""
+"""Simulated flights with a magnetometer that is rotated, mirrored or near iron."""
 
 import math
 from dataclasses import replace
@@ -10,12 +10,12 @@ from nav_pose_estimator.sim.recording import Recording
 
 NO_IRON = (0.0, 0.0, 0.0)
 MIRRORED = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-"""x and y swapped, z not: no way to mount a sensor, but a way to write a driver."""
+"""x and y swapped: not possible by mounting, but by a mistake in a driver."""
 NONE_OF_THE_EARTH = ((0.0, 0.0, 0.0),) * 3
 
 
 def turned(degrees: float) -> tuple[tuple[float, ...], ...]:
-    """What a sensor publishes that is turned counter-clockwise about Up against the IMU."""
+    """Matrix of a sensor that is rotated counter-clockwise about Up relative to the IMU."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return (c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)
 

@@ -100,7 +100,7 @@ def test_names_are_checked_and_come_back_once() -> None:
     assert methods.check(["best", "hold", "best", "coast"]) == ["best", "hold", "coast"]
     with pytest.raises(UserError, match="choose from"):
         methods.check(["coast", "magic"])
-    with pytest.raises(UserError, match="only there in benchmark outage"):
+    with pytest.raises(UserError, match="only available in benchmark outage"):
         methods.check(["hold"], allow_extrapolations=False)
 
 

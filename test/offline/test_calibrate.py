@@ -77,10 +77,10 @@ def test_the_written_file_gives_the_baseline_in_replay(tmp_path, capsys):
     wrong = with_compass(base(), turned(90.0), (40e-6, 0.0, 0.0))
     write_recording(tmp_path / "flight", wrong)
     assert main(["calibrate", str(tmp_path / "flight"), "--out", str(tmp_path / "mag.yaml")]) == 0
-    assert "follows the gyroscope" in capsys.readouterr().out
+    assert "agrees with the gyroscope" in capsys.readouterr().out
     text = (tmp_path / "mag.yaml").read_text()
     assert text.startswith("# Magnetometer calibration")
-    assert "Deviations" in text
+    assert "Standard deviations" in text
     # WHEN it is flown with the file
     p = load_parameters(tmp_path / "mag.yaml")
     mended = tell(

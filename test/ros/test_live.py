@@ -219,7 +219,7 @@ def test_a_navigator_without_data_says_what_it_misses(launch, observer):
     node = launch("sins_node", "-p", "ros.output.diagnostics_period:=0.2")
     arrays = observer.listen(DiagnosticArray, "/diagnostics")
     observer.until(
-        lambda: any("imu/data_raw never came" in s.message for a in arrays for s in a.status), "the missing IMU"
+        lambda: any("imu/data_raw was never received" in s.message for a in arrays for s in a.status), "the missing IMU"
     )
     state = arrays[-1].status[0]
     assert state.name == "sins_node"

@@ -196,7 +196,7 @@ def test_the_status_of_a_late_node_names_overload(slow, observer) -> None:
 
     spin_until(overloaded)
     assert statuses[-1].level == DiagnosticStatus.WARN
-    assert "rehearsals rest" in statuses[-1].message
+    assert "rehearsals are paused" in statuses[-1].message
     assert "refused" not in statuses[-1].message
     assert node.spared[:1] == (True,)
     assert node.logbook.counters["overload.step"] >= 1

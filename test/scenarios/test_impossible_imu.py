@@ -119,7 +119,7 @@ def test_a_driver_that_removes_gravity_does_not_align() -> None:
 
 
 def test_half_a_message_does_not_align() -> None:
-    """GIVEN messages with one half of an IMU WHEN the vehicle starts THEN it says that half an IMU is none."""
+    """GIVEN messages with one half of an IMU WHEN the vehicle starts THEN it says that both halves are needed."""
     assert_never_aligned(
         fly(read_as(accel=0.0 * SAME)), "imu.implausible.no_accelerometer", "exactly zero", "two topics"
     )

@@ -1,4 +1,4 @@
-"""Headless Chromium: pages as a person sees them, as pictures or as what their scripts have made of them."""
+"""Rendering of HTML pages by headless Chromium, as pictures or as the document after its scripts have run."""
 
 import shutil
 import struct
@@ -8,7 +8,7 @@ from pathlib import Path
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 _OPTIONS = ("--headless=new", "--no-sandbox", "--hide-scrollbars", "--enable-unsafe-swiftshader")
-_FRAME = 150  # pixels: what a window loses to its frame, which Chromium leaves unpainted at the foot of a picture
+_FRAME = 150  # pixels at the foot of a picture that Chromium leaves unpainted, for the frame of the window
 _BUDGET = "--virtual-time-budget=30000"  # ms of the page's own time, in which all of its scripts run
 
 
@@ -21,13 +21,13 @@ def _run(page: Path, size: tuple[int, int], dark: bool, *what: str) -> str:
 
 
 def picture(page: Path, path: Path, size: tuple[int, int], dark: bool = False) -> None:
-    """Write what a window of ``size`` (width, height) shows of ``page`` to ``path``, a PNG."""
+    """Write a picture of ``page`` in a window of ``size`` (width, height) to ``path``, a PNG."""
     _run(page, (size[0], size[1] + _FRAME), dark, f"--screenshot={path.resolve()}")
     path.write_bytes(_upper_rows(path.read_bytes(), size[1]))
 
 
 def _upper_rows(png: bytes, height: int) -> bytes:
-    """The first ``height`` rows of a PNG of eight bits and no interlacing: a row refers to none below it."""
+    """The first ``height`` rows of a PNG with eight bits and without interlacing."""
     chunks, place = [], 8
     while place < len(png):
         (length,) = struct.unpack(">I", png[place : place + 4])
@@ -47,5 +47,5 @@ def _chunk(name: bytes, data: bytes) -> bytes:
 
 
 def document(page: Path, width: int, dark: bool = False) -> str:
-    """The document as it stands when all scripts have run."""
+    """The document after all scripts have run."""
     return _run(page, (width, 1200), dark, "--dump-dom")

@@ -1,7 +1,6 @@
 """Writes ``config/nav_pose_estimator.yaml`` and ``docs/parameters.md`` from the parameter dataclasses.
 
-``python tools/docs/parameter_docs.py`` writes both; with ``--check`` it only says whether they are
-up to date.
+``python tools/docs/parameter_docs.py`` writes both; with ``--check`` it only reports whether they are up to date.
 """
 
 import argparse
@@ -133,7 +132,7 @@ def _yaml_value(value: Any) -> str:
 
 
 def _yaml_float(value: float) -> str:
-    """YAML 1.1 needs a point and a signed exponent, or it reads a text."""
+    """Text of a float with a point and a signed exponent, without which YAML 1.1 reads a string."""
     text = repr(value)
     mantissa, mark, exponent = text.partition("e")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{mark}{exponent}" if mark else text

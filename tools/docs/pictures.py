@@ -1,4 +1,4 @@
-"""Pictures of the reports: the one in the README, and a page of all looks.
+"""Pictures of the reports: those in the documentation, and a gallery of all variants.
 
     python tools/docs/pictures.py readme RECORDING --outage 400:30    # docs/outage.png
     python tools/docs/pictures.py report                              # docs/report.png, of the shipped flight
@@ -22,7 +22,7 @@ from nav_pose_estimator.offline.page import live
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 _README_SIZE = (1000, 1320)
-_README_STYLE = "<style>.tiles{display:none}</style>"  # how fast this computer was is no part of the picture
+_README_STYLE = "<style>.tiles{display:none}</style>"  # without the figures of the computing time
 _REPORT_SIZE = (900, 1820)
 _HIDDEN = "main>:is(h1,h2,p,.tiles,.scroll,figure:nth-of-type(1)){display:none}"
 _REPORT_STYLE = f"<style>{_HIDDEN}figure{{margin-bottom:8px}}</style>"
@@ -30,7 +30,7 @@ _REPORT_STYLE = f"<style>{_HIDDEN}figure{{margin-bottom:8px}}</style>"
 
 @dataclass(frozen=True)
 class Look:
-    """One picture: what it shows, the report, the size of the window."""
+    """A variant: its description, the report and the size of the window."""
 
     name: str
     caption: str
@@ -62,7 +62,7 @@ def styled(page: Path, style: str) -> None:
 
 
 def gallery(page: Path, out: Path) -> list[Path]:
-    """Pictures of ``page`` in every look, and index.html that shows them; returns the pictures."""
+    """Write pictures of ``page`` in all variants and an index.html with them; return the pictures."""
     out.mkdir(parents=True, exist_ok=True)
     made = []
     with tempfile.TemporaryDirectory() as folder:
@@ -82,7 +82,7 @@ def gallery(page: Path, out: Path) -> list[Path]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Carry one of the commands out."""
+    """Run one of the commands."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
     readme = commands.add_parser("readme", help="docs/outage.png")
@@ -97,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as folder:
         if given.command == "readme":
             page = report(given.recording, given.outage, Path(folder) / "replay")
-            (page.parent / live.SCRIPT).unlink(missing_ok=True)  # the drawing is smaller as a picture
+            (page.parent / live.SCRIPT).unlink(missing_ok=True)  # the static drawing is smaller as a picture
             styled(page, _README_STYLE)
             picture(page, REPOSITORY / "docs" / "outage.png", _README_SIZE)
             return 0

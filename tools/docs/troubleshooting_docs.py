@@ -1,4 +1,4 @@
-"""docs/troubleshooting.md from the code: the modes, what a node waits for, and every event with cause and cure."""
+"""Generator of docs/troubleshooting.md: the modes, what a node waits for, and every event with cause and remedy."""
 
 from collections.abc import Iterable, Iterator
 
@@ -26,12 +26,12 @@ Look up what you see in the first table, and the name of a counter in the last t
 
 _SYMPTOMS = (
     (
-        "`imu/data_raw never came (0 publishers)`",
+        "`imu/data_raw was never received (0 publishers)`",
         "nothing publishes under that name",
         "`ros2 topic list`, then remap: `-r imu/data_raw:=/your/topic`; namespaces count",
     ),
     (
-        "`imu/data_raw never came (1 publishers)`",
+        "`imu/data_raw was never received (1 publishers)`",
         "there is a publisher, but nothing gets through",
         "the same line names a wrong type or QoS; else `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, a firewall",
     ),

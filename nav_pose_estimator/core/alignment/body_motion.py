@@ -1,11 +1,10 @@
-"""Consistency test of a body velocity with the IMU, and identification of common installation mistakes.
+"""Does a velocity in body axes change as the IMU feels? And if not, which usual mistake would explain it?
 
-Over a second the velocity over ground changes by the integral of the specific force plus gravity. Both sides are
-resolved in the axes that the body had at the beginning of the window, with the gyroscope alone. In these axes gravity
-is constant, and so is, in good approximation, the effect of an accelerometer bias. Therefore the mean over the window
-is removed from both sides, and the remaining variations must be equal. The test uses neither the navigator's solution,
-which a wrong velocity would already have corrupted, nor GNSS. A wrong scale common to all axes is tested separately,
-against the GNSS speed, because in steady motion nothing varies.
+Over a second the velocity over ground changes by the impulse of the specific force and of gravity. Both are taken into
+the axes that the body had at the window's beginning, by the gyroscope alone: there gravity is constant, and so are a
+wrong tilt and an accelerometer's bias. So each loses its mean over the window, and what varies must be equal. Nothing
+is asked of a navigator, which a wrong velocity would have bent, nor of GNSS. Only a wrong size of all components alike
+needs it: in steady motion nothing varies, and the speed over ground tells.
 """
 
 from __future__ import annotations
@@ -23,39 +22,30 @@ from nav_pose_estimator.core.alignment.motion_history import ANGLE, BINS
 from nav_pose_estimator.core.numerics.rotation import quat_from_rotvec, quat_multiply, quat_to_matrix
 
 Array = NDArray[np.float64]
-_PARTS = 5  # consecutive bins of a second whose rotation angles are summed to one rotation vector
-
-# Noise of the velocity sensor, by the second differences of its values
-_RECENT = 100  # most recent velocities that the estimate uses
-_BENDS = 1.18  # median of the squared second difference per sum of the three variances: 1.5 x 2.37 (chi^2(3)) / 3
-_DIFFERENCES = 10.0  # sum of squares of the six noise differences about their mean, per sum of variances: 2 x 6 x 5/6
-_NEAR = 0.15  # s on both sides of a whole second over which the median velocity is taken
-
-# Hypotheses
-_ROTATIONS = 24  # rotations about z, every 15 deg
-_LATE = (0.4, 0.8, 1.2)  # s: delays of the data relative to their stamps
-_UNITS = {"knots": 1.944, "ft/s": 3.281, "km/h": 3.6, "cm/s": 100.0, "mm/s": 1000.0}  # units per m/s
-
-# Decision. A residual is the sum of squares of the differences; it is compared with that of the IMU's variation.
-_MEMORY = 0.9  # forgetting factor of the sums from one window to the next
-_VARIES = 0.8  # m/s: smallest root of the sum of squares of the IMU's variation in a window that counts
-_NOISE_SHARE = 0.3  # largest part of that sum of squares which the sensor's noise may be in a window that counts
-_UNLIKE = 0.2  # relative residual above which a window contradicts the velocity
-_ALIKE = 0.1  # relative residual below which a window confirms it; in simulated flights 0.03 is usual and 0.1 the most
-_BETTER = 0.35  # a hypothesis is preferred if its residual, relative to that of the velocity as measured, is below this
-_FITS = 0.15  # a hypothesis is accepted only if its residual, relative to the variation, is below this
-_SUSPECT, _PROOF = 2, 3  # consecutive windows that make the velocity suspect, and that establish a fault or clear it
-_QUITE_UNLIKE, _UNNAMED = 0.5, 6  # relative residual, and consecutive windows above it, for a fault of unknown cause
-
-# Scale against the GNSS speed
-_MOVES = 1.0  # m/s: smallest GNSS speed that counts
-_SIZE = 0.12  # deviation of the scale from 1 that counts as wrong
-_SCATTER = 0.1  # largest relative RMS deviation from that scale with which it counts as steady
-_ENOUGH = 12  # seconds of data that are needed
+_PARTS = 5  # parts of a second, of each of which the rotation is taken for one
+_RECENT = 100  # velocities whose noise is looked at
+_BENDS = 1.18  # median of the squared bend, in parts of the summed variances: 1.5 times that of chi^2(3), 2.37, over 3
+_DIFFERENCES = 10.0  # squared differences of seconds less their mean: 2 x 6 x 5/6, of the sum of three variances
+_NEAR = 0.15  # s around a whole second of which the median velocity counts
+_ROTATIONS = 24  # by which the horizontal axes may be turned: every 15 deg
+_LATE = (0.4, 0.8, 1.2)  # s
+_UNITS = {"knots": 1.944, "ft/s": 3.281, "km/h": 3.6, "cm/s": 100.0, "mm/s": 1000.0}
+_MEMORY = 0.9  # of what has been seen, from one window to the next
+_VARIES = 0.8  # m/s, root of the sum of squares in a window that says anything
+_NOISE_SHARE = 0.3  # of that which the sensor's noise may be
+_UNLIKE = 0.2  # share of what varies that a sound velocity does not leave ...
+_ALIKE = 0.1  # ... and below which it is sound; in simulated flights it leaves 0.03, and 0.1 at most
+_BETTER, _FITS = 0.35, 0.15
+"""Of that, and of what varies, a mistake that is to be named leaves less."""
+_SUSPECT, _PROOF = 2, 3  # windows in a row
+_UNNAMED, _QUITE_UNLIKE = 6, 0.5  # ... for a mistake that has no name, and the share that is left then
+_MOVES = 1.0  # m/s of speed that tell a unit
+_SIZE, _SCATTER = 0.12, 0.1  # of a speed: wrong by more, and as steadily
+_ENOUGH = 12  # seconds of it
 
 
 class Mistake(NamedTuple):
-    """Hypothesis: matrix (3, 3) from the measured to the true velocity, delay [s], and a clause for the user."""
+    """True from measured axes (3, 3), the age of what is measured [s], and words for a pilot."""
 
     axes: Array
     late: float
@@ -63,7 +53,7 @@ class Mistake(NamedTuple):
 
 
 def _mistakes() -> list[Mistake]:
-    """All hypotheses, first that of a correct velocity. Of two that agree in level flight the simpler comes first."""
+    """None first. Of those that are alike for a level vehicle the simpler one comes first."""
     found = [Mistake(np.eye(3), 0.0, "")]
     named = {
         (1.0, -1.0, -1.0): "its axes look like Forward-Right-Down",
@@ -89,42 +79,41 @@ def _mistakes() -> list[Mistake]:
 
 @dataclass(eq=False)
 class BodyMotion:
-    """The test. It receives every body velocity, and every window of whole seconds of the IMU."""
+    """Tell it every velocity, and every window of whole seconds of the IMU."""
 
     suspect: bool = field(default=False, init=False)
-    """Whether the most recent windows contradict the velocity."""
+    """Whether the last window that says anything contradicts the velocity."""
     fault: str = field(default="", init=False)
-    """Clause that names the established fault; empty if there is none."""
+    """What is wrong beyond doubt, a clause; empty if nothing is known to be."""
     _mistakes: list[Mistake] = field(default_factory=_mistakes, init=False)
     _velocities: deque[tuple[float, Array]] = field(default_factory=lambda: deque(maxlen=1000), init=False)
-    _left: Array = field(init=False)  # (H,) [m^2/s^2] fading sums of the residuals, by hypothesis
-    _is_size: bool = field(default=False, init=False)  # whether the fault is a wrong scale
-    _varied: float = field(default=0.0, init=False)  # m^2/s^2: fading sum of the IMU's variation
-    _unlike: int = field(default=0, init=False)  # consecutive windows that contradict
-    _strange: int = field(default=0, init=False)  # consecutive windows that contradict strongly
-    _alike: int = field(default=0, init=False)  # consecutive windows that confirm
-    _wins: Array = field(init=False)  # (H,) consecutive windows in which each hypothesis is preferred
-    _sizes: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=60), init=False)  # m/s
+    _left: Array = field(init=False)
+    _is_size: bool = field(default=False, init=False)  # whether the fault is one of size
+    _varied: float = field(default=0.0, init=False)
+    _unlike: int = field(default=0, init=False)
+    _strange: int = field(default=0, init=False)
+    _alike: int = field(default=0, init=False)
+    _wins: Array = field(init=False)
+    _sizes: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=60), init=False)
 
     def __post_init__(self) -> None:
         self._left, self._wins = np.zeros(len(self._mistakes)), np.zeros(len(self._mistakes), int)
 
     def forget_time(self) -> None:
-        """Drop the samples after a change of the clock; an established fault remains."""
+        """The clock is another one: forget samples, keep what they have proved."""
         self._velocities.clear()
         self._sizes.clear()
 
     def velocity(self, t: float, velocity: Array) -> None:
-        """Store a velocity (3,) [m/s] in b valid at ``t`` [s]; one with an unmeasured axis (NaN) is ignored."""
+        """A velocity (3,) [m/s] in b valid at ``t`` [s]; one with an axis that is not measured says nothing here."""
         if np.isfinite(velocity).all() and (not self._velocities or t > self._velocities[-1][0]):
             self._velocities.append((t, velocity))
 
     def compare(self, begin: float, seconds: Array, gyro_bias: Array, felt: Array, over_ground: Array) -> None:
         """Compare a window: ``seconds`` (S, 2, BINS, 3) of the IMU from ``begin`` [s] on (``motion_history``).
 
-        ``gyro_bias`` (3,) [rad/s] is subtracted from their rates. ``felt`` (S, 3) [m/s] is the specific force
-        integrated over each second, corrected for that bias, in b at ``begin``. ``over_ground`` (N, 4): times [s] and
-        velocities ENU [m/s] of GNSS.
+        ``gyro_bias`` (3,) [rad/s] is in their rates; ``felt`` (S, 3) [m/s] are their impulses without it.
+        ``over_ground`` (N, 4): times [s] and velocities ENU [m/s] of GNSS.
         """
         if not self._velocities or self._velocities[-1][0] < begin:
             return
@@ -150,7 +139,7 @@ class BodyMotion:
         self._weigh(left, varied)
 
     def _weigh(self, left: Array, varied: float) -> None:
-        """Evaluate a window: residuals ``left`` (H,) by hypothesis, and IMU variation ``varied``, in m^2/s^2."""
+        """A window that says something: squares (H,) that each mistake leaves of those that have ``varied``."""
         self._left = _MEMORY * self._left + np.minimum(left, 4.0 * varied)
         self._varied = _MEMORY * self._varied + varied
         wins = (left < _BETTER * left[0]) & (left[0] > _ALIKE * varied)
@@ -168,10 +157,10 @@ class BodyMotion:
         if fits and self._wins[best] >= _PROOF:
             self.fault = self._mistakes[best].words
         elif self._strange >= _UNNAMED:
-            self.fault = "its changes contradict the IMU: is it in another frame (East-North-Up), or another vehicle's?"
+            self.fault = "it does not change as the IMU feels: another frame (East-North-Up?), another vehicle's"
 
     def _noise(self) -> float:
-        """Contribution of the sensor's noise to a residual [m^2/s^2], by the second differences of its values."""
+        """What the sensor's noise adds to the squares of a window [m^2/s^2], by how its values bend."""
         velocities = np.array([one[1] for one in self._velocities])[-_RECENT:]
         if len(velocities) < 3:
             return 0.0
@@ -182,10 +171,10 @@ class BodyMotion:
         return _DIFFERENCES * variance / in_a_median
 
     def _compare_sizes(self, times: Array, velocities: Array, over_ground: Array) -> None:
-        """Test the scale: the sensor's and the GNSS speed must be equal, whatever the orientation of the axes."""
+        """Speeds by the sensor and over ground, which have to be equal whatever the axes."""
         if len(over_ground) < 2 or over_ground[0, 0] > times[0] or over_ground[-1, 0] < times[-1]:
             return
-        new = len(times) // 2  # windows overlap by half: the first half was in the previous one
+        new = len(times) // 2  # the first half was in the window before
         speeds = np.interp(times[new:], over_ground[:, 0], np.linalg.norm(over_ground[:, 1:], axis=1))
         sizes = np.linalg.norm(velocities[new:], axis=1)
         self._sizes.extend((a, b) for a, b in zip(speeds.tolist(), sizes.tolist(), strict=True) if a > _MOVES)
@@ -200,7 +189,7 @@ class BodyMotion:
         self.fault = words if self._is_size and not self.fault else self.fault if self._is_size else ""
 
     def _at(self, times: Array) -> Array | None:
-        """Velocities (K, 3) [m/s] at ``times`` (K,): medians, which resist outliers; None where data are missing."""
+        """(K, 3) m/s: medians around ``times``, for single values may be wild; None where there is none."""
         t = np.array([one[0] for one in self._velocities])
         velocities = np.array([one[1] for one in self._velocities])
         found = []
@@ -213,7 +202,7 @@ class BodyMotion:
 
 
 def _attitudes(angles: Array) -> Array:
-    """Rotations (S + 1, 3, 3) from b at each boundary of the seconds to b at the beginning of the window.
+    """(S + 1, 3, 3): body axes at the beginning of each second, and at the end, in those of the first one.
 
     ``angles`` (S, BINS, 3) [rad]: integrals of the rate.
     """

@@ -124,8 +124,8 @@ def fit(seconds: Array, u: Array, gyros: Array) -> Fit:
 def impulses(seconds, bias, gyro):
     """(S, 3) [m/s]: specific force integrated over each second, in the axes of b at the start of the first one.
 
-    ``seconds`` (S, 2, BINS, 3) are consecutive. The matrix ``gyro`` (3, 3) maps the published rates, minus their
-    ``bias`` (3,) [rad/s], to the true ones.
+    ``seconds`` (S, 2, BINS, 3) are consecutive. The matrix ``gyro`` (3, 3) maps the published rates, less ``bias``
+    (3,) [rad/s], to the true ones.
     """
     out = np.empty((len(seconds), 3))
     attitude = (1.0, 0.0, 0.0, 0.0)

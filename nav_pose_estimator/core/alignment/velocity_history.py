@@ -1,4 +1,4 @@
-"""Buffer of the most recent GNSS velocities, and the specific force that their changes imply."""
+"""The last velocities of a receiver, and the specific force that they tell from second to second."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,19 +8,19 @@ from nav_pose_estimator.core.numerics.jit import kernel
 Array = NDArray[np.float64]
 
 GAP = 1.2
-"""s: largest interval between two velocities over which the change is interpolated."""
-_MOST = 400  # capacity of the buffer; the oldest velocity is dropped first
+"""s: between velocities further apart the change is not known."""
+_MOST = 400  # velocities that are remembered
 
 
 class VelocityHistory:
-    """The buffer, in order of time."""
+    """Velocities in order of time."""
 
     def __init__(self) -> None:
         self._rows = np.empty((_MOST, 4))  # time [s] and velocity ENU [m/s]
         self._count = 0
 
     def add(self, t: float, east: float, north: float, up: float) -> None:
-        """Append a velocity [m/s] valid at ``t`` [s]; it is ignored unless it is later than the last one."""
+        """A velocity [m/s] valid at ``t`` [s]; one that is not later than the last one is none."""
         count = self._count
         if count and not t > self._rows[count - 1, 0]:
             return
@@ -30,11 +30,11 @@ class VelocityHistory:
         self._count += 1
 
     def forget_before(self, t: float) -> None:
-        """Drop the velocities up to and including ``t`` [s]."""
+        """Drop what is not later than ``t`` [s]."""
         self._drop(int(self._rows[: self._count, 0].searchsorted(t, side="right")))
 
     def _drop(self, first: int) -> None:
-        """Drop the ``first`` oldest velocities."""
+        """The ``first`` ones."""
         if first:
             left = self._rows[first : self._count].copy()
             self._rows[: len(left)], self._count = left, len(left)
@@ -44,10 +44,9 @@ class VelocityHistory:
         return self._rows[: self._count]
 
     def forces(self, ends: np.ndarray, seconds: int, gravity: float) -> Array | None:
-        """Integral (L, S, 3) [m/s] ENU of the specific force over each of the S ``seconds`` before each of ``ends``.
+        """(L, S, 3) [m/s]: what they tell of the specific force in each of the S ``seconds`` up to each of ``ends``.
 
-        It is the change of velocity minus the integral of gravity. ``ends`` (L,) [s] are in ascending order, and
-        ``gravity`` is in m/s^2. None if the velocities do not cover the time, or have a gap longer than ``GAP``.
+        ``ends`` (L,) [s], in order. None where they do not tell the change, or leave a ``GAP``.
         """
         out = np.empty((len(ends), seconds, 3))
         return out if _changes(self._rows, self._count, ends, gravity, out) else None
@@ -55,7 +54,7 @@ class VelocityHistory:
 
 @kernel
 def _changes(rows, count, ends, gravity, out):
-    """Write the integrals of ``VelocityHistory.forces`` into ``out`` (L, S, 3); False where they are not known."""
+    """Changes from second to second into ``out`` (L, S, 3), with those that gravity would make; False across a gap."""
     seconds, begin, end = out.shape[1], ends[0] - out.shape[1], ends[-1]
     first = last = 0
     while first < count and rows[first, 0] <= begin - GAP:

@@ -27,7 +27,7 @@ _BOUNDS = (0.99 * _STRUCK_RATE, 0.99 * _STRUCK_FORCE, CLIPPED_RATE, CLIPPED_FORC
 
 
 class Doubt(NamedTuple):
-    """Standard deviations to be added to attitude [rad], velocity [m/s], biases [rad/s, m/s^2] and horizontal position [m].
+    """Standard deviations to be added to attitude [rad], velocity [m/s], biases, and horizontal position [m].
 
     ``lasting``: the error is not observable with GNSS at once, so that it counts while GNSS is good as well.
     """

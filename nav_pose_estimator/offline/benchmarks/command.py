@@ -1,4 +1,4 @@
-"""``benchmark outage | attitude | alignment | beams | speed | archive``."""
+"""Command ``benchmark outage | attitude | alignment | beams | speed | archive``."""
 
 import argparse
 from collections.abc import Callable
@@ -16,7 +16,7 @@ PARTS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of the benchmarks."""
+    """Add the options of the benchmarks."""
     parser.description = "Measure the package: drift in GNSS outages, attitude, alignment, beams, speed."
     kind = type("_Part", (_WithLateArguments, type(parser)), {})
     parts: Any = parser.add_subparsers(dest="part", required=True, metavar=f"{{{','.join(PARTS)}}}", parser_class=kind)
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Carry one of the benchmarks out."""
+    """Run the chosen benchmark."""
     return _module(arguments.part).run(arguments)
 
 
@@ -36,14 +36,14 @@ def _module(part: str) -> Any:
 
 
 class _WithLateArguments(argparse.ArgumentParser):
-    """Knows its arguments when it is asked to parse: a benchmark is loaded only where it is chosen."""
+    """Parser that adds its arguments when it parses, so that only the chosen benchmark is imported."""
 
     def arguments_by(self, add: Callable[[argparse.ArgumentParser], None]) -> None:
-        """``add`` adds them."""
+        """Set the function ``add`` that adds the arguments."""
         self._add: Callable[[argparse.ArgumentParser], None] | None = add
 
     def parse_known_args(self, args=None, namespace=None):  # type: ignore[override]
-        """As always."""
+        """Add the arguments, then parse."""
         add, self._add = self._add, None
         if add is not None:
             add(self)

@@ -1,4 +1,4 @@
-"""What the benchmarks in simulation share: seeds on several cores, and the files that they write."""
+"""Common functions of the benchmarks in simulation: seeds on several cores, and output files."""
 
 import argparse
 import sys
@@ -18,7 +18,7 @@ Trial = TypeVar("Trial")
 
 
 def add_seeds(parser: argparse.ArgumentParser, what: str) -> None:
-    """The options that say how many of ``what`` are simulated, in how many processes."""
+    """Add the options for the number of simulated ``what`` and of processes."""
     add = parser.add_argument
     add("--seeds", type=int, default=10, metavar="N", help=f"simulated {what} of each (default: 10)")
     add("--first-seed", type=int, default=0, metavar="N", help="seed of the first one (default: 0)")
@@ -26,16 +26,16 @@ def add_seeds(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 def seeds(arguments: argparse.Namespace) -> range:
-    """The seeds to simulate. Raises ``UserError`` for numbers that make no sense."""
+    """The seeds to simulate. Raises ``UserError`` for numbers out of range."""
     if arguments.seeds < 1 or arguments.first_seed < 0 or arguments.jobs < 1:
         raise UserError("--seeds and --jobs must be 1 or more, --first-seed 0 or more")
     return range(arguments.first_seed, arguments.first_seed + arguments.seeds)
 
 
 def run_all(work: Callable[[Task], list[Trial]], tasks: Sequence[Task], jobs: int) -> list[Trial]:
-    """What ``work``, a function of a module, gives for each of ``tasks``, in their order; ``jobs`` processes.
+    """Results of ``work``, a function at module level, for each of ``tasks`` in their order, with ``jobs`` processes.
 
-    A task that fails is named and left out. Raises ``UserError`` where none has succeeded.
+    A task that fails is reported and left out. Raises ``UserError`` if none succeeds.
     """
     from tqdm import tqdm
 
@@ -60,9 +60,9 @@ def write_tables(
     goal_names: Sequence[str],
     left_out: Collection[str] = (),
 ) -> None:
-    """Trials and summaries, rows of one dataclass each, as CSV; summaries and goals, whose columns have names, as JSON.
+    """Write trials and summaries, rows of one dataclass each, as CSV; summaries and goals with column names as JSON.
 
-    ``left_out``: what of the trials does not fit into a cell.
+    ``left_out``: fields of the trials that do not fit into a cell.
     """
     write_csv(folder / TRIALS, trials, _FLOATS, left_out)
     write_csv(folder / SUMMARY_CSV, summaries, _FLOATS)

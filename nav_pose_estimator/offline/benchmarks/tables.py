@@ -1,4 +1,4 @@
-"""What the benchmarks have in common: the words of an option, and tables in files."""
+"""Common functions of the benchmarks: names in an option, and tables in files."""
 
 import csv
 from collections.abc import Collection, Sequence
@@ -12,7 +12,7 @@ TRIALS, SUMMARY_CSV, SUMMARY_JSON, REPORT = "trials.csv", "summary.csv", "summar
 
 
 def chosen(text: str, known: tuple[str, ...], option: str) -> tuple[str, ...]:
-    """The names of an option's ``text``, each once; all that are ``known`` for the word all. Raises ``UserError``."""
+    """Names in an option's ``text``, each once, or all ``known`` ones for "all". Raises ``UserError`` for others."""
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if names == ("all",):
         return known
@@ -22,7 +22,7 @@ def chosen(text: str, known: tuple[str, ...], option: str) -> tuple[str, ...]:
 
 
 def write_csv(path: Path, rows: Sequence[Any], form: str, left_out: Collection[str] = ()) -> None:
-    """``rows`` of one dataclass; ``form`` of its floats, as in ``.4f``; ``left_out``: what does not fit into a cell."""
+    """Write ``rows`` of one dataclass; ``form``: format of floats, such as ``.4f``; ``left_out``: omitted fields."""
     names = [item.name for item in fields(rows[0]) if item.name not in left_out] if rows else []
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

@@ -24,7 +24,9 @@ def check(pairs: FieldPairs, paths: Sequence[Path]) -> None:
     """Raise ``UserError`` for too few pairs, and for a field in another unit."""
     names = ", ".join(path.name for path in paths)
     if len(pairs) < _FEWEST:
-        raise UserError(f"{names}: only {len(pairs)} fields with IMU data around them, {_FEWEST} are needed")
+        raise UserError(
+            f"{names}: only {len(pairs)} magnetometer samples have IMU data around them, {_FEWEST} are needed"
+        )
     strength = float(np.median(np.linalg.norm(pairs.before, axis=1)))
     unit = likely_unit(strength * 1e-6)
     if unit:
@@ -39,8 +41,8 @@ def _angles(pairs: FieldPairs) -> np.ndarray:
 def summary(fit: FieldFit) -> str:
     """One line for the terminal."""
     unseen = _unseen(fit)
-    return f"the field follows the gyroscope to {fit.after_deg:.1f} deg rms, before {fit.before_deg:.1f} deg" + (
-        f"; not seen: {'; '.join(unseen)}" if unseen else ""
+    return f"the field agrees with the gyroscope to {fit.after_deg:.1f} deg rms, before {fit.before_deg:.1f} deg" + (
+        f"; not observable: {'; '.join(unseen)}" if unseen else ""
     )
 
 
@@ -62,7 +64,7 @@ def parameter_file(fit: FieldFit, pairs: FieldPairs, rests: Rests, recordings: S
     if fit.after_deg > _WORST:
         raise UserError(
             f"{names}: the field does not turn with the gyroscope ({fit.after_deg:.0f} deg rms at best): "
-            "currents or steel nearby, or stamps that do not belong together"
+            "currents or steel nearby, or inconsistent stamps"
         )
     if fit.sees_iron.sum() < 2:
         angle = math.degrees(float(np.percentile(_angles(pairs), 90)))
@@ -73,15 +75,15 @@ def parameter_file(fit: FieldFit, pairs: FieldPairs, rests: Rests, recordings: S
     lengths = ", ".join(f"{r.path.name} ({r.duration:.0f} s)" for r in recordings)
     comments = [
         f"Magnetometer calibration by 'calibrate' from {lengths}: {len(pairs)} pairs of fields {LAG:.0f} s apart.",
-        f"The field follows the gyroscope to {fit.after_deg:.1f} deg rms; as published {fit.before_deg:.1f} deg.",
-        f"Strength {fit.strength:.1f} uT. Turned by up to {math.degrees(float(_angles(pairs).max())):.0f} deg in "
+        f"The field agrees with the gyroscope to {fit.after_deg:.1f} deg rms; as published {fit.before_deg:.1f} deg.",
+        f"Strength {fit.strength:.1f} uT. Rotated by up to {math.degrees(float(_angles(pairs).max())):.0f} deg in "
         f"{LAG:.0f} s.",
-        f"Deviations: hard iron {_numbers(fit.iron_sd, 1)} uT, soft iron {fit.shape_sd:.3f}, mounting "
+        f"Standard deviations: hard iron {_numbers(fit.iron_sd, 1)} uT, soft iron {fit.shape_sd:.3f}, mounting "
         f"{math.degrees(fit.angle_sd):.1f} deg.",
-        *(f"Not seen, left as it was: {one}." for one in _unseen(fit)),
-        *(["The driver publishes mirrored axes; the last row of soft_iron mends it."] if fit.is_mirror else []),
+        *(f"Not observable, unchanged: {one}." for one in _unseen(fit)),
+        *(["The driver publishes mirrored axes; the last row of soft_iron corrects it."] if fit.is_mirror else []),
         *(
-            ["No place known: whether the field is reversed as a whole could not be told."]
+            ["The place is unknown: a field that is reversed as a whole cannot be detected."]
             if not pairs.down.any()
             else []
         ),
@@ -104,7 +106,7 @@ def _imu_comments(rests: Rests) -> list[str]:
     """Comments about the IMU at rest; the gyroscope bias is only for information, as the navigator estimates it."""
     bias = rests.gyro_bias
     if bias is None:
-        return ["No rest of 2 s: the gyroscope's bias was taken as zero."]
+        return ["No rest of 2 s: the gyroscope bias was assumed to be zero."]
     sides = len(rests.sides())
     seen = "below" if accelerometer_errors(rests.sides()) is not None else f"{sides} sides at rest, 6 are needed"
     force = f"accelerometer: {seen}"

@@ -27,7 +27,7 @@ class TruthRecorder:
         self._unreadable = False
 
     def take(self, batch: RawBatch) -> None:
-        """One more batch: of it only what is needed stays."""
+        """Store the needed fields of the next batch."""
         if self._topic is None or not len(batch):
             return
         found = columns(self._topic.type, batch, _FIELDS)
@@ -38,7 +38,7 @@ class TruthRecorder:
         self._rows.append(np.column_stack([found[name] for name in _FIELDS]))
 
     def reference(self, reader: BagReader, gnss: GnssColumns, epoch_ns: int) -> tuple[Reference | None, list[str]]:
-        """The truth, and what had to be assumed for it."""
+        """The true motion, None if there is none, and sentences about assumptions."""
         if self._topic is None or self._topic.count == 0:
             return None, []
         name = self._topic.name
@@ -57,7 +57,7 @@ class TruthRecorder:
 
 
 def _on_earth(told: np.ndarray, origin: Origin) -> np.ndarray:
-    """(N, 10): latitude, longitude, height; velocity ENU; orientation, scalar first."""
+    """Rows (N, 10): latitude, longitude [rad], height [m]; velocity ENU [m/s]; quaternion, scalar first."""
     store = RowStore(10)
     for part in pieces(len(told)):
         enu, orientation, velocity = np.split(told[part], (3, 7), axis=1)

@@ -15,10 +15,10 @@ from nav_pose_estimator.offline.logs.opinion import opinion
 from nav_pose_estimator.offline.logs.sensors import Array, Gnss, Imu, LogSensors, Series
 
 RANGE_ERROR = 2.0
-"""Deviation of a pseudorange [m]: times the dilution of precision it is that of the position. For logs without GPA."""
-VERTICAL_SHARE = 1.7  # a vertical dilution in parts of the horizontal one, where only that is logged
-_FIX_3D = 3
-_UNDEFINED_HDOP = 90.0  # the receivers' 99.99
+"""Standard deviation of a pseudorange [m]; that of the position is its product with the DOP. For logs without GPA."""
+VERTICAL_SHARE = 1.7  # ratio of VDOP to HDOP, where only the latter is logged
+_FIX_3D = 3  # GPS.Status
+_UNDEFINED_HDOP = 90.0  # receivers send 99.99 for unknown
 _ARMED, _DISARMED = 10, 11  # EV.Id
 _DOWN, _GOOD = 25, 4  # RFND.Orient: pitch 270 degrees; RFND.Stat
 _STANDARD_CELSIUS = 15.0  # for sensors that do not measure the temperature
@@ -89,7 +89,7 @@ def _gnss(log: LogTables, table: Table) -> Gnss | None:
 
 
 def _accuracy(log: LogTables, gps: Table) -> tuple[Array, float]:
-    """Deviations (N, 3) by the GPA message of the same epoch, else from HDop; and the undulation [m]."""
+    """Standard deviations (N, 3) by the GPA message of the same epoch, else by HDop; and the undulation [m]."""
     dilution = gps.number("HDop")
     horizontal = np.where((dilution > 0.0) & (dilution < _UNDEFINED_HDOP), RANGE_ERROR * dilution, np.nan)
     accuracy = np.column_stack([horizontal, VERTICAL_SHARE * horizontal, np.full(len(gps), np.nan)])
@@ -108,7 +108,7 @@ def _accuracy(log: LogTables, gps: Table) -> tuple[Array, float]:
 
 
 def _magnetometer(log: LogTables) -> Series | None:
-    """The first compass that measures anything; milligauss, offsets applied."""
+    """The first compass with data that are not zero, in milligauss with offsets applied."""
     for table in log.instances("MAG"):
         if table.has("MagX", "MagY", "MagZ"):
             scale = 1.0 if table.units.get("MagX") == "Gauss" else 1e-3
@@ -124,12 +124,12 @@ def _barometer(log: LogTables) -> Series | None:
 
 
 def _airspeed(log: LogTables) -> Series | None:
-    """ARSP.Airspeed is an equivalent airspeed: true airspeed by the density of the air at the barometer."""
+    """True airspeed, from the equivalent airspeed ARSP.Airspeed and the density of the air at the barometer."""
     table, baro = log.first("ARSP"), log.first("BARO")
     if table is None or not table.has("Airspeed") or baro is None or not baro.has("Press"):
         return None
     pressure = np.interp(table.time_us, baro.time_us, baro.number("Press"))
-    # outside temperature by the airspeed sensor where it has one; a barometer's is that of its own board
+    # outside temperature of the airspeed sensor if it has one; the barometer's is that of its own board
     celsius = table.number("Temp", default=0.0)
     celsius = np.where((celsius > -60.0) & (celsius < 60.0) & (celsius != 0.0), celsius, _STANDARD_CELSIUS)
     density = pressure / (_GAS_CONSTANT * (celsius + _KELVIN))
@@ -140,7 +140,7 @@ def _airspeed(log: LogTables) -> Series | None:
 
 
 def _range(log: LogTables) -> Series | None:
-    """The rangefinder that looks down, with distances that it calls good or, in old logs, that are not zero."""
+    """The downward rangefinder; its distances with good status or, in old logs, that are not zero."""
     for table in log.instances("RFND"):
         distance = table.number("Dist", "Dist1")
         down = table.number("Orient", "Orient1", default=float(_DOWN)) == _DOWN
@@ -151,7 +151,7 @@ def _range(log: LogTables) -> Series | None:
 
 
 def _armed(log: LogTables) -> list[tuple[int, int]] | None:
-    """ARM messages (since 4.0), else the events 10 and 11; a log that begins in the air has no first one."""
+    """Armed intervals by ARM messages (since 4.0), else by the events 10 and 11; None if neither is logged."""
     table = log.first("ARM")
     if table is not None and table.has("ArmState"):
         return _closed(log, sensors.armed_spans(table.time_us, table.number("ArmState") > 0.0))
@@ -164,7 +164,7 @@ def _armed(log: LogTables) -> list[tuple[int, int]] | None:
 
 
 def _closed(log: LogTables, spans: list[tuple[int, int]] | None) -> list[tuple[int, int]] | None:
-    """An arming that nothing ends lasts to the end of the log."""
+    """Armed intervals, of which the last one extends to the end of the log if there is no disarming."""
     imu = log.first("IMU")
     if spans and imu is not None and spans[-1][1] <= spans[-1][0]:
         spans[-1] = (spans[-1][0], max(int(imu.time_us.max()), spans[-1][0]))
@@ -172,7 +172,7 @@ def _closed(log: LogTables, spans: list[tuple[int, int]] | None) -> list[tuple[i
 
 
 def _antenna(log: LogTables) -> tuple[float, float, float] | None:
-    """Antenna from the first IMU, FLU [m], where the parameters tell."""
+    """Lever arm from the first IMU to the antenna, FLU [m]; None if the parameters do not contain it."""
     values = [
         log.parameters.get(f"GPS_POS1_{axis}", log.parameters.get(f"GPS1_POS_{axis}", 0.0))
         - log.parameters.get(f"INS_POS1_{axis}", 0.0)

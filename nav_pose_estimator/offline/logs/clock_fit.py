@@ -1,6 +1,6 @@
-"""How fast the clock of the log runs against GNSS time.
+"""Rate of the log's clock relative to GNSS time.
 
-Times of day jump when a receiver learns of leap seconds or rolls over its week: jumps are taken out before the fit.
+GNSS time jumps when a receiver learns of leap seconds or at a week rollover; jumps are removed before the fit.
 """
 
 from dataclasses import dataclass
@@ -12,18 +12,18 @@ from nav_pose_estimator.offline.logs.sensors import Gnss
 
 Array = np.ndarray
 TOLERATED = 1e-3
-"""Relative error of a clock up to which it is left alone. Crystals are within 1e-4."""
-MIN_SPAN, MIN_EPOCHS = 10.0, 20  # s, fixes
-_JUMP, _DRIFT = 0.8, 0.01  # s, and parts of the interval: more is a jump
-_NEIGHBOURS = 5  # fixes before and after
-_SIGMAS = 3.0
+"""Relative error up to which a clock is not corrected; that of crystals is within 1e-4."""
+MIN_SPAN, MIN_EPOCHS = 10.0, 20  # s, and number of fixes that a fit needs
+_JUMP, _DRIFT = 0.8, 0.01  # s, plus a fraction of the interval: larger steps are jumps
+_NEIGHBOURS = 5  # fixes before and after of the running median in which jumps are searched
+_SIGMAS = 3.0  # significance of a wrong rate
 
 
 @dataclass(frozen=True)
 class ClockFit:
-    """``rate``: seconds of GNSS time in a second of the log, deviation ``sd``; from ``span`` [s] of data.
+    """``rate``: GNSS time per time of the log, with standard deviation ``sd``, from ``span`` [s] of data.
 
-    ``utc_us``: UTC at the time ``at_us`` of the log [µs]. ``jumps`` of the GNSS time were taken out.
+    ``utc_us``: UTC at the time ``at_us`` of the log [µs]. ``jumps``: number of removed jumps of the GNSS time.
     """
 
     rate: float
@@ -35,11 +35,11 @@ class ClockFit:
 
     @property
     def wrong(self) -> bool:
-        """True when the clock of the log is off by more than a crystal can be."""
+        """Whether the error of the log's clock is larger than that of any crystal."""
         return abs(self.rate - 1.0) > TOLERATED + _SIGMAS * self.sd
 
     def describe(self) -> str:
-        """The error in words: how much, and which way."""
+        """Clause with the size and the sign of the error."""
         error = self.rate - 1.0
         way = "slow" if error > 0.0 else "fast"
         if abs(error) < TOLERATED:
@@ -63,7 +63,7 @@ def fit_clock(gnss: Gnss, from_us: int, to_us: int) -> ClockFit | None:
 
 
 def _without_jumps(log: Array, utc: Array) -> tuple[Array, int]:
-    """``utc`` (N,) without lasting jumps, and their number. A late message is none: the next ones are on time again."""
+    """``utc`` (N,) without permanent jumps, and their number. A late message is not a permanent jump."""
     lag = max(len(log) // 5, 1)
     usual = float(np.median((utc[lag:] - utc[:-lag]) / np.maximum(log[lag:] - log[:-lag], 1e-6)))
     padded = np.pad(utc - usual * log, _NEIGHBOURS, mode="reflect")
@@ -74,7 +74,7 @@ def _without_jumps(log: Array, utc: Array) -> tuple[Array, int]:
 
 
 def _robust_slope(log: Array, utc: Array) -> tuple[float, float]:
-    """Slope of a straight line and its deviation; a few late messages do not move it (weights by Huber)."""
+    """Slope of a straight line and its standard deviation, robust against a few late messages (Huber weights)."""
     weights = np.ones(len(log))
     x = log - log.mean()
     for _ in range(5):
@@ -85,5 +85,5 @@ def _robust_slope(log: Array, utc: Array) -> tuple[float, float]:
         residual = utc - mean_y - slope * dx
         scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-6)
         weights = np.minimum(1.0, 1.5 * scale / np.maximum(np.abs(residual), 1e-12))
-    # neighbouring residuals go together: a tenth of them counts
+    # neighbouring residuals are correlated, so that a tenth of their number counts
     return slope, scale / np.sqrt(spread) * np.sqrt(10.0)

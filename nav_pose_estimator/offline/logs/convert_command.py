@@ -1,4 +1,4 @@
-"""``convert LOG OUT_BAG``: a flight log as a rosbag2 (mcap) with the topics that the nodes subscribe to."""
+"""Command ``convert LOG OUT_BAG``: writes a flight log as a rosbag2 (mcap) with the topics of the nodes."""
 
 import argparse
 import json
@@ -14,7 +14,7 @@ DESCRIPTION = "Write a flight log (PX4 ULog, ArduPilot DataFlash) as a rosbag2 (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``convert``."""
+    """Add the options of ``convert``."""
     parser.description = DESCRIPTION
     what = "PX4 .ulg, or ArduPilot .bin or .log; a folder, list (.txt) or pattern stands for many"
     parser.add_argument("log", type=Path, metavar="LOG", help=what)
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Carry the command out. Raises ``UserError`` for what the user can mend."""
+    """Run the command. Raises ``UserError`` for wrong options, unreadable logs and an output that cannot be written."""
     from nav_pose_estimator.offline.archive.recordings import find
 
     logs = find([arguments.log])
@@ -44,7 +44,7 @@ class _Job:
 
 
 def _convert_all(logs: list[Path], arguments: argparse.Namespace) -> int:
-    """Logs into bags NAME_bag below one folder; bags that are there already are of an earlier run, and stay."""
+    """Convert logs to bags NAME_bag in one folder; existing bags are of an earlier run, and are kept."""
     from nav_pose_estimator.offline.archive.jobs import Failure, carry_out
 
     if arguments.jobs < 1:
@@ -72,7 +72,7 @@ def _convert_all(logs: list[Path], arguments: argparse.Namespace) -> int:
 
 
 def _is_bag(path: Path) -> bool:
-    """False for what is damaged or does not exist as well: it is told when its turn comes."""
+    """Whether ``path`` is a bag; False if it is damaged or missing, which is reported when it is read."""
     from nav_pose_estimator.offline.logs.open_recording import log_form
 
     try:
@@ -82,7 +82,7 @@ def _is_bag(path: Path) -> bool:
 
 
 def _convert(job: _Job) -> str:
-    """Write one bag; returns what to tell. Raises ``UserError``."""
+    """Write one bag; return a sentence for the user. Raises ``UserError`` for a failure."""
     from nav_pose_estimator.engine.parameters import Parameters
     from nav_pose_estimator.offline.bags.writer import check_room
     from nav_pose_estimator.offline.logs.log_flight import LogRecording
@@ -103,12 +103,12 @@ def _convert(job: _Job) -> str:
 
 
 def sidecar_path(bag: Path) -> Path:
-    """NAME.json beside NAME_bag, where replay and benchmark look for what is known of a flight."""
+    """NAME.json beside NAME_bag, from which replay and benchmark read additional data of a flight."""
     return bag.with_name(bag.name.removesuffix("_bag") + ".json")
 
 
 def write_log_bag(path: Path, recording, force: bool = False) -> int:
-    """Write the samples of a log's recording, and NAME.json with what its parameters say: the number of messages."""
+    """Write the samples of a log's recording, and NAME.json with data from its parameters; return the message count."""
     from nav_pose_estimator.engine.samples import ImuBlock
     from nav_pose_estimator.offline.bags.sensor_topics import imu_topic, sensor_topics
     from nav_pose_estimator.offline.bags.writer import write_bag

@@ -1,4 +1,4 @@
-"""GPS weeks, week rollover and leap seconds."""
+"""Conversion of GPS weeks to UTC, with week rollover and leap seconds."""
 
 import numpy as np
 
@@ -6,17 +6,17 @@ Array = np.ndarray
 _GPS_EPOCH = 315_964_800  # s from 1970-01-01 to 1980-01-06, UTC
 WEEK = 604_800  # s
 ROLLOVER = 1024  # weeks: receivers send the week in ten bits
-_OLDEST_WEEK = 1565  # January 2010: no log of these autopilots is older
-_LAST_WEEK = 10_000
+_OLDEST_WEEK = 1565  # January 2010: the logs of these autopilots are not older
+_LAST_WEEK = 10_000  # larger weeks are invalid
 OLDEST_UTC = _GPS_EPOCH + _OLDEST_WEEK * WEEK
-# Leap seconds between GPS and UTC from a moment [s of UTC since 1970] on (IERS Bulletin C).
+# (begin of validity [s of UTC since 1970], leap seconds between GPS and UTC), by IERS Bulletin C
 _LEAP_SECONDS = ((1_230_768_000, 15), (1_341_100_800, 16), (1_435_708_800, 17), (1_483_228_800, 18))
 
 
 def utc_from_gps_week(week: Array, millisecond_of_week: Array) -> Array:
-    """UTC [µs since 1970] (N,) int64 of GPS weeks and milliseconds of week, int64; 0 where the week is not known.
+    """UTC [µs since 1970] (N,) int64 of GPS weeks and milliseconds of week, int64; 0 where the week is unknown.
 
-    A week that lies before 2010 has rolled over: it is taken 1024 weeks later.
+    A week before 2010 is due to a rollover, and 1024 weeks are added.
     """
     known = (week > 0) & (week < _LAST_WEEK)
     gps_ms = (np.where(known, week, 0) * WEEK + _GPS_EPOCH) * 1000 + millisecond_of_week
@@ -24,7 +24,7 @@ def utc_from_gps_week(week: Array, millisecond_of_week: Array) -> Array:
 
 
 def rolled(utc_us: Array) -> Array:
-    """Times [µs since 1970] from before 2010 moved on by whole rollovers; 0 (unknown) stays."""
+    """Times [µs since 1970], of which those before 2010 are increased by whole rollovers; 0 (unknown) remains."""
     behind = np.maximum(OLDEST_UTC * 10**6 - utc_us, 0)
     step = ROLLOVER * WEEK * 10**6
     return np.where(utc_us > 0, utc_us + -(-behind // step) * step, 0)

@@ -1,4 +1,4 @@
-"""Which of several IMUs: the one with which the navigator predicts the GNSS velocities best."""
+"""Selection of one of several IMUs: the one with the smallest velocity innovations of the navigator."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from nav_pose_estimator.offline.flights.recording import Recording
 from nav_pose_estimator.offline.logs.log_flight import LogRecording
 
 CLEARLY = 0.9
-"""Another IMU than the first is taken if its innovations are below this part of those of the first."""
+"""Ratio of its innovations to those of the first IMU below which another IMU is selected."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class ImuComparison:
 
 
 def compare_imus(recording: LogRecording, parameters: Parameters, until: float) -> ImuComparison | None:
-    """Run the navigator with each IMU over the data before ``until`` [s]. None where these are too few."""
+    """Run the navigator with each IMU over the data before ``until`` [s]; None if there are too few data."""
     assert recording.log is not None
     delay = float(recording.sidecar.get(latency.PRIOR, parameters.gnss.delay))
     found = []
@@ -43,7 +43,7 @@ def compare_imus(recording: LogRecording, parameters: Parameters, until: float) 
 
 
 def with_best_imu(recording: Recording, parameters: Parameters, until: float) -> Recording:
-    """The recording by the IMU of its log that does best before ``until`` [s]; itself where there is no choice."""
+    """The recording with the best IMU of its log before ``until`` [s]; unchanged if there is no choice."""
     if not isinstance(recording, LogRecording) or recording.log is None or recording.options.imu is not None:
         return recording
     imus = recording.log.imus

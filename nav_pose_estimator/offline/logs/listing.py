@@ -1,4 +1,4 @@
-"""``--list``: what a recording holds, in the same words for logs of both kinds and for bags."""
+"""Option ``--list``: a description of a recording, in the same form for logs of both kinds and for bags."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -39,7 +39,7 @@ _SENSORS = (
 def describe(
     path: Path, options: LogOptions, remaps: dict[str, str] | None = None, parameters: Parameters | None = None
 ) -> list[str]:
-    """Lines about a log or a bag. Raises ``BagError`` for what is neither."""
+    """Lines about a log or a bag. Raises ``BagError`` if it is neither."""
     with at_hand(path) as here:
         if log_form(here) is None:
             return _lines(_of_bag(load(here, remaps)), options, None)
@@ -102,7 +102,7 @@ def _imu_lines(log: LogSensors, options: LogOptions, parameters: Parameters | No
 
 
 def _vibration(imu: Imu) -> float:
-    """Deviation of the specific force from one sample to the next [m/s^2], as white noise would show it."""
+    """Standard deviation of the specific force [m/s^2] by the differences of successive samples, as of white noise."""
     steps = np.diff(np.linalg.norm(imu.accel, axis=1))
     return float(np.std(steps) / np.sqrt(2.0)) if len(steps) else 0.0
 
@@ -143,7 +143,7 @@ def _clock_line(gnss: Gnss | None) -> str:
 
 
 def _of_bag(recording: Recording) -> LogSensors:
-    """What a bag holds, in the form in which a log is described."""
+    """Contents of a bag, in the form of those of a log."""
     block = recording.imu
     others = [
         Series(words, kind, times, np.empty((len(times), 0)))

@@ -1,4 +1,4 @@
-"""From the sensors of a log to a recording: the same samples in the same order as from a bag."""
+"""Conversion of a log's sensor data to a recording, with the same samples in the same order as from a bag."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -20,35 +20,35 @@ from nav_pose_estimator.offline.logs.segments import Segment, find_segments
 from nav_pose_estimator.offline.logs.sensors import FIX, NO_FIX, Array, Gnss, Imu, LogSensors
 
 SLOW_HZ = 40.0
-"""An IMU that was logged more slowly aliases vibration and misses turns: no minute without GNSS on it."""
-UNDATED_NS = 10**18  # what the clock of the log counts from where GNSS does not tell the date
+"""Rate [Hz] below which a logged IMU aliases vibration and misses rotations, so that a warning is given."""
+UNDATED_NS = 10**18  # stamp of the log's time zero if GNSS does not give the date
 CLOCK_WINDOW_US = 60_000_000
-"""The clock is judged by the first minute of fixes, and by those before the first outage alone."""
-_FASTEST = 0.9  # seconds of a log in which a second of an outage's start may pass
+"""Time of the fixes that the rate of the clock is estimated from; only those before the first outage are used."""
+_FASTEST = 0.9  # smallest time of the log per second of true time, for the start of an outage
 BESIDE_US = 500_000
-"""What other sensors measured so long before the first or after the last IMU sample belongs to the recording."""
+"""Time before the first and after the last IMU sample within which other samples belong to the recording."""
 
 
 @dataclass
 class LogRecording(Recording):
-    """A recording made from a log, which knows the log it is of."""
+    """A recording from a log, with access to the log."""
 
     log: LogSensors | None = None
     options: LogOptions = field(default_factory=LogOptions)
 
     @property
     def imu_number(self) -> int:
-        """Which IMU of the log, from 1."""
+        """Number of its IMU in the log, from 1."""
         return self.options.imu or 1
 
     def with_imu(self, number: int) -> "LogRecording":
-        """The same flight by another of its IMUs, counted from 1."""
+        """The same flight with another IMU of the log, numbered from 1."""
         assert self.log is not None
         return log_recording(self.log, replace(self.options, imu=number))
 
 
 def log_recording(log: LogSensors, options: LogOptions) -> LogRecording:
-    """The samples of a log. Raises ``BagError`` where it lacks what an estimator needs, or such an IMU or segment."""
+    """The recording of a log. Raises ``BagError`` without IMU or GNSS, and for an unknown IMU or segment."""
     imu = _chosen_imu(log, options.imu)
     receiver = _receiver(log)
     segment, told = _chosen_segment(log, imu, options)
@@ -102,7 +102,7 @@ def _held(log: LogSensors) -> str:
 
 
 def _chosen_segment(log: LogSensors, imu: Imu, options: LogOptions) -> tuple[Segment, list[str]]:
-    """The piece that was asked for, else the whole log, and the choices."""
+    """The requested segment, else the whole log, and notices about the choice."""
     found = find_segments(imu.time_us, log.armed, options.max_gap)
     if options.segment is None:
         told = [f"the log holds {len(found)} segments: --segment N takes one, --list shows them"] * (len(found) > 1)
@@ -123,12 +123,12 @@ def _cut(gnss: Gnss, segment: Segment) -> Gnss:
 
 
 def _inside(time_us: Array, segment: Segment) -> Array:
-    """(N,) bool: times in the segment, or a little beside it: a recording may begin or end with another sensor."""
+    """Whether each of ``time_us`` (N,) is in the segment, or within ``BESIDE_US`` of it."""
     return (time_us > segment.begin_us - BESIDE_US) & (time_us < segment.end_us + BESIDE_US)
 
 
 def _first_minute(gnss: Gnss, end_us: float) -> ClockFit | None:
-    """The fit to the first minute of fixes with a time, as far as it lies before ``end_us``."""
+    """Fit to the first minute of fixes with a time, limited to those before ``end_us``."""
     timed = gnss.time_us[(gnss.utc_us > 0) & gnss.has_fix]
     if not len(timed):
         return None
@@ -136,12 +136,12 @@ def _first_minute(gnss: Gnss, end_us: float) -> ClockFit | None:
 
 
 class _Clock:
-    """From microseconds of the log to stamps: nanoseconds of UTC where the log knows the date."""
+    """Conversion of the log's microseconds to stamps, in nanoseconds of UTC if the log contains the date."""
 
     def __init__(self, imu_us: Array, gnss: Gnss, options: LogOptions) -> None:
         self._begin_us = int(imu_us[0])
         early = _first_minute(gnss, self._begin_us + _FASTEST * options.until * 1e6)
-        fit = early or _first_minute(gnss, math.inf)  # to tell the date, and what is wrong with the clock
+        fit = early or _first_minute(gnss, math.inf)  # for the date, and for a notice about the clock
         if options.clock == "gnss" and fit is None:
             raise UserError("--clock gnss: the log has too few fixes with a time for that")
         automatic = options.clock == "auto" and early is not None and early.wrong
@@ -157,7 +157,7 @@ class _Clock:
             self.notices.append(f"{fit.describe()}; {done}")
 
     def stamps(self, time_us: Array) -> Array:
-        """(N,) int64 [ns]."""
+        """Stamps (N,) int64 [ns] of ``time_us`` (N,)."""
         since = time_us.astype(np.int64) - self._begin_us
         if self.rate == 1.0:
             return self._begin_ns + since * 1000
@@ -169,7 +169,7 @@ def _imu_block(imu: Imu, clock: _Clock) -> ImuBlock:
 
 
 def _timed_samples(gnss: Gnss, log: LogSensors, segment: Segment, clock: _Clock) -> list[tuple[int, Sample]]:
-    """(time of receipt [ns], sample) of all sensors but the IMU, in order; of one message in the order of a bag."""
+    """(time of receipt [ns], sample) of all sensors but the IMU, in order; those of one message as from a bag."""
     timed: list[tuple[int, Sample]] = []
     for i, stamp in enumerate(clock.stamps(gnss.time_us).tolist()):
         timed += [(stamp, sample) for sample in _gnss_samples(gnss, i, stamp)]
@@ -204,7 +204,7 @@ def _opinion(opinion: Reference | None, clock: _Clock, epoch_ns: int) -> Referen
 
 
 def _sidecar(log: LogSensors, clock: _Clock, epoch_ns: int) -> dict:
-    """What the log holds besides its samples, in the form of NAME.json."""
+    """Further data of the log in the form of NAME.json."""
     told: dict = {} if log.delay is None else {PRIOR: log.delay[0], PRIOR_SOURCE: log.delay[1]}
     if log.armed:
         spans = (clock.stamps(np.array(log.armed, np.int64).ravel()) - epoch_ns) * 1e-9
@@ -213,7 +213,7 @@ def _sidecar(log: LogSensors, clock: _Clock, epoch_ns: int) -> dict:
 
 
 def _notices(log: LogSensors, imu: Imu, gnss: Gnss, repeated: int, options: LogOptions) -> list[str]:
-    """What a pilot has to know of the data."""
+    """Sentences for the user about the quality of the data."""
     told = []
     rate = imu.rate()
     if rate < SLOW_HZ:

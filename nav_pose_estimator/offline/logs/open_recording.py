@@ -1,4 +1,4 @@
-"""One way to open whatever a flight was recorded in: rosbag2, PX4 ULog, ArduPilot DataFlash."""
+"""Common function to open recordings of all formats: rosbag2, PX4 ULog, ArduPilot DataFlash."""
 
 import weakref
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from nav_pose_estimator.offline.remote import at_hand, is_remote
 
 ULOG, BINARY, TEXT = "ULog", "DataFlash", "DataFlash text"
 _ENDINGS = {".ulg": ULOG, ".ulog": ULOG, ".bin": BINARY, ".log": TEXT}
-_HEAD = 4096
+_HEAD = 4096  # bytes at the beginning by which the format is recognised
 
 
 def open_recording(
@@ -31,7 +31,7 @@ def open_recording(
     parameters: Parameters | None = None,
     hold: bool = True,
 ) -> Recording:
-    """Read a bag, as ``parameters`` say (``ros.input``), or a log. Raises ``UserError`` for what cannot be read.
+    """Read a bag, with ``parameters`` (``ros.input``), or a log. Raises ``UserError`` if it cannot be read.
 
     ``hold`` as in ``recording.load``; the samples of a log are always held.
     """
@@ -65,16 +65,16 @@ def _open(
 
 
 def prepared(recording: Recording, parameters: Parameters, until: float) -> Recording:
-    """The recording with the IMU that does best before ``until`` [s]. Raises ``UserError`` for axes that cannot be."""
+    """The recording with the best IMU before ``until`` [s]. Raises ``UserError`` for axes that contradict a log's."""
     if isinstance(recording, LogRecording) and parameters.imu.convention != "flu":
         raise UserError(f"{recording.path.name} is a flight log, whose axes are known: leave imu.convention at flu")
     return with_best_imu(recording, parameters, until)
 
 
 def check_readable(path: Path) -> None:
-    """Raise ``BagError`` where ``path`` is neither a bag nor a log; reads no more than the beginning.
+    """Raise ``BagError`` if ``path`` is neither a bag nor a log, by the beginning of its data.
 
-    Whether something elsewhere is one is found out when it is fetched.
+    Recordings in an object store are only checked when they are copied.
     """
     if not is_remote(path) and log_form(path) is None:
         Bag(path).close()

@@ -1,6 +1,6 @@
-"""The autopilot's own estimate: a second opinion beside ours in the report.
+"""The autopilot's own estimate in a log, for comparison in the report.
 
-It is a :class:`Reference`, which is not a ``Sample``: no estimator can be fed with it.
+It is a :class:`Reference` and not a ``Sample``, so that it cannot be fed to an estimator.
 """
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from nav_pose_estimator.offline.flights.tracks import Reference
 
 Array = np.ndarray
-_LONGEST_US = 2_000_000  # between two rows of an opinion; over more than that nothing is interpolated
+_LONGEST_US = 2_000_000  # longest interval between two rows over which the estimate is interpolated
 
 
 def opinion(
@@ -33,7 +33,7 @@ def opinion(
 
 
 def _nearest(wanted_us: Array, time_us: Array, q_nb: Array) -> Array:
-    """(N, 4) the attitude nearest in time, NaN where there is none within a second."""
+    """Attitudes (N, 4) nearest in time to ``wanted_us``; NaN where there is none within a second."""
     after = np.clip(np.searchsorted(time_us, wanted_us), 1, len(time_us) - 1)
     before = after - 1
     nearest = np.where(wanted_us - time_us[before] < time_us[after] - wanted_us, before, after)

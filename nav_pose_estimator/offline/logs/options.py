@@ -1,4 +1,4 @@
-"""Options of every command that opens a flight log. Loads nothing that a ``--help`` would have to wait for."""
+"""Options of all commands that open flight logs. The module imports nothing that would delay ``--help``."""
 
 import argparse
 import math
@@ -9,11 +9,11 @@ CLOCKS = ("auto", "log", "gnss")
 
 @dataclass(frozen=True)
 class LogOptions:
-    """Which part of a log: ``imu`` and ``segment`` count from 1, None for the best IMU and for the whole log.
+    """Part of a log: ``imu`` and ``segment`` count from 1; None for the best IMU and the whole log.
 
-    ``clock``: ``log`` as it stands, ``gnss`` scaled to GNSS time, ``auto`` scaled where it is more than 1000 ppm off.
-    ``max_gap`` [s]: an estimator starts again after a longer pause of the IMU. ``until`` [s since the first sample]:
-    where the first outage begins; fixes after it do not decide whether the times are scaled.
+    ``clock``: ``log`` for the log's times, ``gnss`` for times scaled to GNSS time, ``auto`` to scale only if the error
+    exceeds 1000 ppm. ``max_gap`` [s]: longest gap of the IMU without a restart of the estimator. ``until`` [s since the
+    first sample]: begin of the first outage; later fixes do not affect the scaling.
     """
 
     imu: int | None = None
@@ -24,9 +24,9 @@ class LogOptions:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """``--imu``, ``--segment``, ``--clock``."""
+    """Add the options ``--imu``, ``--segment`` and ``--clock``."""
     add = parser.add_argument
-    add("--imu", type=int, metavar="N", help="of a log: which IMU, from 1 (default: that which follows GNSS best)")
+    add("--imu", type=int, metavar="N", help="of a log: number of the IMU, from 1 (default: the best match to GNSS)")
     add("--segment", type=int, metavar="N", help="of a log: one arming or piece only, from 1 (default: the whole log)")
     add("--clock", choices=CLOCKS, default="auto", help="of a log: scale its times to GNSS time (auto: if 0.1 %% off)")
 
@@ -34,5 +34,5 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def options_of(
     arguments: argparse.Namespace, max_gap: float = LogOptions.max_gap, until: float = math.inf
 ) -> LogOptions:
-    """The options that ``add_options`` has added; see :class:`LogOptions` for the others."""
+    """Values of the options of ``add_options``; :class:`LogOptions` describes the others."""
     return LogOptions(arguments.imu, arguments.segment, arguments.clock, max_gap, until)

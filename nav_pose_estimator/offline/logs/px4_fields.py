@@ -17,7 +17,7 @@ _FIX_3D, _EXTRAPOLATED = 3, 8
 _INVALID_RELATIVE = 0x7FFFFFFF
 _DOWN = 25  # distance_sensor.orientation: pitch 270 degrees
 _FIRST_SENSOR, _LAST_SENSOR = 1, 3  # airspeed_validated.airspeed_source; others are synthetic
-_ALL_SAMPLES = 0.9  # share of the time that the delta angles of a vehicle_imu must cover to be complete
+_ALL_SAMPLES = 0.9  # fraction of the time that the delta angles of a complete vehicle_imu cover
 _TYPES = {1: "fixed wing", 2: "quadrotor", 3: "coaxial", 4: "helicopter", 10: "rover", 13: "hexarotor", 14: "octorotor"}
 _TYPES |= dict.fromkeys(range(19, 26), "VTOL")
 
@@ -65,7 +65,7 @@ def _combined(table: Table) -> Imu | None:
     valid = (relative != _INVALID_RELATIVE) & rising(table.time_us)
     table, relative, clipped = table.select(valid), relative[valid], clipped[valid]
     gyro, accel = table.vector("gyro_rad"), table.vector("accelerometer_m_s2")
-    # Both to the older of the two stamps: the newer one is interpolated from samples that had arrived by then.
+    # both are interpolated to the older of the two stamps, so that no later sample is needed
     time_us = table.time_us + np.minimum(relative, 0)
     if np.any(relative):
         gyro, accel = _at(time_us, table.time_us, gyro), _at(time_us, table.time_us + relative, accel)
@@ -114,7 +114,7 @@ def _gnss(table: Table) -> Gnss | None:
         position=np.column_stack([np.radians(latitude), np.radians(longitude), ellipsoid if usable else sea_level]),
         has_fix=has_fix & np.isfinite(latitude) & np.isfinite(longitude),
         velocity=velocity,
-        # s_variance_m_s is, in spite of its name, the deviation of the speed in m/s
+        # s_variance_m_s is, despite its name, the standard deviation of the speed in m/s
         accuracy=np.stack([_positive(table.number(name)) for name in ("eph", "epv", "s_variance_m_s")], axis=-1),
         satellites=np.where(count == 255, -1, count),
         utc_us=table.whole("time_utc_usec"),
@@ -153,15 +153,18 @@ def _barometer(log: LogTables) -> Series | None:
 
 
 def _relative(table: Table, offset: str) -> tuple[Array, Array]:
-    """Times of a sensor inside ``sensor_combined``, and which rows bring a new measurement of it."""
+    """Times of a sensor inside ``sensor_combined``, and which rows contain a new measurement of it."""
     relative = table.whole(offset)
     time_us = table.time_us + relative
     return time_us, (relative != _INVALID_RELATIVE) & np.concatenate([[True], np.diff(time_us) > 0])
 
 
 def _air(log: LogTables) -> list[Series | None]:
-    """Airspeed of the sensor. ``airspeed_validated`` may be ground speed minus wind, which is GNSS under another name:
-    of it only what says that it is of a sensor is taken, and only where the sensor itself was not logged."""
+    """Airspeed of the sensor, or its differential pressure.
+
+    ``airspeed_validated`` may be ground speed minus wind, which is derived from GNSS. It is only used if the sensor
+    itself was not logged, and only with values that are marked as from a sensor.
+    """
     table = log.first("airspeed")
     if table is not None and table.has("true_airspeed_m_s"):
         speed = table.number("true_airspeed_m_s")
@@ -183,7 +186,7 @@ def _air(log: LogTables) -> list[Series | None]:
 
 
 def _range(log: LogTables) -> Series | None:
-    """The rangefinder that looks down, within its own limits."""
+    """The downward rangefinder, within its own limits."""
     for table in log.instances("distance_sensor"):
         distance = table.number("current_distance")
         down = table.number("orientation", default=float(_DOWN)) == _DOWN
@@ -220,7 +223,7 @@ def _opinion(log: LogTables, undulation: float) -> Reference | None:
 
 
 def _place(table: Table, undulation: float) -> tuple[Array, Array] | None:
-    """Positions (N, 3) and velocities ENU (N, 3); NaN where the estimator does not vouch for them. None if nowhere."""
+    """Positions (N, 3) and velocities ENU (N, 3); NaN where the estimator marks them as invalid. None if all are."""
     if table.name == "vehicle_local_position" and table.has("x", "ref_lat", "ref_lon", "ref_alt", "xy_global"):
         start = np.column_stack([np.radians(table.vector("ref_lat", "ref_lon")), table.number("ref_alt")])
         position = shift(start, sensors.enu(table.vector("x", "y", "z")))

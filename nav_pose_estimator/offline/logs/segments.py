@@ -1,4 +1,4 @@
-"""The pieces of a log: armings, and stretches between gaps in the IMU data."""
+"""Segments of a log: armed intervals, and intervals between gaps in the IMU data."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -6,12 +6,12 @@ from itertools import pairwise
 import numpy as np
 
 Array = np.ndarray
-SHORTEST_US = 10_000_000  # of a piece without arming
+SHORTEST_US = 10_000_000  # shortest segment in a log without arming
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A piece of a log, times [µs] on its clock; ``armed`` [s] of it."""
+    """A segment of a log, in times [µs] of its clock; ``armed``: armed time in it [s]."""
 
     begin_us: int
     end_us: int
@@ -19,16 +19,16 @@ class Segment:
 
     @property
     def duration(self) -> float:
-        """s"""
+        """Duration [s]."""
         return (self.end_us - self.begin_us) * 1e-6
 
 
 def find_segments(imu_us: Array, armed: list[tuple[int, int]] | None, max_gap: float) -> list[Segment]:
-    """Pieces in order of time.
+    """Segments in order of time.
 
-    The IMU data are cut where they pause for more than ``max_gap`` [s], over which an estimator starts again, and in
-    the middle between two armings. Pieces that are never armed are left out where others are; without word of arming,
-    as from Plane, those of less than ten seconds are.
+    The IMU data are divided at gaps of more than ``max_gap`` [s], after which an estimator restarts, and in the middle
+    between two armed intervals. Segments that are never armed are left out if others are; in logs without arming, those
+    shorter than ``SHORTEST_US`` are.
     """
     if len(imu_us) < 2:
         return []

@@ -1,4 +1,4 @@
-"""What a flight log says about the sensors, in this package's frames and units, still on the clock of the log."""
+"""Sensor data of a flight log in the frames and units of this package, with times of the log's clock."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -24,7 +24,7 @@ GAUSS = 1e-4  # T
 FLU_FROM_FRD = np.array([1.0, -1.0, -1.0])
 _ENU_FROM_NED = np.array([0.0, 0.5**0.5, 0.5**0.5, 0.0])
 _FRD_FROM_FLU = np.array([0.0, 1.0, 0.0, 0.0])
-_LONGEST_DELAY = 1000.0  # ms
+_LONGEST_DELAY = 1000.0  # ms: largest plausible latency
 FIX, NO_FIX = 0, -1  # sensor_msgs/NavSatStatus
 
 
@@ -45,23 +45,23 @@ class Imu:
 
 @dataclass(frozen=True)
 class Gnss:
-    """One receiver, N messages; NaN (or -1 satellites, 0 for the time) where it does not say."""
+    """One receiver with N messages; unknown values are NaN (satellites -1, time 0)."""
 
     name: str
     time_us: Array  # (N,) int64, clock of the log
     position: Array  # (N, 3) latitude, longitude [rad], height [m]
     has_fix: Array  # (N,) bool, three-dimensional
     velocity: Array  # (N, 3) ENU [m/s]
-    accuracy: Array  # (N, 3) deviations: horizontal [m], vertical [m], speed [m/s]
+    accuracy: Array  # (N, 3) standard deviations: horizontal [m], vertical [m], speed [m/s]
     satellites: Array  # (N,) int
     utc_us: Array  # (N,) int64
     undulation: float = np.nan  # ellipsoid height minus height above sea level [m]
-    sea_level: bool = False  # heights are above mean sea level, for want of better ones
+    sea_level: bool = False  # heights are above mean sea level, because no others are logged
 
 
 @dataclass(frozen=True)
 class Series:
-    """All of one other sensor: with a stamp, each row of ``values`` (N, k) makes a sample of ``kind``."""
+    """Data of one other sensor: each row of ``values`` (N, k), with its stamp, is a sample of ``kind``."""
 
     name: str
     kind: type[Sample]
@@ -75,10 +75,10 @@ class Series:
 
 @dataclass
 class LogSensors:
-    """Everything of use in one log. ``opinion``: what the autopilot itself estimated, times in seconds of the log.
+    """Sensor data of one log. ``opinion``: the autopilot's own estimate, with times in seconds of the log.
 
-    ``armed`` is None where the log does not record arming. ``delay``: latency of the fixes [s] by the log's own
-    parameters and the parameter's name. ``missing`` says what an estimator needs and the log lacks.
+    ``armed`` is None if the log does not record arming. ``delay``: latency of the fixes [s] by the log's parameters,
+    and the name of the parameter. ``needs``: the messages that contain IMU and GNSS data.
     """
 
     path: Path
@@ -110,40 +110,40 @@ def known_delay(parameters: dict[str, float], names: Iterable[str]) -> tuple[flo
 
 
 def make_imu(name: str, time_us: Array, gyro_frd: Array, accel_frd: Array, clipped: Array | None = None) -> Imu:
-    """An IMU from FRD columns; rows that are not finite, or not newer than those before, are left out."""
+    """Create an IMU from FRD columns, without rows that are not finite or not newer than the previous ones."""
     good = rising(time_us) & np.isfinite(gyro_frd).all(axis=1) & np.isfinite(accel_frd).all(axis=1)
     count = 0 if clipped is None else int(np.count_nonzero(clipped[good] > 0))
     return Imu(name, time_us[good], gyro_frd[good] * FLU_FROM_FRD, accel_frd[good] * FLU_FROM_FRD, count)
 
 
 def magnetometer(table: Table, field_gauss: Array, time_us: Array | None = None) -> Series | None:
-    """Field in FRD [gauss] as samples; all zero is none. None where nothing is left."""
+    """Samples of the field in FRD [gauss], without zero vectors; None if there are none."""
     time_us = table.time_us if time_us is None else time_us
     values = field_gauss * GAUSS * FLU_FROM_FRD
     return _series(table.name, MagSample, time_us, values, np.any(values != 0.0, axis=1))
 
 
 def barometer(table: Table, pressure: Array, time_us: Array | None = None) -> Series | None:
-    """Static pressure in Pa, or in hPa as older PX4 has it, as samples."""
+    """Samples of the static pressure in Pa, or in hPa as from older PX4."""
     time_us = table.time_us if time_us is None else time_us
     pascal = np.where(pressure < 2000.0, pressure * 100.0, pressure)
     return _series(table.name, PressureSample, time_us, pascal[:, None], (pascal > 1000.0) & (pascal < 120_000.0))
 
 
 def airspeed(table: Table, true_airspeed: Array, good: Array) -> Series | None:
-    """True airspeed [m/s] as samples."""
+    """Samples of the true airspeed [m/s]."""
     return _series(table.name, Airspeed, table.time_us, true_airspeed[:, None], good)
 
 
 def differential_pressure(table: Table, pressure: Array) -> Series | None:
-    """Pressure of a pitot tube [Pa] as samples."""
+    """Samples of the differential pressure of a pitot tube [Pa]."""
     return _series(table.name, DifferentialPressure, table.time_us, pressure[:, None], pressure != 0.0)
 
 
 def range_to_ground(
     table: Table, distance: Array, field_of_view: float, deviation: Array, good: Array
 ) -> Series | None:
-    """Distances of a rangefinder that looks down [m] as samples."""
+    """Samples of the distance of a downward rangefinder [m]."""
     values = np.column_stack([distance, np.full(len(distance), field_of_view), deviation])
     return _series(table.name, RangeToGround, table.time_us, values, good & np.isfinite(distance), columns=1)
 
@@ -156,7 +156,7 @@ def _series(
 
 
 def sample(series: Series, stamp_ns: int, row: list[float]) -> Sample:
-    """Row of a series as the sample that it is."""
+    """Sample of one row of a series."""
     return _MAKERS[series.kind](stamp_ns, row)
 
 
@@ -170,18 +170,18 @@ _MAKERS: dict[type[Sample], Callable[[int, list[float]], Sample]] = {
 
 
 def enu(ned: Array) -> Array:
-    """(N, 3) North-East-Down as East-North-Up."""
+    """Convert (N, 3) from North-East-Down to East-North-Up."""
     return np.column_stack([ned[:, 1], ned[:, 0], -ned[:, 2]])
 
 
 def enu_flu_attitude(q_ned_frd: Array) -> Array:
-    """(N, 4) scalar first: body FRD to NED becomes body FLU to ENU."""
+    """Convert quaternions (N, 4), scalar first, of FRD to NED to those of FLU to ENU."""
     q = quat_normalize_many(q_ned_frd)
     return quat_multiply_many(quat_multiply_many(_ENU_FROM_NED, q), _FRD_FROM_FLU)
 
 
 def fresh(gnss: Gnss) -> tuple[Gnss, int]:
-    """The receiver without messages that only repeat the one before, and how many these are."""
+    """The receiver without messages that only repeat the previous one, and their number."""
     same = np.zeros(len(gnss.time_us), bool)
     known = gnss.utc_us > 0
     if len(same) > 1:

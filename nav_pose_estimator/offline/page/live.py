@@ -1,7 +1,7 @@
-"""Plots that can be zoomed and read with the pointer, if plotly is installed: its script, next to the page.
+"""Interactive plots in the HTML reports, by the script of plotly if that is installed.
 
-Nothing is imported from plotly, which takes long: one file of it is copied. A page without that file beside it shows
-the plots as they were drawn. The data of a plot are JSON in the page, arrays as base64 of little-endian float32.
+The package plotly is not imported, which would take long; its script is copied beside the page. Without the script the
+page shows the static plots. The data of a plot are JSON in the page, with arrays as base64 of little-endian float32.
 """
 
 import base64
@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 SCRIPT = "plotly.min.js"
-_LOWEST = 0.25  # of a track's extent: a flatter height is stretched to it
-POINTS = 4000  # of one line: three times what a screen shows, so that zooming shows more
+_LOWEST = 0.25  # smallest displayed height of a track relative to its extent; a lower one is stretched
+POINTS = 4000  # largest number of points of a line, three times that of a screen, for zooming
 
 Array = np.ndarray
 
@@ -32,7 +32,7 @@ def script() -> Path | None:
 
 
 def provide(folder: Path) -> bool:
-    """Put the script into ``folder``; False where there is none."""
+    """Copy the script to ``folder``; False if plotly is not installed."""
     source = script()
     if source is not None:
         shutil.copyfile(source, folder / SCRIPT)
@@ -40,7 +40,7 @@ def provide(folder: Path) -> bool:
 
 
 def code() -> str:
-    """What turns the data in the page into plots."""
+    """JavaScript that creates the plots from the data in the page."""
     return Path(__file__).with_name("live.js").read_text(encoding="utf-8")
 
 
@@ -50,15 +50,15 @@ def numbers(values: Array) -> str:
 
 
 def as_json(plot: Mapping[str, Any]) -> str:
-    """To stand in a script element of a page."""
+    """Data of a plot as JSON for a script element of a page."""
     return json.dumps(plot, separators=(",", ":")).replace("<", "\\u003c")
 
 
 @dataclass(frozen=True)
 class Track:
-    """Paths in space, ``lines`` of (ENU (N, 3) [m], style, label). A page without script has no drawing of it.
+    """Paths in space, ``lines`` of (ENU (N, 3) [m], style, label), which are only shown with the script.
 
-    ``t`` (N,) [s], ``path`` (N, 3): where the vehicle was when, for who points at a time in another plot.
+    ``t`` (N,) [s] and ``path`` (N, 3) [m]: positions by time, to mark the time under the pointer in another plot.
     """
 
     lines: Sequence[tuple[Array, str, str]]
@@ -67,7 +67,7 @@ class Track:
     height: int = 520
 
     def data(self) -> dict[str, Any]:
-        """For the script. Up is stretched where the path is flat."""
+        """Data for the script; the vertical axis is stretched for flat paths."""
         points = np.concatenate([enu for enu, *_ in self.lines])
         extent = np.nanmax(points, axis=0) - np.nanmin(points, axis=0)
         longest = max(float(extent[:2].max()), 1e-3)

@@ -1,4 +1,4 @@
-"""The frame of every HTML report: nothing from outside, light and dark, plots that zoom where plotly is installed."""
+"""Common layout of the HTML reports: self-contained, with light and dark colours and optionally interactive plots."""
 
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -38,7 +38,7 @@ details{margin:6px 0}summary{cursor:pointer;color:var(--soft)}
 
 
 def write(path: Path, title: str, body: Iterable[str]) -> None:
-    """Write a page, and next to it the script that lets its plots be zoomed, if it is installed."""
+    """Write a page, and beside it the script for interactive plots if plotly is installed."""
     head = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
@@ -63,7 +63,7 @@ def tiles(pairs: Iterable[tuple[str, str]]) -> str:
 
 
 def figure(plot: Plot | live.Track | str, caption: str = "") -> str:
-    """A plot in its frame: as it is drawn, and its data for the script. A text is an ``<svg>`` that stays as it is."""
+    """A plot with its caption: the static drawing and the data for the script. A string is a static ``<svg>``."""
     words = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
     if isinstance(plot, str):
         return f"<figure>{plot}{words}</figure>"
@@ -73,7 +73,7 @@ def figure(plot: Plot | live.Track | str, caption: str = "") -> str:
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], text_columns: Sequence[int] = (0,)) -> str:
-    """A table of texts; columns in ``text_columns`` are flush left. A cell that begins with ``*`` is the best one."""
+    """A table of texts; ``text_columns`` are left-aligned. A cell that begins with ``*`` is highlighted as the best."""
 
     def cell(i: int, value: str) -> str:
         names = [name for name, on in (("text", i in text_columns), ("best", value.startswith("*"))) if on]

@@ -1,4 +1,4 @@
-"""Line plots as small SVG texts: no drawing library to import, colours from the style sheet of the page."""
+"""Line plots as small SVG texts, without a plotting library, in the colours of the page's style sheet."""
 
 import math
 from dataclasses import dataclass, field
@@ -10,12 +10,12 @@ import numpy as np
 from nav_pose_estimator.offline.page import live
 
 Array = np.ndarray
-MAX_POINTS = 1200  # of one line; more than the screen has pixels shows nothing
+MAX_POINTS = 1200  # largest number of points of a line, about the pixels of a screen
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58, 14, 26, 30
 
 
 def thin(x: Array, *ys: Array, points: int = MAX_POINTS) -> tuple[Array, ...]:
-    """``x`` and ``ys`` with at most about ``points`` entries; the extremes of the first of ``ys`` survive."""
+    """``x`` and ``ys`` decimated to about ``points`` entries, with the extremes of the first of ``ys``."""
     if len(x) <= points:
         return (x, *ys)
     size = math.ceil(2 * len(x) / points)
@@ -74,7 +74,7 @@ class Plot:
         self._name(label, style)
 
     def span(self, start: float, end: float, style: str = "outage") -> None:
-        """A time span that is shaded from top to bottom."""
+        """A shaded time interval."""
         self._spans.append((start, end, style))
 
     def mark(self, x: float, y: float, style: str, text: str = "") -> None:
@@ -180,7 +180,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class _Scale:
-    """Data to pixels."""
+    """Mapping from data to pixels."""
 
     low: float
     high: float

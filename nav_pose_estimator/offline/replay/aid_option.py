@@ -1,4 +1,4 @@
-"""``--aid``: which aids besides IMU and GNSS a run may use."""
+"""Option ``--aid``: the aids besides IMU and GNSS that a run uses."""
 
 from dataclasses import fields
 
@@ -10,12 +10,12 @@ NONE = "none"
 
 
 def aid_names() -> list[str]:
-    """Aids that can be switched: the true-or-false parameters of ``aids``."""
+    """Names of the aids that can be switched, which are the boolean parameters of ``aids``."""
     return [item.name for item in fields(AidParameters) if isinstance(item.default, bool)]
 
 
 def with_aids(parameters: Parameters, text: str) -> Parameters:
-    """``parameters`` with exactly the aids of a comma-separated list switched on; ``none`` for no aid at all."""
+    """``parameters`` with exactly the aids of a comma-separated list enabled; ``none`` for none."""
     chosen = [name.strip() for name in text.split(",") if name.strip()]
     known = aid_names()
     unknown = [name for name in chosen if name not in known and name != NONE]

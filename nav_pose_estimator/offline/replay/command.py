@@ -1,4 +1,4 @@
-"""``replay BAG``: the command line around :mod:`nav_pose_estimator.offline.replay.replay`."""
+"""Command ``replay BAG``: options and output of :mod:`nav_pose_estimator.offline.replay.replay`."""
 
 import argparse
 import math
@@ -19,32 +19,38 @@ DESCRIPTION = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``replay``."""
+    """Add the options of ``replay``."""
     from nav_pose_estimator.offline.logs.options import add_options
 
     parser.description = DESCRIPTION
     what = "rosbag2 (a folder, a .mcap or a .db3 file), PX4 .ulg, or ArduPilot .bin or .log"
     parser.add_argument("bag", type=Path, metavar="BAG|LOG", help=what)
-    parser.add_argument("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
+    parser.add_argument("--config", type=Path, metavar="YAML", help="parameter file, as for the nodes")
     add = parser.add_argument
-    add("--outage", action="append", default=[], metavar="START:LENGTH", help="take GNSS away, s from the first stamp")
+    add(
+        "--outage",
+        action="append",
+        default=[],
+        metavar="START:LENGTH",
+        help="remove GNSS; seconds from the first stamp",
+    )
     add("--outage-every", metavar="PERIOD:LENGTH", help="outages throughout the flight")
     add("--aid", metavar="NAME,...", help="use exactly these aids besides IMU and GNSS; none for no aid")
-    add("--method", metavar="NAME", default="best", help="how to get through an outage (default: best)")
-    add("--airframe", type=Path, metavar="FILE", help="what is known before the flight: a file of train")
+    add("--method", metavar="NAME", default="best", help="method for outages (default: best)")
+    add("--airframe", type=Path, metavar="FILE", help="airframe file made by the command train")
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto to estimate it from the bag")
     add("--estimate-latency", action="store_true", help="estimate the latency of the fixes, print it and stop")
-    add("--origin", metavar="LAT,LON,HEIGHT", help="zero of the local frame: degrees, metres above the ellipsoid")
+    add("--origin", metavar="LAT,LON,HEIGHT", help="origin of the local frame: degrees, metres above the ellipsoid")
     add("--remap", action="append", default=[], metavar="OURS:=THEIRS", help="/imu/data_raw:=/topic/in/the/bag")
     add_options(parser)
-    add("--list", action="store_true", help="say what the recording holds, replay nothing")
+    add("--list", action="store_true", help="list the contents of the recording and stop")
     add("--rate", type=float, default=20.0, metavar="HZ", help="rows per second in the output files (default: 20)")
     add("--rerun", type=Path, metavar="FILE.rrd", help="also write a file for the Rerun viewer (needs rerun-sdk)")
     add("--out", type=Path, metavar="DIR", help="folder for report and data (default: NAME_replay)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Carry the command out. Raises ``UserError`` for what the user can mend."""
+    """Run the command. Raises ``UserError`` for wrong options, unreadable recordings and unusable output folders."""
     from nav_pose_estimator.offline.bags.topic_map import parse_remaps
     from nav_pose_estimator.offline.flights import latency, methods, outages
     from nav_pose_estimator.offline.flights.config_file import load_parameters
@@ -77,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
         rerun_file.check(arguments.rerun)
     folder = arguments.out or Path(f"{arguments.bag.resolve().stem.removesuffix('_bag')}_replay")
     inputs = [path for path in (arguments.bag, arguments.config) if path is not None]
-    with OutputFolder(folder, "replay", inputs) as work:  # before the work, should it be impossible
+    with OutputFolder(folder, "replay", inputs) as work:  # before the work, so that an unusable folder costs no time
         recording = plan.load()
         wanted = plan.outages(recording)
         parameters, how = latency.choose(recording, parameters, arguments.gnss_delay, arguments.config, _first(wanted))
@@ -94,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class _Plan:
-    """What the command line asks for, checked as far as that is possible without the recording."""
+    """The options, checked as far as possible without the recording."""
 
     arguments: argparse.Namespace
     parameters: Any
@@ -104,7 +110,7 @@ class _Plan:
 
     @property
     def options(self) -> Any:
-        """How a flight log is to be read."""
+        """Options for reading a flight log."""
         from nav_pose_estimator.offline.logs.options import options_of
 
         until = min(_first(self.wanted), self.every[0] if self.every else math.inf)
@@ -112,13 +118,13 @@ class _Plan:
 
     @property
     def _reads_often(self) -> bool:
-        """Whether the samples are worth their memory: an estimate of the latency goes through them several times."""
+        """Whether the samples are kept in memory, because the estimation of the latency reads them several times."""
         from nav_pose_estimator.offline.flights.latency import AUTO
 
         return self.arguments.estimate_latency or self.arguments.gnss_delay == AUTO
 
     def load(self) -> Any:
-        """The recording."""
+        """Read the recording."""
         from nav_pose_estimator.engine import first_run
         from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
 
@@ -135,7 +141,7 @@ class _Plan:
         return recording
 
     def outages(self, recording: Any) -> list:
-        """The outages in order. Raises ``UserError`` for what does not fit into the recording."""
+        """The outages in order. Raises ``UserError`` for outages outside of the recording."""
         from nav_pose_estimator.offline.flights import outages
 
         wanted = list(self.wanted)
@@ -155,7 +161,7 @@ def _first(wanted: list) -> float:
 
 
 def _replay(recording, parameters, wanted, folder: Path, rate: float) -> Any:
-    """Replay and write every file; returns the result."""
+    """Replay, write all files, and return the result."""
     from nav_pose_estimator.offline.replay import files
     from nav_pose_estimator.offline.replay.replay import replay
     from nav_pose_estimator.offline.replay.report import write_report
@@ -167,7 +173,7 @@ def _replay(recording, parameters, wanted, folder: Path, rate: float) -> Any:
     files.write_tum(folder / files.TUM, result, rate)
     files.write_csv(folder / files.CSV, result, rate)
     wall = seconds_since_start()
-    _tell(result, wall)
+    _print_summary(result, wall)
     if len(result.track):
         from nav_pose_estimator.offline.replay.solution_bag import write_solution
 
@@ -175,8 +181,8 @@ def _replay(recording, parameters, wanted, folder: Path, rate: float) -> Any:
     return result
 
 
-def _tell(result, wall: float) -> None:
-    """The outcome in a few lines."""
+def _print_summary(result, wall: float) -> None:
+    """Print the result in a few lines."""
     from nav_pose_estimator.offline.replay import second_opinion
     from nav_pose_estimator.offline.replay.report import OUTAGE_HEADER, mode_spans, outage_rows
     from nav_pose_estimator.offline.replay.warnings import warnings
@@ -197,7 +203,7 @@ def _tell(result, wall: float) -> None:
 
 
 class _bar:
-    """A progress bar on a terminal, nothing elsewhere; tqdm is loaded only where it is seen."""
+    """Progress bar on a terminal; otherwise tqdm is not imported, and nothing is shown."""
 
     def __init__(self, title: str, total: int | None) -> None:
         self._bar: Any = None
@@ -209,7 +215,7 @@ class _bar:
         return self
 
     def update(self, count: int) -> None:
-        """``count`` more IMU samples are done."""
+        """Advance by ``count`` IMU samples."""
         self._pending += count
         if self._pending < 4096 or not sys.stderr.isatty() or time.monotonic() < self._next:
             return

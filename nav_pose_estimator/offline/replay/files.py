@@ -1,4 +1,4 @@
-"""What a replay leaves in its folder: summary.json, trajectory.tum, estimate.csv and the solution bag."""
+"""Output files of a replay: summary.json, trajectory.tum, estimate.csv and the solution bag."""
 
 import math
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ CSV_COLUMNS = (
 
 
 def decimated(track: Track, rate_hz: float) -> Iterator[Track]:
-    """At most ``rate_hz`` rows a second, in parts: as text they need twenty times the memory."""
+    """Yield the track at up to ``rate_hz`` in parts, because its text needs twenty times the memory."""
     last = -(1 << 62)
     for piece in track.pieces():
         slots = np.floor(piece.t * rate_hz + 1e-6).astype(np.int64)
@@ -37,7 +37,7 @@ def decimated(track: Track, rate_hz: float) -> Iterator[Track]:
 
 
 def write_summary(path: Path, result: ReplayResult, wall_seconds: float) -> dict[str, Any]:
-    """Everything a script wants to know of a replay; NaN is null."""
+    """Write the results of a replay for scripts, and return them; NaN becomes null."""
     recording, status, spans = result.recording, result.status, mode_spans(result)
     summary = {
         "bag": recording.path.name,
@@ -69,7 +69,7 @@ def write_summary(path: Path, result: ReplayResult, wall_seconds: float) -> dict
 
 
 def write_tum(path: Path, result: ReplayResult, rate_hz: float) -> None:
-    """``stamp x y z qx qy qz qw`` a line, ENU metres from the origin (the form that evo reads)."""
+    """Write lines ``stamp x y z qx qy qz qw`` with ENU metres from the origin, the format of evo."""
     form = "%d.%09d" + " %.6f" * 3 + " %.9f" * 4
     with path.open("w", encoding="utf-8") as file:
         for track in decimated(result.track, rate_hz):
@@ -80,7 +80,7 @@ def write_tum(path: Path, result: ReplayResult, rate_hz: float) -> None:
 
 
 def write_csv(path: Path, result: ReplayResult, rate_hz: float) -> None:
-    """The estimate as text, columns ``CSV_COLUMNS``; t counts from the bag's first stamp."""
+    """Write the estimate as text with the columns ``CSV_COLUMNS``; t is relative to the bag's first stamp."""
     form = "%.4f,%.9f,%.9f" + ",%.4f" * 13 + ",%s\n"
     with path.open("w", encoding="utf-8") as file:
         file.write(CSV_COLUMNS + "\n")

@@ -1,4 +1,4 @@
-"""``--origin LAT,LON,HEIGHT``: the fixed origin of a replay."""
+"""Option ``--origin LAT,LON,HEIGHT``: the fixed origin of a replay."""
 
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
@@ -6,7 +6,7 @@ from nav_pose_estimator.errors import UserError
 
 
 def with_origin(parameters: Parameters, text: str) -> Parameters:
-    """``parameters`` with the origin that ``text`` names; ``UserError`` where it names none."""
+    """``parameters`` with the origin in ``text``; ``UserError`` for an invalid one."""
     try:
         latitude, longitude, height = map(float, text.split(","))
     except ValueError:

@@ -1,4 +1,4 @@
-"""Figures of the outages in a replay: the path in space, the network's prediction, and whether sigma was honest."""
+"""Figures of the outages in a replay: the path in space, the network's prediction, and the reliability of sigma."""
 
 from collections.abc import Iterator
 from statistics import NormalDist
@@ -12,7 +12,7 @@ from nav_pose_estimator.offline.page.svg import Plot
 from nav_pose_estimator.offline.replay.replay import ReplayResult, reference_lever
 
 Array = np.ndarray
-_FEW = 20  # fixes in outages, below which a share says nothing
+_FEW = 20  # smallest number of fixes in outages for a figure of the reliability
 _PROBABILITIES = np.linspace(0.02, 0.98, 49)
 _GAP = 1.0  # s between predictions: another outage
 

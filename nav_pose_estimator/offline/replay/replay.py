@@ -1,4 +1,4 @@
-"""A recording through the pose estimator: the engine of the nodes, no middleware, as fast as the machine goes."""
+"""Replay of a recording with the engine of the nodes, without middleware, as fast as possible."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -19,17 +19,17 @@ from nav_pose_estimator.offline.flights.tracks import Reference, Track, TrackRec
 from nav_pose_estimator.offline.replay.second_core import SecondCore
 
 STATE_PERIOD_NS = 1_000_000_000
-"""Biases are noted once a second: the last IMU sample of a block is then fed by itself."""
+"""Period in which biases are recorded; the last IMU sample of a block is then fed by itself."""
 DRAWN = 18_000
-"""Rows of a track from which on not every one is drawn: six minutes."""
+"""Largest number of drawn rows of a track: six minutes at 50 Hz; longer ones are decimated."""
 RESETS = frozenset(("reset", "resume.begun"))
-"""Events after which the navigator has to level again, at least, before there is a solution."""
+"""Names of events after which there is no solution until the navigator is at least level again."""
 Progress = Callable[[int], None]
 
 
 @dataclass
 class Record:
-    """Everything that came out of an estimator."""
+    """All outputs of an estimator."""
 
     epoch_ns: int
     tracks: TrackRecorder
@@ -41,7 +41,7 @@ class Record:
     _reset_ns: int = -1
 
     def take(self, outputs: Iterable[Output]) -> None:
-        """File the outputs of one call of ``feed``."""
+        """Store the outputs of one call of ``feed``."""
         for output in outputs:
             if isinstance(output, NavBlock):
                 self.tracks.add(output)
@@ -57,11 +57,13 @@ class Record:
 
     @property
     def bias_history(self) -> "BiasHistory":
-        """The sensor biases in the course of time."""
+        """The sensor biases by time."""
         return BiasHistory(np.array(self.biases, float).reshape(-1, BiasHistory.COLUMNS))
 
     def _note_event(self, event: Event) -> None:
-        if event.name in RESETS:  # until the next solution there is none: the mode before must not seem to last
+        if (
+            event.name in RESETS
+        ):  # there is no solution until the next one, so that the previous mode must not seem to last
             self._note_mode(event.stamp_ns, Mode.ALIGNING)
             self._reset_ns = event.stamp_ns
         if event.text:
@@ -86,11 +88,11 @@ class BiasHistory:
 
     @property
     def t(self) -> np.ndarray:
-        """(N,) s since the first stamp."""
+        """Times (N,) [s since the first stamp]."""
         return self.rows[:, 0]
 
     def of(self, sensor: int) -> tuple[np.ndarray, np.ndarray]:
-        """Bias (N, 3) and deviation (N, 3) of the gyroscope (0) or the accelerometer (1)."""
+        """Bias (N, 3) and standard deviation (N, 3) of the gyroscope (0) or the accelerometer (1)."""
         start = 1 + 3 * sensor
         return self.rows[:, start : start + 3], self.rows[:, start + 6 : start + 9]
 
@@ -121,12 +123,12 @@ class ReplayResult:
 
     @cached_property
     def drawn(self) -> Track:
-        """The track as far as it is drawn."""
+        """The track, decimated for drawing."""
         return self.track.thinned(DRAWN)
 
     @cached_property
     def drawn_reference(self) -> Reference:
-        """The reference as far as it is drawn."""
+        """The reference, decimated for drawing."""
         return self.reference.thinned(DRAWN)
 
 
@@ -140,14 +142,14 @@ def as_block(solution: NavSolution) -> NavBlock:
 def replay(
     recording: Recording, parameters: Parameters, outages: list[Outage], progress: Progress | None = None
 ) -> ReplayResult:
-    """Run a recording with GNSS taken away in ``outages``. ``progress`` is called with the IMU samples just done."""
+    """Replay a recording without GNSS in ``outages``. ``progress`` receives the number of IMU samples just done."""
     delay = parameters.gnss.delay
     removal = GnssRemoval(outages, recording.epoch_ns, delay)
     proof = OutageProof(outages, recording.epoch_ns, delay)
     record = Record(recording.epoch_ns, TrackRecorder(recording.epoch_ns))
     began = time.perf_counter()
     with SecondCore() as core:
-        # kernels are loaded as they are called: no flight has to wait for them here
+        # kernels are loaded on their first call, which delays nothing here
         engine = core.engine = PoseEstimator(parameters, train=core.train, rehearse=core.rehearse)
         run(engine, removal.filter(recording.samples), record, proof, progress, core.deliver)
         status = engine.status()
@@ -173,7 +175,7 @@ def replay(
 
 
 def reference_lever(reference: Reference, parameters: Parameters) -> np.ndarray:
-    """From the IMU to the point that the reference describes: the antenna for GNSS, the IMU itself for ground truth."""
+    """Lever arm (3,) [m] in b from the IMU to the point of the reference: the antenna for GNSS, zero for the truth."""
     return np.array(parameters.gnss.lever_arm) if reference.kind == "GNSS" else np.zeros(3)
 
 
@@ -185,9 +187,9 @@ def run(
     progress: Progress | None = None,
     ahead: Callable[[int], None] = lambda stamp_ns: None,
 ) -> None:
-    """Feed ``samples``; every one of them passes the proof that it carries nothing from inside an outage.
+    """Feed ``samples``, each of which is checked to contain no GNSS from inside an outage.
 
-    ``ahead`` is called with the newest stamp of the IMU [ns] that the estimator is about to get.
+    ``ahead`` receives the newest IMU stamp [ns] before it is fed to the estimator.
     """
     next_state = last_ns = 0
     waiting: list[Sample] = []

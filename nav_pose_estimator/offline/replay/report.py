@@ -1,4 +1,4 @@
-"""report.html of a replay: what happened, how far the pose drifted, and why."""
+"""The page report.html of a replay: modes, events, drift in outages, errors and innovations."""
 
 import math
 from collections.abc import Iterator
@@ -30,12 +30,12 @@ G = 9.80665
 
 
 def write_report(path: Path, result: ReplayResult) -> None:
-    """Write the page. All plots are drawn here; nothing is loaded from elsewhere."""
+    """Write the page, which is self-contained."""
     page.write(path, f"{result.recording.name} · replay", _body(result))
 
 
 def outage_rows(result: ReplayResult) -> list[list[str]]:
-    """The outages as texts, one row each."""
+    """Table of the outages as texts, one row each."""
     return [
         [
             f"{e.start_s:.1f}",
@@ -52,7 +52,7 @@ OUTAGE_HEADER = ["start s", "length s", "end m", "rms m", "max m", "vertical m",
 
 
 def mode_spans(result: ReplayResult) -> list[tuple[float, float, Mode]]:
-    """(start, end, mode) over the whole replay."""
+    """Intervals (start [s], end [s], mode) over the whole replay."""
     modes = result.record.modes
     if not modes:
         return [(0.0, result.recording.duration, result.status.mode)]

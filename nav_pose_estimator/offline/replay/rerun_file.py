@@ -1,6 +1,6 @@
-"""A replay for the Rerun viewer (``replay --rerun FILE.rrd``), where the package rerun-sdk is installed.
+"""Output of a replay for the Rerun viewer (``replay --rerun FILE.rrd``), if the package rerun-sdk is installed.
 
-Reference and estimate as paths, the vehicle moving along, errors, deviations and modes over the time of the flight.
+It contains reference and estimate as paths, the moving vehicle, and errors, sigmas and modes over the time of flight.
 """
 
 import os
@@ -20,7 +20,7 @@ _COLORS = {"reference": (150, 158, 165), "estimate": (31, 111, 235), "outage": (
 
 
 def check(path: Path) -> None:
-    """``UserError`` where the file cannot be written, before the work begins."""
+    """Raise ``UserError`` if the file cannot be written, before the work begins."""
     if path.suffix != ".rrd":
         raise UserError(f"--rerun writes a file that ends with .rrd, not {path.name!r}")
     if path.is_dir():
@@ -34,7 +34,7 @@ def check(path: Path) -> None:
 
 
 def write_rerun(path: Path, result: ReplayResult) -> None:
-    """Write the file; it appears when it is complete."""
+    """Write the file atomically."""
     import rerun as rr
 
     stream = rr.RecordingStream("nav_pose_estimator")
@@ -52,7 +52,7 @@ def write_rerun(path: Path, result: ReplayResult) -> None:
 
 
 def _log_paths(rr: Any, stream: Any, result: ReplayResult) -> None:
-    """What does not change: the paths, East, North, Up [m] from the origin."""
+    """Log the static paths, East, North, Up [m] from the origin."""
     origin = _origin(result)
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     estimate = displacement_enu(result.track.position, origin)

@@ -1,8 +1,8 @@
-"""Trainings and rehearsals of a replay on another core, in a copy of this process.
+"""Trainings and rehearsals of a replay on another core, in a forked process.
 
-The copy is made once. Work travels to it and the result travels back, one after the other. The result counts when it
-counts where everything is done in one process: whoever asks for it earlier waits. Where there is one core, or no such
-copy, the work is done here.
+The process is forked once. It receives one piece of work after the other, and returns the results. A result takes
+effect at the same time as in a run with one process, for which the replay waits if necessary. With one core, or where
+forking is not possible, the work is done in this process.
 """
 
 import os
@@ -22,12 +22,12 @@ from nav_pose_estimator.engine.outage.learner import TAKE_OVER, OutageLearner
 from nav_pose_estimator.engine.outage.methods.method import TrainingJob, TrainingResult
 
 Work = Callable[[], Any]
-_AHEAD = 0.5  # s before a result counts
+_AHEAD = 0.5  # s before a result takes effect from which the replay waits for it
 _KINDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class SecondCore:
-    """Use it as a context: what is left under way at the end is ended."""
+    """Context manager, which ends unfinished work on exit."""
 
     def __init__(self) -> None:
         self._can_copy = sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1
@@ -46,18 +46,18 @@ class SecondCore:
             self._copy = None
 
     def rehearse(self, work: Work) -> Work:
-        """Begin a rehearsal; what is returned waits for its outcome."""
+        """Begin a rehearsal; calling the returned function waits for its outcome."""
         return self._begin("rehearsal", work)
 
     def train(self, job: TrainingJob) -> None:
-        """Begin a training; its result counts ``TAKE_OVER`` after its data, and ``deliver`` brings it before."""
+        """Begin a training. Its result takes effect ``TAKE_OVER`` after its data; ``deliver`` provides it before."""
         assert self.engine is not None
         assert self.engine.outage_aid is not None
         learner = self.engine.outage_aid.learner
         self._trainings.append((job.until, learner, self._begin("training", job.run)))
 
     def deliver(self, stamp_ns: int) -> None:
-        """Hand in the results of trainings that might count before ``stamp_ns``, and of a clock that went back."""
+        """Provide the results of trainings that could take effect by ``stamp_ns``, and after a clock that went back."""
         while self._trainings and not 0.0 <= stamp_ns * 1e-9 - self._trainings[0][0] < TAKE_OVER - _AHEAD:
             _, learner, result = self._trainings.pop(0)
             aid = None if self.engine is None else self.engine.outage_aid
@@ -66,7 +66,7 @@ class SecondCore:
                 aid.accept(outcome)
 
     def _begin(self, kind: str, work: Work) -> Work:
-        """The first of a ``kind`` is done here: its kernels are loaded then, and an outage finds them."""
+        """Begin ``work``; the first of each ``kind`` is done in this process, which loads its kernels."""
         if not self._can_copy or kind not in self._seen:
             self._seen.add(kind)
             result = work()
@@ -77,12 +77,12 @@ class SecondCore:
 
 
 class _Copy:
-    """A copy of this process that does one piece of work after the other until this process ends it, or ends itself."""
+    """A fork of this process that does one piece of work after the other until this process ends it, or ends."""
 
     def __init__(self) -> None:
         ours, theirs = socket.socketpair()
         with warnings.catch_warnings():
-            # of threads: those of the libraries take no part in what the copy does
+            # Python warns of a fork with threads, but the fork does not use those of the libraries
             warnings.simplefilter("ignore", DeprecationWarning)
             self._process = os.fork()
         if self._process == 0:
@@ -91,15 +91,15 @@ class _Copy:
         theirs.close()
         self._pipe = ours.makefile("rwb")
         ours.close()
-        self._talk = ThreadPoolExecutor(max_workers=1)  # waits for the copy, so that the flight does not
+        self._talk = ThreadPoolExecutor(max_workers=1)  # waits for the fork, so that the replay does not
 
     def begin(self, work: Work) -> Work:
-        """Begin ``work`` as soon as all before it is done; what is returned waits for the result."""
+        """Submit ``work``; calling the returned function waits for its result."""
         answer = self._talk.submit(self._answer, work)
         return lambda: _result(answer, work)
 
     def end(self) -> None:
-        """End it, with what it has not done yet."""
+        """End the fork and its unfinished work."""
         with suppress(ProcessLookupError):
             os.kill(self._process, signal.SIGKILL)
         os.waitpid(self._process, 0)
@@ -116,12 +116,12 @@ class _Copy:
 def _result(answer: Future, work: Work) -> Any:
     try:
         return answer.result()
-    except (OSError, EOFError):  # the copy was killed, for want of memory, say: nothing of this process was changed
+    except (OSError, EOFError):  # the fork was killed, perhaps for lack of memory; this process is unaffected
         return work()
 
 
 def _serve(pipe: BufferedRWPair) -> None:
-    """In the copy: nothing but the work, above all no cleaning up of what belongs to the original."""
+    """Main function of the fork: it only works, and does not clean up what belongs to the original process."""
     try:
         for kind in _KINDS:
             signal.signal(kind, signal.SIG_DFL)

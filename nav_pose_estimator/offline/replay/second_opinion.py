@@ -1,4 +1,4 @@
-"""The autopilot's own estimate beside ours: curves in the plots, and one line of figures. No estimator sees it."""
+"""Comparison with the autopilot's own estimate, in the plots and in one line of figures of the report."""
 
 import math
 
@@ -17,7 +17,7 @@ from nav_pose_estimator.offline.page.svg import Plot
 from nav_pose_estimator.offline.replay.replay import ReplayResult, reference_lever
 
 Array = np.ndarray
-_LONGEST = 1.5  # s between two rows of the opinion that a straight line may join
+_LONGEST = 1.5  # s: longest interval of the autopilot's estimate that is interpolated
 STYLE = "d"
 
 

@@ -1,4 +1,4 @@
-"""The solution of a replay as a rosbag2 (mcap), so that every ROS tool can show it."""
+"""Output of a replay's solution as a rosbag2 (mcap) for ROS tools."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -18,7 +18,7 @@ from nav_pose_estimator.offline.replay.replay import ReplayResult
 ODOMETRY, FIX, STATUS = "/odometry/filtered", "/gps/filtered", "/diagnostics"
 FRAMES = ("map", "base_link")
 FIX_HZ = 5.0
-"""Most fixes a second."""
+"""Largest rate of the fixes [Hz]."""
 _UNKNOWN, _APPROXIMATED = 0, 2  # sensor_msgs/NavSatFix: nothing or the diagonal of the covariance is known
 _STATUS_LEVEL = {"AIDED": 0, "COASTING": 1, "REACQUIRING": 1}
 
@@ -29,7 +29,7 @@ def write_solution(path: Path, result: ReplayResult, rate_hz: float) -> None:
 
 
 def _stretches(result: ReplayResult, rate_hz: float) -> Iterator[list[Messages]]:
-    """The messages in the order of time, some of all topics together."""
+    """Yield the messages of all topics in parts that are consecutive in time."""
     status, told = _status(result), 0
     poses, fixes = (decimated(result.track, rate) for rate in (rate_hz, min(rate_hz, FIX_HZ)))
     for pose, fix in zip(poses, fixes, strict=True):
@@ -43,7 +43,7 @@ def _stretches(result: ReplayResult, rate_hz: float) -> Iterator[list[Messages]]
 
 
 def _part(messages: Messages, begin: int, end: int) -> list[Messages]:
-    """Some of ``messages``, nothing where there are none."""
+    """Part of ``messages`` from ``begin`` to ``end``; empty if there are none."""
     part = replace(messages, times_ns=messages.times_ns[begin:end], payloads=messages.payloads[begin:end])
     return [part] if end > begin else []
 
@@ -53,7 +53,7 @@ def _stamps(result: ReplayResult, t: np.ndarray) -> np.ndarray:
 
 
 def _odometry(result: ReplayResult, track: Track) -> Messages:
-    """Pose in map, twist in base_link as REP-105 and nav_msgs ask for."""
+    """Pose in map and twist in base_link, in accordance with REP-105 and nav_msgs."""
     stamps = _stamps(result, track.t)
     origin = np.array(result.origin or result.track.position[0])
     velocity = quat_rotate_many(quat_conjugate_many(track.q_nb), track.velocity)

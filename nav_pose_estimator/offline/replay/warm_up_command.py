@@ -1,4 +1,4 @@
-"""``warm_up``: compile every kernel now, once for this machine, instead of at the first start of a node or a replay."""
+"""Command ``warm_up``: compiles all kernels, instead of at the first start of a node or a replay."""
 
 import argparse
 import compileall
@@ -13,7 +13,7 @@ from types import CodeType
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """There are no options."""
+    """Add no options."""
     parser.description = (
         "Compile the numeric kernels, which takes a minute or two, and keep them beside the package. Nodes and replays "
         "then start in seconds. What is left of earlier versions of the package is removed. To be repeated after an "
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compile the parts side by side, then the whole, and say how far it is."""
+    """Compile the parts in parallel, then the whole estimator, and print the progress."""
     import nav_pose_estimator
     from nav_pose_estimator.core.numerics.jit import COMPILED
 
@@ -46,9 +46,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def remove_stale(folder: Path) -> int:
-    """Delete what numba keeps below ``folder`` of functions that its modules do not have any more; how many files.
+    """Delete numba's cache files below ``folder`` of functions that no longer exist; return their number.
 
-    A file is named after module, function and the line at which that begins: ``seconds._apart-101.py312.nbi``.
+    A file is named after module, function and first line of the function: ``seconds._apart-101.py312.nbi``.
     """
     kept: dict[Path, set[str]] = {}
     removed = 0
@@ -63,14 +63,14 @@ def remove_stale(folder: Path) -> int:
 
 
 def _functions_of(source: Path) -> set[str]:
-    """Module, name and first line of every function in a file, as numba puts them into the names of its own."""
+    """Module, name and first line of every function in a file, in the format of the names of numba's cache files."""
     module = compile(source.read_bytes(), str(source), "exec", dont_inherit=True)
     found = [code for code in module.co_consts if isinstance(code, CodeType)]
     return {f"{source.stem}.{code.co_qualname}-{code.co_firstlineno}" for code in found}
 
 
 def _processes() -> int:
-    """As many as there are cores, and memory for."""
+    """Number of processes: that of the cores, limited by the available memory."""
     if sys.platform != "linux":
         return 1
     memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
@@ -78,7 +78,7 @@ def _processes() -> int:
 
 
 def _compile(name: str) -> float:
-    """Compile or load one part in this process; returns the seconds that it took."""
+    """Compile or load one part in this process; return the time [s] that it took."""
     began = time.monotonic()
     {**_PARTS, WHOLE: _whole}[name]()
     return time.monotonic() - began
@@ -108,7 +108,7 @@ def _outage_methods() -> None:
 
 
 def _whole() -> None:
-    """What is missing yet, because two processes wrote the same index at once, say."""
+    """Compile what is still missing, such as after simultaneous writes to the same cache index."""
     from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 
     _attitude_filters()
@@ -123,4 +123,4 @@ _PARTS: dict[str, Callable[[], object]] = {
 }
 WHOLE = "the whole estimator"
 _MEMORY = 3 << 29
-"""Bytes of memory for each process: the compiler takes about half of that."""
+"""Memory [bytes] that is reserved for each process; the compiler needs about half of it."""

@@ -1,4 +1,4 @@
-"""What a replay has to warn of: one line for each kind of event, with how often, since when, and what to do."""
+"""Warnings of a replay: one line for each kind of event, with its number, its first time and a remedy."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ from nav_pose_estimator.engine.events import catalogue
 from nav_pose_estimator.engine.solutions import Level
 from nav_pose_estimator.offline.replay.replay import ReplayResult
 
-_MODES = "mode."  # the modes of a replay have a line of their own, and an outage that was asked for is no news
+_MODES = "mode."  # prefix of events that are left out, because the modes of a replay are reported separately
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""From flown recordings to the content of an airframe file, and to the table of what it would have been worth."""
+"""Computation of the content of an airframe file from recordings, and a cross-validated table of its benefit."""
 
 import sys
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ Merged = Sequence[tuple[Path, Airframe]]
 
 @dataclass(frozen=True)
 class Order:
-    """What to make: the class (None: as the flights show), the ``form`` of a network (None: without one)."""
+    """Options: the class (None: by the flights), and the ``form`` of a network (None: without a network)."""
 
     vehicle_class: str | None = None
     is_one_aircraft: bool = False
@@ -51,7 +51,7 @@ class Order:
 
 @dataclass(frozen=True)
 class Member:
-    """A recording in the archive: where what it gave is kept, and its normal equations."""
+    """A recording in the archive: the key of its stored data, and its normal equations."""
 
     kept: KeptResults
     key: str
@@ -60,12 +60,12 @@ class Member:
     equations: NormalEquations
 
     def data(self) -> FlightData:
-        """The flight itself, from disk: however many there are, one is in memory at a time."""
+        """Data of the flight, read from disk, so that only one flight is in memory at a time."""
         return self.kept.load(self.key)
 
 
 def make_airframe(kept: KeptResults, keys: Sequence[str], merged: Merged, order: Order) -> tuple[Airframe, list[str]]:
-    """The airframe of flown recordings, ``kept`` by ``keys``, and of files to merge; and the table, line by line."""
+    """The airframe of recordings, ``kept`` by ``keys``, and of files to merge; and the lines of the table."""
     in_files = _flights_of(merged)
     members = [member for member in (_member(kept, key) for key in keys) if not _is_double(member, in_files)]
     if not members and not merged:
@@ -97,9 +97,9 @@ def made_with() -> str:
 
 
 def choose_class(members: Sequence[Member], merged: Merged, given: str | None) -> str:
-    """The class of all flights. ``UserError`` where they are of several: one law for all would be wrong for each.
+    """The class of all flights; ``UserError`` if they are of several, for which a common law would be wrong.
 
-    What the user says holds against how a flight looks, a wing that waits on the runway, say; but not against a file.
+    The class ``given`` by the user overrides that of the flights' motion, but not that of a file.
     """
     shown = [(member.past.name, member.shown_class) for member in members]
     stated = [(path.name, airframe.vehicle_class) for path, airframe in merged]
@@ -125,7 +125,7 @@ def _member(kept: KeptResults, key: str) -> Member:
 
 
 def _flights_of(merged: Merged) -> dict[str, PastFlight]:
-    """Digest -> flight of all files. ``UserError`` where two files hold the same one, which would count twice."""
+    """Flights of all files by digest; ``UserError`` if two files contain the same one, which would count twice."""
     found: dict[str, PastFlight] = {}
     for path, airframe in merged:
         for flight in airframe.flights:
@@ -147,8 +147,10 @@ def _is_double(member: Member, in_files: dict[str, PastFlight]) -> bool:
 def _left_out(
     member: Member, total: NormalEquations, vehicle_class: str, is_one_aircraft: bool
 ) -> tuple[left_out.Score, Archive]:
-    """How the flight fares with an archive of all others, and its own archive with the noise that their law leaves on
-    it; alone, its own law."""
+    """Score of a flight with an archive of all others, and its own archive with the noise of their law on it.
+
+    Without others, the law is that of the flight itself.
+    """
     epochs, others = member.data().epochs, total - member.equations
     if others.seconds < 1.0:
         model, ways = learn_air_velocity(epochs), left_out.linear_ways(None, None)
@@ -156,7 +158,7 @@ def _left_out(
         model = with_law(epochs, others.law(), vehicle_class == WHEELS)
         archive = others.archive(model.noise, model.wind_spread)
         ways = left_out.linear_ways(others.law(), as_prior(archive, vehicle_class, is_one_aircraft))
-    # what the law of other aircraft errs in the same way for long is in the doubt about it, which is small for this one
+    # lasting errors of the law are only added for one aircraft: for others they are part of the law's own uncertainty
     noise = left_out.lasting_noise(epochs, model) if is_one_aircraft else model.noise
     own = member.equations.archive(noise, model.wind_spread)
     return left_out.Score(member.past.name, left_out.judge(epochs, ways)), own
@@ -172,7 +174,7 @@ def _noise(archives: Sequence[Archive]) -> tuple[Array, float]:
 def _network(
     members: Sequence[Member], vehicle_class: str, order: Order, noise: tuple[Array, float]
 ) -> tuple[TrainedNetwork, list[dict[str, Array]]]:
-    """A network of all recordings, and what networks of the other folds say of each flight, beside the control."""
+    """A network of all recordings, and the errors of networks of the other folds on each flight, with a control."""
     if len(members) < 2:
         raise UserError(
             "--network needs two recordings or more: what it is worth shows on a flight that it has not seen"
@@ -200,7 +202,7 @@ def _network(
 def _stacked(
     flights: Sequence[Array], aircraft: tuple[str, bool], way: str, noise: tuple[Array, float]
 ) -> tuple[Archive, list[dict[str, Array]]]:
-    """The archive with a network's outputs, and how each flight fares with that of the others.
+    """The archive with a network's outputs, and the errors of each flight with the archive of the others.
 
     ``aircraft``: class, and whether all flights are of one.
     """
@@ -221,7 +223,7 @@ def _with_outputs(data: FlightData, weights: ConvLstm, form: str) -> Array:
 
 
 def _examples(members: Sequence[Member]) -> network.Examples:
-    """All flights at once, 4 MB for ten minutes; velocities and dp less the wind of each flight."""
+    """Examples of all flights, 4 MB for ten minutes; the wind of each flight is subtracted from velocities and dp."""
     windows, velocity, increments = [], [], []
     for member in members:
         data = member.data()

@@ -1,4 +1,4 @@
-"""Sums over flights: each without its own wind, so that one flight can be left out of them again."""
+"""Normal equations of flights, each without its own wind, as sums from which a flight can be subtracted again."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class NormalEquations:
 
     @classmethod
     def of(cls, epochs: Array, target: Array) -> NormalEquations:
-        """Of epochs (N, COLUMNS or more) and ``target`` (N, 3), the air velocity in b."""
+        """Normal equations of epochs (N, COLUMNS or more) and ``target`` (N, 3) [m/s], the air velocity in b."""
         z = regressors(epochs)
         return cls(me.PERIOD * (z.T @ z), me.PERIOD * (z.T @ target), len(z) * me.PERIOD)
 
     @classmethod
     def from_archive(cls, archive: Archive) -> NormalEquations:
-        """Those that an airframe file holds the mean of."""
+        """Normal equations from their mean in an airframe file."""
         return cls(archive.seconds * archive.gram, archive.seconds * archive.moment, archive.seconds)
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
@@ -48,14 +48,14 @@ class NormalEquations:
         return Archive(0.5 * (gram + gram.T), self.moment / self.seconds, noise, wind_spread, self.seconds)
 
     def law(self) -> PriorLaw:
-        """What they say by themselves."""
+        """The law that they determine by themselves."""
         archive = self.archive()
         prior = MotionPrior(archive.gram, archive.moment, archive.noise, archive.wind_spread)
         return PriorLaw(prior.coefficients, archive.gram)
 
 
 def air_velocity(epochs: Array) -> Array:
-    """Body velocity (N, 3) less the wind of this flight, the wind as a linear law of the flight itself sees it."""
+    """Body velocity (N, 3) [m/s] minus the wind, which is estimated by a linear law of the flight itself."""
     wind = wind_along(learn_air_velocity(epochs), epochs)
     in_body = np.einsum("nij,ni->nj", me.attitude(epochs)[:, :2], wind)
     return np.asarray(epochs[:, me.BODY_VELOCITY : me.VELOCITY] - in_body)

@@ -1,4 +1,7 @@
-"""``train RECORDING ... --out NAME.airframe``: what past flights show of an aircraft; ``train prior``: of all."""
+"""Command ``train RECORDING ... --out NAME.airframe``: learns from past flights of an aircraft.
+
+``train prior`` learns from flights of many airframes.
+"""
 
 import argparse
 import math
@@ -21,7 +24,7 @@ DESCRIPTION = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``train``."""
+    """Add the options of ``train``."""
     parser.description = DESCRIPTION
     parser.add_argument(
         "recordings",
@@ -31,14 +34,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="FILE", help="file to write, NAME.airframe")
-    add("--class", dest="vehicle_class", choices=CLASSES, help="what the vehicles are (default: as the flights show)")
+    add("--class", dest="vehicle_class", choices=CLASSES, help="class of the vehicles (default: by their motion)")
     add("--one-aircraft", action="store_true", help="all flights are of the aircraft that will fly with the file")
-    add("--network", action="store_true", help="train a network, too (make train-setup)")
-    add("--form", choices=FORMS, default=FORMS[0], help="what the network says of a second (default: velocity)")
+    add("--network", action="store_true", help="also train a network (make train-setup)")
+    add("--form", choices=FORMS, default=FORMS[0], help="output of the network for a second (default: velocity)")
     add("--steps", type=int, default=2500, metavar="N", help="steps of each training (default: 2500)")
     add("--folds", type=int, default=4, metavar="N", help="networks trained without a part of the flights (default: 4)")
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto (default: NAME.json, else auto)")
-    add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
+    add("--config", type=Path, metavar="YAML", help="parameter file, as for the nodes")
     add_options(parser)
     add(
         "--groups", default="", metavar="GLOB,...", help='of a prior: flights of one airframe, as in "p4rtk_*,px4_3dr*"'
@@ -50,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Carry the command out. Raises ``UserError`` for what the user can mend."""
+    """Run the command. Raises ``UserError`` for wrong options, unusable recordings and unwritable outputs."""
     from nav_pose_estimator.offline.training import prior
 
     if arguments.recordings[0] == prior.WORD:

@@ -1,4 +1,4 @@
-"""A recording as what an archive is made of: aided epochs, and the second of IMU data before each of them."""
+"""Training data of a recording: aided epochs, and the second of IMU data before each of them."""
 
 import hashlib
 from collections.abc import Iterator
@@ -34,15 +34,18 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 LEAST = 60.0
-"""Seconds of aided flight below which a recording says too little of its wind to be used."""
-_CLIMBS = 0.5  # m/s
-_CHUNK = 1 << 20
+"""Shortest aided flight [s], below which the wind of a recording is not observable enough."""
+_CLIMBS = 0.5  # m/s: vertical speed that counts as climbing
+_CHUNK = 1 << 20  # bytes that are hashed at once
 
 
 @dataclass(frozen=True)
 class FlightData:
-    """``epochs`` (N, COLUMNS) of aided flight; ``windows`` (N, STEPS, CHANNELS) and ``increments`` (N, INCREMENTS) of
-    the second before each, as ``core.motion.windows`` has them."""
+    """Training data of a flight.
+
+    ``epochs`` (N, COLUMNS) of aided flight; ``windows`` (N, STEPS, CHANNELS) and ``increments`` (N, INCREMENTS) of the
+    second before each, as in ``core.motion.windows``.
+    """
 
     name: str
     digest: str
@@ -52,22 +55,22 @@ class FlightData:
 
     @property
     def seconds(self) -> float:
-        """How much flight."""
+        """Duration of the flight [s]."""
         return len(self.epochs) * me.PERIOD
 
     @property
     def past(self) -> PastFlight:
-        """For the file's list of flights."""
+        """Entry for the list of flights in the file."""
         return PastFlight(printable(self.name)[:LONGEST_NAME], self.digest, self.seconds)
 
     @property
     def shown_class(self) -> str:
-        """What the vehicle is by how it moves; ``UNKNOWN`` where that leaves a doubt: it hovers only, say."""
+        """Class of the vehicle by its motion; ``UNKNOWN`` if that is ambiguous, as in pure hover."""
         return tell_class(self.epochs)
 
 
 class Recorder(OutageMethod):
-    """Adds the last second to every epoch."""
+    """Records the last second with every epoch."""
 
     name = "recorder"
 
@@ -91,7 +94,7 @@ def digest_of(path: Path) -> str:
 
 @dataclass(frozen=True)
 class Reading:
-    """How recordings are read: parameter file, part of a log, latency of the fixes as ``--gnss-delay`` has it."""
+    """Options for reading recordings: parameter file, part of a log, latency of the fixes as in ``--gnss-delay``."""
 
     config: Path | None = None
     log: LogOptions = field(default_factory=LogOptions)
@@ -108,14 +111,14 @@ class Recorded:
 
     @property
     def key(self) -> str:
-        """Differs where replaying it would give something else; the same wherever the recording lies."""
+        """Key that depends on everything that affects the replay, but not on the path of the recording."""
         files = (sidecar_path(self.path), self.reading.config)
         said = (self.digest, self.reading.log, self.reading.gnss_delay)
         return key_of(said, [path for path in files if path is not None])
 
 
 def fly(recorded: Recorded) -> FlightData:
-    """Replay a recording with GNSS. ``UserError`` where it has none, or less than ``LEAST`` seconds of aided flight."""
+    """Replay a recording with GNSS; ``UserError`` without GNSS, or with less than ``LEAST`` of aided flight."""
     path, reading = recorded.path, recorded.reading
     parameters = update(load_parameters(reading.config), {"learner.enabled": False})
     recording = prepared(open_recording(path, reading.log, parameters=parameters), parameters, np.inf)
@@ -146,7 +149,7 @@ def _good_epochs(recording: Recording, parameters: Parameters) -> Iterator[Array
 
 
 def flown(rows: Array) -> slice:
-    """From the first epoch in motion to the last: a vehicle on the ground shows nothing of flight."""
+    """Rows from the first to the last epoch in motion, without those on the ground."""
     speed = np.hypot(rows[:, me.VELOCITY], rows[:, me.VELOCITY + 1])
     moving = np.flatnonzero((speed > MOVES) | (np.abs(rows[:, me.VELOCITY + 2]) > _CLIMBS))
     return slice(int(moving[0]), int(moving[-1]) + 1) if len(moving) else slice(0)

@@ -1,8 +1,8 @@
-"""Every flight left out once: what an archive of the others would have been worth to it, beside controls.
+"""Leave-one-out cross-validation: the benefit of an archive of all other flights for each flight, with controls.
 
 The measure is dead reckoning of v = C g + wind with the aided attitude over half a minute, from starts early in the
-flight, every law knowing no more than what was flown before the start. It ranks laws; what the filter makes of them,
-``benchmark outage --airframe`` tells.
+flight; every law uses only the data before the start. It ranks laws; the errors with the filter are those of
+``benchmark outage --airframe``.
 """
 
 import math
@@ -22,35 +22,35 @@ Array = NDArray[np.float64]
 Learn = Callable[[Array], AirVelocityModel]
 
 FIRST, LAST, EVERY, LENGTH = 20.0, 130.0, 10.0, 30.0
-"""Starts from FIRST to LAST seconds of flight, EVERY so many, LENGTH seconds of dead reckoning [s]."""
+"""First and last start [s of flight], interval of the starts [s], and length of the dead reckoning [s]."""
 OWN, ARCHIVE, BOTH = "own flight", "archive alone", "own + archive"
 NETWORK, STACKED, UNTRAINED = "network alone", "+ network", "+ untrained"
 
 
 class OutputLaw:
-    """What a network says, as it is: the last three inputs."""
+    """Law that returns the output of a network, which is the last three inputs."""
 
     rules = 1
 
     def predict(self, x: Array) -> Array:
-        """Inputs (N, 12) -> air velocity in b (N, 3)."""
+        """Air velocity in b (N, 3) [m/s] of inputs (N, 12)."""
         return x[:, -3:]
 
     def novelty(self, x: Array) -> Array:
-        """Not asked for here."""
+        """Not used here."""
         return np.zeros(len(x))
 
 
 @dataclass(frozen=True)
 class Score:
-    """Errors after LENGTH seconds [m] by way, one for each start; the ways of a flight have the same starts."""
+    """Errors [m] after ``LENGTH`` by method, one for each start; all methods of a flight have the same starts."""
 
     name: str
     errors: Mapping[str, Array]
 
 
 def linear_ways(law: PriorLaw | None, prior: MotionPrior | None) -> dict[str, Learn]:
-    """The flight alone and with the archive of the others; the first only where there are no others."""
+    """Methods with the flight alone and with the archive of the others; only the first without other flights."""
     ways: dict[str, Learn] = {OWN: learn_air_velocity}
     if law is not None and prior is not None:
         ways[ARCHIVE] = lambda epochs: with_law(epochs, law, prior.is_guided)
@@ -59,7 +59,7 @@ def linear_ways(law: PriorLaw | None, prior: MotionPrior | None) -> dict[str, Le
 
 
 def stacked_way(prior: MotionPrior) -> Learn:
-    """The flight with a network's output as input, and what the others say of both."""
+    """Method with a network's output as additional input, and the archive of the others."""
     return lambda epochs: learn_air_velocity(epochs, prior=prior)
 
 
@@ -73,18 +73,19 @@ def judge(epochs: Array, ways: Mapping[str, Learn]) -> dict[str, Array]:
 
 
 def _starts(epochs: Array, length: float) -> list[int]:
-    """Numbers of the epochs with which ``length`` s of whole flight begin."""
+    """Indices of the epochs that begin ``length`` [s] of uninterrupted flight."""
     ahead = round(length / me.PERIOD)
     starts = np.arange(FIRST, LAST + EVERY / 2, EVERY) / me.PERIOD
     return [int(k) for k in starts if k + ahead <= len(epochs) and _is_whole(epochs[int(k) - 1 : int(k) + ahead])]
 
 
 def lasting_noise(epochs: Array, model: AirVelocityModel) -> Array:
-    """Variance (3,) of a mean over 1 s, body axes, by what ``model`` leaves in means over WIND_TIME: at least its own.
+    """Variance (3,) [m^2/s^2] of a mean over 1 s in b, by the residuals of ``model`` in means over ``WIND_TIME``.
 
-    Of a whole flight more can be told than of a young one: what a law errs lasts as long as the vehicle goes on in the
-    same way, longer than the seconds over which residuals count as correlated. What the wind's change explains is not
-    counted twice: the mean of a first-order Gauss-Markov process over its correlation time has 2/e of its variance.
+    It is at least the model's own. A whole flight reveals more than its beginning: the error of a law lasts as long as
+    the vehicle moves in the same way, longer than the correlation time of the residuals. The part due to changes of the
+    wind is not counted twice: the mean of a first-order Gauss-Markov process over its correlation time has 2/e of its
+    variance.
     """
     count = round(WIND_TIME / me.PERIOD)
     wind = np.einsum("nij,i->nj", me.attitude(epochs)[:, :2], model.wind_mean)

@@ -1,12 +1,14 @@
 """Training of the network of ``core.learning.conv_lstm`` with JAX and optax, on recorded flights.
 
-Two forms. ``velocity``: f, w and the upward direction in; out come the velocity through the air in b and the logarithm
-of its variance, by squared error at first, then by likelihood. ``increments``, as the source has it: f and w in; out
-come dp, dtheta, dv of the second, by Huber losses, that of attitude on the logarithm of SO(3):
+There are two forms. ``velocity``: the inputs are f, w and the upward direction, the outputs the air velocity in b and
+the logarithm of its variance; the loss is the squared error at first, then the likelihood. ``increments``, as in the
+source: the inputs are f and w, the outputs dp, dtheta and dv of the second, with Huber losses, that of the attitude on
+the logarithm of SO(3):
 
     L = rho(dp - dp*) + rho(Log(Exp(dtheta)' Exp(dtheta*))) + rho(dv - dv*)                                      (1)
 
-each in deviations of its kind. The wind of every flight is taken out of velocities and of dp, or it would be learned.
+each divided by the standard deviation of its kind. The wind of each flight is subtracted from velocities and dp,
+because it would be learned otherwise.
 
 Source: M. Feng et al. (see ``core.learning.conv_lstm``), steps 21 and 22.
 """
@@ -62,7 +64,7 @@ class Recipe:
 
 
 def check_available() -> None:
-    """``UserError`` with what to do where JAX or optax is not installed."""
+    """Raise ``UserError``, with the remedy, if JAX or optax is not installed."""
     try:
         import jax  # noqa: F401
         import optax  # noqa: F401
@@ -74,7 +76,7 @@ def check_available() -> None:
 
 
 def train(examples: Examples, recipe: Recipe, progress: Callable[[int], Any] = lambda _: None) -> ConvLstm:
-    """Train a network. ``progress`` is called with the number of steps just done. The same seed, the same network."""
+    """Train a network, reproducible by its seed. ``progress`` receives the number of steps just completed."""
     import jax
     import optax
 
@@ -184,7 +186,7 @@ def logarithm(C: Any) -> Any:
 
 
 def _scales(examples: Examples, recipe: Recipe) -> dict[str, Array]:
-    """Means and deviations of what goes in and of what is to come out."""
+    """Means and standard deviations of inputs and outputs."""
     windows = _inputs(examples.windows, recipe)
     flat = windows.reshape(-1, windows.shape[2]).astype(float)
     target = examples.velocity if recipe.form == VELOCITY else examples.increments
@@ -204,7 +206,7 @@ def _inputs(windows: NDArray[np.float32], recipe: Recipe) -> NDArray[np.float32]
 
 
 def _batch(examples: Examples, recipe: Recipe, random: np.random.Generator) -> tuple[Any, Any]:
-    """A batch by chance, with the errors that another IMU and another attitude would have."""
+    """A random batch, with random errors of IMU and attitude."""
     chosen = random.integers(0, len(examples.windows), _BATCH)
     x = examples.windows[chosen].astype(np.float32)
     y = (examples.velocity if recipe.form == VELOCITY else examples.increments)[chosen].astype(np.float32)
@@ -217,7 +219,7 @@ def _batch(examples: Examples, recipe: Recipe, random: np.random.Generator) -> t
 
 
 def _turned(values: Any, angle: Array) -> Any:
-    """Vectors of three in the last axis, turned about body z by ``angle`` (B,): for a multirotor no side is ahead."""
+    """Vectors in the last axis, rotated about body z by ``angle`` (B,), because a multirotor has no preferred side."""
     shape = (-1,) + (1,) * (values.ndim - 2)
     c, s = np.cos(angle).reshape(shape), np.sin(angle).reshape(shape)
     turned = values.copy()
@@ -228,7 +230,7 @@ def _turned(values: Any, angle: Array) -> Any:
 
 
 def with_progress(what: str, examples: Examples, recipe: Recipe) -> ConvLstm:
-    """``train`` with a bar."""
+    """``train`` with a progress bar."""
     from tqdm import tqdm
 
     with tqdm(total=recipe.steps, unit=" step", desc=what, disable=not sys.stderr.isatty()) as bar:

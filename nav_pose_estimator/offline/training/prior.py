@@ -1,4 +1,4 @@
-"""``train prior RECORDING ... --out FILE``: how vehicles usually move, learned from flights of many airframes."""
+"""Command ``train prior RECORDING ... --out FILE``: learns the usual motion of vehicles from many airframes."""
 
 import argparse
 import math
@@ -32,9 +32,9 @@ from nav_pose_estimator.offline.training.work import find_recordings, fly_all, i
 
 WORD, ENDING = "prior", ".toml"
 WING, ROTORS, GUIDED = "fixed_wing", "multirotor", "wheels"
-"""Kinds that the file names for every flight; nothing is usual for the last."""
+"""Kinds of vehicles in the file's list of flights; for the last one nothing is learned."""
 LEAST = 20.0
-"""Seconds of flight below which a recording says nothing."""
+"""Shortest flight [s] of a recording that is used."""
 _HEAD = """\
 # How vehicles usually move: what a flight begins with, and what it shows replaces (docs/outages.md).
 # Speeds in m/s (RMS of each axis), wander in m, times in s, rates in 1/s; activities: mean, deviation of a logarithm.
@@ -46,7 +46,7 @@ _HEAD = """\
 class PriorFlight:
     """One recording: aided ``epochs`` (N, COLUMNS) in flight, and the ``decisions`` of its rehearsals.
 
-    ``is_wing``: it is said to be a fixed wing; else the flight tells.
+    ``is_wing``: the user states that it is a fixed wing; otherwise the kind is that of its motion.
     """
 
     name: str
@@ -58,12 +58,12 @@ class PriorFlight:
 
     @property
     def seconds(self) -> float:
-        """How much flight."""
+        """Duration of the flight [s]."""
         return len(self.epochs) * me.PERIOD
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Carry the command out. Raises ``UserError`` for what the user can mend."""
+    """Run the command. Raises ``UserError`` for wrong options and unusable recordings."""
     paths, files = find_recordings(arguments.recordings[1:])
     if files or not paths:
         raise UserError("train prior takes recordings only, several of different airframes")
@@ -92,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def fly(recorded: Recorded) -> PriorFlight:
-    """Replay a recording with GNSS and rehearse outages; of an airframe of its own."""
+    """Replay a recording with GNSS and rehearsals of outages, as a flight of an airframe of its own."""
     path, reading = recorded.path, recorded.reading
     parameters = methods.apply(load_parameters(reading.config), methods.BEST)
     recording = prepared(open_recording(path, reading.log, parameters=parameters), parameters, np.inf)
@@ -109,7 +109,7 @@ def fly(recorded: Recorded) -> PriorFlight:
 
 
 def fit(flights: Sequence[PriorFlight]) -> UsualMotion:
-    """The mean over airframes. ``UserError`` where there is none of a kind."""
+    """Fit the mean over airframes; ``UserError`` if a kind has none."""
     shown: dict[str, list[Shown]] = {WING: [], ROTORS: [], GUIDED: []}
     for members in _airframes(flights).values():
         travelled, missed = (sum(getattr(one.decisions, name) for one in members) for name in ("travelled", "missed"))
@@ -121,7 +121,7 @@ def fit(flights: Sequence[PriorFlight]) -> UsualMotion:
 
 
 def kind_of(members: Sequence[PriorFlight]) -> str:
-    """What the airframe of these flights counts as."""
+    """Kind of the airframe of these flights."""
     epochs = np.concatenate([flight.epochs for flight in members])
     if is_guided(epochs):
         return GUIDED
@@ -136,7 +136,7 @@ def _airframes(flights: Sequence[PriorFlight]) -> dict[str, list[PriorFlight]]:
 
 
 def text_of(usual: UsualMotion, flights: Sequence[PriorFlight]) -> str:
-    """The file: numbers, then where they come from."""
+    """Text of the file: the numbers, then the list of flights."""
     lines = [_HEAD.format(version=__version__) + as_toml(usual)]
     kinds = {group: kind_of(members) for group, members in _airframes(flights).items()}
     for one in flights:

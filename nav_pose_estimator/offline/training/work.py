@@ -1,4 +1,4 @@
-"""Recordings are flown one by one, several at a time, and what each gave is kept until the file is written."""
+"""Replay of many recordings in parallel, with results that are stored until the output file is written."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ AIRFRAME = ".airframe"
 
 
 def find_recordings(given: Sequence[str]) -> tuple[list[Path], list[Path]]:
-    """(recordings, airframe files) in names, patterns, lists and folders. ``UserError`` for what leads to nothing."""
+    """(recordings, airframe files) in names, patterns, lists and folders; ``UserError`` for those without any."""
     found = find(given, also={AIRFRAME})
     recordings = [path for path in found if path.suffix != AIRFRAME]
     for path in recordings:
@@ -30,7 +30,7 @@ def find_recordings(given: Sequence[str]) -> tuple[list[Path], list[Path]]:
 
 
 def load_files(paths: Sequence[Path]) -> list[tuple[Path, Airframe]]:
-    """Airframe files to merge. ``UserError`` for one that cannot be used."""
+    """Load airframe files to merge; ``UserError`` for an unusable one."""
     found = []
     for path in paths:
         with at_hand(path) as here:
@@ -39,7 +39,7 @@ def load_files(paths: Sequence[Path]) -> list[tuple[Path, Airframe]]:
 
 
 def identify(paths: Sequence[Path], reading: Reading) -> list[Recorded]:
-    """The recordings with their digests; one that is there twice counts once."""
+    """The recordings with their digests; duplicates count once."""
     found: dict[str, Recorded] = {}
     for path in paths:
         try:
@@ -60,9 +60,9 @@ def identify(paths: Sequence[Path], reading: Reading) -> list[Recorded]:
 def fly_all(
     fly: Callable[[Recorded], Any], recordings: Sequence[Recorded], kept: KeptResults, processes: int, scheduler: str
 ) -> list[Recorded]:
-    """``fly`` what is not ``kept`` yet and keep it by its key; returns all that could be used, in the order given.
+    """Call ``fly`` for all recordings without ``kept`` results, and store them; return the usable ones in order.
 
-    A recording that fails is named and left out. Whatever ends this, finished recordings are not flown again.
+    A recording that fails is reported and left out. After an interruption, finished recordings are not repeated.
     """
     from tqdm import tqdm
 

@@ -4,7 +4,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-_SAME_CLOCK_US = 1_000_000
+_SAME_CLOCK_US = 1_000_000  # largest difference of stamps of the same clock
 _REMEMBERED = 50  # messages: one second at PX4's 50 Hz
 
 

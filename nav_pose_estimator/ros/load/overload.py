@@ -63,7 +63,10 @@ class Overload:
         """Sentence for the user; empty without overload. ``lost``: number of messages lost so far."""
         if not self.step:
             return ""
-        words = [f"OVERLOADED: this computer is too slow or too busy ({self.lag:.1f} s behind)", "rehearsals rest"]
+        words = [
+            f"OVERLOADED: this computer is too slow or too busy ({self.lag:.1f} s behind)",
+            "rehearsals are paused",
+        ]
         words.append(f"results come at {_SPARSE_RATE:g} Hz")
         if self.group > 1:
             words.append(f"{self.group} IMU samples are averaged into one")

@@ -46,7 +46,7 @@ LAYOUTS: dict[str, str] = {
 }
 _VECTORS = {"xyz": 3, "xyzw": 4}
 _STRUCT = {"f8": "d", "f4": "f", "i4": "i", "u4": "I", "u2": "H", "i1": "b", "u1": "B"}
-_ENCAPSULATION = 4
+_ENCAPSULATION = 4  # bytes of the encapsulation header
 _LITTLE, _BIG = b"\x00\x01", b"\x00\x00"
 _ORDERS = {_LITTLE: "<", _BIG: ">"}
 
@@ -192,7 +192,7 @@ def _assign(message: Any, path: tuple[str, ...], value: Any) -> None:
 
 _STAMP = {order: struct.Struct(order + "iII") for order in "<>"}  # sec, nanosec, length of frame_id with its zero
 _AFTER_STAMP = _ENCAPSULATION + 12
-_HEADER_FIELDS = 3
+_HEADER_FIELDS = 3  # number of fields of a std_msgs/Header in a layout
 
 
 def picker(kind: str, names: tuple[str, ...]) -> Callable[[bytes], tuple[int, tuple]]:

@@ -17,7 +17,7 @@ from nav_pose_estimator.core.numerics.vectors import add, add_scaled, dot, load3
 from nav_pose_estimator.engine.solutions import NavSolution
 
 _PAUSE = 1.0  # s without a solution after which there is no continuity to preserve
-_VELOCITY, _OFFSET, _MEMORY = 0, 3, 6
+_VELOCITY, _OFFSET, _MEMORY = 0, 3, 6  # layout of the kernel's memory, and its size
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""``benchmark alignment``: how fast and how honestly the heading is found, by noise model, in simulation."""
+"""Benchmark ``alignment``: convergence and consistency of the heading in simulation, by noise model."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ Task = tuple[str, str, int, tuple[str, ...], Parameters]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``benchmark alignment``."""
+    """Add the options of ``benchmark alignment``."""
     add = parser.add_argument
     add("--cases", default="ship,drone", metavar="C,...", help=f"of {', '.join(CASES)} (default: ship,drone)")
     names = ", ".join(CONDITIONS).replace("%", "%%")
     add("--conditions", default="all", metavar="C,...", help=f"of {names} (default: all)")
     add("--methods", default="all", metavar="M,...", help=f"noise, of {', '.join(MODELS)} (default: all)")
     add_seeds(parser, "alignments")
-    add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them; noises are the benchmark's")
+    add("--config", type=Path, metavar="YAML", help="parameter file, as for the nodes; the benchmark sets the noises")
     add("--out", type=Path, default=Path("alignment_benchmark"), metavar="DIR", help="folder for tables and report")
 
 

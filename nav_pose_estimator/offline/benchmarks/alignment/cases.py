@@ -1,4 +1,4 @@
-"""What is aligned, and what is wrong with its receiver."""
+"""Cases of the alignment benchmark: vehicles, and error conditions of their receivers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from nav_pose_estimator.sim.sensors import Gnss
 
 _LONG = 1e6  # s: correlation time of a bias that is constant
 _TRUSTED = {
-    "gnss.position_sd": 0.001,  # the floors: what the receiver states is to decide
+    "gnss.position_sd": 0.001,  # low floors, so that the covariances stated by the receiver are used
     "gnss.vertical_sd": 0.001,
     "gnss.velocity_sd": 0.001,
     "gnss.velocity_vertical_sd": 0.001,
@@ -33,8 +33,8 @@ _TRUSTED = {
 class Case:
     """A vehicle and how it starts.
 
-    ``misalignment_sd`` [deg] about East, North, Up: the filter starts with an attitude that is wrong by a draw from it,
-    or by ``misalignment`` [deg]; without either the navigator aligns by itself.
+    The filter starts with a random attitude error of ``misalignment_sd`` [deg] about East, North, Up, or with the error
+    ``misalignment`` [deg]; without either the navigator aligns by itself.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Case:
         return imu_grade(self.imu)
 
     def parameters(self, method: str, change: Parameters | None = None) -> Parameters:
-        """Those of a filter that knows its IMU and believes its receiver, with the noise model ``method``."""
+        """Parameters of a filter that knows the IMU's errors and uses the noise model ``method``."""
         grade = self.grade
         values = {
             "gnss.noise": method,
@@ -104,7 +104,7 @@ CASES = {
 
 
 def _correlated(gnss: Gnss, duration: float) -> Gnss:
-    """All of the position error lasts for 30 s; what is stated stays."""
+    """Receiver whose whole position error is correlated over 30 s, with the same stated covariances."""
     sd = gnss.position_noise
     return replace(gnss, position_sd=sd, position_noise=(0.0, 0.0, 0.0), position_tau=30.0)
 
@@ -120,7 +120,7 @@ CONDITIONS: dict[str, Callable[[Gnss, float], Gnss]] = {
     "states x0.32": lambda gnss, duration: replace(gnss, stated=math.sqrt(0.1)),
     "states x5": lambda gnss, duration: replace(gnss, stated=5.0),
 }
-"""By name what happens to a receiver in a recording of the given length [s]; errors as factors on the deviation."""
+"""Error conditions by name: receiver and length of the recording [s] to the receiver with errors."""
 
 
 def start_deviations(

@@ -1,4 +1,4 @@
-"""From single alignments to a table, and the goals that the innovation-adaptive noise is measured by."""
+"""Summary of the alignments, and the goals of the innovation-adaptive noise."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nav_pose_estimator.offline.benchmarks.outage.statistics import bootstrap, r
 
 @dataclass(frozen=True)
 class Summary:
-    """One method on one case under one condition; a trial that never settled counts as infinite, or as failed."""
+    """Results of one method in one case and condition; a trial that never settled counts as infinite or failed."""
 
     case: str
     condition: str
@@ -44,7 +44,7 @@ def summarise(trials: Iterable[Trial]) -> list[Summary]:
 
 def _summary(names: tuple[str, str, str], trials: list[Trial]) -> Summary:
     def values(name: str) -> np.ndarray:
-        """A trial without a second half, because it never started, has the worst there is."""
+        """Values of all trials; infinite for a trial without a second half, which never started."""
         found = np.array([getattr(trial, name) for trial in trials])
         return np.where(np.isnan(found), math.inf, found)
 
@@ -72,7 +72,7 @@ def _summary(names: tuple[str, str, str], trials: list[Trial]) -> Summary:
 
 @dataclass(frozen=True)
 class Goal:
-    """What ``innovation_adaptive`` is to reach: ``value`` of its summary (and that of ``fixed``) within the limits."""
+    """Goal of ``innovation_adaptive``: ``value`` of its summary (and of that of ``fixed``) is within the limits."""
 
     what: str
     case: str

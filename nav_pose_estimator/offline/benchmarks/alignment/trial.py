@@ -1,4 +1,4 @@
-"""One alignment: a simulated recording through the navigator, and how far attitude and the rest were from the truth."""
+"""One alignment: a simulated recording in the navigator, and the errors relative to the truth."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _KINEMATIC = list(range(at.DVEL, at.DPOS + 3))  # velocity and position
 
 @dataclass(frozen=True)
 class Trial:
-    """How one alignment went. Times from the start [s], infinite where the error did not stay below."""
+    """Result of one alignment. Times are from the start [s], infinite if the error did not settle below the limit."""
 
     case: str
     condition: str
@@ -40,7 +40,7 @@ class Trial:
     tilt_rms_deg: float
     final_heading_deg: float
     position_rms_m: float  # horizontal
-    nees: float  # of velocity and position per degree of freedom: 1 is honest
+    nees: float  # of velocity and position per degree of freedom: 1 is consistent
     factor: float  # largest R over the stated one, of position and velocity, at the end
     t: tuple[float, ...]
     heading_deg: tuple[float, ...]  # error at ``t``
@@ -86,14 +86,16 @@ def begin(
     sd: np.ndarray,
     misalignment: tuple[float, float, float] | None = None,
 ) -> ImuBlock:
-    """Start at the first sample of ``block`` from the truth with errors drawn from ``sd`` (15,), or ``misalignment``
-    [deg] off; returns what is left to feed."""
+    """Start at the first sample of ``block`` from the truth with random errors ``sd`` (15,), or ``misalignment`` [deg].
+
+    Returns the samples that remain to be fed.
+    """
     first = ImuSample(int(block.stamps_ns[0]), tuple(block.gyro[0].tolist()), tuple(block.accel[0].tolist()))
     engine.feed(first)
     nav = true_nav(recording.truth, 0)
     nav[at.PREV_RATE : at.PREV_RATE + 3], nav[at.PREV_FORCE : at.PREV_FORCE + 3] = first.gyro, first.accel
     constants = engine.run.timeline.filter.constants
-    error = np.zeros(state_count(constants))  # that of biases and optional states is what the IMU has
+    error = np.zeros(state_count(constants))  # biases and optional states start at zero, so their errors are the IMU's
     drawn = stream(recording.seed, "start").standard_normal(at.BASE_STATES) * sd
     error[: at.D_GYRO_BIAS] = drawn[: at.D_GYRO_BIAS]
     if misalignment is not None:
@@ -104,7 +106,7 @@ def begin(
 
 
 def true_nav(truth: Truth, row: int) -> np.ndarray:
-    """The nominal state of a navigator that is right, at a row of ``truth``."""
+    """The nominal state of a navigator without errors at a row of ``truth``."""
     nav = np.zeros(at.NAV_SIZE)
     nav[at.LAT : at.VEL] = truth.lat[row], truth.lon[row], truth.alt[row]
     nav[at.VEL : at.QUAT] = truth.v_n[row]
@@ -147,7 +149,7 @@ def _judge(recording: Recording, errors: np.ndarray, engine: SinsEngine, names: 
 
 
 def _settled(t: np.ndarray, error: np.ndarray, limit: float) -> float:
-    """The time from which on ``error`` stays below ``limit``; infinite where it does not."""
+    """Time from which on ``error`` stays below ``limit``; infinite if it does not."""
     outside = np.flatnonzero(np.abs(error) >= limit)
     first = outside[-1] + 1 if len(outside) else 0
     return float(t[first]) if first < len(t) else math.inf

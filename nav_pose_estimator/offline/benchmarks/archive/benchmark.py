@@ -1,18 +1,18 @@
-"""``benchmark archive``: whether many recordings cost many times what one does, and what a killed process loses.
+"""Benchmark ``archive``: scaling of the costs with the number of recordings, and the loss by a killed process.
 
-Simulated flights go through ``train`` or ``benchmark outage``: more and more of them in one process, then all of them
-with several workers, then with a worker killed in the middle, then with the command itself killed and started again.
+Simulated flights are processed by ``train`` or ``benchmark outage``: increasing numbers in one process, then all of
+them with several workers, then with a worker killed in between, then with the command itself killed and restarted.
 
-Costs are CPU time, so that they hold on a machine that has more to do. Of P workers the efficiency is
+Costs are CPU times, so that they are valid on a busy machine. The efficiency of P workers is
 
     E = C / (P (M + W))                                                                                           (1)
 
-C: CPU time of all in one process; M: of the main process beside P workers, which they may have to wait for; W: of the
-busiest worker. Start-up and imbalance count against it; that memory or caches are shared does not. What lacks are three
-parts of P (M + W): workers wait for the main process, (P - 1) M; they wait for the busiest of them; and there is work
-that one process alone does not have, start-up above all.
+with the CPU times C of all jobs in one process, M of the main process with P workers, which may have to wait for it,
+and W of the busiest worker. Start-up and imbalance reduce the efficiency; contention for memory and caches does not.
+The loss has three parts of P (M + W): workers wait for the main process, (P - 1) M; they wait for the busiest one; and
+there is additional work, above all start-up.
 
-Elapsed time gives another efficiency, which means something only where nothing else runs.
+An efficiency by elapsed time is also given, which is only meaningful on an otherwise idle machine.
 """
 
 import argparse
@@ -40,10 +40,10 @@ _RESULTS = {TRAIN: "a.airframe", OUTAGE: "a/outages.csv"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``benchmark archive``."""
+    """Add the options of ``benchmark archive``."""
     add = parser.add_argument
-    add("--what", choices=(TRAIN, OUTAGE), default=TRAIN, help="command to carry out (default: train)")
-    add("--flights", default="8,16,32", metavar="N,...", help="how many, more and more (default: 8,16,32)")
+    add("--what", choices=(TRAIN, OUTAGE), default=TRAIN, help="command to run (default: train)")
+    add("--flights", default="8,16,32", metavar="N,...", help="numbers of flights, increasing (default: 8,16,32)")
     add("--seconds", type=float, default=120.0, metavar="S", help="length of each flight (default: 120)")
     add("--workers", type=int, default=2, metavar="N", help="processes at a time (default: 2)")
     add("--dask", action="store_true", help="workers of a Dask scheduler on this machine in place of a pool")
@@ -88,14 +88,14 @@ class _Flights:
             write_recording(folder / f"flight_{seed}", generate(_SCENARIO, seconds, seed, imu_rate=_IMU_HZ))
 
     def fly(self, count: int, more: Sequence[str] = (), **how) -> Cost:
-        """The command over the first ``count`` of them."""
+        """Run the command on the first ``count`` flights; return its cost."""
         names = self._folder / "flights.txt"
         names.write_text("".join(f"flight_{seed}\n" for seed in range(count)), encoding="utf-8")
         return run_watched([*_COMMANDS[self._what], str(names), "--out", str(self._out), *more], self.kept, **how)
 
     @property
     def result(self) -> bytes:
-        """What the last command has written."""
+        """Content of the last command's result file."""
         return (self._folder / _RESULTS[self._what]).read_bytes()
 
 
@@ -106,7 +106,7 @@ class _Workers:
         self.count, self._stack = count, stack
 
     def how(self) -> dict:
-        """Arguments of ``_Flights.fly``; a cluster is begun anew, for its workers may have been killed."""
+        """Arguments of ``_Flights.fly``; with a new cluster, because workers may have been killed."""
         options = ["--jobs", str(self.count)]
         if self._stack is None:
             return {"more": options}
@@ -151,7 +151,7 @@ def _several(flights: _Flights, pool: _Workers, alone: dict, expected: bytes) ->
 
 
 def _lost(cost: Cost, alone: float, count: int) -> dict[str, float]:
-    """What (1) says is missing, CPU time [s] by its cause."""
+    """Loss of efficiency by (1), as CPU time [s] by cause."""
     busy = sum(cost.workers.values())
     return {
         "waiting for the main process": (count - 1) * cost.main,
@@ -187,5 +187,5 @@ def _counts(arguments: argparse.Namespace) -> list[int]:
     if counts[0] < 4 or arguments.workers < 2 or not 110.0 <= arguments.seconds <= 3600.0:
         raise UserError("--flights must be at least 4, --workers at least 2, --seconds between 110 and 3600")
     if not Path("/proc/self/stat").exists():
-        raise UserError("benchmark archive reads what processes cost from /proc, which this system does not have")
+        raise UserError("benchmark archive needs /proc for the costs of processes, which this system does not have")
     return counts

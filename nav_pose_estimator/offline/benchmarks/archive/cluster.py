@@ -1,4 +1,4 @@
-"""A Dask scheduler and workers on this machine, over its loopback, as ``dask scheduler`` and ``dask worker`` do it."""
+"""A Dask scheduler and workers on this machine, started as ``dask scheduler`` and ``dask worker``."""
 
 import socket
 import subprocess
@@ -9,7 +9,7 @@ from importlib.util import find_spec
 
 from nav_pose_estimator.errors import UserError
 
-_PATIENCE = 60  # s
+_PATIENCE = 60  # s: time-out of the start
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""A command of this package in a process of its own, and what it and its workers cost, as /proc tells."""
+"""Run of a command of this package in a separate process, with its costs and those of its workers from /proc."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from pathlib import Path
 
 from nav_pose_estimator.offline.process_clock import stat_fields
 
-_POLL = 0.05  # s
+_POLL = 0.05  # s between two readings of /proc
 _TICK = 1.0 / os.sysconf("SC_CLK_TCK")  # s
 _WORKER = b"spawn_main"  # in the command line of a process of a pool
 
 
 @dataclass(frozen=True)
 class Kill:
-    """SIGKILL to one worker, or to the ``command`` itself, as soon as so many ``results`` are kept."""
+    """SIGKILL to one worker, or to the ``command`` itself, once the number ``results`` of results is stored."""
 
     results: int
     command: bool = False
@@ -29,8 +29,7 @@ class Kill:
 
 @dataclass
 class Cost:
-    """CPU time [s] of the main process and of each worker by process number; largest memory of a process [MB]; how long
-    it took [s]."""
+    """CPU time [s] of the main process and of each worker by id, peak memory of a process [MB], elapsed time [s]."""
 
     main: float = 0.0
     workers: dict[int, float] = field(default_factory=dict)
@@ -45,15 +44,15 @@ class Cost:
 
     @property
     def longest(self) -> float:
-        """CPU time [s] that no number of cores makes less: the main process, then its busiest worker."""
+        """CPU time [s] of the critical path: that of the main process plus that of the busiest worker."""
         return self.main + max(self.workers.values(), default=0.0)
 
 
 def run(options: Sequence[str], kept: Path, kill: Kill | None = None, workers: Sequence[int] = ()) -> Cost:
-    """Carry out a command whose results are kept in the folder ``kept`` meanwhile.
+    """Run a command whose results are stored in the folder ``kept`` meanwhile.
 
-    ``workers``: processes, not of the command's own pool, that work for it. ``RuntimeError`` with its last words where
-    it fails without having been killed.
+    ``workers``: processes outside of the command's own pool that work for it. Raises ``RuntimeError``, with the last
+    line of its output, if it fails without having been killed.
     """
     command = [sys.executable, "-m", "nav_pose_estimator", *options]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)

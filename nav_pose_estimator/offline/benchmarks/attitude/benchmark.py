@@ -1,4 +1,4 @@
-"""``benchmark attitude``: filters on recorded motions with optical truth, and published filters next to them."""
+"""Benchmark ``attitude``: filters on recorded motions with optical truth, compared with published filters."""
 
 import argparse
 import time
@@ -26,12 +26,12 @@ from nav_pose_estimator.offline.json_file import write_json
 from nav_pose_estimator.offline.output_folder import OutputFolder
 
 METHODS = ("complementary", "two_stage")
-_FIRST_NS = 1_000_000_000
+_FIRST_NS = 1_000_000_000  # stamp of the first sample
 _IN_95 = (5.991, 3.841)  # chi squared with 2 degrees of freedom (tilt) and with 1 (heading)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``benchmark attitude``."""
+    """Add the options of ``benchmark attitude``."""
     add = parser.add_argument
     add("trials", nargs="+", type=Path, metavar="FILE.npz", help="gyr, acc, mag, quat, movement, fs (BROAD)")
     add("--methods", default=",".join(METHODS), metavar="M,...", help=f"of {', '.join(METHODS)} (default: both)")
@@ -43,8 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"also {', '.join(attitude_peers.PEERS)}: those installed",
     )
     add("--conditions", default="recorded", metavar="C,...", help=f"of {', '.join(CONDITIONS)} (default: recorded)")
-    add("--advance", type=float, default=0.0, metavar="S", help="turn every estimate on by S seconds of its rate")
-    add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
+    add(
+        "--advance", type=float, default=0.0, metavar="S", help="extrapolate all estimates by S seconds with their rate"
+    )
+    add("--config", type=Path, metavar="YAML", help="parameter file, as for the nodes")
     add("--out", type=Path, default=Path("attitude_benchmark"), metavar="DIR", help="folder for tables and report")
 
 
@@ -92,7 +94,7 @@ def judge(
     parameters: Parameters | None = None,
     advance: float = 0.0,
 ) -> list[Row]:
-    """One row per method and peer. ``advance`` [s] turns every estimate on by its gyroscope rate, all alike."""
+    """One row per method and peer. All estimates are extrapolated by ``advance`` [s] with the gyroscope's rate."""
     ahead = quat_from_rotvec_many(trial.gyro * advance)
     rows = []
     for method in methods:
@@ -114,7 +116,7 @@ def judge(
 
 
 def estimate(trial: Trial, parameters: Parameters, with_mag: bool) -> AttitudeBlock:
-    """The engine's own rows for ``trial``."""
+    """Solutions of the engine for ``trial``."""
     stamps = np.rint(trial.t * 1e9).astype(np.int64) + _FIRST_NS
     block = ImuBlock(stamps, np.ascontiguousarray(trial.gyro), np.ascontiguousarray(trial.accel))
     return feed_recorded(AttitudeEngine(parameters), block, trial.mag if with_mag else None)

@@ -76,9 +76,9 @@ PEERS: dict[str, tuple[str, Peer]] = {
     "mahony": ("ahrs", _mahony),
     "mahony_tuned": ("ahrs", partial(_mahony, k_P=0.3, k_I=0.001)),
 }
-"""Name -> (Python package, filter): as their authors recommend or preset them; ``_tuned`` by a grid on BROAD."""
+"""(Python package, filter) by name, with the settings of their authors; ``_tuned``: by a grid search on BROAD."""
 
 
 def installed() -> list[str]:
-    """The peers whose packages are here."""
+    """Names of the peers whose packages are installed."""
     return [name for name, (package, _) in PEERS.items() if find_spec(package) is not None]

@@ -1,4 +1,4 @@
-"""Recorded motions with optical truth, what can be done to them, and the error measure of the BROAD benchmark.
+"""Recorded motions with optical truth, modifications of them, and the error measure of the BROAD benchmark.
 
 Laidig, Caruso, Cereatti, Seel: BROAD - A Benchmark for Robust Inertial Orientation Estimation. Data 6(7):72, 2021.
 """
@@ -14,16 +14,16 @@ from nav_pose_estimator.core.numerics.rotation import quat_conjugate_many, quat_
 from nav_pose_estimator.errors import UserError
 
 Array = np.ndarray
-_COLD_START = 1.0  # s of rest that a cold start leaves
-_BIAS = np.radians((0.5, -0.5, 0.5))  # rad/s
-_SLOWER = 3  # samples that one slow sample is the mean of
+_COLD_START = 1.0  # s of rest that remain in a cold start
+_BIAS = np.radians((0.5, -0.5, 0.5))  # rad/s: added gyroscope bias
+_SLOWER = 3  # number of samples that are averaged to one
 
 
 @dataclass(frozen=True)
 class Trial:
     """One motion: ``gyro`` [rad/s], ``accel`` [m/s^2], ``mag`` (N, 3), truth ``q_ref`` (N, 4) body to ENU, NaN unknown.
 
-    ``judged`` (N,) marks what counts; ``rate`` [Hz].
+    ``judged`` (N,): samples that are evaluated; ``rate`` [Hz].
     """
 
     name: str
@@ -56,9 +56,9 @@ def load_trial(path: Path) -> Trial:
             fields = {key: data[key] for key in ("gyr", "acc", "mag", "quat", "movement", "fs")}
             name = str(data["name"]) if "name" in data else path.stem
     except KeyError as error:
-        raise UserError(f"{path} has no array {error.args[0].split()[0]}: it is no attitude trial") from None
+        raise UserError(f"{path} has no array {error.args[0].split()[0]}: it is not an attitude trial") from None
     except (ValueError, zipfile.BadZipFile, EOFError):
-        raise UserError(f"{path} is no npz file") from None
+        raise UserError(f"{path} is not an npz file") from None
     gyro, accel, mag, q_ref = (fields[key].astype(float) for key in ("gyr", "acc", "mag", "quat"))
     n, rate = len(gyro), float(fields["fs"])
     shapes = (gyro.shape, accel.shape, mag.shape, q_ref.shape, fields["movement"].shape)
@@ -70,8 +70,8 @@ def load_trial(path: Path) -> Trial:
 def errors(q_est: Array, q_ref: Array) -> tuple[Array, Array, Array]:
     """Inclination, heading and total error (N,) [rad] of ``q_est`` (N, 4) against ``q_ref`` (N, 4).
 
-    The error turns in the earth frame, dq = q_est (x) conj(q_ref); heading is its turn about the vertical, inclination
-    the turn about a horizontal axis that is left.
+    The error is a rotation in the earth frame, dq = q_est (x) conj(q_ref). The heading error is its rotation about the
+    vertical, the inclination the remaining rotation about a horizontal axis.
     """
     dq = quat_multiply_many(q_est, quat_conjugate_many(q_ref))
     w, x, y, z = np.moveaxis(dq, -1, 0)
@@ -88,7 +88,7 @@ def rmse(q_est: Array, trial: Trial) -> Rmse:
 
 
 def cold_start(trial: Trial) -> Trial:
-    """Without the rest ahead of the motion, but for one second: nothing can be learned before it begins."""
+    """Without the rest before the motion except one second, so that the bias cannot be estimated before."""
     first = max(0, int(np.flatnonzero(trial.judged)[0] - _COLD_START * trial.rate))
     arrays = ("gyro", "accel", "mag", "q_ref", "judged")
     return replace(trial, **{name: getattr(trial, name)[first:] for name in arrays})
@@ -114,4 +114,4 @@ CONDITIONS: dict[str, Callable[[Trial], Trial]] = {
     "cold_start_bias": cold_start_with_bias,
     "third_rate": third_of_the_rate,
 }
-"""What can be done to a trial before the filters see it."""
+"""Modifications of a trial by name."""

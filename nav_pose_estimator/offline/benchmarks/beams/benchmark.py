@@ -1,4 +1,4 @@
-"""``benchmark beams``: how far a vehicle drifts without GNSS while beams of its Doppler sensor fail, in simulation."""
+"""Benchmark ``beams``: drift of a vehicle without GNSS with failing beams of its Doppler sensor, in simulation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _GOAL_NAMES = ("case", "fault", "goal", "value", "limits", "outcome")
 
 
 class Task(NamedTuple):
-    """One recording and all that is tried on it."""
+    """A recording with all faults and methods to run on it."""
 
     case: str
     seed: int
@@ -37,7 +37,7 @@ class Task(NamedTuple):
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``benchmark beams``."""
+    """Add the options of ``benchmark beams``."""
     add = parser.add_argument
     add("--cases", default="all", metavar="C,...", help=f"of {', '.join(CASES)} (default: all)")
     add("--faults", default="all", metavar="F,...", help=f"of {', '.join(PLANS)} (default: all)")
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_seeds(parser, "outages")
     add("--length", type=float, default=USUAL_LENGTH, metavar="S", help="time without GNSS (default: 600)")
     add("--mounting", type=float, default=0.0, metavar="DEG", help="unknown mounting yaw of the sensor (default: 0)")
-    add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them; sensors are the benchmark's")
+    add("--config", type=Path, metavar="YAML", help="parameter file, as for the nodes; the benchmark sets the sensors")
     add("--out", type=Path, default=Path("beams_benchmark"), metavar="DIR", help="folder for tables and report")
 
 

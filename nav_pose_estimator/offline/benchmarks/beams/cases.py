@@ -1,4 +1,4 @@
-"""Which vehicles lose GNSS, what their estimators know of them, and what is to be reached."""
+"""Cases of the beams benchmark: vehicles, parameters of their estimators, and goals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nav_pose_estimator.sim.imu_grades import ImuGrade, imu_grade
 from nav_pose_estimator.sim.scenarios import Scenario
 from nav_pose_estimator.sim.sensors import Gnss
 
-_DOUBTED = 2.0  # noises of the filter over those of the simulation
+_DOUBTED = 2.0  # ratio of the filter's noises to those of the simulation
 
 
 @dataclass(frozen=True)
@@ -47,12 +47,12 @@ class Case:
         return replace(self.scenario, duration=self.aided + length, doppler=turned)
 
     def stretch(self, length: float) -> Stretch:
-        """Where beams fail: all of the time without GNSS."""
+        """Interval of the beam faults: all of the time without GNSS."""
         model = self.doppler
         return Stretch(self.aided, length, self.speed, model.noise, model.rate, len(model.directions))
 
     def parameters(self, change: Parameters | None = None) -> Parameters:
-        """Those of a user who knows the data sheets and has measured where the sensor sits."""
+        """Parameters by the data sheets and the nominal mounting of the sensor."""
         model = self.doppler
         values = {
             **_receiver(self.scenario.gnss),
@@ -68,7 +68,7 @@ class Case:
 
 
 def _receiver(gnss: Gnss | None) -> dict[str, float]:
-    """Its deviations, and a correlation that gives white errors the density at low frequencies that its own have."""
+    """Parameters of the receiver's errors, with white errors of the same density at low frequencies."""
     assert gnss is not None
     lasting, white = gnss.position_sd[0], gnss.position_noise[0]
     return {
@@ -132,7 +132,7 @@ class Goal:
 
 _SINGLE = ("none", "bias", "small bias", "scale", "noise", "outliers", "two neighbours lost")
 USUAL_LENGTH, LONG = 600.0, 3000.0
-"""s without GNSS."""
+"""Times without GNSS [s]."""
 GOALS: dict[float, dict[tuple[str, str], Goal]] = {
     USUAL_LENGTH: {("auv", fault): Goal(0.07, 0.10) for fault in _SINGLE}
     | {("drone", fault): Goal(0.12, 0.15) for fault in _SINGLE}
@@ -148,6 +148,6 @@ GOALS: dict[float, dict[tuple[str, str], Goal]] = {
 }
 """For the method ``full``, by the time without GNSS [s]."""
 MOUNTING_GOALS = {"auv": 0.1, "drone": 0.3}
-"""deg: how well a mounting yaw that the estimator is not told is to be known."""
+"""Largest error [deg] of the estimated mounting yaw, if the estimator does not know it."""
 ALLOWANCE = 1.3
-"""By which the limits of the error may be exceeded with such a mounting."""
+"""Factor on the limits of the error with such a mounting."""

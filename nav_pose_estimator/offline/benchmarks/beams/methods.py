@@ -1,4 +1,4 @@
-"""What is done with the beams: the recommended judge, parts of it, and the neuro-fuzzy network in several roles."""
+"""Methods of the beams benchmark: the recommended judge, parts of it, and the neuro-fuzzy network in several roles."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from nav_pose_estimator.engine.sensors.beams.anfis_compensator import AnfisCompe
 from nav_pose_estimator.engine.sensors.beams.compensation import BeamEvidence, Compensator
 
 Array = NDArray[np.float64]
-_DOUBTED = 3.0  # deviations of a beam: the text compensates a predicted error that is larger
+_DOUBTED = 3.0  # standard deviations of a beam from which the patent's method compensates the predicted error
 
 NOTHING = Parts(gate=False, parity=False, latch=False, noise=False)
 
 
 @dataclass
 class Watched(BeamJudge):
-    """A judge whose verdicts are kept, one (n,) for every message."""
+    """A judge that records its verdicts (n,) for every message."""
 
     verdicts: list[NDArray[np.int64]] = field(default_factory=list)
 
     def judge(self, z: Array, H: Array, P: Array, nominal: Array, are_beams: bool) -> Judged:
-        """The same, remembered."""
+        """Judge, and record the verdict."""
         judged = super().judge(z, H, P, nominal, are_beams)
         self.verdicts.append(judged.verdict.copy())
         return judged
@@ -39,7 +39,7 @@ class Watched(BeamJudge):
 
 @dataclass
 class EveryBeam(Watched):
-    """Every beam that is there counts as faulty: a network answers for all of them, at every message."""
+    """Every available beam counts as faulty, so that a network replaces all of them at every message."""
 
     def judge(self, z: Array, H: Array, P: Array, nominal: Array, are_beams: bool) -> Judged:
         """All are out."""
@@ -49,12 +49,12 @@ class EveryBeam(Watched):
 
 @dataclass
 class TextsRule(Watched):
-    """The rule of CN114459477B, step 5: faulty is what the network calls so, by a distance with the adapted noise."""
+    """The rule of CN114459477B, step 5: a beam is faulty by its distance from the network, with the adapted noise."""
 
     network: Compensator | None = None
 
     def judge(self, z: Array, H: Array, P: Array, nominal: Array, are_beams: bool) -> Judged:
-        """Out is what has a large predicted error."""
+        """Reject the beams with a large predicted error."""
         judged = super().judge(z, H, P, nominal, are_beams)
         assert self.network is not None
         adapted = judged.spread - judged.nominal + judged.variance
@@ -66,7 +66,7 @@ class TextsRule(Watched):
 
 @dataclass(frozen=True)
 class Method:
-    """A judge, and what is done with the beams that it finds faulty."""
+    """A judge, and the treatment of the beams that it finds faulty."""
 
     description: str
     judge: Callable[[], Watched]
@@ -77,7 +77,7 @@ class Method:
         return update(parameters, {"aids.beams.compensation": self.compensation})
 
     def judge_of(self, engine: SinsEngine) -> Watched:
-        """The one that works in ``engine``."""
+        """The judge in ``engine``."""
         judge = sensor_of(engine).judge
         assert isinstance(judge, Watched)
         return judge

@@ -1,4 +1,4 @@
-"""One vehicle without GNSS: how far it ends from the truth, which beams it refused, how honest it was."""
+"""One loss of GNSS: the final error, the rejected beams, and the consistency of the filter."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ from nav_pose_estimator.sim.scenarios import generate
 
 _GNSS = (GnssFix, GnssVelocity, SatelliteCount)
 _START_SD, _START_VELOCITY_SD = (0.2, 0.2, 2.0), 0.1  # deg about East, North, Up; m/s
-_EVERY = 1.0  # s between two looks at the errors
-_LARGE = 5.0  # deviations of a beam's noise: a larger error is a fault that should be refused
+_EVERY = 1.0  # s between two evaluations of the errors
+_LARGE = 5.0  # standard deviations of a beam from which an error should be rejected
 _SETTLED = 2.0  # s after a total loss from which on the velocity is judged again
 _JUDGED = [at.DVEL, at.DVEL + 1, at.DPOS, at.DPOS + 1]  # horizontal: what the beams hold
 
 
 @dataclass(frozen=True)
 class Trial:
-    """How one loss of GNSS went. Shares are NaN where there was nothing to share."""
+    """Result of one loss of GNSS. Fractions are NaN where there were no beams."""
 
     case: str
     fault: str
@@ -68,8 +68,8 @@ def run_seed(
 ) -> list[Trial]:
     """All ``methods`` and ``faults`` on the same motion and sensors, ``length`` [s] without GNSS.
 
-    ``mounting`` [rad]: how far the sensor is turned about its z axis unknown to the estimator. Each method sees the
-    time with GNSS once; from there every fault is played to a copy of it.
+    ``mounting`` [rad]: rotation of the sensor about its z axis that is unknown to the estimator. Each method processes
+    the time with GNSS once; every fault is then run with a copy of the estimator.
     """
     recording = generate(case.told(length, mounting), seed=seed, imu=case.grade)
     begin_ns = recording.start_ns + round(case.aided * 1e9)
@@ -86,7 +86,7 @@ def run_seed(
 
 
 def fly_with_gnss(engine: SinsEngine, case: Case, recording: Recording, end_ns: int) -> None:
-    """Everything that arrives before ``end_ns``, after a start with known deviations: alignment is not the question."""
+    """Feed all samples before ``end_ns``, after a start with known standard deviations instead of an alignment."""
     assert case.scenario.gnss is not None
     sd = start_deviations(_START_SD, _START_VELOCITY_SD, case.grade, case.scenario.gnss)
     for sample in recording.samples():
@@ -99,7 +99,7 @@ def fly_with_gnss(engine: SinsEngine, case: Case, recording: Recording, end_ns: 
 
 
 def without_gnss(recording: Recording, begin_ns: int) -> Recording:
-    """The recording without what GNSS measured from ``begin_ns`` on; a count belongs to the fix ahead of it."""
+    """The recording without GNSS from ``begin_ns`` on; a satellite count belongs to the fix before it."""
     kept, is_over = [], False
     for timed in recording.others:
         is_gnss = isinstance(timed.sample, _GNSS)
@@ -111,7 +111,7 @@ def without_gnss(recording: Recording, begin_ns: int) -> Recording:
 
 
 def _after(recording: Recording, begin_ns: int) -> Iterator[Sample]:
-    """What arrives from ``begin_ns`` on."""
+    """Samples that arrive from ``begin_ns`` on."""
     began = False
     for sample in recording.samples():
         stamp = stamp_of(sample)
@@ -130,7 +130,7 @@ class _Outage:
         self._clean, self._faulty, self._begin_ns = clean, faulty, begin_ns
 
     def run(self, fault: str, method: str) -> Trial:
-        """Play it and judge it."""
+        """Run the outage and evaluate it."""
         judge = METHODS[method].judge_of(self._engine)
         errors = self._errors(judge)
         truth = self._clean.truth
@@ -158,7 +158,7 @@ class _Outage:
     def _errors(self, judge: Watched) -> np.ndarray:
         """Rows (N, 11): time [s], errors of attitude, velocity, position (9), NEES per degree of freedom.
 
-        The verdicts of ``judge`` begin with the first message: those before it have been given by then.
+        The verdicts of ``judge`` are cleared before the first message of the outage.
         """
         rows: list[np.ndarray] = []
         due, is_first = self._case.aided, True
@@ -173,7 +173,7 @@ class _Outage:
         return np.array(rows)
 
     def _velocity_rms(self, errors: np.ndarray) -> float:
-        """While at least one beam is there, and a little after a total loss."""
+        """RMS of the velocity error [m/s] while at least one beam is available, except shortly after a total loss."""
         messages = self._messages(self._faulty)
         lost = [_seconds(self._faulty, s) for s in messages if not np.isfinite(s.velocities).any()]
         gap = errors[:, 0][:, None] - np.array(lost)[None, :]
@@ -186,7 +186,7 @@ class _Outage:
         return [s for s in samples if isinstance(s, BeamVelocitySample) and s.stamp_ns >= self._begin_ns]
 
     def _refused(self, judge: Watched) -> tuple[float, float]:
-        """Shares of the healthy and of the clearly wrong beam velocities that were refused."""
+        """Fractions of the healthy and of the clearly wrong beam velocities that were rejected."""
         pairs = zip(self._messages(self._clean), self._messages(self._faulty), strict=True)
         wrong = [b.velocities - a.velocities for a, b in pairs if np.isfinite(b.velocities).any()]
         count = min(len(wrong), len(judge.verdicts))

@@ -1,4 +1,4 @@
-"""The aided pass of a flight with forced outages, and where each outage begins in it."""
+"""The aided pass of a flight with forced outages, which stops at the start of each outage."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from nav_pose_estimator.offline.flights.outages import GnssLeak, Outage
 from nav_pose_estimator.offline.flights.recording import Recording
 from nav_pose_estimator.offline.replay.replay import as_block
 
-_AHEAD_NS = 10**9  # a stamp so far ahead of the IMU is damaged: the navigator refuses it
-_BATCH_NS = 10**9
+_AHEAD_NS = 10**9  # lead of a stamp over the IMU from which it is damaged, so that the navigator rejects it
+_BATCH_NS = 10**9  # duration of a batch
 
 
 @dataclass(frozen=True)
 class Start:
-    """An outage's start: the estimators there, and the place in the stream to go on from."""
+    """The start of an outage: the estimators, and the position in the stream to continue from."""
 
     outage: Outage
     snapshots: list[Snapshot]  # for each method
     index: int
     row: int
-    doubt: str  # why the navigator itself would not vouch for its pose; empty where it does
+    doubt: str  # the navigator's doubt about its pose; empty if there is none
     state: np.ndarray | None  # last row of the solution, OUT_COLUMNS
     lag_one: tuple[float, float]  # autocorrelation of the last innovations, position and velocity
 
@@ -66,14 +66,14 @@ def aided_pass(recording: Recording, parameters: Sequence[Parameters], runs: lis
 
 
 class Batch:
-    """Samples that wait to be fed together: the estimator takes long blocks at less cost, and with the same result."""
+    """Samples that are fed together, because long blocks cost less with the same result."""
 
     def __init__(self) -> None:
         self._samples: list[Sample] = []
         self._until = 0  # ns
 
     def add(self, sample: Sample) -> bool:
-        """True when about a second is together and ``take`` is due."""
+        """Add a sample; True if the batch is about a second long and ``take`` is due."""
         self._samples.append(sample)
         if not isinstance(sample, ImuBlock) or not len(sample):
             return False
@@ -84,7 +84,7 @@ class Batch:
         return False
 
     def take(self) -> list[Sample]:
-        """All that waits."""
+        """Remove and return the samples."""
         samples, self._samples = self._samples, []
         return samples
 
@@ -95,14 +95,14 @@ def _lag_one(status: Status) -> tuple[float, float]:
 
 
 def _doubt(status: Status) -> str:
-    """Why no outage can be judged that starts now: what the navigator says of itself, empty where it is aided."""
+    """Reason why an outage that starts now cannot be evaluated, by the navigator's status; empty if it is aided."""
     if status.mode is Mode.AIDED:
         return status.gnss_refusal or status.doubt
     return status.waiting_for or status.gnss_refusal or status.mode.value.lower()
 
 
 def _next_imu_stamps(samples: list[Sample]) -> list[int]:
-    """The stamp of the IMU sample that follows each sample (at the end: the last one's): the time that it is then."""
+    """Stamp of the IMU sample that follows each sample, or of the last one: the time at which the sample arrives."""
     stamps, now = [0] * len(samples), 0
     for i in range(len(samples) - 1, -1, -1):
         sample = samples[i]
@@ -113,20 +113,20 @@ def _next_imu_stamps(samples: list[Sample]) -> list[int]:
 
 
 def _first_at(sample: Sample, start_ns: int, delay_ns: int, next_imu_ns: int) -> int | None:
-    """Row of ``sample`` with which the outage has begun; None if it begins later."""
+    """Row of ``sample`` at which the outage begins; None if it begins later."""
     if isinstance(sample, ImuBlock):
         row = int(np.searchsorted(sample.stamps_ns, start_ns))
         return row if row < len(sample) else None
     if sample.stamp_ns is None:
         return None
-    # GNSS with a negative latency is valid after its stamp; a stamp far ahead of the IMU that follows is damaged and
-    # begins nothing, one after a gap of the IMU is not.
+    # GNSS with a negative latency is valid after its stamp. A stamp far ahead of the next IMU sample is damaged and
+    # does not begin an outage, but one after a gap of the IMU is not damaged.
     time_ns = sample.stamp_ns - min(delay_ns, 0) * isinstance(sample, (GnssFix, GnssVelocity))
     return 0 if start_ns <= time_ns <= next_imu_ns + _AHEAD_NS else None
 
 
 def part_of(sample: Sample, first: int, last: int | None) -> Sample:
-    """Rows ``first`` to ``last`` (None: the last one) of an IMU block; of another sample all there is."""
+    """Rows ``first`` to ``last`` (None: the last one) of an IMU block; other samples are unchanged."""
     if not isinstance(sample, ImuBlock) or (first == 0 and last is None):
         return sample
     return sample.part(first, last)

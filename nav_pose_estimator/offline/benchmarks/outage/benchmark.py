@@ -1,4 +1,4 @@
-"""``benchmark outage``: forced outages on many recordings, the same for every method."""
+"""Benchmark ``outage``: forced outages on many recordings, the same for all methods."""
 
 import argparse
 import math
@@ -28,7 +28,7 @@ _PRIORS = "priors"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``benchmark outage``."""
+    """Add the options of ``benchmark outage``."""
     add = parser.add_argument
     what = "bags, flight logs, folders or lists (.txt) of them, patterns; NAME.json beside NAME_bag is read"
     add("bags", nargs="+", type=Path, metavar="BAG|LOG", help=what)
@@ -38,8 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--last", type=float, default=math.inf, metavar="S", help="last start after the flight begins (default: none)")
     add("--methods", default="best,coast,hold,const_velocity", metavar="M,...", help="methods to compare")
     add("--gnss-delay", metavar="S", help="latency of the fixes in seconds, or auto (default: NAME.json, else auto)")
-    add("--config", type=Path, metavar="YAML", help="parameters, as the nodes take them")
-    add("--airframe", type=Path, metavar="FILE", help="what is known before the flight: a file of train")
+    add("--config", type=Path, metavar="YAML", help="parameter file, as for the nodes")
+    add("--airframe", type=Path, metavar="FILE", help="airframe file made by the command train")
     add("--cross-validate", action="store_true", help="group flights by airframe: prior, selection, intervals")
     add("--groups", default="", metavar="GLOB,...", help='flights that are one group, as in "p4rtk_*,px4_3dr*"')
     add(
@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Fly every outage with every method, print the tables, write them and the report."""
+    """Run all outages with all methods, print the tables, and write them and the report."""
     arguments.bags = find(arguments.bags)
     candidates = _candidates(arguments)
     tasks = [task for config in candidates for task in _tasks(arguments, config)]
@@ -90,12 +90,12 @@ def _candidates(arguments: argparse.Namespace) -> list[Path | None]:
     if not arguments.candidates:
         return [arguments.config]
     if not arguments.cross_validate or arguments.config is not None:
-        raise UserError("--candidates takes the place of --config and needs --cross-validate")
+        raise UserError("--candidates replaces --config and needs --cross-validate")
     return list(arguments.candidates)
 
 
 def _tasks(arguments: argparse.Namespace, config: Path | None) -> list[Task]:
-    """A pass for every recording and estimator. Raises ``UserError`` for options that make no sense."""
+    """A pass for every recording and estimator. Raises ``UserError`` for invalid options."""
     names = methods.check([name.strip() for name in arguments.methods.split(",") if name.strip()])
     try:
         lengths = tuple(sorted({float(text) for text in arguments.lengths.split(",")}))
@@ -104,7 +104,7 @@ def _tasks(arguments: argparse.Namespace, config: Path | None) -> list[Task]:
     if not names or not all(0.0 < length < 86400.0 for length in lengths):
         raise UserError("--methods and --lengths must name at least one method and one positive length")
     if not arguments.last >= (arguments.first or 0.0):
-        raise UserError("--last must not be sooner than --first")
+        raise UserError("--last must not be less than --first")
     if not 0.0 < arguments.every < math.inf or arguments.jobs < 1:
         raise UserError("--every and --jobs must be positive")
     first = FIRST_OF_SHORT if arguments.first is None else arguments.first  # no outage of any flight begins sooner
@@ -129,7 +129,7 @@ def _tasks(arguments: argparse.Namespace, config: Path | None) -> list[Task]:
 
 
 def _note_known_flights(airframe: Path, bags: list[Path]) -> None:
-    """Say which flights the file was made of: what is measured on them is no test."""
+    """Print which of the flights the file was made from, because results on them are not a test."""
     known = {flight.digest for flight in load_airframe(airframe).flights}
     for bag in bags:
         if digest_of(bag) in known:
@@ -141,7 +141,7 @@ def _note_known_flights(airframe: Path, bags: list[Path]) -> None:
 def _flown(
     arguments: argparse.Namespace, tasks: list[Task], groups: dict[str, str] | None, folder: Path
 ) -> list[FlightResult]:
-    """The results of all passes; where ``groups`` are held out, with priors that have not seen them."""
+    """Results of all passes; if ``groups`` are held out, with priors that were made without them."""
     if groups is not None:
         workers = Workers(arguments.jobs, arguments.scheduler, arguments.out)
         tasks = with_held_out_priors(tasks, groups, folder / _PRIORS, workers)
@@ -149,7 +149,7 @@ def _flown(
 
 
 def _held_out(flights: list[FlightResult], groups: dict[str, str], candidates: list[Path | None]) -> list[FlightResult]:
-    """Of all passes those with the parameters that were chosen on the other groups; says what was chosen."""
+    """The passes with the parameters that were chosen on the other groups; prints the choice."""
     if len(candidates) == 1:
         return flights
     size = len(flights) // len(candidates)

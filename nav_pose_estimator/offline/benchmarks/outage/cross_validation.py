@@ -1,8 +1,8 @@
-"""Selection without self-deception: what is chosen for an airframe is chosen on the others.
+"""Cross-validated selection of parameters: those for an airframe are selected on the other airframes.
 
-Recordings of one airframe on one day, and all IMUs of one flight, share everything that a parameter could be fitted to:
-they are one group. For every group the candidate with the best score on all other groups is taken, and only the
-outages of the group that was held out are reported.
+Recordings of one airframe on one day, and all IMUs of one flight, are not independent, and form one group. For every
+group the candidate with the best score on all other groups is selected, and only the outages of the held-out group are
+reported.
 """
 
 import math
@@ -17,9 +17,9 @@ LEAST_OUTAGES = 8
 
 
 def choose(results: Sequence[Sequence[Row]], groups: Mapping[str, str], method: str) -> dict[str, int]:
-    """Group -> index of the candidate that does best with ``method`` on the other groups.
+    """Index by group of the candidate with the best score of ``method`` on the other groups.
 
-    ``results`` holds the outages of every candidate. With a single group nothing can be held out: the first candidate.
+    ``results``: the outages of every candidate. With a single group, which cannot be held out, it is the first one.
     """
     table = [_scores(rows, groups, method) for rows in results]
     chosen = {}
@@ -42,7 +42,7 @@ def against_classical(summaries: Sequence[Summary], method: str, length: float) 
 
 
 def _scores(rows: Sequence[Row], groups: Mapping[str, str], method: str) -> dict[tuple[str, float], float]:
-    """(group, length) -> logarithm of the mean energy score of ``method``."""
+    """Logarithm of the mean energy score of ``method`` by (group, length)."""
     values: dict[tuple[str, float], list[Row]] = {}
     for row in comparable(rows):
         if row.method == method:
@@ -56,6 +56,6 @@ def _energy(rows: Sequence[Row]) -> float:
 
 
 def _mean(scores: Mapping[tuple[str, float], float], held_out: str) -> float:
-    """Every group and length counts alike, however far it flew: the logarithm of a geometric mean."""
+    """Mean of the logarithms over the other groups and all lengths, with equal weights: that of a geometric mean."""
     others = [value for (group, _), value in scores.items() if group != held_out]
     return float(np.mean(others)) if others else math.inf

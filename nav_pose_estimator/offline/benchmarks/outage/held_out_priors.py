@@ -1,9 +1,9 @@
-"""A flight is not measured with what was learned from it: the prior of motion is made anew for every group it has seen.
+"""Priors of motion without the evaluated group, so that no flight is evaluated with what was learned from it.
 
-The statistics of every recording are taken once, by one aided flight with rehearsals; the fits without one group each
-take no time. The rehearsals are flown with the prior as it is, so a group that is held out has had its share, one in
-the number of airframes, in how often the regimes of other flights decided wrongly. A group that the prior was not made
-of flies with the prior as it is.
+The statistics of every recording are collected once, by one aided flight with rehearsals; the fits without one group
+each are fast. The rehearsals use the full prior, so that a held-out group has still contributed, by one part in the
+number of airframes, to the statistics of wrong decisions of other flights. A group that the prior was not made from
+uses the full prior.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ from nav_pose_estimator.offline.training.work import fly_all
 
 @dataclass(frozen=True)
 class Workers:
-    """Who flies: ``processes`` of this machine, or a Dask ``scheduler``. What is done is kept beside ``out``."""
+    """``processes`` of this machine, or a Dask ``scheduler``. Results are stored beside ``out`` meanwhile."""
 
     processes: int
     scheduler: str
@@ -35,7 +35,7 @@ class Workers:
 def with_held_out_priors(
     tasks: Sequence[Task], groups: Mapping[str, str], folder: Path, workers: Workers
 ) -> list[Task]:
-    """The tasks, each with the file of a prior without its group, written into ``folder``; says which those are."""
+    """The tasks, each with the file of a prior without its group in ``folder``; prints which groups are held out."""
     found: list[Task] = []
     for config in dict.fromkeys(task.config for task in tasks):
         members = [task for task in tasks if task.config == config]
@@ -49,7 +49,7 @@ def with_held_out_priors(
 
 
 def seen_groups(groups: Mapping[Recorded, str], known: Sequence[KnownFlight]) -> list[str]:
-    """The groups of recordings of which the prior of these ``known`` flights was made."""
+    """Groups of the recordings that the prior of the ``known`` flights was made from."""
     airframes, digests = {one.airframe for one in known}, {one.digest for one in known}
     return list(dict.fromkeys(g for one, g in groups.items() if g in airframes or one.digest in digests))
 
@@ -61,7 +61,7 @@ def _recorded(task: Task) -> Recorded:
 def _flown(
     recordings: Sequence[Recorded], groups: Mapping[str, str], known: Sequence[KnownFlight], workers: Workers
 ) -> Iterator[PriorFlight]:
-    """The motion of every recording that holds enough of it. What it counts as, the prior has been told before."""
+    """Yield the motion of every recording that contains enough of it, with its kind as in the existing prior."""
     wings = {one.digest for one in known if one.kind == WING}
     kept = KeptResults(workers.out)
     for one in fly_all(fly, recordings, kept, workers.processes, workers.scheduler):
@@ -72,7 +72,7 @@ def _flown(
 
 
 def _file_without(group: str, flights: Sequence[PriorFlight], folder: Path) -> Path | None:
-    """The prior of all other groups as a file, its content in its name: a run that goes on knows it by that."""
+    """Write the prior of all other groups to a file with its digest in the name, for the resumption of a run."""
     others = [flight for flight in flights if flight.group != group]
     try:
         text = text_of(fit(others), others)

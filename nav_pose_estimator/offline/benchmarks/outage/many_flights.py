@@ -1,4 +1,4 @@
-"""Many recordings: on many cores, with what an interrupted run has finished, and without those that fail."""
+"""Run of the benchmark on many recordings in parallel, with resumption, and without recordings that fail."""
 
 import sys
 from pathlib import Path
@@ -13,9 +13,9 @@ from nav_pose_estimator.offline.flights.recording import sidecar_path
 
 
 def run_all(tasks: list[Task], processes: int, scheduler: str, out: Path) -> list[FlightResult]:
-    """The results in the order of ``tasks``, without those of recordings that failed, which are named.
+    """Results in the order of ``tasks``, without those of recordings that failed, which are reported.
 
-    Results are kept beside ``out`` until all are there. Raises ``UserError`` where no recording has any.
+    Results are stored beside ``out`` until the run is complete. Raises ``UserError`` if all recordings fail.
     """
     from tqdm import tqdm
 
@@ -44,7 +44,7 @@ def _without_failed(flights: list[list[Task]], done: dict[int, Any]) -> list[Fli
 
 
 def _flights(tasks: list[Task], processes: int) -> list[list[Task]]:
-    """Tasks that share a recording together, unless that would leave processes without work."""
+    """Groups of tasks with the same recording, unless that would leave processes without work."""
     together: dict[tuple[Path, Path | None], list[Task]] = {}
     for task in tasks:
         together.setdefault((task.bag, task.config), []).append(task)

@@ -1,4 +1,4 @@
-"""What ``benchmark outage`` leaves in its folder and prints."""
+"""Output files and printed tables of ``benchmark outage``."""
 
 import sys
 from collections import Counter
@@ -31,7 +31,7 @@ def rows_of(flights: list[FlightResult]) -> list[Row]:
 def write(
     folder: Path, flights: list[FlightResult], rows: list[Row], summaries: list[Summary], options: dict[str, str]
 ) -> None:
-    """Every file; ``options``: those of the command that say which outages were flown."""
+    """Write all files; ``options``: those of the command that determine the outages."""
     write_csv(folder / OUTAGES, rows, ".4f")
     write_csv(folder / SUMMARY_CSV, summaries, ".4f")
     content = {
@@ -56,7 +56,7 @@ def write(
 
 
 def tell(flights: list[FlightResult], rows: list[Row], summaries: list[Summary]) -> None:
-    """The tables, and whether the filter takes from GNSS all that it says: then its innovations are white."""
+    """Print the tables, and the autocorrelation of the innovations, which are white for an optimal filter."""
     left_out = {
         (row.bag, row.length_s, row.start_s, f"{row.status}: {row.why}" if row.why else row.status)
         for row in rows
@@ -74,7 +74,7 @@ def tell(flights: list[FlightResult], rows: list[Row], summaries: list[Summary])
 
 
 def tell_verdicts(summaries: list[Summary]) -> None:
-    """How every method compares with the best classical one."""
+    """Print how every method compares with the best classical one."""
     print(f"\nRMS over that of each flight's best classical method, flights with {LEAST_OUTAGES} outages or more:")
     for method, length in dict.fromkeys((s.method, s.length_s) for s in summaries):
         mean, worst, count = against_classical(summaries, method, length)

@@ -88,7 +88,7 @@ def _body(flights: list[FlightResult], summaries: list[Summary], rows: list[Row]
 
 
 def _reliability(rows: list[Row]) -> Iterator[str]:
-    """All outages of each method that states a deviation: stated probability against the share that came true."""
+    """Reliability of each method with a sigma over all outages: stated probability and observed frequency."""
     plot = Plot("stated probability", "share of outages", height=320, y_range=(0.0, 1.0))
     plot.line(np.array([0.0, 1.0]), np.array([0.0, 1.0]), "f dash")
     styles, drawn = iter(_STYLES), False

@@ -1,6 +1,6 @@
-"""Proper scores of a stated deviation: they reward an estimator that is both sharp and honest, and nothing else.
+"""Proper scores of a stated sigma, which are best for an estimator that is both accurate and consistent.
 
-What a navigator states of its horizontal error is read as an isotropic normal distribution about its own position:
+The navigator's stated horizontal error is interpreted as an isotropic normal distribution about its own position:
 ``sigma``, the root of the summed variances East and North, stands for a variance of sigma^2 / 2 on each axis. Then the
 error's magnitude r has the distribution function 1 - exp(-r^2 / sigma^2). All functions take arrays (N,) in metres and
 return (N,).
@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 HONEST_RATIO = float(np.sqrt(np.log(2.0)))
-"""Median of error / sigma where the deviation is right: 0.83."""
+"""Median of error / sigma of a consistent estimator: 0.83."""
 
 
 def log_score(error: Array, sigma: Array) -> Array:
-    """Negative logarithm of the stated density at the true position [log m^2]; small is good."""
+    """Negative logarithm of the stated density at the true position [log m^2]; smaller is better."""
     return np.log(np.pi * sigma**2) + (error / sigma) ** 2
 
 
 def energy_score(error: Array, sigma: Array) -> Array:
-    """E|X - y| - E|X - X'| / 2 [m] with X, X' as stated and y true; small is good, the error itself for sigma = 0.
+    """E|X - y| - E|X - X'| / 2 [m] with X, X' as stated and y true; smaller is better. For sigma = 0 it is the error.
 
     E|X - y| is the mean of a Rice distribution, E|X - X'| that of a Rayleigh distribution.
     """
@@ -38,5 +38,5 @@ def energy_score(error: Array, sigma: Array) -> Array:
 
 
 def probability(error: Array, sigma: Array) -> Array:
-    """Stated probability of an error no larger than the one that came; uniform on 0 to 1 where sigma is honest."""
+    """Stated probability of an error up to the actual one; uniform on 0 to 1 for a consistent sigma."""
     return -np.expm1(-((error / sigma) ** 2))

@@ -1,4 +1,4 @@
-"""One aided flight on which several methods learn: with GNSS they all have the same navigator."""
+"""An aided flight that several methods learn from, because with GNSS they all have the same navigator."""
 
 from __future__ import annotations
 
@@ -15,33 +15,32 @@ from nav_pose_estimator.engine.solutions import NavBlock, NavSolution
 
 
 class SharedFlight:
-    """The estimator of the first method, and what the others have learned meanwhile.
+    """The estimator of the first method, and the learners of the others.
 
-    Where GNSS goes away by itself the methods help the navigator in different ways: from then on the flight is that of
-    the first one alone.
+    At a real loss of GNSS the methods aid the navigator differently; from then on only the first one continues.
     """
 
     def __init__(self, parameters: Sequence[Parameters]) -> None:
-        """``parameters`` differ in the outage method only."""
+        """``parameters``: one set for each method, which differ only in the outage method."""
         engines = [PoseEstimator(own, attitude=False) for own in parameters]
         self.engine = engines[0]
         self._learners = _Learners([engine.outage_aid for engine in engines])
         self.engine.outage_aid = self._learners
 
     def snapshots(self) -> list[Snapshot]:
-        """For each method that still takes part an estimator as if it had flown alone."""
+        """For each method that still takes part, an estimator as if it had been run alone."""
         whole = self.engine.snapshot()
         return [replace(whole, outage_aid=aid and aid.copy()) for aid in self._learners.aids]
 
 
 class _Learners(OutageAid):
-    """In place of one aid: all hear and learn, the first one helps. None stands for a method that does neither."""
+    """Stands for one aid: all of them receive samples and learn, and the first one aids; None: a method without aid."""
 
     def __init__(self, aids: Sequence[OutageAid | None]) -> None:
         self.aids = list(aids)
 
     def copy(self) -> _Learners:
-        """A placeholder: ``SharedFlight.snapshots`` copies each aid by itself."""
+        """Return a placeholder, because ``SharedFlight.snapshots`` copies each aid by itself."""
         return _Learners([])
 
     def reset(self) -> None:

@@ -1,4 +1,4 @@
-"""From single outages to a table: medians with intervals, calibration, and who wins."""
+"""Statistics of the outages: medians with confidence intervals, consistency, and comparison of the methods."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -59,16 +59,16 @@ class Summary:
 
 
 def comparable(rows: Iterable[Row]) -> list[Row]:
-    """The rows of the outages that every method came through: all are judged on the same ones."""
+    """Rows of the outages with results of all methods, so that all are evaluated on the same ones."""
     rows = list(rows)
     spoiled = {(row.bag, row.length_s, row.start_s) for row in rows if row.status != OK}
     return [row for row in rows if (row.bag, row.length_s, row.start_s) not in spoiled]
 
 
 def summarise(rows: Iterable[Row], seed: int = 1, groups: Mapping[str, str] | None = None) -> list[Summary]:
-    """Every method, length and flight, then all flights together where there are several.
+    """A summary of every method, length and flight, then of all flights together if there are several.
 
-    ``groups`` maps flights to what intervals are clustered by (airframes); by default each flight is a cluster.
+    ``groups``: clusters (airframes) of flights for the confidence intervals; by default each flight is a cluster.
     """
     rows = comparable(rows)
     bags = list(dict.fromkeys(row.bag for row in rows))
@@ -137,10 +137,9 @@ def _summary(
 
 
 def clusters(rows: list[Row], groups: Mapping[str, str] | None = None) -> np.ndarray:
-    """(N,) cluster of each outage. Flights, or their ``groups``, where there are several; else stretches of one outage
-    length of the flight.
+    """Cluster of each outage (N,): its flight or group if there are several, else its interval of one outage length.
 
-    Outages that overlap share their errors: counting them as independent would make the interval too narrow.
+    Overlapping outages have correlated errors; treating them as independent would make the interval too narrow.
     """
     bags = list(dict.fromkeys(row.bag for row in rows))
     if len(bags) > 1:
@@ -155,7 +154,7 @@ def bootstrap(
 ) -> tuple[float, float]:
     """Percentile interval of ``statistic`` when whole clusters are drawn with replacement (Efron 1979).
 
-    NaN where there are fewer than two clusters: one flight says nothing of another.
+    NaN with fewer than two clusters, because one flight does not reveal the variation between flights.
     """
     members = [values[cluster == c] for c in np.unique(cluster)]
     if len(members) < 2:
@@ -169,7 +168,7 @@ def bootstrap(
 
 
 def rms(values) -> float:
-    """Root of the mean square; NaN of nothing."""
+    """Root of the mean square; NaN for no values."""
     values = np.asarray(values, float)
     return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
 

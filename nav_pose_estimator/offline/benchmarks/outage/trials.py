@@ -1,7 +1,7 @@
 """Forced outages on one flight: one aided pass, and from each start a copy of the estimator without GNSS.
 
-What the estimator has learned at an outage's start comes from before it: the copy is taken there. The copy runs for the
-longest outage; the errors after every shorter one are read off the same run, so that no GNSS returns in between.
+The copy is made at the start of the outage, so that everything it has learned is from before. It runs for the longest
+outage; the errors of shorter ones are taken from the same run, in which no GNSS returns.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from nav_pose_estimator.offline.logs.options import LogOptions
 from nav_pose_estimator.offline.replay.replay import reference_lever
 
 GRID = 1.0  # s between the points of an error-growth curve
-MARGIN = 0.2  # s: a run goes on so long after the outage's end, still without GNSS, to reach its last fix
+MARGIN = 0.2  # s for which a run continues after the outage, still without GNSS, to include its last fix
 
 
 @dataclass(frozen=True)
 class Task:
-    """One pass over one bag. ``method`` names the estimator, ``predictors`` what is derived from its states."""
+    """A pass over a recording. ``method``: name of the estimator's; ``predictors``: methods derived from its states."""
 
     bag: Path
     method: str
@@ -54,7 +54,7 @@ class Task:
 
 @dataclass
 class FlightResult:
-    """``errors``: (method, length) -> one entry per outage; ``growth``: method -> (outages, seconds) errors."""
+    """``errors``: a list by (method, length), one entry per outage; ``growth``: errors (outages, seconds) by method."""
 
     bag: str
     delay: float
@@ -64,14 +64,14 @@ class FlightResult:
     path: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # reference, East and North, m
     starts: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))  # where the outages begin
     notices: list[str] = field(default_factory=list)
-    proof: int = 0  # GNSS samples that were looked at on their way into an estimator that runs an outage
+    proof: int = 0  # number of GNSS samples that were checked before estimators in outages
     lag_one: list[tuple[float, float]] = field(default_factory=list)  # of the innovations, as ``white`` has it
 
     @property
     def white(self) -> tuple[float, float]:
-        """Autocorrelation of GNSS innovations, position and velocity, from one to the next: median over the starts.
+        """Lag-one autocorrelation of the GNSS innovations, position and velocity: median over the starts.
 
-        Below 0.2 they pass for white. NaN where there were none.
+        Below 0.2 they count as white. NaN without innovations.
         """
         known = np.array([pair for pair in self.lag_one if np.isfinite(pair).all()]).reshape(-1, 2)
         position, velocity = np.median(known, axis=0) if len(known) else (np.nan, np.nan)
@@ -80,9 +80,9 @@ class FlightResult:
 
 @dataclass(frozen=True)
 class Entrant:
-    """A method in the comparison: its parameters, the names under which its errors are filed, and where.
+    """A method that takes part: its parameters, the names of its errors, and the result that stores them.
 
-    The estimator's errors go under the first of ``names``; the others are predictors.
+    The first of ``names`` is that of the estimator; the others are predictors.
     """
 
     parameters: Parameters
@@ -91,14 +91,14 @@ class Entrant:
 
 
 def run_task(task: Task, advanced: Callable[[float], None] | None = None) -> FlightResult:
-    """Carry out one pass. ``advanced`` is called with the share done since the last call."""
+    """Run one pass. ``advanced`` receives the fraction completed since the last call."""
     return run_flight((task,), advanced)[0]
 
 
 def run_flight(tasks: Sequence[Task], advanced: Callable[[float], None] | None = None) -> list[FlightResult]:
-    """Carry out passes that differ in their methods only: the recording, its latency and the aided flight are shared.
+    """Run passes that differ only in their methods, with a common recording, latency and aided flight.
 
-    ``advanced`` as in ``run_task``, with the share of one pass.
+    ``advanced`` as in ``run_task``, with the fraction of one pass.
     """
     task = tasks[0]
     parameters = load_parameters(task.config)
@@ -131,7 +131,7 @@ def run_outages(
     names: tuple[str, ...],
     result: FlightResult,
 ) -> None:
-    """The ``planned`` outages (length -> outages) of one recording and one entrant, filed in ``result``."""
+    """Run the ``planned`` outages, by length, of one recording for one method, and store them in ``result``."""
     run_entrants(recording, planned, [Entrant(parameters, names, result)])
 
 
@@ -141,7 +141,7 @@ def run_entrants(
     entrants: Sequence[Entrant],
     advanced: Callable[[float], None] | None = None,
 ) -> None:
-    """The ``planned`` outages of one recording, filed in the results of ``entrants``."""
+    """Run the ``planned`` outages of one recording, and store them in the results of ``entrants``."""
     starts = sorted({outage.start for outages in planned.values() for outage in outages})
     runs = [Outage(s, max(n for n, outages in planned.items() if any(o.start == s for o in outages))) for s in starts]
     trials = [_Trial(recording, planned, entrant) for entrant in entrants]
@@ -168,7 +168,7 @@ class _Trial:
         self._file = _judge(planned, fix_times, reference, reference_lever(reference, parameters), entrant.result)
 
     def run(self, start: Start, snapshot: Snapshot) -> None:
-        """One outage, flown from its ``start`` on."""
+        """Run one outage from its ``start``."""
         self.done_to = start.outage.start
         self.entrant.result.lag_one.append(start.lag_one)
         own, *predictors = self.entrant.names
@@ -181,7 +181,7 @@ class _Trial:
 def _outage_run(
     engine: PoseEstimator, recording: Recording, entrant: Entrant, start: Start, snapshot: Snapshot
 ) -> Track:
-    """The estimator from ``start`` on without GNSS until a little after the outage's end."""
+    """Track of the estimator from ``start`` on without GNSS, until ``MARGIN`` after the end of the outage."""
     engine.restore(snapshot)
     delay = entrant.parameters.gnss.delay
     without = [Outage(start.outage.start, start.outage.length + MARGIN)]
@@ -189,7 +189,7 @@ def _outage_run(
     proof = OutageProof([start.outage], recording.epoch_ns, delay)
     tracks = TrackRecorder(recording.epoch_ns)
     if start.state is not None:
-        # the state in which GNSS was lost, so that the first fixes find an estimate on both sides
+        # the state at the loss of GNSS, so that there are estimates on both sides of the first fixes
         stamp = recording.epoch_ns + round(start.outage.start * 1e9) - 1
         tracks.add(NavBlock(np.array([stamp]), start.state[None, :], Mode.AIDED, 0, np.zeros(3)))
     end_ns = recording.epoch_ns + round((without[0].end) * 1e9)
@@ -216,7 +216,7 @@ def _outage_run(
 
 
 def _predict(name: str, start: Start) -> Track:
-    """Go on from the state at the loss of GNSS as the extrapolation ``name`` says; no deviation is claimed."""
+    """Track of the extrapolation ``name`` from the state at the loss of GNSS, without a sigma."""
     if start.state is None:
         return Track(np.empty(0), np.empty((0, OUT_COLUMNS)))
     t = np.array([0.0, start.outage.length + MARGIN])
@@ -234,7 +234,7 @@ def _judge(
     lever: np.ndarray,
     out: FlightResult,
 ) -> Callable[[str, Start, Track], None]:
-    """A function that files the errors of one run at every length."""
+    """Create a function that stores the errors of one run at every length."""
     lengths_at: dict[float, list[Outage]] = {}
     for outages in planned.values():
         for outage in outages:
@@ -263,7 +263,7 @@ def _curve(errors: OutageErrors, grid: np.ndarray) -> np.ndarray:
 
 
 def _draw(result: FlightResult, reference: Reference, starts: list[float]) -> None:
-    """The path of the flight for the report's map."""
+    """Store the path of the flight for the report's map."""
     inside = (reference.t >= result.window[0]) & (reference.t <= result.window[1])
     if not inside.any():
         return

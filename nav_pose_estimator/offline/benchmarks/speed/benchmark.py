@@ -1,7 +1,7 @@
-"""``benchmark speed``: what everything costs on this machine, beside the peers that are installed.
+"""Benchmark ``speed``: computing time on this machine, compared with installed peers.
 
-Times are CPU time of one thread, the best of several repetitions: what the work costs, not what else the machine did.
-Replay and start-up are wall time, as a user waits for them; they need a machine that has nothing else to do.
+Times are CPU times of one thread, the smallest of several repetitions, which excludes other load of the machine. Replay
+and start-up are wall times, as a user experiences them, and need an otherwise idle machine.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from nav_pose_estimator.offline.benchmarks.speed.figures import Figure
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of ``benchmark speed``."""
+    """Add the options of ``benchmark speed``."""
     parser.add_argument(
         "--out", type=Path, default=Path("speed_benchmark"), metavar="DIR", help="folder for speed.json"
     )
@@ -28,9 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure, print every figure beside its goal as it is known, and write speed.json.
+    """Measure, print every figure with its goal, and write speed.json.
 
-    What cannot be measured here is said and left out; the exit code is 1 then.
+    Figures that cannot be measured are reported and left out; the exit code is 1 then.
     """
     from nav_pose_estimator.offline.json_file import versions, write_json
     from nav_pose_estimator.offline.output_folder import OutputFolder
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _measure(longest: float) -> tuple[list[Figure], list[str]]:
-    """Every figure, printed as it is known, and why others are missing. ``longest`` [s]: of the flights replayed."""
+    """All figures, printed as they are measured, and reasons for missing ones. ``longest`` [s]: longest flight."""
     from nav_pose_estimator.offline.benchmarks.speed import figures as speed_figures
     from nav_pose_estimator.offline.benchmarks.speed import processes
 
@@ -85,7 +85,7 @@ def _measure(longest: float) -> tuple[list[Figure], list[str]]:
 
 
 def line(figure: Figure) -> str:
-    """One figure in words."""
+    """A figure as a line of text."""
     bound = "at most" if figure.better == "lower" else "at least"
     goal = "" if figure.goal is None else f"{bound} {figure.goal:g} {figure.unit}"
     return f"{figure.what:46}  {figure.value:9.3g} {figure.unit:12}  {goal:24} {figure.verdict}".rstrip()

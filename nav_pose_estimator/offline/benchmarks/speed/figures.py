@@ -1,4 +1,4 @@
-"""The figures of ``benchmark speed`` that are measured in this process."""
+"""Figures of ``benchmark speed`` that are measured in this process."""
 
 import time
 from collections.abc import Callable
@@ -14,15 +14,15 @@ from nav_pose_estimator.engine.parameters.schema import update
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, ImuSample, Sample, joined
 from nav_pose_estimator.offline.benchmarks.speed.flight_messages import imu_bytes
 
-SECONDS, IMU_HZ = 600.0, 200.0
-BLOCK = 200  # IMU samples
-SINGLES = 4000
-REPEAT = 5
+SECONDS, IMU_HZ = 600.0, 200.0  # duration of the flight, and its IMU rate
+BLOCK = 200  # IMU samples per block
+SINGLES = 4000  # IMU samples that are fed one by one
+REPEAT = 5  # repetitions, of which the fastest counts
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One measured value; ``goal`` None where there is none. ``better``: lower or higher."""
+    """A measured value with its ``goal``, None without one. ``better``: lower or higher."""
 
     what: str
     value: float
@@ -47,7 +47,7 @@ def flight() -> list[Sample]:
 
 
 def full_flight() -> list[Sample]:
-    """The same with the full set of sensors, whose stamps are the IMU's."""
+    """The samples of the flight with the full set of sensors, at stamps of the IMU."""
     from nav_pose_estimator.offline.benchmarks.speed.plain_flight import full_set
 
     return full_set(SECONDS, IMU_HZ)
@@ -56,7 +56,7 @@ def full_flight() -> list[Sample]:
 def best_time(
     action: Callable[[], object], repeat: int = REPEAT, prepare: Callable[[], object] = lambda: None
 ) -> float:
-    """Least CPU time [s] of ``repeat`` runs of ``action``, each behind a ``prepare`` that does not count."""
+    """Smallest CPU time [s] of ``repeat`` runs of ``action``, each after a ``prepare`` that does not count."""
     times = []
     for _ in range(repeat):
         prepare()
@@ -79,7 +79,7 @@ def singles(flight: list[Sample], count: int) -> list[ImuSample]:
 
 
 def blocks_of(imu: ImuBlock, size: int) -> list[ImuBlock]:
-    """``imu`` cut into blocks of ``size`` samples."""
+    """``imu`` divided into blocks of ``size`` samples."""
     starts = range(0, len(imu), size)
     return [imu.part(i, i + size) for i in starts]
 
@@ -90,7 +90,7 @@ def imu_only(flight: list[Sample]) -> ImuBlock:
 
 
 def aligned(flight: list[Sample], seconds: float):
-    """A navigator that has flown ``seconds``, and what follows."""
+    """A navigator after ``seconds`` of the flight, and the remaining samples."""
     from nav_pose_estimator.engine.navigator.sins import SinsEngine
 
     engine = SinsEngine(Parameters())
@@ -119,7 +119,7 @@ def navigator(flight: list[Sample], full: list[Sample]) -> list[Figure]:
         return 1e6 * best_time(lambda: _feed(engine, samples), prepare=lambda: engine.restore(start)) / count
 
     def call_back() -> None:
-        """What a node does with serialized Imu messages, but for rclpy itself."""
+        """Processing of serialized Imu messages as in a node, except rclpy itself."""
         for message in messages:
             for sample in from_bytes.imu(message):
                 engine.feed(sample)
@@ -135,7 +135,7 @@ def navigator(flight: list[Sample], full: list[Sample]) -> list[Figure]:
 
 
 def _full_set(full: list[Sample]) -> list[Figure]:
-    """With every sensor, as a replay hands samples over and as they come one by one."""
+    """The navigator with all sensors, with samples as from a replay, and one by one."""
     engine, rest = aligned(full, 60.0)
     start, count = engine.snapshot(), len(imu_only(rest))
 
@@ -154,7 +154,7 @@ def _feed(engine, samples: list) -> None:
 
 
 def _joined(samples: list[Sample]) -> list[Sample]:
-    """The samples with neighbouring IMU blocks made one."""
+    """The samples with neighbouring IMU blocks joined."""
     out: list[Sample] = []
     for sample in samples:
         if isinstance(sample, ImuBlock) and out and isinstance(out[-1], ImuBlock):
@@ -165,7 +165,7 @@ def _joined(samples: list[Sample]) -> list[Sample]:
 
 
 def whole_estimator(flight: list[Sample], full: list[Sample]) -> list[Figure]:
-    """Attitude filter, navigator and learner together, as a replay runs them, with few sensors and with all."""
+    """Attitude filter, navigator and learner together, as in a replay, with few sensors and with all."""
     from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 
     figures = []
@@ -186,7 +186,7 @@ def _fly(make_engine: Callable, parameters: Parameters, samples: list[Sample]) -
 
 
 def attitude(flight: list[Sample]) -> list[Figure]:
-    """The attitude filter, in a batch and one update at a time, and what peers need for the same."""
+    """The attitude filter, in a batch and with single updates, compared with peers."""
     from nav_pose_estimator import estimate_attitude
     from nav_pose_estimator.core.attitude import complementary
     from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
@@ -269,7 +269,7 @@ def learner() -> list[Figure]:
 
 
 def pretrained() -> list[Figure]:
-    """The network of ``cnn_lstm``, which every half second of flight asks once: its window and its prediction."""
+    """The network of ``cnn_lstm``, once per half second of flight: its window and its prediction."""
     from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, OUT_QUAT, OUT_T
     from nav_pose_estimator.core.learning.conv_lstm import untrained
     from nav_pose_estimator.core.motion.airframe import VELOCITY, air_velocity

@@ -1,4 +1,4 @@
-"""Samples of a flight back into serialized messages, for bags that benchmark and tests make."""
+"""Conversion of samples to serialized messages, for the bags of benchmark and tests."""
 
 from collections.abc import Iterable, Iterator
 from itertools import islice
@@ -10,7 +10,7 @@ from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample, joine
 from nav_pose_estimator.offline.bags.sensor_topics import imu_topic, sensor_topics
 from nav_pose_estimator.offline.bags.writer import MCAP, PLAIN, Messages, write_new
 
-_AT_ONCE = 2000  # samples, IMU blocks among them
+_AT_ONCE = 2000  # number of samples, including IMU blocks, that are written at once
 
 
 def imu_bytes(sample: ImuSample) -> bytes:
@@ -24,7 +24,7 @@ def imu_bytes(sample: ImuSample) -> bytes:
 
 
 def write_samples(path: Path, samples: Iterable[Sample], storage: str = MCAP) -> None:
-    """``samples`` as the rosbag2 ``path``, not compressed; each arrives at its stamp. Some of them at a time."""
+    """Write ``samples`` as the uncompressed rosbag2 ``path``, each received at its stamp, in parts."""
     write_new(path, map(_messages, _parts(iter(samples))), storage, PLAIN)
 
 

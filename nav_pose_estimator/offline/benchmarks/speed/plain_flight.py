@@ -1,4 +1,4 @@
-"""A flight simple enough to write down: rest, a run-up, then circles. It feeds the speed benchmark and tests."""
+"""A flight by simple formulas (rest, acceleration, then circles) for the speed benchmark and tests."""
 
 import math
 
@@ -54,7 +54,8 @@ def samples(
 def full_set(seconds: float, imu_hz: float = 200.0, seed: int = 1, epoch_s: int = 10**9) -> list[Sample]:
     """The flight with 5 Hz of fixes and velocities and 10 Hz of magnetometer and barometer, at stamps of the IMU.
 
-    The expensive case: a sample of the time of the IMU's last one acts before the next one, so nothing can be joined.
+    This case is expensive, because a sample at the time of an IMU sample must be processed before the next one, so that
+    blocks cannot be joined.
     """
     rng = np.random.default_rng(seed)
     imu = _imu(seconds, imu_hz, rng, epoch_s)

@@ -1,4 +1,4 @@
-"""The figures of ``benchmark speed`` that need bags or processes of their own."""
+"""Figures of ``benchmark speed`` that need bags or separate processes."""
 
 import json
 import os
@@ -24,13 +24,13 @@ from nav_pose_estimator.offline.benchmarks.speed.figures import (
 )
 from nav_pose_estimator.offline.benchmarks.speed.flight_messages import write_samples
 
-_LIMIT = 900.0  # s that a process may take
-_TRIES = 3
-_LONG = 3600.0  # s of flight
+_LIMIT = 900.0  # s: time limit of a process
+_TRIES = 3  # repetitions, of which the fastest counts
+_LONG = 3600.0  # s: long flight
 REPLAYED = {SECONDS: (_TRIES, (300.0, 400.0)), _LONG: (1, (600.0, 900.0))}
-"""Seconds of flight -> how often it is replayed, and the goals of ``best`` and ``coast`` in parts of real time."""
+"""By duration of the flight [s]: number of replays, and goals of ``best`` and ``coast`` as multiples of real time."""
 _PEAK = "next(int(x.split()[1])/1024 for x in open('/proc/self/status') if x.startswith('VmHWM'))"
-"""Most memory of a process so far [MB]. Not ru_maxrss: that remembers the process it was started from."""
+"""Peak memory of a process [MB]; ru_maxrss is not used, because it includes the process that started it."""
 _PLAIN_SECONDS = 20.0  # s of flight that the navigator is timed over without numba
 
 
@@ -65,9 +65,9 @@ def _read_with_rosbags(path: Path, count: int) -> None:
 
 
 def replays(scratch: Path, seconds: float) -> list[Figure]:
-    """Replay in a process of its own, as a user starts it, of a flight with the full set of sensors.
+    """Replay in a separate process, as started by a user, of a flight with the full set of sensors.
 
-    All but the first run find the kernels compiled. With two cores trainings and rehearsals are on the second.
+    The kernels are compiled from the second run on. With two cores, trainings and rehearsals use the second one.
     """
     figures = []
     tries, goals = REPLAYED[seconds]
@@ -107,7 +107,7 @@ def lengths(scratch: Path, longest: float) -> list[Figure]:
 
 
 def _replay(scratch: Path, seconds: float, method: str) -> tuple[float, float, float]:
-    """``_measured`` of one replay; its bag is made where it is not there yet."""
+    """``_measured`` of one replay; its bag is created if it does not exist."""
     bag = _full_bag(scratch, seconds)
     start = min(300.0, 0.5 * seconds)
     options = ["--outage", f"{start:.0f}:{min(30.0, 0.25 * seconds):.0f}", "--method", method]
@@ -144,7 +144,7 @@ def _measured(options: list[str]) -> tuple[float, float, float]:
 
 
 def without_numba() -> list[Figure]:
-    """The navigator where no compiler is installed, in 1 s blocks."""
+    """The navigator without numba, in blocks of 1 s."""
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
     code = "from nav_pose_estimator.offline.benchmarks.speed import processes as p; print(p.plain_python_cost())"
     cost = float(_run([sys.executable, "-c", code], environment).split()[-1])
@@ -222,7 +222,7 @@ def _ready(module: str, name: str, folder: Path | None = None) -> tuple[float, f
 
 
 def _run(command: list[str], environment: dict[str, str] | None = None, folder: Path | None = None) -> str:
-    """What ``command`` prints; ``RuntimeError`` with its last words where it fails."""
+    """Output of ``command``; ``RuntimeError`` with its last line if it fails."""
     done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT, env=environment, cwd=folder)
     if done.returncode != 0:
         raise RuntimeError(f"{' '.join(command[:4])} said: {done.stderr.strip()[-300:]}")

@@ -17,7 +17,7 @@ from nav_pose_estimator.offline.logs.formats.log_tables import LogTables
 MAGIC = b"\xa3\x95"
 FMT_TYPE, FMT_LENGTH = 0x80, 89
 FMT_MAGIC = MAGIC + bytes([FMT_TYPE])
-_HEADER = 3
+_HEADER = 3  # bytes of the header of a message
 _TYPES = {
     "a": "(32,)<i2",
     "b": "i1",
@@ -47,7 +47,7 @@ _TEXT = re.compile(rb"[ -~]{1,4}\Z")
 
 @dataclass
 class _Walk:
-    """Where the messages of each type begin, and what lay between them."""
+    """Positions of the messages of each type, and damage between them."""
 
     formats: dict[int, Format] = field(default_factory=dict)
     starts: dict[int, array] = field(default_factory=dict)
@@ -72,7 +72,7 @@ def read_dataflash(path: Path) -> LogTables:
 
 
 def _walk(data: bytes) -> _Walk:
-    """Follow the messages from header to header; where there is none, look for the next that is followed by another."""
+    """Follow the messages from header to header; after damage, continue at one that is followed by another."""
     walk = _Walk()
     lengths = [0] * 256
     lengths[FMT_TYPE] = FMT_LENGTH
@@ -91,7 +91,7 @@ def _walk(data: bytes) -> _Walk:
 
 
 def _take(walk: _Walk, data: bytes, lengths: list[int], starts: list[array], at: int) -> None:
-    """Take note of the message at ``at``."""
+    """Store the position of the message at ``at``."""
     kind = data[at + 2]
     if kind == FMT_TYPE:
         _define(walk, lengths, data[at + _HEADER : at + FMT_LENGTH])
@@ -99,7 +99,7 @@ def _take(walk: _Walk, data: bytes, lengths: list[int], starts: list[array], at:
 
 
 def _resume(walk: _Walk, data: bytes, lengths: list[int], starts: list[array], at: int, length: int) -> int:
-    """Where to go on after ``at``, whose message is not followed by another one, or where no message begins."""
+    """Position to continue at after ``at``, where no message begins, or none that is followed by another."""
     after = _next_message(data, lengths, at + (1 if not length else _HEADER))
     if length and at + length > len(data) and after >= len(data):
         walk.cut = True
@@ -114,7 +114,7 @@ def _resume(walk: _Walk, data: bytes, lengths: list[int], starts: list[array], a
 
 
 def _next_message(data: bytes, lengths: list[int], at: int) -> int:
-    """First place from ``at`` where a message begins that another message or the end of the file follows."""
+    """First position from ``at`` on of a message that is followed by another message or the end of the file."""
     size = len(data)
     while (at := data.find(MAGIC, at)) >= 0 and at + _HEADER <= size:
         length = lengths[data[at + 2]]
@@ -126,7 +126,7 @@ def _next_message(data: bytes, lengths: list[int], at: int) -> int:
 
 
 def _define(walk: _Walk, lengths: list[int], body: bytes) -> None:
-    """Take note of an FMT message; one that makes no sense is left out."""
+    """Store an FMT message; an inconsistent one is left out."""
     kind, length = body[0], body[1]
     name, letters, columns = (body[a:b].split(b"\0")[0] for a, b in ((2, 6), (6, 22), (22, 86)))
     if length < _HEADER or not _TEXT.match(name) or not columns.isascii() or not letters.isascii():
@@ -135,7 +135,7 @@ def _define(walk: _Walk, lengths: list[int], body: bytes) -> None:
     size = sum(np.dtype(_TYPES[letter]).itemsize for letter in form.letters if letter in _TYPES)
     readable = len(set(form.columns)) == len(form.letters) and set(form.letters) <= _TYPES.keys() and all(form.columns)
     if lengths[kind] and kind != FMT_TYPE:
-        return  # said before: a second description that differs is damaged
+        return  # already defined: a second definition that differs is damaged
     lengths[kind] = length if kind != FMT_TYPE else FMT_LENGTH
     if readable and size == length - _HEADER and kind != FMT_TYPE:
         walk.formats[kind] = form
@@ -144,7 +144,7 @@ def _define(walk: _Walk, lengths: list[int], body: bytes) -> None:
 
 
 def _columns(data: np.ndarray, walk: _Walk, kind: int) -> RawMessages:
-    """The messages of one type, column by column, scaled as their format letters say."""
+    """The messages of one type in columns, scaled by their format letters."""
     form = walk.formats[kind]
     if not form.wanted:
         return RawMessages(form, np.empty(0, np.int64), {})

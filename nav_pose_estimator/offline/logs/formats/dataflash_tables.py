@@ -1,4 +1,4 @@
-"""What binary and text DataFlash have in common: which messages are read, their times, instances and units."""
+"""Common part of binary and text DataFlash: the messages that are read, their times, instances and units."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from nav_pose_estimator.offline.logs.formats.log_tables import LogTables, Table,
 
 Array = np.ndarray
 FIELDS_OF_FMT = ("Type", "Length", "Name", "Format", "Columns")
-# Kind of message -> the field that tells the instance in newer firmware.
+# field with the instance by kind of message, in newer firmware
 INSTANCE_FIELDS = {
     "IMU": "I",
     "GPS": "I",
@@ -29,12 +29,12 @@ INSTANCE_FIELDS = {
     "ARM": "",
     "VIBE": "IMU",
 }
-# Older firmware counts the instances in the name.
+# (kind, instance) by name of the message, in older firmware
 NUMBERED = {f"{name}{i}": (name, i - 1) for name in ("IMU", "GPS", "GPA", "MAG") for i in (2, 3)}
 NUMBERED |= {"BAR2": ("BARO", 1), "BAR3": ("BARO", 2), "ASP2": ("ARSP", 1)}
 DESCRIPTIONS = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG")
 _SCALED_BY_LETTER = "cCeEL"  # the multiplier that FMTU gives for these is the one that the letter has applied already
-_RESTART_US = 5_000_000
+_RESTART_US = 5_000_000  # step back of the time that counts as a restart, and the gap that is put in its place
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ class Format:
 
     @property
     def wanted(self) -> bool:
-        """True if anybody reads messages of this kind."""
+        """Whether messages of this kind are read."""
         return self.name in INSTANCE_FIELDS or self.name in NUMBERED or self.name in DESCRIPTIONS
 
 
 @dataclass(frozen=True)
 class RawMessages:
-    """All messages of one kind: their places in the file (N,), ascending, and columns (N,) by field name."""
+    """All messages of one kind: positions in the file (N,), ascending, and columns (N,) by field name."""
 
     form: Format
     places: Array
@@ -108,7 +108,7 @@ def _tables(item: RawMessages, name: str, instance: int, clock: "_Clock", units:
 
 
 class _Clock:
-    """Times of messages: their own, else that of the last timed message before them in the file."""
+    """Times of messages: their own, else that of the previous message with a time in the file."""
 
     def __init__(self, messages: list[RawMessages]) -> None:
         timed = [(m.places, own) for m in messages if (own := _own_times(m)) is not None]
@@ -126,7 +126,7 @@ class _Clock:
         self._times, self._shifts = times + shifts, shifts
 
     def times(self, item: RawMessages) -> Array:
-        """(N,) int64 [µs]."""
+        """Times (N,) int64 [µs] of the messages of ``item``."""
         if not len(self._places):
             return np.zeros(len(item.places), np.int64)
         before = np.clip(np.searchsorted(self._places, item.places, side="right") - 1, 0, None)
@@ -135,9 +135,9 @@ class _Clock:
 
 
 def _own_times(item: RawMessages) -> Array | None:
-    """What the messages say of their time [µs], None where they say nothing.
+    """Times [µs] in the messages themselves, None if there are none.
 
-    Old GPS messages call the GNSS time of week TimeMS; the clock of the log is then T, where it is logged.
+    In old GPS messages TimeMS is the GNSS time of week; the time of the log's clock is then T, if it is logged.
     """
     columns = item.columns
     if "TimeUS" in columns:
@@ -162,7 +162,7 @@ class _Units:
         self._types = {_text(name): int(kind) for kind, name in _pairs(fmt, "Type", "Name")}
 
     def in_si(self, item: RawMessages) -> tuple[dict[str, Array], dict[str, str]]:
-        """Columns multiplied with what FMTU says, and the labels of their units; times are left as they are."""
+        """Columns multiplied by the factors of FMTU, except times, and the labels of their units."""
         units, factors = self._of_type.get(self._types.get(item.form.name, -1), ("", ""))
         columns, labels = dict(item.columns), {}
         for name, letter, unit, mark in zip(item.form.columns, item.form.letters, units, factors, strict=False):
@@ -171,7 +171,7 @@ class _Units:
             if labels[name] in _SCALED_UNITS and letter not in _SCALED_BY_LETTER and factor not in (0.0, 1.0):
                 columns[name] = columns[name].astype(np.float64) * factor
             elif labels[name] in _SCALED_UNITS and factor == 0.0:
-                del labels[name]  # a unit without a multiplier says less than the documentation of the message
+                del labels[name]  # without a multiplier the unit is ambiguous, and that of the documentation is used
         return columns, labels
 
 
@@ -189,11 +189,11 @@ def _letter(number: int) -> str:
 
 
 def _parameters(known: dict[str, RawMessages]) -> dict[str, float]:
-    """Name -> the last value that was logged."""
+    """Last logged values of the parameters by name."""
     return finite((_text(name), value) for name, value in _pairs(known.get("PARM"), "Name", "Value"))
 
 
 def _text(value: object) -> str:
-    """A text of the log without what cannot be printed."""
+    """A string of the log without unprintable characters."""
     text = value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)
     return "".join(c for c in text.split("\0")[0] if c.isprintable()).strip()

@@ -1,6 +1,6 @@
-"""DataFlash as text, one message a line (``IMU, 123456, 0.01, ...``), as ground stations write it.
+"""Reader of DataFlash logs as text with one message per line (``IMU, 123456, 0.01, ...``), as of ground stations.
 
-Numbers stand there as they are to be read: already scaled, latitudes in degrees.
+The numbers are already scaled, with latitudes in degrees.
 """
 
 from pathlib import Path
@@ -11,7 +11,7 @@ from nav_pose_estimator.offline.logs.formats.dataflash_tables import FIELDS_OF_F
 from nav_pose_estimator.offline.logs.formats.log_tables import LogTables, whole_numbers
 
 _TEXTS = "nNZM"  # format letters of fields that hold text; a mode is one as text
-_LARGEST = 2.0**62  # of whole numbers
+_LARGEST = 2.0**62  # largest integer
 _SCALED = "cCeEL"  # to "f": the numbers are scaled already
 
 
@@ -55,7 +55,7 @@ def read_dataflash_text(path: Path) -> LogTables:
 
 
 def _split(rest: str, count: int) -> list[str] | None:
-    """The fields of a line; the last one may hold commas (the columns of FMT, the text of MSG)."""
+    """Fields of a line; the last one may contain commas (the columns of FMT, the text of MSG)."""
     values = [value.strip() for value in rest.split(",", max(count - 1, 0))]
     return values if len(values) == count else None
 

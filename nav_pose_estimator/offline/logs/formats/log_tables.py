@@ -1,7 +1,6 @@
 """A flight log as tables: one per kind of message and instance, one column per field.
 
-Both formats come to this form; what the fields mean in physical terms is the business of ``px4_fields`` and
-``ardupilot_fields``.
+This form is common to both log formats; ``px4_fields`` and ``ardupilot_fields`` interpret the fields.
 """
 
 import math
@@ -15,26 +14,26 @@ import numpy as np
 Array = np.ndarray
 
 
-_HALF_WINDOW = 5
-_SLACK_US, _INTERVALS = 500_000, 10  # a time may lie so far from the middle of its neighbours
-_LONGEST_US = 3_600_000_000
+_HALF_WINDOW = 5  # neighbours on each side of a time in the running median
+_SLACK_US, _INTERVALS = 500_000, 10  # largest deviation from that median: absolute, and in median intervals
+_LONGEST_US = 3_600_000_000  # largest step of a sequence that needs no test
 
 
 def finite(pairs: Iterable[tuple[str, object]]) -> dict[str, float]:
-    """Parameters by name, without those that damage has left no numbers."""
+    """Parameters by name, without values that are not finite numbers, as after damage."""
     return {key: float(value) for key, value in pairs if isinstance(value, (int, float)) and math.isfinite(value)}
 
 
 def whole_numbers(values: Array) -> Array:
-    """(N,) int64; 0 for what does not fit."""
+    """``values`` as (N,) int64; 0 for values out of range."""
     with np.errstate(invalid="ignore"):
         return np.where(np.abs(values) < 2.0**62, values, 0.0).astype(np.int64)
 
 
 def wild(time_us: Array) -> Array:
-    """(N,) bool: times [µs] that do not fit between their neighbours, as damage leaves them.
+    """Which times (N,) [µs] are outliers among their neighbours, as after damage.
 
-    Each is compared with the median of the eleven around it, which for rising times is the time itself.
+    Each is compared with the median of the eleven times around it, which for ascending times is the time itself.
     """
     steps = np.diff(time_us.astype(np.float64))
     if len(time_us) < 3 or ((steps >= 0.0).all() and steps.max() < _LONGEST_US):
@@ -46,7 +45,7 @@ def wild(time_us: Array) -> Array:
 
 
 def rising(time_us: Array) -> Array:
-    """(N,) bool: messages with a time that fits and is newer than those of all before them."""
+    """Which messages (N,) have a time that is not an outlier and newer than all previous ones."""
     fits = (time_us > 0) & ~wild(time_us)
     newest = np.maximum.accumulate(np.where(fits, time_us, 0)) if len(time_us) else time_us
     return fits & np.concatenate([[True], time_us[1:] > newest[:-1]])[: len(time_us)]
@@ -56,7 +55,7 @@ def rising(time_us: Array) -> Array:
 class Table:
     """Messages of one kind and instance in the order of the file.
 
-    ``time_us`` (N,) int64 on the clock of the log; ``columns`` (N,) by field name, ``units`` where the log tells them.
+    ``time_us`` (N,) int64 of the log's clock; ``columns`` (N,) and ``units``, if known, by field name.
     """
 
     name: str
@@ -69,11 +68,11 @@ class Table:
         return len(self.time_us)
 
     def has(self, *names: str) -> bool:
-        """True if every one of the fields is there."""
+        """Whether all of the fields exist."""
         return all(name in self.columns for name in names)
 
     def number(self, *names: str, default: float = np.nan) -> Array:
-        """The first of the fields that exists as (N,) float64, else ``default`` throughout."""
+        """The first existing one of the fields as (N,) float64; ``default`` if there is none."""
         for name in names:
             if name in self.columns:
                 with np.errstate(invalid="ignore"):  # damage may leave signalling NaNs
@@ -81,7 +80,7 @@ class Table:
         return np.full(len(self), default)
 
     def whole(self, *names: str, default: int = 0) -> Array:
-        """The same as (N,) int64; what is no whole number that int64 holds becomes 0."""
+        """The first existing one of the fields as (N,) int64; 0 for values that are not finite or out of range."""
         return whole_numbers(self.number(*names, default=default))
 
     def vector(self, *names: str) -> Array:
@@ -104,7 +103,7 @@ class Table:
 
 @dataclass
 class LogTables:
-    """All that was read of one log. ``names``: the kinds of messages found, for whoever misses one.
+    """Content of one log. ``names``: the kinds of messages in it, for error messages.
 
     ``notices``: what was damaged or assumed, one sentence each.
     """
@@ -123,7 +122,7 @@ class LogTables:
         return self.tables.get(name, [])
 
     def first(self, *names: str) -> Table | None:
-        """Lowest instance of the first kind that the log holds."""
+        """Lowest instance of the first existing kind."""
         for name in names:
             if self.instances(name):
                 return self.instances(name)[0]

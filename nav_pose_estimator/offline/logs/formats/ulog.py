@@ -1,4 +1,4 @@
-"""PX4 ULog (https://docs.px4.io/main/en/dev_log/ulog_file_format.html) by way of the package pyulog."""
+"""Reader of PX4 ULog (https://docs.px4.io/main/en/dev_log/ulog_file_format.html) with the package pyulog."""
 
 import io
 import struct
@@ -32,7 +32,7 @@ TOPICS = (
     "actuator_armed",
 )
 """The topics that are read; the others are skipped, which saves time and memory."""
-# What pyulog lets out when a file is damaged where it does not expect it.
+# exceptions of pyulog for damaged files
 _DAMAGE = (
     struct.error,
     KeyError,
@@ -90,7 +90,7 @@ def _parse(path: Path) -> tuple[Any, list[str]]:
 
 
 class _Watched(io.BufferedReader):
-    """A file that remembers whether it ended where something more was expected."""
+    """A file that records whether it ended in the middle of a message."""
 
     cut = False
 
@@ -101,8 +101,8 @@ class _Watched(io.BufferedReader):
         return data
 
 
-_LONGEST_NAME = 80
-_HEADER_BYTES = 3  # of a message; at the end of an undamaged file the next header is looked for, and nothing is there
+_LONGEST_NAME = 80  # characters of the firmware's name that are kept
+_HEADER_BYTES = 3  # size of a message header; an undamaged file ends where the next one would begin
 
 
 def _firmware(log: Any) -> str:
