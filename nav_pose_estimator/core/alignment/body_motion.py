@@ -1,10 +1,10 @@
-"""Does a velocity in body axes change as the IMU feels? And if not, which usual mistake would explain it?
+"""Consistency of a body velocity with the IMU, and the search for the integration mistake that explains a misfit.
 
-Over a second the velocity over ground changes by the impulse of the specific force and of gravity. Both are taken into
-the axes that the body had at the window's beginning, by the gyroscope alone: there gravity is constant, and so are a
-wrong tilt and an accelerometer's bias. So each loses its mean over the window, and what varies must be equal. Nothing
-is asked of a navigator, which a wrong velocity would have bent, nor of GNSS. Only a wrong size of all components alike
-needs it: in steady motion nothing varies, and the speed over ground tells.
+Over a second the velocity over ground changes by the integral of specific force and gravity. Both sides are rotated, by
+the gyroscope alone, into the axes that the body had at the beginning of the window: there gravity is constant, and so
+are tilt errors and accelerometer biases. After removal of the means over the window, both sides must be equal. The test
+uses neither the navigator, which a wrong velocity would have corrupted, nor GNSS. Only a scale error common to all
+components is tested against the speed over ground of GNSS, since it does not show in steady motion otherwise.
 """
 
 from __future__ import annotations
@@ -22,30 +22,30 @@ from nav_pose_estimator.core.alignment.motion_history import ANGLE, BINS
 from nav_pose_estimator.core.numerics.rotation import quat_from_rotvec, quat_multiply, quat_to_matrix
 
 Array = NDArray[np.float64]
-_PARTS = 5  # parts of a second, of each of which the rotation is taken for one
-_RECENT = 100  # velocities whose noise is looked at
-_BENDS = 1.18  # median of the squared bend, in parts of the summed variances: 1.5 times that of chi^2(3), 2.37, over 3
-_DIFFERENCES = 10.0  # squared differences of seconds less their mean: 2 x 6 x 5/6, of the sum of three variances
-_NEAR = 0.15  # s around a whole second of which the median velocity counts
-_ROTATIONS = 24  # by which the horizontal axes may be turned: every 15 deg
-_LATE = (0.4, 0.8, 1.2)  # s
+_PARTS = 5  # bins of a second that are joined to one rotation
+_RECENT = 100  # velocities from which the noise is estimated
+_BENDS = 1.18  # median squared second difference over the sum of variances: 1.5 times 2.37 (median of chi^2(3)), over 3
+_DIFFERENCES = 10.0  # expected squares of six differences about their mean, over the sum of variances: 2 x 6 x 5/6
+_NEAR = 0.15  # s: half the interval around a whole second whose median velocity is used
+_ROTATIONS = 24  # rotations about z that are tested: every 15 deg
+_LATE = (0.4, 0.8, 1.2)  # s: delays that are tested
 _UNITS = {"knots": 1.944, "ft/s": 3.281, "km/h": 3.6, "cm/s": 100.0, "mm/s": 1000.0}
-_MEMORY = 0.9  # of what has been seen, from one window to the next
-_VARIES = 0.8  # m/s, root of the sum of squares in a window that says anything
-_NOISE_SHARE = 0.3  # of that which the sensor's noise may be
-_UNLIKE = 0.2  # share of what varies that a sound velocity does not leave ...
-_ALIKE = 0.1  # ... and below which it is sound; in simulated flights it leaves 0.03, and 0.1 at most
+_MEMORY = 0.9  # forgetting factor of the evidence from one window to the next
+_VARIES = 0.8  # m/s: smallest variation (root of the sum of squares) of a window that is evaluated
+_NOISE_SHARE = 0.3  # largest fraction of its square that may be noise of the sensor
+_UNLIKE = 0.2  # unexplained fraction of the squared variation above which the velocity contradicts the IMU ...
+_ALIKE = 0.1  # ... and below which it agrees; a sound velocity leaves 0.03 in simulated flights, at most 0.1
 _BETTER, _FITS = 0.35, 0.15
-"""Of that, and of what varies, a mistake that is to be named leaves less."""
-_SUSPECT, _PROOF = 2, 3  # windows in a row
-_UNNAMED, _QUITE_UNLIKE = 6, 0.5  # ... for a mistake that has no name, and the share that is left then
-_MOVES = 1.0  # m/s of speed that tell a unit
-_SIZE, _SCATTER = 0.12, 0.1  # of a speed: wrong by more, and as steadily
-_ENOUGH = 12  # seconds of it
+"""A mistake must reduce the residual to less than these fractions: of the one as received, and of the variation."""
+_SUSPECT, _PROOF = 2, 3  # consecutive windows that make a velocity suspect, and that establish or clear a fault
+_UNNAMED, _QUITE_UNLIKE = 6, 0.5  # consecutive windows, and unexplained fraction, of a fault without a name
+_MOVES = 1.0  # m/s: smallest speed over ground at which speeds are compared
+_SIZE, _SCATTER = 0.12, 0.1  # smallest relative scale error of a fault, and largest relative scatter about that scale
+_ENOUGH = 12  # s: least number of seconds of such speeds
 
 
 class Mistake(NamedTuple):
-    """True from measured axes (3, 3), the age of what is measured [s], and words for a pilot."""
+    """Matrix (3, 3) from measured to true axes, delay of the measurement [s], and the clause for the user."""
 
     axes: Array
     late: float
@@ -53,7 +53,7 @@ class Mistake(NamedTuple):
 
 
 def _mistakes() -> list[Mistake]:
-    """None first. Of those that are alike for a level vehicle the simpler one comes first."""
+    """All mistakes, beginning with none. Of those that are equal for a level vehicle the simpler comes first."""
     found = [Mistake(np.eye(3), 0.0, "")]
     named = {
         (1.0, -1.0, -1.0): "its axes look like Forward-Right-Down",
@@ -79,16 +79,16 @@ def _mistakes() -> list[Mistake]:
 
 @dataclass(eq=False)
 class BodyMotion:
-    """Tell it every velocity, and every window of whole seconds of the IMU."""
+    """The test. It receives every velocity, and every window of whole seconds of the IMU."""
 
     suspect: bool = field(default=False, init=False)
-    """Whether the last window that says anything contradicts the velocity."""
+    """Whether the last informative windows contradict the velocity."""
     fault: str = field(default="", init=False)
-    """What is wrong beyond doubt, a clause; empty if nothing is known to be."""
+    """The established fault, one clause for the user; empty without one."""
     _mistakes: list[Mistake] = field(default_factory=_mistakes, init=False)
     _velocities: deque[tuple[float, Array]] = field(default_factory=lambda: deque(maxlen=1000), init=False)
     _left: Array = field(init=False)
-    _is_size: bool = field(default=False, init=False)  # whether the fault is one of size
+    _is_size: bool = field(default=False, init=False)  # whether the fault is one of scale
     _varied: float = field(default=0.0, init=False)
     _unlike: int = field(default=0, init=False)
     _strange: int = field(default=0, init=False)
@@ -100,20 +100,21 @@ class BodyMotion:
         self._left, self._wins = np.zeros(len(self._mistakes)), np.zeros(len(self._mistakes), int)
 
     def forget_time(self) -> None:
-        """The clock is another one: forget samples, keep what they have proved."""
+        """The clock changed: forget the samples, keep the established fault."""
         self._velocities.clear()
         self._sizes.clear()
 
     def velocity(self, t: float, velocity: Array) -> None:
-        """A velocity (3,) [m/s] in b valid at ``t`` [s]; one with an axis that is not measured says nothing here."""
+        """Add a velocity (3,) [m/s] in b valid at ``t`` [s]; it is ignored if an axis is not measured."""
         if np.isfinite(velocity).all() and (not self._velocities or t > self._velocities[-1][0]):
             self._velocities.append((t, velocity))
 
     def compare(self, begin: float, seconds: Array, gyro_bias: Array, felt: Array, over_ground: Array) -> None:
         """Compare a window: ``seconds`` (S, 2, BINS, 3) of the IMU from ``begin`` [s] on (``motion_history``).
 
-        ``gyro_bias`` (3,) [rad/s] is in their rates; ``felt`` (S, 3) [m/s] are their impulses without it.
-        ``over_ground`` (N, 4): times [s] and velocities ENU [m/s] of GNSS.
+        ``gyro_bias`` (3,) [rad/s]: included in their rates. ``felt`` (S, 3) [m/s]: their integrals of specific force
+        without that bias, in the axes of b at ``begin``. ``over_ground`` (N, 4): times [s] and velocities ENU [m/s] of
+        GNSS.
         """
         if not self._velocities or self._velocities[-1][0] < begin:
             return
@@ -139,7 +140,7 @@ class BodyMotion:
         self._weigh(left, varied)
 
     def _weigh(self, left: Array, varied: float) -> None:
-        """A window that says something: squares (H,) that each mistake leaves of those that have ``varied``."""
+        """Add the evidence of a window: squared residual (H,) of each mistake, and squared variation ``varied``."""
         self._left = _MEMORY * self._left + np.minimum(left, 4.0 * varied)
         self._varied = _MEMORY * self._varied + varied
         wins = (left < _BETTER * left[0]) & (left[0] > _ALIKE * varied)
@@ -157,10 +158,12 @@ class BodyMotion:
         if fits and self._wins[best] >= _PROOF:
             self.fault = self._mistakes[best].words
         elif self._strange >= _UNNAMED:
-            self.fault = "it does not change as the IMU feels: another frame (East-North-Up?), another vehicle's"
+            self.fault = (
+                "its changes contradict the IMU: is it in another frame (East-North-Up), or another vehicle's?"
+            )
 
     def _noise(self) -> float:
-        """What the sensor's noise adds to the squares of a window [m^2/s^2], by how its values bend."""
+        """Expected squares of a window due to noise of the sensor [m^2/s^2], from second differences of its values."""
         velocities = np.array([one[1] for one in self._velocities])[-_RECENT:]
         if len(velocities) < 3:
             return 0.0
@@ -171,7 +174,7 @@ class BodyMotion:
         return _DIFFERENCES * variance / in_a_median
 
     def _compare_sizes(self, times: Array, velocities: Array, over_ground: Array) -> None:
-        """Speeds by the sensor and over ground, which have to be equal whatever the axes."""
+        """Compare the speeds of sensor and GNSS, which must be equal whatever the axes are."""
         if len(over_ground) < 2 or over_ground[0, 0] > times[0] or over_ground[-1, 0] < times[-1]:
             return
         new = len(times) // 2  # the first half was in the window before
@@ -189,7 +192,7 @@ class BodyMotion:
         self.fault = words if self._is_size and not self.fault else self.fault if self._is_size else ""
 
     def _at(self, times: Array) -> Array | None:
-        """(K, 3) m/s: medians around ``times``, for single values may be wild; None where there is none."""
+        """Medians (K, 3) [m/s] around ``times`` (K,) [s], robust against outliers; None where one has no velocity."""
         t = np.array([one[0] for one in self._velocities])
         velocities = np.array([one[1] for one in self._velocities])
         found = []
@@ -202,7 +205,7 @@ class BodyMotion:
 
 
 def _attitudes(angles: Array) -> Array:
-    """(S + 1, 3, 3): body axes at the beginning of each second, and at the end, in those of the first one.
+    """Body axes (S + 1, 3, 3) at the beginning of each second and at the end, in the axes at the beginning.
 
     ``angles`` (S, BINS, 3) [rad]: integrals of the rate.
     """

@@ -1,4 +1,4 @@
-"""The last velocities of a receiver, and the specific force that they tell from second to second."""
+"""History of GNSS velocities, and the specific force that they imply from second to second."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,8 +8,8 @@ from nav_pose_estimator.core.numerics.jit import kernel
 Array = NDArray[np.float64]
 
 GAP = 1.2
-"""s: between velocities further apart the change is not known."""
-_MOST = 400  # velocities that are remembered
+"""Longest time between velocities [s] over which they are interpolated."""
+_MOST = 400  # velocities that are stored
 
 
 class VelocityHistory:
@@ -20,7 +20,7 @@ class VelocityHistory:
         self._count = 0
 
     def add(self, t: float, east: float, north: float, up: float) -> None:
-        """A velocity [m/s] valid at ``t`` [s]; one that is not later than the last one is none."""
+        """Add a velocity [m/s] valid at ``t`` [s]; it is ignored unless it is later than the last one."""
         count = self._count
         if count and not t > self._rows[count - 1, 0]:
             return
@@ -30,11 +30,11 @@ class VelocityHistory:
         self._count += 1
 
     def forget_before(self, t: float) -> None:
-        """Drop what is not later than ``t`` [s]."""
+        """Drop velocities up to ``t`` [s]."""
         self._drop(int(self._rows[: self._count, 0].searchsorted(t, side="right")))
 
     def _drop(self, first: int) -> None:
-        """The ``first`` ones."""
+        """Drop the ``first`` velocities (a number)."""
         if first:
             left = self._rows[first : self._count].copy()
             self._rows[: len(left)], self._count = left, len(left)
@@ -44,9 +44,9 @@ class VelocityHistory:
         return self._rows[: self._count]
 
     def forces(self, ends: np.ndarray, seconds: int, gravity: float) -> Array | None:
-        """(L, S, 3) [m/s]: what they tell of the specific force in each of the S ``seconds`` up to each of ``ends``.
+        """Specific force, integrated over each of the S ``seconds`` up to each of ``ends``, (L, S, 3) [m/s], ENU.
 
-        ``ends`` (L,) [s], in order. None where they do not tell the change, or leave a ``GAP``.
+        ``ends`` (L,) [s], in order. None where the velocities do not cover that time or have a ``GAP``.
         """
         out = np.empty((len(ends), seconds, 3))
         return out if _changes(self._rows, self._count, ends, gravity, out) else None
@@ -54,7 +54,7 @@ class VelocityHistory:
 
 @kernel
 def _changes(rows, count, ends, gravity, out):
-    """Changes from second to second into ``out`` (L, S, 3), with those that gravity would make; False across a gap."""
+    """Write the changes from second to second, plus those by gravity, to ``out`` (L, S, 3); False across a gap."""
     seconds, begin, end = out.shape[1], ends[0] - out.shape[1], ends[-1]
     first = last = 0
     while first < count and rows[first, 0] <= begin - GAP:

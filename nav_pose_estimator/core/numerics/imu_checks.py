@@ -2,7 +2,9 @@
 
 import math
 
-from nav_pose_estimator.core.numerics.jit import kernel
+import numpy as np
+
+from nav_pose_estimator.core.numerics.jit import COMPILED, kernel
 
 
 @kernel
@@ -83,17 +85,25 @@ def is_calm(rows, usual, bounds, dead):
     return True
 
 
-@kernel
-def finest_and_largest(rows, first):
-    """Smallest nonzero step between consecutive ``rows`` (N, 7), and largest absolute value.
+def finest_and_largest(columns: np.ndarray) -> tuple[float, float]:
+    """Smallest nonzero step between consecutive samples of ``columns`` (N, 3), and largest absolute value.
 
-    Both over three columns from ``first`` on; the step is infinite where no value changes.
+    The step is infinite where no value changes.
     """
+    if COMPILED:
+        finest, largest = _finest_and_largest(columns)
+        return finest, largest
+    steps = np.abs(np.diff(columns, axis=0))
+    return float(steps[steps > 0.0].min(initial=math.inf)), float(np.abs(columns).max())
+
+
+@kernel
+def _finest_and_largest(columns):
     finest, largest = math.inf, 0.0
-    for i in range(len(rows)):
-        for column in range(first, first + 3):
-            largest = max(largest, abs(rows[i, column]))
-            step = abs(rows[i, column] - rows[i - 1, column]) if i > 0 else 0.0
+    for i in range(len(columns)):
+        for axis in range(3):
+            largest = max(largest, abs(columns[i, axis]))
+            step = abs(columns[i, axis] - columns[i - 1, axis]) if i > 0 else 0.0
             if 0.0 < step < finest:
                 finest = step
     return finest, largest

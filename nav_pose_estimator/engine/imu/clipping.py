@@ -68,13 +68,14 @@ class _Range:
 
     def second(self, rows: np.ndarray) -> float:
         """Integral [unit s] of the signal beyond the range; 0 while saturation is not established."""
-        finest, largest = finest_and_largest(rows, at.IMU_GYRO + self.first)
+        columns = rows[:, at.IMU_GYRO + self.first : at.IMU_GYRO + self.first + 3]
+        finest, largest = finest_and_largest(columns)
         self._finest = min(self._finest, finest)
         if largest < max(_LEAST[self.first // 3], self.bound * (1.0 - _SAME)):
             return 0.0
         if largest > self.bound * (1.0 + _SAME):
             self.bound, self._evidence, self._waiting = largest, 0.0, 0.0
-        t, columns = rows[:, at.IMU_T], rows[:, at.IMU_GYRO + self.first : at.IMU_GYRO + self.first + 3]
+        t = rows[:, at.IMU_T]
         for sign in (1.0, -1.0):
             for axis in np.flatnonzero((sign * columns).max(axis=0) >= self.bound * (1.0 - _SAME)).tolist():
                 self._look_at(t, sign * columns[:, axis])

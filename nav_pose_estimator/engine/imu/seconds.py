@@ -45,17 +45,19 @@ def second_of(rows: np.ndarray, end: float) -> ImuSecond | None:
     """Statistics of the IMU rows (N, 7) of the second up to ``end`` [s]; None where too many rows are missing."""
     if len(rows) < 5 or rows[-1, at.IMU_T] - rows[0, at.IMU_T] < _COMPLETE:
         return None
-    numbers = np.empty(15)
+    steps = rows[1:, at.IMU_GYRO :] - rows[:-1, at.IMU_GYRO :]
+    turns, pushes = steps[:, :3], steps[:, 3:]
+    numbers = np.empty(13)
     interleaved = _summary(rows, numbers)
-    rate_x, rate_y, rate_z, force_x, force_y, force_z, *spread, norm, shaking, vibration = numbers.tolist()
+    rate_x, rate_y, rate_z, force_x, force_y, force_z, *spread, norm = numbers.tolist()
     return ImuSecond(
         end=end,
         samples=len(rows),
         rate=(rate_x, rate_y, rate_z),
         force=(force_x, force_y, force_z),
         norm=norm,
-        vibration=vibration,
-        shaking=shaking,
+        vibration=math.sqrt(0.5 * float((pushes * pushes).sum()) / len(pushes)),
+        shaking=math.sqrt(0.5 * float((turns * turns).sum()) / len(turns)),
         spread=tuple(spread),
         interleaved=interleaved,
         gravity=math.hypot(force_x, force_y, force_z),
@@ -65,17 +67,13 @@ def second_of(rows: np.ndarray, end: float) -> ImuSecond | None:
 
 @kernel
 def _summary(rows, out):
-    """Write means (6), ranges (6), mean norm of the force and the two sample-to-sample deviations to ``out`` (15,).
-
-    True where two IMUs alternate.
-    """
+    """Write means (6), ranges (6) and mean norm of the force to ``out`` (13,); True where two IMUs alternate."""
     count = len(rows)
     norm = 0.0
     for i in range(count):
         x, y, z = rows[i, at.IMU_ACCEL], rows[i, at.IMU_ACCEL + 1], rows[i, at.IMU_ACCEL + 2]
         norm += math.sqrt(x * x + y * y + z * z)
     out[12] = norm / count
-    out[13], out[14] = _scatter(rows, at.IMU_GYRO), _scatter(rows, at.IMU_ACCEL)
     interleaved = False
     for axis in range(6):
         total, least, most = 0.0, math.inf, -math.inf
@@ -88,16 +86,6 @@ def _summary(rows, out):
             rows, at.IMU_GYRO + axis, _APART_RATE if axis < 3 else _APART_FORCE
         )
     return interleaved
-
-
-@kernel
-def _scatter(rows, first):
-    """Deviation of three columns, from ``first`` on, from sample to sample."""
-    square, count = 0.0, len(rows) - 1
-    for i in range(count):
-        for column in range(first, first + 3):
-            square += (rows[i + 1, column] - rows[i, column]) ** 2
-    return math.sqrt(0.5 * square / count)
 
 
 @kernel
