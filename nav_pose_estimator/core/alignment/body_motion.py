@@ -158,9 +158,7 @@ class BodyMotion:
         if fits and self._wins[best] >= _PROOF:
             self.fault = self._mistakes[best].words
         elif self._strange >= _UNNAMED:
-            self.fault = (
-                "its changes contradict the IMU: is it in another frame (East-North-Up), or another vehicle's?"
-            )
+            self.fault = "its changes contradict the IMU: is it in another frame (East-North-Up), or another vehicle's?"
 
     def _noise(self) -> float:
         """Expected squares of a window due to noise of the sensor [m^2/s^2], from second differences of its values."""
