@@ -10,9 +10,9 @@ import numpy as np
 
 _RECENT = 300  # innovations that the 99th percentile and the autocorrelation are taken from
 _AVERAGED = 10.0  # s over which the mean slides
-_LEAST = 8  # innovations that have a middle
-_SURE = 3.0  # deviations, about, of a middle
-_LARGEST = 100.0  # a blunder is no measure of the filter
+_LEAST = 8  # smallest number of innovations from which a median is taken
+_SURE = 3.0  # approximate standard deviations of a median that may be chance
+_LARGEST = 100.0  # limit of the NIS in the mean, so that an outlier does not dominate it
 
 
 class InnovationRecord:
@@ -58,14 +58,14 @@ class InnovationRecord:
         return _pairs(list(self._believed)[-count:]).mean(axis=0) if self._believed else np.zeros(2)
 
     def lasting(self, seconds: float) -> float:
-        """Size of the middle of all horizontal innovations of the last ``seconds`` [m], less what may be chance.
+        """Size of the median horizontal innovation of the last ``seconds``, minus what may be chance; in the unit of z.
 
-        0.0 of fewer than eight.
+        0.0 for fewer than eight innovations.
         """
         count = round(seconds / self._period)
         if not _LEAST <= count <= len(self._horizontal):
             return 0.0
-        z = np.array(list(self._horizontal)[-count:])
+        z = _pairs(list(self._horizontal)[-count:])
         middle = np.median(z, axis=0)
         chance = _SURE * float(np.median(np.hypot(*(z - middle).T))) / math.sqrt(count)
         return max(float(np.hypot(*middle)) - chance, 0.0)
