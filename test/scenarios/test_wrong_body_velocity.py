@@ -65,3 +65,20 @@ def test_a_sound_one_is_believed_however_noisy_it_is(name: str, sd: float) -> No
     assert told.count("body_velocity.rejected.axes") == 0
     inside = told.between(LOST, LOST + LENGTH)
     assert told.off[inside].max() < 5.0
+
+
+def test_an_axis_that_is_not_measured_leaves_the_others() -> None:
+    """GIVEN a sensor of the forward speed alone, NaN otherwise THEN it holds the outage better than no sensor."""
+    forward, nothing = np.array([0.0, np.nan, np.nan]), np.full(3, np.nan)
+    one, none = (
+        tell(
+            flight("stop_and_go", END),
+            samples=with_body_velocity(lambda v, unknown=unknown: v + unknown, "stop_and_go"),
+            learner__enabled=False,
+        )
+        for unknown in (forward, nothing)
+    )
+    assert one.when(EVENT) == []
+    inside = one.between(LOST, LOST + LENGTH)
+    assert (one.off[inside] < 3.0 * one.sigma[inside]).all()
+    assert one.sigma[inside].max() < 0.7 * none.sigma[inside].max()

@@ -105,8 +105,8 @@ class BodyMotion:
         self._sizes.clear()
 
     def velocity(self, t: float, velocity: Array) -> None:
-        """Add a velocity (3,) [m/s] in b valid at ``t`` [s]; it is ignored if an axis is not measured."""
-        if np.isfinite(velocity).all() and (not self._velocities or t > self._velocities[-1][0]):
+        """Add a velocity (3,) [m/s] in b valid at ``t`` [s]; it is ignored unless it is later than the last one."""
+        if not self._velocities or t > self._velocities[-1][0]:
             self._velocities.append((t, velocity))
 
     def compare(self, begin: float, seconds: Array, gyro_bias: Array, felt: Array, over_ground: Array) -> None:

@@ -138,7 +138,9 @@ def _body_velocity(run: FilterRun, sample: BodyVelocity) -> None:
     sensor, body = run.aids[BodyVelocity], run.imu_physics.motion.body
     assert isinstance(sensor, BodyVelocitySensor)
     if run.timeline.running and run.parameters.aids.body_velocity:
-        body.velocity(sensor.time_of(run.clock.seconds(sample.stamp_ns)), sensor.in_body(sample))
+        measured = sensor.in_body(sample)
+        if measured is not None:
+            body.velocity(sensor.time_of(run.clock.seconds(sample.stamp_ns)), measured)
         if body.fault or body.suspect:
             if sensor.refuse_axes(body.fault, sample.stamp_ns):
                 run.gnss.reception.velocities.misled = True

@@ -16,7 +16,9 @@ from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
 
 _GROUNDED = 1.0  # m/s
-_DRAGGED, _DRAGGED_FOR = 2.4, 4.0  # deviations of a fix, s; on thirteen recorded flights 2.1, and 3 in loops
+_OFF_FOR = 4.0  # s over which the median innovation of positions is taken
+_OFF_SDS, _OFF = 2.4, 3.6
+"""Deviations of a fix, and metres, by which that median must exceed chance; recorded flights: 3.1 m, 4.5 m in loops."""
 _ROWS = 1.5 * noise_identification.PERIOD  # s: the last second began with the row before it
 
 
@@ -57,10 +59,10 @@ def _watch_for_a_pull(run: FilterRun) -> None:
 
 
 def _doubt_the_position(run: FilterRun) -> None:
-    """Fixes that lie off the same way for seconds: velocities drag the filter, or the fixes are dragged."""
+    """Widen the position by a lasting offset of the fixes: velocities drag the filter, or the fixes are dragged."""
     whole = run.timeline.filter
-    off = run.gnss.position.record.lasting(_DRAGGED_FOR)
-    if off > _DRAGGED * run.parameters.gnss.position_sd and run.aiding.gnss_is_good(whole.time):
+    off = run.gnss.position.record.lasting(_OFF_FOR)
+    if off > max(_OFF_SDS * run.parameters.gnss.position_sd, _OFF) and run.aiding.gnss_is_good(whole.time):
         run.observe(run.imu_doubt.observe(Doubt(0.0, 0.0, way=off), whole.time, run.clock.stamp(whole.time)))
 
 

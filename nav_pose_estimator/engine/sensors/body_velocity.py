@@ -60,12 +60,14 @@ class BodyVelocitySensor(Aid):
         for axis in range(3):
             if not math.isfinite(sample.velocity[axis]):
                 R[axis, axis] = _UNMEASURED
-        velocity = np.nan_to_num(self.in_body(sample))
+        velocity = self._axes @ np.nan_to_num(np.array(sample.velocity, float))
         R = self._axes @ R @ self._axes.T
         return Observation(self.time_of(t), sample.stamp_ns, self.kind, _Measured(velocity, self._lever), R)
 
-    def in_body(self, sample: BodyVelocity) -> np.ndarray:
-        """The velocity (3,) of a sample in b; NaN where an axis is not measured."""
+    def in_body(self, sample: BodyVelocity) -> np.ndarray | None:
+        """The velocity (3,) [m/s] of a sample in b; None where an axis is not measured or out of range."""
+        if not is_within(sample.velocity, _LARGEST_SPEED):
+            return None
         return self._axes @ np.array(sample.velocity, float)
 
     def time_of(self, t: float) -> float:
