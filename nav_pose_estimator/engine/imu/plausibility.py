@@ -129,12 +129,12 @@ def exchanged(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
 
 
 def degrees(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
-    """The rates would turn gravity through the body within a second, and it stays where it is."""
-    told = [s for s in seconds if s.gravity > _STAYS * s.norm and _across(s) > _WHIRLS]
-    if len(told) < _WHIRLING:
+    """Rates that would rotate gravity in the body within a second, while its direction stays: a gyroscope in deg/s."""
+    whirling = [s for s in seconds if s.gravity > _STAYS * s.norm and _across(s) > _WHIRLS]
+    if len(whirling) < _WHIRLING:
         return None
     text = (
-        f"the gyroscope reads {told[-1].turn:.1f} rad/s while gravity stays where it is in the body: the gyroscope is "
+        f"the gyroscope reads {whirling[-1].turn:.1f} rad/s while gravity stays where it is in the body: the gyroscope is "
         "probably in deg/s instead of rad/s"
     )
     return Finding("imu.implausible.degrees", text)

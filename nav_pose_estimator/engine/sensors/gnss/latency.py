@@ -42,10 +42,10 @@ class Latency:
         size, total = abs(self._delay), self._set + self._delay
         if self._delay > 0.0:
             return (
-                f"GNSS follows the motion that the IMU feels {size:.1f} s late: set gnss.delay to {total:.1f} "
+                f"GNSS lags the motion measured by the IMU by {size:.1f} s: set gnss.delay to {total:.1f} "
                 "(replay: --gnss-delay auto)"
             )
-        ahead = f"GNSS is ahead of the motion that the IMU feels by {size:.1f} s"
+        ahead = f"GNSS leads the motion measured by the IMU by {size:.1f} s"
         if total > -0.05:
             return f"{ahead}: set gnss.delay to {max(total, 0.0):.1f}"
         return f"{ahead}: the IMU's stamps are late, probably those of arrival"

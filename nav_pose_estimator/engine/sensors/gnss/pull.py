@@ -112,7 +112,11 @@ class Pull:
         if returned or t > self._until:
             self.dismiss()
             self.interrupt()
-            text = "GNSS is back where the IMU was" if returned else "GNSS has moved as the IMU feels for long enough"
+            text = (
+                "GNSS is back at the position by the IMU"
+                if returned
+                else "GNSS has agreed with the IMU for long enough"
+            )
             self._journal.say(stamp_ns, "gnss.pulled.ended", Level.INFO, text)
 
     def dismiss(self) -> bool:

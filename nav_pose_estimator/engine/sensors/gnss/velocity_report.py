@@ -127,7 +127,7 @@ class VelocityReport:
         if check.stands_still:
             fault = _RADIANS if abs(place[0]) <= _QUARTER and abs(place[1]) <= _HALF else _FROZEN
         if fault:
-            text = f"GNSS positions not used: the IMU feels the velocity as it is received: {fault}"
+            text = f"GNSS positions not used: the IMU confirms the velocity as it is received: {fault}"
             self._journal.say(stamp_ns, "gnss.position.axes", Level.ERROR, text)
         return fault
 
