@@ -134,8 +134,8 @@ def degrees(seconds: Sequence[ImuSecond], agreed: int) -> Finding | None:
     if len(whirling) < _WHIRLING:
         return None
     text = (
-        f"the gyroscope reads {whirling[-1].turn:.1f} rad/s while gravity stays where it is in the body: the gyroscope is "
-        "probably in deg/s instead of rad/s"
+        f"the gyroscope reads {whirling[-1].turn:.1f} rad/s while gravity stays where it is in the body: the "
+        "gyroscope is probably in deg/s instead of rad/s"
     )
     return Finding("imu.implausible.degrees", text)
 
