@@ -111,7 +111,7 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "alignment.hypotheses": 24,
         "alignment.heading_sd": 0.34,
         "alignment.mag_heading_sd": 0.7,
-        "alignment.mag_trust": 0.999,
+        "alignment.mag_trust": 0.0,
         "navigator.covariance_period": 0.08,
         "navigator.memory": 0.15,
         "navigator.gyro_matrix_states": False,

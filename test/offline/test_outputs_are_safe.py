@@ -193,7 +193,7 @@ def fails_after(function: Callable, error: OSError) -> Callable:
     return failing
 
 
-STEPS = [(command, "_tell")] + [(files, name) for name in ("write_summary", "write_tum", "write_csv")]
+STEPS = [(command, "_print_summary")] + [(files, name) for name in ("write_summary", "write_tum", "write_csv")]
 STEPS += [(solution_bag, "write_solution"), (output_folder, "_write_mark")]
 
 
