@@ -33,7 +33,7 @@ def test_stamps_that_are_late_are_told_with_the_amount_and_covered(late: float) 
     told = fly(late)
     event = told.event("gnss.delayed")
     assert event.data["delay"] == pytest.approx(late, abs=0.1)
-    assert ("late" if late > 0.0 else "ahead") in told.estimator.status().doubt
+    assert ("lags" if late > 0.0 else "leads") in told.estimator.status().doubt
     after = told.t > told.when("gnss.delayed")[0] + 1.0
     assert np.mean(told.off[after] < 3.0 * told.sigma[after]) > 0.99
     assert told.off[after].max() > 2.0
