@@ -18,11 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nav_pose_estimator.core.alignment.motion_history import ANGLE, BINS
-from nav_pose_estimator.core.numerics.rotation import quat_from_rotvec, quat_multiply, quat_to_matrix
+from nav_pose_estimator.core.alignment.motion_history import ANGLE, rotation_of
+from nav_pose_estimator.core.alignment.velocity_history import VelocityHistory
+from nav_pose_estimator.core.numerics.rotation import quat_multiply, quat_to_matrix
 
 Array = NDArray[np.float64]
-_PARTS = 5  # bins of a second that are joined to one rotation
+_STORED = 1000  # velocities
 _RECENT = 100  # velocities from which the noise is estimated
 _BENDS = 1.18  # median squared second difference over the sum of variances: 1.5 times 2.37 (median of chi^2(3)), over 3
 _DIFFERENCES = 10.0  # expected squares of six differences about their mean, over the sum of variances: 2 x 6 x 5/6
@@ -86,7 +87,7 @@ class BodyMotion:
     fault: str = field(default="", init=False)
     """The established fault, one clause for the user; empty without one."""
     _mistakes: list[Mistake] = field(default_factory=_mistakes, init=False)
-    _velocities: deque[tuple[float, Array]] = field(default_factory=lambda: deque(maxlen=1000), init=False)
+    _velocities: VelocityHistory = field(init=False)  # in b
     _left: Array = field(init=False)
     _is_size: bool = field(default=False, init=False)  # whether the fault is one of scale
     _varied: float = field(default=0.0, init=False)
@@ -98,16 +99,16 @@ class BodyMotion:
 
     def __post_init__(self) -> None:
         self._left, self._wins = np.zeros(len(self._mistakes)), np.zeros(len(self._mistakes), int)
+        self._velocities = VelocityHistory(_STORED)
 
     def forget_time(self) -> None:
         """The clock changed: forget the samples, keep the established fault."""
-        self._velocities.clear()
+        self._velocities = VelocityHistory(_STORED)
         self._sizes.clear()
 
     def velocity(self, t: float, velocity: Array) -> None:
         """Add a velocity (3,) [m/s] in b valid at ``t`` [s]; it is ignored unless it is later than the last one."""
-        if not self._velocities or t > self._velocities[-1][0]:
-            self._velocities.append((t, velocity))
+        self._velocities.add(t, *velocity.tolist())
 
     def compare(self, begin: float, seconds: Array, gyro_bias: Array, felt: Array, over_ground: Array) -> None:
         """Compare a window: ``seconds`` (S, 2, BINS, 3) of the IMU from ``begin`` [s] on (``motion_history``).
@@ -116,19 +117,20 @@ class BodyMotion:
         without that bias, in the axes of b at ``begin``. ``over_ground`` (N, 4): times [s] and velocities ENU [m/s] of
         GNSS.
         """
-        if not self._velocities or self._velocities[-1][0] < begin:
+        known = self._velocities.rows()
+        if not len(known) or known[-1, 0] < begin:
             return
         times = begin + np.arange(len(seconds) + 1.0)
-        measured = {late: self._at(times + late) for late in (0.0, *_LATE)}
+        measured = {late: _medians(known, times + late) for late in (0.0, *_LATE)}
         if measured[0.0] is None:
             return
         self._compare_sizes(times, measured[0.0], over_ground)
         felt = felt - felt.mean(axis=0)
         varied = float(np.vdot(felt, felt))
-        noise = self._noise()
+        noise = _noise(known[-_RECENT:])
         if not varied > max(_VARIES**2, noise / _NOISE_SHARE):
             return
-        rotations = _attitudes(seconds[:, ANGLE] - gyro_bias / BINS)
+        rotations = _attitudes(seconds[:, ANGLE], gyro_bias)
         left = np.full(len(self._mistakes), math.inf)
         for i, mistake in enumerate(self._mistakes):
             velocities = measured[mistake.late]
@@ -160,17 +162,6 @@ class BodyMotion:
         elif self._strange >= _UNNAMED:
             self.fault = "its changes contradict the IMU: is it in another frame (East-North-Up), or another vehicle's?"
 
-    def _noise(self) -> float:
-        """Expected squares of a window due to noise of the sensor [m^2/s^2], from second differences of its values."""
-        velocities = np.array([one[1] for one in self._velocities])[-_RECENT:]
-        if len(velocities) < 3:
-            return 0.0
-        bends = velocities[1:-1] - 0.5 * (velocities[2:] + velocities[:-2])
-        variance = float(np.median(np.square(bends).sum(axis=1))) / _BENDS
-        t = self._velocities[-1][0] - self._velocities[max(-_RECENT, -len(self._velocities))][0]
-        in_a_median = max(2.0 * _NEAR * (len(velocities) - 1) / max(t, 1e-3), 1.0)
-        return _DIFFERENCES * variance / in_a_median
-
     def _compare_sizes(self, times: Array, velocities: Array, over_ground: Array) -> None:
         """Compare the speeds of sensor and GNSS, which must be equal whatever the axes are."""
         if len(over_ground) < 2 or over_ground[0, 0] > times[0] or over_ground[-1, 0] < times[-1]:
@@ -187,29 +178,35 @@ class BodyMotion:
         self._is_size = abs(scale - 1.0) > _SIZE and scatter < _SCATTER**2
         unit = next((name for name, size in _UNITS.items() if abs(scale / size - 1.0) < 0.5 * _SIZE), "")
         words = f"it looks like {unit} instead of m/s" if unit else f"its size is {scale:.2g} times the speed"
-        self.fault = words if self._is_size and not self.fault else self.fault if self._is_size else ""
-
-    def _at(self, times: Array) -> Array | None:
-        """Medians (K, 3) [m/s] around ``times`` (K,) [s], robust against outliers; None where one has no velocity."""
-        t = np.array([one[0] for one in self._velocities])
-        velocities = np.array([one[1] for one in self._velocities])
-        found = []
-        for time in times.tolist():
-            begin, end = np.searchsorted(t, (time - _NEAR, time + _NEAR))
-            if begin == end:
-                return None
-            found.append(np.median(velocities[begin:end], axis=0))
-        return np.array(found)
+        self.fault = (self.fault or words) if self._is_size else ""
 
 
-def _attitudes(angles: Array) -> Array:
+def _noise(known: Array) -> float:
+    """Expected squares of a window due to noise of the sensor [m^2/s^2], from second differences of its values."""
+    t, velocities = known[:, 0], known[:, 1:]
+    if len(t) < 3:
+        return 0.0
+    bends = velocities[1:-1] - 0.5 * (velocities[2:] + velocities[:-2])
+    variance = float(np.median(np.square(bends).sum(axis=1))) / _BENDS
+    in_a_median = max(2.0 * _NEAR * (len(t) - 1) / max(float(t[-1] - t[0]), 1e-3), 1.0)
+    return _DIFFERENCES * variance / in_a_median
+
+
+def _medians(known: Array, times: Array) -> Array | None:
+    """Medians (K, 3) [m/s] around ``times`` (K,) [s], robust against outliers; None where one has no velocity."""
+    begins, ends = (known[:, 0].searchsorted(times + side * _NEAR) for side in (-1.0, 1.0))
+    if (begins == ends).any():
+        return None
+    return np.array([np.median(known[begin:end, 1:], axis=0) for begin, end in zip(begins, ends, strict=True)])
+
+
+def _attitudes(angles: Array, bias: Array) -> Array:
     """Body axes (S + 1, 3, 3) at the beginning of each second and at the end, in the axes at the beginning.
 
-    ``angles`` (S, BINS, 3) [rad]: integrals of the rate.
+    ``angles`` (S, BINS, 3) [rad]: integrals of the rate, with the ``bias`` (3,) [rad/s].
     """
     q, found = np.array([1.0, 0.0, 0.0, 0.0]), [np.eye(3)]
     for second in angles:
-        for part in second.reshape(BINS // _PARTS, _PARTS, 3).sum(axis=1):
-            q = quat_multiply(q, quat_from_rotvec(part))
+        q = quat_multiply(q, rotation_of(second, bias))
         found.append(quat_to_matrix(q))
     return np.array(found)

@@ -41,6 +41,7 @@ ANGLE, IMPULSE = 0, 1
 """A second of IMU data is an array (2, BINS, 3): integrals of rate [rad] and of specific force [m/s] over its bins."""
 _LONGEST_STEP = 0.25  # s: longest interval that one IMU sample may stand for
 DEGREE = math.pi / 180.0
+_PARTS = 5  # consecutive bins whose rotation angles are summed to one rotation vector in ``rotation_of``
 
 
 def axis_rotations() -> Array:
@@ -140,6 +141,18 @@ def impulses(seconds, bias, gyro):
             attitude = q_multiply(attitude, q_exp(turn))
         store3(out[s], 0, total)
     return out
+
+
+@kernel
+def rotation_of(angles, bias):
+    """Quaternion (4,) of a second's rotation from its parts ``angles`` (N, 3) [rad], without ``bias`` (3,) [rad/s]."""
+    rotation, count = (1.0, 0.0, 0.0, 0.0), len(angles)
+    for first in range(0, count, _PARTS):
+        part = (0.0, 0.0, 0.0)
+        for i in range(first, min(first + _PARTS, count)):
+            part = add_scaled(add_scaled(part, 1.0, load3(angles[i], 0)), -1.0 / count, load3(bias, 0))
+        rotation = q_multiply(rotation, q_exp(part))
+    return np.array(rotation)
 
 
 @inlined

@@ -15,8 +15,8 @@ _MOST = 400  # velocities that are stored
 class VelocityHistory:
     """Velocities in order of time."""
 
-    def __init__(self) -> None:
-        self._rows = np.empty((_MOST, 4))  # time [s] and velocity ENU [m/s]
+    def __init__(self, capacity: int = _MOST) -> None:
+        self._rows = np.empty((capacity, 4))  # time [s] and velocity ENU [m/s]
         self._count = 0
 
     def add(self, t: float, east: float, north: float, up: float) -> None:
@@ -24,7 +24,7 @@ class VelocityHistory:
         count = self._count
         if count and not t > self._rows[count - 1, 0]:
             return
-        if count == _MOST:
+        if count == len(self._rows):
             self._drop(1)
         self._rows[self._count] = t, east, north, up
         self._count += 1

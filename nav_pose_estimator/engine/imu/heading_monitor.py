@@ -19,10 +19,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nav_pose_estimator.core.alignment.motion_history import correlation
+from nav_pose_estimator.core.alignment.motion_history import correlation, rotation_of
 from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.core.numerics.rotation import quat_multiply, yaw_of
-from nav_pose_estimator.core.numerics.vectors import add_scaled, load3, q_exp, q_multiply, q_rotate
+from nav_pose_estimator.core.numerics.vectors import load3, q_rotate
 from nav_pose_estimator.core.numerics.wahba import best_rotation
 
 _MEMORY = 0.7  # forgetting factor of the sums from one window to the next
@@ -30,7 +30,6 @@ _EXCITED = 0.6  # m/s: smallest root of the sum of squared changes that counts; 
 _COHERENT = 0.7  # smallest correlation coefficient that counts
 _WRONG = math.radians(40.0)  # heading error that counts as wrong
 _REMEMBERED = 12  # s for which attitudes and rotations are kept
-_PARTS = 5  # consecutive bins of a second whose rotation angles are summed to one rotation vector
 _PROOF = 2  # consecutive windows with a wrong heading that establish it
 
 
@@ -68,7 +67,7 @@ class HeadingMonitor:
         The parts contain the gyroscope's ``bias`` (3,) [rad/s]. What the heading turned beyond that rotation is due to
         the filter's updates.
         """
-        rotation = self._rotations[k] = _rotation_of(angles, bias)
+        rotation = self._rotations[k] = rotation_of(angles, bias)
         before, now = self._attitudes.get(k - 1), self._attitudes.get(k)
         if before is None or now is None:
             self._turned = {k: 0.0}
@@ -105,18 +104,6 @@ class HeadingMonitor:
                 return None
             q_nb = quat_multiply(q_nb, self._rotations[k])
         return q_nb
-
-
-@kernel
-def _rotation_of(angles, bias):
-    """Quaternion (4,) of a second's rotation from its parts ``angles`` (N, 3) [rad], without ``bias`` (3,) [rad/s]."""
-    rotation, count = (1.0, 0.0, 0.0, 0.0), len(angles)
-    for first in range(0, count, _PARTS):
-        part = (0.0, 0.0, 0.0)
-        for i in range(first, min(first + _PARTS, count)):
-            part = add_scaled(add_scaled(part, 1.0, load3(angles[i], 0)), -1.0 / count, load3(bias, 0))
-        rotation = q_multiply(rotation, q_exp(part))
-    return np.array(rotation)
 
 
 @kernel
