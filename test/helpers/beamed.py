@@ -1,5 +1,6 @@
 """Beam velocities of a Doppler log, or water pressures, from the truth of a simulated flight."""
 
+import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -33,17 +34,12 @@ def with_beams(
 
     ``own``: messages also contain the sensor's 3-D velocity.
     """
-    truth, due, rng = recording.truth, begin, np.random.default_rng(7)
-    velocity = quat_rotate_many(truth.q_nb * np.array([1.0, -1.0, -1.0, -1.0]), truth.v_n) + np.cross(truth.gyro, lever)
-    velocity = velocity @ rotation_from_rpy(rpy)  # in the sensor's axes
+    truth, rng = recording.truth, np.random.default_rng(7)
+    velocity = (in_body(recording) + np.cross(truth.gyro, lever)) @ rotation_from_rpy(rpy)  # in the sensor's axes
     directions = beam_directions()
-    for sample in recording.samples():
+    for sample, t in at_rate(recording, rate, begin):
         yield sample
-        if not isinstance(sample, ImuBlock):
-            continue
-        t = (int(sample.stamps_ns[-1]) - recording.start_ns) * 1e-9
-        if t >= due:
-            due = t + 1.0 / rate - 1e-6
+        if isinstance(sample, ImuBlock) and t is not None:
             v = velocity[min(round(t / truth.dt), len(truth) - 1)]
             measured = directions @ v + SD * rng.standard_normal(4)
             message = BeamVelocitySample(
@@ -52,6 +48,24 @@ def with_beams(
             changed = change(t, message)
             if changed is not None:
                 yield changed
+
+
+def in_body(recording: Recording) -> np.ndarray:
+    """The true velocity (N, 3) [m/s] in b."""
+    truth = recording.truth
+    return quat_rotate_many(truth.q_nb * np.array([1.0, -1.0, -1.0, -1.0]), truth.v_n)
+
+
+def at_rate(recording: Recording, rate: float, begin: float = 0.0) -> Iterator[tuple[Sample, float | None]]:
+    """The samples, each with the time [s] at which a sensor of ``rate`` [Hz] measures behind it, or None."""
+    due = begin
+    for sample in recording.samples():
+        t = (int(sample.stamps_ns[-1]) - recording.start_ns) * 1e-9 if isinstance(sample, ImuBlock) else -math.inf
+        if t >= due:
+            due = t + 1.0 / rate - 1e-6
+            yield sample, t
+        else:
+            yield sample, None
 
 
 def in_water(recording: Recording, density: float = 1000.0, surface: float = 30.0) -> Iterator[Sample]:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.numerics.rotation import quat_rotate_many
+from beamed import at_rate, in_body
 from nav_pose_estimator.engine.samples import BodyVelocity, ImuBlock, Sample
 from told import flight, silence, tell
 
@@ -20,15 +20,10 @@ TURNED = np.array([[0.5**0.5, -(0.5**0.5), 0.0], [0.5**0.5, 0.5**0.5, 0.0], [0.0
 def with_body_velocity(change: Change, name: str, sd: float = SD) -> Iterator[Sample]:
     """The flight without GNSS from ``LOST`` on for ``LENGTH``, and what a sensor would send of its velocity."""
     recording = flight(name, END).with_faults(*silence(LOST, LENGTH))
-    truth, due, rng = recording.truth, 0.0, np.random.default_rng(3)
-    velocity = quat_rotate_many(truth.q_nb * np.array([1.0, -1.0, -1.0, -1.0]), truth.v_n)
-    for sample in recording.samples():
+    truth, velocity, rng = recording.truth, in_body(recording), np.random.default_rng(3)
+    for sample, t in at_rate(recording, RATE):
         yield sample
-        if not isinstance(sample, ImuBlock):
-            continue
-        t = (int(sample.stamps_ns[-1]) - recording.start_ns) * 1e-9
-        if t >= due:
-            due = t + 1.0 / RATE - 1e-6
+        if isinstance(sample, ImuBlock) and t is not None:
             measured = velocity[min(round(t / truth.dt), len(truth) - 1)] + rng.normal(0.0, sd, 3)
             yield BodyVelocity(int(sample.stamps_ns[-1]), tuple(change(measured).tolist()))
 
