@@ -134,12 +134,24 @@ def _acceleration(seconds, first):
 
 
 @kernel
-def second_of(trace, received, begin, heading_sd, drift_sd, out):
-    """Write the means of the second from ``begin`` [s] on to ``out`` (COLUMNS,); False without a GNSS velocity in it.
+def add_second(seconds, count, trace, received, begin, heading_sd, drift_sd):
+    """Append the means of the second from ``begin`` [s] on to the first ``count`` rows of ``seconds`` (SPANS, COLUMNS).
 
+    The oldest row is dropped if all are in use. Returns the new count, 0 without a GNSS velocity in that second.
     ``trace`` (M, 4): time [s] and velocity [m/s] propagated by the IMU, in order of time; ``received`` (K, 4): the same
     of the receiver.
     """
+    if count == len(seconds):
+        count -= 1
+        for i in range(count):
+            for k in range(COLUMNS):
+                seconds[i, k] = seconds[i + 1, k]
+    return count + 1 if _mean_over(trace, received, begin, heading_sd, drift_sd, seconds[count]) else 0
+
+
+@kernel
+def _mean_over(trace, received, begin, heading_sd, drift_sd, out):
+    """Write the means of the second from ``begin`` [s] on to ``out`` (COLUMNS,); False without a GNSS velocity in it."""
     for i in range(COLUMNS):
         out[i] = 0.0
     k = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,7 @@ _SETS_APART = 20.0  # significance, in standard errors, of the difference betwee
 _APART_RATE, _APART_FORCE = 0.1, 0.5  # rad/s, m/s^2: smallest such difference that counts
 
 
-@dataclass(frozen=True, slots=True)
-class ImuSecond:
+class ImuSecond(NamedTuple):
     """Statistics over one second in body axes; ``end`` is its engine time [s]."""
 
     end: float
@@ -45,19 +44,18 @@ def second_of(rows: np.ndarray, end: float) -> ImuSecond | None:
     """Statistics of the IMU rows (N, 7) of the second up to ``end`` [s]; None where too many rows are missing."""
     if len(rows) < 5 or rows[-1, at.IMU_T] - rows[0, at.IMU_T] < _COMPLETE:
         return None
-    steps = rows[1:, at.IMU_GYRO :] - rows[:-1, at.IMU_GYRO :]
-    turns, pushes = steps[:, :3], steps[:, 3:]
-    numbers = np.empty(13)
-    interleaved = _summary(rows, numbers)
+    numbers, squares = np.empty(13), np.empty((2, 3 * (len(rows) - 1)))
+    interleaved = _summary(rows, numbers, squares)
     rate_x, rate_y, rate_z, force_x, force_y, force_z, *spread, norm = numbers.tolist()
+    shaking, vibration = np.add.reduce(squares, axis=1).tolist()
     return ImuSecond(
         end=end,
         samples=len(rows),
         rate=(rate_x, rate_y, rate_z),
         force=(force_x, force_y, force_z),
         norm=norm,
-        vibration=math.sqrt(0.5 * float((pushes * pushes).sum()) / len(pushes)),
-        shaking=math.sqrt(0.5 * float((turns * turns).sum()) / len(turns)),
+        vibration=math.sqrt(0.5 * vibration / (len(rows) - 1)),
+        shaking=math.sqrt(0.5 * shaking / (len(rows) - 1)),
         spread=tuple(spread),
         interleaved=interleaved,
         gravity=math.hypot(force_x, force_y, force_z),
@@ -66,9 +64,17 @@ def second_of(rows: np.ndarray, end: float) -> ImuSecond | None:
 
 
 @kernel
-def _summary(rows, out):
-    """Write means (6), ranges (6) and mean norm of the force to ``out`` (13,); True where two IMUs alternate."""
+def _summary(rows, out, squares):
+    """Write means (6), ranges (6) and mean norm of the force to ``out`` (13,); True where two IMUs alternate.
+
+    ``squares`` (2, 3 (N - 1)) receives the squared differences of consecutive samples, of rates and of forces.
+    """
     count = len(rows)
+    for i in range(count - 1):
+        for axis in range(3):
+            turn = rows[i + 1, at.IMU_GYRO + axis] - rows[i, at.IMU_GYRO + axis]
+            push = rows[i + 1, at.IMU_ACCEL + axis] - rows[i, at.IMU_ACCEL + axis]
+            squares[0, 3 * i + axis], squares[1, 3 * i + axis] = turn * turn, push * push
     norm = 0.0
     for i in range(count):
         x, y, z = rows[i, at.IMU_ACCEL], rows[i, at.IMU_ACCEL + 1], rows[i, at.IMU_ACCEL + 2]

@@ -55,7 +55,7 @@ def _watch_for_a_pull(run: FilterRun) -> None:
         pull.interrupt()
         return
     rows = run.timeline.rows_since(whole.time - _ROWS)
-    pull.second(whole.view, rows, np.array(run.parameters.gnss.lever_arm), run.clock.stamp(whole.time))
+    pull.second(whole.view, rows, run.gnss.position.lever, run.clock.stamp(whole.time))
 
 
 def _doubt_the_position(run: FilterRun) -> None:

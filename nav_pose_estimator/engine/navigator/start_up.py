@@ -26,6 +26,7 @@ from nav_pose_estimator.engine.imu import motion_check
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
+from nav_pose_estimator.engine.sensors.gnss.innovation_record import beyond_chance
 from nav_pose_estimator.engine.sensors.routine import routine
 
 _POSE_FLOOR = np.r_[[0.3**2] * 3, [math.radians(0.5) ** 2] * 3]  # m^2, rad^2: smallest variances of a pose from outside
@@ -229,7 +230,8 @@ def warm_up(constants: np.ndarray) -> None:
     motion_check.warm_up()
     means = np.ones((unfelt_change.SPANS, unfelt_change.COLUMNS))
     unfelt_change.UnfeltChange().find(means)
-    unfelt_change.second_of(np.ones((2, 4)), np.ones((1, 4)), 0.0, 0.0, 0.0, means[0])
+    unfelt_change.add_second(means, 0, np.ones((2, 4)), np.ones((1, 4)), 0.0, 0.0, 0.0)
+    beyond_chance(np.ones((1, 2)))
     bias_noise.begin(nav, constants)
     bias_noise.observe(nav, P)
     bias_noise.overstatement(nav)

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from nav_pose_estimator.core.numerics.jit import kernel
+
 _RECENT = 300  # innovations that the 99th percentile and the autocorrelation are taken from
 _AVERAGED = 10.0  # s over which the mean slides
 _LEAST = 8  # smallest number of innovations from which a median is taken
@@ -65,10 +67,7 @@ class InnovationRecord:
         count = round(seconds / self._period)
         if not _LEAST <= count <= len(self._horizontal):
             return 0.0
-        z = _pairs(list(self._horizontal)[-count:])
-        middle = np.median(z, axis=0)
-        chance = _SURE * float(np.median(np.hypot(*(z - middle).T))) / math.sqrt(count)
-        return max(float(np.hypot(*middle)) - chance, 0.0)
+        return float(beyond_chance(_pairs(list(self._horizontal)[-count:])))
 
     @property
     def p99(self) -> float:
@@ -89,3 +88,29 @@ class InnovationRecord:
 def _pairs(horizontal: Sequence[complex]) -> np.ndarray:
     """East and North (N, 2)."""
     return np.array(horizontal, dtype=complex).view(float).reshape(-1, 2)
+
+
+@kernel
+def beyond_chance(z):
+    """Size of the median of the innovations ``z`` (N, 2), minus what may be chance."""
+    count = len(z)
+    east, north, apart = np.empty(count), np.empty(count), np.empty(count)
+    for i in range(count):
+        east[i], north[i] = z[i, 0], z[i, 1]
+    x, y = _median(east), _median(north)
+    for i in range(count):
+        apart[i] = math.hypot(z[i, 0] - x, z[i, 1] - y)
+    return max(math.hypot(x, y) - _SURE * _median(apart) / math.sqrt(count), 0.0)
+
+
+@kernel
+def _median(values):
+    """Median of ``values`` (N,), which are sorted in place by insertion."""
+    count = len(values)
+    for i in range(1, count):
+        value, k = values[i], i
+        while k > 0 and values[k - 1] > value:
+            values[k] = values[k - 1]
+            k -= 1
+        values[k] = value
+    return 0.5 * (values[(count - 1) // 2] + values[count // 2])

@@ -8,7 +8,7 @@ import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.strapdown import unaided_velocities
-from nav_pose_estimator.core.gnss.unfelt_change import COLUMNS, LASTS, SPANS, UnfeltChange, second_of
+from nav_pose_estimator.core.gnss.unfelt_change import COLUMNS, LASTS, SPANS, UnfeltChange, add_second
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import FilterView
 from nav_pose_estimator.engine.samples import Vector3
@@ -21,7 +21,6 @@ _LATE = 1.0  # s after its end at which a second is evaluated, when its velociti
 _TAKEN_BACK = 0.5  # largest remaining fraction of the displacement, or of the speed, with which a change has ended
 _LIFE = 11  # s after which an unaided velocity is replaced
 _LONGEST_STEP = 1.5  # s: longest interval between two calls
-_NO_SECONDS = np.empty((0, COLUMNS))
 
 
 class Unaided:
@@ -34,31 +33,36 @@ class Unaided:
         self._turn = float(variances[at.D_GYRO_BIAS : at.D_GYRO_BIAS + 3].max())  # (rad/s)^2
         self._angle = np.zeros(3)  # rad: integral of the rate
         self._push = float(variances[at.D_ACCEL_BIAS : at.D_ACCEL_BIAS + 3].max())  # (m/s^2)^2
-        self._trace: list[np.ndarray] = []  # t and velocity of the antenna (N, 4), of the last seconds
+        self._trace = np.empty((0, 4))  # t and velocity of the antenna, of the last three calls
+        self._lengths = 0, 0  # numbers of its rows from the last two calls
         self.age = 0
-        self.seconds = _NO_SECONDS
+        self._seconds, self._count = np.empty((SPANS, COLUMNS)), 0
+
+    @property
+    def seconds(self) -> np.ndarray:
+        """Means (N, COLUMNS) of the last consecutive seconds, ``SPANS`` at most; read only."""
+        return self._seconds[: self._count]
 
     def carry(self, constants: np.ndarray, rows: np.ndarray, lever: np.ndarray) -> bool:
         """Propagate over the IMU ``rows`` (N, 7) of another second; False where they do not follow."""
         rows = rows[rows[:, at.IMU_T].searchsorted(self._nav[at.TIME], side="right") :]
         if len(rows) == 0 or rows[-1, at.IMU_T] - self._nav[at.TIME] > _LONGEST_STEP:
             return False
-        trace = np.empty((len(rows), 4))
-        unaided_velocities(self._nav, constants, rows, lever, trace, self._angle)
-        self._trace = [*self._trace, trace][-3:]
+        kept = sum(self._lengths)
+        trace = np.empty((kept + len(rows), 4))
+        trace[:kept] = self._trace[len(self._trace) - kept :]
+        unaided_velocities(self._nav, constants, rows, lever, trace[kept:], self._angle)
+        self._trace, self._lengths = trace, (self._lengths[1], len(rows))
         self.age += 1
         return True
 
     def compare(self, begin: float, received: np.ndarray) -> None:
         """Compare with the velocities ``received`` in the second from ``begin`` [s] on: time and velocity (K, 4)."""
-        wandered = self._turn * self.age**2 + _CROSS**2 * float(self._angle @ self._angle)
+        x, y, z = self._angle.tolist()
+        wandered = self._turn * self.age**2 + _CROSS**2 * (x * x + y * y + z * z)
         drift_sd = math.sqrt(_G**2 * (self._tilt + wandered) + self._push)
         heading_sd = math.sqrt(self._heading + wandered)
-        trace, newest = np.concatenate(self._trace), np.empty((1, COLUMNS))
-        if second_of(trace, received, begin, heading_sd, drift_sd, newest[0]):
-            self.seconds = np.concatenate((self.seconds, newest))[-SPANS:]
-        else:
-            self.seconds = _NO_SECONDS
+        self._count = add_second(self._seconds, self._count, self._trace, received, begin, heading_sd, drift_sd)
 
 
 class Pull:
