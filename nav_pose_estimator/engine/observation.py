@@ -7,7 +7,7 @@ and again whenever the past is replayed. The decision (use it or not, its refere
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any, NamedTuple
 
@@ -109,4 +109,6 @@ class Observation:
 
     def __deepcopy__(self, _memo: dict) -> Observation:
         """A shallow copy suffices: only ``decision`` changes, and it is replaced as a whole."""
-        return replace(self)
+        return Observation(
+            self.t, self.stamp_ns, self.kind, self.measured, self.stated_R, self.arrival, self.decision
+        )

@@ -16,6 +16,8 @@ import math
 
 import numpy as np
 
+from nav_pose_estimator.core.numerics.jit import kernel
+
 # Observability: smallest eigenvalue of the normalised normal equations; a full circle gives 1, an arc of 150 deg 0.05.
 _ENOUGH_TURN = 0.05
 _IRON = 0.5  # hard iron, relative to the horizontal field, that is named as a cause; it deflects a heading by 30 deg
@@ -27,8 +29,7 @@ class CompassSwing:
 
     def __init__(self, memory: float) -> None:
         self._memory = memory
-        self._products = [[0.0j] * 3 for _ in range(3)]
-        self._fields = [0.0j] * 3
+        self._products, self._fields = np.zeros((3, 3), dtype=complex), np.zeros(3, dtype=complex)
         self._seconds = 0.0
 
     def add(self, north: complex, field: complex, seconds: float) -> None:
@@ -36,13 +37,8 @@ class CompassSwing:
 
         Both are x + iy in level body axes.
         """
-        row = (north, north.conjugate(), 1.0 + 0.0j)
         keep = math.exp(-seconds / self._memory)
-        for i, one in enumerate(row):
-            weight = seconds * one.conjugate()
-            self._fields[i] = keep * self._fields[i] + weight * field
-            products = zip(self._products[i], row, strict=True)
-            self._products[i] = [keep * so_far + weight * other for so_far, other in products]
+        _add(self._products, self._fields, keep, seconds, north, field)
         self._seconds = keep * self._seconds + seconds
 
     def coefficients(self) -> tuple[complex, complex, complex] | None:
@@ -68,3 +64,14 @@ class CompassSwing:
                 f"the magnetometer is turned by about {math.degrees(-cmath.phase(a)):.0f} deg about the vertical axis"
             )
         return "a field that comes and goes (currents, steel nearby)"
+
+
+@kernel
+def _add(products, fields, keep, seconds, north, field):
+    """Fade the normal equations ``products`` (3, 3) and ``fields`` (3,) by ``keep``, and add one ``field``."""
+    row = (north, north.conjugate(), 1.0 + 0.0j)
+    for i in range(3):
+        weight = seconds * row[i].conjugate()
+        fields[i] = keep * fields[i] + weight * field
+        for k in range(3):
+            products[i, k] = keep * products[i, k] + weight * row[k]

@@ -12,6 +12,7 @@ Multisensor Integrated Navigation Systems", second edition, equations 2.105, 2.1
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -164,8 +165,8 @@ def enu_to_lla(enu: ArrayLike, origin_lat: float, origin_lon: float, origin_h: f
     return ecef_to_lla(offset + lla_to_ecef(origin_lat, origin_lon, origin_h))
 
 
-def step_enu(before: Array, after: Array) -> Array:
+def step_enu(before: Sequence[float] | Array, after: Sequence[float] | Array) -> Array:
     """Displacement (3,) [m, ENU] between two geodetic positions (3,) [rad, rad, m] that are close to each other."""
-    r_m, r_n = radii(after[0])
-    d_lat, d_lon, d_alt = (after - before).tolist()
-    return np.array([d_lon * (r_n + after[2]) * math.cos(after[0]), d_lat * (r_m + after[2]), d_alt])
+    (lat0, lon0, h0), (lat, lon, h) = map(float, before), map(float, after)
+    r_m, r_n = radii(lat)
+    return np.array([(lon - lon0) * (r_n + h) * math.cos(lat), (lat - lat0) * (r_m + h), h - h0])

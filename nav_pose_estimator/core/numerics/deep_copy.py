@@ -85,7 +85,8 @@ def _copy_dict(value: dict, memo: _Memo) -> dict:
     twin: dict = {}
     memo[id(value)] = twin
     for key, item in value.items():
-        twin[deep_copy(key, memo)] = item if type(item) in _ATOMS else deep_copy(item, memo)
+        own = key if type(key) in _ATOMS else deep_copy(key, memo)
+        twin[own] = item if type(item) in _ATOMS else deep_copy(item, memo)
     return twin
 
 

@@ -75,8 +75,7 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
     run.timeline.settle()
     times = rows[:, at.IMU_T]
     now = float(times[0])
-    is_lost = run.modes.mode is Mode.AIDED and not now - run.aiding.fix_used < run.aiding.lost_after
-    if is_lost and not run.unseen:  # after a start without fixes there are no innovations to test the covariance
+    if _is_lost(run, now) and not run.unseen:  # after a start without fixes there are no innovations to test the covariance
         run.timeline.observe(run.gnss.loss_at(now, run.clock.stamp(now)))
     if now >= run.second_due:
         look_back(run, now)
@@ -93,6 +92,11 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
     quiet = min(run.modes.deadline(now, run.aiding), run.timeline.queue.due, run.second_due)
     run.quiet_until = quiet if run.trial is None else -math.inf
     return _blocks(run, stamps_ns[:count], out)
+
+
+def _is_lost(run: FilterRun, t: float) -> bool:
+    """Whether the mode is AIDED and GNSS counts as lost at ``t`` [s]."""
+    return run.modes.mode is Mode.AIDED and not t - run.aiding.fix_used < run.aiding.lost_after
 
 
 def _blocks(run: FilterRun, stamps_ns: np.ndarray, out: np.ndarray) -> list[NavBlock]:
@@ -227,7 +231,7 @@ class Backlog:
                 continue
             coming = _hear(run, coming)
             heard = coming[0].behind if coming else count - done
-            further = min(heard, 1) if _is_routine(run) else heard
+            further = min(heard, 1) if run.failure or _is_routine(run) else heard
             self._blocks += carry(run, stamps[done : done + further], rows[done : done + further])
             done += further
             coming = [Coming(one.behind - further, one.observation) for one in coming]
@@ -239,6 +243,10 @@ class Backlog:
         run = self.run
         if run.timeline.late:
             run.timeline.settle()
+        first = float(rows[0, at.IMU_T])
+        if first >= run.second_due and _is_routine(run) and not _is_lost(run, first):
+            run.timeline.settle()
+            look_back(run, first)
         ahead = int(rows[:, at.IMU_T].searchsorted(run.second_due))
         if not ahead or not _is_routine(run):
             return rows[:0], coming
@@ -339,6 +347,8 @@ def fly(
 
 def _period(periods: Periods, row: int) -> float:
     """Time between fixes [s] when ``row`` arrived."""
+    if len(periods) == 1:
+        return periods[0][1]
     return periods[bisect.bisect_right(periods, row, key=_FIRST) - 1][1]
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from nav_pose_estimator.core.filter.blocks import Wander
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
+from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 
 _POSITION_TAU, _VELOCITY_TAU = 60.0, 1.0  # s: initial correlation times
@@ -74,16 +75,27 @@ def wander(gnss: GnssParameters, position_variance: np.ndarray, shown: NoiseIden
 def white_position(R: np.ndarray, shared: float, lasting: np.ndarray, shown: NoiseIdentification) -> np.ndarray:
     """White noise (3, 3) [m^2] of a position of covariance ``R``, with correlated variance ``lasting`` (3,) [m^2].
 
-    A variance beyond that of the states is inflated by ``shared``, since it is correlated without a state.
+    It includes the factor ``gnss_variance`` identified in flight. A variance beyond that of the states is inflated by ``shared``, since it is correlated without a state.
     """
-    excess = shared * np.maximum(R.diagonal() - lasting, 0.0)
-    return _WHITE_POSITION**2 * shown.position.white * R + np.diag(excess)
+    white: np.ndarray = white_noise(R, _WHITE_POSITION**2 * shown.position.white, shared, lasting, shown.gnss_variance)
+    return white
 
 
-def white_velocity(R: np.ndarray, gnss: GnssParameters, shown: NoiseIdentification) -> np.ndarray:
-    """White noise (3, 3) [(m/s)^2] of a velocity of covariance ``R``."""
-    excess = np.maximum(R.diagonal() - _whole_velocity_sd(gnss) ** 2, 0.0)
-    return _WHITE_VELOCITY**2 * shown.velocity.white * R + np.diag(excess)
+def white_velocity(R: np.ndarray, variance: np.ndarray, shown: NoiseIdentification) -> np.ndarray:
+    """The same (3, 3) [(m/s)^2] of a velocity of covariance ``R``, with ``variance`` (3,) [(m/s)^2] by the parameters."""
+    white: np.ndarray = white_noise(R, _WHITE_VELOCITY**2 * shown.velocity.white, 1.0, variance, shown.gnss_variance)
+    return white
+
+
+@kernel
+def white_noise(R, share, beyond, lasting, factor):
+    """``factor`` times the sum of ``share`` times ``R`` (3, 3) and ``beyond`` times its variances above ``lasting`` (3,)."""
+    white = np.empty((3, 3))
+    for i in range(3):
+        for k in range(3):
+            excess = beyond * max(R[i, i] - lasting[i], 0.0) if i == k else 0.0
+            white[i, k] = factor * (share * R[i, k] + excess)
+    return white
 
 
 def figures(gnss: GnssParameters, position_variance: np.ndarray, shown: NoiseIdentification) -> dict[str, float]:

@@ -63,6 +63,7 @@ class GnssReception:
         position = np.array([parameters.position_sd] * 2 + [parameters.vertical_sd])
         velocity = np.array([parameters.velocity_sd] * 2 + [parameters.velocity_vertical_sd])
         self._position_floor, self._velocity_floor = np.diag(position**2), np.diag(velocity**2)
+        self._velocity_variance = velocity**2
 
     def count(self, sample: SatelliteCount, t: float) -> None:
         """Process a satellite count valid at ``t`` [s]."""
@@ -83,7 +84,7 @@ class GnssReception:
         if self._stay.is_new:
             self._height.note(sample, t)
         self.rounding.fix(sample.lat, sample.lon, _MOVED < stayed_for < math.inf, sample.stamp_ns)
-        if stayed_for > max(_MOVED, _CELLS * self.rounding.step):
+        if stayed_for > _MOVED and stayed_for > _CELLS * self.rounding.step:
             why = "the position repeats to the last digit while the vehicle moves: the receiver is stuck"
             return self.refuse(sample.stamp_ns, "gnss.rejected.stuck", why)
         if self.velocities.position_fault:
@@ -135,7 +136,7 @@ class GnssReception:
         shared = 1.0 + self._parameters.position_correlation / self.fix_period
         if in_filter and self.lasting is not None:
             self.lasting.receive(R)
-            return self.shown.gnss_variance * lasting_error.white_position(R, shared, self.lasting.variance, self.shown)
+            return lasting_error.white_position(R, shared, self.lasting.variance, self.shown)
         return R * self.shown.gnss_variance * shared
 
     def velocity_noise(self, sample: GnssVelocity, in_filter: bool = False) -> np.ndarray:
@@ -143,7 +144,7 @@ class GnssReception:
         cov = None if sample.cov_enu is None else self._known(sample.cov_enu, "velocity")
         R = _floored(cov, self._velocity_floor)
         if in_filter and self._parameters.error_states:
-            R = lasting_error.white_velocity(R, self._parameters, self.shown)
+            return lasting_error.white_velocity(R, self._velocity_variance, self.shown)
         return self.shown.gnss_variance * R
 
     def refuse(self, stamp_ns: int, name: str, why: str) -> bool:
