@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
@@ -43,12 +45,17 @@ class EngineClock:
             self._start(samples.stamp_ns)
             row = [self.seconds(samples.stamp_ns), *samples.gyro, *samples.accel]
             return np.array([samples.stamp_ns]), np.array([row])
-        self._start(int(samples.stamps_ns[0]))
-        rows = np.empty((len(samples), at.IMU_COLUMNS))
-        rows[:, at.IMU_T] = (samples.stamps_ns - self.zero_ns) * NS
-        rows[:, at.IMU_GYRO : at.IMU_ACCEL] = samples.gyro
-        rows[:, at.IMU_ACCEL :] = samples.accel
-        return samples.stamps_ns, rows
+        return self.rows_of([samples])
+
+    def rows_of(self, blocks: Sequence[ImuBlock]) -> tuple[np.ndarray, np.ndarray]:
+        """``imu_rows`` of consecutive blocks, one at least."""
+        stamps = np.concatenate([block.stamps_ns for block in blocks])
+        self._start(int(stamps[0]))
+        rows = np.empty((len(stamps), at.IMU_COLUMNS))
+        rows[:, at.IMU_T] = (stamps - self.zero_ns) * NS
+        np.concatenate([block.gyro for block in blocks], out=rows[:, at.IMU_GYRO : at.IMU_ACCEL])
+        np.concatenate([block.accel for block in blocks], out=rows[:, at.IMU_ACCEL :])
+        return stamps, rows
 
     def _start(self, stamp_ns: int) -> None:
         if not self.running:

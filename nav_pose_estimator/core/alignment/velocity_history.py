@@ -1,7 +1,5 @@
 """History of GNSS velocities, and the specific force that they imply from second to second."""
 
-from collections import deque
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,21 +16,32 @@ class VelocityHistory:
     """Velocities in order of time."""
 
     def __init__(self, capacity: int = _MOST) -> None:
-        self._rows: deque[tuple[float, float, float, float]] = deque(maxlen=capacity)  # time [s], velocity ENU [m/s]
+        self._rows = np.empty((capacity, 4))  # time [s] and velocity ENU [m/s]
+        self._count = 0
 
     def add(self, t: float, east: float, north: float, up: float) -> None:
         """Add a velocity [m/s] valid at ``t`` [s]; it is ignored unless it is later than the last one."""
-        if not self._rows or t > self._rows[-1][0]:
-            self._rows.append((t, east, north, up))
+        count = self._count
+        if count and not t > self._rows[count - 1, 0]:
+            return
+        if count == len(self._rows):
+            self._drop(1)
+        self._rows[self._count] = t, east, north, up
+        self._count += 1
 
     def forget_before(self, t: float) -> None:
         """Drop velocities up to ``t`` [s]."""
-        while self._rows and self._rows[0][0] <= t:
-            self._rows.popleft()
+        self._drop(int(self._rows[: self._count, 0].searchsorted(t, side="right")))
+
+    def _drop(self, first: int) -> None:
+        """Drop the ``first`` velocities (a number)."""
+        if first:
+            left = self._rows[first : self._count].copy()
+            self._rows[: len(left)], self._count = left, len(left)
 
     def rows(self) -> Array:
-        """The stored velocities (N, 4): time [s] and velocity ENU [m/s]."""
-        return np.array(list(self._rows)).reshape(-1, 4)
+        """View (N, 4) of the stored velocities: time [s] and velocity ENU [m/s]; read only."""
+        return self._rows[: self._count]
 
     def forces(self, ends: np.ndarray, seconds: int, gravity: float) -> Array | None:
         """Specific force, integrated over each of the S ``seconds`` up to each of ``ends``, (L, S, 3) [m/s], ENU.
@@ -40,13 +49,12 @@ class VelocityHistory:
         ``ends`` (L,) [s], in order. None where the velocities do not cover that time or have a ``GAP``.
         """
         out = np.empty((len(ends), seconds, 3))
-        return out if _changes(self.rows(), ends, gravity, out) else None
+        return out if _changes(self._rows, self._count, ends, gravity, out) else None
 
 
 @kernel
-def _changes(rows, ends, gravity, out):
+def _changes(rows, count, ends, gravity, out):
     """Write the changes from second to second, plus those by gravity, to ``out`` (L, S, 3); False across a gap."""
-    count = len(rows)
     seconds, begin, end = out.shape[1], ends[0] - out.shape[1], ends[-1]
     first = last = 0
     while first < count and rows[first, 0] <= begin - GAP:

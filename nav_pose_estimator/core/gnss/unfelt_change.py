@@ -151,7 +151,7 @@ def add_second(seconds, count, trace, received, begin, heading_sd, drift_sd):
 
 @kernel
 def _mean_over(trace, received, begin, heading_sd, drift_sd, out):
-    """Write the means of the second from ``begin`` [s] on to ``out`` (COLUMNS,); False without a GNSS velocity in it."""
+    """Write the means of ``add_second`` to ``out`` (COLUMNS,); False without a GNSS velocity."""
     for i in range(COLUMNS):
         out[i] = 0.0
     k = 0

@@ -184,5 +184,15 @@ def find(seconds: Sequence[ImuSecond], in_flight: bool) -> Finding | None:
     agreed = _AGREED_IN_FLIGHT if in_flight else _AGREED
     if len(seconds) < agreed:
         return None
+    if in_flight and _is_usual(seconds[-1]):
+        return two_imus(seconds, agreed)
     checks = ALWAYS if in_flight else BEFORE_THE_START
     return next((found for check in checks if (found := check(seconds, agreed)) is not None), None)
+
+
+def _is_usual(second: ImuSecond) -> bool:
+    """Whether this newest second, as nearly all, excludes each finding of ``ALWAYS`` but two IMUs by itself."""
+    gravity, turn = second.gravity, second.turn
+    scaled = abs(gravity - G) > _SCALE * G and second.vibration < _STILL_FORCE and turn < _STILL_TURN
+    has_gravity = second.norm > 1.6 and 0.25 * G < gravity < _LARGE
+    return has_gravity and turn < _NEAR_G[0] and not scaled and all(second.spread)

@@ -198,7 +198,7 @@ def _let_wait(engine: SinsEngine, backlog: stretch.Backlog, block: ImuBlock) -> 
     outputs: list[Output] = []
     later: ImuBlock | None = block
     while later is not None:
-        if backlog.run is not engine.run or not backlog.is_open():
+        if backlog.run is not engine.run or not backlog.look_back_before(later) or not backlog.is_open():
             rest: list[ImuBlock | Event] = [later]
             return [*outputs, *engine._carry(rest)]
         now, later = backlog.cut(later)

@@ -33,7 +33,6 @@ from nav_pose_estimator.engine.samples import (
     PressureSample,
     Sample,
     SatelliteCount,
-    joined,
 )
 from nav_pose_estimator.engine.sensors.routine.routine import Coming, Leg, moved
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, Output
@@ -75,7 +74,8 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
     run.timeline.settle()
     times = rows[:, at.IMU_T]
     now = float(times[0])
-    if _is_lost(run, now) and not run.unseen:  # after a start without fixes there are no innovations to test the covariance
+    # after a start without fixes there are no innovations to test the covariance
+    if _is_lost(run, now) and not run.unseen:
         run.timeline.observe(run.gnss.loss_at(now, run.clock.stamp(now)))
     if now >= run.second_due:
         look_back(run, now)
@@ -131,6 +131,8 @@ class Backlog:
         self._coming: list[Coming] = []
         self._ahead: set[float] = set()  # s: times of observations that are valid after the newest row
         self._limit = -math.inf
+        self.is_full = False
+        """Whether the rows must be processed now: a second is complete, GNSS may be lost, or the filter may fail."""
 
     def is_open(self) -> bool:
         """Whether samples may wait, or continue to wait."""
@@ -155,28 +157,44 @@ class Backlog:
         return self._open
 
     def cut(self, block: ImuBlock) -> tuple[ImuBlock, ImuBlock | None]:
-        """Cut ``block`` behind the sample with which the backlog ``is_full``; the second part may be None."""
+        """Cut ``block`` where the backlog ``is_full``; the second part may be None.
+
+        That is behind the sample at which GNSS may be lost or the filter may fail, or ahead of the first sample of a
+        new second.
+        """
         clock = self.run.clock
-        if clock.seconds(int(block.stamps_ns[-1])) < self._limit:
+        self.is_full = clock.seconds(int(block.stamps_ns[-1])) >= self._limit
+        if not self.is_full:
             return block, None
-        count = int(((block.stamps_ns - clock.zero_ns) * NS).searchsorted(self._limit)) + 1
+        count = int(((block.stamps_ns - clock.zero_ns) * NS).searchsorted(self._limit))
+        count += self._limit < self.run.second_due
         return block.part(0, count), block.part(count, None) if count < len(block) else None
+
+    def look_back_before(self, block: ImuBlock) -> bool:
+        """Evaluate the last second if ``block`` begins a new one; False if it must take the full path for that.
+
+        The rows of an open backlog have to be processed first.
+        """
+        run, t = self.run, self.run.clock.seconds(int(block.stamps_ns[0]))
+        if self._open or t < run.second_due:
+            return True
+        if not _is_routine(run) or _is_lost(run, t):
+            return False
+        run.timeline.settle()
+        look_back(run, t)
+        return True
 
     def add(self, block: ImuBlock) -> None:
         """Add a ``block`` that has passed the checks of the IMU's input."""
         run = self.run
+        if not len(block):
+            return
         period = run.gnss.reception.fix_period
         if not self._periods or self._periods[-1][1] != period:
             self._periods.append((self._count, period))
         self._waiting.append(block)
         self._count += len(block)
         run.waiting_until = run.clock.seconds(int(block.stamps_ns[-1]))
-
-    @property
-    def is_full(self) -> bool:
-        """Whether the rows must be processed now: a second is complete, GNSS may be lost, or the filter may fail."""
-        until = self.run.waiting_until
-        return until is not None and until >= self._limit
 
     def may_wait_for(self, sample: Sample) -> bool:
         """Whether a ``sample`` may be evaluated before the waiting rows have been processed."""
@@ -212,7 +230,7 @@ class Backlog:
         self._open = False
         coming, self._coming = self._coming, []
         if self._waiting:
-            coming = self._fly_rows(*run.clock.imu_rows(joined(self._waiting)), coming)
+            coming = self._fly_rows(*run.clock.rows_of(self._waiting), coming)
         self._waiting, self._periods = [], []
         _hear(run, coming)
 
@@ -231,7 +249,7 @@ class Backlog:
                 continue
             coming = _hear(run, coming)
             heard = coming[0].behind if coming else count - done
-            further = min(heard, 1) if run.failure or _is_routine(run) else heard
+            further = min(heard, 1) if _is_routine(run) else heard
             self._blocks += carry(run, stamps[done : done + further], rows[done : done + further])
             done += further
             coming = [Coming(one.behind - further, one.observation) for one in coming]
@@ -243,10 +261,6 @@ class Backlog:
         run = self.run
         if run.timeline.late:
             run.timeline.settle()
-        first = float(rows[0, at.IMU_T])
-        if first >= run.second_due and _is_routine(run) and not _is_lost(run, first):
-            run.timeline.settle()
-            look_back(run, first)
         ahead = int(rows[:, at.IMU_T].searchsorted(run.second_due))
         if not ahead or not _is_routine(run):
             return rows[:0], coming

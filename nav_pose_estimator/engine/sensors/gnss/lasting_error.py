@@ -75,21 +75,22 @@ def wander(gnss: GnssParameters, position_variance: np.ndarray, shown: NoiseIden
 def white_position(R: np.ndarray, shared: float, lasting: np.ndarray, shown: NoiseIdentification) -> np.ndarray:
     """White noise (3, 3) [m^2] of a position of covariance ``R``, with correlated variance ``lasting`` (3,) [m^2].
 
-    It includes the factor ``gnss_variance`` identified in flight. A variance beyond that of the states is inflated by ``shared``, since it is correlated without a state.
+    A variance beyond that of the states is inflated by ``shared``, since it is correlated without a state. The factor
+    ``gnss_variance`` identified in flight is included.
     """
     white: np.ndarray = white_noise(R, _WHITE_POSITION**2 * shown.position.white, shared, lasting, shown.gnss_variance)
     return white
 
 
 def white_velocity(R: np.ndarray, variance: np.ndarray, shown: NoiseIdentification) -> np.ndarray:
-    """The same (3, 3) [(m/s)^2] of a velocity of covariance ``R``, with ``variance`` (3,) [(m/s)^2] by the parameters."""
+    """``white_position`` for a velocity [(m/s)^2]; ``variance`` (3,) of the parameters takes the place of ``lasting``."""
     white: np.ndarray = white_noise(R, _WHITE_VELOCITY**2 * shown.velocity.white, 1.0, variance, shown.gnss_variance)
     return white
 
 
 @kernel
 def white_noise(R, share, beyond, lasting, factor):
-    """``factor`` times the sum of ``share`` times ``R`` (3, 3) and ``beyond`` times its variances above ``lasting`` (3,)."""
+    """``factor`` times the sum of ``share`` R (3, 3) and of ``beyond`` times its variances above ``lasting`` (3,)."""
     white = np.empty((3, 3))
     for i in range(3):
         for k in range(3):
