@@ -133,6 +133,7 @@ class Backlog:
         self._limit = -math.inf
         self.is_full = False
         """Whether the rows must be processed now: a second is complete, GNSS may be lost, or the filter may fail."""
+        self._is_followed = False  # whether a row after them has arrived
 
     def is_open(self) -> bool:
         """Whether samples may wait, or continue to wait."""
@@ -168,7 +169,8 @@ class Backlog:
             return block, None
         count = int(((block.stamps_ns - clock.zero_ns) * NS).searchsorted(self._limit))
         count += self._limit < self.run.second_due
-        return block.part(0, count), block.part(count, None) if count < len(block) else None
+        self._is_followed = count < len(block)
+        return block.part(0, count), block.part(count, None) if self._is_followed else None
 
     def look_back_before(self, block: ImuBlock) -> bool:
         """Evaluate the last second if ``block`` begins a new one; False if it must take the full path for that.
@@ -231,7 +233,7 @@ class Backlog:
         coming, self._coming = self._coming, []
         if self._waiting:
             coming = self._fly_rows(*run.clock.rows_of(self._waiting), coming)
-        self._waiting, self._periods = [], []
+        self._waiting, self._periods, self._is_followed = [], [], False
         _hear(run, coming)
 
     def _fly_rows(self, stamps: np.ndarray, rows: np.ndarray, coming: list[Coming]) -> list[Coming]:
@@ -268,7 +270,7 @@ class Backlog:
         punctual = coming[: _first_late(rows, coming)]
         late = coming[len(punctual) :]  # a late observation first replays the past
         ahead = min(ahead, late[0].behind) if late else ahead
-        is_followed = ahead < len(rows) and not (late and late[0].behind == ahead)
+        is_followed = (ahead < len(rows) or self._is_followed) and not (late and late[0].behind == ahead)
         periods = [(row - done, period) for row, period in self._periods]
         out, left = fly(run.timeline, (rows[:ahead], is_followed), punctual, periods)
         run.quiet_until = -math.inf

@@ -83,7 +83,7 @@ def white_position(R: np.ndarray, shared: float, lasting: np.ndarray, shown: Noi
 
 
 def white_velocity(R: np.ndarray, variance: np.ndarray, shown: NoiseIdentification) -> np.ndarray:
-    """``white_position`` for a velocity [(m/s)^2]; ``variance`` (3,) of the parameters takes the place of ``lasting``."""
+    """``white_position`` for a velocity [(m/s)^2], with the ``variance`` (3,) of the parameters as ``lasting``."""
     white: np.ndarray = white_noise(R, _WHITE_VELOCITY**2 * shown.velocity.white, 1.0, variance, shown.gnss_variance)
     return white
 
