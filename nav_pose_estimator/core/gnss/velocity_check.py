@@ -33,6 +33,7 @@ from nav_pose_estimator.core.gnss.velocity_mistakes import (
     Similarity,
 )
 from nav_pose_estimator.core.gnss.velocity_steps import Step, StepMaker
+from nav_pose_estimator.core.numerics.jit import kernel
 
 _PRIOR, _CLEARED, _SUSPECT, _PROVED, _MOST = -10.0, 0.0, 5.0, 20.0, 45.0
 """Twice the logarithm of the odds of a mistake. On thirteen recorded flights they rise to -2.4 at most."""
@@ -138,7 +139,8 @@ class VelocityCheck:
 
     def _weigh(self, step: Step) -> None:
         """Update the odds of all hypotheses by a step."""
-        says = step.weight > _SAYS
+        weight = step.weight
+        says = weight > _SAYS
         if says:
             self._similarity.learn(step)
         is_sound, gains, explained = mistakes.odds_of(step, self._similarity)
@@ -147,25 +149,15 @@ class VelocityCheck:
         if abs(step.said) < step.floor and not self.fault:  # a velocity near zero is in no wrong axes or units
             gains[NOT_STUCK] = np.minimum(gains[NOT_STUCK], 0.0)
         self._is_not_ned = self._is_not_ned or bool(gains[NORTH_EAST] < -_REFUTED)
-        change = gains - _STANDS * (1.0 - step.weight)
         if self._found >= 0:
             goes = abs(step.way) > _GOES * step.floor or not self.stands_still
             self._held += bool(goes and says and explained[self._found])
-            change[self._found] = gains[self._found]
-        odds = self._odds + change
-        self._odds = np.maximum(odds - max(float(odds.max()) - _MOST, 0.0), _PRIOR)
-        self._conclude(self._with_witnesses())
-
-    def _with_witnesses(self) -> NDArray[np.float64]:
-        """The odds, combined with the evidence of IMU and vertical velocity."""
-        odds = self._odds.copy()
-        if self._agreed >= _SETTLED:  # the axes and units of a driver do not change in flight
-            odds[~MAY_BEGIN_IN_FLIGHT] = _PRIOR
-        if self.felt:  # the IMU confirms the velocity, so an unexplained error is in the positions
-            odds[ANY] = _PRIOR
-        if self.climb.fault == DOWN and not self._is_not_ned:
-            odds[NORTH_EAST] += _DOWN_TOO
-        return odds
+        _add_up(self._odds, gains, _STANDS * (1.0 - weight), self._found)
+        # The axes and units of a driver do not change in flight; if the IMU confirms the velocity, an unexplained error
+        # is in the positions.
+        witnesses = self._agreed >= _SETTLED, self.felt, self.climb.fault == DOWN and not self._is_not_ned
+        odds = np.empty(COUNT)
+        self._conclude(odds, int(_with_witnesses(self._odds, witnesses, odds)))
 
     def _learn(self, step: Step, agrees: bool) -> None:
         self.misfit = step.misfit
@@ -177,8 +169,7 @@ class VelocityCheck:
             self._along += (step.way * step.said.conjugate()).real
             self._square += abs(step.said) ** 2
 
-    def _conclude(self, odds: NDArray[np.float64]) -> None:
-        best = int(odds.argmax())
+    def _conclude(self, odds: NDArray[np.float64], best: int) -> None:
         self.suspect = bool(odds[best] > (_CLEARED if self.suspect else _SUSPECT))
         if self.suspect:
             self.late.interrupt()
@@ -229,3 +220,33 @@ class VelocityCheck:
             east, north, _ = self._last
             return mistakes.SILENT, "repeats" if east and north else "East" if north else "North" if east else ""
         return (mistakes.TURNED, "body") if i == BODY else (mistakes.UNEXPLAINED, "")
+
+
+@kernel
+def _add_up(odds, gains, stands, found):
+    """Add the ``gains`` of a step to the ``odds`` (COUNT,); except for the mistake ``found``, a stand costs ``stands``."""
+    largest = -math.inf
+    for i in range(COUNT):
+        odds[i] += gains[i] if i == found else gains[i] - stands
+        largest = max(largest, odds[i])
+    beyond = max(largest - _MOST, 0.0)
+    for i in range(COUNT):
+        odds[i] = max(odds[i] - beyond, _PRIOR)
+
+
+@kernel
+def _with_witnesses(odds, witnesses, out):
+    """Write the ``odds`` with the evidence of ``witnesses`` to ``out`` (COUNT,); returns the index of the largest.
+
+    ``witnesses``: whether axes and units are established, whether the IMU confirms the velocity, and whether the
+    vertical velocity is positive down and nothing refutes North-East.
+    """
+    is_settled, is_felt, is_down = witnesses
+    best = 0
+    for i in range(COUNT):
+        excluded = (is_settled and not MAY_BEGIN_IN_FLIGHT[i]) or (is_felt and i == ANY)
+        out[i] = _PRIOR if excluded else odds[i]
+        if is_down and i == NORTH_EAST:
+            out[i] += _DOWN_TOO
+        best = i if out[i] > out[best] else best
+    return best

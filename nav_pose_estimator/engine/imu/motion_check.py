@@ -99,7 +99,7 @@ class MotionCheck:
 
         ``gyro_bias`` (3,) [rad/s] is the navigator's estimate; the large bias of a poor gyroscope is no mistake.
         """
-        self._forget_before(k - _WINDOW - _LAG)
+        self._seconds.pop(k - _WINDOW - _LAG, None)
         whole = motion_history.second_of(rows, float(k - 1))
         if whole is not None:
             self._seconds[k] = whole
@@ -108,11 +108,11 @@ class MotionCheck:
             if motion < self._least_motion:
                 self._offset, self._least_motion = whole[ANGLE].sum(axis=0), motion
         if k % _EVERY == 0:
+            self._forget_before(k - _WINDOW - _LAG)
             self._compare(k - _LAG, gyro_bias)
 
     def _forget_before(self, k: int) -> None:
-        """Drop data that no window from second ``k`` on needs."""
-        self._seconds.pop(k, None)
+        """Drop GNSS data that no window from second ``k`` on needs."""
         while self._places and self._places[0][0] < k:
             self._places.popleft()
         self._velocities.forget_before(k - GAP)

@@ -34,10 +34,10 @@ class Rest(Sensor):
         navigator's velocity has to be small with certainty. With an uncertain velocity there is no update: that is
         safe, although an update would help most then.
         """
-        if math.dist(mean_rate, f.nav[GYRO_BIAS : GYRO_BIAS + 3]) > _RATE:
+        if math.dist(mean_rate.tolist(), f.nav[GYRO_BIAS : GYRO_BIAS + 3].tolist()) > _RATE:
             return self._withhold("rate")
         speed_sd = math.sqrt(f.P[DVEL : DVEL + 3, DVEL : DVEL + 3].trace())
-        if math.hypot(*f.nav[VEL : VEL + 3]) + 2.0 * speed_sd > _SPEED:
+        if math.hypot(*f.nav[VEL : VEL + 3].tolist()) + 2.0 * speed_sd > _SPEED:
             return self._withhold("speed")
         return Observation(float(f.nav[TIME]), stamp_ns, self.kind, None)
 
