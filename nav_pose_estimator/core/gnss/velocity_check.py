@@ -224,7 +224,7 @@ class VelocityCheck:
 
 @kernel
 def _add_up(odds, gains, stands, found):
-    """Add the ``gains`` of a step to the ``odds`` (COUNT,); except for the mistake ``found``, a stand costs ``stands``."""
+    """Add the ``gains`` of a step to the ``odds`` (COUNT,), less ``stands`` for all mistakes but the one ``found``."""
     largest = -math.inf
     for i in range(COUNT):
         odds[i] += gains[i] if i == found else gains[i] - stands

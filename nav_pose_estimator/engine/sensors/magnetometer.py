@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from nav_pose_estimator.core.alignment.levelling import likely_unit
 from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.core.filter.layout import PHI, QUAT
-from nav_pose_estimator.core.numerics.rotation import quat_rotate, yaw_of
+from nav_pose_estimator.core.numerics.jit import kernel
+from nav_pose_estimator.core.numerics.rotation import yaw_of
+from nav_pose_estimator.core.numerics.vectors import q_rotate
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_within
 from nav_pose_estimator.engine.observation import LEFT_OUT, Decision, FilterView, Kind, Observation, Use
@@ -85,7 +88,7 @@ class Magnetometer(Aid):
         """While GNSS shows the heading learn the offset; otherwise correct the heading by the field."""
         if self._aiding.gnss_is_good(o.t) and math.sqrt(f.P[PHI + 2, PHI + 2]) < KNOWN_HEADING:
             z, _ = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self.declination)
-            self.learn(o, float(z[0]), f.nav[QUAT : QUAT + 4])
+            self.learn(o, float(z[0]), f.nav[QUAT : QUAT + 4].tolist())
             return LEFT_OUT
         if self._check.doubted or math.isnan(self._offset):
             return LEFT_OUT
@@ -114,7 +117,7 @@ class Magnetometer(Aid):
         """Start with the ``offset`` [rad] learned before a restart."""
         self._offset, self._since = offset, -_OFFSET_MEMORY
 
-    def learn(self, o: Observation, error: float, q: np.ndarray) -> None:
+    def learn(self, o: Observation, error: float, q: Sequence[float]) -> None:
         """Learn the offset from the ``error`` [rad] of a magnetic heading against the filter's attitude ``q`` (4,)."""
         self._compare(o, q, error)
         if math.isnan(self._offset):
@@ -122,15 +125,14 @@ class Magnetometer(Aid):
         share = self._period / min(max(o.t - self._since, 1.0), _OFFSET_MEMORY)
         self._offset += min(share, 1.0) * math.remainder(error - self._offset, 2.0 * math.pi)
 
-    def _compare(self, o: Observation, q: np.ndarray, error: float) -> None:
+    def _compare(self, o: Observation, q: Sequence[float], error: float) -> None:
         deviation = 0.0 if math.isnan(self._offset) else math.remainder(error - self._offset, 2.0 * math.pi)
-        east, north, _ = quat_rotate(q, np.array(o.measured)).tolist()
-        to_body = cmath.rect(1.0, -float(yaw_of(q)))
+        field, to_body = _level(*q, *o.measured)
         magnetic_north = cmath.rect(1.0, 0.5 * math.pi - self.declination)
         offset = error if math.isnan(self._offset) else self._offset
         name, text = self._check.add(
             magnetic_north * to_body,
-            complex(east, north) * to_body,
+            field,
             offset,
             deviation,
             max(self._period, _SHORTEST_PERIOD),
@@ -149,3 +151,13 @@ class Magnetometer(Aid):
         tilt_variance = f.P[PHI, PHI] + f.P[PHI + 1, PHI + 1]
         z, H = measurements.magnetic_heading(f.nav, len(f.P), *o.measured, self.declination + o.decision.reference)
         return z, H, np.array([[self._variance + 4.0 * tilt_variance]])
+
+
+@kernel
+def _level(w, x, y, z, bx, by, bz):
+    """Horizontal part x + iy of a field in level body axes, and the factor from n to them, at attitude (w, x, y, z)."""
+    q = (w, x, y, z)
+    east, north, _ = q_rotate(q, (bx, by, bz))
+    yaw = -yaw_of(q)
+    to_body = complex(math.cos(yaw), math.sin(yaw))
+    return complex(east, north) * to_body, to_body

@@ -48,7 +48,7 @@ class GnssReception:
         self.velocities = VelocityInput(journal)
         self.rounding = Rounding(journal)
         self._usable = False  # the last fix
-        self._fix_times: tuple[float, ...] = ()  # of the newest fixes, in order of time
+        self._fix_times: list[float] = []  # of the newest fixes, in order of time
         self.fix_period = 1.0
         """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
         self._stay, self._height = _Stay(), _Height(journal)
@@ -105,8 +105,8 @@ class GnssReception:
             late = verdict.reason == "gnss.rejected.age"
             why = self._clocks(sample, t - now) if late else _why(verdict.reason, self.gate.settings)
             return self.refuse(sample.stamp_ns, verdict.reason, why)
-        self._fix_times = tuple(sorted((*self._fix_times, t))[-_PERIOD_MEMORY:])
-        self.fix_period = min(max(min([b - a for a, b in pairwise(self._fix_times)], default=1.0), 0.02), 5.0)
+        times = self._fix_times = sorted([*self._fix_times, t])[-_PERIOD_MEMORY:]
+        self.fix_period = min(max(min([b - a for a, b in pairwise(times)], default=1.0), 0.02), 5.0)
         self._usable = True
         self._aiding.fix_offered = t
         if math.isnan(sample.alt):

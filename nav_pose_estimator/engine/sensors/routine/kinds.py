@@ -10,8 +10,6 @@ import math
 from collections.abc import Iterable
 from typing import ClassVar, Protocol
 
-import numpy as np
-
 from nav_pose_estimator.core.gnss import doubt, height_reference, slow_height
 from nav_pose_estimator.core.gnss.reacquisition import Fix
 from nav_pose_estimator.core.routine import table
@@ -200,8 +198,7 @@ class RoutineHeading:
     def done(self, o: Observation, result: list[float], period: float | None) -> None:
         """Compare the heading with that of the filter."""
         o.decision = LEFT_OUT
-        q = np.array(result[table.RESULT_QUAT : table.RESULT_QUAT + 4])
-        self._sensor.learn(o, result[table.RESULT_ERROR], q)
+        self._sensor.learn(o, result[table.RESULT_ERROR], result[table.RESULT_QUAT : table.RESULT_QUAT + 4])
 
 
 def _gated(reference: float, least: float, before: Decision) -> Decision:
