@@ -25,9 +25,12 @@ class ImuSample:
     accel: Vector3
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class ImuBlock:
-    """Consecutive IMU samples: ``stamps_ns`` (N,) int64, ``gyro`` (N, 3) [rad/s], ``accel`` (N, 3) [m/s^2]."""
+    """Consecutive IMU samples: ``stamps_ns`` (N,) int64, ``gyro`` (N, 3) [rad/s], ``accel`` (N, 3) [m/s^2].
+
+    To be treated as frozen, like ``ImuSample``.
+    """
 
     stamps_ns: np.ndarray
     gyro: np.ndarray

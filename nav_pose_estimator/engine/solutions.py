@@ -173,9 +173,12 @@ class NavSolution:
         return self.values[at.SOLUTION_COV :].reshape(at.BASE_STATES, at.BASE_STATES)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class NavBlock:
-    """Solutions of consecutive IMU samples: ``stamps_ns`` (N,), ``rows`` (N, OUT_COLUMNS) of ``core.filter.layout``."""
+    """Solutions of consecutive IMU samples: ``stamps_ns`` (N,), ``rows`` (N, OUT_COLUMNS) of ``core.filter.layout``.
+
+    To be treated as frozen, like ``NavSolution``: each correction of the position begins a new one.
+    """
 
     stamps_ns: np.ndarray
     rows: np.ndarray

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +34,7 @@ _FADING = 0.1  # weight of the newest value in the mean of the scatter
 _INFORMATIVE = 4.0  # tolerances: shorter steps do not discriminate between hypotheses
 
 
-@dataclass(frozen=True, slots=True)
-class Step:
+class Step(NamedTuple):
     """Displacement and integrated velocity from one fix to another."""
 
     begin: float  # s

@@ -201,8 +201,7 @@ def _let_wait(engine: SinsEngine, backlog: stretch.Backlog, block: ImuBlock) -> 
         if backlog.run is not engine.run or not backlog.look_back_before(later) or not backlog.is_open():
             rest: list[ImuBlock | Event] = [later]
             return [*outputs, *engine._carry(rest)]
-        now, later = backlog.cut(later)
-        backlog.add(now)
+        later = backlog.add(later)
         if backlog.is_full:
             outputs += _flown(engine, backlog)
     return outputs

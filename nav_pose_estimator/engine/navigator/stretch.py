@@ -157,28 +157,15 @@ class Backlog:
             run.journal.before_next(self._fly)
         return self._open
 
-    def cut(self, block: ImuBlock) -> tuple[ImuBlock, ImuBlock | None]:
-        """Cut ``block`` where the backlog ``is_full``; the second part may be None.
-
-        That is behind the sample at which GNSS may be lost or the filter may fail, or ahead of the first sample of a
-        new second.
-        """
-        clock = self.run.clock
-        self.is_full = clock.seconds(int(block.stamps_ns[-1])) >= self._limit
-        if not self.is_full:
-            return block, None
-        count = int(((block.stamps_ns - clock.zero_ns) * NS).searchsorted(self._limit))
-        count += self._limit < self.run.second_due
-        self._is_followed = count < len(block)
-        return block.part(0, count), block.part(count, None) if self._is_followed else None
-
     def look_back_before(self, block: ImuBlock) -> bool:
         """Evaluate the last second if ``block`` begins a new one; False if it must take the full path for that.
 
         The rows of an open backlog have to be processed first.
         """
+        if self._open:
+            return True
         run, t = self.run, self.run.clock.seconds(int(block.stamps_ns[0]))
-        if self._open or t < run.second_due:
+        if t < run.second_due:
             return True
         if not _is_routine(run) or _is_lost(run, t):
             return False
@@ -186,17 +173,31 @@ class Backlog:
         look_back(run, t)
         return True
 
-    def add(self, block: ImuBlock) -> None:
-        """Add a ``block`` that has passed the checks of the IMU's input."""
-        run = self.run
-        if not len(block):
-            return
+    def add(self, block: ImuBlock) -> ImuBlock | None:
+        """Add a ``block`` that has passed the checks of the IMU's input, until the backlog ``is_full``.
+
+        That is behind the sample at which GNSS may be lost or the filter may fail, or ahead of the first sample of a
+        new second. Returns the rest of the block, None without one.
+        """
+        run, rest = self.run, None
+        until = run.clock.seconds(int(block.stamps_ns[-1]))
+        self.is_full = until >= self._limit
+        if self.is_full:
+            count = int(((block.stamps_ns - run.clock.zero_ns) * NS).searchsorted(self._limit))
+            count += self._limit < run.second_due
+            self._is_followed = count < len(block)
+            rest = block.part(count, None) if self._is_followed else None
+            if not count:
+                return rest
+            block = block.part(0, count)
+            until = run.clock.seconds(int(block.stamps_ns[-1]))
         period = run.gnss.reception.fix_period
         if not self._periods or self._periods[-1][1] != period:
             self._periods.append((self._count, period))
         self._waiting.append(block)
-        self._count += len(block)
-        run.waiting_until = run.clock.seconds(int(block.stamps_ns[-1]))
+        self._count += len(block.stamps_ns)
+        run.waiting_until = until
+        return rest
 
     def may_wait_for(self, sample: Sample) -> bool:
         """Whether a ``sample`` may be evaluated before the waiting rows have been processed."""
@@ -346,7 +347,7 @@ def fly(
     queue.add_acted([one.observation for one in acted])
     unfinished = _note_moves(timeline, begin, acted, leg)
     for one, result in zip(acted, leg.results, strict=True):
-        routine.tell(one.observation, result, _period(periods, int(result[table.RESULT_AHEAD])))
+        routine.tell(one.observation, result, _period(periods, result[table.RESULT_AHEAD]))
     last, left = imu.rows[imu.last - 1, at.IMU_T], []
     for one in rest:
         if one.behind <= leg.rows and (leg.within or one.observation.t > last):
@@ -361,7 +362,7 @@ def fly(
     return out[: leg.rows], sorted(left, key=lambda one: one.observation.arrival)
 
 
-def _period(periods: Periods, row: int) -> float:
+def _period(periods: Periods, row: float) -> float:
     """Time between fixes [s] when ``row`` arrived."""
     if len(periods) == 1:
         return periods[0][1]

@@ -47,7 +47,7 @@ class InnovationRecord:
     def take(self) -> list[tuple[float, float]]:
         """Horizontal innovations since the last call, at most ``_RECENT``."""
         count, self._new = min(self._new, len(self._horizontal)), 0
-        return [(z.real, z.imag) for z in list(self._horizontal)[len(self._horizontal) - count :]]
+        return [(z.real, z.imag) for z in self._last(count)]
 
     @property
     def offset(self) -> np.ndarray:
@@ -67,7 +67,10 @@ class InnovationRecord:
         count = round(seconds / self._period)
         if not _LEAST <= count <= len(self._horizontal):
             return 0.0
-        return float(beyond_chance(_pairs(list(self._horizontal)[-count:])))
+        return float(beyond_chance(_pairs(self._last(count))))
+
+    def _last(self, count: int) -> list[complex]:
+        return [self._horizontal[i] for i in range(-count, 0)]
 
     @property
     def p99(self) -> float:
