@@ -11,6 +11,7 @@ import numpy as np
 
 from nav_pose_estimator.core.alignment.aligner import Aligner
 from nav_pose_estimator.core.alignment.types import Alignment, AlignmentSettings, FixNoise, KnownBiases
+from nav_pose_estimator.core.attitude.compass_swing import CompassSwing
 from nav_pose_estimator.core.beams import delay
 from nav_pose_estimator.core.beams.judge import BeamJudge
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla, lla_to_enu
@@ -27,6 +28,7 @@ from nav_pose_estimator.engine.number_checks import is_covariance, is_within
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import AttitudeSample, GnssFix, SetPose
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import beyond_chance
+from nav_pose_estimator.engine.sensors.magnetometer import level_field
 from nav_pose_estimator.engine.sensors.routine import routine
 
 _POSE_FLOOR = np.r_[[0.3**2] * 3, [math.radians(0.5) ** 2] * 3]  # m^2, rad^2: smallest variances of a pose from outside
@@ -232,6 +234,8 @@ def warm_up(constants: np.ndarray) -> None:
     unfelt_change.UnfeltChange().find(means)
     unfelt_change.add_second(means, 0, np.ones((2, 4)), np.ones((1, 4)), 0.0, 0.0, 0.0)
     beyond_chance(np.ones((1, 2)))
+    field, to_body = level_field(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+    CompassSwing(1.0).add(to_body, field, 1.0)
     bias_noise.begin(nav, constants)
     bias_noise.observe(nav, P)
     bias_noise.overstatement(nav)

@@ -127,7 +127,7 @@ class Magnetometer(Aid):
 
     def _compare(self, o: Observation, q: Sequence[float], error: float) -> None:
         deviation = 0.0 if math.isnan(self._offset) else math.remainder(error - self._offset, 2.0 * math.pi)
-        field, to_body = _level(*q, *o.measured)
+        field, to_body = level_field(*q, *o.measured)
         magnetic_north = cmath.rect(1.0, 0.5 * math.pi - self.declination)
         offset = error if math.isnan(self._offset) else self._offset
         name, text = self._check.add(
@@ -154,7 +154,7 @@ class Magnetometer(Aid):
 
 
 @kernel
-def _level(w, x, y, z, bx, by, bz):
+def level_field(w, x, y, z, bx, by, bz):
     """Horizontal part x + iy of a field in level body axes, and the factor from n to them, at attitude (w, x, y, z)."""
     q = (w, x, y, z)
     east, north, _ = q_rotate(q, (bx, by, bz))
