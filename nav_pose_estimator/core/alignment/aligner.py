@@ -136,7 +136,8 @@ class Aligner:
         if t <= self._now or self.is_complete:
             return
         self._now = t
-        row = (t, gyro[0], gyro[1], gyro[2], accel[0], accel[1], accel[2])
+        wx, wy, wz, fx, fy, fz = *map(float, gyro), *map(float, accel)
+        row = (float(t), wx, wy, wz, fx, fy, fz)
         self._rows.rows.append(row)
         self._rest.update(t, gyro, accel)
         while self._fixes and self._fixes[0].t <= t:

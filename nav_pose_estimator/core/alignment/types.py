@@ -91,6 +91,10 @@ class Fix:
     position_sd: Array
     velocity_sd: Array
 
+    def __deepcopy__(self, _memo: dict) -> "Fix":
+        """It is shared by all copies: its arrays are never written to."""
+        return self
+
 
 class FixNoise(NamedTuple):
     """Noise models of a receiver's position and velocity; the navigator continues with the same two."""

@@ -43,7 +43,7 @@ def deep_copy(value: T, memo: dict[int, Any]) -> T:
 
 
 def _copy_tuple(value: tuple, memo: _Memo) -> tuple:
-    if _ATOMS.issuperset(map(type, value)):
+    if _never_change(value):
         return value
     items = [deep_copy(item, memo) for item in value]
     if all(map(is_, items, value)):
@@ -166,6 +166,7 @@ def _copier_of_frozen(kind: type, slots: list[str], has_dictionary: bool) -> _Co
         content = _content(value, slots, has_dictionary)
         items = [deep_copy(item, memo) for item in content.values()]
         if all(map(is_, items, content.values())):
+            memo[id(value)] = value
             return value
         twin: Any = object.__new__(kind)
         memo[id(value)] = twin
