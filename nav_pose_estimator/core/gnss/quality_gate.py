@@ -49,6 +49,7 @@ class GateState:
     counting_since: float = -math.inf  # first fix after a pause, for which no count could be expected
     last_fix: float = -math.inf
     steps: tuple[float, ...] = ()  # s between the last fixes
+    period: float = 0.0  # s: the shortest of them, within bounds
     good_since: float = math.inf  # time since which the count has been at or above the enter threshold; inf: it is not
     usable_since: float | None = None  # time since which all fixes have been usable
     notices: tuple[Notice, ...] = ()
@@ -95,7 +96,7 @@ class GnssGate:
     @property
     def period(self) -> float:
         """Period of fixes [s], used or not: the shortest of the last intervals, so that a pause does not count."""
-        return min(min(self.state.steps, default=0.0), _LONGEST_PERIOD)
+        return self.state.period
 
     @property
     def _count_max_age(self) -> float:
@@ -136,6 +137,7 @@ class GnssGate:
         s = self.state
         if t > s.last_fix > -math.inf:
             s.steps = (*s.steps, t - s.last_fix)[-_STEPS:]
+            s.period = min(*s.steps, _LONGEST_PERIOD)
         if t - s.last_fix > self._count_max_age:
             s.counting_since = t
         s.last_fix = max(s.last_fix, t)
