@@ -1,16 +1,23 @@
-"""Bags whose folder, names and metadata do not agree: what is there is read, and what is missing is named."""
+"""Incomplete recordings: what is there is read, and what is missing or was not used is named."""
 
+import errno
+import io
+import math
 import shutil
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 
+from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.bags.raw_messages import BagError
 from nav_pose_estimator.offline.bags.reader import BagReader, read_samples
 from nav_pose_estimator.offline.bags.storage import Bag
+from nav_pose_estimator.offline.command_line import main
+from nav_pose_estimator.offline.output_file import write_whole
 from pieces import one_by_one
-from small_bags import flight, write_bag
+from small_bags import IMU, flight, write_bag
 
 
 def flat(path: Path) -> list[str]:
@@ -76,3 +83,54 @@ def test_a_file_that_ends_before_its_first_topic_was_cut_off(copy, kept):
     file.write_bytes(file.read_bytes()[:kept])
     with pytest.raises(BagError, match=r"holds no topics: it was cut off or damaged"):
         BagReader(copy)
+
+
+# --- what replay says when there is no solution ----------------------------------------------------------------------
+
+
+def told(bag: Path, out: Path) -> tuple[int, str]:
+    errors = io.StringIO()
+    with redirect_stderr(errors), redirect_stdout(io.StringIO()):
+        code = main(["replay", str(bag), "--method", "coast", "--out", str(out)])
+    return code, errors.getvalue()
+
+
+def test_a_bag_without_gnss_says_so(tmp_path):
+    bag = write_bag(tmp_path / "bag", [m for m in flight(2.5) if not m[1].startswith("/gps")])
+    code, errors = told(bag, tmp_path / "out")
+    assert code == 2
+    assert errors.startswith("note: the bag has no GNSS fix, without which there is no position\n")
+
+
+def test_the_last_line_names_what_was_refused(tmp_path):
+    messages = flight(2.5)
+    for _, _, kind, message in messages:
+        if kind == IMU:
+            message.angular_velocity.z = math.nan
+    code, errors = told(write_bag(tmp_path / "bag", messages), tmp_path / "out")
+    assert code == 2
+    assert "Not used 250 times: the IMU sample at 1700000000.000 s holds NaN" in errors.splitlines()[-1]
+
+
+def test_a_link_to_itself_does_not_exist(tmp_path):
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    code, errors = told(tmp_path / "loop", tmp_path / "out")
+    assert (code, errors) == (2, f"replay: {tmp_path / 'loop'} does not exist\n")
+
+
+# --- a single file as output -----------------------------------------------------------------------------------------
+
+
+def test_a_file_that_cannot_be_written_stays_as_it_was(tmp_path, monkeypatch):
+    out = tmp_path / "parameters.yaml"
+    out.write_text("old")
+    write_whole(out, "new")
+    assert out.read_text() == "new"
+
+    def full(self, *args, **options):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(UserError, match=r"No space left on device; nothing was changed"):
+        write_whole(out, "newer")
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("parameters.yaml", "new")]

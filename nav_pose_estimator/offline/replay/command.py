@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import os
 import sys
 import time
 from dataclasses import dataclass
@@ -81,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.rerun is not None:
         rerun_file.check(arguments.rerun)
-    folder = arguments.out or Path(f"{arguments.bag.resolve().stem.removesuffix('_bag')}_replay")
+    folder = arguments.out or Path(f"{Path(os.path.realpath(arguments.bag)).stem.removesuffix('_bag')}_replay")
     inputs = [path for path in (arguments.bag, arguments.config) if path is not None]
     with OutputFolder(folder, "replay", inputs) as work:  # before the work, so that an unusable folder costs no time
         recording = plan.load()
@@ -94,7 +95,9 @@ def run(arguments: argparse.Namespace) -> int:
             rerun_file.write_rerun(arguments.rerun, result)
     print(f"report: {printable(str(folder / REPORT))}")
     if not len(result.track):
-        raise UserError(f"the navigator never aligned, the estimate is empty. {result.status.waiting_for}")
+        raise UserError(
+            f"the navigator never aligned, the estimate is empty. {result.status.waiting_for}{_refused(result)}"
+        )
     return 0
 
 
@@ -179,6 +182,15 @@ def _replay(recording, parameters, wanted, folder: Path, rate: float) -> Any:
 
         write_solution(folder / files.SOLUTION, result, min(rate, 10.0))
     return result
+
+
+def _refused(result) -> str:
+    """A sentence on the messages that were refused most often; empty if none were."""
+    from nav_pose_estimator.offline.replay.warnings import warnings
+
+    refused = [warned for warned in warnings(result) if ".rejected." in warned.name]
+    most = max(refused, key=lambda warned: warned.count, default=None)
+    return "" if most is None else f" Not used {most.count} times: {most.text}."
 
 
 def _print_summary(result, wall: float) -> None:
