@@ -19,6 +19,7 @@ from typing import NoReturn
 
 from nav_pose_estimator import __version__
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.ending_signals import interruptible
 from nav_pose_estimator.offline.terminal import printable
 
 PROGRAM = "nav_pose_estimator"
@@ -160,7 +161,8 @@ def _run_offline(name: str, command: Command, given: list[str]) -> int:
     module = import_module(f"{PROGRAM}.{command.module}")
     parser = _parser(name, command)
     module.add_arguments(parser)
-    return module.run(parser.parse_args(given)) or DONE
+    with interruptible():
+        return module.run(parser.parse_args(given)) or DONE
 
 
 def _run_node(name: str, command: Command, given: list[str]) -> int:
