@@ -4,17 +4,20 @@ import errno
 import io
 import math
 import shutil
-from contextlib import redirect_stderr, redirect_stdout
+import sqlite3
+from contextlib import closing, redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.bags import sqlite_file
 from nav_pose_estimator.offline.bags.raw_messages import BagError
 from nav_pose_estimator.offline.bags.reader import BagReader, read_samples
 from nav_pose_estimator.offline.bags.storage import Bag
 from nav_pose_estimator.offline.command_line import main
+from nav_pose_estimator.offline.flights.recording import load
 from nav_pose_estimator.offline.output_file import write_whole
 from pieces import one_by_one
 from small_bags import IMU, flight, write_bag
@@ -83,6 +86,49 @@ def test_a_file_that_ends_before_its_first_topic_was_cut_off(copy, kept):
     file.write_bytes(file.read_bytes()[:kept])
     with pytest.raises(BagError, match=r"holds no topics: it was cut off or damaged"):
         BagReader(copy)
+
+
+@pytest.mark.parametrize(("content", "why"), [(b"", "is empty"), (b"x" * 999, "is not an MCAP file")])
+def test_a_part_that_cannot_be_read_is_left_out(bag, copy, content, why):
+    (copy / "small_1.mcap").write_bytes(content)
+    list_files(copy, "small.mcap", "small_1.mcap")
+    with Bag(copy) as opened:
+        assert len(opened.warnings) == 1
+        assert why in opened.warnings[0]
+        assert opened.warnings[0].endswith(": left out")
+    assert flat(copy) == flat(bag)
+    (copy / "small.mcap").write_bytes(b"")
+    with pytest.raises(BagError, match=r"small\.mcap is empty$"):
+        Bag(copy)
+
+
+def test_a_database_that_was_cut_off_names_what_may_save_it(tmp_path):
+    database = write_bag(tmp_path / "base", flight(1.0), storage=StoragePlugin.SQLITE3) / "base.db3"
+    database.write_bytes(database.read_bytes()[:8192])
+    with pytest.raises(BagError, match=r"is damaged or cut off .*: sqlite3 base\.db3 \.recover"):
+        Bag(database)
+
+
+def test_a_database_that_was_not_closed_must_lie_where_it_can_be_opened(tmp_path, monkeypatch):
+    database = write_bag(tmp_path / "base", flight(1.0), storage=StoragePlugin.SQLITE3) / "base.db3"
+    database.with_name("base.db3-wal").write_bytes(b"")
+    monkeypatch.setattr(sqlite_file.os, "access", lambda path, mode: False)
+
+    def refuse(*_, **__):
+        raise sqlite3.OperationalError("unable to open database file")
+
+    monkeypatch.setattr(sqlite_file.sqlite3, "connect", refuse)
+    with pytest.raises(BagError, match=r"was not closed \(base\.db3-wal is beside it\): copy the bag"):
+        Bag(database)
+
+
+def test_a_database_without_payloads_says_what_is_wrong(tmp_path):
+    database = write_bag(tmp_path / "base", flight(1.0), storage=StoragePlugin.SQLITE3) / "base.db3"
+    with closing(sqlite3.connect(database)) as connection:
+        connection.execute("ALTER TABLE messages RENAME COLUMN data TO payload")
+        connection.commit()
+    with pytest.raises(BagError, match=r"no readable IMU message: base\.db3 is damaged \(no such column"):
+        load(database)
 
 
 # --- what replay says when there is no solution ----------------------------------------------------------------------

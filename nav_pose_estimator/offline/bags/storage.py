@@ -50,7 +50,7 @@ class Bag:
         self._stack = ExitStack()
         self._damaged_messages = 0
         try:
-            self._files = [self._open(file) for file in self._find_files()]
+            self._files = self._open_all(self._find_files())
             self.topics = self._join_topics()
             self._refuse_ros1()
             self._groups = _overlapping(self._files)
@@ -120,6 +120,21 @@ class Bag:
         except (yaml.YAMLError, KeyError, TypeError):
             return []
         return list(dict.fromkeys(files))
+
+    def _open_all(self, paths: list[Path]) -> list[AnyFile]:
+        """The files of a recording; of several, those that cannot be read are left out."""
+        if len(paths) == 1:
+            return [self._open(paths[0])]
+        files, unreadable = [], []
+        for path in paths:
+            try:
+                files.append(self._open(path))
+            except BagError as error:
+                unreadable.append(error)
+        if not files:
+            raise unreadable[0]
+        self._warnings += [f"{error}: left out" for error in unreadable]
+        return files
 
     def _open(self, path: Path) -> AnyFile:
         status = path.stat()
