@@ -179,7 +179,8 @@ def _run_node(name: str, command: Command, given: list[str]) -> int:
         if find_spec("rclpy") is not None:
             raise
         raise UserError(
-            "this node needs ROS 2 Jazzy, but rclpy is missing: run 'make setup', or source /opt/ros/jazzy/setup.bash"
+            "this node needs ROS 2 Jazzy, but rclpy is missing: source /opt/ros/jazzy/setup.bash, or run "
+            "'make setup' and use .venv/bin/python"
         ) from None
     return module.main(ros) or DONE
 
@@ -226,7 +227,10 @@ def _guard(name: str, action: Callable[[], int]) -> int:
 
 def _describe(error: Exception) -> str:
     if isinstance(error, ModuleNotFoundError) and not (error.name or "").startswith(PROGRAM):
-        return f"the Python package {error.name} is not installed, see requirements.txt"
+        return (
+            f"the Python package {error.name} is not installed for {sys.executable}, see requirements.txt; "
+            "'make demo' and 'make setup' install it for .venv/bin/python"
+        )
     return f"failed: {type(error).__name__}: {' '.join(str(error).split())}"
 
 

@@ -166,10 +166,10 @@ def field_doubt(q_level: Array, field: Vector, lat: float | None, lon: float | N
     if not _FIELD_STRENGTH[0] <= strength <= _FIELD_STRENGTH[1]:
         unit = likely_unit(strength)
         hint = f" (is it in {unit}? tesla is expected)" if unit else ""
-        return f"a magnetic field of {strength * 1e6:.3g} uT is not the Earth's{hint}"
+        return f"a magnetic field of {strength * 1e6:.3g} uT, which is not the Earth's{hint}"
     x, y, z = quat_rotate(q_level, np.asarray(field, dtype=float))
     if math.hypot(x, y) < 0.05 * strength:
-        return "the magnetic field is vertical"
+        return "a vertical magnetic field"
     if lat is None or lon is None:
         return ""
     dip = math.atan2(-z, math.hypot(x, y))
