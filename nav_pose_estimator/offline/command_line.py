@@ -8,7 +8,9 @@ a module with ``main(arguments)``, which receives the ROS arguments unchanged.
 import argparse
 import difflib
 import os
+import shutil
 import sys
+import textwrap
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -161,6 +163,8 @@ def _run_offline(name: str, command: Command, given: list[str]) -> int:
     module = import_module(f"{PROGRAM}.{command.module}")
     parser = _parser(name, command)
     module.add_arguments(parser)
+    if parser.description:  # the formatter leaves lines as they are, for the sake of the examples
+        parser.description = textwrap.fill(parser.description, shutil.get_terminal_size().columns - 2)
     with interruptible():
         return module.run(parser.parse_args(given)) or DONE
 
