@@ -95,9 +95,8 @@ def run(arguments: argparse.Namespace) -> int:
             rerun_file.write_rerun(arguments.rerun, result)
     print(f"report: {printable(str(folder / REPORT))}")
     if not len(result.track):
-        raise UserError(
-            f"the navigator never aligned, the estimate is empty. {result.status.waiting_for}{_refused(result)}"
-        )
+        why = result.status.waiting_for + _refused(result)
+        raise UserError(f"the navigator never aligned, the estimate is empty. {why}")
     return 0
 
 
@@ -185,12 +184,14 @@ def _replay(recording, parameters, wanted, folder: Path, rate: float) -> Any:
 
 
 def _refused(result) -> str:
-    """A sentence on the messages that were refused most often; empty if none were."""
-    from nav_pose_estimator.offline.replay.warnings import warnings
+    """A sentence on what was refused most often; empty if nothing was."""
+    from nav_pose_estimator.engine.events import catalogue
 
-    refused = [warned for warned in warnings(result) if ".rejected." in warned.name]
-    most = max(refused, key=lambda warned: warned.count, default=None)
-    return "" if most is None else f" Not used {most.count} times: {most.text}."
+    counters = {**result.status.counters, **result.recording.counters}
+    most = sorted(((count, name) for name, count in counters.items() if ".rejected." in name), reverse=True)[:3]
+    known = [(entry.meaning, name, count) for count, name in most if (entry := catalogue.find(name)) is not None]
+    reasons = [f"{meaning} ({name}: {count} times)" for meaning, name, count in known]
+    return f" Refused: {', '.join(reasons)}." if reasons else ""
 
 
 def _print_summary(result, wall: float) -> None:
