@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
+from io import TextIOWrapper
 from typing import NoReturn
 
 from nav_pose_estimator import __version__
@@ -164,7 +165,7 @@ def _run_offline(name: str, command: Command, given: list[str]) -> int:
     parser = _parser(name, command)
     module.add_arguments(parser)
     if parser.description:  # the formatter leaves lines as they are, for the sake of the examples
-        parser.description = textwrap.fill(parser.description, shutil.get_terminal_size().columns - 2)
+        parser.description = textwrap.fill(parser.description, max(shutil.get_terminal_size().columns - 2, 20))
     with interruptible():
         return module.run(parser.parse_args(given)) or DONE
 
@@ -214,6 +215,9 @@ def _parser(name: str, command: Command) -> argparse.ArgumentParser:
 
 def _guard(name: str, action: Callable[[], int]) -> int:
     """Run ``action``; return its exit code, or print one sentence on stderr for an exception and return its code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a character that the terminal lacks must not end a run
     try:
         return action()
     except UserError as error:

@@ -18,6 +18,8 @@ DESCRIPTION = (
     "while, and see how far the pose drifts."
 )
 
+_CONSEQUENCES = (".velocity_without_fix", ".before_imu", ".no_attitude_yet")  # refusals that another one explains
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``replay``."""
@@ -188,7 +190,8 @@ def _refused(result) -> str:
     from nav_pose_estimator.engine.events import catalogue
 
     counters = {**result.status.counters, **result.recording.counters}
-    most = sorted(((count, name) for name, count in counters.items() if ".rejected." in name), reverse=True)[:3]
+    causes = [(n, name) for name, n in counters.items() if ".rejected." in name and not name.endswith(_CONSEQUENCES)]
+    most = sorted(causes, reverse=True)[:3]
     known = [(entry.meaning, name, count) for count, name in most if (entry := catalogue.find(name)) is not None]
     reasons = [f"{meaning} ({name}: {count} times)" for meaning, name, count in known]
     return f" Refused: {', '.join(reasons)}." if reasons else ""
