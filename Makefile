@@ -13,7 +13,7 @@ PYTEST := $(IN_ENVIRONMENT) env ROS_PYTHON_CHECK_FIELDS=1 OMP_NUM_THREADS=1 OPEN
 .PHONY: help demo setup train-setup test lint types test-plain test-all test-jazzy test-train docs pictures clean
 
 help: ## Show this list
-	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/^([a-z-]+):[^#]*## /  make \1\t/' | expand -t 18
+	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/^([a-z-]+):[^#]*## /  make \1\t/' | expand -t 20
 
 demo: ## Replay a shipped flight with a 30 s GNSS outage and show what the pose did
 	@tools/setup_environment.sh run

@@ -1,5 +1,6 @@
 """The command line as a user meets it: help, exit codes, one sentence for what is wrong."""
 
+import io
 import os
 import subprocess
 import sys
@@ -39,6 +40,23 @@ def test_help_lists_every_command(capsys):
     assert stop.value.code == 0
     text = capsys.readouterr().out
     assert all(name in text for name in COMMANDS)
+
+
+def test_a_terminal_without_a_character_ends_no_run(fake, monkeypatch):
+    output = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(output, encoding="ascii"))
+    fake(lambda _: print("1.0 \N{EN DASH}"))
+    assert run_command("replay", []) == 0
+    sys.stdout.flush()
+    assert output.getvalue() == b"1.0 ?\n"
+
+
+def test_the_help_fits_into_any_terminal(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "1")
+    with pytest.raises(SystemExit) as stop:
+        main(["warm_up", "--help"])
+    assert stop.value.code == 0
+    assert capsys.readouterr().out
 
 
 def test_without_a_command_the_help_is_wrong_use(capsys):

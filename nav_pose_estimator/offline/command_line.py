@@ -8,17 +8,21 @@ a module with ``main(arguments)``, which receives the ROS arguments unchanged.
 import argparse
 import difflib
 import os
+import shutil
 import sys
+import textwrap
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
+from io import TextIOWrapper
 from typing import NoReturn
 
 from nav_pose_estimator import __version__
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.ending_signals import interruptible
 from nav_pose_estimator.offline.terminal import printable
 
 PROGRAM = "nav_pose_estimator"
@@ -160,7 +164,10 @@ def _run_offline(name: str, command: Command, given: list[str]) -> int:
     module = import_module(f"{PROGRAM}.{command.module}")
     parser = _parser(name, command)
     module.add_arguments(parser)
-    return module.run(parser.parse_args(given)) or DONE
+    if parser.description:  # the formatter leaves lines as they are, for the sake of the examples
+        parser.description = textwrap.fill(parser.description, max(shutil.get_terminal_size().columns - 2, 20))
+    with interruptible():
+        return module.run(parser.parse_args(given)) or DONE
 
 
 def _run_node(name: str, command: Command, given: list[str]) -> int:
@@ -177,7 +184,8 @@ def _run_node(name: str, command: Command, given: list[str]) -> int:
         if find_spec("rclpy") is not None:
             raise
         raise UserError(
-            "this node needs ROS 2 Jazzy, but rclpy is missing: run 'make setup', or source /opt/ros/jazzy/setup.bash"
+            "this node needs ROS 2 Jazzy, but rclpy is missing: source /opt/ros/jazzy/setup.bash, or run "
+            "'make setup' and use .venv/bin/python"
         ) from None
     return module.main(ros) or DONE
 
@@ -207,6 +215,9 @@ def _parser(name: str, command: Command) -> argparse.ArgumentParser:
 
 def _guard(name: str, action: Callable[[], int]) -> int:
     """Run ``action``; return its exit code, or print one sentence on stderr for an exception and return its code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a character that the terminal lacks must not end a run
     try:
         return action()
     except UserError as error:
@@ -224,7 +235,10 @@ def _guard(name: str, action: Callable[[], int]) -> int:
 
 def _describe(error: Exception) -> str:
     if isinstance(error, ModuleNotFoundError) and not (error.name or "").startswith(PROGRAM):
-        return f"the Python package {error.name} is not installed, see requirements.txt"
+        return (
+            f"the Python package {error.name} is not installed for {sys.executable}, see requirements.txt; "
+            "'make demo' and 'make setup' install it for .venv/bin/python"
+        )
     return f"failed: {type(error).__name__}: {' '.join(str(error).split())}"
 
 

@@ -1,5 +1,6 @@
 """A single file that a command is asked to write."""
 
+import os
 from pathlib import Path
 
 from nav_pose_estimator.errors import UserError
@@ -13,3 +14,15 @@ def check_new(path: Path, force: bool) -> None:
         raise UserError(f"{path} exists already; choose another name or give --force")
     if not path.parent.is_dir():
         raise UserError(f"{path.parent} is no folder to write {path.name} into")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write ``text`` atomically. ``UserError`` where that fails, with an earlier file unchanged."""
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        unfinished.write_text(text, encoding="utf-8")
+        os.replace(unfinished, path)
+    except OSError as error:
+        raise UserError(f"{path} cannot be written: {error.strerror}; nothing was changed") from None
+    finally:
+        unfinished.unlink(missing_ok=True)

@@ -18,6 +18,7 @@ from types import FrameType, TracebackType
 from typing import Any
 
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.ending_signals import outside_callbacks
 
 MARK = ".nav_pose_estimator"
 """File in a finished folder: the kind of run, then the files that it has written, one per line."""
@@ -60,7 +61,7 @@ class OutputFolder:
         except BaseException:
             self._discard()
             raise
-        self._handlers = _replace_handlers(_end)
+        self._handlers = _replace_handlers(outside_callbacks(_end))
         return self._work
 
     def __exit__(self, kind: type | None, error: BaseException | None, where: TracebackType | None) -> None:

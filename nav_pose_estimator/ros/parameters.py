@@ -4,10 +4,14 @@ A parameter file with an unknown name, a wrong type or a value out of range stop
 (``ParameterError``, one sentence). In a running node only the parameters marked as mutable can be set.
 """
 
+import re
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
+import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -34,6 +38,36 @@ def overrides(node: Node) -> dict[str, Any]:
     """Values that files and command line set for ``node``, by name, without those that rclpy itself reads."""
     given = node._parameter_overrides  # rclpy has no public access to overrides of undeclared names
     return {name: _tree_value(item.value) for name, item in given.items() if not name.startswith(READ_BY_ROS)}
+
+
+def unaddressed(arguments: Sequence[str], node: str) -> list[str]:
+    """Sentences on parameter files in ``arguments`` with no section for ``node`` (``/namespace/name``).
+
+    ROS ignores such a file without a word, and the node runs with defaults.
+    """
+    told = []
+    for option, path in pairwise(arguments):
+        if option == "--params-file":
+            sections = list(_sections(yaml.safe_load(Path(path).read_text(encoding="utf-8"))))
+            if sections and not any(_fits(section, node) for section in sections):
+                told.append(f"{path} sets nothing for {node}: it is for {', '.join(sections)}")
+    return told
+
+
+def _sections(content: Any, above: str = "") -> Iterator[str]:
+    """Names of the nodes, with wildcards, for which a parameter file has values."""
+    for name, value in content.items() if isinstance(content, dict) else ():
+        if name == "ros__parameters":
+            yield above
+        else:
+            yield from _sections(value, f"{above}/{str(name).strip('/')}")
+
+
+def _fits(section: str, node: str) -> bool:
+    """Whether ``section`` addresses ``node``: ``*`` stands for one name, ``**`` for any number of them."""
+    tokens = {"**": "(/[^/]+)*", "*": "/[^/]+"}
+    pattern = "".join(tokens.get(token, "/" + re.escape(token)) for token in section.strip("/").split("/"))
+    return re.fullmatch(pattern, node) is not None
 
 
 def descriptor(spec: Spec) -> ParameterDescriptor:

@@ -5,6 +5,7 @@ those where ``spin`` misses signals. The events executor, where available, halve
 """
 
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -30,6 +31,7 @@ except ImportError:
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.ros.middleware import shared_memory
+from nav_pose_estimator.ros.parameters import unaddressed
 
 _TIMEOUT = 0.25  # s: longest delay until a signal is noticed
 _IMPATIENCE = 1.0  # s after the first signal from which another one interrupts; launch repeats the first one at once
@@ -54,6 +56,8 @@ def run(
         try:
             _init(arguments)
             node = make_node()
+            for text in unaddressed(sys.argv if arguments is None else arguments, node.get_fully_qualified_name()):
+                node.get_logger().warning(text)
             stop.is_heeded = True
             _spin(node, lambda: stop.is_asked or is_over(node))
         except (KeyboardInterrupt, ExternalShutdownException):

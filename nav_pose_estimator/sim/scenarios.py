@@ -321,5 +321,5 @@ def generate(
 
 def _within(what: str, value: float, low: float, high: float, unit: str) -> float:
     if not low <= value <= high:  # this form also rejects NaN
-        raise UserError(f"a {what} of {value:g} {unit} is out of range; give {low:g} to {high:g} {unit}")
+        raise UserError(f"{what} of {value:g} {unit} is out of range; give {low:g} to {high:g} {unit}")
     return float(value)

@@ -176,6 +176,41 @@ def test_damaged_samples_are_events_and_no_nan_comes_out(method: str) -> None:
     assert np.isfinite([*good.q_nb, *good.cov_n.ravel()]).all()
 
 
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("absurd", "event"),
+    [
+        (MagSample(3_995_000_000, (1e308, 0.0, -4e-5)), "mag.rejected.value"),
+        (NavigatorVelocity(3_995_000_000, (0.0, 1e308, 0.0)), "navigator_velocity.rejected.nan"),
+        (
+            NavigatorVelocity(3_995_000_000, (0.0, 0.0, 0.0), q_nb=(1e200, 0.0, 0.0, 0.0)),
+            "navigator_velocity.rejected.nan",
+        ),
+    ],
+)
+def test_a_finite_but_absurd_sample_does_not_poison_the_filter(method: str, absurd, event: str) -> None:
+    subject = engine(method)
+    subject.feed(at_rest((1.0, 0.0, 0.0, 0.0), 3.0))
+    subject.feed(MagSample(3_990_000_000, (0.0, 2e-5, -4e-5)))
+    subject.feed(NavigatorVelocity(3_990_000_000, (0.0, 0.0, 0.0), q_nb=(1.0, 0.0, 0.0, 0.0)))
+    assert [o.name for o in subject.feed(absurd) if isinstance(o, Event)] == [event]
+    block = at_rest((1.0, 0.0, 0.0, 0.0), 2.0)
+    (after,) = subject.feed(ImuBlock(block.stamps_ns + 3_000_000_000, block.gyro, block.accel))
+    assert np.isfinite(after.q_nb).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_absurd_field_in_an_array_is_left_out(method: str) -> None:
+    block = at_rest((1.0, 0.0, 0.0, 0.0), 3.0)
+    t = (block.stamps_ns - block.stamps_ns[0]) * 1e-9
+    mag = np.tile(FIELD_N, (len(t), 1))
+    mag[100:103] = [[1e308, 0.0, 0.0], [math.inf, 0.0, 0.0], [0.0, -math.inf, 0.0]]
+    absent = mag.copy()
+    absent[100:103] = math.nan
+    found = estimate_attitude(t, block.gyro, block.accel, mag, method=method)
+    np.testing.assert_array_equal(found, estimate_attitude(t, block.gyro, block.accel, absent, method=method))
+
+
 def test_a_coasting_navigator_goes_on_helping() -> None:
     """GIVEN a fixed wing in turns WHEN GNSS is gone for 60 s THEN the filter's tilt stays below 2 deg."""
     flight = generate("fixed_wing", duration=200.0, seed=1, imu="icm42688_calibrated", imu_rate=RATE)

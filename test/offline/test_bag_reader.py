@@ -279,7 +279,7 @@ def test_a_missing_path_an_empty_folder_and_a_lost_file_are_one_sentence(tmp_pat
     copy = tmp_path / "copy"
     shutil.copytree(mcap_bag, copy)
     (copy / "small.mcap").unlink()
-    with pytest.raises(BagError, match=r"small\.mcap is missing"):
+    with pytest.raises(BagError, match=r"lacks small\.mcap, listed in metadata\.yaml"):
         BagReader(copy)
 
 

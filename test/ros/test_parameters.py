@@ -10,7 +10,7 @@ from nav_pose_estimator.engine.parameters.schema import ParameterError, flatten,
 from nav_pose_estimator.engine.solutions import Mode
 from nav_pose_estimator.nodes.synthetic_sensors import SyntheticSensors
 from nav_pose_estimator.ros.estimator_node import EstimatorNode
-from nav_pose_estimator.ros.parameters import LiveParameters
+from nav_pose_estimator.ros.parameters import LiveParameters, unaddressed
 
 
 class NoEngine:
@@ -70,6 +70,8 @@ def test_a_name_that_is_in_no_tree_stops_synthetic_sensors(started):
         ("imu.convention:=ned", "imu.convention: 'ned' is not one of flu, frd"),
         ("imu.mounting_rpy:=[0.0, 1.0]", "imu.mounting_rpy: needs 3 numbers, not 2"),
         ("ros.frames.publish_tf:=1", "ros.frames.publish_tf: 1 is not true or false"),
+        ("ros.frames.map:=odom", "ros.frames: map, odom and base_link need three different names"),
+        ("ros.frames.map:=''", "ros.frames: map, odom and base_link need three different names"),
     ],
 )
 def test_a_wrong_override_stops_the_node_with_one_sentence(started, argument, sentence):
@@ -90,6 +92,34 @@ def test_a_file_with_an_unknown_key_stops_the_node(started, tmp_path: Path):
     file.write_text("/**:\n  ros__parameters:\n    gnss:\n      gate:\n        min_satelites_enter: 6\n")
     with pytest.raises(ParameterError, match=r"did you mean 'gnss\.gate\.min_satellites_enter'"):
         started(make_node, "--params-file", str(file))
+
+
+@pytest.mark.parametrize(
+    ("section", "is_ours"),
+    [
+        ("/**", True),
+        ("/*", False),
+        ("/drone1/*", True),
+        ("/drone1/some_node", True),
+        ("/**/some_node", True),
+        ("some_node", False),
+        ("drone1:\n  some_node", True),
+        ("drone2:\n  some_node", False),
+        ("other_node", False),
+    ],
+)
+def test_a_file_for_other_nodes_is_told(tmp_path: Path, section, is_ours):
+    file = tmp_path / "some.yaml"
+    indent = "    " if "\n" in section else "  "
+    file.write_text(f"{section}:\n{indent}ros__parameters:\n{indent}  gnss.delay: 0.1\n")
+    told = unaddressed(["--ros-args", "--params-file", str(file)], "/drone1/some_node")
+    assert told == [] if is_ours else f"{file} sets nothing for /drone1/some_node: it is for " in told[0]
+
+
+def test_an_empty_file_is_for_nobody_in_particular(tmp_path: Path):
+    file = tmp_path / "some.yaml"
+    file.write_text("")
+    assert unaddressed(["--params-file", str(file)], "/some_node") == []
 
 
 def test_what_rclpy_itself_understands_is_no_unknown_key(started):

@@ -220,7 +220,7 @@ class Aligner:
             _, sd = self.bank.heading()
             limit = math.degrees(self.settings.heading_sd)
             return (
-                f"Finding the heading from motion: {math.degrees(sd):.0f} deg so far, {limit:.0f} deg needed; "
+                f"Finding the heading from motion: known to {math.degrees(sd):.0f} deg, needed to {limit:.0f} deg; "
                 "speed up, brake or turn."
             )
         if self._is_resting():

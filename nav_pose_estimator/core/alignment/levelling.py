@@ -37,6 +37,7 @@ _TURN = math.radians(5.0)  # step of ``inclined_attitudes`` about the specific f
 _OUTSIDE_TILT_SD = 0.03  # rad: floor of the tilt deviation of another estimator, whose own is optimistic in motion
 _OUTSIDE_MEMORY = 2.0  # s for which outside attitudes are kept: a fix may arrive that late
 _OUTSIDE_AGE = 0.05  # s: largest time difference between an outside attitude and the instant that asks for it
+_LARGEST_FIELD = 1e6  # in any unit: a larger field is none, and its sum may overflow
 _COMPASS_WINDOW = 1.0  # s of magnetometer data that are averaged for one heading
 _DIP_TOLERANCE = math.radians(25.0)  # the dip of the dipole itself differs from the true one by up to 20 deg
 
@@ -166,10 +167,10 @@ def field_doubt(q_level: Array, field: Vector, lat: float | None, lon: float | N
     if not _FIELD_STRENGTH[0] <= strength <= _FIELD_STRENGTH[1]:
         unit = likely_unit(strength)
         hint = f" (is it in {unit}? tesla is expected)" if unit else ""
-        return f"a magnetic field of {strength * 1e6:.3g} uT is not the Earth's{hint}"
+        return f"a magnetic field of {strength * 1e6:.3g} uT, which is not the Earth's{hint}"
     x, y, z = quat_rotate(q_level, np.asarray(field, dtype=float))
     if math.hypot(x, y) < 0.05 * strength:
-        return "the magnetic field is vertical"
+        return "a vertical magnetic field"
     if lat is None or lon is None:
         return ""
     dip = math.atan2(-z, math.hypot(x, y))
@@ -207,8 +208,8 @@ class Compass:
         self.doubt = "no magnetometer"
 
     def add(self, t: float, field: Vector) -> None:
-        """Add a field (3,) [T] in b at ``t`` [s]; a field with a missing axis is ignored."""
-        if not all(map(math.isfinite, field)):
+        """Add a field (3,) [T] in b at ``t`` [s]; a field with a missing or absurd axis is ignored."""
+        if not all(abs(part) <= _LARGEST_FIELD for part in field):  # false for NaN
             return
         self._fields.append((t, field))
         while self._fields[0][0] < t - _COMPASS_WINDOW:

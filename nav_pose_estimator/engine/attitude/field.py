@@ -7,9 +7,10 @@ import numpy as np
 
 from nav_pose_estimator.core.attitude import layout as at
 from nav_pose_estimator.engine.attitude.memory import Memory
+from nav_pose_estimator.engine.number_checks import is_within
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import MagSample
-from nav_pose_estimator.engine.sensors.magnetic.field_calibration import FieldCalibration
+from nav_pose_estimator.engine.sensors.magnetic.field_calibration import LARGEST_FIELD, FieldCalibration
 from nav_pose_estimator.engine.solutions import Event, Level
 
 NO_FIELD = np.empty((0, 3))
@@ -31,6 +32,8 @@ class FieldInput:
             return [Event(stamp, "mag.ignored")]
         if not all(map(math.isfinite, sample.field)):
             return [Event(stamp, "mag.rejected.nan")]
+        if not is_within(sample.field, LARGEST_FIELD):
+            return [Event(stamp, "mag.rejected.value")]
         if memory.last_ns is None:
             return [Event(stamp, "mag.rejected.no_attitude_yet")]
         if memory.mag_ns is not None and stamp <= memory.mag_ns:
@@ -42,10 +45,15 @@ class FieldInput:
         return _disturbance(stamp, memory)
 
     def many_in_body(self, mag: np.ndarray) -> np.ndarray:
-        """Fields ``mag`` (N, 3), calibrated and in body axes; (0, 3) where the magnetometer is not used."""
+        """Fields ``mag`` (N, 3), calibrated and in body axes; (0, 3) where the magnetometer is not used.
+
+        Fields beyond ``LARGEST_FIELD`` become NaN.
+        """
         if not self._enabled:
             return NO_FIELD
-        return np.column_stack(self._calibration.in_body(tuple(np.asarray(mag, dtype=float).T)))
+        fields = np.array(mag, dtype=float)
+        fields[np.abs(fields) > LARGEST_FIELD] = np.nan
+        return np.column_stack(self._calibration.in_body(tuple(fields.T)))
 
 
 def _disturbance(stamp: int, memory: Memory) -> list[Event]:

@@ -8,11 +8,13 @@ import numpy as np
 
 from nav_pose_estimator.core.attitude import layout as at
 from nav_pose_estimator.core.attitude.motion import subtract_velocity_change
+from nav_pose_estimator.engine.number_checks import is_within
 from nav_pose_estimator.engine.samples import NavigatorVelocity
 from nav_pose_estimator.engine.solutions import Event
 
 _NS = 1e-9
 _VELOCITY_GAP_NS = 1_000_000_000  # velocities further apart give no acceleration
+_LARGEST_SPEED, _LARGEST_COMPONENT = 1e4, 1.1  # m/s, and of a unit quaternion: anything beyond is damaged
 _GOOD_HEADING = 0.1  # rad: largest deviation of a navigator's heading that corrects the filter
 _GOOD_LEVEL = 0.01  # rad: largest deviation of a navigator's tilt that corrects the accelerometer bias
 _LEVEL_TAU = 60.0  # s: time constant of that correction, slow compared with the filter's own levelling
@@ -50,7 +52,7 @@ class Memory:
 def take_velocity(sample: NavigatorVelocity, memory: Memory) -> list[Event]:
     """Pass the change of the vehicle's velocity since the last sample to the filter, which is not gravity."""
     stamp, before = sample.stamp_ns, memory.velocity
-    if not all(map(math.isfinite, (*sample.vel_enu, *(sample.q_nb or ())))):
+    if not (is_within(sample.vel_enu, _LARGEST_SPEED) and is_within(sample.q_nb or (), _LARGEST_COMPONENT)):
         return [Event(stamp, "navigator_velocity.rejected.nan")]
     if memory.last_ns is None:
         return [Event(stamp, "navigator_velocity.rejected.no_attitude_yet")]

@@ -43,7 +43,7 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "pip install pygeomag, or set aids.declination",
         ),
         Entry("mag.rejected.nan", "a field that is not finite", SENSOR),
-        Entry("mag.rejected.value", "a field that is zero or not finite", SENSOR),
+        Entry("mag.rejected.value", "a field that is zero, huge or not finite", SENSOR),
         Entry("mag.rejected.no_attitude_yet", "a field came before the first IMU sample"),
         Entry("mag.rejected.stamp", "a field not newer than the previous one", SENSOR),
         Entry("mag.rejected.stale", "a field half a second away from the IMU's time", CLOCKS),
@@ -237,7 +237,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "if there are many, check its mounting and noise",
         ),
         Entry("navigator_velocity.ignored.heading_unknown", "the attitude filter does not know its heading yet"),
-        Entry("navigator_velocity.rejected.nan", "the navigator's velocity is not finite", "please report it"),
+        Entry(
+            "navigator_velocity.rejected.nan",
+            "the navigator's velocity or attitude is not finite, or absurd",
+            "please report it",
+        ),
         Entry("navigator_velocity.rejected.no_attitude_yet", "a velocity came before the first IMU sample"),
         Entry(
             "navigator_velocity.rejected.stamp", "a velocity not newer than the previous one", "run only one navigator"

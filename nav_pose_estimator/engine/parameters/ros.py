@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from nav_pose_estimator.engine.parameters.schema import param
+from nav_pose_estimator.engine.parameters.schema import ParameterError, param
 
 READ_BY_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Prefixes of parameters that rclpy itself reads; they are in the same files but not in this tree."""
@@ -58,6 +58,12 @@ class FrameParameters:
     odom: str = param("odom", "", "World frame in which base_link moves without jumps")
     base_link: str = param("base_link", "", "Body frame, FLU")
     publish_tf: bool = param(False, "", "Publish map -> odom -> base_link on /tf (needs tf2_msgs)")
+
+    def __post_init__(self) -> None:
+        """``ParameterError`` for frames that are not told apart by their names."""
+        names = self.map, self.odom, self.base_link
+        if not all(names) or len(set(names)) < len(names):
+            raise ParameterError("ros.frames: map, odom and base_link need three different names")
 
 
 @dataclass(frozen=True)

@@ -24,13 +24,12 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import MagSample, Vector3
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.magnetic.compass_check import CURE, CompassCheck, single_cause
-from nav_pose_estimator.engine.sensors.magnetic.field_calibration import FieldCalibration
+from nav_pose_estimator.engine.sensors.magnetic.field_calibration import LARGEST_FIELD, FieldCalibration
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised, Pacer, shared_error
 from nav_pose_estimator.engine.solutions import Level
 
 WRONG_START = "mag.heading.wrong_start"
 """Event: the navigator continues from another heading, and quantities learned with the old one are void."""
-_LARGEST_FIELD = 1e6  # in any unit: a larger field is rejected
 KNOWN_HEADING = 0.2
 """rad: largest standard deviation of the filter's heading from which the offset is learned."""
 _LARGEST_IRON = 1e-3  # T: beyond the range of magnetometers
@@ -80,7 +79,7 @@ class Magnetometer(Aid):
         """A field in any unit, at most every ``aids.magnetometer_period``."""
         if not self._enabled or not self._pacer.passes(t, self._period):
             return None
-        if not is_within(sample.field, _LARGEST_FIELD) or not any(sample.field):
+        if not is_within(sample.field, LARGEST_FIELD) or not any(sample.field):
             return self._refuse()
         return Observation(t, sample.stamp_ns, self.kind, tuple(self.receive(sample)))
 

@@ -79,6 +79,8 @@ class BagReader:
         try:
             if not any(topic.count for topic in self.bag.topics.values()) and not self.bag.warnings:
                 raise BagError(f"{path} holds no messages")
+            if not self.bag.topics:
+                raise BagError(f"{path} holds no topics: it was cut off or damaged ({self.bag.warnings[0]})")
             self.topics = topic_map.map_topics(self.bag.topics, remaps or {}, parameters)
         except BagError:
             self.bag.close()

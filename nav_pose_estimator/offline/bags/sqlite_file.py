@@ -1,5 +1,6 @@
 """Reader of sqlite3 files of rosbag2 (.db3)."""
 
+import os
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,7 +20,7 @@ class SqliteFile:
         self.warnings: list[str] = []
         # a bag that was not closed has its last messages in a write-ahead log beside it; without such a log,
         # "immutable" permits reading from a read-only folder
-        option = "mode=ro" if path.with_name(path.name + "-wal").exists() else "mode=ro&immutable=1"
+        option = "mode=ro" if _log_of(path).exists() else "mode=ro&immutable=1"
         try:
             self._database = sqlite3.connect(f"{path.resolve().as_uri()}?{option}", uri=True)
             self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_VALUE)
@@ -28,7 +29,7 @@ class SqliteFile:
             self._refuse_computed()
             self._topics = self._read_topics()
         except sqlite3.Error as error:
-            raise BagError(f"{path} is not a rosbag2 database ({error})") from None
+            raise BagError(_why(path, error)) from None
 
     @property
     def topics(self) -> list[Topic]:
@@ -105,3 +106,20 @@ class SqliteFile:
     def _has_table(self, name: str) -> bool:
         query = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = ?"
         return self._database.execute(query, (name,)).fetchone() is not None
+
+
+def _log_of(path: Path) -> Path:
+    """The write-ahead log of a database."""
+    return path.with_name(path.name + "-wal")
+
+
+def _why(path: Path, error: sqlite3.Error) -> str:
+    """Sentence on why the database ``path`` cannot be opened."""
+    if _log_of(path).exists() and not os.access(path.parent, os.W_OK):
+        return (
+            f"{path} was not closed ({_log_of(path).name} is beside it): copy the bag to a folder that can be written"
+        )
+    if getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_CORRUPT:
+        recover = f"sqlite3 {path.name} .recover | sqlite3 NEW.db3"
+        return f"{path} is damaged or cut off ({error}); this may save a part of it: {recover}"
+    return f"{path} is not a rosbag2 database ({error})"

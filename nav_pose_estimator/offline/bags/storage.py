@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import yaml
 
+from nav_pose_estimator.offline.bags import mcap_records
 from nav_pose_estimator.offline.bags.mcap_file import McapFile
 from nav_pose_estimator.offline.bags.raw_messages import BagError, RawBatch, Topic, from_payloads, merge_overlapping
 from nav_pose_estimator.offline.bags.sqlite_file import SqliteFile
@@ -26,6 +27,10 @@ from nav_pose_estimator.offline.safe_yaml import read_yaml
 
 STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {".mcap": McapFile, ".db3": SqliteFile}
 COMPRESSED = ".zstd"
+_MAGIC: dict[bytes, type[McapFile] | type[SqliteFile]] = {
+    mcap_records.MAGIC: McapFile,
+    b"SQLite format 3\0": SqliteFile,
+}
 ROS1_MAGIC = b"#ROSBAG V"
 _LONGEST_NAME = 512  # characters; ROS allows 255
 _LARGEST_DEFINITION = 1 << 18  # characters
@@ -45,7 +50,7 @@ class Bag:
         self._stack = ExitStack()
         self._damaged_messages = 0
         try:
-            self._files = [self._open(file) for file in self._find_files()]
+            self._files = self._open_all(self._find_files())
             self.topics = self._join_topics()
             self._refuse_ros1()
             self._groups = _overlapping(self._files)
@@ -89,31 +94,47 @@ class Bag:
             return [self.path]
         if not self.path.is_dir():
             raise BagError(f"{self.path} is neither a file nor a folder")
-        files = self._listed_files()
-        if files is None:
-            endings = (*STORAGES, *(ending + COMPRESSED for ending in STORAGES))
-            files = sorted((file for file in self.path.iterdir() if file.name.endswith(endings)), key=_natural)
-            files = [file for file in files if file.suffix != COMPRESSED or file.with_suffix("") not in files]
-            if not files:
-                raise BagError(f"{self.path} is not a rosbag2: it holds neither metadata.yaml nor a .mcap or .db3 file")
-            self._warnings.append(f"{self.path.name} has no usable metadata.yaml: reading the files found in it")
-        return files
+        listed, found = self._listed_files(), _storage_files(self.path)
+        missing = [file.name for file in listed if not file.exists()]
+        if listed and not missing:
+            return listed
+        if missing:
+            trouble = f"lacks {_some(missing)}, listed in metadata.yaml"
+        elif found:
+            trouble = "has no usable metadata.yaml"
+        else:
+            raise BagError(_no_bag(self.path))
+        if not found:
+            raise BagError(f"{self.path} {trouble}: it holds no recorded data")
+        self._warnings.append(f"{self.path.name} {trouble}: reading the files found in it")
+        return found
 
-    def _listed_files(self) -> list[Path] | None:
-        """Files that metadata.yaml lists; None if there is no such list."""
+    def _listed_files(self) -> list[Path]:
+        """Files that metadata.yaml lists, existing or not; empty if there is no such list."""
         metadata = self.path / "metadata.yaml"
         if not metadata.is_file():
-            return None
+            return []
         try:
             content = read_yaml(metadata)["rosbag2_bagfile_information"]
             files = [self.path / PurePath(name).name for name in content["relative_file_paths"]]
         except (yaml.YAMLError, KeyError, TypeError):
-            return None
-        files = list(dict.fromkeys(files))
-        if missing := [file.name for file in files if not file.exists()]:
-            names = missing[0] if len(missing) == 1 else f"{missing[0]} and {len(missing) - 1} more files"
-            raise BagError(f"{self.path} is incomplete: {names} {'is' if len(missing) == 1 else 'are'} missing")
-        return files or None
+            return []
+        return list(dict.fromkeys(files))
+
+    def _open_all(self, paths: list[Path]) -> list[AnyFile]:
+        """The files of a recording; of several, those that cannot be read are left out."""
+        if len(paths) == 1:
+            return [self._open(paths[0])]
+        files, unreadable = [], []
+        for path in paths:
+            try:
+                files.append(self._open(path))
+            except BagError as error:
+                unreadable.append(error)
+        if not files:
+            raise unreadable[0]
+        self._warnings += [f"{error}: left out" for error in unreadable]
+        return files
 
     def _open(self, path: Path) -> AnyFile:
         status = path.stat()
@@ -124,11 +145,7 @@ class Bag:
                 raise BagError(f"{path} is a ROS 1 bag: {_ros1_cure(path.name)}")
         if path.suffix == COMPRESSED:
             path = self._unpack(path)
-        if path.suffix not in STORAGES:
-            raise BagError(f"{path} is not a rosbag2: give a bag folder, a .mcap or a .db3 file")
-        if path.stat().st_size == 0:
-            raise BagError(f"{path} is empty")
-        file = STORAGES[path.suffix](path)
+        file = _storage_of(path)(path)
         self._stack.callback(file.close)
         return file
 
@@ -178,6 +195,38 @@ class Bag:
         kinds = self.topics.values()
         if kinds and all(topic.encoding == "ros1" or topic.type.count("/") == 1 for topic in kinds):
             raise BagError(f"{self.path} holds ROS 1 messages: {_ros1_cure('FLIGHT.bag')}")
+
+
+def _storage_files(folder: Path) -> list[Path]:
+    """The files in ``folder`` with recorded data, by their names; not both a file and its compressed copy."""
+    endings = (*STORAGES, *(ending + COMPRESSED for ending in STORAGES))
+    files = sorted((file for file in folder.iterdir() if file.name.endswith(endings)), key=_natural)
+    return [file for file in files if file.suffix != COMPRESSED or file.with_suffix("") not in files]
+
+
+def _storage_of(path: Path) -> type[AnyFile]:
+    """Reader of ``path``, by the first bytes, or else by the name. Raises ``BagError``."""
+    with path.open("rb") as content:
+        head = content.read(max(map(len, _MAGIC)))
+    for magic, storage in _MAGIC.items():
+        if head.startswith(magic):
+            return storage
+    if path.suffix not in STORAGES:
+        raise BagError(f"{path} is not a rosbag2: give a bag folder, a .mcap or a .db3 file")
+    if not head:
+        raise BagError(f"{path} is empty")
+    return STORAGES[path.suffix]
+
+
+def _no_bag(folder: Path) -> str:
+    bags = sorted(path.parent.name for path in folder.glob("*/metadata.yaml"))
+    where = f"; give one of the bags below it: {_some(bags)}" if bags else ""
+    return f"{folder} is not a rosbag2: it holds neither metadata.yaml nor a .mcap or .db3 file{where}"
+
+
+def _some(names: list[str]) -> str:
+    """Clause that names the first of ``names`` and counts the others."""
+    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
 
 
 def _ros1_cure(name: str) -> str:

@@ -63,6 +63,8 @@ def map_topics(available: dict[str, Topic], remaps: dict[str, str], parameters: 
     found = search.found
     if IMU.topic not in found.topics:
         raise BagError(_why_there_is_no_imu(available, search.candidates_of_imu))
+    if FIX.topic not in found.topics and not any(_absolute(FIX.topic) in notice for notice in found.notices):
+        found.notices.append("the bag has no GNSS fix, without which there is no position")
     if found.imu.type != IMU.types[0].name:
         found.notices.append(f"{found.imu.name} has the axes Forward-Right-Down: see config/driver_px4.yaml")
     return found

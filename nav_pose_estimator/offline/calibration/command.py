@@ -1,11 +1,12 @@
 """Command ``calibrate RECORDING ... --out YAML``: calibrates magnetometer and IMU, and writes a parameter file."""
 
 import argparse
+import os
 from pathlib import Path
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.logs.options import add_options, options_of
-from nav_pose_estimator.offline.output_file import check_new
+from nav_pose_estimator.offline.output_file import check_new, write_whole
 
 DESCRIPTION = (
     "Find hard iron, soft iron and mounting of the magnetometer by how its field turns against the gyroscope, and "
@@ -35,9 +36,9 @@ def run(arguments: argparse.Namespace) -> int:
     from nav_pose_estimator.offline.flights.config_file import load_parameters
     from nav_pose_estimator.offline.logs.open_recording import open_recording
 
-    out = arguments.out.resolve()
+    out = os.path.realpath(arguments.out)
     for path in arguments.recordings:
-        if path.resolve() in (out, out.parent):
+        if os.path.realpath(path) in (out, os.path.dirname(out)):
             raise UserError(f"{arguments.out} is part of the recording {path}; choose another name")
     check_new(arguments.out, arguments.force)
     parameters = load_parameters(arguments.config)
@@ -55,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     check(together, arguments.recordings)
     fit = fit_field(together)
     text = parameter_file(fit, together, at_rest.joined(rests), recordings)
-    arguments.out.write_text(text, encoding="utf-8")
+    write_whole(arguments.out, text)
     print(summary(fit))
     print(f"{arguments.out} is for --config of replay and --params-file of the nodes")
     return 0

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.logs.options import LogOptions, add_options, options_of
+from nav_pose_estimator.offline.output_file import write_whole
+from nav_pose_estimator.offline.terminal import printable
 
 DESCRIPTION = "Write a flight log (PX4 ULog, ArduPilot DataFlash) as a rosbag2 (mcap), which every tool of ROS reads."
 
@@ -64,7 +66,7 @@ def _convert_all(logs: list[Path], arguments: argparse.Namespace) -> int:
     for number, outcome in carry_out(_convert, due, arguments.jobs):
         if isinstance(outcome, Failure):
             failed += 1
-            print(f"note: {due[number].log.name} is left out: {outcome.why}", file=sys.stderr)
+            print(f"note: {printable(f'{due[number].log.name} is left out: {outcome.why}')}", file=sys.stderr)
         else:
             print(outcome, flush=True)
     print(f"{len(due) - failed} bags written, {failed} logs left out, {len(jobs) - len(due)} bags were there already")
@@ -98,7 +100,7 @@ def _convert(job: _Job) -> str:
     recording = prepared(recording, Parameters(), float("inf"))
     count = write_log_bag(job.bag, recording, job.force)
     for text in recording.notices:
-        print(f"note: {text}", file=sys.stderr)
+        print(f"note: {printable(text)}", file=sys.stderr)
     return f"{job.bag}: {recording.duration:.1f} s, {count} sensor messages"
 
 
@@ -121,5 +123,5 @@ def write_log_bag(path: Path, recording, force: bool = False) -> int:
     notes = {"source": recording.path.name, "firmware": recording.log.firmware}
     write_bag(path, [imu_topic(block, block.stamps_ns), *sensor_topics(timed)], force=force, notes=notes)
     sidecar = {"source": recording.path.name, "log_form": recording.log.form, **recording.sidecar}
-    sidecar_path(path).write_text(json.dumps(sidecar, indent=1) + "\n", encoding="utf-8")
+    write_whole(sidecar_path(path), json.dumps(sidecar, indent=1) + "\n")
     return len(block) + len(timed)

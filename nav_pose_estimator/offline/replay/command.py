@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import os
 import sys
 import time
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ DESCRIPTION = (
     "Replay a rosbag2 or a flight log (PX4 ULog, ArduPilot DataFlash) through the pose estimator, take GNSS away for a "
     "while, and see how far the pose drifts."
 )
+
+_CONSEQUENCES = (".velocity_without_fix", ".before_imu", ".no_attitude_yet")  # refusals that another one explains
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.rerun is not None:
         rerun_file.check(arguments.rerun)
-    folder = arguments.out or Path(f"{arguments.bag.resolve().stem.removesuffix('_bag')}_replay")
+    folder = arguments.out or Path(f"{Path(os.path.realpath(arguments.bag)).stem.removesuffix('_bag')}_replay")
     inputs = [path for path in (arguments.bag, arguments.config) if path is not None]
     with OutputFolder(folder, "replay", inputs) as work:  # before the work, so that an unusable folder costs no time
         recording = plan.load()
@@ -94,7 +97,8 @@ def run(arguments: argparse.Namespace) -> int:
             rerun_file.write_rerun(arguments.rerun, result)
     print(f"report: {printable(str(folder / REPORT))}")
     if not len(result.track):
-        raise UserError(f"the navigator never aligned, the estimate is empty. {result.status.waiting_for}")
+        why = result.status.waiting_for + _refused(result)
+        raise UserError(f"the navigator never aligned, the estimate is empty. {why}")
     return 0
 
 
@@ -179,6 +183,18 @@ def _replay(recording, parameters, wanted, folder: Path, rate: float) -> Any:
 
         write_solution(folder / files.SOLUTION, result, min(rate, 10.0))
     return result
+
+
+def _refused(result) -> str:
+    """A sentence on what was refused most often; empty if nothing was."""
+    from nav_pose_estimator.engine.events import catalogue
+
+    counters = {**result.status.counters, **result.recording.counters}
+    causes = [(n, name) for name, n in counters.items() if ".rejected." in name and not name.endswith(_CONSEQUENCES)]
+    most = sorted(causes, reverse=True)[:3]
+    known = [(entry.meaning, name, count) for count, name in most if (entry := catalogue.find(name)) is not None]
+    reasons = [f"{meaning} ({name}: {count} times)" for meaning, name, count in known]
+    return f" Refused: {', '.join(reasons)}." if reasons else ""
 
 
 def _print_summary(result, wall: float) -> None:

@@ -5,6 +5,7 @@
 
 import argparse
 import math
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -72,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     log = options_of(arguments, load_parameters(arguments.config).imu.max_gap, math.inf)
     reading = Reading(arguments.config, log, arguments.gnss_delay)
     recordings, files = work.find_recordings(arguments.recordings)
-    if arguments.out.resolve() in [path.resolve() for path in files]:
+    if os.path.realpath(arguments.out) in [os.path.realpath(path) for path in files]:
         raise UserError(f"{arguments.out} is one of the files to learn from; choose another name for --out")
     merged = work.load_files(files)
     kept = KeptResults(arguments.out)

@@ -27,6 +27,7 @@ from nav_pose_estimator.offline.flights.config_file import load_parameters
 from nav_pose_estimator.offline.flights.groups import flight_name, groups_of, patterns_of
 from nav_pose_estimator.offline.logs.open_recording import open_recording, prepared
 from nav_pose_estimator.offline.logs.options import options_of
+from nav_pose_estimator.offline.output_file import write_whole
 from nav_pose_estimator.offline.training.flights import Reading, Recorded, flown
 from nav_pose_estimator.offline.training.work import find_recordings, fly_all, identify
 
@@ -84,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             print(f"note: {flight.name} holds {flight.seconds:.0f} s of flight: left out", file=sys.stderr)
     usual = fit(flights)
-    arguments.out.write_text(text_of(usual, flights), encoding="utf-8")
+    write_whole(arguments.out, text_of(usual, flights))
     kept.forget()
     airframes = len({one.group for one in flights})
     print(f"{arguments.out}: {len(flights)} flights of {airframes} airframes; name it in learner.prior")

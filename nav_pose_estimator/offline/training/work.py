@@ -14,6 +14,7 @@ from nav_pose_estimator.offline.archive.recordings import find
 from nav_pose_estimator.offline.archive.resumed import carry_on
 from nav_pose_estimator.offline.logs.open_recording import check_readable
 from nav_pose_estimator.offline.remote import at_hand
+from nav_pose_estimator.offline.terminal import printable
 from nav_pose_estimator.offline.training.flights import Reading, Recorded, digest_of
 
 AIRFRAME = ".airframe"
@@ -79,4 +80,4 @@ def fly_all(
 
 
 def _leave_out(path: Path, why: str) -> None:
-    print(f"note: {path.name} is left out: {why}", file=sys.stderr)
+    print(f"note: {printable(f'{path.name} is left out: {why}')}", file=sys.stderr)
