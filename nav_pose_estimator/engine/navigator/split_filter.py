@@ -68,7 +68,7 @@ class SplitFilter:
         if self.branches is None:
             return memory.run_block(self.vector, rows, begin, end, due, out)
         stop = self.branches.run(rows, begin, end, due, out)
-        self.branches.mix_into(self.vector)
+        self._follow(self.branches)
         return stop
 
     def carry_one(self, rows: np.ndarray, index: int, t: float, gyro: Vector3, accel: Vector3) -> np.ndarray:
@@ -105,15 +105,19 @@ class SplitFilter:
         else:
             for nav, P in self.branches.pairs():
                 apply(observation, FilterView(nav, P, self.branches.constants))
-            self.branches.mix_into(self.vector)
+            self._follow(self.branches)
         return self.branches is not before
+
+    def _follow(self, branches: Branches) -> None:
+        """Bring ``nav`` and ``P`` up to date after a change of the ``branches``."""
+        branches.mix_into(self.vector)
 
     def _weigh(self, evidence: MotionEvidence) -> None:
         """Apply the hypotheses of an outage to the branches, which are created at the first evidence."""
         if self.branches is None:
             self.branches = Branches(self.vector, self._slots, evidence)
         self.branches.decide(evidence)
-        self.branches.mix_into(self.vector)
+        self._follow(self.branches)
 
     def _unite(self, arrival: int) -> None:
         """End the branches after an absolute position: continue with the mixture ``nav``, ``P`` alone."""
