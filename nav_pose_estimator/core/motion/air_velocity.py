@@ -100,8 +100,9 @@ class AirVelocityModel:
     def doubt(self, x: Array) -> Array:
         """Factor (N,) on the noise at inputs (N, n): for extrapolation, and for poorly determined coefficients."""
         strange = 1.0 + (_STRANGE - 1.0) * np.clip(self.network.novelty(x) - 1.0, 0.0, 1.0)
-        z = np.column_stack([x, np.ones(len(x))])
-        return strange * (1.0 + _LASTING * np.einsum("ni,ij,nj->n", z, self.parameter_cov, z))
+        z = np.ones((len(x), x.shape[1] + 1))
+        z[:, :-1] = x
+        return strange * (1.0 + _LASTING * ((z @ self.parameter_cov) * z).sum(axis=1))
 
     @property
     def is_guided(self) -> bool:

@@ -111,10 +111,10 @@ def _predict(model: AirVelocityModel, newest: Array) -> AirPrediction:
 def _velocity_error(model: AirVelocityModel, stamp_ns: int, newest: Array, prediction: AirPrediction) -> VelocityError:
     """Estimate minus prediction, in n: the increment of the position error of CN113777645A, claim 3, as a velocity."""
     C = me.attitude(newest[None])[0]
-    wind = np.append(model.wind_mean + model.wind, 0.0)
-    dv = newest[me.VELOCITY : me.FORCE] - C @ prediction.air_velocity - wind
-    cov = C @ np.diag(prediction.noise) @ C.T
-    cov[:2, :2] += model.wind_spread * np.eye(2)
+    dv = newest[me.VELOCITY : me.FORCE] - C @ prediction.air_velocity
+    dv[:2] -= model.wind_mean + model.wind
+    cov = (C * prediction.noise) @ C.T
+    cov[[0, 1], [0, 1]] += model.wind_spread
     return VelocityError(stamp_ns, vector3(dv), cov)
 
 
