@@ -53,9 +53,13 @@ def inputs(epochs: np.ndarray) -> np.ndarray:
     return np.concatenate([epochs[:, FORCE:POSITION], attitude(epochs)[:, 2], epochs[:, COLUMNS:]], axis=1)
 
 
-@kernel
-def activity(epochs):
+def activity(epochs: np.ndarray) -> np.ndarray:
     """Logarithm (N,) of the RMS horizontal acceleration [m/s^2] over the two seconds that end with each epoch."""
+    return np.asarray(_activity(np.ascontiguousarray(epochs)))
+
+
+@kernel
+def _activity(epochs):
     count = len(epochs)
     squares, active = np.zeros(count), np.empty(count)
     for n in range(count):

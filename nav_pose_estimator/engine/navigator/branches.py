@@ -78,6 +78,8 @@ class Branches:
 
     def run(self, rows: np.ndarray, begin: int, end: int, due: float, out: np.ndarray) -> int:
         """``memory.run_block`` for each branch; ``out`` receives the solution of the mixture."""
+        if len(self.memories) == 1:
+            return int(memory.run_block(self.memories[0], rows, begin, end, due, out))
         own = np.empty((len(self.memories), *out.shape))
         for one, own_rows in zip(self.memories, own, strict=True):
             stop = memory.run_block(one, rows, begin, end, due, own_rows)
