@@ -36,11 +36,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nav_pose_estimator.core.learning.anfis import Anfis
-from nav_pose_estimator.core.motion.epochs import ATTITUDE, BODY_VELOCITY, FORCE, PERIOD, VELOCITY, attitude, inputs
+from nav_pose_estimator.core.motion.epochs import BODY_VELOCITY, FORCE, PERIOD, VELOCITY, attitude, inputs
+from nav_pose_estimator.core.motion.prediction_error import LASTING, doubt
 from nav_pose_estimator.core.motion.prior import ALONE, UNKNOWN_WIND, Blend, MotionPrior, in_raw_inputs
 from nav_pose_estimator.core.motion.usual import SLOW
 from nav_pose_estimator.core.motion.wind import Weigh, axis_weights, mean_wind, track, wind_spread
-from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.errors import UserError
 
 Array = NDArray[np.float64]
@@ -58,43 +58,6 @@ _CLEARLY = 0.9  # more rules are used only where they reduce the squared error t
 _SLIPS = 0.002  # largest mean square of sideways or vertical over forward speed on wheels: a mount 2.5 degrees off
 _MOVING = 1.0  # m^2/s^2: least mean square of the forward speed for that test
 _GUIDED_TIME = 60.0  # s: least flight for that test, as a multirotor, too, may fly straight on for a while
-_LASTING = 20.0  # s: correlation time of the error that a wrong coefficient makes, which is not white noise
-_STRANGE = 10.0  # factor on the noise of a prediction far from the training data
-
-
-@kernel
-def _doubt(novelty, x, cov):
-    """``AirVelocityModel.doubt`` at inputs ``x`` (N, n) of the given ``novelty`` (N,)."""
-    doubt, n = np.empty(len(x)), x.shape[1]
-    for row in range(len(x)):
-        variance = cov[n, n]
-        for i in range(n):
-            variance += x[row, i] * (cov[i, n] + cov[n, i])
-            for j in range(n):
-                variance += x[row, i] * cov[i, j] * x[row, j]
-        strange = 1.0 + (_STRANGE - 1.0) * min(max(novelty[row] - 1.0, 0.0), 1.0)
-        doubt[row] = strange * (1.0 + _LASTING * variance)
-    return doubt
-
-
-@kernel
-def velocity_error(epoch, air_velocity, noise, wind, wind_spread):
-    """Velocity of an ``epoch`` (COLUMNS or more,) minus the predicted one, (3,) in n [m/s], and its covariance (3, 3).
-
-    ``air_velocity`` (3,) in b and its variances ``noise`` (3,); ``wind`` (2,) and its variance ``wind_spread``.
-    """
-    C = epoch[ATTITUDE:BODY_VELOCITY].copy().reshape(3, 3)
-    error, cov = np.empty(3), np.zeros((3, 3))
-    for i in range(3):
-        error[i] = epoch[VELOCITY + i]
-        for k in range(3):
-            error[i] -= C[i, k] * air_velocity[k]
-            for j in range(3):
-                cov[i, j] += C[i, k] * noise[k] * C[j, k]
-    for i in range(2):
-        error[i] -= wind[i]
-        cov[i, i] += wind_spread
-    return error, cov
 
 
 class Law(Protocol):
@@ -135,7 +98,7 @@ class AirVelocityModel:
 
     def doubt(self, x: Array) -> Array:
         """Factor (N,) on the noise at inputs (N, n): for extrapolation, and for poorly determined coefficients."""
-        return np.asarray(_doubt(self.network.novelty(x), x, self.parameter_cov))
+        return np.asarray(doubt(self.network.novelty(x), x, self.parameter_cov))
 
     @property
     def is_guided(self) -> bool:
@@ -282,7 +245,7 @@ def _with_prior(model: AirVelocityModel, epochs: Array, unseen: Array, prior: Mo
     z = np.column_stack([inputs(epochs), np.ones(len(epochs))])
     blend = Blend(
         unknown_wind=0.0 if model.is_guided else UNKNOWN_WIND * seconds / prior.worth,
-        doubt=1.0 + _LASTING * float(np.einsum("ni,ij,nj->n", z, cov, z).mean()),
+        doubt=1.0 + LASTING * float(np.einsum("ni,ij,nj->n", z, cov, z).mean()),
         noise=prior.noise,
         share=share,
     )

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
-from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, velocity_error
+from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel
+from nav_pose_estimator.core.motion.prediction_error import velocity_error
 from nav_pose_estimator.core.motion.wind import WIND_TIME
 from nav_pose_estimator.engine.outage.methods.method import Advice, Array
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence, Vector3, VelocityError

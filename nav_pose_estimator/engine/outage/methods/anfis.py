@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
-from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity, velocity_error
+from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity
+from nav_pose_estimator.core.motion.prediction_error import velocity_error
 from nav_pose_estimator.core.motion.prior import MotionPrior
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import AirVelocityGuide
 from nav_pose_estimator.engine.outage.methods.method import (
