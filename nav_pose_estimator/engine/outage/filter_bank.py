@@ -1,7 +1,8 @@
 """The filters of a rehearsal: one that coasts, and one for each way through the outage, on the same time line.
 
 All of them get the same IMU rows and the same observations, each of which is received, checked and decided about once:
-by the sensors of the coasting navigator. A way differs from it only by what its guide says.
+by the sensors of the coasting navigator, whose doubts about the IMU also are those of all ways. A way differs from it
+only by what its guide says. A noise model that learns follows the innovations of the last way.
 """
 
 from __future__ import annotations
