@@ -45,7 +45,8 @@ MAY_IMPORT: dict[str, set[str]] = {
         "core", "engine", "engine.parameters", "engine.imu", "engine.sensors.*", "engine.continuation"
     },
     "engine.outage": {
-        "core", "engine", "engine.parameters", "engine.imu", "engine.navigator", "engine.outage.methods"
+        "core", "engine", "engine.parameters", "engine.imu", "engine.sensors", "engine.navigator",
+        "engine.outage.methods"
     },
     "engine.composed": {"core", "engine.*"},
     "ros.messages": {"core", "engine", "engine.parameters"},

@@ -91,7 +91,8 @@ class Observation:
     """One observation at its time of validity ``t`` [s since the engine's epoch].
 
     ``measured``, of a type of the sensor's choice, and ``stated_R`` (m, m), the noise that the sensor states, are never
-    written to. ``arrival`` numbers observations in the order of their arrival.
+    written to. ``arrival`` numbers observations in the order of their arrival. ``behind``: it is known ahead of the IMU
+    row of its time, and yet acts behind that row.
     """
 
     t: float
@@ -101,6 +102,7 @@ class Observation:
     stated_R: Array | None = None
     arrival: int = 0
     decision: Decision | None = None
+    behind: bool = False
 
     @property
     def key(self) -> tuple[float, int, int]:

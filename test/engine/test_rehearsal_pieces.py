@@ -3,7 +3,7 @@
 import pytest
 
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
-from nav_pose_estimator.engine.outage.rehearsals import COAST
+from nav_pose_estimator.engine.outage.filter_bank import COAST
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock, joined
 from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples

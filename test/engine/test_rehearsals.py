@@ -1,6 +1,8 @@
 """Rehearsals: what the copies get to see, how they are judged, and what three of them decide."""
 
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import cycle
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,13 +11,15 @@ import pytest
 from flown import Flight
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
-from nav_pose_estimator.engine.navigator.past import Past
+from nav_pose_estimator.engine.observation import FilterView
+from nav_pose_estimator.engine.outage import rehearsal
 from nav_pose_estimator.engine.outage.aid import OutageAid
 from nav_pose_estimator.engine.outage.epochs import EpochCollector
+from nav_pose_estimator.engine.outage.filter_bank import COAST, FilterBank, without_gnss
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import AirVelocityGuide
 from nav_pose_estimator.engine.outage.methods.method import Flight as FlightSoFar
 from nav_pose_estimator.engine.outage.methods.registry import estimators
-from nav_pose_estimator.engine.outage.rehearsals import COAST, Candidate, Rehearsals
+from nav_pose_estimator.engine.outage.rehearsals import Rehearsals
 from nav_pose_estimator.engine.parameters.learner import LearnerParameters
 from nav_pose_estimator.engine.samples import (
     GnssFix,
@@ -34,17 +38,18 @@ GUIDE = estimators()["best"].ways(FlightSoFar(Flight(seconds=40.0).epochs()))["r
 
 
 class Navigator:
-    """Stands for the navigator: its copies drift North by so many metres a second, one after the other."""
+    """Stands for the navigator: the filters of its copies drift North by so many metres a second, coasting first."""
 
-    def __init__(self, drifts: list[float], drift: float = 0.0) -> None:
+    def __init__(self, drifts: list[float]) -> None:
         self.mode = Mode.AIDED
         self.seen: list = []
         self.copies: list[Navigator] = []
-        self._drifts, self._drift, self._elapsed = list(drifts), drift, 0.0
+        self.names: tuple[str, ...] = ()
+        self.drifts, self._elapsed = drifts, 0.0
 
     def snapshot(self) -> "Navigator":
-        twin = type(self)(self._drifts, self._drifts[len(self.copies) % len(self._drifts)])
-        twin.copies = self.copies
+        twin = type(self)(self.drifts)
+        twin.names, twin._elapsed = self.names, self._elapsed
         self.copies.append(twin)
         return twin
 
@@ -53,19 +58,44 @@ class Navigator:
         self._elapsed += 0.01 * (len(sample) if isinstance(sample, ImuBlock) else 1)
         return []
 
-    @property
-    def run(self) -> SimpleNamespace:
+    def view(self, drift: float) -> FilterView:
         """States 10 m after half a minute, and nothing while aided."""
         nav, P = np.zeros(at.NAV_SIZE), np.zeros((at.BASE_STATES, at.BASE_STATES))
-        nav[at.LAT] = 0.8 + self._drift * self._elapsed / 6.367e6
+        nav[at.LAT] = 0.8 + drift * self._elapsed / 6.367e6
         P[at.DPOS, at.DPOS] = (self._elapsed / 3.0) ** 2
-        settled, timeline = SimpleNamespace(nav=nav, P=P), SimpleNamespace(running=True)
+        return FilterView(nav, P, np.zeros(0))
+
+    @property
+    def run(self) -> SimpleNamespace:
+        timeline = SimpleNamespace(running=True, settle=lambda: None, filter=Filters(self))
         gnss = SimpleNamespace(offset=np.zeros(2))
-        return SimpleNamespace(settled=settled, timeline=timeline, past=Past(), gnss=gnss, unseen=0.0)
+        return SimpleNamespace(settled=self.view(0.0), timeline=timeline, gnss=gnss, unseen=0.0)
+
+
+class Filters(FilterBank):
+    """The filters of a copy."""
+
+    def __init__(self, navigator: Navigator) -> None:
+        self.navigator, self.was_restarted = navigator, False
+        branches = SimpleNamespace(names=("travel", "hover"), probability=lambda name: 0.25)
+        self.ways = {name: SimpleNamespace(branches=branches) for name in navigator.names}
+
+    def views(self) -> Iterator[tuple[str, FilterView]]:
+        for name, drift in zip(self.navigator.names, cycle(self.navigator.drifts), strict=False):
+            yield name, self.navigator.view(drift)
+
+
+@pytest.fixture(autouse=True)
+def _copies_of_the_stand_in(monkeypatch) -> None:
+    def copied(sins):
+        return sins.snapshot() if isinstance(sins, Navigator) else without_gnss(sins)
+
+    monkeypatch.setattr(rehearsal, "without_gnss", copied)
 
 
 def fly(rehearsals: Rehearsals, navigator: Navigator, start: float, end: float, ways=("network",)) -> None:
     """100 IMU samples a second, half a second at a time, with a rehearsal whenever one is due."""
+    navigator.names = (COAST, *ways)
     for stamp in range(round(start * SECOND), round(end * SECOND), SECOND // 2):
         for n in range(50):
             rehearsals.feed(ImuSample(stamp + n * SECOND // 100, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8)))
@@ -135,9 +165,8 @@ def test_what_the_stated_deviation_lacks_is_found(monkeypatch) -> None:
     lacking = 30.0**2 - 10.0**2
     assert 2.0 * 30.0 * one["network"] == pytest.approx(lacking / 3.0, rel=0.05)  # the stated one is worth two
     assert 2.0 * 30.0 * six["network"] == pytest.approx(lacking * 6.0 / 8.0, rel=0.05)
-    monkeypatch.setattr(
-        Candidate, "spread_psd", lambda self, hovered: 100.0 / 60.0
-    )  # all that the filter states comes from this
+    # all that the filter states comes from this
+    monkeypatch.setattr(rehearsal, "spread_psd", lambda guide, hovers: 100.0 / 60.0)
     assert 2.0 * 30.0 * rehearsed([1.0, 1.0], 6).spread()["network"] == pytest.approx(900.0 * 6.0 / 8.0, rel=0.05)
 
 
@@ -146,13 +175,10 @@ class Moving(Navigator):
 
     speed = 4.0
 
-    @property
-    def run(self) -> SimpleNamespace:
-        run = super().run
-        run.settled.nav[at.VEL] = self.speed
-        branches = SimpleNamespace(names=("travel", "hover"), probability=lambda name: 0.25)
-        run.timeline.filter = SimpleNamespace(branches=branches)
-        return run
+    def view(self, drift: float) -> FilterView:
+        view = super().view(drift)
+        view.nav[at.VEL] = self.speed
+        return view
 
 
 def test_motion_that_is_taken_for_hovering_is_counted(monkeypatch) -> None:
@@ -190,7 +216,7 @@ def test_old_rehearsals_are_forgotten() -> None:
 
 
 def test_nothing_from_gnss_reaches_the_copies() -> None:
-    """GIVEN a rehearsal WHEN samples of every kind come THEN the copies see IMU and magnetometer only."""
+    """GIVEN a rehearsal WHEN samples of every kind come THEN the copy sees IMU and magnetometer only."""
     rehearsals, navigator = Rehearsals(), Navigator([1.0, 1.0])
     fly(rehearsals, navigator, 1000.0, 1001.0)
     stamp = 1001 * SECOND
@@ -203,12 +229,12 @@ def test_nothing_from_gnss_reaches_the_copies() -> None:
         MagSample(stamp + 2, (0.0, 2e-5, 0.0)),
     ):
         rehearsals.feed(sample)
-    rehearsals.is_due(stamp + SECOND // 2, navigator)  # the copies fly up to here
-    for copy in navigator.copies:
-        assert {type(sample) for sample in copy.seen} == {ImuBlock, MagSample}
-        # what is no IMU sample waits ahead of the block; it acts at its own time all the same
-        assert isinstance(copy.seen[-2], MagSample)
-        assert copy.seen[-1].stamps_ns[-1] == stamp + 1
+    rehearsals.is_due(stamp + SECOND // 2, navigator)  # the copy flies up to here
+    (copy,) = navigator.copies
+    assert {type(sample) for sample in copy.seen} == {ImuBlock, MagSample}
+    # what is no IMU sample waits ahead of the block; it acts at its own time all the same
+    assert isinstance(copy.seen[-2], MagSample)
+    assert copy.seen[-1].stamps_ns[-1] == stamp + 1
 
 
 def test_an_outage_ends_a_rehearsal_without_a_judgement() -> None:
@@ -218,18 +244,17 @@ def test_an_outage_ends_a_rehearsal_without_a_judgement() -> None:
     navigator.mode = Mode.COASTING
     fly(rehearsals, navigator, 1015.0, 1090.0)
     assert rehearsals.count == 0
-    assert len(navigator.copies) == 2
+    assert len(navigator.copies) == 1
     navigator.mode = Mode.AIDED
     fly(rehearsals, navigator, 1090.0, 1125.0)
     assert rehearsals.count == 1
 
 
 def test_a_gap_in_the_imu_data_ends_a_rehearsal() -> None:
-    """GIVEN a rehearsal WHEN a gap makes the copies align again THEN it is not judged: that was no drift."""
+    """GIVEN a rehearsal WHEN a gap makes the copy align again THEN it is not judged: that was no drift."""
     rehearsals, navigator = Rehearsals(), Navigator([1.0, 1.0])
     fly(rehearsals, navigator, 1000.0, 1010.0)
-    for copy in navigator.copies:
-        copy.mode = Mode.ALIGNING
+    navigator.copies[0].mode = Mode.ALIGNING
     fly(rehearsals, navigator, 1010.0, 1055.0)
     assert rehearsals.count == 0
     fly(rehearsals, navigator, 1055.0, 1100.0)
@@ -245,8 +270,6 @@ def test_a_clock_that_went_back_does_not_stop_the_rehearsals() -> None:
 def test_a_copy_goes_on_with_a_rehearsal_of_its_own() -> None:
     rehearsals, navigator = Rehearsals(), Navigator([1.0, 2.0])
     fly(rehearsals, navigator, 1000.0, 1015.0)
-    for candidate in navigator.copies:
-        candidate._drifts = [candidate._drift]
     twin = rehearsals.copy()
     fly(twin, navigator, 1015.0, 1031.5)
     assert (rehearsals.count, twin.count) == (0, 1)

@@ -26,14 +26,17 @@ SECONDS, LOSS = 75.0, 40.5
 START = 10**18
 
 
-def flight(delay: float) -> list:
-    """Rest, a run-up, circles with a magnetometer; GNSS is lost on the way, and a barometer begins a little later."""
+def flight(delay: float, is_at_row: bool = False) -> list:
+    """Rest, a run-up, circles with magnetometer and barometer; GNSS is lost on the way. The barometer's samples have
+    the stamps of the IMU samples before, or are a little later than those of the magnetometer."""
     out: list = []
     for sample in samples(SECONDS, 100.0, delay=delay):
         if isinstance(sample, (GnssFix, GnssVelocity)) and LOSS < (sample.stamp_ns - START) * 1e-9 < SECONDS - 12.0:
             continue
+        if isinstance(sample, MagSample) and is_at_row:
+            out.append(PressureSample(sample.stamp_ns - 100_000, 95_461.0))
         out.append(sample)
-        if isinstance(sample, MagSample):
+        if isinstance(sample, MagSample) and not is_at_row:
             out.append(PressureSample(sample.stamp_ns + 1000, 95_461.0))
     return out
 
@@ -59,15 +62,17 @@ def told(outputs: list) -> dict[str, list]:
     return said
 
 
-@pytest.mark.parametrize(("delay", "method"), [(0.0, "best"), (0.23, "best"), (0.0, "coast")])
-def test_a_flight_in_long_blocks_is_the_flight_sample_by_sample(delay: float, method: str) -> None:
+@pytest.mark.parametrize(
+    ("delay", "method", "is_at_row"), [(0.0, "best", False), (0.23, "best", True), (0.0, "coast", True)]
+)
+def test_a_flight_in_long_blocks_is_the_flight_sample_by_sample(delay: float, method: str, is_at_row: bool) -> None:
     """GIVEN a flight with an outage, its fixes punctual or late WHEN it is fed at once and sample by sample
     THEN solutions, corrections, modes and events with their stamps are the same, bit for bit, in far fewer pieces;
     and so is what has been learned from."""
     parameters = update(Parameters(), {"gnss.delay": delay, "learner.method": method})
     whole, single = PoseEstimator(parameters), PoseEstimator(parameters)
-    at_once = whole.feed_all(flight(delay))
-    apart = [output for sample in one_by_one(flight(delay)) for output in single.feed(sample)]
+    at_once = whole.feed_all(flight(delay, is_at_row))
+    apart = [output for sample in one_by_one(flight(delay, is_at_row)) for output in single.feed(sample)]
     expected, given = told(apart), told(at_once)
     assert len({mode for mode, _ in given["modes"]}) > 1
     for name, values in expected.items():
@@ -77,7 +82,9 @@ def test_a_flight_in_long_blocks_is_the_flight_sample_by_sample(delay: float, me
         learned, expected_learned = (one.outage_aid.learner.state.memory.last(1e3) for one in (whole, single))
         assert len(learned) > 50
         np.testing.assert_array_equal(learned, expected_learned)
-    assert sum(isinstance(o, NavBlock) for o in at_once) < 0.6 * sum(isinstance(s, ImuBlock) for s in flight(delay))
+    assert sum(isinstance(o, NavBlock) for o in at_once) < 0.6 * sum(
+        isinstance(s, ImuBlock) for s in flight(delay, is_at_row)
+    )
 
 
 def test_the_navigator_flies_ahead_up_to_a_gap_at_most() -> None:
@@ -102,7 +109,8 @@ def mag(ms: float) -> MagSample:
     ("samples", "length"),
     [
         ([block(0, 90), mag(91.0), block(100, 190), mag(191.0)], 4),
-        ([block(0, 90), mag(90.0), block(100, 190)], 1),  # of the time of the row before: it acts behind that row
+        ([block(0, 90), mag(90.0), block(100, 190)], 3),  # of the time of the row before: it acts behind that row
+        ([block(0, 90), mag(100.0), block(100, 100), mag(100.0)], 3),  # one ahead of that row, one behind it
         ([block(0, 90), mag(85.0), block(100, 190)], 1),  # late
         ([block(0, 90), mag(700.0), block(100, 190)], 1),  # far ahead
         ([block(0, 90), mag(91.0), block(400, 490)], 2),  # a gap

@@ -30,6 +30,7 @@ from nav_pose_estimator.core.learning.takagi_sugeno import (
     pack,
     predict_row,
     predict_rows,
+    strongest_firing,
 )
 from nav_pose_estimator.core.numerics.jit import COMPILED
 from nav_pose_estimator.errors import UserError
@@ -202,6 +203,11 @@ class Anfis:
 
         Above 1 the network extrapolates. The score is the log firing strength of the best matching rule.
         """
+        if COMPILED and isinstance(X, np.ndarray) and X.dtype == np.float64 and X.shape == (1, self._sizes[0]):
+            median, rare = self.network.familiar.tolist()
+            firing = strongest_firing(self._packed, X[0], _FAR)
+            if firing > -math.inf:  # not for NaN
+                return np.array([(median - firing / X.shape[1]) / (median - rare)])
         return self.network.novelty(_matrix(X, "X", len(self.network.scaling.in_mean)))
 
     def state(self) -> dict[str, np.ndarray]:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nav_pose_estimator.core.numerics.jit import kernel
+from nav_pose_estimator.core.numerics.jit import inlined, kernel
 
 _BLOCK = 16384  # numbers per temporary array: they stay in the second-level cache, three times faster than whole arrays
 _TINY = 1e-24  # floor of the squared distance from a centre, so that its logarithm is finite
@@ -133,35 +133,50 @@ def pack(
     return np.concatenate([head, in_mean, in_gain, out_mean, out_scale, bells.ravel(), consequents.ravel()])
 
 
+@inlined
+def _scaled(packed, x, limit, z):
+    """Standardised inputs ``z`` (n,), clipped to +-limit, of a sample ``x`` (n,). False if ``x`` is not finite."""
+    n = int(packed[0])
+    for j in range(n):
+        z[j] = 0.0
+        if not math.isfinite(x[j]):
+            return False
+        if packed[4 + n + j] > 0.0:
+            z[j] = min(max((x[j] - packed[4 + j]) * packed[4 + n + j], -limit), limit)
+    return True
+
+
+@inlined
+def _log_firing_of(packed, bell, z):
+    """ln w of the rule whose membership functions begin at ``bell``, for standardised inputs ``z`` (n,)."""
+    log_w, product = 0.0, 1.0  # 1 / w = product exp(-log_w): one logarithm serves several memberships
+    for j in range(len(z)):
+        distance = z[j] - packed[bell + 3 * j]
+        log_u2 = math.log(max(distance * distance, _TINY)) - packed[bell + 3 * j + 1]
+        product *= 1.0 + math.exp(min(packed[bell + 3 * j + 2] * log_u2, _HUGE))
+        if product > _FULL:
+            log_w -= math.log(product)
+            product = 1.0
+    return log_w - math.log(product)
+
+
 @kernel
 def predict_row(packed, x, y):
     """All layers for one sample in physical units: ``x`` (n,) -> ``y`` (m,). False if ``x`` is not finite.
 
     The softmax is computed in one pass: the outputs are rescaled whenever a rule fires stronger than all before it.
     """
-    n, rules, m, clip = int(packed[0]), int(packed[1]), int(packed[2]), packed[3]
+    n, rules, m = int(packed[0]), int(packed[1]), int(packed[2])
     bell = 4 + 2 * n + 2 * m
     theta = bell + 3 * n * rules
-    z = np.zeros(n)
-    for j in range(n):
-        if not math.isfinite(x[j]):
-            return False
-        if packed[4 + n + j] > 0.0:
-            z[j] = min(max((x[j] - packed[4 + j]) * packed[4 + n + j], -clip), clip)
+    z = np.empty(n)
+    if not _scaled(packed, x, packed[3], z):
+        return False
     for o in range(m):
         y[o] = 0.0
     strongest, total = -math.inf, 0.0
-    for _ in range(rules):
-        log_w, product = 0.0, 1.0  # 1 / w = product exp(-log_w): one logarithm serves several memberships
-        for j in range(n):
-            distance = z[j] - packed[bell]
-            log_u2 = math.log(max(distance * distance, _TINY)) - packed[bell + 1]
-            product *= 1.0 + math.exp(min(packed[bell + 2] * log_u2, _HUGE))
-            if product > _FULL:
-                log_w -= math.log(product)
-                product = 1.0
-            bell += 3
-        log_w -= math.log(product)
+    for rule in range(rules):
+        log_w = _log_firing_of(packed, bell + 3 * n * rule, z)
         if log_w > strongest:
             fade = math.exp(strongest - log_w)
             strongest = log_w
@@ -178,6 +193,19 @@ def predict_row(packed, x, y):
     for o in range(m):
         y[o] = packed[4 + 2 * n + o] + packed[4 + 2 * n + m + o] * (y[o] / total)
     return True
+
+
+@kernel
+def strongest_firing(packed, x, limit):
+    """max_i ln w_i of one sample ``x`` (n,) in physical units, clipped to +-limit; NaN if ``x`` is not finite."""
+    n, rules, m = int(packed[0]), int(packed[1]), int(packed[2])
+    bell, strongest = 4 + 2 * n + 2 * m, -math.inf
+    z = np.empty(n)
+    if not _scaled(packed, x, limit, z):
+        return math.nan
+    for rule in range(rules):
+        strongest = max(strongest, _log_firing_of(packed, bell + 3 * n * rule, z))
+    return strongest
 
 
 @kernel

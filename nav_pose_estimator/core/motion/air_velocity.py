@@ -37,8 +37,8 @@ from numpy.typing import NDArray
 
 from nav_pose_estimator.core.learning.anfis import Anfis
 from nav_pose_estimator.core.motion.epochs import BODY_VELOCITY, FORCE, PERIOD, VELOCITY, attitude, inputs
+from nav_pose_estimator.core.motion.prediction_error import LASTING, doubt, hover_noise, low_frequency_density
 from nav_pose_estimator.core.motion.prior import ALONE, UNKNOWN_WIND, Blend, MotionPrior, in_raw_inputs
-from nav_pose_estimator.core.motion.usual import SLOW
 from nav_pose_estimator.core.motion.wind import Weigh, axis_weights, mean_wind, track, wind_spread
 from nav_pose_estimator.errors import UserError
 
@@ -50,15 +50,11 @@ _BLOCKS = 4  # blocks of time of the cross-validation
 _RIDGE = 1e-3  # ridge penalty on standardised coefficients, per epoch
 _WIND_RIDGE = 1e-2  # the same on the wind; strong, as without turns it is not observable beside the own mean velocity
 _ITERATIONS = 20  # of the conjugate gradient
-_MEMORY = 8.0  # s: longest lag at which residuals count as correlated
 _FLOOR = 0.05**2  # m^2/s^2: smallest variance of a mean over one second
-_UNSEEN_HOVER = 10.0  # s of hovering: weight of the guessed noise in a hover
 _CLEARLY = 0.9  # more rules are used only where they reduce the squared error to less than this fraction
 _SLIPS = 0.002  # largest mean square of sideways or vertical over forward speed on wheels: a mount 2.5 degrees off
 _MOVING = 1.0  # m^2/s^2: least mean square of the forward speed for that test
 _GUIDED_TIME = 60.0  # s: least flight for that test, as a multirotor, too, may fly straight on for a while
-_LASTING = 20.0  # s: correlation time of the error that a wrong coefficient makes, which is not white noise
-_STRANGE = 10.0  # factor on the noise of a prediction far from the training data
 
 
 class Law(Protocol):
@@ -78,7 +74,7 @@ class AirVelocityModel:
     covariance ``wind_cov`` (2, 2) and stationary variance ``wind_spread`` [m^2/s^2]. ``noise``, ``hover_noise`` (3,):
     variance of the residual's mean over one second, body axes [m^2/s^2]. ``parameter_cov`` (10, 10), larger with more
     inputs: covariance of a linear law's coefficients for unit noise. ``errors``: number of rules -> cross-validated
-    mean squared error [m^2/s^2].
+    mean squared error [m^2/s^2], or a lower bound of it.
     """
 
     network: Law
@@ -99,9 +95,7 @@ class AirVelocityModel:
 
     def doubt(self, x: Array) -> Array:
         """Factor (N,) on the noise at inputs (N, n): for extrapolation, and for poorly determined coefficients."""
-        strange = 1.0 + (_STRANGE - 1.0) * np.clip(self.network.novelty(x) - 1.0, 0.0, 1.0)
-        z = np.column_stack([x, np.ones(len(x))])
-        return strange * (1.0 + _LASTING * np.einsum("ni,ij,nj->n", z, self.parameter_cov, z))
+        return np.asarray(doubt(self.network.novelty(x), x, self.parameter_cov))
 
     @property
     def is_guided(self) -> bool:
@@ -183,7 +177,6 @@ def learn_air_velocity(
     ``rules``: numbers of rules to try; any but the first has to have a clearly smaller cross-validated error.
     ``weigh``: weights of the body axes in the estimate of the wind. While a ``prior`` has weight, the law is linear.
     """
-    blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
     seconds = 0.0 if prior is None else prior.seconds(epochs)
     windless = is_guided(epochs)
     if prior is not None and seconds > 0.0:
@@ -191,14 +184,12 @@ def learn_air_velocity(
         fits: dict[int, Fit] = {1: partial(prior.fit, seconds=seconds, windless=windless, weigh=weigh)}
     else:
         fits = {count: partial(_fit, rules=count, windless=windless, weigh=weigh) for count in rules}
-    residuals = {count: _unseen_residuals(epochs, blocks, fit) for count, fit in fits.items()}
-    errors = {count: float(np.square(residual).mean()) for count, residual in residuals.items()}
-    chosen = min(errors, key=lambda count: errors[count] * (1.0 if count == next(iter(errors)) else 1.0 / _CLEARLY))
-    network, wind = fits[chosen](epochs)
-    model = _begun(network, wind, epochs, residuals[chosen], errors, None if windless else weigh)
+    errors, residual, fit = _cross_validated(epochs, fits)
+    network, wind = fit(epochs)
+    model = _begun(network, wind, epochs, residual, errors, None if windless else weigh)
     if prior is None or seconds == 0.0:
-        return _with_noise(replace(model, parameter_cov=_parameter_cov(epochs)), epochs, residuals[chosen])
-    return _with_prior(model, epochs, residuals[chosen], prior)
+        return _with_noise(replace(model, parameter_cov=_parameter_cov(epochs)), epochs, residual)
+    return _with_prior(model, epochs, residual, prior)
 
 
 def with_law(epochs: Array, law: Law, windless: bool = False, weigh: Weigh = axis_weights) -> AirVelocityModel:
@@ -248,7 +239,7 @@ def _with_prior(model: AirVelocityModel, epochs: Array, unseen: Array, prior: Mo
     z = np.column_stack([inputs(epochs), np.ones(len(epochs))])
     blend = Blend(
         unknown_wind=0.0 if model.is_guided else UNKNOWN_WIND * seconds / prior.worth,
-        doubt=1.0 + _LASTING * float(np.einsum("ni,ij,nj->n", z, cov, z).mean()),
+        doubt=1.0 + LASTING * float(np.einsum("ni,ij,nj->n", z, cov, z).mean()),
         noise=prior.noise,
         share=share,
     )
@@ -281,8 +272,7 @@ class DragLaw:
 
 def learn_drag(epochs: Array) -> AirVelocityModel:
     """Fit drag coefficients and wind to aided epochs (N, COLUMNS) by least squares: eq. (1) without a network."""
-    blocks = np.array_split(np.arange(len(epochs)), _BLOCKS)
-    unseen = _unseen_residuals(epochs, blocks, _fit_drag)
+    unseen = _unseen_residuals(epochs, _fit_drag)
     law, wind = _fit_drag(epochs)
     errors = {1: float(np.square(unseen[:, :2]).mean())}
     model = _begun(law, wind, epochs, unseen, errors, axis_weights)
@@ -351,47 +341,52 @@ def _residuals(epochs: Array, network: Law, wind: Array) -> Array:
     return epochs[:, BODY_VELOCITY:VELOCITY] - network.predict(inputs(epochs)) - _in_body(epochs, wind)
 
 
-def _unseen_residuals(epochs: Array, blocks: Sequence[NDArray[np.intp]], fit: Fit) -> Array:
-    residual = np.empty((len(epochs), 3))
-    for block in blocks:
-        others = np.concatenate([other for other in blocks if other is not block])
-        residual[block] = _residuals(epochs[block], *fit(epochs[others]))
+def _cross_validated(epochs: Array, fits: Mapping[int, Fit]) -> tuple[dict[int, float], Array, Fit]:
+    """Mean squared error of each number of rules, and residuals (N, 3) and fit of the number that is used.
+
+    The blocks that one rule predicts worst come first, and a number of rules is given up as soon as it cannot be
+    clearly better any more. Its error is then a lower bound.
+    """
+    (first, used), *others = fits.items()
+    residual = _unseen_residuals(epochs, used)
+    errors = {first: float(np.square(residual).mean())}
+    least, order = _CLEARLY * errors[first], _worst_first(residual)
+    for count, fit in others:
+        other = _unseen_residuals(epochs, fit, order, least)
+        errors[count] = float(np.square(other).mean())
+        if errors[count] < least:
+            least, residual, used = errors[count], other, fit
+    return errors, residual, used
+
+
+def _blocks_of(epochs: Array) -> list[NDArray[np.intp]]:
+    return np.array_split(np.arange(len(epochs)), _BLOCKS)
+
+
+def _worst_first(residual: Array) -> list[int]:
+    """Numbers of the blocks in the order of falling residuals."""
+    squares = [float(np.square(residual[block]).sum()) for block in _blocks_of(residual)]
+    return sorted(range(_BLOCKS), key=squares.__getitem__, reverse=True)
+
+
+def _unseen_residuals(epochs: Array, fit: Fit, order: Sequence[int] = range(_BLOCKS), most: float = np.inf) -> Array:
+    """Residuals (N, 3) of each block by a fit to the others; zeros from where their mean square exceeds ``most``."""
+    blocks, residual = _blocks_of(epochs), np.zeros((len(epochs), 3))
+    for k in order:
+        if np.square(residual).mean() >= most:
+            break
+        residual[blocks[k]] = _residuals(epochs[blocks[k]], *fit(epochs[np.concatenate(blocks[:k] + blocks[k + 1 :])]))
     return residual
 
 
 def _with_noise(model: AirVelocityModel, epochs: Array, unseen: Array, blend: Blend = ALONE) -> AirVelocityModel:
     """The model with its present wind, and with the noise that remains when the wind is tracked."""
     seen = _residuals(epochs, model.network, model.wind_mean)
-    density = blend.doubt * blend.of(np.maximum(_low_frequency_density(unseen), _FLOOR))
+    density = blend.doubt * blend.of(np.maximum(low_frequency_density(unseen), _FLOOR))
     C = attitude(epochs)
     nothing, unknown = np.zeros(2), (model.wind_spread + blend.unknown_wind) * np.eye(2)
     wind, cov, expected = track(C, seen, density, model.wind_spread, nothing, unknown)
     white = seen - np.einsum("nij,ni->nj", C[:, :2], expected)
     optimism = np.maximum(np.square(unseen).mean(axis=0) / np.maximum(np.square(seen).mean(axis=0), 1e-9), 1.0)
-    noise = blend.of(np.maximum(_low_frequency_density(white) * optimism, _FLOOR))
-    hover_noise = _hover_noise(epochs, unseen)
-    return replace(model, wind=wind, wind_cov=cov, noise=noise, hover_noise=hover_noise)
-
-
-def _low_frequency_density(residual: Array) -> Array:
-    """Variance (3,) of a one-second mean of white noise with the low-frequency density of ``residual`` (N, 3).
-
-    Bartlett's estimate of the spectral density at zero; at least the density of independent residuals.
-    """
-    count = len(residual)
-    lags = min(round(_MEMORY / PERIOD), count // 4)
-    square = np.square(residual).mean(axis=0)
-    total = square.copy()
-    for lag in range(1, lags + 1):
-        total += 2.0 * (1.0 - lag / (lags + 1)) * (residual[lag:] * residual[:-lag]).mean(axis=0)
-    return np.maximum(total, square) * PERIOD
-
-
-def _hover_noise(epochs: Array, unseen: Array) -> Array:
-    """Variance (3,) [m^2/s^2] of the residuals in a hover, shrunk towards a guess: without hovering it is the guess."""
-    square = np.square(epochs[:, VELOCITY : VELOCITY + 2]).sum(axis=1)
-    hovers = square < SLOW**2
-    seconds = float(hovers.sum()) * PERIOD
-    known = 2.0 * np.square(unseen[hovers]).mean(axis=0) if hovers.any() else np.zeros(3)
-    guess = 1.0 + 0.5 * float(square[~hovers].mean()) if not hovers.all() else 1.0
-    return (_UNSEEN_HOVER * guess + seconds * known) / (_UNSEEN_HOVER + seconds)
+    noise = blend.of(np.maximum(low_frequency_density(white) * optimism, _FLOOR))
+    return replace(model, wind=wind, wind_cov=cov, noise=noise, hover_noise=hover_noise(epochs, unseen))

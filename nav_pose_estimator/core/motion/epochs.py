@@ -5,6 +5,8 @@ specific force, angular rate and position. Velocity in b is the mean of ``C^T v`
 aerobatic aircraft rolls far within half a second.
 """
 
+import math
+
 import numpy as np
 
 from nav_pose_estimator.core.filter.layout import OUT_FORCE, OUT_POS, OUT_QUAT, OUT_RATE, OUT_VEL
@@ -51,15 +53,21 @@ def inputs(epochs: np.ndarray) -> np.ndarray:
     return np.concatenate([epochs[:, FORCE:POSITION], attitude(epochs)[:, 2], epochs[:, COLUMNS:]], axis=1)
 
 
-def horizontal_acceleration(epochs: np.ndarray) -> np.ndarray:
-    """Horizontal specific force in n, (N, 2) [m/s^2], East and North: but for tilt errors, the acceleration."""
-    return np.einsum("nij,nj->ni", attitude(epochs)[:, :2], epochs[:, FORCE:RATE])
-
-
 def activity(epochs: np.ndarray) -> np.ndarray:
     """Logarithm (N,) of the RMS horizontal acceleration [m/s^2] over the two seconds that end with each epoch."""
-    square = np.square(horizontal_acceleration(epochs)).sum(axis=1)
-    summed = np.cumsum(np.concatenate([np.zeros(1), square]))
-    last = np.arange(1, len(square) + 1)
-    first = np.maximum(last - ACTIVITY_EPOCHS, 0)
-    return 0.5 * np.log((summed[last] - summed[first]) / (last - first) + _STILL)
+    return np.asarray(_activity(np.ascontiguousarray(epochs)))
+
+
+@kernel
+def _activity(epochs):
+    count = len(epochs)
+    squares, active = np.zeros(count), np.empty(count)
+    for n in range(count):
+        for i in range(2):
+            along = 0.0
+            for j in range(3):
+                along += epochs[n, ATTITUDE + 3 * i + j] * epochs[n, FORCE + j]
+            squares[n] += along * along
+        first = max(n + 1 - ACTIVITY_EPOCHS, 0)
+        active[n] = 0.5 * math.log(squares[first : n + 1].mean() + _STILL)
+    return active

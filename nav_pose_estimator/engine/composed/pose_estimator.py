@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +13,7 @@ from nav_pose_estimator.engine import warm_up_flight
 from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
 from nav_pose_estimator.engine.composed import sensor_batch
 from nav_pose_estimator.engine.composed.exchange import ExchangeClock, navigator_velocity, newest_stamp
-from nav_pose_estimator.engine.composed.sensor_batch import SensorBatch
+from nav_pose_estimator.engine.composed.sensor_batch import Early, SensorBatch
 from nav_pose_estimator.engine.navigator import stretch
 from nav_pose_estimator.engine.navigator.go_back import UNDONE
 from nav_pose_estimator.engine.navigator.heading_trial import TURNED
@@ -55,8 +55,6 @@ _ANOTHER_STATE = (WRONG_START, UNDONE, TURNED)
 _BETWEEN = (GnssFix, GnssVelocity, MagSample, PressureSample, SatelliteCount, BeamVelocitySample)
 """Samples that the navigator takes together with the IMU's."""
 _EPOCH, _SECOND = 2, 4  # number of exchanges in half a second and in a second
-Early = Sequence[tuple[int, Sample]]
-"""Samples with the number of IMU samples of a block before their arrival; the navigator gets them before the block."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +151,7 @@ class PoseEstimator:
         """Cuts a block for processing; a navigator that is levelling needs the attitude of each sample."""
         if self.attitude is not None and self.sins.mode in LEVELLING:
             return itertools.pairwise(range(len(block) + 1))
-        return self._clock.pieces(block)
+        return self._clock.pieces(block, _EPOCH)
 
     def _feed(self, samples: Sequence[Sample], early: Early = ()) -> list[Output]:
         """Take samples that the navigator may process before the attitude filter, or one block with ``early`` ones."""
@@ -161,7 +159,7 @@ class PoseEstimator:
             if self.outage_aid is not None:
                 self.outage_aid.predicted(samples[0])
             return []
-        solutions = [event for _, other in early for event in self.sins.feed(other)]
+        solutions = sensor_batch.feed_ahead(self.sins, samples[0], early) if early else []
         solutions += self.sins.feed(samples[0]) if len(samples) == 1 else self.sins.feed_all(samples)
         outputs = _attitudes(self.attitude, self._clock, samples, early, solutions)
         if self.sins.mode in LEVELLING:
@@ -245,10 +243,14 @@ def _attitudes(
 ) -> list[Output]:
     """Feed the attitude filter, at each exchange also the velocity from ``solutions``; returns its outputs."""
     outputs: list[Output] = []
-    exchanged_ns = 0
+    exchanged_ns = done = 0
     for part in _cut(samples, clock):
         if attitude is not None and isinstance(part, (ImuBlock, ImuSample, MagSample)):
-            parts = _in_order(part, early) if isinstance(part, ImuBlock) else [part]
+            parts: Iterable[Sample] = [part]
+            if early and isinstance(part, ImuBlock):
+                end = done + len(part)
+                parts = _in_order(part, [(place - done, other) for place, other in early if done <= place < end])
+                done = end
             # IMU events are omitted, as the navigator reports them, too
             outputs += [one for each in parts for one in attitude.feed(each) if not _is_imu_event(one)]
         if isinstance(part, (ImuBlock, ImuSample)) and clock.is_due(part) and attitude is not None:

@@ -1,7 +1,7 @@
 """Joins IMU blocks across samples of sensors that the navigator may get ahead of their time.
 
-A sample may go ahead only if it is valid after the IMU sample behind which it arrived: it then acts between the same
-two rows in either order. A sample of the same time would act before that row if known early, and behind it otherwise.
+Such a sample is not older than the IMU sample behind which it arrived, so that it acts between the same two rows in
+either order. One of the time of that IMU sample acts behind it (``Observation.behind``).
 """
 
 from __future__ import annotations
@@ -11,12 +11,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nav_pose_estimator.engine.navigator.sins import SinsEngine
+from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.samples import ImuBlock, MagSample, PressureSample, Sample, joined
+from nav_pose_estimator.engine.solutions import Output
 
 _QUIET = (MagSample, PressureSample)  # their observations never change the mode
 _LONGEST_NS = 1_000_000_000  # longest batch
-_AHEAD_NS = 500_000_000  # a sample stamped further ahead of the IMU is left to the navigator to judge
+_AHEAD_NS = 250_000_000  # a sample stamped further ahead of the IMU is left to the navigator to judge
 _STEP_NS = 100_000_000  # IMU samples further apart may cause a restart, so a gap is fed sample by sample
+
+
+Early = Sequence[tuple[int, Sample]]
+"""Samples with the number of IMU samples of a block before their arrival; the navigator gets them before the block."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +61,7 @@ def length(samples: Sequence[Sample], first: int) -> int:
     if not isinstance(block, ImuBlock) or not _is_steady(block):
         return 1
     begin, last = int(block.stamps_ns[0]), int(block.stamps_ns[-1])
+    ahead: set[int] = set()  # stamps of other samples that are valid after the IMU sample behind which they arrived
     for count in range(1, len(samples) - first):
         sample = samples[first + count]
         if isinstance(sample, ImuBlock):
@@ -61,9 +69,30 @@ def length(samples: Sequence[Sample], first: int) -> int:
             if not (follows and sample.stamps_ns[-1] - begin <= _LONGEST_NS and _is_steady(sample)):
                 return count
             last = int(sample.stamps_ns[-1])
-        elif not (isinstance(sample, _QUIET) and last < sample.stamp_ns <= last + _AHEAD_NS):
+        elif not isinstance(sample, _QUIET) or not last <= sample.stamp_ns <= last + _AHEAD_NS:
+            return count
+        elif sample.stamp_ns > last:
+            ahead.add(sample.stamp_ns)
+        elif last in ahead:  # of two samples of a time, one would act ahead of its row and one behind it
             return count
     return len(samples) - first
+
+
+def feed_ahead(sins: SinsEngine, block: Sample, early: Early) -> list[Output]:
+    """Feed the ``early`` samples of an IMU ``block`` ahead of it."""
+    assert isinstance(block, ImuBlock)
+    outputs: list[Output] = []
+    for place, sample in early:
+        run, behind_ns = sins.run, int(block.stamps_ns[place - 1]) if place else 0
+
+        def mark(observation: Observation, stamp_ns: int = behind_ns) -> bool:
+            observation.behind = observation.stamp_ns == stamp_ns
+            return False
+
+        run.take_observation = mark
+        outputs += sins.feed(sample)
+        run.take_observation = None
+    return outputs
 
 
 def _is_steady(block: ImuBlock) -> bool:

@@ -61,8 +61,10 @@ def _watch_for_a_pull(run: FilterRun) -> None:
 def _doubt_the_position(run: FilterRun) -> None:
     """Widen the position by a lasting offset of the fixes: velocities drag the filter, or the fixes are dragged."""
     whole = run.timeline.filter
+    if not run.aiding.gnss_is_good(whole.time):
+        return
     off = run.gnss.position.record.lasting(_OFF_FOR)
-    if off > max(_OFF_SDS * run.parameters.gnss.position_sd, _OFF) and run.aiding.gnss_is_good(whole.time):
+    if off > max(_OFF_SDS * run.parameters.gnss.position_sd, _OFF):
         run.observe(run.imu_doubt.observe(Doubt(0.0, 0.0, way=off), whole.time, run.clock.stamp(whole.time)))
 
 

@@ -11,7 +11,7 @@ from nav_pose_estimator.core.filter import memory
 from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, SOLUTION_SIZE, TIME
 from nav_pose_estimator.engine.navigator.branches import Branches
 from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
-from nav_pose_estimator.engine.samples import MotionEvidence, Vector3
+from nav_pose_estimator.engine.samples import Vector3
 
 MOTION = Kind("motion")
 """Observations that split the filter into branches and weight them; ``measured`` is a MotionEvidence."""
@@ -68,7 +68,7 @@ class SplitFilter:
         if self.branches is None:
             return memory.run_block(self.vector, rows, begin, end, due, out)
         stop = self.branches.run(rows, begin, end, due, out)
-        self.branches.mix_into(self.vector)
+        self._follow(self.branches)
         return stop
 
     def carry_one(self, rows: np.ndarray, index: int, t: float, gyro: Vector3, accel: Vector3) -> np.ndarray:
@@ -93,8 +93,12 @@ class SplitFilter:
         """Apply an observation at its time; True where it split the filter or merged its branches."""
         before = self.branches
         if observation.kind is MOTION:
-            if observation.arrival > self._united_by:  # older evidence is based on a solution that GNSS has corrected
-                self._weigh(observation.measured)
+            if observation.arrival <= self._united_by:  # it is based on a solution that GNSS has corrected since
+                return False
+            if self.branches is None:
+                self.branches = Branches(self.vector, self._slots, observation.measured)
+            self.branches.decide(observation.measured)
+            self._follow(self.branches)
         elif self.branches is None:
             apply(observation, self.view)
         elif observation.kind.whole:
@@ -105,15 +109,12 @@ class SplitFilter:
         else:
             for nav, P in self.branches.pairs():
                 apply(observation, FilterView(nav, P, self.branches.constants))
-            self.branches.mix_into(self.vector)
+            self._follow(self.branches)
         return self.branches is not before
 
-    def _weigh(self, evidence: MotionEvidence) -> None:
-        """Apply the hypotheses of an outage to the branches, which are created at the first evidence."""
-        if self.branches is None:
-            self.branches = Branches(self.vector, self._slots, evidence)
-        self.branches.decide(evidence)
-        self.branches.mix_into(self.vector)
+    def _follow(self, branches: Branches) -> None:
+        """Bring ``nav`` and ``P`` up to date after a change of the ``branches``."""
+        branches.mix_into(self.vector)
 
     def _unite(self, arrival: int) -> None:
         """End the branches after an absolute position: continue with the mixture ``nav``, ``P`` alone."""

@@ -116,10 +116,14 @@ class Timeline:
             self._forget()
         return solution
 
-    def settle(self) -> None:
-        """Let all observations act that have not yet, with a replay where they are late: ``filter`` is up to date."""
+    def settle(self, end: int | None = None) -> None:
+        """Let all observations act that have not yet, with a replay where they are late: ``filter`` is up to date.
+
+        ``end``: number of rows of the buffer that have been processed; by default all.
+        """
         if self.dirty is None:
             return
+        end = self.imu.last if end is None else end
         now, dirty, late = self.filter.time, self.dirty, self.late
         before = self.filter.nav[LAT:VEL].copy()
         self.dirty, self.late = None, False
@@ -137,7 +141,7 @@ class Timeline:
             self._run(begin, end)
         else:
             # on the present filter, after a checkpoint made now: the same numbers as if they had been known before
-            self.filter.carry(self.imu.rows, self.imu.last - 1, self.imu.last, now, np.empty((0, OUT_COLUMNS)))
+            self.filter.carry(self.imu.rows, end - 1, end, now, np.empty((0, OUT_COLUMNS)))
             self._observe_up_to(now)
             self.filter.renew_checkpoints()
         self._replaying = False
@@ -161,12 +165,20 @@ class Timeline:
         out = np.empty((end - begin, OUT_COLUMNS)) if out is None else out
         first, self.moves = end - len(out), []
         while True:
-            due = self.queue.due
-            begin = self.filter.carry(self.imu.rows, begin, end, due, out)
-            if begin == end:
-                return
-            before = self.shift
-            self._observe_up_to(due)
+            due, before, behind = self.queue.due, self.shift, 0
+            if not self._replaying:  # in a replay it acts ahead of its row, with the same result
+                behind = _rows_ahead_of(self.queue.front, self.imu.rows[begin:end, IMU_T])
+            if behind:
+                self.filter.carry(self.imu.rows, begin, begin + behind, math.inf, out[: begin + behind - first])
+                self.dirty, begin = due, begin + behind
+                if begin == end:
+                    return
+                self.settle(begin)
+            else:
+                begin = self.filter.carry(self.imu.rows, begin, end, due, out)
+                if begin == end:
+                    return
+                self._observe_up_to(due)
             if self.shift is not before:
                 self.moves.append((begin - first, before))
 
@@ -215,3 +227,11 @@ class Timeline:
         self.imu.drop_before(oldest)
         self._tidy_at = now + _TIDY_PERIOD
         return oldest
+
+
+def _rows_ahead_of(observation: Observation | None, times: np.ndarray) -> int:
+    """Number of rows at ``times`` (N,) [s] behind which ``observation`` acts; 0 if it acts behind none of them."""
+    if observation is None or not observation.behind:
+        return 0
+    count = int(times.searchsorted(observation.t, side="right"))
+    return count if count and times[count - 1] == observation.t else 0

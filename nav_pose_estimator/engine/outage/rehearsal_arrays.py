@@ -9,7 +9,8 @@ from dataclasses import astuple
 import numpy as np
 
 from nav_pose_estimator.core.motion.regimes import Decisions
-from nav_pose_estimator.engine.outage.rehearsals import RehearsalState, hovered
+from nav_pose_estimator.engine.outage.rehearsal import hovered
+from nav_pose_estimator.engine.outage.rehearsals import RehearsalState
 from nav_pose_estimator.errors import UserError
 
 _TABLES = ("squares", "excess")  # tables of squared errors [m^2], one row for each rehearsal, one column for each way

@@ -8,6 +8,7 @@ import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel
+from nav_pose_estimator.core.motion.prediction_error import velocity_error
 from nav_pose_estimator.core.motion.wind import WIND_TIME
 from nav_pose_estimator.engine.outage.methods.method import Advice, Array
 from nav_pose_estimator.engine.samples import Hypothesis, MotionEvidence, Vector3, VelocityError
@@ -110,11 +111,8 @@ def _predict(model: AirVelocityModel, newest: Array) -> AirPrediction:
 
 def _velocity_error(model: AirVelocityModel, stamp_ns: int, newest: Array, prediction: AirPrediction) -> VelocityError:
     """Estimate minus prediction, in n: the increment of the position error of CN113777645A, claim 3, as a velocity."""
-    C = me.attitude(newest[None])[0]
-    wind = np.append(model.wind_mean + model.wind, 0.0)
-    dv = newest[me.VELOCITY : me.FORCE] - C @ prediction.air_velocity - wind
-    cov = C @ np.diag(prediction.noise) @ C.T
-    cov[:2, :2] += model.wind_spread * np.eye(2)
+    wind = model.wind_mean + model.wind
+    dv, cov = velocity_error(newest, prediction.air_velocity, prediction.noise, wind, model.wind_spread)
     return VelocityError(stamp_ns, vector3(dv), cov)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, learn_air_velocity
+from nav_pose_estimator.core.motion.prediction_error import velocity_error
 from nav_pose_estimator.core.motion.prior import MotionPrior
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import AirVelocityGuide
 from nav_pose_estimator.engine.outage.methods.method import (
@@ -63,7 +64,8 @@ class Anfis(OutageMethod):
         epochs[:, me.TIME] = np.arange(_WARM_UP_EPOCHS) * me.PERIOD
         epochs[:, me.ATTITUDE : me.BODY_VELOCITY] = np.eye(3).ravel()
         model = NetworkTraining(epochs, (1,)).run().model.follow(epochs[-1])
-        model.predict(epochs[-1])
+        air_velocity, doubt = model.predict(epochs[-1])
+        velocity_error(epochs[-1], air_velocity, doubt * model.noise, model.wind, model.wind_spread)
 
     def job(self, epochs: Array, plan: TrainingPlan) -> TrainingJob:
         """Train with the numbers of rules to try."""

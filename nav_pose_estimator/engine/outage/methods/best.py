@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from nav_pose_estimator.core.motion import epochs as me
 from nav_pose_estimator.core.motion.air_velocity import AirVelocityModel, is_guided
 from nav_pose_estimator.core.motion.regimes import MotionRegimes, learn_regimes
@@ -100,6 +102,11 @@ class Best(Anfis):
     def least_flight(self) -> float:
         """Population statistics are known before the flight; only that the vehicle moves has to be observed."""
         return _LEAST_FLIGHT
+
+    def warm_up(self) -> None:
+        """As for the network, and what tells regimes apart."""
+        super().warm_up()
+        me.activity(np.zeros((1, me.COLUMNS)))
 
     def ways(self, flight: Flight) -> dict[str, Guide]:
         """The regimes with the usual drag; once there is a network, also the regimes with it, and the network alone."""

@@ -1,0 +1,172 @@
+"""One rehearsal of an outage: a copy of the navigator flies without GNSS, on every way through the outage at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from nav_pose_estimator.core.earth.ellipsoid import step_enu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.kalman import horizontal_sd
+from nav_pose_estimator.core.motion.epochs import PERIOD
+from nav_pose_estimator.core.motion.regimes import Decisions
+from nav_pose_estimator.core.motion.usual import SLOW
+from nav_pose_estimator.core.numerics.snapshot import snapshot
+from nav_pose_estimator.engine.navigator.modes import DENIED
+from nav_pose_estimator.engine.navigator.sins import SinsEngine
+from nav_pose_estimator.engine.observation import Observation
+from nav_pose_estimator.engine.outage.epochs import EpochCollector
+from nav_pose_estimator.engine.outage.filter_bank import COAST, TOLD, FilterBank, without_gnss
+from nav_pose_estimator.engine.outage.methods.air_velocity_guide import HOVER
+from nav_pose_estimator.engine.outage.methods.method import Guide
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample, joined
+from nav_pose_estimator.engine.solutions import Mode, NavBlock
+
+LENGTH_NS = 30_000_000_000
+
+
+class Epoch(NamedTuple):
+    """Samples that the copy gets together, and the aided navigator's ``velocity`` then, East and North [m/s]."""
+
+    samples: list[Sample]
+    velocity: tuple[float, float] | None
+
+
+class Outcome(NamedTuple):
+    """The result of a rehearsal: way -> squared horizontal error at its end in ``squares`` [m^2].
+
+    ``surprise``: the squared error of coasting over its stated variance. ``excess`` [m^2]: squared errors minus their
+    stated variances. ``decisions`` between the regimes of motion on the way.
+    """
+
+    squares: dict[str, float]
+    surprise: float
+    excess: dict[str, float]
+    decisions: Decisions
+
+
+@dataclass
+class Rehearsal:
+    """One rehearsal: the copy of the navigator, with the ``guides`` of the ways and the epochs of each."""
+
+    sins: SinsEngine
+    guides: Mapping[str, Guide]
+    collectors: dict[str, EpochCollector]
+    epochs: list[Epoch] = field(default_factory=list)  # still to be flown
+    tally: Decisions = field(default_factory=Decisions)  # decisions of the epochs flown so far
+
+    @classmethod
+    def of(cls, sins: SinsEngine, collector: EpochCollector, guides: Mapping[str, Guide]) -> Rehearsal:
+        """A rehearsal from the present state of the navigator ``sins`` and of the ``collector`` of its epochs."""
+        return cls(without_gnss(sins), guides, {name: snapshot(collector) for name in guides})
+
+    def copy(self) -> Rehearsal:
+        """An independent copy."""
+        collectors = {name: snapshot(collector) for name, collector in self.collectors.items()}
+        return Rehearsal(self.sins.snapshot(), self.guides, collectors, list(self.epochs), self.tally)
+
+    @property
+    def bank(self) -> FilterBank:
+        """The filters."""
+        bank = self.sins.run.timeline.filter
+        assert isinstance(bank, FilterBank)
+        return bank
+
+    @property
+    def has_restarted(self) -> bool:
+        """Whether the copy had to start again, for a gap in the IMU data or other states, which invalidates all."""
+        run = self.sins.run
+        if run.unseen or self.sins.mode not in (*DENIED, Mode.AIDED):
+            return True
+        return not isinstance(run.timeline.filter, FilterBank) or run.timeline.filter.was_restarted
+
+    def fly(self) -> None:
+        """Fly the epochs collected so far, unless the copy restarts.
+
+        In each, the other samples are fed ahead of the IMU's: an observation acts at its own time, however early it is
+        known.
+        """
+        epochs, self.epochs = self.epochs, []
+        for epoch in epochs:
+            imu = [sample for sample in epoch.samples if isinstance(sample, (ImuSample, ImuBlock))]
+            for sample in epoch.samples:
+                if not isinstance(sample, (ImuSample, ImuBlock)):
+                    self.sins.feed(sample)
+            if imu:
+                self._carry(joined(imu))
+            if self.has_restarted:
+                return
+            self.tally = self.tally + self._decided(epoch.velocity)
+
+    def _carry(self, imu: ImuBlock) -> None:
+        """Process IMU samples; at the end of an epoch, each guide says something to its own way."""
+        blocks = [output for output in self.sins.feed(imu) if isinstance(output, NavBlock)]
+        if not blocks or self.has_restarted:
+            return
+        stamps = np.concatenate([block.stamps_ns for block in blocks])
+        coasting = np.concatenate([block.rows for block in blocks])
+        last, ways = blocks[-1], self.bank.ways
+        for name, guide in self.guides.items():
+            rows = ways[name].take_rows() if name in ways else coasting
+            own = NavBlock(stamps, rows, last.mode, last.reset_count, last.correction_enu)
+            if self.collectors[name].feed(own) is not None:
+                for said in guide.advise(int(stamps[-1]), self.collectors[name].recent).samples:
+                    self._tell(name, said)
+
+    def _tell(self, name: str, said: Sample) -> None:
+        """Pass what a guide has said to the navigator; the resulting observations act on its own way alone."""
+        run, told = self.sins.run, list[Observation]()
+        run.take_observation = lambda observation: told.append(observation) is None
+        self.sins.feed(said)
+        run.take_observation = None
+        for one in told:
+            run.observe(Observation(one.t, one.stamp_ns, TOLD, (name, one)))
+
+    def _decided(self, velocity: tuple[float, float] | None) -> Decisions:
+        """Decisions of one epoch at the true ``velocity``, by the last of the ways that distinguishes regimes."""
+        square = 0.0 if velocity is None else 0.5 * (velocity[0] ** 2 + velocity[1] ** 2)
+        if 2.0 * square < SLOW**2:
+            return Decisions()
+        for name in reversed(self.collectors):
+            branches = self.bank.ways[name].branches if name in self.bank.ways else None
+            if branches is not None and HOVER in branches.names:
+                return Decisions(PERIOD * square, PERIOD * square * branches.probability(HOVER))
+        return Decisions()
+
+    def outcome(self, truth: np.ndarray, offset: np.ndarray, known: float) -> Outcome | None:
+        """Fly it to its end and evaluate the errors; None where the copy had to restart.
+
+        ``truth``: ``nav`` of the aided navigator at the end. ``offset`` (2,) [m]: its distance from the fixes, East and
+        North, as ``Gnss.offset``. ``known`` [m]: its horizontal standard deviation.
+        """
+        self.fly()
+        if self.has_restarted:
+            return None
+        self.sins.run.timeline.settle()
+        views = dict(self.bank.views())
+        squares, excess, variances = {}, {}, {}
+        for name in (COAST, *self.guides):
+            view = views.get(name, views[COAST])
+            step = step_enu(truth[at.LAT : at.VEL], view.nav[at.LAT : at.VEL])
+            squares[name] = float(np.square(step[:2] + offset).sum())
+            # stated variance of its horizontal position, beyond that of the aided navigator
+            variances[name] = float(horizontal_sd(view.P)) ** 2 - known**2
+            # the variance that earlier rehearsals added must not hide a deficit of the stated one
+            added = 2.0 * spread_psd(self.guides.get(name), hovered(self.tally)) * LENGTH_NS * 1e-9
+            excess[name] = squares[name] - max(variances[name] - added, 0.0)
+        surprise = squares[COAST] / max(variances[COAST], 1.0)
+        return Outcome(squares, surprise, excess, self.tally)
+
+
+def hovered(decisions: Decisions) -> bool:
+    """Whether the vehicle hovered during a rehearsal, by its RMS speed where the regimes were distinguished."""
+    return decisions.travelled < 0.5 * SLOW**2 * LENGTH_NS * 1e-9
+
+
+def spread_psd(guide: Guide | None, hovers: bool) -> float:
+    """Spectral density [m^2/s] that earlier rehearsals added to the stated position, hovering or travelling."""
+    added = getattr(guide, "spread_psd", 0.0)
+    return float(getattr(guide, "hover_spread_psd", added) if hovers else added)

@@ -1,0 +1,74 @@
+"""The filters of a rehearsal: each way is what a copy of the whole navigator would be."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from nav_pose_estimator.core.earth.ellipsoid import step_enu
+from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.navigator.sins import SinsEngine
+from nav_pose_estimator.engine.outage.epochs import last_stamp
+from nav_pose_estimator.engine.outage.filter_bank import COAST
+from nav_pose_estimator.engine.outage.rehearsal import Epoch, Rehearsal
+from nav_pose_estimator.engine.samples import ImuBlock, MagSample, joined, known_stamp
+from nav_pose_estimator.engine.solutions import NavBlock
+from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
+
+AIDED_NS, HALF_NS, COUNT = 10**18 + 40 * 10**9, 500_000_000, 30
+
+
+def split(flight: list, late: bool) -> tuple[list, list[Epoch]]:
+    """The aided part of a flight, and half seconds after it with the magnetometer, punctual or one of them late."""
+    imu = joined([sample for sample in flight if isinstance(sample, ImuBlock)])
+    ends = imu.stamps_ns.searchsorted(AIDED_NS + HALF_NS * np.arange(COUNT + 1), side="right")
+    before = [sample for sample in flight if not isinstance(sample, ImuBlock) and known_stamp(sample) <= AIDED_NS]
+    epochs = []
+    for k in range(COUNT):
+        begin = AIDED_NS + HALF_NS * (k - late)
+        mags = [s for s in flight if isinstance(s, MagSample) and begin < s.stamp_ns <= begin + HALF_NS]
+        epochs.append(Epoch([*mags, imu.part(int(ends[k]), int(ends[k + 1]))], None))
+    cuts = imu.stamps_ns.searchsorted([known_stamp(sample) for sample in before], side="right").tolist()
+    aided: list = []
+    for first, cut, sample in zip([0, *cuts], cuts, before, strict=False):
+        aided += [imu.part(first, cut), sample] if cut > first else [sample]
+    return [*aided, imu.part(cuts[-1], int(ends[0]))] if cuts[-1] < ends[0] else aided, epochs
+
+
+def alone(rehearsal: Rehearsal, sins: SinsEngine, epochs: list[Epoch]) -> Iterator[tuple[str, SinsEngine]]:
+    """Copies of the navigator that fly the epochs, each with the evidence of its own guide."""
+    for name, guide in {COAST: None, **rehearsal.guides}.items():
+        twin, collector = sins.snapshot(), rehearsal.copy().collectors.get(name)
+        for sample in (sample for epoch in epochs for sample in epoch.samples):
+            for output in twin.feed(sample):
+                if collector is not None and isinstance(output, NavBlock) and collector.feed(output) is not None:
+                    for said in guide.advise(last_stamp(output), collector.recent).samples:
+                        twin.feed(said)
+        yield name, twin
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("late", [False, True])
+def test_each_way_is_what_a_copy_of_the_navigator_would_be(late: bool) -> None:
+    """GIVEN an aided flight WHEN 15 s of it are rehearsed, with a punctual or late magnetometer THEN every filter has
+    the state of a copy of the navigator that is guided by itself."""
+    aided, epochs = split(samples(60.0, 100.0), late)
+    engine = PoseEstimator()
+    engine.feed_all(aided)
+    aid = engine.outage_aid
+    assert aid is not None
+    ways = aid.learner.method.ways(aid._flight(20.0))
+    rehearsal = Rehearsal.of(engine.sins, aid._pilot.state.collector, ways)
+    expected = dict(alone(rehearsal, engine.sins, epochs))
+    rehearsal.epochs = epochs
+    rehearsal.fly()
+    rehearsal.sins.run.timeline.settle()
+    views = dict(rehearsal.bank.views())
+    assert set(views) <= set(expected) == {COAST, *ways}  # a way whose guide says nothing coasts
+    assert not np.array_equal(views["network"].nav, views[COAST].nav)
+    for name, twin in expected.items():
+        view, settled = views.get(name, views[COAST]), twin.run.settled
+        apart = step_enu(settled.nav[at.LAT : at.VEL], view.nav[at.LAT : at.VEL])
+        np.testing.assert_allclose(apart, 0.0, atol=1e-6)
+        np.testing.assert_allclose(view.P.diagonal(), settled.P.diagonal(), rtol=0.02)
