@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, PressureSample, Sample
-from nav_pose_estimator.sim.faults import Freeze
+from nav_pose_estimator.sim.faults import Freeze, Shift
 from nav_pose_estimator.sim.recording import Recording
 from told import flight, silence, tell
 
@@ -38,6 +38,20 @@ def test_a_barometer_that_freezes_in_an_outage_holds_no_height() -> None:
     assert told.when("baro.frozen")[0] < 56.0
     up, up_sd = np.abs(told.error[:, 2]), np.sqrt(told.variances[:, 2])
     assert (up < 3.0 * up_sd + 3.0)[told.between(45.0, 80.0)].all()
+
+
+@pytest.mark.parametrize("step", [-60.0, 250.0])
+def test_a_barometer_that_steps_in_an_outage_leaves_the_height_uncertain(step: float) -> None:
+    """GIVEN an outage WHEN the pressure steps by 60 or 250 Pa, 5 or 21 m, THEN sigma covers the height, and neither
+    is the horizontal sigma affected nor the height any longer in doubt once GNSS is back."""
+    faults = (*silence(40.0, 15.0), Shift(PressureSample, 43.0, 27.0, (step,)))
+    told, sound = tell(flight(duration=62.0), *faults), tell(flight(duration=62.0), *silence(40.0, 15.0))
+    later = told.between(43.5, 55.0)
+    up, sd = np.abs(told.error[:, 2]), np.sqrt(told.variances[:, 2])
+    assert up[later].max() > 3.0
+    assert (up[later] < 3.0 * sd[later]).all()
+    assert np.allclose(told.sigma[later], sound.sigma[later], rtol=0.05)
+    assert sd[-1] < 2.0
 
 
 @pytest.mark.parametrize("decimals", [3, 4])
