@@ -1,4 +1,4 @@
-"""Frequency of a wrong pose with a good status, with faults of IMU, barometer or clock that are hard to detect.
+"""Frequency of a wrong pose with a good status, with faults of sensors or clocks that are hard to detect.
 
 Size, rate, axis and start of the fault are random for each flight, and so are vehicle and seed.
 
@@ -14,10 +14,19 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.rotation import quat_to_matrix
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, PressureSample, Sample, SatelliteCount
+from nav_pose_estimator.engine.samples import (
+    BodyVelocity,
+    GnssFix,
+    GnssVelocity,
+    ImuBlock,
+    PressureSample,
+    Sample,
+    SatelliteCount,
+)
 from nav_pose_estimator.engine.solutions import Event, Level, Mode, NavBlock
 from nav_pose_estimator.sim import faults, scenarios
 from nav_pose_estimator.sim.recording import Recording
@@ -170,6 +179,68 @@ def returned(flight: Flight) -> Samples:
     return flight.recording.with_faults(faults.Shift(GnssFix, flight.lost + LENGTH, math.inf, away)).samples()
 
 
+def baro_step(flight: Flight) -> Samples:
+    """The pressure steps by 40 to 300 Pa."""
+    size, begin = flight.rng.choice([-1.0, 1.0]) * flight.rng.uniform(40.0, 300.0), flight.begin()
+    return flight.recording.with_faults(faults.Shift(PressureSample, begin, math.inf, (size,))).samples()
+
+
+def baro_drift(flight: Flight) -> Samples:
+    """The pressure drifts by 2 to 12 Pa/s, 0.2 to 1 m/s."""
+    slope, begin = flight.rng.choice([-1.0, 1.0]) * flight.rng.uniform(2.0, 12.0), flight.begin()
+    for sample in flight.recording.samples():
+        if isinstance(sample, PressureSample):
+            late = max(flight.seconds(sample.stamp_ns) - begin, 0.0)
+            sample = replace(sample, pressure=sample.pressure + slope * late)
+        yield sample
+
+
+def with_body_velocity(
+    flight: Flight, change: Callable[[float, np.ndarray, np.ndarray], np.ndarray], late: float = 0.0
+) -> Samples:
+    """The flight with a velocity sensor of 10 Hz and 0.05 m/s.
+
+    ``change`` receives time [s], velocity (3,) in b with noise, and in n without. ``late`` [s]: its age when sent.
+    """
+    truth, due = flight.recording.truth, 0.0
+    for sample in flight.recording.samples():
+        yield sample
+        if isinstance(sample, ImuBlock) and (t := flight.seconds(sample.stamps_ns[-1])) >= due:
+            due = t + 0.1
+            row = min(int(truth.t.searchsorted(max(t - late, 0.0))), len(truth) - 1)
+            velocity = truth.v_n[row]
+            in_body = quat_to_matrix(truth.q_nb[row]).T @ velocity + flight.rng.normal(0.0, 0.05, 3)
+            yield BodyVelocity(int(sample.stamps_ns[-1]), tuple(change(t, in_body, velocity).tolist()))
+
+
+def body_enu(flight: Flight) -> Samples:
+    """The body velocity is East-North-Up."""
+    return with_body_velocity(flight, lambda t, b, n: n)
+
+
+def body_late(flight: Flight) -> Samples:
+    """The body velocity is 0.2 to 1 s late."""
+    return with_body_velocity(flight, lambda t, b, n: b, flight.rng.uniform(0.2, 1.0))
+
+
+def body_scaled(flight: Flight) -> Samples:
+    """The body velocity has another unit or scale."""
+    size = flight.rng.choice([0.5, 0.8, 1.2, 1.94, 3.28, 100.0])
+    return with_body_velocity(flight, lambda t, b, n: size * b)
+
+
+def body_changed(flight: Flight) -> Samples:
+    """The body velocity stops, or changes its scale."""
+    size, begin = flight.rng.choice([0.0, 0.5, 0.7, 1.5]), flight.begin()
+    return with_body_velocity(flight, lambda t, b, n: b * (size if t > begin else 1.0))
+
+
+def body_offset(flight: Flight) -> Samples:
+    """The body velocity gets an offset of 0.2 to 1.5 m/s."""
+    offset, begin = flight.rng.uniform(0.2, 1.5) * flight.axis(), flight.begin()
+    return with_body_velocity(flight, lambda t, b, n: b + offset * (t > begin))
+
+
 KINDS: dict[str, tuple[Callable[[Flight], Samples], bool]] = {
     "sound": (sound, False),
     "sound, outage": (sound, True),
@@ -189,6 +260,13 @@ KINDS: dict[str, tuple[Callable[[Flight], Samples], bool]] = {
     "baro frozen, outage": (baro_frozen, True),
     "baro late, outage": (baro_late, True),
     "GNSS returns off": (returned, True),
+    "baro step, outage": (baro_step, True),
+    "baro drift, outage": (baro_drift, True),
+    "body velocity ENU": (body_enu, True),
+    "body velocity late": (body_late, True),
+    "body velocity scaled": (body_scaled, True),
+    "body velocity changes": (body_changed, True),
+    "body velocity offset": (body_offset, True),
 }
 """Faults by name, and whether there is a GNSS outage."""
 

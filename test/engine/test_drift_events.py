@@ -7,6 +7,7 @@ from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Kind, Observation
 from nav_pose_estimator.engine.sensors.gnss.elsewhere import Elsewhere
 from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
+from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter
 
 PERIOD, SCATTER = 0.2, 8.0  # s, m
 
@@ -14,7 +15,7 @@ PERIOD, SCATTER = 0.2, 8.0  # s, m
 def told(sd: float, drift: float, quiet: float = 20.0) -> list[str]:
     """Events of a receiver at rest whose fixes scatter by ``sd`` [m] and drift [m/s] for 50 s, and then are exact."""
     journal, rng = Journal(), np.random.default_rng(3)
-    elsewhere = Elsewhere(journal, Rounding(journal))
+    elsewhere = Elsewhere(journal, Rounding(journal), Scatter(journal))
     for i in range(round((60.0 + quiet) / PERIOD)):
         t = i * PERIOD
         is_bad = 5.0 < t < 55.0

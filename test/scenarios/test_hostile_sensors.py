@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nav_pose_estimator.engine.samples import GnssFix, ImuBlock, PressureSample, Sample
-from nav_pose_estimator.sim.faults import Freeze
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, PressureSample, Sample
+from nav_pose_estimator.engine.solutions import Mode
+from nav_pose_estimator.sim.faults import Freeze, Shift
 from nav_pose_estimator.sim.recording import Recording
 from told import flight, silence, tell
 
@@ -38,6 +39,20 @@ def test_a_barometer_that_freezes_in_an_outage_holds_no_height() -> None:
     assert told.when("baro.frozen")[0] < 56.0
     up, up_sd = np.abs(told.error[:, 2]), np.sqrt(told.variances[:, 2])
     assert (up < 3.0 * up_sd + 3.0)[told.between(45.0, 80.0)].all()
+
+
+@pytest.mark.parametrize("step", [-60.0, 250.0])
+def test_a_barometer_that_steps_in_an_outage_leaves_the_height_uncertain(step: float) -> None:
+    """GIVEN an outage WHEN the pressure steps by 60 or 250 Pa, 5 or 21 m, THEN sigma covers the height, and neither
+    is the horizontal sigma affected nor the height any longer in doubt once GNSS is back."""
+    faults = (*silence(40.0, 15.0), Shift(PressureSample, 43.0, 27.0, (step,)))
+    told, sound = tell(flight(duration=62.0), *faults), tell(flight(duration=62.0), *silence(40.0, 15.0))
+    later = told.between(43.5, 55.0)
+    up, sd = np.abs(told.error[:, 2]), np.sqrt(told.variances[:, 2])
+    assert up[later].max() > 3.0
+    assert (up[later] < 3.0 * sd[later]).all()
+    assert np.allclose(told.sigma[later], sound.sigma[later], rtol=0.05)
+    assert sd[-1] < 2.0
 
 
 @pytest.mark.parametrize("decimals", [3, 4])
@@ -74,3 +89,45 @@ def test_a_gyroscope_that_steps_in_an_outage_is_doubted() -> None:
     assert told.count("imu_doubt.used") >= 1
     assert told.off.max() > 50.0
     assert (told.off < 3.0 * told.sigma)[told.between(60.0, 65.0)].all()
+
+
+def test_noise_that_the_receiver_does_not_state_is_used_as_noise() -> None:
+    """GIVEN fixes that scatter by 8 m and state 1 m THEN that is told within three seconds, and sigma holds."""
+    recording, rng = flight(duration=40.0), np.random.default_rng(2)
+
+    def noisy() -> Iterator[Sample]:
+        for sample in recording.samples():
+            if isinstance(sample, GnssFix):
+                east, north, up = rng.normal(0.0, 8.0, 3)
+                place = {"lat": sample.lat + north / 6.37e6, "lon": sample.lon + east / 6.37e6 / math.cos(sample.lat)}
+                sample = replace(sample, **place, alt=sample.alt + up)
+            yield sample
+
+    told = tell(recording, samples=noisy(), learner__enabled=False)
+    assert told.when("gnss.scatters")[0] < 8.0
+    later = told.t > told.when("gnss.scatters")[0] + 1.0
+    assert (told.off[later] < 3.0 * told.sigma[later] + 1.0).all()
+    assert set(told.modes_between(10.0, 40.0)) == {Mode.AIDED}
+
+
+def test_a_static_hold_that_does_not_end_at_the_take_off_is_a_stuck_receiver() -> None:
+    """GIVEN a receiver that repeats its position and a velocity of zero WHEN the vehicle climbs with the barometer
+    THEN its fixes are not used, and the height is right."""
+    recording, held = flight(duration=45.0), None
+
+    def hold() -> Iterator[Sample]:
+        nonlocal held
+        for sample in recording.samples():
+            if isinstance(sample, GnssVelocity):
+                sample = replace(sample, vel_enu=(0.0, 0.0, 0.0))
+            if isinstance(sample, GnssFix):
+                held = held or sample
+                sample = replace(held, stamp_ns=sample.stamp_ns)
+            yield sample
+
+    told = tell(recording, samples=hold(), learner__enabled=False)
+    climbed = recording.truth.alt - recording.truth.alt[0]
+    off = float(recording.truth.t[np.argmax(climbed > 6.0)])
+    assert told.when("gnss.rejected.stuck")[0] < off
+    high = told.between(off + 2.0, off + 10.0)
+    assert (np.abs(told.error[high, 2]) < np.maximum(3.0 * np.sqrt(told.variances[high, 2]), 3.0)).all()

@@ -13,19 +13,24 @@ pytestmark = pytest.mark.compiled
 LOST, LENGTH, END = 50.0, 15.0, 70.0  # s
 RATE, SD = 10.0, 0.05  # Hz, m/s
 Change = Callable[[np.ndarray], np.ndarray]
+Later = Callable[[float, np.ndarray], np.ndarray]
 EVENT = "body_velocity.implausible"
 TURNED = np.array([[0.5**0.5, -(0.5**0.5), 0.0], [0.5**0.5, 0.5**0.5, 0.0], [0.0, 0.0, 1.0]])
 
 
-def with_body_velocity(change: Change, name: str, sd: float = SD) -> Iterator[Sample]:
-    """The flight without GNSS from ``LOST`` on for ``LENGTH``, and what a sensor would send of its velocity."""
+def with_body_velocity(change: Change, name: str, sd: float = SD, later: Later | None = None) -> Iterator[Sample]:
+    """The flight without GNSS from ``LOST`` on for ``LENGTH``, and what a sensor would send of its velocity.
+
+    ``change`` acts on the velocity in b, ``later`` on the time [s] and the result.
+    """
     recording = flight(name, END).with_faults(*silence(LOST, LENGTH))
     truth, velocity, rng = recording.truth, in_body(recording), np.random.default_rng(3)
     for sample, t in at_rate(recording, RATE):
         yield sample
         if isinstance(sample, ImuBlock) and t is not None:
             measured = velocity[min(round(t / truth.dt), len(truth) - 1)] + rng.normal(0.0, sd, 3)
-            yield BodyVelocity(int(sample.stamps_ns[-1]), tuple(change(measured).tolist()))
+            sent = change(measured) if later is None else later(t, change(measured))
+            yield BodyVelocity(int(sample.stamps_ns[-1]), tuple(sent.tolist()))
 
 
 @pytest.mark.parametrize(
@@ -77,3 +82,25 @@ def test_an_axis_that_is_not_measured_leaves_the_others() -> None:
     inside = one.between(LOST, LOST + LENGTH)
     assert (one.off[inside] < 3.0 * one.sigma[inside]).all()
     assert one.sigma[inside].max() < 0.7 * none.sigma[inside].max()
+
+
+@pytest.mark.parametrize("name", ["hover", "multirotor_light"])
+def test_an_unconfirmed_one_steers_nothing_while_gnss_is_good(name: str) -> None:
+    """GIVEN a sensor that sends a constant turn and scale WHEN no motion has confirmed it THEN the pose keeps to GNSS,
+    and in an outage sigma covers what such a velocity may cause."""
+    samples = with_body_velocity(lambda v: 1.5 * (TURNED @ TURNED @ v), name)
+    told = tell(flight(name, END), samples=samples, learner__enabled=False)
+    assert told.count("body_velocity.unproven") > 0
+    flying = told.t > 10.0
+    assert (told.off[flying] < np.maximum(3.0 * told.sigma[flying], 3.0)).all()
+
+
+@pytest.mark.parametrize("size", [0.0, 0.5])
+def test_a_velocity_that_changes_in_an_outage_without_a_force_is_doubted(size: float) -> None:
+    """GIVEN a confirmed sensor WHEN it loses half of its size or stops in an outage THEN the doubt is told once, and
+    the pose is seldom off by more than three sigma."""
+    samples = with_body_velocity(lambda v: v, "stop_and_go", later=lambda t, v: v * (size if t > LOST else 1.0))
+    told = tell(flight("stop_and_go", END), samples=samples, learner__enabled=False)
+    assert len(told.when("body_velocity.unfelt", LOST)) == 1
+    inside = told.between(LOST, LOST + LENGTH)
+    assert (told.off[inside] < np.maximum(3.0 * told.sigma[inside], 3.0)).mean() > 0.8

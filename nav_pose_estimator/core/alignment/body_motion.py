@@ -43,6 +43,7 @@ _UNNAMED, _QUITE_UNLIKE = 6, 0.5  # consecutive windows, and unexplained fractio
 _MOVES = 1.0  # m/s: smallest speed over ground at which speeds are compared
 _SIZE, _SCATTER = 0.12, 0.1  # smallest relative scale error of a fault, and largest relative scatter about that scale
 _ENOUGH = 12  # s: least number of seconds of such speeds
+_HALF_KNOWN = 0.3  # possible error, relative to the speed, where only axes or only size are confirmed
 
 
 class Mistake(NamedTuple):
@@ -86,6 +87,9 @@ class BodyMotion:
     """Whether the last informative windows contradict the velocity."""
     fault: str = field(default="", init=False)
     """The established fault, one clause for the user; empty without one."""
+    is_proven: bool = field(default=False, init=False)
+    """Whether windows in a row have confirmed the velocity, and nothing has contradicted it since."""
+    _scale_error: float = field(default=math.inf, init=False)  # possible one, by the speed over ground
     _mistakes: list[Mistake] = field(default_factory=_mistakes, init=False)
     _velocities: VelocityHistory = field(init=False)  # in b
     _left: Array = field(init=False)
@@ -100,6 +104,13 @@ class BodyMotion:
     def __post_init__(self) -> None:
         self._left, self._wins = np.zeros(len(self._mistakes)), np.zeros(len(self._mistakes), int)
         self._velocities = VelocityHistory(_STORED)
+
+    @property
+    def possible_error(self) -> float:
+        """Possible error of a velocity that nothing contradicts, relative to the speed."""
+        if self.is_proven and self._scale_error < _HALF_KNOWN:
+            return self._scale_error
+        return _HALF_KNOWN if self.is_proven or self._scale_error < _SIZE else 1.0
 
     def forget_time(self) -> None:
         """The clock changed: forget the samples, keep the established fault."""
@@ -125,6 +136,7 @@ class BodyMotion:
         if measured[0.0] is None:
             return
         self._compare_sizes(times, measured[0.0], over_ground)
+        self.is_proven = self.is_proven and not self.fault
         felt = felt - felt.mean(axis=0)
         varied = float(np.vdot(felt, felt))
         noise = _noise(known[-_RECENT:])
@@ -151,6 +163,11 @@ class BodyMotion:
         self._strange = self._strange + 1 if left[0] > _QUITE_UNLIKE * varied else 0
         self._alike = self._alike + 1 if left[0] < _ALIKE * varied else 0
         self.suspect = self._unlike >= _SUSPECT or (self.suspect and not self._alike)
+        self._name()
+        self.is_proven = not (self.suspect or self.fault) and (self.is_proven or self._alike >= _PROOF)
+
+    def _name(self) -> None:
+        """Establish or clear a fault by the evidence so far."""
         if self._alike >= _PROOF and not self._is_size:
             self.fault = ""
         if self.fault or self._left[0] < _ALIKE * self._varied:
@@ -176,6 +193,7 @@ class BodyMotion:
         scale = float(a @ b) / max(float(a @ a), 1e-12)
         scatter = float(np.square(b - scale * a).sum()) / max(float(b @ b), 1e-12)
         self._is_size = abs(scale - 1.0) > _SIZE and scatter < _SCATTER**2
+        self._scale_error = abs(scale - 1.0) + math.sqrt(scatter / len(self._sizes))
         unit = next((name for name, size in _UNITS.items() if abs(scale / size - 1.0) < 0.5 * _SIZE), "")
         words = f"it looks like {unit} instead of m/s" if unit else f"its size is {scale:.2g} times the speed"
         self.fault = (self.fault or words) if self._is_size else ""

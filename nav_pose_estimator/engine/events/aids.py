@@ -87,6 +87,17 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "the sentence names the likely mistake: set aids.body_velocity_rpy or _delay, or let the driver send "
             "Forward-Left-Up in m/s",
         ),
+        Entry(
+            "body_velocity.unfelt",
+            "without GNSS the body velocity changed, and the IMU felt no force: either may be wrong; the deviation of "
+            "the position grows with the difference until GNSS is back",
+            "look for a sensor that lost its ground lock, slips, or repeats itself",
+        ),
+        Entry(
+            "body_velocity.unproven",
+            "a body velocity not used while GNSS is good, because no motion has confirmed its axes yet",
+            "speed up, brake and turn: three windows of six seconds that agree with the IMU confirm it",
+        ),
         Entry("body_velocity.rejected.axes", "a body velocity that contradicts the IMU and was not used", "as above"),
         Entry(
             "beam_velocity.geometry",

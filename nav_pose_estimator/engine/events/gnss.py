@@ -128,6 +128,13 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
             "set gnss.delay to what the sentence says; then compare the clocks of receiver and IMU",
         ),
         Entry(
+            "gnss.scatters",
+            "positions scatter from fix to fix by more than the receiver states; they are used with that noise, and "
+            "the status says in doubt",
+            "look for reflections, a covered antenna, or a source that adds noise to the fixes",
+        ),
+        Entry("gnss.scatters.ended", "they scatter as stated again"),
+        Entry(
             "gnss.rounded",
             "all positions lie on a coarse grid; they are used with that error, which sigma covers",
             "let the driver print latitude and longitude with seven decimals; no single precision",

@@ -145,6 +145,8 @@ def _body_velocity(run: FilterRun, sample: BodyVelocity) -> None:
             if sensor.refuse_axes(body.fault, sample.stamp_ns):
                 run.gnss.reception.velocities.misled = True
             return
+        if measured is not None:  # one that lacks an axis cannot be tested
+            sensor.is_proven, sensor.possible_error = body.is_proven, body.possible_error
     _aid(run, sample)
 
 

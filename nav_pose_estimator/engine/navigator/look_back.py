@@ -14,6 +14,8 @@ from nav_pose_estimator.engine.imu.doubt import Doubt
 from nav_pose_estimator.engine.navigator import heading_trial
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.modes import DENIED
+from nav_pose_estimator.engine.samples import BodyVelocity
+from nav_pose_estimator.engine.sensors.body_velocity import BodyVelocitySensor
 
 _GROUNDED = 1.0  # m/s
 _OFF_FOR = 4.0  # s over which the median innovation of positions is taken
@@ -42,6 +44,7 @@ def _look_at_motion(run: FilterRun) -> None:
     )
     _watch_for_a_pull(run)
     _doubt_the_position(run)
+    _doubt_the_body_velocity(run)
     if run.parameters.imu.learn_noise:
         _identify_noise(run, rests=mean_rate is not None)
     if mean_rate is not None and run.parameters.aids.zero_velocity:
@@ -66,6 +69,20 @@ def _doubt_the_position(run: FilterRun) -> None:
     off = run.gnss.position.record.lasting(_OFF_FOR)
     if off > max(_OFF_SDS * run.parameters.gnss.position_sd, _OFF):
         run.observe(run.imu_doubt.observe(Doubt(0.0, 0.0, way=off), whole.time, run.clock.stamp(whole.time)))
+
+
+def _doubt_the_body_velocity(run: FilterRun) -> None:
+    """Widen the covariance in an outage by what the errors of a body velocity may have caused in a second."""
+    whole, sensor = run.timeline.filter, run.aids[BodyVelocity]
+    assert isinstance(sensor, BodyVelocitySensor)
+    if run.aiding.gnss_is_good(whole.time):
+        sensor.doubt.end()
+        return
+    holds = whole.time - run.aiding.bounded_by.get(sensor.kind.name, -math.inf) < Stillness.PERIOD
+    speed = math.hypot(*whole.nav[at.VEL : at.VEL + 2].tolist()) if holds else 0.0
+    doubt = sensor.doubt.second(sensor.possible_error * speed)
+    if doubt is not None:
+        run.observe(run.imu_doubt.observe(doubt, whole.time, run.clock.stamp(whole.time)))
 
 
 def _identify_noise(run: FilterRun, rests: bool) -> None:

@@ -9,8 +9,9 @@ from nav_pose_estimator.core.filter.layout import PHI
 from nav_pose_estimator.engine.continuation.warm_start import WIDEST_HEADING
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.split_filter import MOTION
-from nav_pose_estimator.engine.samples import PressureSample
+from nav_pose_estimator.engine.samples import BodyVelocity, PressureSample
 from nav_pose_estimator.engine.sensors.barometer import Barometer
+from nav_pose_estimator.engine.sensors.body_velocity import BodyVelocitySensor
 from nav_pose_estimator.engine.solutions import Status
 
 _OUTLOOK = 30.0  # s: horizon of the predicted standard deviation
@@ -54,7 +55,8 @@ def status_of(run: FilterRun) -> Status:
         or run.imu_physics.doubt
         or _unseen(run)
         or _unknown_heading(run)
-        or _heights(run),
+        or _heights(run)
+        or _body_velocity(run),
     )
 
 
@@ -70,6 +72,12 @@ def _heights(run: FilterRun) -> str:
     """That barometer and GNSS tell different heights, one clause; empty where they do not."""
     barometer = run.aids[PressureSample]
     return barometer.contradiction if isinstance(barometer, Barometer) else ""
+
+
+def _body_velocity(run: FilterRun) -> str:
+    """That a body velocity has changed without a force, one clause; empty where it has not."""
+    sensor = run.aids[BodyVelocity]
+    return sensor.reason if isinstance(sensor, BodyVelocitySensor) else ""
 
 
 def _unknown_heading(run: FilterRun) -> str:

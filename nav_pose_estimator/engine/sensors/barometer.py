@@ -36,8 +36,8 @@ _UP = DPOS + 2
 _APART = 25.0  # m: deviation from its reference above which the barometer contradicts GNSS
 _APART_TIME = 5.0  # s for which it has to last
 _NEWEST = 0.2  # weight of the newest innovation in the running mean without GNSS
-_SURE = 4.0  # standard deviations of that mean above which filter or barometer is wrong ...
-_WIDENING = 2.0  # ... and factor on the covariance of the motion at each height then
+_STRAYS = 1.2  # deviations of a height above which that mean shows that barometer or filter is wrong ...
+_EITHER = 1.5  # ... and standard deviation of the height then, relative to the largest mean
 
 
 def standard_height(pressure: float) -> float:
@@ -73,6 +73,7 @@ class Barometer(Aid):
         self._apart_since = math.inf
         self._contradicts, self._apart = False, 0.0  # m above its reference, at the last height
         self._frozen, self._lasting = Frozen(), 0.0
+        self._least_sd = 0.0  # m: floor of the height's standard deviation until GNSS is good
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New noise, period and time constant."""
@@ -107,12 +108,16 @@ class Barometer(Aid):
             return LEFT_OUT
         if self._contradicts or not math.isfinite(self._offset):
             return LEFT_OUT
-        beyond = abs(self._lasting) > _SURE * math.hypot(self._sd, math.sqrt(f.P[_UP, _UP]))
-        return Decision(Use.GATED, self._offset, widening=_WIDENING if beyond else 1.0)
+        return Decision(Use.GATED, self._offset, least_sd=(0.0, self._least_sd, 0.0))
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
-        """Count the outcome, and update the running mean of the innovation [m], estimate minus measurement."""
+        """Count the outcome, and update the running mean of the innovation [m], estimate minus measurement.
+
+        A large mean stays as a doubt about the height: the filter follows the barometer, which may be wrong.
+        """
         self._lasting += _NEWEST * (float(z[0]) - self._lasting)
+        if abs(self._lasting) > _STRAYS * self._sd:
+            self._least_sd = max(self._least_sd, _EITHER * abs(self._lasting))
         super().note(o, f, z, status, nis)
 
     @property
@@ -172,7 +177,7 @@ class Barometer(Aid):
 
     def learn(self, o: Observation, height: float, variance: float) -> None:
         """Learn the offset from ``o`` and the filter's ``height`` [m] of ``variance`` [m^2] while GNSS is good."""
-        self.offset_variance, self._lasting = variance, 0.0
+        self.offset_variance, self._lasting, self._least_sd = variance, 0.0, 0.0
         difference = o.measured - height
         if math.isfinite(self._offset):
             self._watch(o, difference - self._offset)

@@ -8,30 +8,48 @@ from typing import NamedTuple
 import numpy as np
 
 from nav_pose_estimator.core.filter import measurements
+from nav_pose_estimator.core.filter.layout import VEL
 from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
+from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
-from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
+from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import BodyVelocity
+from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised
+from nav_pose_estimator.engine.sensors.velocity_doubt import VelocityDoubt
 from nav_pose_estimator.engine.solutions import Level
 
 _LARGEST_SPEED = 1e3  # m/s: a larger component is rejected
+_UNPROVEN = 0.5  # deviation of a velocity that no motion has confirmed yet, relative to its possible error
 _UNMEASURED = 1e6  # (m/s)^2: variance of an axis that is not measured
 
 
 class _Measured(NamedTuple):
     velocity: np.ndarray  # (3,) in b, m/s
     lever: np.ndarray  # (3,) sensor from the IMU in b, m
+    is_proven: bool  # whether motion has confirmed the sensor when it arrived
 
 
 class BodyVelocitySensor(Aid):
-    """Three rows: velocity in b of the point at the sensor's lever arm, at its time of validity."""
+    """Three rows: velocity in b of the point at the sensor's lever arm, at its time of validity.
+
+    While GNSS is good, it is left out until motion has confirmed it.
+    """
 
     kind = Kind("body_velocity", holds=True)
     sample, family = BodyVelocity, "body_velocity"
     bounds_drift = True
     _told = ""  # the fault that was reported last
+    is_proven = True
+    """Whether motion has confirmed the sensor's axes, as far as that can be tested."""
+    possible_error = 0.0
+    """Possible error of its velocities, relative to the speed, as far as that can be tested."""
+
+    def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
+        super().__init__(parameters, aiding, journal)
+        self.doubt = VelocityDoubt()
+        self._before = np.zeros(2)  # m/s: horizontal velocity before an update
 
     @classmethod
     def noise_model(cls, parameters: Parameters) -> str:
@@ -49,8 +67,8 @@ class BodyVelocitySensor(Aid):
         """The observation of a velocity with at least one finite axis."""
         if not self._enabled:
             return None
-        measured = [value for value in sample.velocity if not math.isnan(value)]
-        if not measured or not is_within(measured, _LARGEST_SPEED):
+        finite = [value for value in sample.velocity if not math.isnan(value)]
+        if not finite or not is_within(finite, _LARGEST_SPEED):
             return self._refuse()
         known = sample.cov is not None and is_covariance(sample.cov, 3)
         if sample.cov is not None and not known:
@@ -62,7 +80,10 @@ class BodyVelocitySensor(Aid):
                 R[axis, axis] = _UNMEASURED
         velocity = self._axes @ np.nan_to_num(np.array(sample.velocity, float))
         R = self._axes @ R @ self._axes.T
-        return Observation(self.time_of(t), sample.stamp_ns, self.kind, _Measured(velocity, self._lever), R)
+        if not self.is_proven:
+            R[np.diag_indices(3)] += (_UNPROVEN * self.possible_error) ** 2 * float(velocity @ velocity)
+        measured = _Measured(velocity, self._lever, self.is_proven)
+        return Observation(self.time_of(t), sample.stamp_ns, self.kind, measured, R)
 
     def in_body(self, sample: BodyVelocity) -> np.ndarray | None:
         """The velocity (3,) [m/s] of a sample in b; None where an axis is not measured or out of range."""
@@ -91,7 +112,29 @@ class BodyVelocitySensor(Aid):
         """Status: estimated noise variance relative to the stated one."""
         return {"body_velocity.noise.factor": self.noise.factor}
 
+    def decide(self, o: Observation, f: FilterView) -> Decision:
+        """Gate it; an unconfirmed velocity is left out while GNSS is good, which needs no help."""
+        if not o.measured.is_proven and self._aiding.gnss_is_good(o.t):
+            self._journal.count("body_velocity.unproven")
+            return LEFT_OUT
+        self._before = f.nav[VEL : VEL + 2].copy()
+        return GATED
+
+    def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
+        """Count the outcome, and report the first change of velocity that the IMU did not feel."""
+        super().note(o, f, z, status, nis)
+        change = f.nav[VEL : VEL + 2] - self._before
+        is_aided, size = self._aiding.gnss_is_good(o.t), math.hypot(*z.tolist())
+        if self.doubt.update(o.t, change, size, is_aided, is_refused=not status):
+            self._journal.say(o.stamp_ns, "body_velocity.unfelt", Level.WARN, f"{self.reason}; sigma grows")
+
+    @property
+    def reason(self) -> str:
+        """Why the position is less certain than usual, one clause for the user; empty where it is not."""
+        jump = self.doubt.jump
+        return f"the body velocity changed by {jump:.1f} m/s or more, which the IMU did not feel" if jump else ""
+
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """Three rows, C^T v + w x l."""
         assert o.stated_R is not None
-        return *measurements.body_velocity(f.nav, len(f.P), *o.measured), o.stated_R
+        return *measurements.body_velocity(f.nav, len(f.P), o.measured.velocity, o.measured.lever), o.stated_R

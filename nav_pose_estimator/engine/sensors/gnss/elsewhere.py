@@ -12,6 +12,7 @@ from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.sensors.gnss.latency import Latency
 from nav_pose_estimator.engine.sensors.gnss.other_motion import OtherMotion
 from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
+from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter
 from nav_pose_estimator.engine.solutions import Level
 
 _AGREES = 8.0  # s without a drifting fix after which a drift has ended
@@ -20,8 +21,8 @@ _AGREES = 8.0  # s without a drifting fix after which a drift has ended
 class Elsewhere:
     """Positions that drift from their velocities, are rounded, alternate between two places, or contradict the IMU."""
 
-    def __init__(self, journal: Journal, rounding: Rounding) -> None:
-        self._journal, self._rounding = journal, rounding
+    def __init__(self, journal: Journal, rounding: Rounding, scatter: Scatter) -> None:
+        self._journal, self._rounding, self._scatter = journal, rounding, scatter
         self.other_motion, self.latency = OtherMotion(journal), Latency(journal)
         self._walk_off, self._two_places = WalkOff(), TwoPlaces()
         self._drifted = math.nan  # s: when fixes last drifted away; NaN once that has ended
@@ -30,7 +31,7 @@ class Elsewhere:
     def is_on(self) -> bool:
         """Whether any of the monitors has a finding."""
         told = self.other_motion.is_on or self.latency.is_on or self._walk_off.is_on
-        return told or self._two_places.apart > 0.0 or self._rounding.is_on
+        return told or self._two_places.apart > 0.0 or self._rounding.is_on or self._scatter.is_on
 
     def least_sd(self, speed: float) -> tuple[float, float, float]:
         """Floors of the standard deviations of position [m], horizontal and vertical, and horizontal velocity [m/s].
@@ -39,12 +40,13 @@ class Elsewhere:
         """
         far, fast = self.other_motion.least_sd()
         late = self.latency.least_sd(speed)
+        wide, high = self._scatter.least_sd
         known = (self._walk_off.least_sd, self._two_places.least_sd, self._rounding.least_sd)
-        return max(far, late, *known), far, fast
+        return max(far, late, wide, *known), max(far, high), fast
 
     def reason(self) -> str:
         """Why the position is less certain than usual, one clause for the user; empty where it is not."""
-        told = self._two_places.reason or self._rounding.reason
+        told = self._two_places.reason or self._rounding.reason or self._scatter.reason
         told = told or self.other_motion.reason() or self.latency.reason()
         return told or self._walk_off.reason
 

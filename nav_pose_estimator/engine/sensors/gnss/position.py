@@ -71,7 +71,7 @@ class GnssPositionSensor(Sensor):
         self.failure = ""  # why the filter has to start again, because a reset is not sufficient
         self.jump, self.contradiction = LastingJump(), Contradiction()
         self.pull = Pull(journal, parameters.gnss.reacquisition.probation)
-        self.elsewhere = Elsewhere(journal, reception.rounding)
+        self.elsewhere = Elsewhere(journal, reception.rounding, reception.scatter)
         self.abandons_origin = False  # the start was far from the true position, and with it the origin
         self._velocity_apart = 0.0  # Mahalanobis distance of the velocity at the last fix
         self.gate_radius = math.nan  # m: largest horizontal innovation of an expected fix

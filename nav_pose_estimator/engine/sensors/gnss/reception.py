@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from nav_pose_estimator.core.earth.ellipsoid import radii
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
 from nav_pose_estimator.core.gnss import clock_offset
 from nav_pose_estimator.core.gnss.quality_gate import GateSettings, GnssGate, Notice
@@ -20,6 +21,7 @@ from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.frozen import Frozen
 from nav_pose_estimator.engine.sensors.gnss import lasting_error
 from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
+from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter
 from nav_pose_estimator.engine.sensors.gnss.velocity_input import VelocityInput
 from nav_pose_estimator.engine.solutions import Level
 
@@ -30,6 +32,7 @@ _ZEROS = 2  # heights of exactly zero, from the start and at different positions
 _CELLS = 2.0  # the same limit for rounded positions, in steps of the rounding
 _INTEGER_DEGREES = 1e5  # deg: larger values are probably degrees times 1e7
 _HIGHEST = 1e5  # m: larger heights are probably in mm
+_CLIMBED = 4.0  # m: change of the barometric height that shows a receiver whose static hold does not end
 _AHEAD = 1.0  # s: a fix whose stamp is further ahead of the IMU is rejected
 _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
 
@@ -46,7 +49,7 @@ class GnssReception:
         self.satellites: int | None = None
         self.shown = NoiseIdentification()  # noise identified in flight, set by the run
         self.velocities = VelocityInput(journal)
-        self.rounding = Rounding(journal)
+        self.rounding, self.scatter = Rounding(journal), Scatter(journal)
         self._usable = False  # the last fix
         self._fix_times: list[float] = []  # of the newest fixes, in order of time
         self.fix_period = 1.0
@@ -113,6 +116,8 @@ class GnssReception:
             self._tell_no_height(sample.stamp_ns)
         if self._stay.is_new and not self.rounding.is_on:
             self.velocities.fix(self._height.believed(sample), t, horizontal or 0.0)
+            stated = max(horizontal or 0.0, self._parameters.position_sd)
+            self.scatter.fix(t, _place(sample) - self.velocities.way, sample.alt, stated, sample.stamp_ns)
         return True
 
     def believed(self, sample: GnssFix) -> GnssFix:
@@ -136,8 +141,13 @@ class GnssReception:
         shared = 1.0 + self._parameters.position_correlation / self.fix_period
         if in_filter and self.lasting is not None:
             self.lasting.receive(R)
-            return lasting_error.white_position(R, shared, self.lasting.variance, self.shown)
-        return R * self.shown.gnss_variance * shared
+            R = lasting_error.white_position(R, shared, self.lasting.variance, self.shown)
+        else:
+            R = R * self.shown.gnss_variance * shared
+        if self.scatter.is_on:
+            horizontal, vertical = self.scatter.sd
+            R[np.diag_indices(3)] += (horizontal**2, horizontal**2, vertical**2)
+        return R
 
     def velocity_noise(self, sample: GnssVelocity, in_filter: bool = False) -> np.ndarray:
         """R (3, 3) [(m/s)^2]: the floor, or what the receiver states where that is larger; ``in_filter`` as above."""
@@ -203,6 +213,7 @@ class _Stay:
         self._repeats = self._stays = 0  # of latitude, longitude and height, and without the height
         self._last = (math.nan, math.nan, math.nan)
         self._way_before = 0j  # m: where velocities led when the place came for the first time
+        self._height_before = math.nan  # m: pressure altitude then
 
     @property
     def is_new(self) -> bool:
@@ -216,10 +227,11 @@ class _Stay:
         self._stays = self._stays + 1 if here[:2] == self._last[:2] else 0
         self._last = here
         if not self._stays:
-            self._way_before = velocities.way
+            self._way_before, self._height_before = velocities.way, velocities.pressure_altitude
         if self._stays < _STUCK:
             return 0.0
-        if min(self._repeats, velocities.repeats) >= _STUCK:
+        held = velocities.is_zero and abs(velocities.pressure_altitude - self._height_before) > _CLIMBED
+        if min(self._repeats, velocities.repeats) >= _STUCK or held:
             return math.inf
         return abs(velocities.way - self._way_before)
 
@@ -276,6 +288,12 @@ def _why(reason: str, settings: GateSettings) -> str:
         limits = f"{settings.max_horizontal_sd:.3g} m horizontal, {settings.max_vertical_sd:.3g} m vertical"
         return f"{in_words(reason)}: {limits}"
     return in_words(reason)
+
+
+def _place(sample: GnssFix) -> complex:
+    """East + i North [m] of a fix, in a frame of its own."""
+    r_m, r_n = radii(sample.lat)
+    return complex(sample.lon * r_n * math.cos(sample.lat), sample.lat * r_m)
 
 
 def _horizontal(alt: float, cov: np.ndarray) -> np.ndarray:

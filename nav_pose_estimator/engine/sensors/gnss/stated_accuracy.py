@@ -1,8 +1,9 @@
-"""Monitor of the accuracy that a receiver states, with events where it is optimistic."""
+"""Monitors of the accuracy that a receiver states, with events where it is optimistic."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 
@@ -13,6 +14,13 @@ from nav_pose_estimator.engine.solutions import Level
 
 _TOO_LARGE, _FINE = 9.0, 4.0  # variance factors (3 and 2 times the deviation) at which optimism begins and ends
 _LASTS = 10.0  # s for which the factor must be too large
+_COUNT, _ENOUGH = 15, 8  # second differences of which the median is taken, and the least number of them
+_RAYLEIGH = math.sqrt(6.0) * 1.1774  # median of a horizontal second difference over the deviation of one axis
+_NORMAL = math.sqrt(6.0) * 0.6745  # the same of a vertical one
+_ON, _OFF = 1.5, 1.0  # smallest deviation, relative to the stated one, with which the noise counts; it ends below _OFF
+_SLOWEST = 0.3  # s: longest interval of fixes at which the vertical acceleration does not matter
+_EVEN = 1.5  # largest ratio of two intervals in one second difference
+_LASTING = 3.0  # part of such noise that does not average out: one over this
 
 
 class StatedAccuracy:
@@ -46,3 +54,68 @@ class StatedAccuracy:
             times = math.sqrt(factor)
             text = f"GNSS {self._what}: errors are {times:.1f} times as large as the receiver states"
             journal.say(o.stamp_ns, "gnss.noise.optimistic", Level.WARN, text, factor=factor)
+
+
+class Scatter:
+    """Noise of positions from fix to fix that is not stated, as of reflections or a poor antenna.
+
+    The second difference of positions less the integral of the receiver's velocities is free of motion, offset and
+    drift. Its median gives the standard deviation of the white noise: 0.4 m at most in thirteen recorded flights.
+    ``sd`` (horizontal, vertical) [m]: deviations of the noise on each axis, zero unless established.
+    """
+
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+        self.sd = (0.0, 0.0)
+        self._last: list[tuple[float, complex, float]] = []  # s, m, m: the last two fixes
+        self._bends: deque[float] = deque(maxlen=_COUNT)
+        self._vertical: deque[float] = deque(maxlen=_COUNT)
+
+    @property
+    def is_on(self) -> bool:
+        """Whether the noise is larger than stated."""
+        return self.sd[0] > 0.0
+
+    @property
+    def least_sd(self) -> tuple[float, float]:
+        """Floors of the standard deviations of the position [m], horizontal and vertical."""
+        return self.sd[0] / _LASTING, self.sd[1] / _LASTING
+
+    @property
+    def reason(self) -> str:
+        """Why the position is less certain than usual, one clause for the user; empty where it is not."""
+        return f"GNSS positions scatter by {self.sd[0]:.0f} m from fix to fix, more than stated" if self.is_on else ""
+
+    def fix(self, t: float, place: complex, height: float, stated: float, stamp_ns: int) -> None:
+        """Add a fix valid at ``t`` [s].
+
+        ``place`` [m]: position less integrated velocity, East + i North; ``height`` [m], NaN without; ``stated`` [m]:
+        horizontal deviation of a fix.
+        """
+        if self._last and t <= self._last[-1][0]:
+            return
+        if len(self._last) == 2:
+            (t0, first, low), (t1, second, middle) = self._last
+            before, now = t1 - t0, t - t1
+            if max(before, now) < _EVEN * min(before, now):
+                self._bends.append(abs(place - 2.0 * second + first))
+                bend = abs(height - 2.0 * middle + low)
+                if now < _SLOWEST and math.isfinite(bend):
+                    self._vertical.append(bend)
+        self._last = [*self._last[-1:], (t, place, height)]
+        self._weigh(stated, stamp_ns)
+
+    def _weigh(self, stated: float, stamp_ns: int) -> None:
+        if len(self._bends) < _ENOUGH:
+            return
+        horizontal, was_on = sorted(self._bends)[len(self._bends) // 2] / _RAYLEIGH, self.is_on
+        if horizontal < (_OFF if was_on else _ON) * stated:
+            self.sd = (0.0, 0.0)
+        else:
+            vertical = sorted(self._vertical)[len(self._vertical) // 2] / _NORMAL if self._vertical else horizontal
+            self.sd = horizontal, vertical
+        if self.is_on and not was_on:
+            text = f"{self.reason}; they are used with that noise"
+            self._journal.say(stamp_ns, "gnss.scatters", Level.WARN, text, sd=horizontal)
+        elif was_on and not self.is_on:
+            self._journal.say(stamp_ns, "gnss.scatters.ended", Level.INFO, "GNSS positions scatter as stated again")

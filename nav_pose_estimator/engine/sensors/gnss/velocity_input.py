@@ -79,6 +79,16 @@ class VelocityInput:
         if self._learns:
             self._check.climb.baro = height
 
+    @property
+    def pressure_altitude(self) -> float:
+        """The last one [m], NaN without a barometer."""
+        return self._check.climb.baro
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether the last velocity was exactly zero, as receivers send it that hold their position at rest."""
+        return self._last != () and not any(self._last)
+
     def felt(self, felt: bool, as_received: float, stamp_ns: int) -> None:
         """Take the evidence of the IMU: whether it confirms the velocities (``felt``).
 

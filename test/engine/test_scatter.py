@@ -1,0 +1,54 @@
+"""Noise of GNSS positions from fix to fix: measured, told, and no motion is taken for it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from nav_pose_estimator.engine.journal import Journal
+from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter
+
+STATED = 1.5  # m
+
+
+def after(sd: float, drift: float = 0.0, period: float = 0.2, seed: int = 1) -> tuple[Scatter, Journal]:
+    """Twenty seconds of fixes with noise [m] that drift [m/s] from the integral of their velocities."""
+    rng, journal = np.random.default_rng(seed), Journal()
+    scatter = Scatter(journal)
+    for k in range(round(20.0 / period)):
+        east, north, up = rng.normal(0.0, sd, 3) if sd else np.zeros(3)
+        scatter.fix(k * period, complex(east + drift * k * period, north), up, STATED, k)
+    return scatter, journal
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("sd", [4.0, 15.0])
+def test_the_noise_is_measured_and_told_once(sd: float, seed: int) -> None:
+    """GIVEN noise beyond the stated deviation THEN it is measured to a third, on all axes."""
+    scatter, journal = after(sd, seed=seed)
+    assert scatter.sd == pytest.approx((sd, sd), rel=0.5)
+    assert journal.counters["gnss.scatters"] == 1
+    assert f"{scatter.sd[0]:.0f} m" in scatter.reason
+
+
+@pytest.mark.parametrize(("sd", "drift"), [(0.0, 30.0), (0.8, 0.0), (0.8, 5.0)])
+def test_neither_drift_nor_usual_noise_is_scatter(sd: float, drift: float) -> None:
+    """GIVEN positions that drift, or noise within the stated deviation THEN nothing is said."""
+    scatter, _ = after(sd, drift)
+    assert not scatter.is_on
+    assert scatter.least_sd == (0.0, 0.0)
+
+
+def test_slow_fixes_take_the_horizontal_noise_for_the_height() -> None:
+    """GIVEN a fix a second WHEN they scatter THEN climbs are not taken for noise of the height."""
+    scatter, _ = after(6.0, period=1.0)
+    assert scatter.sd[1] == scatter.sd[0]
+
+
+def test_it_ends() -> None:
+    """GIVEN scatter WHEN the fixes are quiet again, or a height is missing THEN it ends."""
+    scatter, journal = after(8.0)
+    for k in range(20):
+        scatter.fix(20.0 + 0.2 * k, 0j, math.nan, STATED, k)
+    assert not scatter.is_on
+    assert journal.counters["gnss.scatters.ended"] == 1
