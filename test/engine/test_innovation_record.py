@@ -52,3 +52,14 @@ def test_the_offset_is_what_the_last_ten_seconds_have_in_common() -> None:
     record.add(0.5, np.array([1.0, 0.0]), 0.2)
     np.testing.assert_allclose(record.offset, [1.0, 0.0])
     np.testing.assert_array_equal(InnovationRecord().offset, [0.0, 0.0])
+
+
+@pytest.mark.parametrize("count", [20, 25])
+def test_a_lasting_innovation_is_the_median_less_what_may_be_chance(count: int) -> None:
+    """GIVEN scattered innovations 5 m East THEN the size that lasts is that of numpy's medians."""
+    z = np.random.default_rng(8).normal([5.0, 0.0], 1.0, (60, 2))
+    last = z[-count:]
+    middle = np.median(last, axis=0)
+    chance = 3.0 * np.median(np.hypot(*(last - middle).T)) / math.sqrt(count)
+    assert record_of(z).lasting(0.2 * count) == pytest.approx(np.hypot(*middle) - chance, abs=1e-12)
+    assert record_of(z[:7]).lasting(1.4) == 0.0

@@ -177,6 +177,17 @@ def least_misfit(seconds, u, biases, enough):
 
 
 @kernel
+def horizontal_share(u):
+    """Horizontal part of ``u`` (S, 3) in n, as the root of a sum of squares, relative to the whole."""
+    horizontal = whole = 0.0
+    for k in range(len(u)):
+        square = u[k, 0] * u[k, 0] + u[k, 1] * u[k, 1]
+        horizontal += square
+        whole += square + u[k, 2] * u[k, 2]
+    return math.sqrt(horizontal / whole)
+
+
+@kernel
 def correlation(impulses, forces):
     """B (3, 3) of Wahba's problem: sum of u s' over ``impulses`` s (S, 3) and ``forces`` u (S, 3)."""
     B = np.zeros((3, 3))

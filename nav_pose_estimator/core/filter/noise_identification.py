@@ -41,6 +41,7 @@ from numpy.typing import NDArray
 
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import memory
+from nav_pose_estimator.core.numerics.imu_checks import first_after
 
 Array = NDArray[np.float64]
 
@@ -131,7 +132,7 @@ class NoiseIdentification:
             self._begin(nav, P, constants)
             return False
         flying = self._flying
-        rows = rows[rows[:, at.IMU_T].searchsorted(flying[memory.NAV + at.TIME], side="right") :]
+        rows = rows[first_after(rows, flying[memory.NAV + at.TIME]) :]
         memory.run_block(flying, rows, 0, len(rows), math.inf, np.empty((len(rows), at.OUT_COLUMNS)))
         self._calls += 1
         if self._calls == RECEIVER_TRIAL:

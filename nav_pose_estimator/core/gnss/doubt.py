@@ -60,7 +60,7 @@ class Doubt:
         """
         before, self._velocity_way = self._velocity_way, tuple(innovation)
         recent = [one for one in self._velocities if t - one[0] < _STALE]
-        told = refusal if _is_same_way(before, innovation) else 0.0
+        told = refusal if refusal and _is_same_way(before, innovation) else 0.0
         self._velocities = [*recent, (t, told, nis)][-_COUNT:]
 
     def position(self, t: float, deviations: float, innovation: Sequence[float]) -> float:

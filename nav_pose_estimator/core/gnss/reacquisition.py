@@ -226,7 +226,8 @@ class Reacquisition:
             return
         if s.returned is None or last_fused > s.returned.until:
             s.anchor, s.returned = s.approved, None
-        s.tracks = tuple(track for track in s.tracks if track.first.t > last_fused)
+        if s.tracks:
+            s.tracks = tuple(track for track in s.tracks if track.first.t > last_fused)
         if s.loose is not None and s.loose.first.t <= last_fused:
             s.loose = None
 

@@ -116,3 +116,19 @@ def stays_in_period(stamps, period, length):
         if stamps[i] // length != period:
             return False
     return True
+
+
+@kernel
+def first_after(rows, t):
+    """Index of the first of the IMU ``rows`` (N, 7), in order of time, that is later than ``t`` [s]; N without one.
+
+    numpy's search would copy the column of the times first.
+    """
+    begin, end = 0, len(rows)
+    while begin < end:
+        middle = (begin + end) // 2
+        if rows[middle, 0] > t:
+            end = middle
+        else:
+            begin = middle + 1
+    return begin

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nav_pose_estimator.core.filter.layout import IMU_COLUMNS, IMU_T
+from nav_pose_estimator.core.numerics.imu_checks import first_after
 
 
 class ImuBuffer:
@@ -37,13 +38,12 @@ class ImuBuffer:
     def recent(self, since: float) -> np.ndarray:
         """View of the stored rows later than ``since`` [s]; read only."""
         rows = self.live()
-        return rows[rows[:, IMU_T].searchsorted(since, side="right") :]
+        return rows[first_after(rows, since) :]
 
     def between(self, start: float, end: float) -> tuple[int, int]:
         """Index range in ``rows`` of those later than ``start`` [s], up to and including ``end`` [s]."""
-        times = self.live()[:, IMU_T]
-        begin, stop = (self.first + int(times.searchsorted(t, side="right")) for t in (start, end))
-        return begin, stop
+        rows = self.live()
+        return self.first + first_after(rows, start), self.first + first_after(rows, end)
 
     def drop_before(self, t: float) -> None:
         """Drop the rows before ``t`` [s] except the last one, which point-sampled data interpolate from."""

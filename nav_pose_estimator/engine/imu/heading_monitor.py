@@ -72,8 +72,7 @@ class HeadingMonitor:
         if before is None or now is None:
             self._turned = {k: 0.0}
             return
-        felt = quat_multiply(before, rotation)
-        turned = math.remainder(float(yaw_of(now) - yaw_of(felt)), 2.0 * math.pi)
+        turned = math.remainder(_turn_beyond(rotation, before, now), 2.0 * math.pi)
         self._turned[k] = self._turned.get(k - 1, 0.0) + turned
 
     def compare(self, begin: int, impulses: np.ndarray, forces: np.ndarray) -> None:
@@ -104,6 +103,12 @@ class HeadingMonitor:
                 return None
             q_nb = quat_multiply(q_nb, self._rotations[k])
         return q_nb
+
+
+@kernel
+def _turn_beyond(rotation, before, now):
+    """Heading [rad] of the attitude ``now`` (4,) relative to that of ``before`` (4,) followed by ``rotation`` (4,)."""
+    return yaw_of(now) - yaw_of(quat_multiply(before, rotation))
 
 
 @kernel

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nav_pose_estimator.core.alignment import motion_history
+from nav_pose_estimator.core.numerics.jit import kernel
 
 _STEP = 0.2  # s between the shifts that are compared
 SHIFTS = _STEP * np.arange(-3, 4)
@@ -43,8 +44,7 @@ class LatencyMonitor:
         """
         if forces is None:
             return
-        apart = [motion_history.unexplained(impulses, shifted)[1] for shifted in forces]
-        self._sums = _MEMORY * self._sums + np.minimum(apart, _MOST)
+        _add_up(self._sums, impulses, forces)
         self._conclude()
 
     def _conclude(self) -> None:
@@ -57,3 +57,11 @@ class LatencyMonitor:
         is_late = least < _BETTER * sums[_NONE] and sums[_NONE] - least > _ENOUGH
         self._found = self._found + 1 if is_late else 0
         self.delay = delay if self._found >= _PROOF and abs(delay) > _LEAST else 0.0
+
+
+@kernel
+def _add_up(sums, impulses, forces):
+    """Fade the ``sums`` (L,), and add the variation that each of ``forces`` (L, S, 3) leaves unexplained."""
+    for late in range(len(sums)):
+        _, apart = motion_history.unexplained(impulses, forces[late])
+        sums[late] = _MEMORY * sums[late] + min(apart, _MOST)

@@ -148,13 +148,15 @@ class MotionCheck:
 
     def _weigh(self, seconds: np.ndarray, forces: np.ndarray) -> None:
         """Add the evidence of a window for and against every mistake."""
-        squares = np.full(len(self._sums), self.misfit**2)
+        self._sums, self._wins, own = _MEMORY * self._sums, _MEMORY * self._wins, self.misfit**2
         if self.misfit > _SUSPICIOUS or self._blamed is not None:
             all_of_them = motion_history.fit(seconds, forces, self._gyros)
             squares = np.concatenate([all_of_them.misfit, all_of_them.inverted_misfit]) ** 2
-            squares[0] = self.misfit**2
-        self._sums = _MEMORY * self._sums + squares
-        self._wins = _MEMORY * self._wins + ((squares < _BETTER * squares[0]) & (squares[0] - squares > _WIN))
+            squares[0] = own
+            self._sums += squares
+            self._wins += (squares < _BETTER * own) & (own - squares > _WIN)
+        else:
+            self._sums += own  # evidence for and against no mistake
         self._calm = self._calm + 1 if self.misfit < _SUSPICIOUS else 0
         self._judge()
 
@@ -171,7 +173,7 @@ class MotionCheck:
         if received is None:
             self.felt = False
             return math.nan
-        excitation = math.sqrt(float(np.sum(received[:, :2] ** 2) / np.sum(received**2)))
+        excitation = float(motion_history.horizontal_share(received))
         misfit = _own_misfit(seconds, received, biases)
         self.felt = _EXCITED < excitation < _UNREAL and misfit < _FELT * excitation
         return misfit

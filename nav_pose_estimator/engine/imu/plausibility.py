@@ -191,8 +191,11 @@ def find(seconds: Sequence[ImuSecond], in_flight: bool) -> Finding | None:
 
 
 def _is_usual(second: ImuSecond) -> bool:
-    """Whether this newest second, as nearly all, excludes each finding of ``ALWAYS`` but two IMUs by itself."""
-    gravity, turn = second.gravity, second.turn
-    scaled = abs(gravity - G) > _SCALE * G and second.vibration < _STILL_FORCE and turn < _STILL_TURN
-    has_gravity = second.norm > 1.6 and 0.25 * G < gravity < _LARGE
-    return has_gravity and turn < _NEAR_G[0] and not scaled and all(second.spread)
+    """Whether this newest second, as nearly all, excludes each finding of ``ALWAYS`` but two IMUs by itself.
+
+    With gravity in the mean force, the mean norm cannot be smaller, as it would be in g or in exchanged fields.
+    """
+    gravity = second.gravity
+    may_rest = second.vibration < _STILL_FORCE and second.turn < _STILL_TURN
+    has_scale = not may_rest or abs(gravity - G) <= _SCALE * G
+    return 0.25 * G < gravity < _LARGE and has_scale and all(second.spread)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -102,9 +102,13 @@ class FilterRun:
         self._began, self._unseen = math.inf, 0.0  # s: start of the filter, and its ``Alignment.unseen``
         self.pose_given = False  # by set_pose since the filter started
 
-    def copy(self, journal: Journal) -> FilterRun:
-        """An independent copy that reports to ``journal``; only the parameters, which are immutable, are shared."""
-        twin = deep_copy(self, {id(self.journal): journal, id(self.parameters): self.parameters})
+    def copy(self, journal: Journal, shared: Iterable[object] = ()) -> FilterRun:
+        """An independent copy that reports to ``journal``.
+
+        Only the parameters, which are immutable, are shared, and parts of the run that the caller will replace.
+        """
+        kept = {id(part): part for part in (self.parameters, *shared)}
+        twin = deep_copy(self, {id(self.journal): journal, **kept})
         twin.quiet_until = -math.inf
         return twin
 

@@ -53,7 +53,7 @@ class Past:
 
     def hear(self, run: FilterRun, sample: Sample) -> None:
         """Record a ``sample`` other than IMU before it is processed."""
-        if isinstance(sample, GnssVelocity):
+        if type(sample) is GnssVelocity:
             if not self._starts:
                 self._keep(run)
             self._is_told = True
@@ -100,7 +100,8 @@ class Past:
 
     def _keep(self, run: FilterRun) -> None:
         self._keep_rows(run)
-        twin = run.copy(Journal())
+        # ``go_back`` gives the copy the present knowledge of velocities in place of these
+        twin = run.copy(Journal(), shared=(run.gnss.reception.velocities, run.imu_physics.motion.body))
         twin.past = Past()
         self._is_told = False
         self._starts.append(_Start(run.now, twin, len(self._heard), len(self._seconds)))

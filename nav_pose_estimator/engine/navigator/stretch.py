@@ -42,6 +42,7 @@ Periods = list[tuple[int, float]]
 _WAIT = frozenset((GnssVelocity, MagSample, PressureSample, SatelliteCount))
 _AHEAD = 1.0  # s: an observation further ahead is refused
 _FIRST = operator.itemgetter(0)
+_ORDER = operator.attrgetter("observation.t", "observation.kind.precedence", "observation.arrival")
 
 
 def carry(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> list[NavBlock]:
@@ -339,7 +340,7 @@ def fly(
     imu.append(rows)
     begin = imu.last - len(rows)
     timeline.dirty = None
-    events = sorted([*(Coming(0, o) for o in queue.take_waiting()), *coming], key=lambda one: one.observation.key)
+    events = sorted([*(Coming(0, o) for o in queue.take_waiting()), *coming], key=_ORDER)
     out = np.empty((len(rows), at.OUT_COLUMNS))
     leg = routine.fly(timeline.filter.vector, (imu.rows, begin, imu.last, is_followed), events, out)
     imu.last = begin + leg.rows

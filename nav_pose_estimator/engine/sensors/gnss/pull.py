@@ -9,6 +9,7 @@ import numpy as np
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.strapdown import unaided_velocities
 from nav_pose_estimator.core.gnss.unfelt_change import COLUMNS, LASTS, SPANS, UnfeltChange, add_second
+from nav_pose_estimator.core.numerics.imu_checks import first_after
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import FilterView
 from nav_pose_estimator.engine.samples import Vector3
@@ -45,7 +46,7 @@ class Unaided:
 
     def carry(self, constants: np.ndarray, rows: np.ndarray, lever: np.ndarray) -> bool:
         """Propagate over the IMU ``rows`` (N, 7) of another second; False where they do not follow."""
-        rows = rows[rows[:, at.IMU_T].searchsorted(self._nav[at.TIME], side="right") :]
+        rows = rows[first_after(rows, self._nav[at.TIME]) :]
         if len(rows) == 0 or rows[-1, at.IMU_T] - self._nav[at.TIME] > _LONGEST_STEP:
             return False
         kept = sum(self._lengths)
