@@ -114,6 +114,13 @@ def test_folders_patterns_and_lists_stand_for_recordings(tmp_path: Path):
     assert find([tmp_path / "missing_bag"]) == [tmp_path / "missing_bag"]
 
 
+def test_lists_in_a_circle_are_an_error(tmp_path: Path):
+    (tmp_path / "a.txt").write_text("b.txt\n")
+    (tmp_path / "b.txt").write_text("a.txt\n")
+    with pytest.raises(UserError, match=r"a\.txt is a list that lists itself"):
+        find([tmp_path / "a.txt"])
+
+
 def test_a_pattern_without_a_recording_is_an_error(tmp_path: Path):
     with pytest.raises(UserError, match="holds no recording"):
         find([tmp_path / "*.ulg"])

@@ -14,6 +14,7 @@ from nav_pose_estimator.engine.sensors.magnetic.field_calibration import FieldCa
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.calibration.field_fit import FieldFit, fit_field
 from nav_pose_estimator.offline.calibration.field_pairs import field_pairs
+from nav_pose_estimator.offline.calibration.parameter_file import check
 from nav_pose_estimator.offline.calibration.rests import accelerometer_errors, find_rests
 from nav_pose_estimator.offline.command_line import main
 from nav_pose_estimator.offline.flights.config_file import load_parameters
@@ -187,6 +188,18 @@ def test_six_sides_show_bias_and_scale_of_the_accelerometer():
     mends = Mounting(ImuParameters(accel_bias=tuple(found[0]), accel_scale=tuple(found[1])))
     assert mends.force(tuple(accel[0])) == pytest.approx(true[0], abs=0.2)
     assert mends.force(tuple(accel[:400].mean(axis=0))) == pytest.approx(true[0], abs=0.02)
+
+
+def test_a_magnetometer_that_is_too_slow_is_told():
+    whole, fields = recorded(base()), 0
+    samples = []
+    for sample in whole.samples:
+        fields += isinstance(sample, MagSample)
+        if not isinstance(sample, MagSample) or fields % 20 == 0:
+            samples.append(sample)
+    pairs = field_pairs(Recording(Path("slow"), samples, whole.epoch_ns, 90.0), None)
+    with pytest.raises(UserError, match=r"slow: only 0 pairs of fields .* the magnetometer at 5 Hz or more"):
+        check(pairs, [Path("slow")])
 
 
 def test_fewer_sides_show_nothing_of_the_accelerometer():

@@ -61,6 +61,29 @@ def test_what_is_written_is_what_is_read(flown, tmp_path):
     assert node.said == []
 
 
+def test_a_file_that_another_node_writes_is_left_alone(flown, tmp_path):
+    """GIVEN a node with a state file WHEN a second one gets the same file THEN it neither reads nor writes it."""
+    path = tmp_path / "drone.state"
+    first = keeper_of(path, flown)
+    first.note(1_700_000_000_000_000_000)
+    first.wait()
+    before, engine, node = path.read_bytes(), estimator(), Node()
+    second = keeper_of(path, engine, node)
+    assert node.said == [
+        (
+            "resume.refused.file",
+            f"the saved state is not used: another node writes {path}; give each node a file of its own",
+        )
+    ]
+    assert engine.sins.resume is None
+    second.note(1_700_000_001_000_000_000)
+    second.stop()
+    assert path.read_bytes() == before
+    first.stop()
+    keeper_of(path, engine, node).stop()
+    assert engine.sins.resume is not None
+
+
 def test_the_state_is_written_in_flight_and_not_more_often_than_asked(flown, tmp_path):
     """GIVEN solutions at 100 Hz WHEN ten seconds pass THEN there are about five states with a period of two seconds."""
     path, stamps = tmp_path / "drone.state", []

@@ -27,13 +27,14 @@ def find(names: Sequence[Path | str], also: Collection[str] = ()) -> list[Path]:
     return list(found)
 
 
-def _meant_by(name: Path, endings: Collection[str]) -> list[Path]:
+def _meant_by(name: Path, endings: Collection[str], lists: tuple[Path, ...] = ()) -> list[Path]:
+    """Recordings that one name stands for; ``lists`` are the lists that it was found in."""
     if is_remote(name):
         return _some(name, matches(name)) if glob.has_magic(str(name)) else [name]
     if _is_folder(name):
         return _some(name, sorted(_inside(name, endings)))
     if name.exists():
-        return _listed(name, endings) if name.suffix == _LIST else [name]
+        return _listed(name, endings, lists) if name.suffix == _LIST else [name]
     if glob.has_magic(str(name)):
         paths = sorted(Path(match) for match in glob.glob(str(name), recursive=True))
         chosen = [_inside(match, endings) if _is_folder(match) else _known(match, endings) for match in paths]
@@ -65,14 +66,17 @@ def _known(path: Path, endings: Collection[str]) -> list[Path]:
     return [path] if path.is_dir() or path.suffix.lower() in endings else []
 
 
-def _listed(path: Path, endings: Collection[str]) -> list[Path]:
+def _listed(path: Path, endings: Collection[str], lists: tuple[Path, ...]) -> list[Path]:
     """Recordings that a text file lists, relative to its folder; empty lines and lines with # are ignored."""
+    if path.resolve() in lists:
+        raise UserError(f"{path} is a list that lists itself")
+    lists = (*lists, path.resolve())
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError:
         raise UserError(f"{path} is not a list of recordings: it is not a text file") from None
     names = [line.strip() for line in lines if line.strip() and not line.strip().startswith("#")]
-    return _some(path, [one for name in map(Path, names) for one in _meant_by(_beside(path, name), endings)])
+    return _some(path, [one for name in map(Path, names) for one in _meant_by(_beside(path, name), endings, lists)])
 
 
 def _beside(path: Path, name: Path) -> Path:

@@ -16,7 +16,7 @@ LAG = 2.0  # s between the fields of a pair: long against noise, and short enoug
 _PARTS = ("before", "after", "turn", "down")
 _PERIOD = 0.1  # s between pairs
 _FORCE_WINDOW = 1.0  # s over which the specific force is averaged
-_LONGEST_STEP = 0.5  # s: longest gap of IMU or magnetometer within a pair
+LONGEST_STEP = 0.5  # s: longest gap of IMU or magnetometer within a pair
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def field_pairs(recording: Recording, gyro_bias: np.ndarray | None) -> FieldPair
     inside = (t_field > t_imu[0]) & (t_field < t_imu[-1])
     t_field, field = _thinned(t_field[inside], field[inside])
     attitudes = _attitudes_at(t_field, t_imu, imu.gyro if gyro_bias is None else imu.gyro - gyro_bias)
-    gaps = np.r_[t_imu[:-1][np.diff(t_imu) > _LONGEST_STEP], t_field[:-1][np.diff(t_field) > _LONGEST_STEP]]
+    gaps = np.r_[t_imu[:-1][np.diff(t_imu) > LONGEST_STEP], t_field[:-1][np.diff(t_field) > LONGEST_STEP]]
     later = np.searchsorted(t_field, t_field + LAG)
     rows: list[tuple[int, int]] = []
     for i, k in enumerate(later.tolist()):

@@ -11,7 +11,7 @@ import numpy as np
 from nav_pose_estimator.core.alignment.levelling import likely_unit
 from nav_pose_estimator.errors import UserError
 from nav_pose_estimator.offline.calibration.field_fit import FieldFit
-from nav_pose_estimator.offline.calibration.field_pairs import LAG, FieldPairs
+from nav_pose_estimator.offline.calibration.field_pairs import LAG, LONGEST_STEP, FieldPairs
 from nav_pose_estimator.offline.calibration.rests import Rests, accelerometer_errors
 from nav_pose_estimator.offline.flights.recording import Recording
 
@@ -25,7 +25,8 @@ def check(pairs: FieldPairs, paths: Sequence[Path]) -> None:
     names = ", ".join(path.name for path in paths)
     if len(pairs) < _FEWEST:
         raise UserError(
-            f"{names}: only {len(pairs)} magnetometer samples have IMU data around them, {_FEWEST} are needed"
+            f"{names}: only {len(pairs)} pairs of fields {LAG:g} s apart without a gap of {LONGEST_STEP:g} s in IMU or "
+            f"magnetometer, {_FEWEST} are needed: record longer, and the magnetometer at 5 Hz or more"
         )
     strength = float(np.median(np.linalg.norm(pairs.before, axis=1)))
     unit = likely_unit(strength * 1e-6)

@@ -1,5 +1,9 @@
 """Saved state of the navigator: written periodically in flight and read at the start, for a restart in flight."""
 
+import errno
+import hashlib
+import os
+import socket
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -21,7 +25,8 @@ class StateKeeper:
 
     A thread writes the file, so that a slow disk does not delay the node. Writes in flight are not synchronised to the
     disk, which is sufficient when the process dies, though not when the computer does. A state that cannot be read or
-    written is reported in one warning, and the node continues.
+    written is reported in one warning, and the node continues. So is a file that another node writes: its state may be
+    that of another vehicle.
     """
 
     def __init__(self, node: Any, engine: PoseEstimator, parameters: StateParameters) -> None:
@@ -31,11 +36,17 @@ class StateKeeper:
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="state")
         self._writing: Future[None] | None = None
         self._failed = False
+        self._claim: socket.socket | None = None
         if self._path is None:
             return
         if not self._path.parent.is_dir():
             raise ParameterError(f"ros.state.file: there is no folder {self._path.parent}")
-        if self._path.exists():
+        self._claim = _claim(self._path)
+        if self._claim is None:
+            text = f"the saved state is not used: another node writes {self._path}; give each node a file of its own"
+            self._node.say("resume.refused.file", Level.WARN, text)
+            self._path = None
+        elif self._path.exists():
             self._read(self._path)
         else:
             text = f"there is no saved state yet ({self._path}): the navigator aligns as at every first start"
@@ -73,6 +84,8 @@ class StateKeeper:
                 array_file.save(self._path, STATE, arrays)
             except UserError as error:
                 self._node.say("state.not_written", Level.WARN, str(error))
+        if self._claim is not None:
+            self._claim.close()
 
     def _report(self, writing: "Future[None]") -> None:
         """Report a failed write, once until a write succeeds again."""
@@ -80,3 +93,19 @@ class StateKeeper:
         if error is not None and not self._failed:
             self._node.say("state.not_written", Level.WARN, f"{error}; a restart in flight would have to align again")
         self._failed = error is not None
+
+
+def _claim(path: Path) -> socket.socket | None:
+    """Claim ``path`` for this process until the socket is closed or the process ends; None where another one has it.
+
+    The name of an abstract socket needs no file that a killed process would leave behind.
+    """
+    name = hashlib.sha256(os.path.realpath(path).encode()).hexdigest()
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        claim.bind(f"\0nav_pose_estimator_{name}")
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            claim.close()
+            return None
+    return claim
