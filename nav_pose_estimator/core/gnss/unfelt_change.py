@@ -39,6 +39,7 @@ _USUAL_AT_LEAST = 0.25  # floor of the usual changes, in standard deviations
 _LEAST, _MOST = 0.4, 20.0  # m/s: range of changes that count; a receiver that is faster still is of another vehicle
 _SETTLED = 0.35  # largest difference of the seconds after a change, relative to it
 _HISTORY = 20  # comparisons before the first conclusion
+_FAMILIAR, _SLOW = 2.0, 2.0  # times the largest manoeuvre so far, plus m/s, up to which the usual changes hold
 _MEMORY = 300.0  # comparisons over which the usual changes are averaged
 
 
@@ -60,7 +61,8 @@ class UnfeltChange:
     ratio: float = field(default=0.0, init=False)
     """Ratio of the last change to it."""
     _compared: int = field(default=0, init=False)
-    _fresh: deque[float] = field(default_factory=deque, init=False)  # deviations that may be part of a change
+    _moved: float = field(default=0.0, init=False)  # m/s: largest change of velocity by the IMU in a comparison
+    _fresh: deque[tuple[float, float]] = field(default_factory=deque, init=False)  # both, where a change may be in them
 
     def find(self, seconds: Array) -> Vector2 | None:
         """The change [m/s] of the receiver's velocity in the last of ``seconds`` that no force explains, or None.
@@ -73,15 +75,24 @@ class UnfeltChange:
         deviations, east, north = _largest_change(seconds)
         self.ratio = deviations / max(self.usual, _USUAL_AT_LEAST)
         size = math.hypot(east, north)
-        if self._compared >= _HISTORY and self.ratio > _RATIO and _LEAST < size < _MOST and _has_settled(seconds, size):
+        moved = _moved(seconds)
+        known = self._compared >= _HISTORY and moved < _FAMILIAR * self._moved + _SLOW
+        if known and self.ratio > _RATIO and _LEAST < size < _MOST and _has_settled(seconds, size):
             self._fresh.clear()
             return east, north
-        self._fresh.append(min(deviations, _RATIO * max(self.usual, _USUAL_AT_LEAST)))
+        self._fresh.append((min(deviations, _RATIO * max(self.usual, _USUAL_AT_LEAST)), moved))
         if len(self._fresh) > 2 * _SPAN:
             self._compared += 1
-            square = self.usual**2
-            self.usual = math.sqrt(square + (self._fresh.popleft() ** 2 - square) / min(self._compared, _MEMORY))
+            square, (usual, moved) = self.usual**2, self._fresh.popleft()
+            self.usual = math.sqrt(square + (usual**2 - square) / min(self._compared, _MEMORY))
+            self._moved = max(self._moved, moved)
         return None
+
+
+def _moved(seconds: Array) -> float:
+    """Change of the velocity by the IMU [m/s] from the first to the last seconds of a comparison."""
+    east, north = (seconds[-1, VELOCITY:COUNT] - seconds[-SPANS:][0, VELOCITY:COUNT]).tolist()
+    return math.hypot(east, north)
 
 
 def _has_settled(seconds: Array, size: float) -> bool:

@@ -43,6 +43,7 @@ def _look_at_motion(run: FilterRun) -> None:
         run.stillness.add(run.timeline.rows_since(run.timeline.filter.time - Stillness.PERIOD)),
     )
     _watch_for_a_pull(run)
+    run.gnss.position.elsewhere.second(whole.time, mean_rate is not None)
     _doubt_the_position(run)
     _doubt_the_body_velocity(run)
     if run.parameters.imu.learn_noise:

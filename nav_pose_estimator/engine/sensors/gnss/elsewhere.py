@@ -10,11 +10,12 @@ from nav_pose_estimator.core.gnss.two_places import TwoPlaces
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.sensors.gnss.latency import Latency
-from nav_pose_estimator.engine.sensors.gnss.other_motion import OtherMotion
+from nav_pose_estimator.engine.sensors.gnss.other_motion import OtherMotion, RestDrift
 from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter
 from nav_pose_estimator.engine.solutions import Level
 
+_RESTS = 0.3  # m/s: largest speed of a receiver at rest
 _AGREES = 8.0  # s without a drifting fix after which a drift has ended
 
 
@@ -24,14 +25,16 @@ class Elsewhere:
     def __init__(self, journal: Journal, rounding: Rounding, scatter: Scatter) -> None:
         self._journal, self._rounding, self._scatter = journal, rounding, scatter
         self.other_motion, self.latency = OtherMotion(journal), Latency(journal)
-        self._walk_off, self._two_places = WalkOff(), TwoPlaces()
+        self._walk_off, self._two_places, self._rest_drift = WalkOff(), TwoPlaces(), RestDrift()
+        self._speed = math.inf  # m/s, of the receiver at the last used fix
         self._drifted = math.nan  # s: when fixes last drifted away; NaN once that has ended
 
     @property
     def is_on(self) -> bool:
         """Whether any of the monitors has a finding."""
-        told = self.other_motion.is_on or self.latency.is_on or self._walk_off.is_on
-        return told or self._two_places.apart > 0.0 or self._rounding.is_on or self._scatter.is_on
+        if self._two_places.apart > 0.0 or self._rounding.is_on or self._scatter.is_on or self._rest_drift.is_on:
+            return True
+        return self.other_motion.is_on or self.latency.is_on or self._walk_off.is_on
 
     def least_sd(self, speed: float) -> tuple[float, float, float]:
         """Floors of the standard deviations of position [m], horizontal and vertical, and horizontal velocity [m/s].
@@ -41,14 +44,18 @@ class Elsewhere:
         far, fast = self.other_motion.least_sd()
         late = self.latency.least_sd(speed)
         wide, high = self._scatter.least_sd
-        known = (self._walk_off.least_sd, self._two_places.least_sd, self._rounding.least_sd)
+        known = (test.least_sd for test in (self._walk_off, self._two_places, self._rounding, self._rest_drift))
         return max(far, late, wide, *known), max(far, high), fast
 
     def reason(self) -> str:
         """Why the position is less certain than usual, one clause for the user; empty where it is not."""
         told = self._two_places.reason or self._rounding.reason or self._scatter.reason
         told = told or self.other_motion.reason() or self.latency.reason()
-        return told or self._walk_off.reason
+        return told or self._walk_off.reason or self._rest_drift.reason
+
+    def second(self, t: float, is_still: bool) -> None:
+        """Process a second up to ``t`` [s] in which the IMU shows rest, or not."""
+        self._rest_drift.second(t, is_still and self._speed < _RESTS)
 
     def fix(self, east: float, north: float, stamp_ns: int) -> None:
         """Process a fix, used or not, that is this far [m] (East, North) from the navigator."""
@@ -62,6 +69,8 @@ class Elsewhere:
 
     def used(self, o: Observation, fix: Sequence[float], velocity: Sequence[float] | None, scatter: float) -> None:
         """Process a used ``fix`` (3,) [m] with its ``velocity`` (3,) [m/s]; ``scatter`` [m]: noise between fixes."""
+        self._rest_drift.fix(fix[0], fix[1])
+        self._speed = math.inf if velocity is None else math.hypot(velocity[0], velocity[1])
         speed = self._walk_off.update(o.t, fix, velocity, scatter)
         if speed > 0.0:
             self._journal.count("gnss.drift.fixes")

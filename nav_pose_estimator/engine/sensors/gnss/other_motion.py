@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.solutions import Level
 
 _CREDIBLE = 2.0  # standard deviations that cover both the position of GNSS and that of the IMU
 _BEFORE = 9.0  # s from the beginning of a contradiction until it is established
+
+_NEWEST = 0.2  # weight of the newest fix in the mean of the last ones
+_MOVED = 4.0  # m: smallest motion at rest that counts; recorded flights: 2.6 m at most
+_FURTHER = 1.1  # growth that counts as new
+_HOLDS = 20.0  # s for which it counts after it was last exceeded
 
 
 class OtherMotion:
@@ -47,3 +54,43 @@ class OtherMotion:
             f"GNSS and IMU tell different motions ({percent:.0f} % of the changes of velocity unexplained): "
             "fixes of a base station or of another vehicle, a frozen or spoofed receiver, or a failing IMU"
         )
+
+
+class RestDrift:
+    """Positions that move while IMU and GNSS velocity show rest, as those of a receiver that converges after its start.
+
+    As far as they have moved, they may be off: that was the error of the first ones at least.
+    """
+
+    def __init__(self) -> None:
+        self._place: complex | None = None  # m: mean of the last fixes, East + i North
+        self._first: complex | None = None  # m: the same at the beginning of the rest
+        self._until = -math.inf  # s
+        self.least_sd = 0.0
+        """Floor of the standard deviation [m] on each axis."""
+
+    @property
+    def is_on(self) -> bool:
+        """Whether positions have moved at rest."""
+        return self.least_sd > 0.0
+
+    def fix(self, east: float, north: float) -> None:
+        """Process a used fix [m] in any level frame."""
+        place = complex(east, north)
+        self._place = place if self._place is None else self._place + _NEWEST * (place - self._place)
+
+    def second(self, t: float, rests: bool) -> None:
+        """Compare with the beginning of the rest, every second; ``t`` [s], ``rests``: IMU and velocity show rest."""
+        if self.is_on and t > self._until:
+            self.least_sd, self._first = 0.0, None
+        if not rests or self._place is None or self._first is None:
+            self._first = self._place if rests else None
+            return
+        moved = abs(self._place - self._first)
+        if moved > max(_MOVED, _FURTHER * self.least_sd):
+            self.least_sd, self._until = moved, t + _HOLDS
+
+    @property
+    def reason(self) -> str:
+        """Why the position is less certain than usual, one clause for the user; empty where it is not."""
+        return f"GNSS positions have moved by {self.least_sd:.0f} m while the vehicle stood" if self.is_on else ""

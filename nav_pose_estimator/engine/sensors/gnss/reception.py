@@ -144,7 +144,7 @@ class GnssReception:
             R = lasting_error.white_position(R, shared, self.lasting.variance, self.shown)
         else:
             R = R * self.shown.gnss_variance * shared
-        if self.scatter.is_on:
+        if self.scatter.is_on and self._parameters.noise == "fixed":  # other models find it by themselves
             horizontal, vertical = self.scatter.sd
             R[np.diag_indices(3)] += (horizontal**2, horizontal**2, vertical**2)
         return R
