@@ -81,7 +81,7 @@ def log_memberships(premises: Premises, inputs: np.ndarray) -> np.ndarray:
 def slopes_of(premises: Premises, inputs: np.ndarray) -> np.ndarray:
     slopes = np.empty((3, *premises.centre.shape, inputs.shape[1]))
     np.testing.assert_array_equal(log_firing(premises, inputs, slopes), log_firing(premises, inputs))
-    return slopes
+    return slopes * premises.scales[..., None]
 
 
 def test_hundred_memberships_do_not_underflow():

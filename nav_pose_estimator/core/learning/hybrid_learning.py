@@ -110,11 +110,21 @@ class _Pass:
 
     @cached_property
     def slopes(self) -> np.ndarray:
-        """d ln mu / d v, (3, n, R, N)."""
+        """d ln mu / d v divided by ``scales``, (3, n, R, N)."""
         if not self.has_slopes:
             with np.errstate(all="ignore"):
                 log_firing(self.premises, self.inputs, self.buffer)
         return self.buffer
+
+    @property
+    def by_rule(self) -> np.ndarray:
+        """``slopes`` as (R, 3 n, N)."""
+        return self.slopes.reshape(-1, *self.firing.shape).transpose(1, 0, 2)
+
+    @cached_property
+    def scales(self) -> np.ndarray:
+        """Factor (3 n, R) on ``slopes``."""
+        return self.premises.scales.reshape(-1, len(self.firing))
 
     @cached_property
     def influence(self) -> np.ndarray:
@@ -158,7 +168,8 @@ class ReducedObjective:
             return np.inf, np.zeros_like(vector)
         push = np.einsum("imk,mk->ik", last.influence, last.residual) / last.residual.shape[1]
         move = vector - self.start
-        gradient = np.einsum("ajik,ik->aji", last.slopes, push).ravel() + self.prior / len(move) * move
+        pull = last.scales * (last.by_rule @ push[:, :, None])[:, :, 0].T
+        gradient = pull.ravel() + self.prior / len(move) * move
         return self._value(last.residual, last.consequents, move), gradient
 
     def value(self, vector: np.ndarray) -> float:
@@ -216,7 +227,7 @@ class ReducedObjective:
         step = max(1, self.targets.shape[1] // (_METRIC_SAMPLES * len(vector)))
         design = last.design[:, ::step]
         white = last.white if step == 1 else whitening(_normal_matrix(design, self.ridge))[0]
-        by_rule = last.slopes[..., ::step].transpose(2, 0, 1, 3).reshape(len(last.influence), -1, design.shape[1])
+        by_rule = last.by_rule[..., ::step] * last.scales.T[:, :, None]
         rules, size, samples = by_rule.shape
         blocks = np.zeros((rules, size, size))
         for influence in last.influence[..., ::step].transpose(1, 0, 2):
@@ -232,7 +243,7 @@ class ReducedObjective:
     def curvature(self, vector: np.ndarray, direction: np.ndarray) -> float:
         """p' M p along ``direction`` p, with the full undamped Gauss-Newton matrix M of all samples."""
         last = self._pass(vector)
-        push = np.einsum("ajik,aji->ik", last.slopes, direction.reshape(last.slopes.shape[:3]))
+        push = ((last.scales * direction.reshape(last.scales.shape)).T[:, None, :] @ last.by_rule)[:, 0]
         change = np.einsum("imk,ik->mk", last.influence, push)
         explained = last.white @ (last.design @ change.T) / change.shape[1]
         square = np.vdot(change, change) / change.shape[1] - np.vdot(explained, explained)

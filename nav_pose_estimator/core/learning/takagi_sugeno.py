@@ -38,6 +38,11 @@ class Premises:
     def rules(self) -> int:
         return self.centre.shape[1]
 
+    @property
+    def scales(self) -> np.ndarray:
+        """(3, n, R): the part of the derivatives of ``log_firing`` that is the same for all samples."""
+        return np.stack([2.0 * self.slope, 2.0 * self.slope, np.expm1(0.5 - self.slope)])
+
     def vector(self) -> np.ndarray:
         """The membership functions as unconstrained parameters (3 n R,): c, ln a, softplus^-1(b - 1/2)."""
         slope = self.slope - 0.5
@@ -52,8 +57,9 @@ class Premises:
 def log_firing(premises: Premises, inputs: np.ndarray, slopes: np.ndarray | None = None) -> np.ndarray:
     """Layers 1 and 2: ln w, (R, N). ``inputs`` (n, N).
 
-    ``slopes`` (3, n, R, N) is filled with the derivatives of ln mu by c, ln a and softplus^-1(b - 1/2); 0 by c at
-    x = c. With u = (x - c) / a they are 2 b (1 - mu) / (x - c), 2 b (1 - mu) and -d b / d raw (1 - mu) ln u^2.
+    ``slopes`` (3, n, R, N) is filled with the derivatives of ln mu by c, ln a and softplus^-1(b - 1/2), divided by
+    ``premises.scales``; 0 by c at x = c. With u = (x - c) / a the derivatives are 2 b (1 - mu) / (x - c), 2 b (1 - mu)
+    and -d b / d raw (1 - mu) ln u^2.
     """
     (n, rules), samples = premises.centre.shape, inputs.shape[1]
     centre, slope = premises.centre[:, :, None], premises.slope[:, :, None]
@@ -72,23 +78,12 @@ def log_firing(premises: Premises, inputs: np.ndarray, slopes: np.ndarray | None
         np.exp(np.minimum(power, _HUGE, out=power), out=power)
         total = power + 1.0
         if slopes is not None:
-            complement = np.divide(power, total, out=power)  # 1 - mu
-            _fill_slopes(slopes[..., part], distance, complement, log_u2, slope)
+            by_centre, by_width, by_slope = slopes[..., part]
+            complement = np.divide(power, total, out=by_width)  # 1 - mu
+            np.multiply(complement, log_u2, out=by_slope)
+            np.divide(complement, distance, out=by_centre)
         np.sum(np.log(total, out=total), axis=0, out=log_w[:, part])
     return np.negative(log_w, out=log_w)
-
-
-def _fill_slopes(
-    slopes: np.ndarray,
-    distance: np.ndarray,
-    complement: np.ndarray,
-    log_u2: np.ndarray,
-    slope: np.ndarray,
-) -> None:
-    by_centre, by_width, by_slope = slopes
-    np.multiply(np.multiply(log_u2, complement, out=log_u2), np.expm1(0.5 - slope), out=by_slope)
-    np.multiply(complement, 2.0 * slope, out=by_width)
-    np.divide(by_width, distance, out=by_centre)
 
 
 def normalise_firing(log_w: np.ndarray) -> np.ndarray:
