@@ -239,8 +239,9 @@ def test_what_waits_is_flown_ahead_of_everything_else() -> None:
     engine.feed_all(samples[: len(samples) // 2])
     backlog, rest = stretch.Backlog(engine.run), samples[len(samples) // 2 :]
     block = next(s for s in rest if isinstance(s, ImuBlock))
+    assert backlog.look_back_before(block)
     assert backlog.is_open()
-    backlog.add(block)
+    assert backlog.add(block) is None
     before = engine.run.timeline.filter.time
     assert engine.run.now > before
     fix = next(s for s in samples if isinstance(s, GnssFix))
