@@ -236,10 +236,10 @@ def test_most_of_a_quiet_flight_is_routine(monkeypatch: pytest.MonkeyPatch) -> N
 def test_what_waits_is_flown_ahead_of_everything_else() -> None:
     """GIVEN rows that wait WHEN a late fix comes THEN they are flown before it is judged."""
     engine, samples = SinsEngine(Parameters()), quiet(np.random.default_rng(1))
-    first, second = [i for i in range(len(samples) // 2, len(samples)) if isinstance(samples[i], ImuBlock)][:2]
-    engine.feed_all(samples[: first + 1])  # a new second has begun
-    backlog, block = stretch.Backlog(engine.run), samples[second]
-    assert isinstance(block, ImuBlock)
+    engine.feed_all(samples[: len(samples) // 2])
+    backlog, rest = stretch.Backlog(engine.run), samples[len(samples) // 2 :]
+    block = next(s for s in rest if isinstance(s, ImuBlock))
+    assert backlog.look_back_before(block)
     assert backlog.is_open()
     assert backlog.add(block) is None
     before = engine.run.timeline.filter.time
