@@ -66,6 +66,8 @@ def fuzzy_memberships(points: np.ndarray, centres: np.ndarray, exponent: float) 
 
 def fuzzy_c_means(points: np.ndarray, clusters: int, random: np.random.Generator, iterations: int = 100) -> np.ndarray:
     """Centres (clusters, n) by fuzzy c-means (Bezdek 1981), initialised by k-means++, until they no longer move."""
+    if clusters == 1:
+        return points.mean(axis=0)[None]
     exponent = fuzzifier(points)
     centres = _spread_out(points, clusters, random)
     for _ in range(iterations):

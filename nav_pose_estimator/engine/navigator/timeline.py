@@ -165,9 +165,10 @@ class Timeline:
         out = np.empty((end - begin, OUT_COLUMNS)) if out is None else out
         first, self.moves = end - len(out), []
         while True:
-            due, before, behind = self.queue.due, self.shift, 0
-            if not self._replaying:  # in a replay it acts ahead of its row, with the same result
-                behind = _rows_ahead_of(self.queue.front, self.imu.rows[begin:end, IMU_T])
+            due, before, front, behind = self.queue.due, self.shift, self.queue.front, 0
+            # in a replay it acts ahead of its row, with the same result
+            if front is not None and front.behind and not self._replaying:
+                behind = _rows_ahead_of(front, self.imu.rows[begin:end, IMU_T])
             if behind:
                 self.filter.carry(self.imu.rows, begin, begin + behind, math.inf, out[: begin + behind - first])
                 self.dirty, begin = due, begin + behind
@@ -229,9 +230,7 @@ class Timeline:
         return oldest
 
 
-def _rows_ahead_of(observation: Observation | None, times: np.ndarray) -> int:
-    """Number of rows at ``times`` (N,) [s] behind which ``observation`` acts; 0 if it acts behind none of them."""
-    if observation is None or not observation.behind:
-        return 0
+def _rows_ahead_of(observation: Observation, times: np.ndarray) -> int:
+    """Number of rows, of ``times`` (N,) [s], behind which ``observation`` acts; 0 if it acts between two rows."""
     count = int(times.searchsorted(observation.t, side="right"))
     return count if count and times[count - 1] == observation.t else 0

@@ -119,7 +119,12 @@ class Rehearsal:
     def _tell(self, name: str, said: Sample) -> None:
         """Pass what a guide has said to the navigator; the resulting observations act on its own way alone."""
         run, told = self.sins.run, list[Observation]()
-        run.take_observation = lambda observation: told.append(observation) is None
+
+        def take(observation: Observation) -> bool:
+            told.append(observation)
+            return True
+
+        run.take_observation = take
         self.sins.feed(said)
         run.take_observation = None
         for one in told:
