@@ -24,9 +24,9 @@ def after(sd: float, drift: float = 0.0, period: float = 0.2, seed: int = 1) -> 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("sd", [4.0, 15.0])
 def test_the_noise_is_measured_and_told_once(sd: float, seed: int) -> None:
-    """GIVEN noise beyond the stated deviation THEN it is measured to a third, on all axes."""
+    """GIVEN noise beyond the stated deviation THEN it is measured to a factor of two, on all axes."""
     scatter, journal = after(sd, seed=seed)
-    assert scatter.sd == pytest.approx((sd, sd), rel=0.5)
+    assert all(0.5 * sd < measured < 2.0 * sd for measured in scatter.sd)
     assert journal.counters["gnss.scatters"] == 1
     assert f"{scatter.sd[0]:.0f} m" in scatter.reason
 

@@ -5,15 +5,27 @@ import math
 from nav_pose_estimator.core.gnss.reacquisition import Decision, ReacquisitionSettings
 
 _CREDIBLE = 3.0  # standard deviations that cover both ends of a jump
+_FRESH, _SHORT = 10.0, 20.0
+"""s for which the return from a short outage, and how short, covers its offset as well: fixes between obstacles are off
+alike for seconds, and the navigator hardly is."""
 _FEW = ("consistency", "innovation")  # decisions on too few fixes for a contradiction
 _HOLDS = 2.0  # s after the last contradicting fix for which the doubt is reported
 
 
 class LastingJump:
-    """Doubt after a jump: until the end of the probation either of the two positions may be right."""
+    """Doubt after a jump: until the end of the probation either of the two positions may be right.
+
+    For some seconds this holds for the return from a short outage as well, which is no reason for a warning.
+    """
 
     def __init__(self) -> None:
         self._size, self._until = 0.0, -math.inf  # m, s
+        self._offset, self._fresh_until = 0.0, -math.inf  # m, s: of the last return
+
+    def returned(self, t: float, gap: float, decision: Decision) -> None:
+        """Note a return of GNSS at ``t`` [s], ``gap`` [s] after the last fix that was used."""
+        if gap < _SHORT:
+            self._offset, self._fresh_until = math.hypot(*decision.offset[:2]), t + _FRESH
 
     def note(self, t: float, gap: float, decision: Decision, settings: ReacquisitionSettings) -> None:
         """Note a reset at ``t`` [s], ``gap`` [s] after the last fix that was used.
@@ -27,12 +39,13 @@ class LastingJump:
             self._until = -math.inf
 
     def least_sd(self, t: float) -> float:
-        """Floor of the horizontal standard deviation [m], which covers the position before the jump."""
-        return self._size / _CREDIBLE if t < self._until else 0.0
+        """Floor of the standard deviation [m] on each horizontal axis, which covers the position before the jump."""
+        size, offset = self._size * (t < self._until), self._offset * (t < self._fresh_until)
+        return max(size, offset) / _CREDIBLE
 
     def is_over(self, t: float) -> bool:
-        """Whether there is no doubt at ``t`` [s]."""
-        return not t < self._until
+        """Whether there is no floor at ``t`` [s]."""
+        return not t < max(self._until, self._fresh_until)
 
     def reason(self, t: float) -> str:
         """Why the position at ``t`` [s] is in doubt, one clause for the user; empty where it is not."""

@@ -169,6 +169,8 @@ class GnssPositionSensor(Sensor):
             self.reception.refuse(o.stamp_ns, decision.reason, in_words(decision.reason))
             return LEFT_OUT
         self.elsewhere.used(o, fix, velocity, CHANCE * max(sd[:2]))
+        if not decision.gated:
+            self.jump.returned(o.t, gap, decision)
         if decision.action == "fuse":
             return Decision(Use.GATED if decision.gated else Use.UNGATED, reference)
         self.jump.note(o.t, gap, decision, self.guard.settings)

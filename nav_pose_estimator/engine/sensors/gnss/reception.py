@@ -117,7 +117,7 @@ class GnssReception:
         if self._stay.is_new and not self.rounding.is_on:
             self.velocities.fix(self._height.believed(sample), t, horizontal or 0.0)
             stated = max(horizontal or 0.0, self._parameters.position_sd)
-            self.scatter.fix(t, _place(sample) - self.velocities.way, sample.alt, stated, sample.stamp_ns)
+            _compare_with_steps(self.scatter, self.velocities, sample, t, stated)
         return True
 
     def believed(self, sample: GnssFix) -> GnssFix:
@@ -288,6 +288,12 @@ def _why(reason: str, settings: GateSettings) -> str:
         limits = f"{settings.max_horizontal_sd:.3g} m horizontal, {settings.max_vertical_sd:.3g} m vertical"
         return f"{in_words(reason)}: {limits}"
     return in_words(reason)
+
+
+def _compare_with_steps(scatter: Scatter, velocities: VelocityInput, sample: GnssFix, t: float, sd: float) -> None:
+    """Compare the noise from fix to fix with the stated ``sd`` [m], where velocities show the motion."""
+    if velocities.is_fresh(t) and not velocities.doubted:
+        scatter.fix(t, _place(sample) - velocities.way, sample.alt, sd, sample.stamp_ns)
 
 
 def _place(sample: GnssFix) -> complex:

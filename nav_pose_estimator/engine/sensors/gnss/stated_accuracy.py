@@ -14,12 +14,14 @@ from nav_pose_estimator.engine.solutions import Level
 
 _TOO_LARGE, _FINE = 9.0, 4.0  # variance factors (3 and 2 times the deviation) at which optimism begins and ends
 _LASTS = 10.0  # s for which the factor must be too large
-_COUNT, _ENOUGH = 15, 8  # second differences of which the median is taken, and the least number of them
-_RAYLEIGH = math.sqrt(6.0) * 1.1774  # median of a horizontal second difference over the deviation of one axis
-_NORMAL = math.sqrt(6.0) * 0.6745  # the same of a vertical one
-_ON, _OFF = 1.5, 1.0  # smallest deviation, relative to the stated one, with which the noise counts; it ends below _OFF
+_COUNT, _ENOUGH = 25, 8  # differences of which a quantile is taken, and the least number of them
+_QUIET = 0.25  # that quantile: where every third fix is an outlier, it is of the sound ones
+_RAYLEIGH = math.sqrt(-2.0 * math.log(1.0 - _QUIET)) * math.sqrt(2.0)  # it over the deviation of one axis
+_NORMAL = math.sqrt(6.0) * 0.6745  # median of a second difference of heights over their deviation
+_ON, _OFF = 1.5, 0.7  # smallest deviation, relative to the stated one, with which the noise counts; it ends below _OFF
 _SLOWEST = 0.3  # s: longest interval of fixes at which the vertical acceleration does not matter
-_EVEN = 1.5  # largest ratio of two intervals in one second difference
+_PAUSE = 1.5  # s: longest interval of fixes in a difference
+_EVEN = 1.5  # largest ratio of two intervals in a second difference
 _LASTING = 3.0  # part of such noise that does not average out: one over this
 
 
@@ -59,8 +61,9 @@ class StatedAccuracy:
 class Scatter:
     """Noise of positions from fix to fix that is not stated, as of reflections or a poor antenna.
 
-    The second difference of positions less the integral of the receiver's velocities is free of motion, offset and
-    drift. Its median gives the standard deviation of the white noise: 0.4 m at most in thirteen recorded flights.
+    The difference of two positions less that of the integrated velocities is free of motion, and its median is their
+    drift. The lower quartile of what remains gives the deviation of the white noise: 0.4 m at most in sixteen recorded
+    flights.
     ``sd`` (horizontal, vertical) [m]: deviations of the noise on each axis, zero unless established.
     """
 
@@ -68,7 +71,7 @@ class Scatter:
         self._journal = journal
         self.sd = (0.0, 0.0)
         self._last: list[tuple[float, complex, float]] = []  # s, m, m: the last two fixes
-        self._bends: deque[float] = deque(maxlen=_COUNT)
+        self._steps: deque[complex] = deque(maxlen=_COUNT)
         self._vertical: deque[float] = deque(maxlen=_COUNT)
 
     @property
@@ -94,21 +97,25 @@ class Scatter:
         """
         if self._last and t <= self._last[-1][0]:
             return
+        if self._last and t > self._last[-1][0] + _PAUSE:
+            self._last.clear()
+            self._steps.clear()
+        if self._last:
+            self._steps.append(place - self._last[-1][1])
         if len(self._last) == 2:
-            (t0, first, low), (t1, second, middle) = self._last
-            before, now = t1 - t0, t - t1
-            if max(before, now) < _EVEN * min(before, now):
-                self._bends.append(abs(place - 2.0 * second + first))
-                bend = abs(height - 2.0 * middle + low)
-                if now < _SLOWEST and math.isfinite(bend):
-                    self._vertical.append(bend)
+            (t0, _, low), (t1, _, middle) = self._last
+            before, now, bend = t1 - t0, t - t1, abs(height - 2.0 * middle + low)
+            if max(before, now) < min(_EVEN * min(before, now), _SLOWEST) and math.isfinite(bend):
+                self._vertical.append(bend)
         self._last = [*self._last[-1:], (t, place, height)]
         self._weigh(stated, stamp_ns)
 
     def _weigh(self, stated: float, stamp_ns: int) -> None:
-        if len(self._bends) < _ENOUGH:
+        if len(self._steps) < _ENOUGH:
             return
-        horizontal, was_on = sorted(self._bends)[len(self._bends) // 2] / _RAYLEIGH, self.is_on
+        half, was_on = len(self._steps) // 2, self.is_on
+        usual = complex(sorted(z.real for z in self._steps)[half], sorted(z.imag for z in self._steps)[half])
+        horizontal = sorted(abs(z - usual) for z in self._steps)[int(_QUIET * len(self._steps))] / _RAYLEIGH
         if horizontal < (_OFF if was_on else _ON) * stated:
             self.sd = (0.0, 0.0)
         else:

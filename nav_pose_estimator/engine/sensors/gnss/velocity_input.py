@@ -36,6 +36,8 @@ class VelocityInput:
         self._last: tuple[float, ...] = ()
         self.repeats = 0
         """Number of exact repetitions of the last velocity, if it is not near zero."""
+        self.is_zero = False
+        """Whether the last velocity was exactly zero, as receivers send it that hold their position at rest."""
         self._is_withheld = self._is_mended = False
         self.misled = False
         """Whether the filter has just turned out to have used wrong velocities; to be cleared by the caller."""
@@ -79,15 +81,14 @@ class VelocityInput:
         if self._learns:
             self._check.climb.baro = height
 
+    def is_fresh(self, t: float) -> bool:
+        """Whether ``way`` reaches to ``t`` [s], but for one interval."""
+        return abs(t - self._before[0]) < _LONGEST_STEP
+
     @property
     def pressure_altitude(self) -> float:
         """The last one [m], NaN without a barometer."""
         return self._check.climb.baro
-
-    @property
-    def is_zero(self) -> bool:
-        """Whether the last velocity was exactly zero, as receivers send it that hold their position at rest."""
-        return self._last != () and not any(self._last)
 
     def felt(self, felt: bool, as_received: float, stamp_ns: int) -> None:
         """Take the evidence of the IMU: whether it confirms the velocities (``felt``).
@@ -129,6 +130,7 @@ class VelocityInput:
         """The usable part of a velocity valid at ``t`` [s], corrected where necessary; None (and counted) without."""
         same = sample.vel_enu == self._last and math.hypot(*sample.vel_enu[:2]) > _MOVING
         self.repeats, self._last = self.repeats + 1 if same else 0, sample.vel_enu
+        self.is_zero = not any(sample.vel_enu)
         if not is_within(sample.vel_enu[:2], _LARGEST_SPEED) or abs(sample.vel_enu[2]) > _LARGEST_SPEED:
             self._journal.count("gnss.rejected.velocity_value")
             return None
