@@ -48,10 +48,18 @@ def unaddressed(arguments: Sequence[str], node: str) -> list[str]:
     told = []
     for option, path in pairwise(arguments):
         if option == "--params-file":
-            sections = list(_sections(yaml.safe_load(Path(path).read_text(encoding="utf-8"))))
+            sections = list(_sections(_content(path)))
             if sections and not any(_fits(section, node) for section in sections):
                 told.append(f"{path} sets nothing for {node}: it is for {', '.join(sections)}")
     return told
+
+
+def _content(path: str) -> Any:
+    """Content of a parameter file; None where this parser is stricter than that of ROS, which has read it before."""
+    try:
+        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except (yaml.YAMLError, OSError, ValueError):
+        return None
 
 
 def _sections(content: Any, above: str = "") -> Iterator[str]:

@@ -18,7 +18,9 @@ def with_stamps(change) -> list:
 
 def replay(bag: Path, out: Path, capsys) -> tuple[list[str], dict]:
     assert main(["replay", str(bag), "--method", "coast", "--out", str(out)]) == 2  # four seconds do not align
-    return capsys.readouterr().err.splitlines(), json.loads((out / "summary.json").read_text())
+    *lines, last = capsys.readouterr().err.splitlines()
+    assert last.startswith("replay: the navigator never aligned")
+    return lines, json.loads((out / "summary.json").read_text())
 
 
 def test_repeated_stamps_are_one_line_with_count_time_and_cure(tmp_path, capsys):
@@ -62,3 +64,11 @@ def test_each_kind_has_one_line_and_comes_in_order_of_time(tmp_path, capsys):
 def test_a_good_recording_and_an_outage_on_request_warn_of_nothing(tmp_path, mcap_bag, capsys, outage):
     main(["replay", str(mcap_bag), "--method", "coast", "--out", str(tmp_path / "out"), *outage])
     assert [line for line in capsys.readouterr().err.splitlines() if line.startswith(("warning", "error"))] == []
+
+
+def test_a_recording_that_ends_without_gnss_says_why(bag, tmp_path, capsys):
+    arguments = ["replay", str(bag), "--method", "coast", "--out", str(tmp_path / "out")]
+    assert main([*arguments, "--outage", "20:9.5"]) == 0
+    assert "\nGNSS is not used at the end: " in capsys.readouterr().out
+    assert main(arguments) == 0
+    assert "GNSS is not used" not in capsys.readouterr().out

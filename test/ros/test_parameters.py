@@ -116,9 +116,10 @@ def test_a_file_for_other_nodes_is_told(tmp_path: Path, section, is_ours):
     assert told == [] if is_ours else f"{file} sets nothing for /drone1/some_node: it is for " in told[0]
 
 
-def test_an_empty_file_is_for_nobody_in_particular(tmp_path: Path):
+@pytest.mark.parametrize("text", ["", "a: !unknown 1", "[", "7"])
+def test_a_file_that_says_nothing_is_for_nobody_in_particular(tmp_path: Path, text):
     file = tmp_path / "some.yaml"
-    file.write_text("")
+    file.write_text(text)
     assert unaddressed(["--params-file", str(file)], "/some_node") == []
 
 

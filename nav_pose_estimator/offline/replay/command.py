@@ -199,6 +199,7 @@ def _refused(result) -> str:
 
 def _print_summary(result, wall: float) -> None:
     """Print the result in a few lines."""
+    from nav_pose_estimator.engine.solutions import Mode
     from nav_pose_estimator.offline.replay import second_opinion
     from nav_pose_estimator.offline.replay.report import OUTAGE_HEADER, mode_spans, outage_rows
     from nav_pose_estimator.offline.replay.warnings import warnings
@@ -211,6 +212,8 @@ def _print_summary(result, wall: float) -> None:
         print(text)
     if result.status.waiting_for:
         print(f"waiting for: {result.status.waiting_for}")
+    elif result.status.gnss_refusal and result.status.mode is not Mode.AIDED:
+        print(f"GNSS is not used at the end: {result.status.gnss_refusal}")
     if result.errors:
         print("\n".join(aligned([OUTAGE_HEADER, *outage_rows(result)])))
     duration = result.recording.duration

@@ -1,5 +1,6 @@
 """Output files and printed tables of ``benchmark outage``."""
 
+import math
 import sys
 from collections import Counter
 from dataclasses import asdict, fields
@@ -70,7 +71,7 @@ def tell(flights: list[FlightResult], rows: list[Row], summaries: list[Summary])
         print("\n".join(aligned([HEADER, *table_rows(here)])))
     print("\nautocorrelation of GNSS innovations from one to the next, white below 0.2: position, velocity")
     for bag, white in {flight.bag: flight.white for flight in flights}.items():
-        print(f"{bag}: {white[0]:.2f}, {white[1]:.2f}")
+        print(f"{bag}: " + ", ".join("–" if math.isnan(value) else f"{value:.2f}" for value in white))
 
 
 def tell_verdicts(summaries: list[Summary]) -> None:
