@@ -122,7 +122,8 @@ class Magnetometer(Aid):
         if math.isnan(self._offset):
             self._offset, self._since = error, o.t
         share = self._period / min(max(o.t - self._since, 1.0), _OFFSET_MEMORY)
-        self._offset += min(share, 1.0) * math.remainder(error - self._offset, 2.0 * math.pi)
+        nearer = self._offset + min(share, 1.0) * math.remainder(error - self._offset, 2.0 * math.pi)
+        self._offset = math.remainder(nearer, 2.0 * math.pi)
 
     def _compare(self, o: Observation, q: Sequence[float], error: float) -> None:
         deviation = 0.0 if math.isnan(self._offset) else math.remainder(error - self._offset, 2.0 * math.pi)
