@@ -110,6 +110,18 @@ def test_noise_that_the_receiver_does_not_state_is_used_as_noise() -> None:
     assert set(told.modes_between(10.0, 40.0)) == {Mode.AIDED}
 
 
+def test_motion_to_the_north_is_no_noise_to_the_east() -> None:
+    """GIVEN a fast flight far from the Greenwich meridian THEN its fixes do not scatter."""
+    recording = flight("fixed_wing", 50.0)
+
+    def far_west() -> Iterator[Sample]:
+        for sample in recording.samples():
+            yield replace(sample, lon=sample.lon - 2.5) if isinstance(sample, GnssFix) else sample
+
+    told = tell(recording, samples=far_west(), learner__enabled=False)
+    assert told.when("gnss.scatters") == []
+
+
 def test_a_static_hold_that_does_not_end_at_the_take_off_is_a_stuck_receiver() -> None:
     """GIVEN a receiver that repeats its position and a velocity of zero WHEN the vehicle climbs with the barometer
     THEN its fixes are not used, and the height is right."""

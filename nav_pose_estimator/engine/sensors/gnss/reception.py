@@ -297,9 +297,14 @@ def _compare_with_steps(scatter: Scatter, velocities: VelocityInput, sample: Gns
 
 
 def _place(sample: GnssFix) -> complex:
-    """East + i North [m] of a fix, in a frame of its own."""
-    r_m, r_n = radii(sample.lat)
-    return complex(sample.lon * r_n * math.cos(sample.lat), sample.lat * r_m)
+    """East + i North [m] of a fix, in a frame of its own that is continuous where longitudes wrap.
+
+    Its scale is that of the nearest 0.01 rad of latitude: with that of each fix, motion to the North would change East.
+    """
+    nearby = round(sample.lat, 2)
+    r_m, r_n = radii(nearby)
+    lon = sample.lon % (2.0 * math.pi) if abs(sample.lon) > 0.5 * math.pi else sample.lon
+    return complex(lon * r_n * math.cos(nearby), sample.lat * r_m)
 
 
 def _horizontal(alt: float, cov: np.ndarray) -> np.ndarray:
