@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.core.earth.atmosphere import air_density, height_pressure
-from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu, radii
+from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import memory
 from nav_pose_estimator.core.filter.blocks import blocks_of, enlarged, set_blocks, set_wander
@@ -79,8 +79,8 @@ def _fix(run: FilterRun, sample: GnssFix) -> None:
     if not run.gnss.reception.fix(sample, t, run.now):
         return
     sample = run.gnss.reception.believed(sample)
-    r_m, r_n = radii(sample.lat)
-    run.imu_physics.motion.fix(t, sample.lon * r_n * math.cos(sample.lat), sample.lat * r_m)
+    place = run.gnss.reception.way.place
+    run.imu_physics.motion.fix(t, place.real, place.imag)
     if run.parameters.aids.declination_from_model:
         run.locate(sample)
     if run.timeline.running:

@@ -51,6 +51,7 @@ class GnssReception:
         self.velocities = VelocityInput(journal)
         self.rounding, self.scatter = Rounding(journal), Scatter(journal)
         self._usable = False  # the last fix
+        self.way = Way()
         self._fix_times: list[float] = []  # of the newest fixes, in order of time
         self.fix_period = 1.0
         """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
@@ -112,12 +113,14 @@ class GnssReception:
         self.fix_period = min(max(min([b - a for a, b in pairwise(times)], default=1.0), 0.02), 5.0)
         self._usable = True
         self._aiding.fix_offered = t
+        self.way.add(sample.lat, sample.lon)
         if math.isnan(sample.alt):
             self._tell_no_height(sample.stamp_ns)
         if self._stay.is_new and not self.rounding.is_on:
             self.velocities.fix(self._height.believed(sample), t, horizontal or 0.0)
-            stated = max(horizontal or 0.0, self._parameters.position_sd)
-            _compare_with_steps(self.scatter, self.velocities, sample, t, stated)
+            if self.velocities.is_fresh(t) and not self.velocities.doubted:
+                stated = max(horizontal or 0.0, self._parameters.position_sd)
+                self.scatter.fix(t, self.way.place - self.velocities.way, sample.alt, stated, sample.stamp_ns)
         return True
 
     def believed(self, sample: GnssFix) -> GnssFix:
@@ -206,6 +209,23 @@ class GnssReception:
         return None
 
 
+class Way:
+    """Position of the last fix that may be used, relative to the first one, in a level frame of its own."""
+
+    def __init__(self) -> None:
+        self.place = 0j
+        """East + i North [m]."""
+        self._last: tuple[float, float] | None = None  # rad: latitude and longitude
+
+    def add(self, lat: float, lon: float) -> None:
+        """Add a fix at ``lat``, ``lon`` [rad]."""
+        before_lat, before_lon = self._last or (lat, lon)
+        r_m, r_n = radii(lat)
+        east = r_n * math.cos(lat) * math.remainder(lon - before_lon, 2.0 * math.pi)
+        self.place += complex(east, r_m * (lat - before_lat))
+        self._last = lat, lon
+
+
 class _Stay:
     """Detection of positions that repeat exactly."""
 
@@ -288,23 +308,6 @@ def _why(reason: str, settings: GateSettings) -> str:
         limits = f"{settings.max_horizontal_sd:.3g} m horizontal, {settings.max_vertical_sd:.3g} m vertical"
         return f"{in_words(reason)}: {limits}"
     return in_words(reason)
-
-
-def _compare_with_steps(scatter: Scatter, velocities: VelocityInput, sample: GnssFix, t: float, sd: float) -> None:
-    """Compare the noise from fix to fix with the stated ``sd`` [m], where velocities show the motion."""
-    if velocities.is_fresh(t) and not velocities.doubted:
-        scatter.fix(t, _place(sample) - velocities.way, sample.alt, sd, sample.stamp_ns)
-
-
-def _place(sample: GnssFix) -> complex:
-    """East + i North [m] of a fix, in a frame of its own that is continuous where longitudes wrap.
-
-    Its scale is that of the nearest 0.01 rad of latitude: with that of each fix, motion to the North would change East.
-    """
-    nearby = round(sample.lat, 2)
-    r_m, r_n = radii(nearby)
-    lon = sample.lon % (2.0 * math.pi) if abs(sample.lon) > 0.5 * math.pi else sample.lon
-    return complex(lon * r_n * math.cos(nearby), sample.lat * r_m)
 
 
 def _horizontal(alt: float, cov: np.ndarray) -> np.ndarray:
