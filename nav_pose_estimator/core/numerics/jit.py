@@ -16,10 +16,16 @@ from typing import Any
 
 import numpy as np
 
+_hides_coverage = "coverage" not in sys.modules
+if _hides_coverage:  # where it is installed, numba imports it for its own tests, which takes 30 ms and 4 MB
+    sys.modules["coverage"] = None  # type: ignore[assignment]
 try:
     import numba
 except ImportError:
     numba = None  # type: ignore[assignment]
+finally:
+    if _hides_coverage:
+        del sys.modules["coverage"]
 
 _PACKAGE = __name__.partition(".")[0]  # kernels of all sub-packages may be compiled into each other
 _FOLDER = os.path.dirname(sys.modules[_PACKAGE].__file__ or "")

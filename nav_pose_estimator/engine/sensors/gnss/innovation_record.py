@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nav_pose_estimator.core.numerics.jit import kernel
+from nav_pose_estimator.core.numerics.order import sort
 
 _RECENT = 300  # innovations that the 99th percentile and the autocorrelation are taken from
 _AVERAGED = 10.0  # s over which the mean slides
@@ -108,12 +109,6 @@ def beyond_chance(z):
 
 @kernel
 def _median(values):
-    """Median of ``values`` (N,), which are sorted in place by insertion."""
-    count = len(values)
-    for i in range(1, count):
-        value, k = values[i], i
-        while k > 0 and values[k - 1] > value:
-            values[k] = values[k - 1]
-            k -= 1
-        values[k] = value
-    return 0.5 * (values[(count - 1) // 2] + values[count // 2])
+    """Median of ``values`` (N,), which are sorted in place."""
+    sort(values)
+    return 0.5 * (values[(len(values) - 1) // 2] + values[len(values) // 2])

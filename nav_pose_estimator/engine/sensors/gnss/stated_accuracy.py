@@ -8,6 +8,8 @@ from collections import deque
 import numpy as np
 
 from nav_pose_estimator.core.filter.measurement_noise import NoiseModel
+from nav_pose_estimator.core.numerics.jit import kernel
+from nav_pose_estimator.core.numerics.order import sort
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.solutions import Level
@@ -71,7 +73,7 @@ class Scatter:
         self._journal = journal
         self.sd = (0.0, 0.0)
         self._last: list[tuple[float, complex, float]] = []  # s, m, m: the last two fixes
-        self._steps: deque[complex] = deque(maxlen=_COUNT)
+        self._steps, self._count = np.empty((_COUNT, 2)), 0  # m: East, North; the oldest one is replaced
         self._vertical: deque[float] = deque(maxlen=_COUNT)
 
     @property
@@ -99,9 +101,11 @@ class Scatter:
             return
         if self._last and t > self._last[-1][0] + _PAUSE:
             self._last.clear()
-            self._steps.clear()
+            self._count = 0
         if self._last:
-            self._steps.append(place - self._last[-1][1])
+            step = place - self._last[-1][1]
+            self._steps[self._count % _COUNT] = step.real, step.imag
+            self._count += 1
         if len(self._last) == 2:
             (t0, _, low), (t1, _, middle) = self._last
             before, now, bend = t1 - t0, t - t1, abs(height - 2.0 * middle + low)
@@ -111,11 +115,9 @@ class Scatter:
         self._weigh(stated, stamp_ns)
 
     def _weigh(self, stated: float, stamp_ns: int) -> None:
-        if len(self._steps) < _ENOUGH:
+        if self._count < _ENOUGH:
             return
-        half, was_on = len(self._steps) // 2, self.is_on
-        usual = complex(sorted(z.real for z in self._steps)[half], sorted(z.imag for z in self._steps)[half])
-        horizontal = sorted(abs(z - usual) for z in self._steps)[int(_QUIET * len(self._steps))] / _RAYLEIGH
+        was_on, horizontal = self.is_on, float(white_noise(self._steps[: self._count]))
         if horizontal < (_OFF if was_on else _ON) * stated:
             self.sd = (0.0, 0.0)
         else:
@@ -126,3 +128,18 @@ class Scatter:
             self._journal.say(stamp_ns, "gnss.scatters", Level.WARN, text, sd=horizontal)
         elif was_on and not self.is_on:
             self._journal.say(stamp_ns, "gnss.scatters.ended", Level.INFO, "GNSS positions scatter as stated again")
+
+
+@kernel
+def white_noise(steps):
+    """Deviation [m] of the noise on each axis of positions that differ by ``steps`` (N, 2) [m] and a steady drift."""
+    count = len(steps)
+    east, north, apart = np.empty(count), np.empty(count), np.empty(count)
+    for i in range(count):
+        east[i], north[i] = steps[i, 0], steps[i, 1]
+    sort(east)
+    sort(north)
+    for i in range(count):
+        apart[i] = math.hypot(steps[i, 0] - east[count // 2], steps[i, 1] - north[count // 2])
+    sort(apart)
+    return apart[int(_QUIET * count)] / _RAYLEIGH
