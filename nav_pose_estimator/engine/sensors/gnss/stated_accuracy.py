@@ -18,7 +18,8 @@ _COUNT, _ENOUGH = 25, 8  # differences of which a quantile is taken, and the lea
 _QUIET = 0.25  # that quantile: where every third fix is an outlier, it is of the sound ones
 _RAYLEIGH = math.sqrt(-2.0 * math.log(1.0 - _QUIET)) * math.sqrt(2.0)  # it over the deviation of one axis
 _NORMAL = math.sqrt(6.0) * 0.6745  # median of a second difference of heights over their deviation
-_ON, _OFF = 1.5, 0.7  # smallest deviation, relative to the stated one, with which the noise counts; it ends below _OFF
+_ON, _OFF = 2.5, 1.2  # smallest deviation, relative to the stated one, with which the noise counts; it ends below _OFF
+_LEAST = 0.3  # m: floor of the stated deviation, so that delays of the velocity are no noise of an RTK receiver
 _SLOWEST = 0.3  # s: longest interval of fixes at which the vertical acceleration does not matter
 _PAUSE = 1.5  # s: longest interval of fixes in a difference
 _EVEN = 1.5  # largest ratio of two intervals in a second difference
@@ -87,7 +88,7 @@ class Scatter:
     @property
     def reason(self) -> str:
         """Why the position is less certain than usual, one clause for the user; empty where it is not."""
-        return f"GNSS positions scatter by {self.sd[0]:.0f} m from fix to fix, more than stated" if self.is_on else ""
+        return f"GNSS positions scatter by {self.sd[0]:.1f} m from fix to fix, more than stated" if self.is_on else ""
 
     def fix(self, t: float, place: complex, height: float, stated: float, stamp_ns: int) -> None:
         """Add a fix valid at ``t`` [s].
@@ -116,7 +117,9 @@ class Scatter:
         half, was_on = len(self._steps) // 2, self.is_on
         usual = complex(sorted(z.real for z in self._steps)[half], sorted(z.imag for z in self._steps)[half])
         horizontal = sorted(abs(z - usual) for z in self._steps)[int(_QUIET * len(self._steps))] / _RAYLEIGH
-        if horizontal < (_OFF if was_on else _ON) * stated:
+        # few differences may be large by chance
+        limit = _OFF if was_on else _ON * math.sqrt(_COUNT / len(self._steps))
+        if horizontal < limit * max(stated, _LEAST):
             self.sd = (0.0, 0.0)
         else:
             vertical = sorted(self._vertical)[len(self._vertical) // 2] / _NORMAL if self._vertical else horizontal
