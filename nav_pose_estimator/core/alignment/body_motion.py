@@ -112,6 +112,10 @@ class BodyMotion:
             return self._scale_error
         return _HALF_KNOWN if self.is_proven or self._scale_error < _SIZE else 1.0
 
+    def begin_with(self, possible_error: float) -> None:
+        """Start with a velocity that was confirmed before a restart, and with its ``possible_error`` then."""
+        self.is_proven, self._scale_error = True, possible_error
+
     def forget_time(self) -> None:
         """The clock changed: forget the samples, keep the established fault."""
         self._velocities = VelocityHistory(_STORED)
