@@ -19,7 +19,8 @@ _QUIET = 0.25  # that quantile: where every third fix is an outlier, it is of th
 _RAYLEIGH = math.sqrt(-2.0 * math.log(1.0 - _QUIET)) * math.sqrt(2.0)  # it over the deviation of one axis
 _NORMAL = math.sqrt(6.0) * 0.6745  # median of a second difference of heights over their deviation
 _ON, _OFF = 2.5, 1.2  # smallest deviation, relative to the stated one, with which the noise counts; it ends below _OFF
-_LEAST = 0.3  # m: floor of the stated deviation, so that delays of the velocity are no noise of an RTK receiver
+_LEAST, _LEAST_RATE = 0.3, 1.5  # m, m/s
+"""Floors of the stated deviation, the second per interval of fixes: velocities are late, and their integral errs."""
 _SLOWEST = 0.3  # s: longest interval of fixes at which the vertical acceleration does not matter
 _PAUSE = 1.5  # s: longest interval of fixes in a difference
 _EVEN = 1.5  # largest ratio of two intervals in a second difference
@@ -102,6 +103,7 @@ class Scatter:
             self._last.clear()
             self._steps.clear()
         if self._last:
+            stated = max(stated, _LEAST, _LEAST_RATE * (t - self._last[-1][0]))
             self._steps.append(place - self._last[-1][1])
         if len(self._last) == 2:
             (t0, _, low), (t1, _, middle) = self._last
@@ -119,7 +121,7 @@ class Scatter:
         horizontal = sorted(abs(z - usual) for z in self._steps)[int(_QUIET * len(self._steps))] / _RAYLEIGH
         # few differences may be large by chance
         limit = _OFF if was_on else _ON * math.sqrt(_COUNT / len(self._steps))
-        if horizontal < limit * max(stated, _LEAST):
+        if horizontal < limit * stated:
             self.sd = (0.0, 0.0)
         else:
             vertical = sorted(self._vertical)[len(self._vertical) // 2] / _NORMAL if self._vertical else horizontal
