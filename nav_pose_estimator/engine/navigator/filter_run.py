@@ -279,6 +279,7 @@ def state_of(run: FilterRun) -> SavedState | None:
         compass_offset=magnetometer.offset,
         baro_offset=barometer.offset,
         baro_variance=barometer.offset_variance,
+        baro_least_sd=barometer.least_sd,
         body_velocity_error=_body_velocity_error(run),
         gate_is_open=gate.open or gate.inactive,
         is_sound=_is_sound(run, t),
@@ -348,7 +349,7 @@ def _begin_with_offsets(run: FilterRun, saved: SavedState) -> None:
     if isinstance(magnetometer, Magnetometer) and math.isfinite(saved.compass_offset):
         magnetometer.begin_with(saved.compass_offset)
     if isinstance(barometer, Barometer) and math.isfinite(saved.baro_offset):
-        barometer.begin_with(saved.baro_offset, saved.baro_variance)
+        barometer.begin_with(saved.baro_offset, saved.baro_variance, saved.baro_least_sd)
     if math.isfinite(saved.body_velocity_error):
         run.imu_physics.motion.body.begin_with(saved.body_velocity_error)
 
