@@ -4,7 +4,7 @@ import pytest
 
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import GnssFix, SatelliteCount
+from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, SatelliteCount
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
 from nav_pose_estimator.engine.sensors.gnss.velocity_report import VelocityReport
@@ -31,3 +31,17 @@ def test_a_gate_says_how_many_satellites_it_needs() -> None:
         reception.count(SatelliteCount(None, 3), 0.2 * k)
         assert not reception.fix(GnssFix(k, 0.8, 0.1, 400.0), 0.2 * k, 0.2 * k)
     assert reception.refusal == f"too few satellites, {parameters.gnss.gate.min_satellites_enter} are needed"
+
+
+@pytest.mark.parametrize(("climb", "is_stuck"), [(0.003, False), (0.5, True)])
+def test_the_weather_shows_no_stuck_receiver(climb: float, is_stuck: bool) -> None:
+    """GIVEN a receiver that holds its position for an hour WHEN the pressure altitude drifts as by weather THEN its
+    fixes are used; a climb refuses them."""
+    reception = GnssReception(Parameters().gnss, Aiding(2.0), Journal())
+    used = []
+    for k in range(3600):
+        reception.velocities.barometric_height(100.0 + climb * k)
+        used.append(reception.fix(GnssFix(k, 0.8, 0.1, 400.0), float(k), float(k)))
+        reception.velocity(GnssVelocity(k, (0.0, 0.0, 0.0)), float(k))
+    assert all(used[60:]) is not is_stuck
+    assert any(used[60:]) is not is_stuck

@@ -205,9 +205,10 @@ def test_a_file_of_an_earlier_version_is_read():
     _, saved = before(flight("hover", END, 6))
     assert saved.gyro_wander != Wander()
     assert saved.baro_variance > 0.0
-    later = ("error_shares", "gyro_wander", "baro_variance")
+    later = ("error_shares", "gyro_wander", "baro_variance", "baro_least_sd", "body_velocity_error")
     old = SavedState.of({name: values for name, values in saved.arrays().items() if name not in later})
     assert (old.error_shares, old.gyro_wander, old.baro_variance) == ((1.0,) * 4, Wander(), 0.0)
+    assert math.isnan(old.body_velocity_error)
 
 
 def test_a_height_that_was_vague_is_not_known_better_after_a_restart():
@@ -220,6 +221,29 @@ def test_a_height_that_was_vague_is_not_known_better_after_a_restart():
     )
     assert fresh.aids[PressureSample].is_vague
     assert not run.aids[PressureSample].is_vague  # GNSS has shown it since
+
+
+def test_a_barometer_in_doubt_stays_so():
+    """GIVEN a barometer that has strayed from the navigator by 20 m in an outage WHEN the next process begins THEN the
+    height is as uncertain as before."""
+    _, saved = before(flight("hover", END, 6))
+    assert saved.baro_least_sd == 0.0
+    fresh = resumed(
+        moved(saved, baro_least_sd=30.0), FilterRun(Parameters(), Journal(), None, True), saved.stamp_ns + 1
+    )
+    assert fresh.aids[PressureSample].least_sd == 30.0
+
+
+@pytest.mark.parametrize("error", [0.02, math.nan])
+def test_a_confirmed_body_velocity_stays_confirmed(error: float):
+    """GIVEN a body velocity that motion has confirmed, or not WHEN the next process begins THEN it is as well known."""
+    _, saved = before(flight("hover", END, 6))
+    run = resumed(
+        moved(saved, body_velocity_error=error), FilterRun(Parameters(), Journal(), None, True), saved.stamp_ns + 1
+    )
+    body = run.imu_physics.motion.body
+    assert body.is_proven == math.isfinite(error)
+    assert body.possible_error == (error if math.isfinite(error) else 1.0)
 
 
 # --- a state that is wrong ------------------------------------------------------------------------------------------

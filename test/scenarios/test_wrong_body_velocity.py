@@ -18,12 +18,14 @@ EVENT = "body_velocity.implausible"
 TURNED = np.array([[0.5**0.5, -(0.5**0.5), 0.0], [0.5**0.5, 0.5**0.5, 0.0], [0.0, 0.0, 1.0]])
 
 
-def with_body_velocity(change: Change, name: str, sd: float = SD, later: Later | None = None) -> Iterator[Sample]:
-    """The flight without GNSS from ``LOST`` on for ``LENGTH``, and what a sensor would send of its velocity.
+def with_body_velocity(
+    change: Change, name: str, sd: float = SD, later: Later | None = None, lost: float = LOST, length: float = LENGTH
+) -> Iterator[Sample]:
+    """The flight without GNSS from ``lost`` on for ``length`` [s], and what a sensor would send of its velocity.
 
     ``change`` acts on the velocity in b, ``later`` on the time [s] and the result.
     """
-    recording = flight(name, END).with_faults(*silence(LOST, LENGTH))
+    recording = flight(name, lost + length + END - LOST - LENGTH).with_faults(*silence(lost, length))
     truth, velocity, rng = recording.truth, in_body(recording), np.random.default_rng(3)
     for sample, t in at_rate(recording, RATE):
         yield sample
@@ -65,6 +67,26 @@ def test_a_sound_one_is_believed_however_noisy_it_is(name: str, sd: float) -> No
     assert told.count("body_velocity.rejected.axes") == 0
     inside = told.between(LOST, LOST + LENGTH)
     assert told.off[inside].max() < 5.0
+
+
+def test_a_noisy_one_that_is_confirmed_stays_so_for_a_minute() -> None:
+    """GIVEN a sound sensor with noise of 0.3 m/s WHEN an outage lasts for a minute THEN it holds it, and the chance of
+    its noise does not make it suspect: sigma stays at metres."""
+    samples = with_body_velocity(lambda v: v, "stop_and_go", 0.3, lost=60.0, length=60.0)
+    told = tell(flight("stop_and_go", 125.0), samples=samples, learner__enabled=False)
+    inside = told.between(60.0, 119.0)
+    assert told.off[inside].max() < 4.0
+    assert told.sigma[inside].max() < 6.0
+
+
+def test_a_sound_one_that_pauses_in_an_outage_is_not_doubted() -> None:
+    """GIVEN a sensor that is silent for most of an outage WHEN it is back THEN its correction was to be expected."""
+    silent = np.full(3, np.nan)
+    samples = with_body_velocity(
+        lambda v: v, "hover", later=lambda t, v: silent if LOST + 1.0 < t < LOST + LENGTH - 2.0 else v
+    )
+    told = tell(flight("hover", END), samples=samples, learner__enabled=False)
+    assert told.when("body_velocity.unfelt") == []
 
 
 def test_an_axis_that_is_not_measured_leaves_the_others() -> None:

@@ -112,6 +112,10 @@ class BodyMotion:
             return self._scale_error
         return _HALF_KNOWN if self.is_proven or self._scale_error < _SIZE else 1.0
 
+    def begin_with(self, possible_error: float) -> None:
+        """Start with a velocity that was confirmed before a restart, and with its ``possible_error`` then."""
+        self.is_proven, self._scale_error = True, possible_error
+
     def forget_time(self) -> None:
         """The clock changed: forget the samples, keep the established fault."""
         self._velocities = VelocityHistory(_STORED)
@@ -151,15 +155,19 @@ class BodyMotion:
             changes = np.diff(np.einsum("kij,kj->ki", rotations, velocities @ mistake.axes.T), axis=0)
             changes -= changes.mean(axis=0)
             left[i] = max(float(np.square(changes - felt).sum()) - noise, 0.0)
-        self._weigh(left, varied)
+        self._weigh(left, varied, noise)
 
-    def _weigh(self, left: Array, varied: float) -> None:
-        """Add the evidence of a window: squared residual (H,) of each mistake, and squared variation ``varied``."""
+    def _weigh(self, left: Array, varied: float, noise: float) -> None:
+        """Add the evidence of a window.
+
+        ``left`` (H,): squared residual of each mistake beyond the expected ``noise``; ``varied``: squared variation.
+        """
         self._left = _MEMORY * self._left + np.minimum(left, 4.0 * varied)
         self._varied = _MEMORY * self._varied + varied
         wins = (left < _BETTER * left[0]) & (left[0] > _ALIKE * varied)
         self._wins = np.where(wins, self._wins + 1, 0)
-        self._unlike = self._unlike + 1 if left[0] > _UNLIKE * varied else 0
+        # by chance a window has up to twice the expected noise
+        self._unlike = self._unlike + 1 if left[0] > _UNLIKE * varied + noise else 0
         self._strange = self._strange + 1 if left[0] > _QUITE_UNLIKE * varied else 0
         self._alike = self._alike + 1 if left[0] < _ALIKE * varied else 0
         self.suspect = self._unlike >= _SUSPECT or (self.suspect and not self._alike)

@@ -33,7 +33,10 @@ class SavedState:
 
     ``unaided``: s since the last position update by GNSS. ``correction_enu`` [m] and ``resets``: offset of odom in map,
     and number of its changes. ``compass_offset`` [rad] and ``baro_offset`` [m]: as learned by the sensors, NaN where
-    unknown; ``baro_variance`` [m^2]: variance of the height from which the latter was learned. ``error_shares``:
+    unknown; ``baro_variance`` [m^2]: variance of the height from which the latter was learned;
+    ``baro_least_sd`` [m]: floor of the height's standard deviation while the barometer is in doubt.
+    ``body_velocity_error``: possible error of a body velocity that motion has confirmed, relative to the speed; NaN
+    where it is not confirmed, or in doubt. ``error_shares``:
     lasting and white factor of GNSS positions, then of velocities (``core.filter.noise_identification``).
     ``gyro_wander``: identified driving noise of the gyroscope bias (``core.filter.bias_noise.Wander``). ``is_sound``:
     attitude and position may be continued, not only origin and noise.
@@ -58,6 +61,8 @@ class SavedState:
     compass_offset: float
     baro_offset: float
     baro_variance: float
+    baro_least_sd: float
+    body_velocity_error: float
     gate_is_open: bool
     is_sound: bool
 
@@ -73,6 +78,8 @@ class SavedState:
             "error_shares": np.ones(4),
             "gyro_wander": np.array(bias_noise.Wander()),
             "baro_variance": np.zeros(()),
+            "baro_least_sd": np.zeros(()),
+            "body_velocity_error": np.array(math.nan),
         }
         arrays = {**since, **arrays}
         values = {name: _value(name, arrays, like) for name, like in _FORM.items()}
@@ -84,7 +91,7 @@ class SavedState:
     @property
     def is_possible(self) -> bool:
         """Whether a vehicle can be in this state: all values are finite and within physical bounds."""
-        offsets = (self.compass_offset, self.baro_offset)
+        offsets = (self.compass_offset, self.baro_offset, self.body_velocity_error)
         return (
             self.stamp_ns > 0
             and self.resets >= 0
@@ -98,6 +105,8 @@ class SavedState:
             and is_within(self.correction_enu, _FARTHEST)
             and 0.0 <= self.unaided < math.inf
             and 0.0 <= self.baro_variance < math.inf
+            and 0.0 <= self.baro_least_sd < math.inf
+            and not self.body_velocity_error < 0.0
             and all(1.0 <= one <= _LARGEST_NOISE for one in (self.imu_variance, self.gnss_variance))
             and all(_LEAST_SHARE <= one <= _LARGEST_SHARE for one in self.error_shares)
             and bias_noise.SMALLEST <= self.gyro_wander[0] <= bias_noise.LARGEST
@@ -126,7 +135,8 @@ _FORM: dict[str, Any] = {
     **dict.fromkeys(("q_nb", "error_shares", "gyro_wander"), (0.0,) * 4),
     "cov": np.zeros((BASE_STATES, BASE_STATES)),
     **dict.fromkeys(("unaided", "imu_variance", "gnss_variance"), 0.0),
-    **dict.fromkeys(("compass_offset", "baro_offset", "baro_variance"), 0.0),
+    **dict.fromkeys(("compass_offset", "baro_offset", "baro_variance", "baro_least_sd"), 0.0),
+    "body_velocity_error": 0.0,
     **dict.fromkeys(("gate_is_open", "is_sound"), False),
 }
 """Form of each field: a value of its type and shape."""

@@ -31,10 +31,11 @@ from nav_pose_estimator.engine.navigator.split_filter import SplitFilter
 from nav_pose_estimator.engine.navigator.timeline import Timeline
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import GnssFix, MagSample, PressureSample
+from nav_pose_estimator.engine.samples import BodyVelocity, GnssFix, MagSample, PressureSample
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.aids import AIDS
 from nav_pose_estimator.engine.sensors.barometer import Barometer
+from nav_pose_estimator.engine.sensors.body_velocity import BodyVelocitySensor
 from nav_pose_estimator.engine.sensors.fusion import Fusion
 from nav_pose_estimator.engine.sensors.gnss.receiver import Gnss
 from nav_pose_estimator.engine.sensors.imu_doubt import ImuDoubt
@@ -278,6 +279,8 @@ def state_of(run: FilterRun) -> SavedState | None:
         compass_offset=magnetometer.offset,
         baro_offset=barometer.offset,
         baro_variance=barometer.offset_variance,
+        baro_least_sd=barometer.least_sd,
+        body_velocity_error=_body_velocity_error(run),
         gate_is_open=gate.open or gate.inactive,
         is_sound=_is_sound(run, t),
     )
@@ -290,6 +293,13 @@ def _is_sound(run: FilterRun, t: float) -> bool:
     # With fixes an alignment finds a better heading; without, there is no other. A heading on trial remains on trial.
     heading_sd = math.sqrt(run.settled.P[at.PHI + 2, at.PHI + 2])
     return heading_sd < _SURE_HEADING or not run.aiding.gnss_is_good(t)
+
+
+def _body_velocity_error(run: FilterRun) -> float:
+    """Possible error of a confirmed body velocity, relative to the speed; NaN where it is not confirmed or in doubt."""
+    body, sensor = run.imu_physics.motion.body, run.aids[BodyVelocity]
+    assert isinstance(sensor, BodyVelocitySensor)
+    return body.possible_error if body.is_proven and not sensor.reason else math.nan
 
 
 def take_over(run: FilterRun, before: FilterRun) -> None:
@@ -334,12 +344,14 @@ def resumed(saved: SavedState, before: FilterRun, stamp_ns: int, why: str = "") 
 
 
 def _begin_with_offsets(run: FilterRun, saved: SavedState) -> None:
-    """Pass the saved offsets, where they are known, to magnetometer and barometer."""
+    """Pass the saved offsets, where they are known, to magnetometer and barometer, and trust in the body velocity."""
     magnetometer, barometer = run.aids[MagSample], run.aids[PressureSample]
     if isinstance(magnetometer, Magnetometer) and math.isfinite(saved.compass_offset):
         magnetometer.begin_with(saved.compass_offset)
     if isinstance(barometer, Barometer) and math.isfinite(saved.baro_offset):
-        barometer.begin_with(saved.baro_offset, saved.baro_variance)
+        barometer.begin_with(saved.baro_offset, saved.baro_variance, saved.baro_least_sd)
+    if math.isfinite(saved.body_velocity_error):
+        run.imu_physics.motion.body.begin_with(saved.body_velocity_error)
 
 
 def _resumption_said(saved: SavedState, gap: float, why: str) -> tuple[str, Level, str]:

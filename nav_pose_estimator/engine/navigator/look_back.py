@@ -80,8 +80,8 @@ def _doubt_the_body_velocity(run: FilterRun) -> None:
         sensor.doubt.end()
         return
     holds = whole.time - run.aiding.bounded_by.get(sensor.kind.name, -math.inf) < Stillness.PERIOD
-    speed = math.hypot(*whole.nav[at.VEL : at.VEL + 2].tolist()) if holds else 0.0
-    doubt = sensor.doubt.second(sensor.possible_error * speed)
+    velocity = complex(*whole.nav[at.VEL : at.VEL + 2].tolist()) if holds else 0j
+    doubt = sensor.doubt.second(velocity, sensor.possible_error)
     if doubt is not None:
         run.observe(run.imu_doubt.observe(doubt, whole.time, run.clock.stamp(whole.time)))
 

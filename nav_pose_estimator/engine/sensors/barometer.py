@@ -73,7 +73,8 @@ class Barometer(Aid):
         self._apart_since = math.inf
         self._contradicts, self._apart = False, 0.0  # m above its reference, at the last height
         self._frozen, self._lasting = Frozen(), 0.0
-        self._least_sd = 0.0  # m: floor of the height's standard deviation until GNSS is good
+        self.least_sd = 0.0
+        """m: floor of the height's standard deviation until GNSS is good."""
 
     def set_parameters(self, parameters: Parameters) -> None:
         """New noise, period and time constant."""
@@ -108,7 +109,7 @@ class Barometer(Aid):
             return LEFT_OUT
         if self._contradicts or not math.isfinite(self._offset):
             return LEFT_OUT
-        return Decision(Use.GATED, self._offset, least_sd=(0.0, self._least_sd, 0.0))
+        return Decision(Use.GATED, self._offset, least_sd=(0.0, self.least_sd, 0.0))
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count the outcome, and update the running mean of the innovation [m], estimate minus measurement.
@@ -117,7 +118,7 @@ class Barometer(Aid):
         """
         self._lasting += _NEWEST * (float(z[0]) - self._lasting)
         if abs(self._lasting) > _STRAYS * self._sd:
-            self._least_sd = max(self._least_sd, _EITHER * abs(self._lasting))
+            self.least_sd = max(self.least_sd, _EITHER * abs(self._lasting))
         super().note(o, f, z, status, nis)
 
     @property
@@ -137,9 +138,10 @@ class Barometer(Aid):
         """Whether the height of the last comparison was not from GNSS."""
         return self.offset_variance > VAGUE**2
 
-    def begin_with(self, offset: float, variance: float) -> None:
-        """Start with the ``offset`` [m] and ``offset_variance`` [m^2] learned before a restart."""
+    def begin_with(self, offset: float, variance: float, least_sd: float) -> None:
+        """Start with the ``offset`` [m], ``offset_variance`` [m^2] and ``least_sd`` [m] from before a restart."""
         self._offset, self._since, self.offset_variance = offset, -self._tau, variance
+        self.least_sd = least_sd
 
     def _watch_for_repeats(self, sample: PressureSample, t: float) -> None:
         """Events of the begin and end of a frozen barometer: it repeats a value for longer than ever before."""
@@ -177,7 +179,7 @@ class Barometer(Aid):
 
     def learn(self, o: Observation, height: float, variance: float) -> None:
         """Learn the offset from ``o`` and the filter's ``height`` [m] of ``variance`` [m^2] while GNSS is good."""
-        self.offset_variance, self._lasting, self._least_sd = variance, 0.0, 0.0
+        self.offset_variance, self._lasting, self.least_sd = variance, 0.0, 0.0
         difference = o.measured - height
         if math.isfinite(self._offset):
             self._watch(o, difference - self._offset)

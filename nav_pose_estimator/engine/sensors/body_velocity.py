@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from nav_pose_estimator.core.filter import measurements
-from nav_pose_estimator.core.filter.layout import VEL
+from nav_pose_estimator.core.filter.layout import DVEL, VEL
 from nav_pose_estimator.engine.imu.mounting import rotation_from_rpy
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
@@ -49,7 +49,11 @@ class BodyVelocitySensor(Aid):
     def __init__(self, parameters: Parameters, aiding: Aiding, journal: Journal) -> None:
         super().__init__(parameters, aiding, journal)
         self.doubt = VelocityDoubt()
-        self._before = np.zeros(2)  # m/s: horizontal velocity before an update
+        self._before, self._variance_before = np.zeros(2), 0.0  # horizontal velocity [m/s] before an update
+
+    def take_over(self, before: Self) -> None:
+        """Keep the doubt over an IMU gap."""
+        self.doubt = before.doubt
 
     @classmethod
     def noise_model(cls, parameters: Parameters) -> str:
@@ -117,15 +121,18 @@ class BodyVelocitySensor(Aid):
         if not o.measured.is_proven and self._aiding.gnss_is_good(o.t):
             self._journal.count("body_velocity.unproven")
             return LEFT_OUT
-        self._before = f.nav[VEL : VEL + 2].copy()
+        self._before, self._variance_before = f.nav[VEL : VEL + 2].copy(), _horizontal_variance(f)
         return GATED
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count the outcome, and report the first change of velocity that the IMU did not feel."""
         super().note(o, f, z, status, nis)
-        change = f.nav[VEL : VEL + 2] - self._before
-        is_aided, size = self._aiding.gnss_is_good(o.t), math.hypot(*z.tolist())
-        if self.doubt.update(o.t, change, size, is_aided, is_refused=not status):
+        size = math.hypot(*z.tolist())
+        if self._aiding.gnss_is_good(o.t):
+            self.doubt.learn(size)
+            return
+        change, removed = f.nav[VEL : VEL + 2] - self._before, self._variance_before - _horizontal_variance(f)
+        if self.doubt.update(o.t, change, removed, size, is_refused=not status):
             self._journal.say(o.stamp_ns, "body_velocity.unfelt", Level.WARN, f"{self.reason}; sigma grows")
 
     @property
@@ -138,3 +145,8 @@ class BodyVelocitySensor(Aid):
         """Three rows, C^T v + w x l."""
         assert o.stated_R is not None
         return *measurements.body_velocity(f.nav, len(f.P), o.measured.velocity, o.measured.lever), o.stated_R
+
+
+def _horizontal_variance(f: FilterView) -> float:
+    """Sum of the variances [(m/s)^2] of the horizontal velocity."""
+    return float(f.P[DVEL, DVEL] + f.P[DVEL + 1, DVEL + 1])

@@ -3,7 +3,7 @@
 Once the filter has followed a velocity with a wrong size or an offset, the innovations are zero again. What remains as
 evidence is the change itself: the updates have added a velocity that the IMU did not feel. From then on either of the
 two may be right, and the position error grows with the difference. A sensor that no motion has confirmed yet, or whose
-scale is not known, causes an error that grows with the speed.
+scale is not known, causes an error that grows with the displacement.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ _MEMORY = 3.0  # s over which the changes by updates are summed
 _LEAST = 0.25  # m/s: smallest sum that counts as unfelt; sound sensors reach 0.1
 _NOISES = 1.2  # the same in RMS innovations; sensors three times as noisy as stated reach 1.0
 _SLOW = 200.0  # innovations over which the RMS is averaged
+_EXPECTED = 3.0  # the same in standard deviations of what the filter expected, as after a pause of the sensor
 _FEW = 10  # innovations before the RMS is meaningful
 _OUTLIER = 3.0  # RMS: larger innovations count as this
 _REFUSED = 1.0  # s of refusals in a row that show a contradiction as well
@@ -30,9 +31,10 @@ class VelocityDoubt:
     def __init__(self) -> None:
         self._t, self._recent, self._jump = -math.inf, np.zeros(2), np.zeros(2)  # s, m/s, m/s
         self._square, self._count = 0.0, 0.0  # mean square of the innovations [(m/s)^2], and their number
-        self._way = 0.0  # m
+        self._moved, self._jumped, self._way = 0j, 0.0, 0.0  # m: displacement, its error by jumps, and by all
         self._told = 0.0  # m/s: the jump for which velocity and tilt have become less certain
-        self._used = -math.inf  # s: last update that was not refused
+        self._expected = 0.0  # (m/s)^2: variance that the recent updates have removed
+        self._refused_since = math.inf  # s: first of the refusals in a row
 
     @property
     def jump(self) -> float:
@@ -41,26 +43,26 @@ class VelocityDoubt:
 
     def end(self) -> None:
         """GNSS is good: nothing is in doubt."""
-        if self._way or self._jump.any() or self._recent.any():
-            self._recent, self._jump, self._way, self._told = np.zeros(2), np.zeros(2), 0.0, 0.0
+        if self._moved or self._way or self._jump.any() or self._recent.any():
+            self._recent, self._jump, self._told = np.zeros(2), np.zeros(2), 0.0
+            self._moved, self._jumped, self._way = 0j, 0.0, 0.0
+            self._expected, self._refused_since = 0.0, math.inf
 
-    def update(self, t: float, change: np.ndarray, innovation: float, is_aided: bool, is_refused: bool) -> bool:
-        """Process an update at ``t`` [s] that has changed the velocity by ``change`` (2,) [m/s], 0 where refused.
+    def update(self, t: float, change: np.ndarray, removed: float, innovation: float, is_refused: bool) -> bool:
+        """Process an update without GNSS at ``t`` [s] that has changed the velocity by ``change`` (2,) [m/s].
 
-        ``innovation``: its norm [m/s]. Returns True for the first unfelt change of an outage.
+        ``removed`` [(m/s)^2]: by how much it has reduced the variance of the velocity, which is that of the change.
+        Both are zero where the update is refused. ``innovation``: its norm [m/s]. Returns True for the first unfelt
+        change of an outage.
         """
-        usual = math.sqrt(self._square)
-        bounded = min(innovation, _OUTLIER * usual) if self._count > _FEW else innovation
-        self._count = min(self._count + 1.0, _SLOW)
-        self._square += (bounded**2 - self._square) / self._count
-        if not is_refused:
-            self._used = t
-        if is_aided:
-            return False
-        self._recent = self._recent * math.exp(-max(t - self._t, 0.0) / _MEMORY) + change
-        self._t = t
-        size, least = math.hypot(*self._recent.tolist()), max(_LEAST, _NOISES * usual)
-        if t - self._used > _REFUSED and not self._jump.any():  # it has pulled the velocity up to the first refusal
+        usual = self.learn(innovation)
+        self._refused_since = min(self._refused_since, t) if is_refused else math.inf
+        kept, self._t = math.exp(-max(t - self._t, 0.0) / _MEMORY), t
+        self._recent, self._expected = kept * self._recent + change, kept * self._expected + max(removed, 0.0)
+        size = math.hypot(*self._recent.tolist())
+        least = max(_LEAST, _NOISES * usual, _EXPECTED * math.sqrt(self._expected))
+        if t - self._refused_since > _REFUSED and not self._jump.any():
+            # it has pulled the velocity up to the first refusal
             self._jump = self._recent * max(least / size, 1.0) if size else np.array([least, 0.0])
             return True
         if size <= least:
@@ -69,12 +71,23 @@ class VelocityDoubt:
         self._jump, self._recent = self._jump + self._recent, np.zeros(2)
         return is_first
 
-    def second(self, unknown: float) -> Doubt | None:
-        """Possible error by another second, None without any; ``unknown`` [m/s]: by axes and scale of the sensor.
+    def learn(self, innovation: float) -> float:
+        """Learn the usual size of an ``innovation`` [m/s], in RMS; returns that before it."""
+        usual = math.sqrt(self._square)
+        bounded = min(innovation, _OUTLIER * usual) if self._count > _FEW else innovation
+        self._count = min(self._count + 1.0, _SLOW)
+        self._square += (bounded**2 - self._square) / self._count
+        return usual
 
+    def second(self, velocity: complex, possible: float) -> Doubt | None:
+        """Possible error by another second, None without any.
+
+        ``velocity`` [m/s]: by the sensor, East + i North; ``possible``: its error by axes and scale, relative to it.
+        Such an error is in proportion to the displacement, not to the length of the path.
         The updates have turned an unfelt change into velocity and into tilt.
         """
-        before, self._way = self._way, self._way + self.jump + unknown
+        self._moved, self._jumped = self._moved + velocity, self._jumped + self.jump
+        before, self._way = self._way, max(self._way, self._jumped + possible * abs(self._moved))
         fresh, self._told = max(self.jump - self._told, 0.0), max(self.jump, self._told)
         if self._way <= before:
             return None

@@ -69,7 +69,7 @@ class Elsewhere:
 
     def used(self, o: Observation, fix: Sequence[float], velocity: Sequence[float] | None, scatter: float) -> None:
         """Process a used ``fix`` (3,) [m] with its ``velocity`` (3,) [m/s]; ``scatter`` [m]: noise between fixes."""
-        self._rest_drift.fix(fix[0], fix[1])
+        self._rest_drift.fix(fix[0], fix[1], scatter)
         self._speed = math.inf if velocity is None else math.hypot(velocity[0], velocity[1])
         speed = self._walk_off.update(o.t, fix, velocity, scatter)
         if speed > 0.0:

@@ -9,9 +9,9 @@ from nav_pose_estimator.engine.solutions import Level
 
 _CREDIBLE = 2.0  # standard deviations that cover both the position of GNSS and that of the IMU
 _BEFORE = 9.0  # s from the beginning of a contradiction until it is established
-
 _NEWEST = 0.2  # weight of the newest fix in the mean of the last ones
 _MOVED = 4.0  # m: smallest motion at rest that counts; recorded flights: 2.6 m at most
+_CHANCES = 1.6  # the same in distances of two fixes by chance: what a receiver states may happen at rest
 _FURTHER = 1.1  # growth that counts as new
 _HOLDS = 20.0  # s for which it counts after it was last exceeded
 
@@ -65,6 +65,7 @@ class RestDrift:
     def __init__(self) -> None:
         self._place: complex | None = None  # m: mean of the last fixes, East + i North
         self._first: complex | None = None  # m: the same at the beginning of the rest
+        self._chance = 0.0  # m
         self._until = -math.inf  # s
         self.least_sd = 0.0
         """Floor of the standard deviation [m] on each axis."""
@@ -74,9 +75,9 @@ class RestDrift:
         """Whether positions have moved at rest."""
         return self.least_sd > 0.0
 
-    def fix(self, east: float, north: float) -> None:
-        """Process a used fix [m] in any level frame."""
-        place = complex(east, north)
+    def fix(self, east: float, north: float, chance: float) -> None:
+        """Process a used fix [m] in any level frame; ``chance`` [m]: distance of two fixes due to their noise."""
+        place, self._chance = complex(east, north), chance
         self._place = place if self._place is None else self._place + _NEWEST * (place - self._place)
 
     def second(self, t: float, rests: bool) -> None:
@@ -87,7 +88,7 @@ class RestDrift:
             self._first = self._place if rests else None
             return
         moved = abs(self._place - self._first)
-        if moved > max(_MOVED, _FURTHER * self.least_sd):
+        if moved > max(_MOVED, _CHANCES * self._chance, _FURTHER * self.least_sd):
             self.least_sd, self._until = moved, t + _HOLDS
 
     @property

@@ -33,6 +33,7 @@ _CELLS = 2.0  # the same limit for rounded positions, in steps of the rounding
 _INTEGER_DEGREES = 1e5  # deg: larger values are probably degrees times 1e7
 _HIGHEST = 1e5  # m: larger heights are probably in mm
 _CLIMBED = 4.0  # m: change of the barometric height that shows a receiver whose static hold does not end
+_WEATHER = 0.02  # m/s: change of the barometric height by weather and warming up, which shows nothing
 _AHEAD = 1.0  # s: a fix whose stamp is further ahead of the IMU is rejected
 _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
 
@@ -84,7 +85,7 @@ class GnssReception:
         if sample.lat == 0.0 and sample.lon == 0.0:
             why = "latitude and longitude are exactly zero, which is what drivers send before the first fix"
             return self.refuse(sample.stamp_ns, "gnss.rejected.null_island", why)
-        stayed_for = self._stay.note(sample, self.velocities)
+        stayed_for = self._stay.note(sample, t, self.velocities)
         if self._stay.is_new:
             self._height.note(sample, t)
         self.rounding.fix(sample.lat, sample.lon, _MOVED < stayed_for < math.inf, sample.stamp_ns)
@@ -233,24 +234,32 @@ class _Stay:
         self._repeats = self._stays = 0  # of latitude, longitude and height, and without the height
         self._last = (math.nan, math.nan, math.nan)
         self._way_before = 0j  # m: where velocities led when the place came for the first time
-        self._height_before = math.nan  # m: pressure altitude then
+        self._height_before = math.nan  # m: pressure altitude then, which follows the weather
+        self._t = -math.inf  # s: last fix
 
     @property
     def is_new(self) -> bool:
         """Whether the last fix differed from the one before it."""
         return self._repeats == 0
 
-    def note(self, sample: GnssFix, velocities: VelocityInput) -> float:
-        """Displacement [m] by velocities while the position has repeated; infinite if velocities repeat as well."""
+    def note(self, sample: GnssFix, t: float, velocities: VelocityInput) -> float:
+        """Displacement [m] by velocities while the position has repeated up to the fix valid at ``t`` [s].
+
+        It is infinite if velocities repeat as well, or are zero while the barometer climbs or sinks.
+        """
         here = (sample.lat, sample.lon, sample.alt)
         self._repeats = self._repeats + 1 if here == self._last else 0
         self._stays = self._stays + 1 if here[:2] == self._last[:2] else 0
         self._last = here
         if not self._stays:
             self._way_before, self._height_before = velocities.way, velocities.pressure_altitude
+        climbed = velocities.pressure_altitude - self._height_before
+        if t > self._t > -math.inf and math.isfinite(climbed):
+            self._height_before += math.copysign(min(abs(climbed), _WEATHER * (t - self._t)), climbed)
+        self._t = t
         if self._stays < _STUCK:
             return 0.0
-        held = velocities.is_zero and abs(velocities.pressure_altitude - self._height_before) > _CLIMBED
+        held = velocities.is_zero and abs(climbed) > _CLIMBED
         if min(self._repeats, velocities.repeats) >= _STUCK or held:
             return math.inf
         return abs(velocities.way - self._way_before)

@@ -20,7 +20,9 @@ _COUNT, _ENOUGH = 25, 8  # differences of which a quantile is taken, and the lea
 _QUIET = 0.25  # that quantile: where every third fix is an outlier, it is of the sound ones
 _RAYLEIGH = math.sqrt(-2.0 * math.log(1.0 - _QUIET)) * math.sqrt(2.0)  # it over the deviation of one axis
 _NORMAL = math.sqrt(6.0) * 0.6745  # median of a second difference of heights over their deviation
-_ON, _OFF = 1.5, 0.7  # smallest deviation, relative to the stated one, with which the noise counts; it ends below _OFF
+_ON, _OFF = 2.5, 1.2  # smallest deviation, relative to the stated one, with which the noise counts; it ends below _OFF
+_LEAST, _LEAST_RATE = 0.3, 1.5  # m, m/s
+"""Floors of the stated deviation, the second per interval of fixes: velocities are late, and their integral errs."""
 _SLOWEST = 0.3  # s: longest interval of fixes at which the vertical acceleration does not matter
 _PAUSE = 1.5  # s: longest interval of fixes in a difference
 _EVEN = 1.5  # largest ratio of two intervals in a second difference
@@ -89,7 +91,7 @@ class Scatter:
     @property
     def reason(self) -> str:
         """Why the position is less certain than usual, one clause for the user; empty where it is not."""
-        return f"GNSS positions scatter by {self.sd[0]:.0f} m from fix to fix, more than stated" if self.is_on else ""
+        return f"GNSS positions scatter by {self.sd[0]:.1f} m from fix to fix, more than stated" if self.is_on else ""
 
     def fix(self, t: float, place: complex, height: float, stated: float, stamp_ns: int) -> None:
         """Add a fix valid at ``t`` [s].
@@ -104,6 +106,7 @@ class Scatter:
             self._count = 0
         if self._last:
             step = place - self._last[-1][1]
+            stated = max(stated, _LEAST, _LEAST_RATE * (t - self._last[-1][0]))
             self._steps[self._count % _COUNT] = step.real, step.imag
             self._count += 1
         if len(self._last) == 2:
@@ -117,8 +120,11 @@ class Scatter:
     def _weigh(self, stated: float, stamp_ns: int) -> None:
         if self._count < _ENOUGH:
             return
-        was_on, horizontal = self.is_on, float(white_noise(self._steps[: self._count]))
-        if horizontal < (_OFF if was_on else _ON) * stated:
+        steps, was_on = self._steps[: self._count], self.is_on
+        horizontal = float(white_noise(steps))
+        # few differences may be large by chance
+        limit = _OFF if was_on else _ON * math.sqrt(_COUNT / len(steps))
+        if horizontal < limit * stated:
             self.sd = (0.0, 0.0)
         else:
             vertical = sorted(self._vertical)[len(self._vertical) // 2] / _NORMAL if self._vertical else horizontal
