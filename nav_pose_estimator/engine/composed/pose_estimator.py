@@ -112,7 +112,9 @@ class PoseEstimator:
                 if count:
                     done += count
                     continue
-            count = sensor_batch.length(samples, done)
+            run = self.sins.run
+            waiting = [run.clock.stamp(one.t) for one in run.timeline.queue.waiting()]
+            count = sensor_batch.length(samples, done, waiting)
             together, done = samples[done : done + count], done + count
             if count > 1 and self.sins.mode not in LEVELLING:
                 batch = SensorBatch.of(together)

@@ -6,7 +6,7 @@ either order. One of the time of that IMU sample acts behind it (``Observation.b
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,13 +55,16 @@ class SensorBatch:
         return [(place - begin, sample) for place, sample in self.others if begin <= place < end]
 
 
-def length(samples: Sequence[Sample], first: int) -> int:
-    """Number of ``samples`` from ``first`` on that can form a batch, at least one."""
+def length(samples: Sequence[Sample], first: int, waiting: Collection[int] = ()) -> int:
+    """Number of ``samples`` from ``first`` on that can form a batch, at least one.
+
+    ``waiting``: times of validity [ns] of observations that the navigator already has ahead of the IMU.
+    """
     block = samples[first]
     if not isinstance(block, ImuBlock) or not _is_steady(block):
         return 1
     begin, last = int(block.stamps_ns[0]), int(block.stamps_ns[-1])
-    ahead: set[int] = set()  # stamps of other samples that are valid after the IMU sample behind which they arrived
+    ahead = set(waiting)  # ns: times of what is valid after the IMU sample behind which it arrived
     for count in range(1, len(samples) - first):
         sample = samples[first + count]
         if isinstance(sample, ImuBlock):
@@ -73,7 +76,7 @@ def length(samples: Sequence[Sample], first: int) -> int:
             return count
         elif sample.stamp_ns > last:
             ahead.add(sample.stamp_ns)
-        elif last in ahead:  # of two samples of a time, one would act ahead of its row and one behind it
+        elif last in ahead:  # of two observations of a time, one would act ahead of its row and one behind it
             return count
     return len(samples) - first
 
@@ -90,8 +93,10 @@ def feed_ahead(sins: SinsEngine, block: Sample, early: Early) -> list[Output]:
             return False
 
         run.take_observation = mark
-        outputs += sins.feed(sample)
-        run.take_observation = None
+        try:
+            outputs += sins.feed(sample)
+        finally:
+            run.take_observation = None
     return outputs
 
 
