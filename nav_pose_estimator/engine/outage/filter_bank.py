@@ -23,7 +23,18 @@ from nav_pose_estimator.engine.sensors.rest import Rest
 
 COAST = Coast.name
 TOLD = Kind("told")
-"""Observations of one way alone; ``measured`` is the name of the way and the observation."""
+"""What is said to one way alone."""
+
+
+class Told(Observation):
+    """An observation of one way alone; ``measured`` is the name of the way and that observation."""
+
+    __slots__ = ()
+
+    def __deepcopy__(self, memo: dict) -> Told:
+        """A copy with an observation of its own, about which each copy decides for itself."""
+        name, said = self.measured
+        return Told(self.t, self.stamp_ns, self.kind, (name, said.__deepcopy__(memo)), arrival=self.arrival)
 
 
 class Way(SplitFilter):
@@ -71,6 +82,12 @@ class FilterBank(SplitFilter):
         """Start again without ways."""
         super().start(constants, nav, P, origin)
         self.ways, self.was_restarted = {}, True
+
+    def set_constants(self, constants: np.ndarray) -> None:
+        """``SplitFilter.set_constants`` for each filter."""
+        super().set_constants(constants)
+        for way in self.ways.values():
+            way.set_constants(constants)
 
     def carry(self, rows: np.ndarray, begin: int, end: int, due: float, out: np.ndarray) -> int:
         """``SplitFilter.carry`` for each filter; the ways keep the output rows that are not those of a replay."""
