@@ -35,8 +35,9 @@ def decide(branches, weights, lost_at, evidence, hypotheses):
     """Apply hypotheses (K, HYPOTHESIS_SIZE) to branches (K, ...) of ``weights`` (K,), and merge the results by
     hypothesis.
 
-    ``lost_at`` (3,): where GNSS was lost. Returns the likelihoods (K,) of the hypotheses, by which the branches are to
-    be weighted; their sum is zero, and the branches are unchanged, where none is possible.
+    ``lost_at`` (3,): latitude, longitude [rad], height [m] where GNSS was lost; NaN once the vehicle has left that
+    area. Returns the likelihoods (K,) of the hypotheses, by which the branches are to be weighted; their sum is zero,
+    and the branches are unchanged, where none is possible.
     """
     K, n = len(branches), int(branches[0, memory.STATES])
     constants = branches[0, memory.CONSTANTS : memory.ORIGIN]
@@ -60,8 +61,8 @@ def decide(branches, weights, lost_at, evidence, hypotheses):
 
 
 @kernel
-def leave(branches, lost_at, hypotheses):
-    """Whether a branch is significantly farther from ``lost_at`` than its flight usually goes by its hypothesis."""
+def has_left(branches, lost_at, hypotheses):
+    """Whether a branch (K, ...) is significantly farther from ``lost_at`` than flights of its hypothesis usually go."""
     n = int(branches[0, memory.STATES])
     for k in range(len(branches)):
         if hypotheses[k, PLACE_VAR] > 0.0:

@@ -113,7 +113,7 @@ class Branches:
         now = float(self.memories[0, memory.NAV + at.TIME])
         # From where the vehicle has left the area on, the prior on the place is dropped: on a straight flight, the
         # growing drift would otherwise soon make it consistent again and pull the vehicle back.
-        if self._left > now and hypotheses.leave(self.memories, self._lost_at, _table(evidence.hypotheses)):
+        if self._left > now and hypotheses.has_left(self.memories, self._lost_at, _table(evidence.hypotheses)):
             self._left = now
         self._ended = [
             ended if likely > 0.5 else min(ended, now) for ended, likely in zip(self._ended, self.weights, strict=True)
