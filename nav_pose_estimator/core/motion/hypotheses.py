@@ -17,7 +17,8 @@ from nav_pose_estimator.core.numerics.jit import kernel
 
 # --- evidence ------------------------------------------------------------------------------------------------------
 INTERVAL, DWELL, CORRELATION, UNMODELLED_VAR = 0, 1, 2, 3
-WIND_DECAY, WIND_MEAN = 4, 5  # factor on the wind's change over the interval; 2: East, North
+WIND_DECAY = 4  # factor by which the wind's deviation from its mean decays over the interval
+WIND_MEAN = 5  # 2: East, North
 ATTITUDE, VELOCITY, BODY_VELOCITY, AIR_VELOCITY, EVIDENCE_SIZE = 7, 16, 19, 22, 25
 
 # --- a hypothesis --------------------------------------------------------------------------------------------------

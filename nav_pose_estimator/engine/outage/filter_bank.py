@@ -70,10 +70,12 @@ class FilterBank(SplitFilter):
     """The coasting filter and, in ``ways``, those of the ways; a way joins when its guide first says something."""
 
     def __init__(self, coasting: SplitFilter) -> None:
+        """Continue the filter ``coasting``, which has no branches and is not to be used any more."""
         super().__init__(coasting.constants, coasting._slots, coasting._period)
         self._hold(coasting.vector)
         self.ways: dict[str, Way] = {}
         self.was_restarted = False
+        """Whether the filter had to start again, without the ways."""
         self._newest = self.time  # s: rows up to here have been processed, and may be replayed
 
     def start(
@@ -149,6 +151,7 @@ class RestOfEach(Rest):
     """The sensor ``rest`` of a bank: the velocity of each filter may contradict rest."""
 
     def __init__(self, rest: Rest, bank: FilterBank) -> None:
+        """Take over noise and counters of ``rest``."""
         vars(self).update(vars(rest))
         self._bank = bank
 
