@@ -102,6 +102,24 @@ def test_a_flight_in_long_blocks_is_the_flight_sample_by_sample(delay: float, me
     )
 
 
+@pytest.mark.compiled
+def test_a_gap_gives_the_same_at_once_and_sample_by_sample() -> None:
+    """GIVEN an aided flight with 1.5 s without IMU data WHEN it is fed at once and sample by sample THEN the solutions,
+    also those after the new alignment, are the same."""
+    given: list = []
+    for sample in samples(57.0, 100.0):
+        if isinstance(sample, ImuBlock):
+            begin, end = sample.stamps_ns.searchsorted([START + 53_440_000_001, START + 54_940_000_000])
+            given += [part for part in (sample.part(0, begin), sample.part(end, None)) if len(part)]
+        else:
+            given.append(sample)
+    parameters = update(Parameters(), {"learner.method": "coast"})
+    whole, single = PoseEstimator(parameters), PoseEstimator(parameters)
+    rows = told(whole.feed_all(given))["rows"]
+    assert rows == told([output for sample in one_by_one(given) for output in single.feed(sample)])["rows"]
+    assert whole.status().counters["imu.gap"] == 1
+
+
 def test_the_navigator_flies_ahead_up_to_a_gap_at_most() -> None:
     """GIVEN IMU samples with a gap WHEN the navigator flies ahead by four exchanges THEN it stops behind every fourth
     one, and behind the first sample after the gap."""

@@ -125,14 +125,17 @@ class PoseEstimator:
         return outputs
 
     def _gather(self, samples: Sequence[Sample], first: int, outputs: list[Output]) -> int:
-        """Process ``samples`` from ``first`` on, as many as the navigator may process ahead, up to one of another kind;
-        returns their number."""
+        """Process ``samples`` from ``first`` on, as many as the navigator may process ahead, up to one of another kind
+        or to a gap, behind which it may align again; returns their number."""
         waiting: list[Sample] = []
         clock, done = replace(self._clock), first
+        last_ns = self.sins.run.clock.stamp(self.sins.run.now)
         while done < len(samples):
             sample = samples[done]
             if isinstance(sample, ImuBlock):
-                done += 1
+                if sample.stamps_ns[0] - last_ns > sensor_batch.STEP_NS:
+                    break
+                done, last_ns = done + 1, int(sample.stamps_ns[-1])
                 for a, b in clock.pieces(sample, self._ahead):
                     part = _part(sample, a, b)
                     waiting.append(part)

@@ -19,7 +19,8 @@ from nav_pose_estimator.engine.solutions import Output
 _QUIET = (MagSample, PressureSample)  # their observations never change the mode
 _LONGEST_NS = 1_000_000_000  # longest batch
 _AHEAD_NS = 250_000_000  # a sample stamped further ahead of the IMU is left to the navigator to judge
-_STEP_NS = 100_000_000  # IMU samples further apart may cause a restart, so a gap is fed sample by sample
+STEP_NS = 100_000_000
+"""IMU samples further apart may cause a restart, so a gap is fed sample by sample."""
 
 
 Early = Sequence[tuple[int, Sample]]
@@ -68,7 +69,7 @@ def length(samples: Sequence[Sample], first: int, waiting: Collection[int] = ())
     for count in range(1, len(samples) - first):
         sample = samples[first + count]
         if isinstance(sample, ImuBlock):
-            follows = len(sample) > 0 and 0 < sample.stamps_ns[0] - last <= _STEP_NS
+            follows = len(sample) > 0 and 0 < sample.stamps_ns[0] - last <= STEP_NS
             if not (follows and sample.stamps_ns[-1] - begin <= _LONGEST_NS and _is_steady(sample)):
                 return count
             last = int(sample.stamps_ns[-1])
@@ -103,4 +104,4 @@ def feed_ahead(sins: SinsEngine, block: Sample, early: Early) -> list[Output]:
 def _is_steady(block: ImuBlock) -> bool:
     """Whether the samples of a block follow each other without a gap."""
     steps = np.diff(block.stamps_ns)
-    return len(block) == 1 or (len(block) > 1 and bool(steps.min() > 0 and steps.max() <= _STEP_NS))
+    return len(block) == 1 or (len(block) > 1 and bool(steps.min() > 0 and steps.max() <= STEP_NS))
