@@ -111,4 +111,5 @@ class Observation:
 
     def __deepcopy__(self, _memo: dict) -> Observation:
         """A shallow copy suffices: only ``decision`` changes, and it is replaced as a whole."""
-        return Observation(self.t, self.stamp_ns, self.kind, self.measured, self.stated_R, self.arrival, self.decision)
+        given = self.t, self.stamp_ns, self.kind, self.measured, self.stated_R
+        return Observation(*given, self.arrival, self.decision, self.behind)

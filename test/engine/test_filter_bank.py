@@ -7,11 +7,17 @@ import pytest
 
 from nav_pose_estimator.core.earth.ellipsoid import step_enu
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
+from nav_pose_estimator.core.numerics.deep_copy import deep_copy
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.navigator import filter_setup
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
+from nav_pose_estimator.engine.navigator.split_filter import SplitFilter
+from nav_pose_estimator.engine.observation import GATED, Kind, Observation
 from nav_pose_estimator.engine.outage.epochs import last_stamp
-from nav_pose_estimator.engine.outage.filter_bank import COAST
+from nav_pose_estimator.engine.outage.filter_bank import COAST, TOLD, FilterBank, Told, Way
 from nav_pose_estimator.engine.outage.rehearsal import Epoch, Rehearsal
+from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock, MagSample, joined, known_stamp
 from nav_pose_estimator.engine.solutions import NavBlock
 from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
@@ -46,6 +52,29 @@ def alone(rehearsal: Rehearsal, sins: SinsEngine, epochs: list[Epoch]) -> Iterat
                     for said in guide.advise(last_stamp(output), collector.recent).samples:
                         twin.feed(said)
         yield name, twin
+
+
+def test_other_noise_is_that_of_every_way() -> None:
+    """GIVEN a bank with a way WHEN the noise of the IMU changes THEN it changes for both filters."""
+    constants = filter_setup.constants(Parameters(), NoiseIdentification())
+    bank = FilterBank(SplitFilter(constants, 10, 0.05))
+    bank.ways["network"] = Way(bank)
+    shaken = filter_setup.constants(Parameters(), NoiseIdentification(), (0.1, 1.0))
+    assert not np.array_equal(shaken, constants)
+    bank.set_constants(shaken)
+    np.testing.assert_array_equal(bank.constants, shaken)
+    np.testing.assert_array_equal(bank.ways["network"].constants, shaken)
+
+
+def test_copies_decide_by_themselves_about_what_is_said() -> None:
+    """GIVEN a copy of what is said to a way WHEN it is decided how to use it THEN the original is undecided."""
+    said = Observation(1.0, 10**9, Kind("velocity"), None)
+    told = Told(1.0, 10**9, TOLD, ("network", said), arrival=4)
+    twin = deep_copy(told, {})
+    assert isinstance(twin, Told)
+    assert twin.key == told.key
+    twin.measured[1].decision = GATED
+    assert said.decision is None
 
 
 @pytest.mark.compiled

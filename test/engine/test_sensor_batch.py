@@ -10,7 +10,15 @@ from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.composed.sensor_batch import SensorBatch
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
-from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, ImuBlock, MagSample, PressureSample, joined
+from nav_pose_estimator.engine.samples import (
+    BodyVelocity,
+    GnssFix,
+    GnssVelocity,
+    ImuBlock,
+    MagSample,
+    PressureSample,
+    joined,
+)
 from nav_pose_estimator.engine.solutions import (
     AttitudeBlock,
     AttitudeSolution,
@@ -28,13 +36,19 @@ START = 10**18
 
 def flight(delay: float, is_at_row: bool = False) -> list:
     """Rest, a run-up, circles with magnetometer and barometer; GNSS is lost on the way. The barometer's samples have
-    the stamps of the IMU samples before, or are a little later than those of the magnetometer."""
+    the stamps of the IMU samples before, or are a little later than those of the magnetometer. In the first case there
+    is also a wheel speed twice a second, which has the stamp of one of the barometer's samples and arrives before that
+    IMU sample."""
     out: list = []
     for sample in samples(SECONDS, 100.0, delay=delay):
         if isinstance(sample, (GnssFix, GnssVelocity)) and LOSS < (sample.stamp_ns - START) * 1e-9 < SECONDS - 12.0:
             continue
         if isinstance(sample, MagSample) and is_at_row:
-            out.append(PressureSample(sample.stamp_ns - 100_000, 95_461.0))
+            stamp_ns = sample.stamp_ns - 100_000
+            follows_imu = isinstance(out[-1], ImuBlock) and out[-1].stamps_ns[-1] == stamp_ns
+            if follows_imu and stamp_ns > START + (LOSS + 5.0) * 1e9 and stamp_ns // 10**8 % 5 == 1:
+                out.insert(-1, BodyVelocity(stamp_ns, (10.0, 0.0, 0.0)))
+            out.append(PressureSample(stamp_ns, 95_461.0))
         out.append(sample)
         if isinstance(sample, MagSample) and not is_at_row:
             out.append(PressureSample(sample.stamp_ns + 1000, 95_461.0))
@@ -69,7 +83,8 @@ def test_a_flight_in_long_blocks_is_the_flight_sample_by_sample(delay: float, me
     """GIVEN a flight with an outage, its fixes punctual or late WHEN it is fed at once and sample by sample
     THEN solutions, corrections, modes and events with their stamps are the same, bit for bit, in far fewer pieces;
     and so is what has been learned from."""
-    parameters = update(Parameters(), {"gnss.delay": delay, "learner.method": method})
+    given = {"gnss.delay": delay, "learner.method": method, "aids.body_velocity": method == "coast"}
+    parameters = update(Parameters(), given)
     whole, single = PoseEstimator(parameters), PoseEstimator(parameters)
     at_once = whole.feed_all(flight(delay, is_at_row))
     apart = [output for sample in one_by_one(flight(delay, is_at_row)) for output in single.feed(sample)]
@@ -85,6 +100,24 @@ def test_a_flight_in_long_blocks_is_the_flight_sample_by_sample(delay: float, me
     assert sum(isinstance(o, NavBlock) for o in at_once) < 0.6 * sum(
         isinstance(s, ImuBlock) for s in flight(delay, is_at_row)
     )
+
+
+@pytest.mark.compiled
+def test_a_gap_gives_the_same_at_once_and_sample_by_sample() -> None:
+    """GIVEN an aided flight with 1.5 s without IMU data WHEN it is fed at once and sample by sample THEN the solutions,
+    also those after the new alignment, are the same."""
+    given: list = []
+    for sample in samples(57.0, 100.0):
+        if isinstance(sample, ImuBlock):
+            begin, end = sample.stamps_ns.searchsorted([START + 53_440_000_001, START + 54_940_000_000])
+            given += [part for part in (sample.part(0, begin), sample.part(end, None)) if len(part)]
+        else:
+            given.append(sample)
+    parameters = update(Parameters(), {"learner.method": "coast"})
+    whole, single = PoseEstimator(parameters), PoseEstimator(parameters)
+    rows = told(whole.feed_all(given))["rows"]
+    assert rows == told([output for sample in one_by_one(given) for output in single.feed(sample)])["rows"]
+    assert whole.status().counters["imu.gap"] == 1
 
 
 def test_the_navigator_flies_ahead_up_to_a_gap_at_most() -> None:
@@ -123,6 +156,14 @@ def mag(ms: float) -> MagSample:
 )
 def test_what_goes_together(samples: list, length: int) -> None:
     assert sensor_batch.length(samples, 0) == length
+
+
+def test_an_observation_that_waits_for_its_time_ends_a_batch_at_another_of_that_time() -> None:
+    """GIVEN an observation that the navigator already has WHEN a sample of the same time arrives behind the IMU sample
+    of that time THEN the batch ends before it, for the first one acts ahead of that IMU sample."""
+    samples = [block(0, 90), mag(90.0), block(100, 190)]
+    assert sensor_batch.length(samples, 0, [START + 90 * 10**6]) == 1
+    assert sensor_batch.length(samples, 0, [START + 91 * 10**6]) == 3
 
 
 def test_a_batch_knows_where_everything_arrived() -> None:

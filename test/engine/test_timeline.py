@@ -1,6 +1,7 @@
 """The time line: whenever an observation arrives, it acts at its own time and leads to the same numbers."""
 
 import copy
+import dataclasses
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from nav_pose_estimator.core.filter.kalman import correct
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
 from nav_pose_estimator.engine.navigator import filter_setup
 from nav_pose_estimator.engine.navigator.timeline import Timeline
-from nav_pose_estimator.engine.observation import FilterView, Kind, Observation
+from nav_pose_estimator.engine.observation import GATED, FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
 
@@ -125,6 +126,12 @@ def test_a_copy_lives_its_own_life() -> None:
     plain.advance(rows)
     np.testing.assert_array_equal(timeline.filter.nav, plain.filter.nav)
     assert abs(twin.filter.nav[at.VEL] - timeline.filter.nav[at.VEL]) > 0.01
+
+
+def test_a_copy_of_an_observation_lacks_nothing() -> None:
+    one = Observation(1.5, 7, POSITION, (LAT, LON, ALT), np.eye(3), 3, GATED, behind=True)
+    for field in dataclasses.fields(one):
+        assert getattr(copy.deepcopy(one), field.name) is getattr(one, field.name), field.name
 
 
 def test_memory_stays_bounded() -> None:

@@ -79,6 +79,9 @@ def _mistakes() -> list[Mistake]:
     return found
 
 
+_MISTAKES = tuple(_mistakes())
+
+
 @dataclass(eq=False)
 class BodyMotion:
     """The test. It receives every velocity, and every window of whole seconds of the IMU."""
@@ -90,7 +93,6 @@ class BodyMotion:
     is_proven: bool = field(default=False, init=False)
     """Whether windows in a row have confirmed the velocity, and nothing has contradicted it since."""
     _scale_error: float = field(default=math.inf, init=False)  # possible one, by the speed over ground
-    _mistakes: list[Mistake] = field(default_factory=_mistakes, init=False)
     _velocities: VelocityHistory = field(init=False)  # in b
     _left: Array = field(init=False)
     _is_size: bool = field(default=False, init=False)  # whether the fault is one of scale
@@ -102,7 +104,7 @@ class BodyMotion:
     _sizes: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=60), init=False)
 
     def __post_init__(self) -> None:
-        self._left, self._wins = np.zeros(len(self._mistakes)), np.zeros(len(self._mistakes), int)
+        self._left, self._wins = np.zeros(len(_MISTAKES)), np.zeros(len(_MISTAKES), int)
         self._velocities = VelocityHistory(_STORED)
 
     @property
@@ -147,8 +149,8 @@ class BodyMotion:
         if not varied > max(_VARIES**2, noise / _NOISE_SHARE):
             return
         rotations = _attitudes(seconds[:, ANGLE], gyro_bias)
-        left = np.full(len(self._mistakes), math.inf)
-        for i, mistake in enumerate(self._mistakes):
+        left = np.full(len(_MISTAKES), math.inf)
+        for i, mistake in enumerate(_MISTAKES):
             velocities = measured[mistake.late]
             if velocities is None:
                 continue
@@ -183,7 +185,7 @@ class BodyMotion:
         best = int(np.argmin(self._left))
         fits = self._left[best] < min(_BETTER * self._left[0], _FITS * self._varied)
         if fits and self._wins[best] >= _PROOF:
-            self.fault = self._mistakes[best].words
+            self.fault = _MISTAKES[best].words
         elif self._strange >= _UNNAMED:
             self.fault = "its changes contradict the IMU: is it in another frame (East-North-Up), or another vehicle's?"
 

@@ -69,12 +69,14 @@ BODY, STUCK, LIKE, ANY = (len(LINEAR) + i for i in range(4))
 """Indices of the hypotheses that are not linear, or whose factor is estimated in flight."""
 COUNT = len(LINEAR) + 4
 NOT_STUCK = np.arange(COUNT) != STUCK
-MAY_BEGIN_IN_FLIGHT = ~NOT_STUCK
+MAY_BEGIN_IN_FLIGHT = (
+    *(one.kind == UNIT and abs(one.a) < _STANDS_STILL for one in LINEAR),
+    *(i == STUCK for i in range(len(LINEAR), COUNT)),
+)
 """Hypotheses (COUNT,) that may become true of a velocity that was correct: it repeats itself, or the positions do.
 
 Axes and units are fixed by the driver. Positions that leave correct velocities are dragged or reflected.
 """
-MAY_BEGIN_IN_FLIGHT[: len(LINEAR)] = [one.kind == UNIT and abs(one.a) < _STANDS_STILL for one in LINEAR]
 
 _STRAIGHT, _MIRRORED = np.array([one.a for one in LINEAR]), np.array([one.b for one in LINEAR])  # a and b of each
 _NEVER = 1e9  # squared normalised residual of an impossible hypothesis

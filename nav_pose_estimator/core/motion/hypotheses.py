@@ -17,7 +17,8 @@ from nav_pose_estimator.core.numerics.jit import kernel
 
 # --- evidence ------------------------------------------------------------------------------------------------------
 INTERVAL, DWELL, CORRELATION, UNMODELLED_VAR = 0, 1, 2, 3
-WIND_DECAY, WIND_MEAN = 4, 5  # factor on the wind's change over the interval; 2: East, North
+WIND_DECAY = 4  # factor by which the wind's deviation from its mean decays over the interval
+WIND_MEAN = 5  # 2: East, North
 ATTITUDE, VELOCITY, BODY_VELOCITY, AIR_VELOCITY, EVIDENCE_SIZE = 7, 16, 19, 22, 25
 
 # --- a hypothesis --------------------------------------------------------------------------------------------------
@@ -35,8 +36,9 @@ def decide(branches, weights, lost_at, evidence, hypotheses):
     """Apply hypotheses (K, HYPOTHESIS_SIZE) to branches (K, ...) of ``weights`` (K,), and merge the results by
     hypothesis.
 
-    ``lost_at`` (3,): where GNSS was lost. Returns the likelihoods (K,) of the hypotheses, by which the branches are to
-    be weighted; their sum is zero, and the branches are unchanged, where none is possible.
+    ``lost_at`` (3,): latitude, longitude [rad], height [m] where GNSS was lost; NaN once the vehicle has left that
+    area. Returns the likelihoods (K,) of the hypotheses, by which the branches are to be weighted; their sum is zero,
+    and the branches are unchanged, where none is possible.
     """
     K, n = len(branches), int(branches[0, memory.STATES])
     constants = branches[0, memory.CONSTANTS : memory.ORIGIN]
@@ -60,8 +62,8 @@ def decide(branches, weights, lost_at, evidence, hypotheses):
 
 
 @kernel
-def leave(branches, lost_at, hypotheses):
-    """Whether a branch is significantly farther from ``lost_at`` than its flight usually goes by its hypothesis."""
+def has_left(branches, lost_at, hypotheses):
+    """Whether a branch (K, ...) is significantly farther from ``lost_at`` than flights of its hypothesis usually go."""
     n = int(branches[0, memory.STATES])
     for k in range(len(branches)):
         if hypotheses[k, PLACE_VAR] > 0.0:

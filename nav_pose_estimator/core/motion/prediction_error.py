@@ -1,4 +1,4 @@
-"""Uncertainty of a predicted air velocity, and the error of the navigator's velocity by it (``air_velocity``)."""
+"""Uncertainty of the air velocity that a model predicts (``air_velocity``), and the navigator's velocity beside it."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,8 @@ def doubt(novelty, x, cov):
 def velocity_error(epoch, air_velocity, noise, wind, wind_spread):
     """Velocity of an ``epoch`` (COLUMNS or more,) minus the predicted one, (3,) in n [m/s], and its covariance (3, 3).
 
-    ``air_velocity`` (3,) in b and its variances ``noise`` (3,); ``wind`` (2,) and its variance ``wind_spread``.
+    ``air_velocity`` (3,) in b [m/s] and its variances ``noise`` (3,) [m^2/s^2]; ``wind`` (2,) [m/s], East and North,
+    and the variance ``wind_spread`` [m^2/s^2] of each component.
     """
     C = epoch[ATTITUDE:BODY_VELOCITY].copy().reshape(3, 3)
     error, cov = np.empty(3), np.zeros((3, 3))
@@ -53,9 +54,10 @@ def velocity_error(epoch, air_velocity, noise, wind, wind_spread):
 
 
 def low_frequency_density(residual: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Variance (3,) of a one-second mean of white noise with the low-frequency density of ``residual`` (N, 3).
+    """Variance (3,) [m^2/s^2] of a one-second mean of white noise with the low-frequency density of ``residual``.
 
-    Bartlett's estimate of the spectral density at zero; at least the density of independent residuals.
+    ``residual`` (N, 3) [m/s]: one for each epoch, body axes. Bartlett's estimate of the spectral density at zero; at
+    least the density of independent residuals.
     """
     count = len(residual)
     lags = min(round(_MEMORY / PERIOD), count // 4)
@@ -67,7 +69,10 @@ def low_frequency_density(residual: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def hover_noise(epochs: NDArray[np.float64], unseen: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Variance (3,) [m^2/s^2] of the residuals in a hover, shrunk towards a guess: without hovering it is the guess."""
+    """Variance (3,) [m^2/s^2] of the residuals in a hover, shrunk towards a guess that holds without hovering.
+
+    ``unseen`` (N, 3) [m/s]: residuals of ``epochs`` (N, COLUMNS) by cross-validation, body axes.
+    """
     square = np.square(epochs[:, VELOCITY : VELOCITY + 2]).sum(axis=1)
     hovers = square < SLOW**2
     seconds = float(hovers.sum()) * PERIOD

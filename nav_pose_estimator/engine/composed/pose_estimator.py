@@ -112,7 +112,9 @@ class PoseEstimator:
                 if count:
                     done += count
                     continue
-            count = sensor_batch.length(samples, done)
+            run = self.sins.run
+            waiting = [run.clock.stamp(one.t) for one in run.timeline.queue.waiting()]
+            count = sensor_batch.length(samples, done, waiting)
             together, done = samples[done : done + count], done + count
             if count > 1 and self.sins.mode not in LEVELLING:
                 batch = SensorBatch.of(together)
@@ -123,14 +125,17 @@ class PoseEstimator:
         return outputs
 
     def _gather(self, samples: Sequence[Sample], first: int, outputs: list[Output]) -> int:
-        """Process ``samples`` from ``first`` on, as many as the navigator may process ahead, up to one of another kind;
-        returns their number."""
+        """Process ``samples`` from ``first`` on, as many as the navigator may process ahead, up to one of another kind
+        or to a gap, behind which it may align again; returns their number."""
         waiting: list[Sample] = []
         clock, done = replace(self._clock), first
+        last_ns = self.sins.run.clock.stamp(self.sins.run.now)
         while done < len(samples):
             sample = samples[done]
             if isinstance(sample, ImuBlock):
-                done += 1
+                if sample.stamps_ns[0] - last_ns > sensor_batch.STEP_NS:
+                    break
+                done, last_ns = done + 1, int(sample.stamps_ns[-1])
                 for a, b in clock.pieces(sample, self._ahead):
                     part = _part(sample, a, b)
                     waiting.append(part)

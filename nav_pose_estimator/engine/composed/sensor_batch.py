@@ -6,7 +6,7 @@ either order. One of the time of that IMU sample acts behind it (``Observation.b
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,8 @@ from nav_pose_estimator.engine.solutions import Output
 _QUIET = (MagSample, PressureSample)  # their observations never change the mode
 _LONGEST_NS = 1_000_000_000  # longest batch
 _AHEAD_NS = 250_000_000  # a sample stamped further ahead of the IMU is left to the navigator to judge
-_STEP_NS = 100_000_000  # IMU samples further apart may cause a restart, so a gap is fed sample by sample
+STEP_NS = 100_000_000
+"""IMU samples further apart may cause a restart, so a gap is fed sample by sample."""
 
 
 Early = Sequence[tuple[int, Sample]]
@@ -55,17 +56,20 @@ class SensorBatch:
         return [(place - begin, sample) for place, sample in self.others if begin <= place < end]
 
 
-def length(samples: Sequence[Sample], first: int) -> int:
-    """Number of ``samples`` from ``first`` on that can form a batch, at least one."""
+def length(samples: Sequence[Sample], first: int, waiting: Collection[int] = ()) -> int:
+    """Number of ``samples`` from ``first`` on that can form a batch, at least one.
+
+    ``waiting``: times of validity [ns] of observations that the navigator already has ahead of the IMU.
+    """
     block = samples[first]
     if not isinstance(block, ImuBlock) or not _is_steady(block):
         return 1
     begin, last = int(block.stamps_ns[0]), int(block.stamps_ns[-1])
-    ahead: set[int] = set()  # stamps of other samples that are valid after the IMU sample behind which they arrived
+    ahead = set(waiting)  # ns: times of what is valid after the IMU sample behind which it arrived
     for count in range(1, len(samples) - first):
         sample = samples[first + count]
         if isinstance(sample, ImuBlock):
-            follows = len(sample) > 0 and 0 < sample.stamps_ns[0] - last <= _STEP_NS
+            follows = len(sample) > 0 and 0 < sample.stamps_ns[0] - last <= STEP_NS
             if not (follows and sample.stamps_ns[-1] - begin <= _LONGEST_NS and _is_steady(sample)):
                 return count
             last = int(sample.stamps_ns[-1])
@@ -73,7 +77,7 @@ def length(samples: Sequence[Sample], first: int) -> int:
             return count
         elif sample.stamp_ns > last:
             ahead.add(sample.stamp_ns)
-        elif last in ahead:  # of two samples of a time, one would act ahead of its row and one behind it
+        elif last in ahead:  # of two observations of a time, one would act ahead of its row and one behind it
             return count
     return len(samples) - first
 
@@ -90,12 +94,14 @@ def feed_ahead(sins: SinsEngine, block: Sample, early: Early) -> list[Output]:
             return False
 
         run.take_observation = mark
-        outputs += sins.feed(sample)
-        run.take_observation = None
+        try:
+            outputs += sins.feed(sample)
+        finally:
+            run.take_observation = None
     return outputs
 
 
 def _is_steady(block: ImuBlock) -> bool:
     """Whether the samples of a block follow each other without a gap."""
     steps = np.diff(block.stamps_ns)
-    return len(block) == 1 or (len(block) > 1 and bool(steps.min() > 0 and steps.max() <= _STEP_NS))
+    return len(block) == 1 or (len(block) > 1 and bool(steps.min() > 0 and steps.max() <= STEP_NS))

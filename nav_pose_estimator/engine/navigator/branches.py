@@ -113,7 +113,7 @@ class Branches:
         now = float(self.memories[0, memory.NAV + at.TIME])
         # From where the vehicle has left the area on, the prior on the place is dropped: on a straight flight, the
         # growing drift would otherwise soon make it consistent again and pull the vehicle back.
-        if self._left > now and hypotheses.leave(self.memories, self._lost_at, _table(evidence.hypotheses)):
+        if self._left > now and hypotheses.has_left(self.memories, self._lost_at, _table(evidence.hypotheses)):
             self._left = now
         self._ended = [
             ended if likely > 0.5 else min(ended, now) for ended, likely in zip(self._ended, self.weights, strict=True)
@@ -133,7 +133,7 @@ class Branches:
 
 
 def _said(evidence: MotionEvidence, fades: bool) -> np.ndarray:
-    """Evidence as a vector for ``core.motion.hypotheses``; ``fades``: the wind goes back to its mean."""
+    """Evidence (EVIDENCE_SIZE,) for ``core.motion.hypotheses``; ``fades``: the wind goes back to its mean."""
     decay = math.exp(-evidence.interval / evidence.wind_tau) if fades else 1.0
     head = (evidence.interval, evidence.dwell, evidence.correlation, evidence.unmodelled_var, decay)
     air = evidence.air_velocity or _UNKNOWN
@@ -142,15 +142,15 @@ def _said(evidence: MotionEvidence, fades: bool) -> np.ndarray:
     )
 
 
-def _table(hypotheses: Sequence[Hypothesis]) -> np.ndarray:
-    """Hypotheses as rows for ``core.motion.hypotheses``."""
+def _table(assumed: Sequence[Hypothesis]) -> np.ndarray:
+    """Hypotheses as rows (K, HYPOTHESIS_SIZE) for ``core.motion.hypotheses``."""
     rows = [
         (
             *(one.velocity_var, one.velocity_time, one.log_likelihood, one.doubt_psd, one.place_var, one.place_time),
             *(one.air_noise or _UNKNOWN),
             one.air_corrects,
         )
-        for one in hypotheses
+        for one in assumed
     ]
     return np.array(rows, float)  # None becomes NaN
 

@@ -136,7 +136,7 @@ class FilterRun:
             self.gnss.reception.lasting,
         )
         keep_blocks(constants, self.timeline.filter.constants)
-        self.timeline.filter.constants[:] = constants
+        self.timeline.filter.set_constants(constants)
 
     @property
     def now(self) -> float:

@@ -58,6 +58,10 @@ class SplitFilter:
         self.branches = None
         memory.add_checkpoint(fresh)
 
+    def set_constants(self, constants: np.ndarray) -> None:
+        """Replace the constants by others for the same states; branches keep theirs."""
+        self.constants[:] = constants
+
     @property
     def time(self) -> float:
         """Time of the filter [s]."""
@@ -104,8 +108,11 @@ class SplitFilter:
         elif observation.kind.whole:
             was = self.nav.copy()
             apply(observation, self.view)
-            if not np.array_equal(was, self.nav):
-                self._unite(observation.arrival)
+            if not np.array_equal(was, self.nav):  # an absolute position: the mixture ``nav``, ``P`` continues alone
+                self.branches, self._united_by = None, observation.arrival
+                self.vector[memory.OLDEST] = 0.0
+                self.vector[memory.NEWEST] = -1.0
+                memory.add_checkpoint(self.vector)
         else:
             for nav, P in self.branches.pairs():
                 apply(observation, FilterView(nav, P, self.branches.constants))
@@ -115,13 +122,6 @@ class SplitFilter:
     def _follow(self, branches: Branches) -> None:
         """Bring ``nav`` and ``P`` up to date after a change of the ``branches``."""
         branches.mix_into(self.vector)
-
-    def _unite(self, arrival: int) -> None:
-        """End the branches after an absolute position: continue with the mixture ``nav``, ``P`` alone."""
-        self.branches, self._united_by = None, arrival
-        self.vector[memory.OLDEST] = 0.0
-        self.vector[memory.NEWEST] = -1.0
-        memory.add_checkpoint(self.vector)
 
     # --- checkpoints -------------------------------------------------------------------------------------------------
 

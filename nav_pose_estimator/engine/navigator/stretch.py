@@ -331,9 +331,8 @@ def fly(
     """``Timeline.advance`` by the compiled routine, with observations that arrive between the rows; none is late.
 
     ``stretch``: IMU rows (N, 7), and whether they are followed by others that have arrived; ``periods`` when they did.
-    Ends early where something
-    is unusual. Returns output rows (N, OUT_COLUMNS) as far as it went, and what of ``coming`` has not been heard of by
-    then, in order of arrival and counted from there.
+    Ends early where something is unusual. Returns output rows (N, OUT_COLUMNS) as far as it went, and what of
+    ``coming`` has not been heard of by then, in order of arrival and counted from there.
     """
     (rows, is_followed), imu, queue, routine = stretch, timeline.imu, timeline.queue, timeline.routine
     assert routine is not None

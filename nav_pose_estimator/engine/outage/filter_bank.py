@@ -23,7 +23,18 @@ from nav_pose_estimator.engine.sensors.rest import Rest
 
 COAST = Coast.name
 TOLD = Kind("told")
-"""Observations of one way alone; ``measured`` is the name of the way and the observation."""
+"""What is said to one way alone."""
+
+
+class Told(Observation):
+    """An observation of one way alone; ``measured`` is the name of the way and that observation."""
+
+    __slots__ = ()
+
+    def __deepcopy__(self, memo: dict) -> Told:
+        """A copy with an observation of its own, about which each copy decides for itself."""
+        name, said = self.measured
+        return Told(self.t, self.stamp_ns, self.kind, (name, said.__deepcopy__(memo)), arrival=self.arrival)
 
 
 class Way(SplitFilter):
@@ -59,10 +70,12 @@ class FilterBank(SplitFilter):
     """The coasting filter and, in ``ways``, those of the ways; a way joins when its guide first says something."""
 
     def __init__(self, coasting: SplitFilter) -> None:
+        """Continue the filter ``coasting``, which has no branches and is not to be used any more."""
         super().__init__(coasting.constants, coasting._slots, coasting._period)
         self._hold(coasting.vector)
         self.ways: dict[str, Way] = {}
         self.was_restarted = False
+        """Whether the filter had to start again, without the ways."""
         self._newest = self.time  # s: rows up to here have been processed, and may be replayed
 
     def start(
@@ -71,6 +84,12 @@ class FilterBank(SplitFilter):
         """Start again without ways."""
         super().start(constants, nav, P, origin)
         self.ways, self.was_restarted = {}, True
+
+    def set_constants(self, constants: np.ndarray) -> None:
+        """``SplitFilter.set_constants`` for each filter."""
+        super().set_constants(constants)
+        for way in self.ways.values():
+            way.set_constants(constants)
 
     def carry(self, rows: np.ndarray, begin: int, end: int, due: float, out: np.ndarray) -> int:
         """``SplitFilter.carry`` for each filter; the ways keep the output rows that are not those of a replay."""
@@ -132,6 +151,7 @@ class RestOfEach(Rest):
     """The sensor ``rest`` of a bank: the velocity of each filter may contradict rest."""
 
     def __init__(self, rest: Rest, bank: FilterBank) -> None:
+        """Take over noise and counters of ``rest``."""
         vars(self).update(vars(rest))
         self._bank = bank
 

@@ -19,7 +19,7 @@ from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.outage.epochs import EpochCollector
-from nav_pose_estimator.engine.outage.filter_bank import COAST, TOLD, FilterBank, without_gnss
+from nav_pose_estimator.engine.outage.filter_bank import COAST, TOLD, FilterBank, Told, without_gnss
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import HOVER
 from nav_pose_estimator.engine.outage.methods.method import Guide
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample, joined
@@ -125,10 +125,12 @@ class Rehearsal:
             return True
 
         run.take_observation = take
-        self.sins.feed(said)
-        run.take_observation = None
+        try:
+            self.sins.feed(said)
+        finally:
+            run.take_observation = None
         for one in told:
-            run.observe(Observation(one.t, one.stamp_ns, TOLD, (name, one)))
+            run.observe(Told(one.t, one.stamp_ns, TOLD, (name, one)))
 
     def _decided(self, velocity: tuple[float, float] | None) -> Decisions:
         """Decisions of one epoch at the true ``velocity``, by the last of the ways that distinguishes regimes."""

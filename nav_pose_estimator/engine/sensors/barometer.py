@@ -35,6 +35,7 @@ VAGUE = 20.0
 _UP = DPOS + 2
 _APART = 25.0  # m: deviation from its reference above which the barometer contradicts GNSS
 _APART_TIME = 5.0  # s for which it has to last
+_SHORTEST_PERIOD = 0.01  # s: floor of the period with which the offset is learned
 _NEWEST = 0.2  # weight of the newest innovation in the running mean without GNSS
 _STRAYS = 1.2  # deviations of a height above which that mean shows that barometer or filter is wrong ...
 _EITHER = 1.5  # ... and standard deviation of the height then, relative to the largest mean
@@ -85,17 +86,19 @@ class Barometer(Aid):
 
     def observe(self, sample: PressureSample, t: float) -> Observation | None:
         """A pressure [Pa], at most every ``aids.barometer_period``."""
-        if _LOWEST < sample.pressure < _HIGHEST:
+        height = pressure_height(sample.pressure) if _LOWEST < sample.pressure < _HIGHEST else math.nan
+        is_valid = not math.isnan(height)
+        if is_valid:
             self.pressure = sample.pressure
-            self._watch_for_repeats(sample, t)
+            self._watch_for_repeats(sample, t, height)
         if not self._enabled or self._frozen.is_suspect or not self._pacer.passes(t, self._period):
             return None
-        if not _LOWEST < sample.pressure < _HIGHEST:
+        if not is_valid:
             unit = likely_unit(sample.pressure)
             if unit:
                 return self._refuse_unit(sample.stamp_ns, sample.pressure, unit)
             return self._refuse()
-        return Observation(t, sample.stamp_ns, self.kind, pressure_height(sample.pressure))
+        return Observation(t, sample.stamp_ns, self.kind, height)
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """Learn the reference while GNSS is good; without GNSS use it."""
@@ -143,10 +146,10 @@ class Barometer(Aid):
         self._offset, self._since, self.offset_variance = offset, -self._tau, variance
         self.least_sd = least_sd
 
-    def _watch_for_repeats(self, sample: PressureSample, t: float) -> None:
+    def _watch_for_repeats(self, sample: PressureSample, t: float, height: float) -> None:
         """Events of the begin and end of a frozen barometer: it repeats a value for longer than ever before."""
         was_frozen = self._frozen.is_frozen
-        self._frozen.note(t, pressure_height(sample.pressure))
+        self._frozen.note(t, height)
         if self._frozen.is_frozen and not was_frozen:
             text = (
                 f"barometer not used: it repeats {sample.pressure:.2f} Pa exactly, which it did not do before: frozen"
@@ -185,7 +188,8 @@ class Barometer(Aid):
             self._watch(o, difference - self._offset)
         if math.isnan(self._offset):
             self._offset, self._since = difference, o.t
-        share = self._period / min(max(o.t - self._since, self._period), self._tau)
+        period = max(self._period, _SHORTEST_PERIOD)
+        share = period / min(max(o.t - self._since, period), self._tau)
         self._offset += min(share, 1.0) * (difference - self._offset)
 
     def settle(self, o: Observation, f: FilterView) -> None:

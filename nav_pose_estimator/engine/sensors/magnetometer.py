@@ -34,7 +34,7 @@ KNOWN_HEADING = 0.2
 """rad: largest standard deviation of the filter's heading from which the offset is learned."""
 _LARGEST_IRON = 1e-3  # T: beyond the range of magnetometers
 _OFFSET_MEMORY = 100.0  # s: averaging time of the offset
-_SHORTEST_PERIOD = 0.01  # s: floor of the period in ``CompassCheck``
+_SHORTEST_PERIOD = 0.01  # s: floor of the period with which the offset is learned, and in ``CompassCheck``
 
 
 class Magnetometer(Aid):
@@ -121,7 +121,7 @@ class Magnetometer(Aid):
         self._compare(o, q, error)
         if math.isnan(self._offset):
             self._offset, self._since = error, o.t
-        share = self._period / min(max(o.t - self._since, 1.0), _OFFSET_MEMORY)
+        share = max(self._period, _SHORTEST_PERIOD) / min(max(o.t - self._since, 1.0), _OFFSET_MEMORY)
         nearer = self._offset + min(share, 1.0) * math.remainder(error - self._offset, 2.0 * math.pi)
         self._offset = math.remainder(nearer, 2.0 * math.pi)
 
