@@ -119,11 +119,15 @@ class WaterPressure:
 
 @dataclass(frozen=True, slots=True)
 class BodyVelocity:
-    """Velocity in the sensor frame [m/s] (DVL, optical flow, wheel). An axis not measured is NaN."""
+    """Velocity in the sensor frame [m/s] (DVL, optical flow, wheel). An axis not measured is NaN.
+
+    ``is_learned``: predicted by an outage method, which rehearsals judge; motion need not confirm it first.
+    """
 
     stamp_ns: int
     velocity: Vector3
     cov: np.ndarray | None = None
+    is_learned: bool = False
 
 
 @dataclass(frozen=True, slots=True)

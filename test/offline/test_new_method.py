@@ -48,7 +48,7 @@ class UsualMotion:
         assert len(recent) <= Toy.history
         assert (recent[:, me.COLUMNS :] == 7.0).all(), "its own column comes with every epoch"
         east, north, up = self.velocity.tolist()
-        return Advice((BodyVelocity(stamp_ns, (east, north, up), 0.04 * np.eye(3)),))
+        return Advice((BodyVelocity(stamp_ns, (east, north, up), 0.04 * np.eye(3), is_learned=True),))
 
 
 @dataclass(frozen=True)

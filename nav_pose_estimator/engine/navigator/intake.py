@@ -137,7 +137,7 @@ def _body_velocity(run: FilterRun, sample: BodyVelocity) -> None:
     """Omit a velocity that contradicts the IMU; once that is established, its effect on the filter is undone."""
     sensor, body = run.aids[BodyVelocity], run.imu_physics.motion.body
     assert isinstance(sensor, BodyVelocitySensor)
-    if run.timeline.running and run.parameters.aids.body_velocity:
+    if run.timeline.running and run.parameters.aids.body_velocity and not sample.is_learned:
         measured = sensor.in_body(sample)
         if measured is not None:
             body.velocity(sensor.time_of(run.clock.seconds(sample.stamp_ns)), measured)

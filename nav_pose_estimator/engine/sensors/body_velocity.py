@@ -84,9 +84,10 @@ class BodyVelocitySensor(Aid):
                 R[axis, axis] = _UNMEASURED
         velocity = self._axes @ np.nan_to_num(np.array(sample.velocity, float))
         R = self._axes @ R @ self._axes.T
-        if not self.is_proven and not self.noise.learns:
+        is_proven = self.is_proven or sample.is_learned
+        if not is_proven and not self.noise.learns:
             R[np.diag_indices(3)] += (_UNPROVEN * self.possible_error) ** 2 * float(velocity @ velocity)
-        measured = _Measured(velocity, self._lever, self.is_proven)
+        measured = _Measured(velocity, self._lever, is_proven)
         return Observation(self.time_of(t), sample.stamp_ns, self.kind, measured, R)
 
     def in_body(self, sample: BodyVelocity) -> np.ndarray | None:
