@@ -38,10 +38,8 @@ def look_back(run: FilterRun, t: float) -> None:
 
 
 def _look_at_motion(run: FilterRun) -> None:
-    whole, mean_rate = (
-        run.timeline.filter,
-        run.stillness.add(run.timeline.rows_since(run.timeline.filter.time - Stillness.PERIOD)),
-    )
+    whole = run.timeline.filter
+    mean_rate = run.stillness.add(run.timeline.rows_since(whole.time - Stillness.PERIOD))
     _watch_for_a_pull(run)
     run.gnss.position.elsewhere.second(whole.time, mean_rate is not None)
     _doubt_the_position(run)
