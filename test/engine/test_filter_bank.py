@@ -15,7 +15,7 @@ from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.navigator.split_filter import SplitFilter
 from nav_pose_estimator.engine.observation import GATED, Kind, Observation
 from nav_pose_estimator.engine.outage.epochs import last_stamp
-from nav_pose_estimator.engine.outage.filter_bank import COAST, TOLD, FilterBank, Told, Way
+from nav_pose_estimator.engine.outage.filter_bank import COAST, ONE_WAY, FilterBank, OfOneWay, Way
 from nav_pose_estimator.engine.outage.rehearsal import Epoch, Rehearsal
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import ImuBlock, MagSample, joined, known_stamp
@@ -49,8 +49,8 @@ def alone(rehearsal: Rehearsal, sins: SinsEngine, epochs: list[Epoch]) -> Iterat
         for sample in (sample for epoch in epochs for sample in epoch.samples):
             for output in twin.feed(sample):
                 if collector is not None and isinstance(output, NavBlock) and collector.feed(output) is not None:
-                    for said in guide.advise(last_stamp(output), collector.recent).samples:
-                        twin.feed(said)
+                    for sample in guide.advise(last_stamp(output), collector.recent).samples:
+                        twin.feed(sample)
         yield name, twin
 
 
@@ -66,15 +66,15 @@ def test_other_noise_is_that_of_every_way() -> None:
     np.testing.assert_array_equal(bank.ways["network"].constants, shaken)
 
 
-def test_copies_decide_by_themselves_about_what_is_said() -> None:
-    """GIVEN a copy of what is said to a way WHEN it is decided how to use it THEN the original is undecided."""
-    said = Observation(1.0, 10**9, Kind("velocity"), None)
-    told = Told(1.0, 10**9, TOLD, ("network", said), arrival=4)
-    twin = deep_copy(told, {})
-    assert isinstance(twin, Told)
-    assert twin.key == told.key
+def test_copies_decide_by_themselves_about_an_observation_of_one_way() -> None:
+    """GIVEN a copy of an observation of one way WHEN it is decided how to use it THEN the original is undecided."""
+    own = Observation(1.0, 10**9, Kind("velocity"), None)
+    whole = OfOneWay(1.0, 10**9, ONE_WAY, ("network", own), arrival=4)
+    twin = deep_copy(whole, {})
+    assert isinstance(twin, OfOneWay)
+    assert twin.key == whole.key
     twin.measured[1].decision = GATED
-    assert said.decision is None
+    assert own.decision is None
 
 
 @pytest.mark.compiled

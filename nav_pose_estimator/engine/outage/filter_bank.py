@@ -2,7 +2,7 @@
 
 All of them get the same IMU rows and the same observations, each of which is received, checked and decided about once:
 by the sensors of the coasting navigator, whose doubts about the IMU also are those of all ways. A way differs from it
-only by what its guide says. A noise model that learns follows the innovations of the last way.
+only by the advice of its guide. A noise model that learns follows the innovations of the last way.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from nav_pose_estimator.engine.outage.methods.coast import Coast
 from nav_pose_estimator.engine.sensors.rest import Rest
 
 COAST = Coast.name
-TOLD = Kind("told")
-"""What is said to one way alone."""
+ONE_WAY = Kind("one_way")
+"""Observations of one way alone, by its guide."""
 
 
-class Told(Observation):
+class OfOneWay(Observation):
     """An observation of one way alone; ``measured`` is the name of the way and that observation."""
 
     __slots__ = ()
 
-    def __deepcopy__(self, memo: dict) -> Told:
+    def __deepcopy__(self, memo: dict) -> OfOneWay:
         """A copy with an observation of its own, about which each copy decides for itself."""
-        name, said = self.measured
-        return Told(self.t, self.stamp_ns, self.kind, (name, said.__deepcopy__(memo)), arrival=self.arrival)
+        name, own = self.measured
+        return OfOneWay(self.t, self.stamp_ns, self.kind, (name, own.__deepcopy__(memo)), arrival=self.arrival)
 
 
 class Way(SplitFilter):
@@ -67,7 +67,7 @@ class Way(SplitFilter):
 
 
 class FilterBank(SplitFilter):
-    """The coasting filter and, in ``ways``, those of the ways; a way joins when its guide first says something."""
+    """The coasting filter and, in ``ways``, those of the ways; a way joins with the first advice of its guide."""
 
     def __init__(self, coasting: SplitFilter) -> None:
         """Continue the filter ``coasting``, which has no branches and is not to be used any more."""
@@ -106,10 +106,10 @@ class FilterBank(SplitFilter):
 
     def act(self, observation: Observation, apply: Apply) -> bool:
         """Apply an observation to the filters that it is meant for; the coasting one decides how it is used."""
-        if observation.kind is TOLD:
-            name, said = observation.measured
-            said.arrival = observation.arrival
-            return self._tell(name, said, apply)
+        if observation.kind is ONE_WAY:
+            name, own = observation.measured
+            own.arrival = observation.arrival
+            return self._act_on(name, own, apply)
         resting = observation.measured if observation.kind is Rest.kind else None
         changed = False
         if resting is None or COAST in resting:
@@ -119,7 +119,7 @@ class FilterBank(SplitFilter):
                 changed |= way.act(observation, apply)
         return changed
 
-    def _tell(self, name: str, observation: Observation, apply: Apply) -> bool:
+    def _act_on(self, name: str, observation: Observation, apply: Apply) -> bool:
         is_new = name not in self.ways
         if is_new:
             self.ways[name] = Way(self)

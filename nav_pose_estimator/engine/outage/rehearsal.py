@@ -19,7 +19,7 @@ from nav_pose_estimator.engine.navigator.modes import DENIED
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.outage.epochs import EpochCollector
-from nav_pose_estimator.engine.outage.filter_bank import COAST, TOLD, FilterBank, Told, without_gnss
+from nav_pose_estimator.engine.outage.filter_bank import COAST, ONE_WAY, FilterBank, OfOneWay, without_gnss
 from nav_pose_estimator.engine.outage.methods.air_velocity_guide import HOVER
 from nav_pose_estimator.engine.outage.methods.method import Guide
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample, joined
@@ -102,7 +102,7 @@ class Rehearsal:
             self.tally = self.tally + self._decided(epoch.velocity)
 
     def _carry(self, imu: ImuBlock) -> None:
-        """Process IMU samples; at the end of an epoch, each guide says something to its own way."""
+        """Process IMU samples; at the end of an epoch, each guide advises its own way."""
         blocks = [output for output in self.sins.feed(imu) if isinstance(output, NavBlock)]
         if not blocks or self.has_restarted:
             return
@@ -113,24 +113,24 @@ class Rehearsal:
             rows = ways[name].take_rows() if name in ways else coasting
             own = NavBlock(stamps, rows, last.mode, last.reset_count, last.correction_enu)
             if self.collectors[name].feed(own) is not None:
-                for said in guide.advise(int(stamps[-1]), self.collectors[name].recent).samples:
-                    self._tell(name, said)
+                for sample in guide.advise(int(stamps[-1]), self.collectors[name].recent).samples:
+                    self._feed_way(name, sample)
 
-    def _tell(self, name: str, said: Sample) -> None:
-        """Pass what a guide has said to the navigator; the resulting observations act on its own way alone."""
-        run, told = self.sins.run, list[Observation]()
+    def _feed_way(self, name: str, sample: Sample) -> None:
+        """Feed the navigator a ``sample`` of a guide; the resulting observations act on its own way alone."""
+        run, taken = self.sins.run, list[Observation]()
 
         def take(observation: Observation) -> bool:
-            told.append(observation)
+            taken.append(observation)
             return True
 
         run.take_observation = take
         try:
-            self.sins.feed(said)
+            self.sins.feed(sample)
         finally:
             run.take_observation = None
-        for one in told:
-            run.observe(Told(one.t, one.stamp_ns, TOLD, (name, one)))
+        for one in taken:
+            run.observe(OfOneWay(one.t, one.stamp_ns, ONE_WAY, (name, one)))
 
     def _decided(self, velocity: tuple[float, float] | None) -> Decisions:
         """Decisions of one epoch at the true ``velocity``, by the last of the ways that distinguishes regimes."""

@@ -31,8 +31,8 @@ class VelocityDoubt:
     def __init__(self) -> None:
         self._t, self._recent, self._jump = -math.inf, np.zeros(2), np.zeros(2)  # s, m/s, m/s
         self._square, self._count = 0.0, 0.0  # mean square of the innovations [(m/s)^2], and their number
-        self._moved, self._jumped, self._way = 0j, 0.0, 0.0  # m: displacement, its error by jumps, and by all
-        self._told = 0.0  # m/s: the jump for which velocity and tilt have become less certain
+        self._displacement, self._error_by_jumps, self._error = 0j, 0.0, 0.0  # m; the last: by all causes
+        self._reported = 0.0  # m/s: the jump for which velocity and tilt have become less certain
         self._expected = 0.0  # (m/s)^2: variance that the recent updates have removed
         self._refused_since = math.inf  # s: first of the refusals in a row
 
@@ -43,9 +43,9 @@ class VelocityDoubt:
 
     def end(self) -> None:
         """GNSS is good: nothing is in doubt."""
-        if self._moved or self._way or self._jump.any() or self._recent.any():
-            self._recent, self._jump, self._told = np.zeros(2), np.zeros(2), 0.0
-            self._moved, self._jumped, self._way = 0j, 0.0, 0.0
+        if self._displacement or self._error or self._jump.any() or self._recent.any():
+            self._recent, self._jump, self._reported = np.zeros(2), np.zeros(2), 0.0
+            self._displacement, self._error_by_jumps, self._error = 0j, 0.0, 0.0
             self._expected, self._refused_since = 0.0, math.inf
 
     def update(self, t: float, change: np.ndarray, removed: float, innovation: float, is_refused: bool) -> bool:
@@ -86,9 +86,9 @@ class VelocityDoubt:
         Such an error is in proportion to the displacement, not to the length of the path.
         The updates have turned an unfelt change into velocity and into tilt.
         """
-        self._moved, self._jumped = self._moved + velocity, self._jumped + self.jump
-        before, self._way = self._way, max(self._way, self._jumped + possible * abs(self._moved))
-        fresh, self._told = max(self.jump - self._told, 0.0), max(self.jump, self._told)
-        if self._way <= before:
+        self._displacement, self._error_by_jumps = self._displacement + velocity, self._error_by_jumps + self.jump
+        before, self._error = self._error, max(self._error, self._error_by_jumps + possible * abs(self._displacement))
+        fresh, self._reported = max(self.jump - self._reported, 0.0), max(self.jump, self._reported)
+        if self._error <= before:
             return None
-        return Doubt(tilt=fresh / (G * _MEMORY), speed=fresh, way=math.sqrt(self._way**2 - before**2))
+        return Doubt(tilt=fresh / (G * _MEMORY), speed=fresh, way=math.sqrt(self._error**2 - before**2))
