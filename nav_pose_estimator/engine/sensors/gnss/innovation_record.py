@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nav_pose_estimator.core.numerics.jit import kernel
-from nav_pose_estimator.core.numerics.order import sort
+from nav_pose_estimator.core.numerics.order import about_median, median
 
 _RECENT = 300  # innovations that the 99th percentile and the autocorrelation are taken from
 _AVERAGED = 10.0  # s over which the mean slides
@@ -97,18 +97,5 @@ def _pairs(horizontal: Sequence[complex]) -> np.ndarray:
 @kernel
 def beyond_chance(z):
     """Size of the median of the innovations ``z`` (N, 2), minus what may be chance."""
-    count = len(z)
-    east, north, apart = np.empty(count), np.empty(count), np.empty(count)
-    for i in range(count):
-        east[i], north[i] = z[i, 0], z[i, 1]
-    x, y = _median(east), _median(north)
-    for i in range(count):
-        apart[i] = math.hypot(z[i, 0] - x, z[i, 1] - y)
-    return max(math.hypot(x, y) - _SURE * _median(apart) / math.sqrt(count), 0.0)
-
-
-@kernel
-def _median(values):
-    """Median of ``values`` (N,), which are sorted in place."""
-    sort(values)
-    return 0.5 * (values[(len(values) - 1) // 2] + values[len(values) // 2])
+    x, y, apart = about_median(z)
+    return max(math.hypot(x, y) - _SURE * median(apart) / math.sqrt(len(z)), 0.0)

@@ -9,7 +9,7 @@ import numpy as np
 
 from nav_pose_estimator.core.filter.measurement_noise import NoiseModel
 from nav_pose_estimator.core.numerics.jit import kernel
-from nav_pose_estimator.core.numerics.order import sort
+from nav_pose_estimator.core.numerics.order import about_median
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.solutions import Level
@@ -139,13 +139,5 @@ class Scatter:
 @kernel
 def white_noise(steps):
     """Deviation [m] of the noise on each axis of positions that differ by ``steps`` (N, 2) [m] and a steady drift."""
-    count = len(steps)
-    east, north, apart = np.empty(count), np.empty(count), np.empty(count)
-    for i in range(count):
-        east[i], north[i] = steps[i, 0], steps[i, 1]
-    sort(east)
-    sort(north)
-    for i in range(count):
-        apart[i] = math.hypot(steps[i, 0] - east[count // 2], steps[i, 1] - north[count // 2])
-    sort(apart)
-    return apart[int(_QUIET * count)] / _RAYLEIGH
+    _, _, apart = about_median(steps)
+    return apart[int(_QUIET * len(steps))] / _RAYLEIGH
