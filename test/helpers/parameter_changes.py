@@ -133,7 +133,7 @@ CHANGES: dict[str, dict[str, Any]] = {  # flight -> parameter -> value
         "aids.barometer_period": 0.4,
         "aids.barometer_tau": 120.0,
         "aids.body_velocity": False,
-        "aids.body_velocity_sd": 0.2,
+        "aids.body_velocity_sd": 0.5,
         "aids.body_velocity_noise": "variational",
         "aids.body_velocity_delay": 0.1,
         "aids.body_velocity_lever": (0.3, 0.3, 0.3),

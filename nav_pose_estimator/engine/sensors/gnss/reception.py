@@ -119,7 +119,8 @@ class GnssReception:
             self._tell_no_height(sample.stamp_ns)
         if self._stay.is_new and not self.rounding.is_on:
             self.velocities.fix(self._height.believed(sample), t, horizontal or 0.0)
-            if self.velocities.is_fresh(t) and not self.velocities.doubted:
+            # other noise models find such noise by themselves
+            if self._parameters.noise == "fixed" and self.velocities.is_fresh(t) and not self.velocities.doubted:
                 stated = max(horizontal or 0.0, self._parameters.position_sd)
                 self.scatter.fix(t, self.way.place - self.velocities.way, sample.alt, stated, sample.stamp_ns)
         return True
@@ -148,7 +149,7 @@ class GnssReception:
             R = lasting_error.white_position(R, shared, self.lasting.variance, self.shown)
         else:
             R = R * self.shown.gnss_variance * shared
-        if self.scatter.is_on and self._parameters.noise == "fixed":  # other models find it by themselves
+        if self.scatter.is_on:
             horizontal, vertical = self.scatter.sd
             R[np.diag_indices(3)] += (horizontal**2, horizontal**2, vertical**2)
         return R
