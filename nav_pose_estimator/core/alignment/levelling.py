@@ -37,7 +37,8 @@ _TURN = math.radians(5.0)  # step of ``inclined_attitudes`` about the specific f
 _OUTSIDE_TILT_SD = 0.03  # rad: floor of the tilt deviation of another estimator, whose own is optimistic in motion
 _OUTSIDE_MEMORY = 2.0  # s for which outside attitudes are kept: a fix may arrive that late
 _OUTSIDE_AGE = 0.05  # s: largest time difference between an outside attitude and the instant that asks for it
-_LARGEST_FIELD = 1e6  # in any unit: a larger field is none, and its sum may overflow
+LARGEST_FIELD = 1e6
+"""A published field beyond this, in any unit, is not used: its square would overflow in a filter."""
 _COMPASS_WINDOW = 1.0  # s of magnetometer data that are averaged for one heading
 _DIP_TOLERANCE = math.radians(25.0)  # the dip of the dipole itself differs from the true one by up to 20 deg
 
@@ -209,7 +210,7 @@ class Compass:
 
     def add(self, t: float, field: Vector) -> None:
         """Add a field (3,) [T] in b at ``t`` [s]; a field with a missing or absurd axis is ignored."""
-        if not all(abs(part) <= _LARGEST_FIELD for part in field):  # false for NaN
+        if not all(abs(part) <= LARGEST_FIELD for part in field):  # false for NaN
             return
         self._fields.append((t, field))
         while self._fields[0][0] < t - _COMPASS_WINDOW:

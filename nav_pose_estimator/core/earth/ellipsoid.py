@@ -169,4 +169,5 @@ def step_enu(before: Sequence[float] | Array, after: Sequence[float] | Array) ->
     """Displacement (3,) [m, ENU] between two geodetic positions (3,) [rad, rad, m] that are close to each other."""
     (lat0, lon0, h0), (lat, lon, h) = map(float, before), map(float, after)
     r_m, r_n = radii(lat)
-    return np.array([(lon - lon0) * (r_n + h) * math.cos(lat), (lat - lat0) * (r_m + h), h - h0])
+    east = math.remainder(lon - lon0, 2.0 * math.pi)  # across the 180th meridian, too
+    return np.array([east * (r_n + h) * math.cos(lat), (lat - lat0) * (r_m + h), h - h0])

@@ -5,12 +5,13 @@ from types import ModuleType
 
 import numpy as np
 
+from nav_pose_estimator.core.alignment.levelling import LARGEST_FIELD
 from nav_pose_estimator.core.attitude import layout as at
 from nav_pose_estimator.engine.attitude.memory import Memory
 from nav_pose_estimator.engine.number_checks import is_within
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import MagSample
-from nav_pose_estimator.engine.sensors.magnetic.field_calibration import LARGEST_FIELD, FieldCalibration
+from nav_pose_estimator.engine.sensors.magnetic.field_calibration import FieldCalibration
 from nav_pose_estimator.engine.solutions import Event, Level
 
 NO_FIELD = np.empty((0, 3))

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nav_pose_estimator.core.alignment.levelling import likely_unit
+from nav_pose_estimator.core.alignment.levelling import LARGEST_FIELD, likely_unit
 from nav_pose_estimator.core.filter import measurements
 from nav_pose_estimator.core.filter.layout import PHI, QUAT
 from nav_pose_estimator.core.numerics.jit import kernel
@@ -24,7 +24,7 @@ from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import MagSample, Vector3
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.magnetic.compass_check import CURE, CompassCheck, single_cause
-from nav_pose_estimator.engine.sensors.magnetic.field_calibration import LARGEST_FIELD, FieldCalibration
+from nav_pose_estimator.engine.sensors.magnetic.field_calibration import FieldCalibration
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised, Pacer, shared_error
 from nav_pose_estimator.engine.solutions import Level
 

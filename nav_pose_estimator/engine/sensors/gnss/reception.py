@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from nav_pose_estimator.core.earth.ellipsoid import radii
+from nav_pose_estimator.core.earth.ellipsoid import step_enu
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
 from nav_pose_estimator.core.gnss import clock_offset
 from nav_pose_estimator.core.gnss.quality_gate import GateSettings, GnssGate, Notice
@@ -217,15 +217,14 @@ class Way:
     def __init__(self) -> None:
         self.place = 0j
         """East + i North [m]."""
-        self._last: tuple[float, float] | None = None  # rad: latitude and longitude
+        self._last: tuple[float, float, float] | None = None  # latitude and longitude [rad], no height
 
     def add(self, lat: float, lon: float) -> None:
         """Add a fix at ``lat``, ``lon`` [rad]."""
-        before_lat, before_lon = self._last or (lat, lon)
-        r_m, r_n = radii(lat)
-        east = r_n * math.cos(lat) * math.remainder(lon - before_lon, 2.0 * math.pi)
-        self.place += complex(east, r_m * (lat - before_lat))
-        self._last = lat, lon
+        here = lat, lon, 0.0
+        east, north, _ = step_enu(self._last or here, here).tolist()
+        self.place += complex(east, north)
+        self._last = here
 
 
 class _Stay:

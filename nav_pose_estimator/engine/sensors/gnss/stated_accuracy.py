@@ -121,7 +121,7 @@ class Scatter:
         if self._count < _ENOUGH:
             return
         steps, was_on = self._steps[: self._count], self.is_on
-        horizontal = float(white_noise(steps))
+        horizontal = float(scatter_sd(steps))
         # few differences may be large by chance
         limit = _OFF if was_on else _ON * math.sqrt(_COUNT / len(steps))
         if horizontal < limit * stated:
@@ -137,7 +137,7 @@ class Scatter:
 
 
 @kernel
-def white_noise(steps):
+def scatter_sd(steps):
     """Deviation [m] of the noise on each axis of positions that differ by ``steps`` (N, 2) [m] and a steady drift."""
     _, _, apart = about_median(steps)
     return apart[int(_QUIET * len(steps))] / _RAYLEIGH

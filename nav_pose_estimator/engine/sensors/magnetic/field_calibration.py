@@ -6,9 +6,6 @@ from nav_pose_estimator.engine.imu.mounting import axes_matrix, rotation_from_rp
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import Vector3
 
-LARGEST_FIELD = 1e6
-"""A published field beyond this, in any unit, is not used: its square would overflow in a filter."""
-
 
 class FieldCalibration:
     """``C_bm S (m - h)``: hard iron h and soft iron S in the published axes of the sensor, C_bm from these to b.
