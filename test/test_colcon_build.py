@@ -7,13 +7,12 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from nav_pose_estimator.offline.command_line import COMMANDS
+from ros_processes import Observer
 
 NAME = "nav_pose_estimator"
 COLCON = shutil.which("colcon", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
@@ -136,20 +135,11 @@ ESTIMATORS = ("attitude_node", "sins_node", "pose_estimator")
 
 @pytest.fixture
 def observer(ros_domain):
-    """A node that looks at the graph; ``wait_for(condition)`` spins it until the condition holds, at most 30 s."""
-    rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 (make setup)")
-    rclpy.init()
-    node = rclpy.create_node("observer")
-
-    def wait_for(condition: Callable[[], bool]) -> bool:
-        deadline = time.monotonic() + 30.0
-        while not condition() and time.monotonic() < deadline:
-            rclpy.spin_once(node, timeout_sec=0.1)
-        return condition()
-
-    yield node, wait_for
-    node.destroy_node()
-    rclpy.shutdown()
+    """A node that looks at the graph."""
+    pytest.importorskip("rclpy", reason="needs ROS 2 (make setup)")
+    watching = Observer(ros_domain)
+    yield watching
+    watching.close()
 
 
 @pytest.fixture
@@ -183,21 +173,20 @@ def test_a_node_takes_what_ros_gives(observer, start, tmp_path, name):
     """GIVEN namespace, remap, parameter file, -p and use_sim_time WHEN it runs THEN the graph shows each."""
     from rcl_interfaces.srv import GetParameters
 
-    node, wait_for = observer
     (tmp_path / "drone.yaml").write_text("/**: {ros__parameters: {gnss: {delay: 0.125}}}", encoding="utf-8")
     process = start(
         *(name, "--ros-args", "-r", "__ns:=/drone", "-r", "imu/data_raw:=/raw/imu", "-p", "use_sim_time:=true"),
         *("-p", "imu.max_gap:=0.75", "--params-file", str(tmp_path / "drone.yaml")),
     )
     log = tmp_path / f"{name}.log"
-    client = node.create_client(GetParameters, f"/drone/{name}/get_parameters")
-    assert wait_for(lambda: client.service_is_ready() or process.poll() is not None)
+    observer.until(lambda: "ready" in log.read_text() or process.poll() is not None, f"start of {name}")
     assert process.poll() is None, log.read_text()
-    answer = client.call_async(GetParameters.Request(names=["use_sim_time", "gnss.delay", "imu.max_gap"]))
-    assert wait_for(answer.done), log.read_text()
-    sim_time, delay, max_gap = answer.result().values
+    request = GetParameters.Request(names=["use_sim_time", "gnss.delay", "imu.max_gap"])
+    answer = observer.call(GetParameters, f"/drone/{name}/get_parameters", request)
+    sim_time, delay, max_gap = answer.values
     assert (sim_time.bool_value, delay.double_value, max_gap.double_value) == (True, 0.125, 0.75)
-    assert wait_for(lambda: any(i.node_name == name for i in node.get_subscriptions_info_by_topic("/raw/imu")))
+    imu = observer.node.get_subscriptions_info_by_topic
+    observer.until(lambda: any(i.node_name == name for i in imu("/raw/imu")), "subscription to /raw/imu")
 
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=15.0) == 0, log.read_text()

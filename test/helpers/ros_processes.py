@@ -19,6 +19,7 @@ except ImportError:  # no ROS 2 here: whoever needs it is not collected
     pass
 
 PATIENCE = 180.0  # s that a condition may take; where the machine is busy, compiling the kernels alone takes 120
+REPEAT = 20.0  # s without an answer after which a service is called again
 GRACE = 10.0  # s in which a node that is asked to end has ended, even on a busy machine
 
 
@@ -101,12 +102,23 @@ class Observer:
         return wait_until(condition, lambda: self.executor.spin_once(timeout_sec=0.02), what, patience)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
-        """The answer of a service."""
+        """The answer of a service.
+
+        A server that has not yet discovered the reader of its answers drops an answer: then the call is repeated.
+        """
         client = self.node.create_client(kind, name)
         self.until(client.service_is_ready, f"service {name}")
-        future = client.call_async(request)
-        self.until(future.done, f"answer of {name}")
-        return future.result()
+        calls: list[Any] = []
+        repeat_at = 0.0
+
+        def answered() -> Any:
+            nonlocal repeat_at
+            if time.monotonic() >= repeat_at:
+                calls.append(client.call_async(request))
+                repeat_at = time.monotonic() + REPEAT
+            return next((call for call in calls if call.done()), None)
+
+        return self.until(answered, f"answer of {name}").result()
 
     def close(self) -> None:
         """Take everything down."""
