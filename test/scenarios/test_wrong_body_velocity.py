@@ -43,9 +43,10 @@ def with_body_velocity(
         (lambda v: v[[1, 0, 2]], "exchanged"),
         (lambda v: TURNED @ v, "turned by -45 deg"),
         (lambda v: 1.944 * v, "knots"),
+        (lambda v: 2.237 * v, "mph"),
         (lambda v: 0.5 * v, "times the speed"),
     ],
-    ids=["FRD", "inverted", "exchanged", "turned", "knots", "halved"],
+    ids=["FRD", "inverted", "exchanged", "turned", "knots", "mph", "halved"],
 )
 def test_a_wrong_body_velocity_is_named_and_steers_nothing(change: Change, words: str) -> None:
     """GIVEN a velocity sensor with a usual mistake WHEN the vehicle manoeuvres under GNSS THEN the mistake is named

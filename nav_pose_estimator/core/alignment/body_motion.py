@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from nav_pose_estimator.core.alignment.motion_history import ANGLE, rotation_of
 from nav_pose_estimator.core.alignment.velocity_history import VelocityHistory
 from nav_pose_estimator.core.numerics.rotation import quat_multiply, quat_to_matrix
+from nav_pose_estimator.core.numerics.units import SPEEDS
 
 Array = NDArray[np.float64]
 _STORED = 1000  # velocities
@@ -30,7 +31,6 @@ _DIFFERENCES = 10.0  # expected squares of six differences about their mean, ove
 _NEAR = 0.15  # s: half the interval around a whole second whose median velocity is used
 _ROTATIONS = 24  # rotations about z that are tested: every 15 deg
 _LATE = (0.4, 0.8, 1.2)  # s: delays that are tested
-_UNITS = {"knots": 1.944, "ft/s": 3.281, "km/h": 3.6, "cm/s": 100.0, "mm/s": 1000.0}
 _MEMORY = 0.9  # forgetting factor of the evidence from one window to the next
 _VARIES = 0.8  # m/s: smallest variation (root of the sum of squares) of a window that is evaluated
 _NOISE_SHARE = 0.3  # largest fraction of its square that may be noise of the sensor
@@ -74,7 +74,7 @@ def _mistakes() -> list[Mistake]:
         matrix = np.zeros((3, 3))
         matrix[range(3), order] = signs
         found.append(Mistake(matrix, 0.0, "two of its axes look exchanged"))
-    found += [Mistake(np.eye(3) / size, 0.0, f"it looks like {unit} instead of m/s") for unit, size in _UNITS.items()]
+    found += [Mistake(np.eye(3) / size, 0.0, f"it looks like {unit} instead of m/s") for unit, size in SPEEDS.items()]
     found += [Mistake(np.eye(3), late, f"it looks {late:g} s late against its stamps") for late in _LATE]
     return found
 
@@ -204,7 +204,7 @@ class BodyMotion:
         scatter = float(np.square(b - scale * a).sum()) / max(float(b @ b), 1e-12)
         self._is_size = abs(scale - 1.0) > _SIZE and scatter < _SCATTER**2
         self._scale_error = abs(scale - 1.0) + math.sqrt(scatter / len(self._sizes))
-        unit = next((name for name, size in _UNITS.items() if abs(scale / size - 1.0) < 0.5 * _SIZE), "")
+        unit = next((name for name, size in SPEEDS.items() if abs(scale / size - 1.0) < 0.5 * _SIZE), "")
         words = f"it looks like {unit} instead of m/s" if unit else f"its size is {scale:.2g} times the speed"
         self.fault = (self.fault or words) if self._is_size else ""
 

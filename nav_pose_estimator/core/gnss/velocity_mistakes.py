@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from nav_pose_estimator.core.gnss.velocity_steps import Step
 from nav_pose_estimator.core.numerics.jit import inlined, kernel
+from nav_pose_estimator.core.numerics.units import SPEEDS
 
 _SCALE = 0.1  # of the way: coarse sampling, reflections
 _WORST = 25.0  # squared deviations: a worse step says no more
@@ -35,8 +36,6 @@ _MEMORY = 0.93  # of the similarity, from step to step
 NED, TURNED, SILENT, UNIT, UNEXPLAINED = "ned", "turned", "silent", "unit", "unexplained"
 """Kinds of errors: North-East-Down; axes rotated, mirrored or of the body; repeated values while the vehicle moves;
 right axes in another unit; any other error."""
-_UNITS = {"knots": 1.944, "mph": 2.237, "ft/s": 3.281, "km/h": 3.6, "cm/s": 100.0, "mm/s": 1000.0}
-"""Value of 1 m/s in that unit."""
 
 
 class Mistake(NamedTuple):
@@ -60,7 +59,7 @@ LINEAR = (
     Mistake(TURNED, "West-South", -1.0, 0j),
     Mistake(TURNED, "North-West", 1j, 0j),
     Mistake(TURNED, "South-East", -1j, 0j),
-    *(Mistake(UNIT, name, 1.0 / numbers, 0j) for name, numbers in _UNITS.items()),
+    *(Mistake(UNIT, name, 1.0 / numbers, 0j) for name, numbers in SPEEDS.items()),
     Mistake(UNIT, "57 times m/s", math.radians(1.0), 0j),
 )
 NORTH_EAST = 0
