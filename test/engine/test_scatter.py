@@ -8,7 +8,7 @@ import pytest
 from nav_pose_estimator.core.earth.ellipsoid import enu_to_lla
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.sensors.gnss.reception import Way
-from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter
+from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter, VelocityScatter
 
 STATED = 1.5  # m
 
@@ -85,3 +85,49 @@ def test_centimetres_of_an_rtk_receiver_are_not_the_limit() -> None:
         if k < 100:
             assert not scatter.is_on
     assert scatter.is_on
+
+
+def velocities(sd: float, stated: float = 0.5, seed: int = 1) -> tuple[VelocityScatter, Journal]:
+    """Twenty seconds of changes of velocities with noise [m/s]."""
+    rng, journal = np.random.default_rng(seed), Journal()
+    scatter, noise = VelocityScatter(journal), rng.normal(0.0, sd, (101, 2))
+    for k, (east, north) in enumerate(np.diff(noise, axis=0).tolist()):
+        scatter.change(0.2, east, north, stated)
+        if k % 5 == 4:
+            scatter.second(k)
+    return scatter, journal
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("sd", [2.0, 6.0])
+def test_noise_of_velocities_is_measured_and_told_once(sd: float, seed: int) -> None:
+    """GIVEN noise beyond the stated deviation THEN it is measured to a factor of two."""
+    scatter, journal = velocities(sd, seed=seed)
+    assert 0.5 * sd < scatter.sd < 2.0 * sd
+    assert journal.counters["gnss.velocity.scatters"] == 1
+
+
+def test_noise_of_velocities_within_the_stated_one_is_no_scatter() -> None:
+    """GIVEN noise as stated THEN nothing is said."""
+    scatter, journal = velocities(0.5)
+    assert not scatter.is_on
+    assert not journal.counters
+
+
+def test_scatter_of_velocities_ends() -> None:
+    """GIVEN scatter WHEN the velocities are quiet for as long as it was measured THEN it ends."""
+    scatter, journal = velocities(3.0)
+    for k in range(30):
+        scatter.change(0.2, 0.0, 0.0, 0.5)
+        scatter.second(k)
+    assert not scatter.is_on
+    assert journal.counters["gnss.velocity.scatters.ended"] == 1
+
+
+def test_a_pause_of_velocities_is_no_scatter() -> None:
+    """GIVEN velocities with pauses THEN the change over a pause counts for nothing."""
+    scatter = VelocityScatter(Journal())
+    for k in range(60):
+        scatter.change(2.0, 9.0 * (-1.0) ** k, 0.0, 0.5)
+        scatter.second(k)
+    assert not scatter.is_on

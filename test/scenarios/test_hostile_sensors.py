@@ -110,6 +110,27 @@ def test_noise_that_the_receiver_does_not_state_is_used_as_noise() -> None:
     assert set(told.modes_between(10.0, 40.0)) == {Mode.AIDED}
 
 
+@pytest.mark.parametrize("sd", [2.0, 4.0])
+def test_velocities_that_a_driver_derives_from_positions_are_used_as_noisy(sd: float) -> None:
+    """GIVEN velocities that scatter by metres per second and state less WHEN GNSS is lost THEN the noise has been told,
+    is taken for nothing else, and the outage is flown within three sigma, not much farther off than without it."""
+    recording, rng = flight("fixed_wing", 90.0).with_faults(*silence(65.0, 25.0)), np.random.default_rng(3)
+
+    def noisy() -> Iterator[Sample]:
+        for sample in recording.samples():
+            if isinstance(sample, GnssVelocity) and sample.stamp_ns > recording.start_ns + 30_000_000_000:
+                sample = replace(sample, vel_enu=tuple((sample.vel_enu + rng.normal(0.0, sd, 3)).tolist()))
+            yield sample
+
+    told = tell(recording, samples=noisy(), learner__enabled=False)
+    assert 30.0 < told.when("gnss.velocity.scatters")[0] < 40.0
+    for wrong in ("gnss.pulled", "gnss.drift", "gnss.other_motion", "gnss.delayed", "gnss.velocity.axes"):
+        assert told.when(wrong) == [], wrong
+    inside = told.between(65.0, 89.0)
+    assert (told.off[inside] < 3.0 * told.sigma[inside]).all()
+    assert told.off[inside].max() < 40.0
+
+
 def test_motion_to_the_north_is_no_noise_to_the_east() -> None:
     """GIVEN a fast flight far from the Greenwich meridian THEN its fixes do not scatter."""
     recording = flight("fixed_wing", 50.0)

@@ -67,6 +67,8 @@ class VelocityCheck:
     """Consecutive steps that agree with a correct velocity."""
     felt: bool = field(default=False, init=False)
     """To be set by the caller: whether the IMU confirms the velocity. An unexplained error is then in the positions."""
+    walk: float = field(default=0.0, init=False)
+    """To be set by the caller: random walk of the integrated velocities that is not stated [m/sqrt(s)]."""
     climb: ClimbCheck = field(default_factory=ClimbCheck, init=False)
     late: Lateness = field(default_factory=Lateness, init=False)
     _steps: StepMaker = field(default_factory=StepMaker, init=False)
@@ -133,7 +135,7 @@ class VelocityCheck:
             self.climb.interrupt()
         else:
             self.climb.height(t, alt, own[1], self._steps.variance)
-        step = self._steps.fix(t, lat, lon, sd, None if own is None else own[0])
+        step = self._steps.fix(t, lat, lon, sd, None if own is None else own[0], self.walk)
         if step is not None:
             self._weigh(step)
 

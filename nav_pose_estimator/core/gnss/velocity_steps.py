@@ -76,7 +76,8 @@ _MOVED = 16  # (2) m: displacement between the last two fixes; NaN where these a
 _PERIOD = 18  # s: recent shortest time between fixes
 _VARIANCE = 19  # m^2: variance of a fix on each axis, from second differences
 _STATED = 20  # m: stated deviation of the last fix; a receiver that still converges drifts by as much
-_SIZE = 21
+_WALK = 21  # m/sqrt(s): random walk of the integrated velocities
+_SIZE = 22
 
 
 @dataclass(eq=False)
@@ -116,9 +117,14 @@ class StepMaker:
         least = min(apart, default=math.inf)
         return None if least > _APART else self._velocities[apart.index(least)][1:]
 
-    def fix(self, t: float, lat: float, lon: float, sd: float, velocity: complex | None) -> Step | None:
-        """Add a position [rad, rad] with stated ``sd`` [m] and its ``own`` velocity; returns the step that it ends."""
-        self._state[_STATED] = min(sd, _STATED_MOST)
+    def fix(
+        self, t: float, lat: float, lon: float, sd: float, velocity: complex | None, walk: float = 0.0
+    ) -> Step | None:
+        """Add a position [rad, rad] with stated ``sd`` [m] and its ``own`` velocity; returns the step that it ends.
+
+        ``walk`` [m/sqrt(s)]: random walk of the integrated velocities.
+        """
+        self._state[_STATED], self._state[_WALK] = min(sd, _STATED_MOST), walk
         if velocity is None:
             self._break_off()
             return None
@@ -201,6 +207,7 @@ def _hear(state, axis, velocity, period):
 def _floor(state, seconds):
     """``StepMaker.floor``."""
     noise = max(_FLOOR, _COVERS * math.sqrt(2.0 * state[_VARIANCE]), _DRIFT * state[_STATED])
+    noise += _COVERS * state[_WALK] * math.sqrt(seconds)
     return noise + _SLOW_BIAS * max(seconds - 1.0, 0.0)
 
 

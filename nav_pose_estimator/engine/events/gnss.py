@@ -135,6 +135,12 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         ),
         Entry("gnss.scatters.ended", "they scatter as stated again"),
         Entry(
+            "gnss.velocity.scatters",
+            "velocities scatter by more than the receiver states, compared with the IMU; they are used with that noise",
+            "use the receiver's own (Doppler) velocity, not one that a driver derives from positions",
+        ),
+        Entry("gnss.velocity.scatters.ended", "they scatter as stated again"),
+        Entry(
             "gnss.rounded",
             "all positions lie on a coarse grid; they are used with that error, which sigma covers",
             "let the driver print latitude and longitude with seven decimals; no single precision",

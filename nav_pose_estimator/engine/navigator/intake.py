@@ -106,8 +106,9 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
         return
     t -= (sample.stamp_ns - usable.stamp_ns) * NS  # the receiver's velocity is older than its stamp
     observation = run.gnss.velocity.observe(usable, t)
-    run.imu_physics.motion.velocity(observation.t, usable.vel_enu, sample.vel_enu)
-    run.gnss.position.pull.velocity(observation.t, usable.vel_enu)
+    if not run.gnss.reception.velocity_scatter.is_on:  # else their changes show noise, not motion
+        run.imu_physics.motion.velocity(observation.t, usable.vel_enu, sample.vel_enu)
+        run.gnss.position.pull.velocity(observation.t, usable.vel_enu)
     if run.trial is not None or not run.timeline.running:
         run.start_up.velocity(observation.t, usable.vel_enu, run.gnss.reception.velocity_noise(usable))
     if run.timeline.running:

@@ -42,6 +42,7 @@ def _look_at_motion(run: FilterRun) -> None:
     mean_rate = run.stillness.add(run.timeline.rows_since(whole.time - Stillness.PERIOD))
     _watch_for_a_pull(run)
     run.gnss.position.elsewhere.second(whole.time, mean_rate is not None)
+    run.gnss.reception.velocity_scatter.second(run.clock.stamp(whole.time))
     _doubt_the_position(run)
     _doubt_the_body_velocity(run)
     if run.parameters.imu.learn_noise:
@@ -122,8 +123,10 @@ def _look_at_imu(run: FilterRun, t: float, end: float) -> None:
     if run.timeline.running and is_aided:
         motion = run.imu_physics.motion
         agreement, elsewhere = motion.agreement, run.gnss.position.elsewhere
-        elsewhere.other_motion.second(agreement.is_contradicted, agreement.apart, agreement.share, stamp_ns)
-        elsewhere.latency.found(motion.latency.delay, run.parameters.gnss.delay, stamp_ns)
+        is_noisy = run.gnss.reception.velocity_scatter.is_on  # what the last velocities before that showed was noise
+        is_contradicted = agreement.is_contradicted and not is_noisy
+        elsewhere.other_motion.second(is_contradicted, agreement.apart, agreement.share, stamp_ns)
+        elsewhere.latency.found(0.0 if is_noisy else motion.latency.delay, run.parameters.gnss.delay, stamp_ns)
     if run.imu_physics.heading.error and run.timeline.running:
         _turn_heading(run, stamp_ns)
     if run.timeline.running and (vibration.force_noise, vibration.rate_noise) != shaken:

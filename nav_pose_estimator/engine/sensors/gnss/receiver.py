@@ -113,7 +113,8 @@ class Gnss:
     def loss_at(self, t: float, stamp_ns: int) -> Observation:
         """At ``t`` GNSS counts as lost: what the last innovations have shown acts on the filter."""
         last, velocity = self.velocity.misfit, np.zeros(2)
-        if last is not None and last.t > self._aiding.fix_used - max(_LATELY):
+        is_noise = self.reception.velocity_scatter.is_on
+        if last is not None and not is_noise and last.t > self._aiding.fix_used - max(_LATELY):
             velocity = max((self.velocity.record.mean_of_last(seconds) for seconds in _LATELY), key=np.linalg.norm)
         return Observation(t, stamp_ns, self.loss.kind, Shown(self.variance_factor, self.offset, velocity))
 

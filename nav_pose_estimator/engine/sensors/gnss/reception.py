@@ -21,7 +21,7 @@ from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.frozen import Frozen
 from nav_pose_estimator.engine.sensors.gnss import lasting_error
 from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
-from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter
+from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter, VelocityScatter
 from nav_pose_estimator.engine.sensors.gnss.velocity_input import VelocityInput
 from nav_pose_estimator.engine.solutions import Level
 
@@ -51,6 +51,7 @@ class GnssReception:
         self.shown = NoiseIdentification()  # noise identified in flight, set by the run
         self.velocities = VelocityInput(journal)
         self.rounding, self.scatter = Rounding(journal), Scatter(journal)
+        self.velocity_scatter = VelocityScatter(journal)
         self._usable = False  # the last fix
         self.way = Way()
         self._fix_times: list[float] = []  # of the newest fixes, in order of time
@@ -68,7 +69,7 @@ class GnssReception:
         position = np.array([parameters.position_sd] * 2 + [parameters.vertical_sd])
         velocity = np.array([parameters.velocity_sd] * 2 + [parameters.velocity_vertical_sd])
         self._position_floor, self._velocity_floor = np.diag(position**2), np.diag(velocity**2)
-        self._velocity_variance = velocity**2
+        self._velocity_variance, self.least_velocity_sd = velocity**2, parameters.velocity_sd
 
     def count(self, sample: SatelliteCount, t: float) -> None:
         """Process a satellite count valid at ``t`` [s]."""
@@ -118,7 +119,8 @@ class GnssReception:
         if math.isnan(sample.alt):
             self._tell_no_height(sample.stamp_ns)
         if self._stay.is_new and not self.rounding.is_on:
-            self.velocities.fix(self._height.believed(sample), t, horizontal or 0.0)
+            walk = self.velocity_scatter.sd * math.sqrt(self.fix_period)
+            self.velocities.fix(self._height.believed(sample), t, horizontal or 0.0, walk)
             # other noise models find such noise by themselves
             if self._parameters.noise == "fixed" and self.velocities.is_fresh(t) and not self.velocities.doubted:
                 stated = max(horizontal or 0.0, self._parameters.position_sd)
@@ -159,8 +161,12 @@ class GnssReception:
         cov = None if sample.cov_enu is None else self._known(sample.cov_enu, "velocity")
         R = _floored(cov, self._velocity_floor)
         if in_filter and self._parameters.error_states:
-            return lasting_error.white_velocity(R, self._velocity_variance, self.shown)
-        return self.shown.gnss_variance * R
+            R = lasting_error.white_velocity(R, self._velocity_variance, self.shown)
+        else:
+            R = self.shown.gnss_variance * R
+        if self.velocity_scatter.is_on:
+            R[np.diag_indices(3)] += self.velocity_scatter.sd**2
+        return R
 
     def refuse(self, stamp_ns: int, name: str, why: str) -> bool:
         """Reject a fix: with an event where the reason is new, else counted only; returns False."""

@@ -80,6 +80,7 @@ class GnssVelocitySensor(Sensor):
 
     def note(self, o: Observation, f: FilterView, z: np.ndarray, status: int, nis: float) -> None:
         """Count it; a refusal is told once, for it has no place in ``refusal`` beside the positions."""
+        self._compare(o, float(z[0]), float(z[1]))
         self.record.add(nis, z, self.reception.fix_period, believed=status != 0)
         self.doubt.velocity(o.t, _REFUSALS[status], nis / len(z), z.tolist())
         if status:
@@ -99,6 +100,7 @@ class GnssVelocitySensor(Sensor):
         """Same as ``note`` for an ``o`` that was used unchanged; ``left`` is the residual of its innovation ``z``."""
         assert o.stated_R is not None
         rows = rows_of(o)
+        self._compare(o, z[0], z[1])
         self.record.add(nis, z[:rows], period)
         self.doubt.velocity(o.t, 0.0, nis / rows, z[:rows])
         self._is_refused = False
@@ -107,9 +109,21 @@ class GnssVelocitySensor(Sensor):
         self.misfit = Misfit(o.t, np.array(left[:rows]), R, o.measured.tolist())
 
     def misfit_at(self, t: float) -> Misfit | None:
-        """``misfit`` where it is recent enough for a fix at ``t`` [s], else None."""
-        last = self.misfit
+        """``misfit`` where it is recent enough for a fix at ``t`` [s] and not mostly noise, else None."""
+        last = None if self.reception.velocity_scatter.is_on else self.misfit
         return last if last is not None and 0.0 <= t - last.t <= _SAME_MOTION else None
+
+    def _compare(self, o: Observation, east: float, north: float) -> None:
+        """Compare the innovation with what the velocity before it has left."""
+        last = self.misfit
+        if last is None or self.noise.learns:  # other noise models find such noise by themselves
+            return
+        assert o.stated_R is not None
+        scatter = self.reception.velocity_scatter
+        stated = math.sqrt(max(o.stated_R[0, 0], o.stated_R[1, 1]) - scatter.sd**2)
+        stated = max(stated, self.reception.least_velocity_sd)
+        before = last.difference
+        scatter.change(o.t - last.t, east - before[0], north - before[1], stated)
 
     def _remember(self, o: Observation, f: FilterView) -> None:
         z, _, R = self.linearise(o, f)

@@ -102,12 +102,16 @@ class VelocityInput:
         if felt if self._check.stands_still else self._is_mended and as_received > _AS_RECEIVED:
             self.position_fault = self._report.positions(self._check, self._place, stamp_ns)
 
-    def fix(self, sample: GnssFix, t: float, sd: float) -> None:
-        """Compare velocities with a usable fix valid at ``t`` [s], of horizontal deviation ``sd`` [m]."""
+    def fix(self, sample: GnssFix, t: float, sd: float, walk: float) -> None:
+        """Compare velocities with a usable fix valid at ``t`` [s], of horizontal deviation ``sd`` [m].
+
+        ``walk`` [m/sqrt(s)]: random walk of the integrated velocities that is not stated.
+        """
         if not self._learns:
             return
         check, stamp_ns = self._check, sample.stamp_ns
         self._place = math.degrees(sample.lat), math.degrees(sample.lon)
+        check.walk = walk
         check.fix(t, sample.lat, sample.lon, sample.alt, sd)
         horizontal = check.sound_steps, check.suspect, check.fault, check.name, check.certain
         judged = (*horizontal, check.climb.fault, check.climb.height_fault, check.late.delay)
