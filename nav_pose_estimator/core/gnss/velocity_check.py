@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from nav_pose_estimator.core.gnss import climb_check, lateness, velocity_steps
 from nav_pose_estimator.core.gnss import velocity_mistakes as mistakes
 from nav_pose_estimator.core.gnss.climb_check import DOWN, ClimbCheck
 from nav_pose_estimator.core.gnss.lateness import Lateness
@@ -47,6 +48,8 @@ _HELD = 2  # steps that a mistake has to explain after the proof before it is un
 _SETTLED = 20  # informative steps in motion after which axes and units of the velocities are established
 _SAYS = 0.5  # least weight of a step that teaches anything
 _SCALE_LEAST, _SCALE_SURE = 0.03, 3.0  # of the way, and deviations, by which a scale has to differ from 1
+_STEP = 4
+"""Result of ``_compare`` besides those of ``climb_check``: a step has ended."""
 
 
 @dataclass(eq=False)
@@ -112,9 +115,12 @@ class VelocityCheck:
         """Add a velocity [m/s] valid at ``t`` [s], in the axes that the driver claims."""
         self._last = east, north, up
         self._filled = self._filled[0] or east != 0.0, self._filled[1] or north != 0.0
-        self._steps.velocity(t - self.late.delay, complex(east, north), up)
         self.climb.velocity(east, north, up)
-        self.late.velocity(t, complex(east, north))
+        steps, late = self._steps, self.late
+        velocity_steps.take_velocity(steps.state, steps.velocities, t - late.delay, east, north, up)
+        while not lateness.take_velocity(late.state, late.sums, t, east, north):
+            late.make_room()
+        late.evaluate(t)
 
     def fix(self, t: float, lat: float, lon: float, alt: float, sd: float = 0.0) -> None:
         """Add a position [rad, rad, m] valid at ``t`` [s] with the stated horizontal deviation ``sd`` [m].
@@ -128,14 +134,12 @@ class VelocityCheck:
             self._compare(*self._waiting.popleft())
 
     def _compare(self, t: float, lat: float, lon: float, alt: float, sd: float) -> None:
-        own = self._steps.own(t)
-        if own is None:
-            self.climb.interrupt()
-        else:
-            self.climb.height(t, alt, own[1], self._steps.variance)
-        step = self._steps.fix(t, lat, lon, sd, None if own is None else own[0])
-        if step is not None:
-            self._weigh(step)
+        steps, climb = self._steps, self.climb
+        found = _compare(steps.state, steps.velocities, climb.state, t, lat, lon, alt, sd, climb.baro)
+        if found:
+            climb.conclude(found, alt)
+            if found & _STEP:
+                self._weigh(steps.end(t, lat, lon))
 
     def _weigh(self, step: Step) -> None:
         """Update the odds of all hypotheses by a step."""
@@ -220,6 +224,21 @@ class VelocityCheck:
             east, north, _ = self._last
             return mistakes.SILENT, "repeats" if east and north else "East" if north else "North" if east else ""
         return (mistakes.TURNED, "body") if i == BODY else (mistakes.UNEXPLAINED, "")
+
+
+@kernel
+def _compare(steps, velocities, climb, t, lat, lon, alt, sd, baro):
+    """Compare a fix with its own velocity; returns what that has ended or shows. Arguments as in ``take_fix`` of
+    ``velocity_steps`` and ``take_height`` of ``climb_check``."""
+    own, found = velocity_steps.own_velocity(steps, velocities, t), 0
+    if own < 0:
+        climb_check.end(climb)
+    else:
+        variance = steps[velocity_steps.VARIANCE]
+        found = climb_check.take_height(climb, t, alt, velocities[own, 3], variance, baro)
+    if velocity_steps.take_fix(steps, velocities, own, t, lat, lon, sd):
+        found += _STEP
+    return found
 
 
 @kernel
