@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from nav_pose_estimator.core.earth.ellipsoid import step_enu
+from nav_pose_estimator.core.earth.ellipsoid import displacement
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
 from nav_pose_estimator.core.gnss import clock_offset
 from nav_pose_estimator.core.gnss.quality_gate import GateSettings, GnssGate, Notice
@@ -217,14 +217,13 @@ class Way:
     def __init__(self) -> None:
         self.place = 0j
         """East + i North [m]."""
-        self._last: tuple[float, float, float] | None = None  # latitude and longitude [rad], no height
+        self._last: tuple[float, float] | None = None  # latitude and longitude [rad]
 
     def add(self, lat: float, lon: float) -> None:
         """Add a fix at ``lat``, ``lon`` [rad]."""
-        here = lat, lon, 0.0
-        east, north, _ = step_enu(self._last or here, here).tolist()
+        before, self._last = self._last or (lat, lon), (lat, lon)
+        east, north, _ = displacement(*before, 0.0, lat, lon, 0.0)
         self.place += complex(east, north)
-        self._last = here
 
 
 class _Stay:
