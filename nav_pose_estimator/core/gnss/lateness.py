@@ -54,8 +54,11 @@ class Lateness:
             self._odds[:] = _PRIOR
 
     def make_room(self) -> None:
-        """Double the number of rows, for a receiver with a high rate."""
-        self.sums = np.concatenate([self.sums, np.empty_like(self.sums)])
+        """Make room for a velocity where all rows are in use: a receiver of a high rate needs more of them."""
+        if self.state[_END] == len(self.sums):
+            begin, kept = int(self.state[_BEGIN]), self.sums[int(self.state[_BEGIN]) :]
+            self.sums = np.concatenate([kept, np.empty((max(begin, len(kept)), 3))])
+            self.state[_BEGIN], self.state[_END] = 0.0, len(kept)
 
     def evaluate(self, t: float) -> None:
         """Evaluate the steps for which the velocities up to ``t`` [s] are sufficient."""
@@ -71,26 +74,18 @@ class Lateness:
 
 @kernel
 def take_velocity(state, sums, t, east, north):
-    """Add a velocity [m/s] valid at ``t`` [s] according to its stamp; False while ``sums`` has no room for it."""
+    """Add a velocity [m/s] valid at ``t`` [s] according to its stamp, for which ``sums`` has room."""
     begin, end = int(state[_BEGIN]), int(state[_END])
-    if end == len(sums) and begin > 0:
-        for i in range(begin, end):
-            sums[i - begin] = sums[i]
-        begin, end = 0, end - begin
-    state[_BEGIN], state[_END] = begin, end
-    if end == len(sums):
-        return False
     sums[end, 0], sums[end, 1], sums[end, 2] = t, 0.0, 0.0
     if end > begin:
         seconds = t - sums[end - 1, 0]
         if not seconds > 0.0:
-            return True
+            return
         sums[end, 1] = sums[end - 1, 1] + 0.5 * seconds * (state[_LAST] + east)
         sums[end, 2] = sums[end - 1, 2] + 0.5 * seconds * (state[_LAST + 1] + north)
     state[_LAST], state[_LAST + 1], state[_END] = east, north, end + 1
     while sums[int(state[_BEGIN]), 0] < t - _MEMORY:
         state[_BEGIN] += 1.0
-    return True
 
 
 @kernel

@@ -114,12 +114,12 @@ class VelocityCheck:
     def velocity(self, t: float, east: float, north: float, up: float) -> None:
         """Add a velocity [m/s] valid at ``t`` [s], in the axes that the driver claims."""
         self._last = east, north, up
-        self._filled = self._filled[0] or east != 0.0, self._filled[1] or north != 0.0
+        if not all(self._filled):
+            self._filled = self._filled[0] or east != 0.0, self._filled[1] or north != 0.0
         self.climb.velocity(east, north, up)
         steps, late = self._steps, self.late
-        velocity_steps.take_velocity(steps.state, steps.velocities, t - late.delay, east, north, up)
-        while not lateness.take_velocity(late.state, late.sums, t, east, north):
-            late.make_room()
+        late.make_room()
+        _hear(steps.state, steps.velocities, late.state, late.sums, t, late.delay, east, north, up)
         late.evaluate(t)
 
     def fix(self, t: float, lat: float, lon: float, alt: float, sd: float = 0.0) -> None:
@@ -224,6 +224,14 @@ class VelocityCheck:
             east, north, _ = self._last
             return mistakes.SILENT, "repeats" if east and north else "East" if north else "North" if east else ""
         return (mistakes.TURNED, "body") if i == BODY else (mistakes.UNEXPLAINED, "")
+
+
+@kernel
+def _hear(steps, velocities, late, sums, t, delay, east, north, up):
+    """Add a velocity valid at ``t`` [s], or ``delay`` [s] before that. Arguments as in ``take_velocity`` of
+    ``velocity_steps`` and of ``lateness``."""
+    velocity_steps.take_velocity(steps, velocities, t - delay, east, north, up)
+    lateness.take_velocity(late, sums, t, east, north)
 
 
 @kernel

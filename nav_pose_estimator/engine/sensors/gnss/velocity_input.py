@@ -12,7 +12,6 @@ from nav_pose_estimator.core.gnss.climb_check import DOWN
 from nav_pose_estimator.core.gnss.velocity_check import VelocityCheck
 from nav_pose_estimator.core.gnss.velocity_mistakes import UNIT
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.number_checks import is_within
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
 from nav_pose_estimator.engine.sensors.gnss.velocity_report import VelocityReport
 
@@ -128,18 +127,19 @@ class VelocityInput:
 
     def velocity(self, sample: GnssVelocity, t: float, fix_usable: bool) -> GnssVelocity | None:
         """The usable part of a velocity valid at ``t`` [s], corrected where necessary; None (and counted) without."""
-        same = sample.vel_enu == self._last and math.hypot(*sample.vel_enu[:2]) > _MOVING
+        east, north, up = sample.vel_enu
+        same = sample.vel_enu == self._last and math.hypot(east, north) > _MOVING
         self.repeats, self._last = self.repeats + 1 if same else 0, sample.vel_enu
-        self.is_zero = not any(sample.vel_enu)
-        if not is_within(sample.vel_enu[:2], _LARGEST_SPEED) or abs(sample.vel_enu[2]) > _LARGEST_SPEED:
+        self.is_zero = east == north == up == 0.0
+        if not (abs(east) <= _LARGEST_SPEED and abs(north) <= _LARGEST_SPEED) or abs(up) > _LARGEST_SPEED:
             self._journal.count("gnss.rejected.velocity_value")
             return None
         if not fix_usable:
             self._journal.count("gnss.rejected.velocity_without_fix")
             return None
         if self._learns:
-            self._check.velocity(t, *sample.vel_enu)
-        self._add_up(t, complex(*sample.vel_enu[:2]))
+            self._check.velocity(t, east, north, up)
+        self._add_up(t, complex(east, north))
         return self._believed(sample)
 
     def _add_up(self, t: float, velocity: complex) -> None:
