@@ -60,12 +60,14 @@ class Lateness:
             self.sums = np.concatenate([kept, np.empty((max(begin, len(kept)), 3))])
             self.state[_BEGIN], self.state[_END] = 0.0, len(kept)
 
-    def evaluate(self, t: float) -> None:
-        """Evaluate the steps for which the velocities up to ``t`` [s] are sufficient."""
+    def evaluate(self, t: float) -> bool:
+        """Evaluate the steps for which the velocities up to ``t`` [s] are sufficient; True where the delay changes."""
+        before = self.delay
         while self._waiting and self._waiting[0].end + DELAYS[-1] <= t:
             s = self._waiting.popleft()
             variance = s.floor**2 + (_SCALE * abs(s.way)) ** 2 + (_TIMING * min(s.turn, _TURNS)) ** 2
             self.delay = float(_weigh(self.state, self.sums, self._odds, self.delay, tuple(s[:3]), variance))
+        return self.delay != before
 
     def stretch(self, stretch: Step) -> None:
         """Add a step; it is evaluated when the velocities of the longest delay have arrived."""

@@ -64,6 +64,8 @@ class VelocityCheck:
     name: str = field(default="", init=False)
     suspect: bool = field(default=False, init=False)
     certain: bool = field(default=False, init=False)
+    is_new: bool = field(default=False, init=False)
+    """Whether the test has come to a conclusion; to be cleared by the caller."""
     misfit: float = field(default=0.0, init=False)
     """m/s: difference of integral and displacement in the last informative step."""
     sound_steps: int = field(default=0, init=False)
@@ -108,6 +110,7 @@ class VelocityCheck:
         self.climb.interrupt()
         self.late.interrupt()
         self._waiting.clear()
+        self.is_new = True
         if not self.fault:
             self.suspect, self._odds = False, np.full(COUNT, _PRIOR)
 
@@ -120,7 +123,7 @@ class VelocityCheck:
         steps, late = self._steps, self.late
         late.make_room()
         _hear(steps.state, steps.velocities, late.state, late.sums, t, late.delay, east, north, up)
-        late.evaluate(t)
+        self.is_new = late.evaluate(t) or self.is_new
 
     def fix(self, t: float, lat: float, lon: float, alt: float, sd: float = 0.0) -> None:
         """Add a position [rad, rad, m] valid at ``t`` [s] with the stated horizontal deviation ``sd`` [m].
@@ -137,6 +140,7 @@ class VelocityCheck:
         steps, climb = self._steps, self.climb
         found = _compare(steps.state, steps.velocities, climb.state, t, lat, lon, alt, sd, climb.baro)
         if found:
+            self.is_new = True
             climb.conclude(found, alt)
             if found & _STEP:
                 self._weigh(steps.end(t, lat, lon))

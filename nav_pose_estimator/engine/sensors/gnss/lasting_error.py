@@ -29,15 +29,15 @@ class LastingPosition:
     def __init__(self, gnss: GnssParameters) -> None:
         self.variance = position_sd(gnss) ** 2
         """(3,) [m^2]"""
-        self._stated = self.variance
+        self._stated = np.diag(self.variance)  # never written to
 
     def receive(self, stated: np.ndarray) -> None:
         """Note the covariance ``stated`` (3, 3) [m^2] of a fix, which is not below the floors."""
-        self._stated = stated.diagonal().copy()
+        self._stated = stated
 
     def second(self) -> None:
         """Follow the stated variance; called once a second, so that all data of a second see the same value."""
-        self.variance = self.variance + (self._stated - self.variance) / _FOLLOWING
+        self.variance = self.variance + (self._stated.diagonal() - self.variance) / _FOLLOWING
 
 
 def position_sd(gnss: GnssParameters) -> np.ndarray:
@@ -86,6 +86,15 @@ def white_velocity(R: np.ndarray, variance: np.ndarray, shown: NoiseIdentificati
     """``white_position`` for a velocity [(m/s)^2], with the ``variance`` (3,) of the parameters as ``lasting``."""
     white: np.ndarray = white_noise(R, _WHITE_VELOCITY**2 * shown.velocity.white, 1.0, variance, shown.gnss_variance)
     return white
+
+
+@kernel
+def floored(R, floor):
+    """A copy of ``R`` (3, 3) with at least the variances of ``floor`` (3, 3)."""
+    R = R.copy()
+    for i in range(3):
+        R[i, i] = max(R[i, i], floor[i, i])
+    return R
 
 
 @kernel

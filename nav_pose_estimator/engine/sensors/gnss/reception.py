@@ -111,10 +111,12 @@ class GnssReception:
             return self.refuse(sample.stamp_ns, "gnss.rejected.future", self._clocks(sample, t - now))
         if not self.enabled:
             return self.refuse(sample.stamp_ns, "gnss.rejected.disabled", "GNSS is switched off by the operator")
+        horizontal = vertical = None
         cov = None if sample.cov_enu is None else self._known(_horizontal(sample.alt, sample.cov_enu), "position")
-        sd = None if cov is None else np.sqrt(np.diag(cov))
-        horizontal = None if sd is None else float(max(sd[0], sd[1]))
-        vertical = None if sd is None or math.isnan(sample.alt) else float(sd[2])
+        if cov is not None:
+            east, north, up = cov.diagonal().tolist()
+            horizontal = math.sqrt(max(east, north))
+            vertical = None if math.isnan(sample.alt) else math.sqrt(up)
         verdict = self.gate.assess_fix(t, sample.status, horizontal, vertical, age=max(now - t, 0.0))
         self._aiding.fix_period = self.gate.period
         for notice in verdict.notices:
@@ -351,9 +353,7 @@ def _floored(cov: np.ndarray | None, floor: np.ndarray) -> np.ndarray:
     """``cov`` with at least the diagonal of ``floor`` (3, 3); the floor alone where the receiver states none."""
     if cov is None:
         return floor.copy()
-    R = np.array(cov, dtype=float)
-    for i in range(3):
-        R[i, i] = max(R[i, i], floor[i, i])
+    R: np.ndarray = lasting_error.floored(np.ascontiguousarray(cov, dtype=float), floor)
     return R
 
 

@@ -46,7 +46,6 @@ class VelocityInput:
         """Integral of the velocities, East + i North [m], from an arbitrary start."""
         self._before = (math.inf, 0j)
         self._place = (math.nan, math.nan)  # deg, of the last fix
-        self._judged: tuple[int | bool | str | float, ...] = ()  # what was known at the last fix
         self._learns = True
 
     def forget_time(self) -> None:
@@ -108,11 +107,9 @@ class VelocityInput:
         check, stamp_ns = self._check, sample.stamp_ns
         self._place = math.degrees(sample.lat), math.degrees(sample.lon)
         check.fix(t, sample.lat, sample.lon, sample.alt, sd)
-        horizontal = check.sound_steps, check.suspect, check.fault, check.name, check.certain
-        judged = (*horizontal, check.climb.fault, check.climb.height_fault, check.late.delay)
-        if judged == self._judged:  # nothing can be new
+        if not check.is_new:
             return
-        self._judged = judged
+        check.is_new = False
         is_withheld = self.doubted
         new = [is_withheld and not self._is_withheld]
         self._is_withheld = is_withheld
