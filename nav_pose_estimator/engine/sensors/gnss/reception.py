@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import pairwise
+from operator import sub
 
 import numpy as np
 
@@ -125,8 +125,7 @@ class GnssReception:
             late = verdict.reason == "gnss.rejected.age"
             why = self._clocks(sample, t - now) if late else _why(verdict.reason, self.gate.settings)
             return self.refuse(sample.stamp_ns, verdict.reason, why)
-        times = self._fix_times = sorted([*self._fix_times, t])[-_PERIOD_MEMORY:]
-        self.fix_period = min(max(min([b - a for a, b in pairwise(times)], default=1.0), 0.02), 5.0)
+        self._note_time(t)
         self._usable = True
         self._aiding.fix_offered = t
         self.way.add(sample.lat, sample.lon)
@@ -139,6 +138,18 @@ class GnssReception:
                 stated = max(horizontal or 0.0, self._parameters.position_sd)
                 self.scatter.fix(t, self.way.place - self.velocities.way, sample.alt, stated, sample.stamp_ns)
         return True
+
+    def _note_time(self, t: float) -> None:
+        """Update the period of fixes."""
+        times = self._fix_times
+        times.append(t)
+        if len(times) == 1:
+            return
+        if t < times[-2]:
+            times.sort()
+        if len(times) > _PERIOD_MEMORY:
+            del times[0]
+        self.fix_period = min(max(min(map(sub, times[1:], times)), 0.02), 5.0)
 
     def believed(self, sample: GnssFix) -> GnssFix:
         """A fix that has passed, without its height where that is known to be wrong."""
@@ -157,7 +168,7 @@ class GnssReception:
         cov = None if sample.cov_enu is None else self._known(_horizontal(sample.alt, sample.cov_enu))
         R = _floored(cov, self._position_floor)
         if self.rounding.is_on:
-            R[0, 0], R[1, 1] = R[0, 0] + self.rounding.sd[0] ** 2, R[1, 1] + self.rounding.sd[1] ** 2
+            R = R + np.diag([self.rounding.sd[0] ** 2, self.rounding.sd[1] ** 2, 0.0])
         shared = 1.0 + self._parameters.position_correlation / self.fix_period
         if in_filter and self.lasting is not None:
             self.lasting.receive(R)
@@ -350,10 +361,12 @@ def _horizontal(alt: float, cov: np.ndarray) -> np.ndarray:
 
 
 def _floored(cov: np.ndarray | None, floor: np.ndarray) -> np.ndarray:
-    """``cov`` with at least the diagonal of ``floor`` (3, 3); the floor alone where the receiver states none."""
+    """``cov`` with at least the diagonal of ``floor`` (3, 3), the floor itself where the receiver states none: never to
+    be written to."""
     if cov is None:
-        return floor.copy()
-    R: np.ndarray = lasting_error.floored(np.ascontiguousarray(cov, dtype=float), floor)
+        return floor
+    R = np.array(cov, dtype=float, order="C")
+    lasting_error.raise_to(floor, R)
     return R
 
 
