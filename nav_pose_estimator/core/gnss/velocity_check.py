@@ -151,7 +151,7 @@ class VelocityCheck:
         says = weight > _SAYS
         if says:
             self._similarity.learn(step)
-        is_sound, gains, explained = mistakes.odds_of(step, self._similarity)
+        is_sound, gains, explained = mistakes.odds_of(step, weight, self._similarity)
         if says:
             self._learn(step, is_sound)
         if abs(step.said) < step.floor and not self.fault:  # a velocity near zero is in no wrong axes or units

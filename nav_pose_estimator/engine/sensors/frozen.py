@@ -38,11 +38,11 @@ class Frozen:
     def __init__(self) -> None:
         self.state = np.array([math.nan, 0.0, 0.0, _PRIOR_REPEATS, _PRIOR_SAMPLES, math.nan, LIVE])
         """State of ``take_value``."""
-        self.verdict = LIVE
+        self.verdict: int = LIVE
 
     def note(self, t: float, value: float) -> None:
         """Add a ``value`` (height [m]) at ``t`` [s], in order of time."""
-        self.verdict = int(take_value(self.state, t, value))
+        self.verdict = take_value(self.state, t, value)
 
 
 @kernel

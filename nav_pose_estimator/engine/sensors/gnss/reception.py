@@ -8,7 +8,7 @@ from operator import sub
 
 import numpy as np
 
-from nav_pose_estimator.core.earth.ellipsoid import displacement
+from nav_pose_estimator.core.earth.ellipsoid import step_of
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
 from nav_pose_estimator.core.gnss import clock_offset
 from nav_pose_estimator.core.gnss.quality_gate import GateSettings, GnssGate, Notice
@@ -248,7 +248,7 @@ class Way:
     def add(self, lat: float, lon: float) -> None:
         """Add a fix at ``lat``, ``lon`` [rad]."""
         before, self._last = self._last or (lat, lon), (lat, lon)
-        east, north, _ = displacement(*before, 0.0, lat, lon, 0.0)
+        east, north, _ = step_of(*before, 0.0, lat, lon, 0.0)
         self.place += complex(east, north)
 
 
