@@ -125,7 +125,7 @@ class GnssReception:
             late = verdict.reason == "gnss.rejected.age"
             why = self._clocks(sample, t - now) if late else _why(verdict.reason, self.gate.settings)
             return self.refuse(sample.stamp_ns, verdict.reason, why)
-        self._note_time(t)
+        self.fix_period = _period_with(self._fix_times, t)
         self._usable = True
         self._aiding.fix_offered = t
         self.way.add(sample.lat, sample.lon)
@@ -138,18 +138,6 @@ class GnssReception:
                 stated = max(horizontal or 0.0, self._parameters.position_sd)
                 self.scatter.fix(t, self.way.place - self.velocities.way, sample.alt, stated, sample.stamp_ns)
         return True
-
-    def _note_time(self, t: float) -> None:
-        """Update the period of fixes."""
-        times = self._fix_times
-        times.append(t)
-        if len(times) == 1:
-            return
-        if t < times[-2]:
-            times.sort()
-        if len(times) > _PERIOD_MEMORY:
-            del times[0]
-        self.fix_period = min(max(min(map(sub, times[1:], times)), 0.02), 5.0)
 
     def believed(self, sample: GnssFix) -> GnssFix:
         """A fix that has passed, without its height where that is known to be wrong."""
@@ -368,6 +356,18 @@ def _floored(cov: np.ndarray | None, floor: np.ndarray) -> np.ndarray:
     R = np.array(cov, dtype=float, order="C")
     lasting_error.raise_to(floor, R)
     return R
+
+
+def _period_with(times: list[float], t: float) -> float:
+    """Time between fixes [s] at the last few ``times`` [s], to which that of another fix ``t`` is added."""
+    times.append(t)
+    if len(times) == 1:
+        return 1.0
+    if t < times[-2]:
+        times.sort()
+    if len(times) > _PERIOD_MEMORY:
+        del times[0]
+    return min(max(min(map(sub, times[1:], times)), 0.02), 5.0)
 
 
 def _gate_settings(parameters: GnssParameters) -> GateSettings:
