@@ -16,7 +16,7 @@ def is_covariance(cov: np.ndarray, size: int) -> bool:
     numbers = cov.ravel().tolist()
     variances = numbers[:: size + 1]
     del numbers[:: size + 1]
-    if not any(numbers) and all([0.0 <= variance <= _LARGEST for variance in variances]):
+    if not any(numbers) and all(0.0 <= variance <= _LARGEST for variance in variances):
         return True  # diagonal, as from most drivers
     if not np.isfinite(cov).all() or np.abs(cov).max() > _LARGEST:
         return False

@@ -30,8 +30,10 @@ _LIKE = 0.25  # relative tolerance of a ratio that identifies a unit
 
 SILENT, DOWN, OTHER = "silent", "down", "other"
 """Faults of a vertical velocity: not filled in; positive down; wrong in another way according to the barometer."""
-_NEITHER = "?"
 _HEIGHT = "height"
+_VERDICTS = "", SILENT, DOWN, OTHER, "?", _HEIGHT
+"""Results of a climb: height and velocity agree, or the fault that explains it."""
+_IS_SOUND, _IS_SILENT, _IS_DOWN, _IS_OTHER, _IS_UNCLEAR, _IS_HEIGHT = range(len(_VERDICTS))
 _UNITS = {"in feet": 3.281, "in cm": 100.0, "in mm": 1000.0, "positive down": -1.0}
 """Value of 1 m in that unit."""
 
@@ -40,8 +42,8 @@ _UNITS = {"in feet": 3.281, "in cm": 100.0, "in mm": 1000.0, "positive down": -1
 _T, _UP, _ALT = 0, 1, 2  # s, m/s, m: last height; the time is NaN while there is no climb
 _BEGIN, _START, _BARO_START = 3, 4, 5  # s, m, m: its begin, by heights and by the barometer (NaN without one)
 _SUMMED = 6  # m: integral of the vertical velocities
-_GAINED, _RISEN, _BY_BARO, _SCATTER = 7, 8, 9, 10  # m: by heights, velocities and barometer, tolerance: a climb's end
-_SIZE = 11
+_VERDICT, _RATIO = 7, 8  # last climb that has ended: index in ``_VERDICTS``, gain of height over that by the barometer
+_SIZE = 9
 ENDED, FAR = 1, 2
 """Results of ``take_height``, to be added: a climb has ended; the height is far from the barometer's."""
 
@@ -94,24 +96,12 @@ class ClimbCheck:
         if found & FAR and (unit := _unit(alt / self.baro)):
             self.height_fault = unit
         if found & ENDED:
-            self._note(self._verdict(*self.state[_GAINED:].tolist()))
+            verdict, ratio = self.state[_VERDICT:].tolist()
+            self._note(_VERDICTS[int(verdict)], ratio)
 
-    def _verdict(self, gained: float, summed: float, by_baro: float, scatter: float) -> str:
-        """Result of a climb: empty where height and velocity agree, else the fault that explains it, or "?"."""
-        if _agree(gained, summed, scatter):
-            return ""
-        if math.isfinite(by_baro) and not _agree(gained, by_baro, scatter):
-            if not _agree(summed, by_baro, scatter):
-                return _NEITHER
-            self._unit = _unit(gained / by_baro) or "in another unit, or stuck"
-            return _HEIGHT
-        if _agree(gained, -summed, scatter):
-            return DOWN
-        if abs(summed) < 0.1 * abs(gained):
-            return SILENT
-        return OTHER if math.isfinite(by_baro) and abs(gained) > 0.6 * _CLIMB else _NEITHER
-
-    def _note(self, verdict: str) -> None:
+    def _note(self, verdict: str, ratio: float) -> None:
+        if verdict == _HEIGHT:
+            self._unit = _unit(ratio) or "in another unit, or stuck"
         self._verdicts = (*self._verdicts, verdict)[-_CURE:]
         self.suspect = verdict in (SILENT, DOWN, OTHER)
         last = self._verdicts[-_PROOF:]
@@ -150,7 +140,8 @@ def take_height(state, t, alt, up, variance, baro):
     undecided = abs(gained - summed) > scatter and max(abs(gained), abs(summed)) < 2.0 * _CLIMB
     if undecided and _agree(gained, summed, scatter):
         return found  # a longer climb decides
-    state[_GAINED], state[_RISEN], state[_BY_BARO], state[_SCATTER] = gained, summed, by_baro, scatter
+    state[_VERDICT] = _verdict(gained, summed, by_baro, scatter)
+    state[_RATIO] = gained / by_baro if by_baro != 0.0 else math.inf
     _begin(state, t, alt, up, baro)
     return found + ENDED
 
@@ -167,6 +158,20 @@ def _begin(state, t, alt, up, baro):
     state[_T], state[_UP], state[_ALT] = t, up, alt
     state[_BEGIN], state[_START], state[_BARO_START] = t, alt, baro
     state[_SUMMED] = 0.0
+
+
+@kernel
+def _verdict(gained, summed, by_baro, scatter):
+    """Result of a climb, as an index in ``_VERDICTS``."""
+    if _agree(gained, summed, scatter):
+        return _IS_SOUND
+    if math.isfinite(by_baro) and not _agree(gained, by_baro, scatter):
+        return _IS_HEIGHT if _agree(summed, by_baro, scatter) else _IS_UNCLEAR
+    if _agree(gained, -summed, scatter):
+        return _IS_DOWN
+    if abs(summed) < 0.1 * abs(gained):
+        return _IS_SILENT
+    return _IS_OTHER if math.isfinite(by_baro) and abs(gained) > 0.6 * _CLIMB else _IS_UNCLEAR
 
 
 @kernel
