@@ -281,7 +281,7 @@ class _Repeats:
 
 
 @kernel
-def _take_place(state, height, t, place, others):
+def _take_place(state, frozen, t, place, others):
     """``_Repeats.note``; ``others``: way by velocities [m], East and North, pressure altitude [m], whether the velocity
     is zero, and how often it has been repeated. Returns also ``is_new`` and the verdict on the height."""
     way_east, way_north, altitude, is_zero, repeated = others
@@ -298,7 +298,7 @@ def _take_place(state, height, t, place, others):
         state[_HEIGHT] += math.copysign(min(abs(climbed), _WEATHER * (t - state[_T])), climbed)
     state[_T] = t
     if not repeats and not math.isnan(place[2]) and t > state[_HEIGHT_T]:
-        _take_height(state, height, t, place[2])
+        _take_height(state, frozen, t, place[2])
     stayed_for = 0.0
     if state[_STAYS] >= _STUCK:
         held = is_zero and abs(climbed) > _CLIMBED
