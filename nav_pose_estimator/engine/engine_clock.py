@@ -32,10 +32,10 @@ class EngineClock:
     def time_of(self, stamp_ns: int, family: str, journal: Journal) -> float | None:
         """Engine time of a stamp; None (and counted) before the first IMU sample or without a stamp."""
         if not self.running:
-            journal.count(f"{family}.before_imu")
+            journal.count(f"{family}.rejected.before_imu")
             return None
         if stamp_ns <= 0:
-            journal.say(stamp_ns, f"{family}.zero_stamp", Level.WARN, "a message came without a time stamp")
+            journal.say(stamp_ns, f"{family}.rejected.zero_stamp", Level.WARN, "a message came without a time stamp")
             return None
         return (stamp_ns - self.zero_ns) * NS
 

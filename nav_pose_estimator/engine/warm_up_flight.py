@@ -76,7 +76,7 @@ def _at_rest(step: int) -> list[Sample]:
         samples += [
             SatelliteCount(stamp, 30),
             GnssVelocity(stamp, (0.0, 0.0, 0.0)),
-            GnssFix(stamp, math.radians(45.0), 0.0, 0.0),
+            GnssFix(stamp, math.radians(45.0), 0.0, 0.0, cov_enu=np.eye(3)),
             MagSample(stamp, (0.0, 2e-5, -4e-5)),
             PressureSample(stamp, 101_325.0),
             BodyVelocity(stamp, (0.0, 0.0, 0.0)),

@@ -7,7 +7,7 @@ import pytest
 
 from nav_pose_estimator.core.gnss.velocity_check import VelocityCheck
 from nav_pose_estimator.core.gnss.velocity_mistakes import NED, TURNED
-from nav_pose_estimator.core.gnss.velocity_steps import StepMaker
+from nav_pose_estimator.core.gnss.velocity_steps import StepMaker, own_velocity, take_fix, take_velocity
 
 EARTH, LAT = 6.371e6, 0.8
 PERIOD = 0.2  # s
@@ -92,8 +92,10 @@ def test_a_sum_over_sparse_velocities_says_nothing_of_clocks(period: float, dens
     """Between them the vehicle may have bent its way: no clock is to be blamed for that."""
     maker, steps = StepMaker(), []
     for k in range(30):
-        east = 0.15 + k * period * 8.0 / (6.371e6 * math.cos(0.8))
-        steps.append(maker.fix(k * period, 0.8, east, 1.0, complex(8.0, 0.0)))
-    found = [step for step in steps if step is not None]
-    assert found
-    assert all(step.dense is dense for step in found)
+        t, east = k * period, 0.15 + k * period * 8.0 / (6.371e6 * math.cos(0.8))
+        take_velocity(maker.state, maker.velocities, t, 8.0, 0.0, 0.0)
+        own = own_velocity(maker.state, maker.velocities, t)
+        if take_fix(maker.state, maker.velocities, own, t, 0.8, east, 1.0):
+            steps.append(maker.end(t, 0.8, east))
+    assert steps
+    assert all(step.dense is dense for step in steps)

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from nav_pose_estimator.core.gnss.climb_check import DOWN, OTHER, SILENT, ClimbCheck
+from nav_pose_estimator.core.gnss.climb_check import DOWN, OTHER, SILENT, ClimbCheck, take_height
 from nav_pose_estimator.core.gnss.velocity_check import VelocityCheck
 from nav_pose_estimator.core.gnss.velocity_mistakes import LINEAR, UNIT
 
@@ -83,7 +83,7 @@ def climb(check: ClimbCheck, alt: float, up: float, baro: float | None) -> Climb
         height = 15.0 - abs(t % 20.0 - 10.0) * 1.5
         check.baro = math.nan if baro is None else 400.0 + baro * height
         check.velocity(1.0, 1.0, up * rate)
-        check.height(t, alt * height, up * rate, 0.0)
+        check.conclude(take_height(check.state, t, alt * height, up * rate, 0.0, check.baro), alt * height)
     return check
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nav_pose_estimator.engine.sensors.frozen import Frozen
+from nav_pose_estimator.engine.sensors.frozen import FROZEN, LIVE, SUSPECT, Frozen
 
 PERIOD = 0.1  # s
 
@@ -19,7 +19,7 @@ def told(values: np.ndarray, start: float = 0.0, frozen: Frozen | None = None) -
     frozen, verdicts = frozen or Frozen(), []
     for k, value in enumerate(values.tolist()):
         frozen.note(start + PERIOD * k, value)
-        verdicts.append(frozen.is_frozen)
+        verdicts.append(frozen.verdict == FROZEN)
     return frozen, verdicts
 
 
@@ -37,8 +37,7 @@ def test_a_frozen_one_is_found_and_forgiven(repeat: int, within: float) -> None:
     frozen, verdicts = told(np.full(200, sound[-1]), PERIOD * len(sound), frozen)
     assert verdicts.index(True) * PERIOD < within
     frozen.note(1e4, sound[-1] + 0.02)
-    assert not frozen.is_frozen
-    assert not frozen.is_suspect
+    assert frozen.verdict == LIVE
 
 
 def test_a_value_that_repeats_is_suspected_at_once() -> None:
@@ -46,8 +45,7 @@ def test_a_value_that_repeats_is_suspected_at_once() -> None:
     sound = heights(0.02, 0.2, 0.0)
     frozen, _ = told(sound)
     told(np.full(5, sound[-1]), PERIOD * len(sound), frozen)
-    assert frozen.is_suspect
-    assert not frozen.is_frozen
+    assert frozen.verdict == SUSPECT
 
 
 def test_nothing_is_said_of_a_sensor_that_was_never_seen_to_change() -> None:

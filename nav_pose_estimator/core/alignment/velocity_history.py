@@ -21,13 +21,9 @@ class VelocityHistory:
 
     def add(self, t: float, east: float, north: float, up: float) -> None:
         """Add a velocity [m/s] valid at ``t`` [s]; it is ignored unless it is later than the last one."""
-        count = self._count
-        if count and not t > self._rows[count - 1, 0]:
-            return
-        if count == len(self._rows):
+        if self._count == len(self._rows) and t > self._rows[-1, 0]:
             self._drop(1)
-        self._rows[self._count] = t, east, north, up
-        self._count += 1
+        self._count = _added(self._rows, self._count, t, east, north, up)
 
     def forget_before(self, t: float) -> None:
         """Drop velocities up to ``t`` [s]."""
@@ -50,6 +46,15 @@ class VelocityHistory:
         """
         out = np.empty((len(ends), seconds, 3))
         return out if _changes(self._rows, self._count, ends, gravity, out) else None
+
+
+@kernel
+def _added(rows, count, t, east, north, up):
+    """Append a velocity, if it is later than the last one, to the first ``count`` of ``rows``; returns their number."""
+    if count > 0 and not t > rows[count - 1, 0]:
+        return count
+    rows[count, 0], rows[count, 1], rows[count, 2], rows[count, 3] = t, east, north, up
+    return count + 1
 
 
 @kernel

@@ -2,7 +2,7 @@
 
 Over a climb the integral of the vertical velocities must equal the change of height. A barometer, where there is one,
 shows which of them is wrong: the velocity (not filled in, positive down) or the height (in another unit, positive
-down). Pure Python, without a clock: time comes with the samples, in seconds since the engine's epoch.
+down). Without a clock: time comes with the samples, in seconds since the engine's epoch.
 """
 
 from __future__ import annotations
@@ -10,9 +10,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
+from nav_pose_estimator.core.numerics.jit import kernel
+
 _PAUSE = 6.0  # s: longest pause over which velocities are integrated
 _LONGEST = 20.0  # s: longest climb, so that velocity biases of 0.1 m/s do not matter
-_SCATTER = 2.0  # m: smallest tolerance of a difference of heights
+_SCATTER_LEAST = 2.0  # m: smallest tolerance of a difference of heights
 _SHARE = 0.3  # relative tolerance of a climb
 _STEEPEST = 60.0  # m/s: faster changes of the height are jumps
 _CLIMB = 6.0  # m: smallest climb that is evaluated
@@ -25,21 +30,22 @@ _LIKE = 0.25  # relative tolerance of a ratio that identifies a unit
 
 SILENT, DOWN, OTHER = "silent", "down", "other"
 """Faults of a vertical velocity: not filled in; positive down; wrong in another way according to the barometer."""
-_NEITHER = "?"
 _HEIGHT = "height"
+_VERDICTS = "", SILENT, DOWN, OTHER, "?", _HEIGHT
+"""Results of a climb: height and velocity agree, or the fault that explains it."""
+_IS_SOUND, _IS_SILENT, _IS_DOWN, _IS_OTHER, _IS_UNCLEAR, _IS_HEIGHT = range(len(_VERDICTS))
 _UNITS = {"in feet": 3.281, "in cm": 100.0, "in mm": 1000.0, "positive down": -1.0}
 """Value of 1 m in that unit."""
 
 
-@dataclass
-class _Climb:
-    t: float
-    up: float
-    alt: float  # m
-    start: float  # m
-    baro_start: float  # m, NaN without one
-    begin: float  # s
-    summed: float = 0.0
+# --- the state of the climb in progress: index of each quantity ------------------------------------------------------
+_T, _UP, _ALT = 0, 1, 2  # s, m/s, m: last height; the time is NaN while there is no climb
+_BEGIN, _START, _BARO_START = 3, 4, 5  # s, m, m: its begin, by heights and by the barometer (NaN without one)
+_SUMMED = 6  # m: integral of the vertical velocities
+_VERDICT, _RATIO = 7, 8  # last climb that has ended: index in ``_VERDICTS``, gain of height over that by the barometer
+_SIZE = 9
+ENDED, FAR = 1, 2
+"""Results of ``take_height``, to be added: a climb has ended; the height is far from the barometer's."""
 
 
 @dataclass(eq=False)
@@ -56,7 +62,8 @@ class ClimbCheck:
     baro: float = field(default=math.nan, init=False)
     """To be set by the caller: pressure altitude [m] of the barometer."""
     _zeros: float = field(default=0.0, init=False)
-    _climb: _Climb | None = field(default=None, init=False)
+    state: NDArray[np.float64] = field(default_factory=lambda: np.full(_SIZE, math.nan), init=False)
+    """State of ``take_height``."""
     _verdicts: tuple[str, ...] = field(default=(), init=False)
     _unit: str = field(default="", init=False)  # that the last wrong height looked like
 
@@ -72,7 +79,7 @@ class ClimbCheck:
 
     def interrupt(self) -> None:
         """End the climb: the next samples do not follow the last ones."""
-        self._climb = None
+        end(self.state)
 
     def velocity(self, east: float, north: float, up: float) -> None:
         """Add a velocity [m/s] as received."""
@@ -84,55 +91,17 @@ class ClimbCheck:
             self._zeros += 1
             self.suspect = self.suspect or self._zeros >= _UNFILLED
 
-    def height(self, t: float, alt: float, up: float, variance: float) -> None:
-        """Add a height [m] at ``t`` [s] with the vertical velocity [m/s] of its epoch; ``variance`` [m^2] of a fix."""
-        if self.baro > _HIGH:
-            self._look_at(alt)
-        climb = self._climb
-        if not math.isfinite(alt + up):
-            self._climb = None
-            return
-        if climb is None or t - climb.t > _PAUSE or t - climb.begin > _LONGEST:
-            self._climb = _Climb(t, up, alt, alt, self.baro, t)
-            return
-        if abs(alt - climb.alt) > _STEEPEST * (t - climb.t) + _SCATTER:
-            self._climb = _Climb(t, up, alt, alt, self.baro, t)  # heights that jump are not used
-            return
-        climb.summed += 0.5 * (t - climb.t) * (climb.up + up)
-        climb.t, climb.up, climb.alt = t, up, alt
-        gained = alt - climb.start
-        scatter = max(_SCATTER, 8.0 * math.sqrt(variance))  # heights scatter twice as much
-        if max(min(abs(gained), abs(self.baro - climb.baro_start)), abs(climb.summed)) < max(
-            _CLIMB, _CLIMB_TO_SCATTER * scatter
-        ):
-            return
-        undecided = abs(gained - climb.summed) > scatter and max(abs(gained), abs(climb.summed)) < 2.0 * _CLIMB
-        if undecided and _agree(gained, climb.summed, scatter):
-            return  # a longer climb decides
-        self._climb = _Climb(t, up, alt, alt, self.baro, t)
-        self._conclude(self._verdict(gained, climb.summed, self.baro - climb.baro_start, scatter))
-
-    def _look_at(self, alt: float) -> None:
-        """Identify the unit of a height that is far from the barometer's."""
-        if abs(alt - self.baro) > _NO_WEATHER and (unit := _unit(alt / self.baro)):
+    def conclude(self, found: int, alt: float) -> None:
+        """Conclude from what ``take_height`` has ``found`` with a height ``alt`` [m]."""
+        if found & FAR and (unit := _unit(alt / self.baro)):
             self.height_fault = unit
+        if found & ENDED:
+            verdict, ratio = self.state[_VERDICT:].tolist()
+            self._note(_VERDICTS[int(verdict)], ratio)
 
-    def _verdict(self, gained: float, summed: float, by_baro: float, scatter: float) -> str:
-        """Result of a climb: empty where height and velocity agree, else the fault that explains it, or "?"."""
-        if _agree(gained, summed, scatter):
-            return ""
-        if math.isfinite(by_baro) and not _agree(gained, by_baro, scatter):
-            if not _agree(summed, by_baro, scatter):
-                return _NEITHER
-            self._unit = _unit(gained / by_baro) or "in another unit, or stuck"
-            return _HEIGHT
-        if _agree(gained, -summed, scatter):
-            return DOWN
-        if abs(summed) < 0.1 * abs(gained):
-            return SILENT
-        return OTHER if math.isfinite(by_baro) and abs(gained) > 0.6 * _CLIMB else _NEITHER
-
-    def _conclude(self, verdict: str) -> None:
+    def _note(self, verdict: str, ratio: float) -> None:
+        if verdict == _HEIGHT:
+            self._unit = _unit(ratio) or "in another unit, or stuck"
         self._verdicts = (*self._verdicts, verdict)[-_CURE:]
         self.suspect = verdict in (SILENT, DOWN, OTHER)
         last = self._verdicts[-_PROOF:]
@@ -146,7 +115,68 @@ class ClimbCheck:
             self.fault = self.height_fault = ""
 
 
-def _agree(a: float, b: float, scatter: float) -> bool:
+@kernel
+def take_height(state, t, alt, up, variance, baro):
+    """Add a height [m] at ``t`` [s] with the vertical velocity [m/s] of its epoch; returns what it shows.
+
+    ``variance`` [m^2] of a fix; ``baro`` [m]: pressure altitude, NaN without a barometer.
+    """
+    found = FAR if baro > _HIGH and abs(alt - baro) > _NO_WEATHER else 0
+    if not math.isfinite(alt + up):
+        end(state)
+        return found
+    seconds = t - state[_T]
+    follows = seconds <= _PAUSE and t - state[_BEGIN] <= _LONGEST
+    if not follows or abs(alt - state[_ALT]) > _STEEPEST * seconds + _SCATTER_LEAST:  # heights that jump are not used
+        _begin(state, t, alt, up, baro)
+        return found
+    state[_SUMMED] += 0.5 * seconds * (state[_UP] + up)
+    state[_T], state[_UP], state[_ALT] = t, up, alt
+    gained, summed, by_baro = alt - state[_START], state[_SUMMED], baro - state[_BARO_START]
+    scatter = max(_SCATTER_LEAST, 8.0 * math.sqrt(variance))  # heights scatter twice as much
+    climbed = max(min(abs(gained), abs(by_baro)), abs(summed))
+    if climbed < max(_CLIMB, _CLIMB_TO_SCATTER * scatter):
+        return found
+    undecided = abs(gained - summed) > scatter and max(abs(gained), abs(summed)) < 2.0 * _CLIMB
+    if undecided and _agree(gained, summed, scatter):
+        return found  # a longer climb decides
+    state[_VERDICT] = _verdict(gained, summed, by_baro, scatter)
+    state[_RATIO] = gained / by_baro if by_baro != 0.0 else math.inf
+    _begin(state, t, alt, up, baro)
+    return found + ENDED
+
+
+@kernel
+def end(state):
+    """End the climb."""
+    state[_T] = math.nan
+
+
+@kernel
+def _begin(state, t, alt, up, baro):
+    """Begin a climb."""
+    state[_T], state[_UP], state[_ALT] = t, up, alt
+    state[_BEGIN], state[_START], state[_BARO_START] = t, alt, baro
+    state[_SUMMED] = 0.0
+
+
+@kernel
+def _verdict(gained, summed, by_baro, scatter):
+    """Result of a climb, as an index in ``_VERDICTS``."""
+    if _agree(gained, summed, scatter):
+        return _IS_SOUND
+    if math.isfinite(by_baro) and not _agree(gained, by_baro, scatter):
+        return _IS_HEIGHT if _agree(summed, by_baro, scatter) else _IS_UNCLEAR
+    if _agree(gained, -summed, scatter):
+        return _IS_DOWN
+    if abs(summed) < 0.1 * abs(gained):
+        return _IS_SILENT
+    return _IS_OTHER if math.isfinite(by_baro) and abs(gained) > 0.6 * _CLIMB else _IS_UNCLEAR
+
+
+@kernel
+def _agree(a, b, scatter):
+    """Whether two climbs [m] agree."""
     return abs(a - b) <= scatter + _SHARE * max(abs(a), abs(b))
 
 

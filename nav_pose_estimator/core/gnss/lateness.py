@@ -6,11 +6,15 @@ tau. Without acceleration there is no difference. Sequential probability ratio t
 
 from __future__ import annotations
 
-from bisect import bisect_left
+import math
 from collections import deque
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from nav_pose_estimator.core.gnss.velocity_steps import Step
+from nav_pose_estimator.core.numerics.jit import kernel
 
 DELAYS = (0.5, 0.75, 1.0, 1.5, 2.0)  # s: candidate delays
 _MEMORY = 16.0  # s of integrated velocities that are kept
@@ -21,6 +25,13 @@ _EXPLAINED = 5.0  # largest squared normalised residual with which a step may ra
 _TIMING = 0.15  # s: uncertainty of a delay, half of the distance to the next candidate
 _TURNS = 6.0  # m/s: limit of the change of velocity within a step; more is noise
 _SCALE = 0.05  # standard deviation of the displacement relative to it
+_ROWS = 256  # rows of integrated velocities at first, enough for 10 Hz
+_MISSING = -1.0  # in place of a squared residual
+
+# --- the state of the integrated velocities: index of each quantity, with its size if that is not 1 -------------------
+_BEGIN, _END = 0, 1  # first row in use, and the one behind the last
+_LAST = 2  # (2) m/s: last velocity, East and North
+_SIZE = 4
 
 
 @dataclass(eq=False)
@@ -28,70 +39,98 @@ class Lateness:
     """The test. It receives every velocity and every step; ``delay`` [s] is the established delay, 0 without one."""
 
     delay: float = field(default=0.0, init=False)
-    _times: list[float] = field(default_factory=list, init=False)
-    _sums: list[complex] = field(default_factory=list, init=False)  # m: integral of the velocities up to each time
-    _last: complex = field(default=0j, init=False)  # m/s: last velocity
+    state: NDArray[np.float64] = field(default_factory=lambda: np.zeros(_SIZE), init=False)
+    """State of ``take_velocity``."""
+    sums: NDArray[np.float64] = field(default_factory=lambda: np.empty((_ROWS, 3)), init=False)
+    """Its rows: time [s] and integral of the velocities up to then [m], East and North."""
     _waiting: deque[Step] = field(default_factory=deque, init=False)
-    _odds: list[float] = field(default_factory=lambda: [_PRIOR] * len(DELAYS), init=False)
+    _odds: NDArray[np.float64] = field(default_factory=lambda: np.full(len(DELAYS), _PRIOR), init=False)
 
     def interrupt(self) -> None:
         """Drop all samples, because the next ones do not follow them; an established delay is kept."""
-        self._times.clear()
-        self._sums.clear()
+        self.state[:] = 0.0
         self._waiting.clear()
         if not self.delay:
-            self._odds = [_PRIOR] * len(DELAYS)
+            self._odds[:] = _PRIOR
 
-    def velocity(self, t: float, velocity: complex) -> None:
-        """Add a velocity valid at ``t`` [s] according to its stamp."""
-        total = 0j
-        if self._times:
-            before = self._times[-1]
-            if not before < t:
-                return
-            total = self._sums[-1] + 0.5 * (t - before) * (self._last + velocity)
-        self._times.append(t)
-        self._sums.append(total)
-        self._last = velocity
-        while self._times[0] < t - _MEMORY:
-            del self._times[0], self._sums[0]
+    def make_room(self) -> None:
+        """Make room for a velocity where all rows are in use: a receiver of a high rate needs more of them."""
+        if self.state[_END] == len(self.sums):
+            begin, kept = int(self.state[_BEGIN]), self.sums[int(self.state[_BEGIN]) :]
+            self.sums = np.concatenate([kept, np.empty((max(begin, len(kept)), 3))])
+            self.state[_BEGIN], self.state[_END] = 0.0, len(kept)
+
+    def evaluate(self, t: float) -> bool:
+        """Evaluate the steps for which the velocities up to ``t`` [s] are sufficient; True where the delay changes."""
+        before = self.delay
         while self._waiting and self._waiting[0].end + DELAYS[-1] <= t:
-            self._weigh(self._waiting.popleft())
+            s = self._waiting.popleft()
+            variance = s.floor**2 + (_SCALE * abs(s.way)) ** 2 + (_TIMING * min(s.turn, _TURNS)) ** 2
+            self.delay = float(_weigh(self.state, self.sums, self._odds, self.delay, tuple(s[:3]), variance))
+        return self.delay != before
 
     def stretch(self, stretch: Step) -> None:
         """Add a step; it is evaluated when the velocities of the longest delay have arrived."""
         self._waiting.append(stretch)
 
-    def _weigh(self, s: Step) -> None:
-        variance = s.floor**2 + (_SCALE * abs(s.way)) ** 2 + (_TIMING * min(s.turn, _TURNS)) ** 2
-        own = self._square(s, 0.0, variance)
-        if own is None:
+
+@kernel
+def take_velocity(state, sums, t, east, north):
+    """Add a velocity [m/s] valid at ``t`` [s] according to its stamp, for which ``sums`` has room."""
+    begin, end = int(state[_BEGIN]), int(state[_END])
+    sums[end, 0], sums[end, 1], sums[end, 2] = t, 0.0, 0.0
+    if end > begin:
+        seconds = t - sums[end - 1, 0]
+        if not seconds > 0.0:
             return
-        for i, delay in enumerate(DELAYS):
-            late = self._square(s, delay, variance)
-            if late is not None:
-                self._odds[i] += own - late if late < _EXPLAINED else min(own - late, 0.0)
-        beyond = max(max(self._odds) - _MOST, 0.0)
-        self._odds = [max(odds - beyond, _PRIOR) for odds in self._odds]
-        largest = max(self._odds)
-        if largest > _PROVED:
-            self.delay = DELAYS[self._odds.index(largest)]
-        elif largest < _CLEARED:
-            self.delay = 0.0
+        sums[end, 1] = sums[end - 1, 1] + 0.5 * seconds * (state[_LAST] + east)
+        sums[end, 2] = sums[end - 1, 2] + 0.5 * seconds * (state[_LAST + 1] + north)
+    state[_LAST], state[_LAST + 1], state[_END] = east, north, end + 1
+    while sums[int(state[_BEGIN]), 0] < t - _MEMORY:
+        state[_BEGIN] += 1.0
 
-    def _square(self, s: Step, delay: float, variance: float) -> float | None:
-        """Squared normalised residual of a step for ``delay`` [s]; None where its velocities are missing."""
-        begin, end = self._sum_at(s.begin + delay), self._sum_at(s.end + delay)
-        if begin is None or end is None:
-            return None
-        return min(abs(s.way - (end - begin)) ** 2 / variance, _WORST)
 
-    def _sum_at(self, t: float) -> complex | None:
-        times, sums = self._times, self._sums
-        after = bisect_left(times, t)
-        if after == len(times):
-            return None
-        if after == 0:
-            return sums[0] if times[0] == t else None
-        t0, t1, s0, s1 = times[after - 1], times[after], sums[after - 1], sums[after]
-        return s0 + (s1 - s0) * (t - t0) / (t1 - t0)
+@kernel
+def _weigh(state, sums, odds, delay, step, variance):
+    """Add the evidence of a ``step`` (begin, end, way) to the ``odds`` of all delays; returns the established delay."""
+    own = _square(state, sums, step, 0.0, variance)
+    if own == _MISSING:
+        return delay
+    best = 0
+    for i in range(len(DELAYS)):
+        late = _square(state, sums, step, DELAYS[i], variance)
+        if late != _MISSING:
+            odds[i] += own - late if late < _EXPLAINED else min(own - late, 0.0)
+        best = i if odds[i] > odds[best] else best
+    beyond = max(odds[best] - _MOST, 0.0)
+    for i in range(len(DELAYS)):
+        odds[i] = max(odds[i] - beyond, _PRIOR)
+    if odds[best] > _PROVED:
+        return DELAYS[best]
+    return 0.0 if odds[best] < _CLEARED else delay
+
+
+@kernel
+def _square(state, sums, step, delay, variance):
+    """Squared normalised residual of a step for ``delay`` [s]; ``_MISSING`` where its velocities are missing."""
+    begin, end, way = step
+    first, last = _sum_at(state, sums, begin + delay), _sum_at(state, sums, end + delay)
+    if math.isnan(first.real) or math.isnan(last.real):
+        return _MISSING
+    return min(abs(way - (last - first)) ** 2 / variance, _WORST)
+
+
+@kernel
+def _sum_at(state, sums, t):
+    """Integral of the velocities up to ``t`` [s], NaN where it is not known."""
+    begin, end = int(state[_BEGIN]), int(state[_END])
+    after = end
+    while after > begin and sums[after - 1, 0] >= t:
+        after -= 1
+    if after == end or (after == begin and sums[begin, 0] != t):
+        return complex(math.nan, math.nan)
+    if after == begin:
+        return complex(sums[begin, 1], sums[begin, 2])
+    t0, t1 = sums[after - 1, 0], sums[after, 0]
+    before, now = complex(sums[after - 1, 1], sums[after - 1, 2]), complex(sums[after, 1], sums[after, 2])
+    return before + (now - before) * (t - t0) / (t1 - t0)

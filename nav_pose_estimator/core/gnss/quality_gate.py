@@ -135,12 +135,14 @@ class GnssGate:
     ) -> Verdict:
         """Assess one fix: NavSatStatus ``status``, accuracy [m] or ``None`` if unknown, ``age`` [s] on arrival."""
         s = self.state
-        if t > s.last_fix > -math.inf:
-            s.steps = (*s.steps, t - s.last_fix)[-_STEPS:]
-            s.period = min(*s.steps, _LONGEST_PERIOD)
-        if t - s.last_fix > self._count_max_age:
+        step = t - s.last_fix
+        if math.inf > step > 0.0:
+            s.steps = (*s.steps, step)[-_STEPS:]
+            s.period = min(min(s.steps), _LONGEST_PERIOD)
+        if step > self._count_max_age:
             s.counting_since = t
-        s.last_fix = max(s.last_fix, t)
+        if step > 0.0:
+            s.last_fix = t
         reason = self._quality(status, horizontal_sd, vertical_sd, age) or self._count_reason(t)
         if reason:
             s.usable_since = None

@@ -31,9 +31,12 @@ class ReacquisitionSettings:
     probation: float  # longest time during which a return can be reopened cheaply
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Fix:
-    """A fix: time [s], position (3,) [m] in the local frame, and its standard deviations ``sd`` (3,) [m], ENU."""
+    """A fix: time [s], position (3,) [m] in the local frame, and its standard deviations ``sd`` (3,) [m], ENU.
+
+    Never written to. It is not frozen, because it is created for every fix, and freezing would triple the cost.
+    """
 
     t: float
     position: Vector3

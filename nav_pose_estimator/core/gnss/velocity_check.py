@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from nav_pose_estimator.core.gnss import climb_check, lateness, velocity_steps
 from nav_pose_estimator.core.gnss import velocity_mistakes as mistakes
 from nav_pose_estimator.core.gnss.climb_check import DOWN, ClimbCheck
 from nav_pose_estimator.core.gnss.lateness import Lateness
@@ -32,7 +33,7 @@ from nav_pose_estimator.core.gnss.velocity_mistakes import (
     STUCK,
     Similarity,
 )
-from nav_pose_estimator.core.gnss.velocity_steps import Step, StepMaker
+from nav_pose_estimator.core.gnss.velocity_steps import WALK, Step, StepMaker
 from nav_pose_estimator.core.numerics.jit import kernel
 
 _PRIOR, _CLEARED, _SUSPECT, _PROVED, _MOST = -10.0, 0.0, 5.0, 20.0, 45.0
@@ -47,6 +48,8 @@ _HELD = 2  # steps that a mistake has to explain after the proof before it is un
 _SETTLED = 20  # informative steps in motion after which axes and units of the velocities are established
 _SAYS = 0.5  # least weight of a step that teaches anything
 _SCALE_LEAST, _SCALE_SURE = 0.03, 3.0  # of the way, and deviations, by which a scale has to differ from 1
+_STEP = 4
+"""Result of ``_compare`` besides those of ``climb_check``: a step has ended."""
 
 
 @dataclass(eq=False)
@@ -61,14 +64,14 @@ class VelocityCheck:
     name: str = field(default="", init=False)
     suspect: bool = field(default=False, init=False)
     certain: bool = field(default=False, init=False)
+    is_new: bool = field(default=False, init=False)
+    """Whether the test has come to a conclusion; to be cleared by the caller."""
     misfit: float = field(default=0.0, init=False)
     """m/s: difference of integral and displacement in the last informative step."""
     sound_steps: int = field(default=0, init=False)
     """Consecutive steps that agree with a correct velocity."""
     felt: bool = field(default=False, init=False)
     """To be set by the caller: whether the IMU confirms the velocity. An unexplained error is then in the positions."""
-    walk: float = field(default=0.0, init=False)
-    """To be set by the caller: random walk of the integrated velocities that is not stated [m/sqrt(s)]."""
     climb: ClimbCheck = field(default_factory=ClimbCheck, init=False)
     late: Lateness = field(default_factory=Lateness, init=False)
     _steps: StepMaker = field(default_factory=StepMaker, init=False)
@@ -107,16 +110,24 @@ class VelocityCheck:
         self.climb.interrupt()
         self.late.interrupt()
         self._waiting.clear()
+        self.is_new = True
         if not self.fault:
             self.suspect, self._odds = False, np.full(COUNT, _PRIOR)
 
     def velocity(self, t: float, east: float, north: float, up: float) -> None:
         """Add a velocity [m/s] valid at ``t`` [s], in the axes that the driver claims."""
         self._last = east, north, up
-        self._filled = self._filled[0] or east != 0.0, self._filled[1] or north != 0.0
-        self._steps.velocity(t - self.late.delay, complex(east, north), up)
+        if not all(self._filled):
+            self._filled = self._filled[0] or east != 0.0, self._filled[1] or north != 0.0
         self.climb.velocity(east, north, up)
-        self.late.velocity(t, complex(east, north))
+        steps, late = self._steps, self.late
+        late.make_room()
+        _hear(steps.state, steps.velocities, late.state, late.sums, t, late.delay, east, north, up)
+        self.is_new = late.evaluate(t) or self.is_new
+
+    def expect_walk(self, walk: float) -> None:
+        """Take the random walk of the integrated velocities that is not stated [m/sqrt(s)]."""
+        self._steps.state[WALK] = walk
 
     def fix(self, t: float, lat: float, lon: float, alt: float, sd: float = 0.0) -> None:
         """Add a position [rad, rad, m] valid at ``t`` [s] with the stated horizontal deviation ``sd`` [m].
@@ -130,14 +141,13 @@ class VelocityCheck:
             self._compare(*self._waiting.popleft())
 
     def _compare(self, t: float, lat: float, lon: float, alt: float, sd: float) -> None:
-        own = self._steps.own(t)
-        if own is None:
-            self.climb.interrupt()
-        else:
-            self.climb.height(t, alt, own[1], self._steps.variance)
-        step = self._steps.fix(t, lat, lon, sd, None if own is None else own[0], self.walk)
-        if step is not None:
-            self._weigh(step)
+        steps, climb = self._steps, self.climb
+        found = _compare(steps.state, steps.velocities, climb.state, t, lat, lon, alt, sd, climb.baro)
+        if found:
+            self.is_new = True
+            climb.conclude(found, alt)
+            if found & _STEP:
+                self._weigh(steps.end(t, lat, lon))
 
     def _weigh(self, step: Step) -> None:
         """Update the odds of all hypotheses by a step."""
@@ -145,7 +155,7 @@ class VelocityCheck:
         says = weight > _SAYS
         if says:
             self._similarity.learn(step)
-        is_sound, gains, explained = mistakes.odds_of(step, self._similarity)
+        is_sound, gains, explained = mistakes.odds_of(step, weight, self._similarity)
         if says:
             self._learn(step, is_sound)
         if abs(step.said) < step.floor and not self.fault:  # a velocity near zero is in no wrong axes or units
@@ -222,6 +232,29 @@ class VelocityCheck:
             east, north, _ = self._last
             return mistakes.SILENT, "repeats" if east and north else "East" if north else "North" if east else ""
         return (mistakes.TURNED, "body") if i == BODY else (mistakes.UNEXPLAINED, "")
+
+
+@kernel
+def _hear(steps, velocities, late, sums, t, delay, east, north, up):
+    """Add a velocity valid at ``t`` [s], or ``delay`` [s] before that. Arguments as in ``take_velocity`` of
+    ``velocity_steps`` and of ``lateness``."""
+    velocity_steps.take_velocity(steps, velocities, t - delay, east, north, up)
+    lateness.take_velocity(late, sums, t, east, north)
+
+
+@kernel
+def _compare(steps, velocities, climb, t, lat, lon, alt, sd, baro):
+    """Compare a fix with its own velocity; returns what that has ended or shows. Arguments as in ``take_fix`` of
+    ``velocity_steps`` and ``take_height`` of ``climb_check``."""
+    own, found = velocity_steps.own_velocity(steps, velocities, t), 0
+    if own < 0:
+        climb_check.end(climb)
+    else:
+        variance = steps[velocity_steps.VARIANCE]
+        found = climb_check.take_height(climb, t, alt, velocities[own, 3], variance, baro)
+    if velocity_steps.take_fix(steps, velocities, own, t, lat, lon, sd):
+        found += _STEP
+    return found
 
 
 @kernel

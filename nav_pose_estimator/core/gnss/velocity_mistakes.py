@@ -136,18 +136,18 @@ def is_near_unit(i: int) -> bool:
     return i < len(LINEAR) and LINEAR[i].kind == UNIT and abs(LINEAR[i].a) > _UNLIKE
 
 
-def odds_of(step: Step, similarity: Similarity) -> tuple[bool, NDArray[np.float64], NDArray[np.bool_]]:
-    """Evidence of a step: whether a correct velocity explains it and, for each hypothesis (COUNT,), the increase of
-    2 ln(odds) against a correct velocity, and whether the hypothesis explains the step."""
+def odds_of(step: Step, weight: float, similarity: Similarity) -> tuple[bool, NDArray[np.float64], NDArray[np.bool_]]:
+    """Evidence of a step of that ``weight``: whether a correct velocity explains it and, for each hypothesis (COUNT,),
+    the increase of 2 ln(odds) against a correct velocity, and whether the hypothesis explains the step."""
     gains, explained = np.empty(COUNT), np.empty(COUNT, dtype=bool)
     like = similarity.factor if similarity.predicts else complex(math.nan)
     numbers = step.way, step.said, step.floor, step.timing
-    is_sound = _weigh(numbers, (step.all_same, *step.silent), like, gains, explained)
-    return is_sound, step.weight * gains, explained
+    is_sound = _weigh(numbers, weight, (step.all_same, *step.silent), like, gains, explained)
+    return is_sound, gains, explained
 
 
 @kernel
-def _weigh(numbers, same, like, gains, explained):
+def _weigh(numbers, weight, same, like, gains, explained):
     """``odds_of`` with the ``numbers`` way, said, floor, timing of a step; ``same``: all velocities identical, East
     zero, North zero."""
     way, said, _, timing = numbers
@@ -165,6 +165,8 @@ def _weigh(numbers, same, like, gains, explained):
     fit = (_NEVER, _NEVER) if math.isnan(like.real) else _fit(numbers, like * said, abs(like) * timing)
     explained[LIKE], gains[LIKE] = _gain(sound, fit)
     explained[ANY], gains[ANY] = _gain(sound, (0.0, _spread(way, _ANYWHERE)))
+    for i in range(COUNT):
+        gains[i] *= weight
     return sound[0] < _EXPLAINED
 
 

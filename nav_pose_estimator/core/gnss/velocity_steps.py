@@ -7,7 +7,6 @@ epoch. Positions are complex numbers, East + i North [m].
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -74,84 +73,84 @@ _LONGEST_PERIOD = 12  # s: longest time between fixes of the step
 _ALL_SAME, _SILENT = 13, 14  # (1), (2): 1 while all velocities are identical, and while East and North are zero; else 0
 _MOVED = 16  # (2) m: displacement between the last two fixes; NaN where these are far apart in time
 _PERIOD = 18  # s: recent shortest time between fixes
-_VARIANCE = 19  # m^2: variance of a fix on each axis, from second differences
+VARIANCE = 19  # m^2: variance of a fix on each axis, from second differences
 _STATED = 20  # m: stated deviation of the last fix; a receiver that still converges drifts by as much
-_WALK = 21  # m/sqrt(s): random walk of the integrated velocities
-_SIZE = 22
+_HEARD = 21  # number of velocities since the last interruption
+WALK = 22  # m/sqrt(s): random walk of the integrated velocities that is not stated
+_SIZE = 23
+_KEPT = 40  # velocities that are kept
 
 
 @dataclass(eq=False)
 class StepMaker:
     """Makes steps from velocities and usable fixes; a fix may end a step."""
 
-    _velocities: deque[tuple[float, complex, float]] = field(default_factory=lambda: deque(maxlen=40), init=False)
-    _state: NDArray[np.float64] = field(init=False)
+    state: NDArray[np.float64] = field(init=False)
+    """State of ``take_velocity`` and ``take_fix``."""
+    velocities: NDArray[np.float64] = field(default_factory=lambda: np.empty((_KEPT, 4)), init=False)
+    """Their rows: time [s] and velocity [m/s], ENU; the oldest one is replaced."""
 
     def __post_init__(self) -> None:
-        self._state = np.zeros(_SIZE)
-        self._state[_PERIOD] = math.inf
-        self._break_off()
-
-    @property
-    def variance(self) -> float:
-        """Variance [m^2] of a fix on each axis, from second differences."""
-        return float(self._state[_VARIANCE])
+        self.state = np.zeros(_SIZE)
+        self.state[_PERIOD] = math.inf
+        self.interrupt()
 
     def interrupt(self) -> None:
         """End the step in progress: the next samples do not follow the last ones."""
-        self._velocities.clear()
-        self._break_off()
+        self.state[_BEGIN] = self.state[_MOVED] = math.nan
+        self.state[_HEARD] = 0.0
 
-    def _break_off(self) -> None:
-        self._state[_BEGIN] = self._state[_MOVED] = math.nan
-
-    def velocity(self, t: float, velocity: complex, up: float) -> None:
-        """Add a velocity [m/s] valid at ``t`` [s]."""
-        self._velocities.append((t, velocity, up))
-
-    def own(self, t: float) -> tuple[complex, float] | None:
-        """Horizontal and vertical velocity of a fix at ``t`` [s]; None where none is close in time."""
-        if self._velocities and self._velocities[-1][0] == t:  # nearly always
-            return self._velocities[-1][1:]
-        apart = [abs(one[0] - t) for one in self._velocities]
-        least = min(apart, default=math.inf)
-        return None if least > _APART else self._velocities[apart.index(least)][1:]
-
-    def fix(
-        self, t: float, lat: float, lon: float, sd: float, velocity: complex | None, walk: float = 0.0
-    ) -> Step | None:
-        """Add a position [rad, rad] with stated ``sd`` [m] and its ``own`` velocity; returns the step that it ends.
-
-        ``walk`` [m/sqrt(s)]: random walk of the integrated velocities.
-        """
-        self._state[_STATED], self._state[_WALK] = min(sd, _STATED_MOST), walk
-        if velocity is None:
-            self._break_off()
-            return None
-        if not _take(self._state, t, lat, lon, velocity):
-            return None
-        done = _step(self._state)
-        _begin(self._state, t, lat, lon, velocity)
+    def end(self, t: float, lat: float, lon: float) -> Step:
+        """The step that a fix at ``t`` [s] and ``lat``, ``lon`` [rad] has ended; the next one begins there."""
+        done = _step(self.state)
+        _begin(self.state, t, lat, lon, self.state[_LAST], self.state[_LAST + 1])
         return done
 
     def floor(self, seconds: float) -> float:
         """Standard deviation [m] of way less said over so many seconds, independent of the motion."""
-        return float(_floor(self._state, seconds))
+        return float(_floor(self.state, seconds))
 
 
 @kernel
-def _take(state, t, lat, lon, velocity):
-    """Continue the step in progress by a fix with its velocity, or begin one; True where the fix ends the step."""
+def take_velocity(state, velocities, t, east, north, up):
+    """Add a velocity [m/s] valid at ``t`` [s]."""
+    row = int(state[_HEARD]) % len(velocities)
+    velocities[row, 0], velocities[row, 1], velocities[row, 2], velocities[row, 3] = t, east, north, up
+    state[_HEARD] += 1.0
+
+
+@kernel
+def own_velocity(state, velocities, t):
+    """Row in ``velocities`` of a fix at ``t`` [s]; -1 where none is close in time."""
+    heard, count = int(state[_HEARD]), len(velocities)
+    if heard > 0 and velocities[(heard - 1) % count, 0] == t:  # nearly always
+        return (heard - 1) % count
+    own, least = -1, _APART
+    for i in range(max(heard - count, 0), heard):
+        apart = abs(velocities[i % count, 0] - t)
+        if apart < least or (own < 0 and apart == least):
+            own, least = i % count, apart
+    return own
+
+
+@kernel
+def take_fix(state, velocities, own, t, lat, lon, sd):
+    """Add a position [rad, rad] with stated ``sd`` [m] and the row ``own`` of its velocity; True where a step ends."""
+    state[_STATED] = min(sd, _STATED_MOST)
+    if own < 0:
+        state[_BEGIN] = state[_MOVED] = math.nan
+        return False
+    east, north = velocities[own, 1], velocities[own, 2]
     if math.isnan(state[_BEGIN]) or _is_outage(state, t - state[_T]):
-        _begin(state, t, lat, lon, velocity)
+        _begin(state, t, lat, lon, east, north)
         return False
     turn = 2.0 * math.pi
     longitudes = lon - state[_LON]
     longitudes -= turn * round(longitudes / turn)
     period = t - state[_T]
     _move_to(state, _EARTH * math.cos(state[_LAT]) * longitudes, _EARTH * (lat - state[_LAT]), period)
-    _hear(state, 0, velocity.real, period)
-    _hear(state, 1, velocity.imag, period)
+    _hear(state, 0, east, period)
+    _hear(state, 1, north, period)
     state[_T], state[_LONGEST_PERIOD] = t, max(state[_LONGEST_PERIOD], period)
     seconds = t - state[_BEGIN]
     moved = max(math.hypot(state[_PLACE], state[_PLACE + 1]), math.hypot(state[_SAID], state[_SAID + 1]))
@@ -167,11 +166,11 @@ def _is_outage(state, period):
 
 
 @kernel
-def _begin(state, t, lat, lon, velocity):
-    """Begin a step at a fix."""
+def _begin(state, t, lat, lon, east, north):
+    """Begin a step at a fix with the velocity ``east``, ``north`` [m/s]."""
     state[_LAT], state[_LON], state[_BEGIN], state[_T] = lat, lon, t, t
-    state[_FIRST] = state[_LAST] = velocity.real
-    state[_FIRST + 1] = state[_LAST + 1] = velocity.imag
+    state[_FIRST] = state[_LAST] = east
+    state[_FIRST + 1] = state[_LAST + 1] = north
     for i in range(_PLACE, _ALL_SAME):
         state[i] = 0.0
     for i in range(_ALL_SAME, _MOVED):
@@ -188,7 +187,7 @@ def _move_to(state, east, north, period):
         return
     if not math.isnan(state[_MOVED]):
         square = (moved_east - state[_MOVED]) ** 2 + (moved_north - state[_MOVED + 1]) ** 2
-        state[_VARIANCE] += _FADING * (square / 12.0 - state[_VARIANCE])
+        state[VARIANCE] += _FADING * (square / 12.0 - state[VARIANCE])
     state[_MOVED], state[_MOVED + 1] = moved_east, moved_north
 
 
@@ -206,8 +205,8 @@ def _hear(state, axis, velocity, period):
 @kernel
 def _floor(state, seconds):
     """``StepMaker.floor``."""
-    noise = max(_FLOOR, _COVERS * math.sqrt(2.0 * state[_VARIANCE]), _DRIFT * state[_STATED])
-    noise += _COVERS * state[_WALK] * math.sqrt(seconds)
+    noise = max(_FLOOR, _COVERS * math.sqrt(2.0 * state[VARIANCE]), _DRIFT * state[_STATED])
+    noise += _COVERS * state[WALK] * math.sqrt(seconds)
     return noise + _SLOW_BIAS * max(seconds - 1.0, 0.0)
 
 

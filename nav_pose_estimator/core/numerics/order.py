@@ -30,6 +30,14 @@ def median(values):
 
 
 @kernel
+def in_order(values):
+    """A copy of ``values`` (N,) in increasing order."""
+    ordered = values.copy()
+    _sort(ordered)
+    return ordered
+
+
+@kernel
 def _sort(values):
     """Sort ``values`` (N,) in place, by insertion."""
     for i in range(1, len(values)):

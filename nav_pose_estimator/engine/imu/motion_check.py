@@ -85,9 +85,10 @@ class MotionCheck:
         ``used``: as the navigator uses it, None where it does not. ``received``: as the receiver sent it, before a
         mistake in it was corrected.
         """
-        for known, velocity in ((self._velocities, used), (self._received, received)):
-            if velocity is not None and math.isfinite(sum(velocity)):
-                known.add(t, *velocity)
+        if used is not None and math.isfinite(sum(used)):
+            self._velocities.add(t, *used)
+        if math.isfinite(sum(received)):
+            self._received.add(t, *received)
 
     def fix(self, t: float, east: float, north: float) -> None:
         """Add a position [m] in any level frame, valid at ``t`` [s]; it shows rest where velocities are missing."""

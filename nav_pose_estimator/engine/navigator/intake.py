@@ -72,7 +72,7 @@ def _count(run: FilterRun, sample: SatelliteCount) -> None:
 
 
 def _fix(run: FilterRun, sample: GnssFix) -> None:
-    t = run.clock.time_of(sample.stamp_ns, "gnss.rejected", run.journal)
+    t = run.clock.time_of(sample.stamp_ns, "gnss", run.journal)
     if t is None:
         return
     t -= run.parameters.gnss.delay
@@ -95,7 +95,7 @@ def _fix(run: FilterRun, sample: GnssFix) -> None:
 
 
 def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
-    t = run.clock.time_of(sample.stamp_ns, "gnss.rejected", run.journal)
+    t = run.clock.time_of(sample.stamp_ns, "gnss", run.journal)
     if t is None:
         return
     t -= run.parameters.gnss.delay
@@ -121,12 +121,12 @@ def _velocity(run: FilterRun, sample: GnssVelocity) -> None:
 
 def _aid(run: FilterRun, sample: Any) -> None:
     aid = run.aids[type(sample)]
-    t = run.clock.time_of(sample.stamp_ns, f"{aid.family}.rejected", run.journal)
+    t = run.clock.time_of(sample.stamp_ns, aid.family, run.journal)
     if t is None:
         return
     if run.timeline.running:
         observation = aid.observe(sample, t)
-        if observation is not None and _give_blocks(run, aid):
+        if observation is not None and (not aid.blocks or _give_blocks(run, aid)):
             run.observe(observation)
     elif isinstance(aid, Magnetometer):
         run.start_up.mag(t, aid.receive(sample))
@@ -201,7 +201,7 @@ def _differential_pressure(run: FilterRun, sample: DifferentialPressure) -> None
 
 
 def _motion(run: FilterRun, sample: MotionEvidence) -> None:
-    t = run.clock.time_of(sample.stamp_ns, "outage.rejected", run.journal)
+    t = run.clock.time_of(sample.stamp_ns, "outage", run.journal)
     if t is not None and run.timeline.running and run.modes.mode in DENIED:
         if any(aid.bounds_at(t) for aid in run.aids.values()):
             run.journal.count("outage.evidence.redundant")  # better than learned motion
@@ -230,7 +230,7 @@ def _usual_speed(evidence: MotionEvidence, max_speed: float) -> MotionEvidence:
 
 
 def _attitude(run: FilterRun, sample: AttitudeSample) -> None:
-    t = run.clock.time_of(sample.stamp_ns, "attitude.rejected", run.journal)
+    t = run.clock.time_of(sample.stamp_ns, "attitude", run.journal)
     if t is not None and not run.timeline.running:
         run.start_up.attitude(t, sample)
 

@@ -17,7 +17,7 @@ from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, Fil
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.samples import PressureSample, WaterPressure
 from nav_pose_estimator.engine.sensors.aiding import Aiding
-from nav_pose_estimator.engine.sensors.frozen import Frozen
+from nav_pose_estimator.engine.sensors.frozen import FROZEN, Frozen
 from nav_pose_estimator.engine.sensors.sensor import Aid, Linearised, Pacer, shared_error
 from nav_pose_estimator.engine.solutions import Level
 
@@ -90,8 +90,11 @@ class Barometer(Aid):
         is_valid = not math.isnan(height)
         if is_valid:
             self.pressure = sample.pressure
-            self._watch_for_repeats(sample, t, height)
-        if not self._enabled or self._frozen.is_suspect or not self._pacer.passes(t, self._period):
+            was = self._frozen.verdict
+            self._frozen.note(t, height)
+            if self._frozen.verdict != was:
+                self._tell_frozen(sample, was == FROZEN)
+        if not self._enabled or self._frozen.verdict or not self._pacer.passes(t, self._period):
             return None
         if not is_valid:
             unit = likely_unit(sample.pressure)
@@ -146,16 +149,15 @@ class Barometer(Aid):
         self._offset, self._since, self.offset_variance = offset, -self._tau, variance
         self.least_sd = least_sd
 
-    def _watch_for_repeats(self, sample: PressureSample, t: float, height: float) -> None:
+    def _tell_frozen(self, sample: PressureSample, was_frozen: bool) -> None:
         """Events of the begin and end of a frozen barometer: it repeats a value for longer than ever before."""
-        was_frozen = self._frozen.is_frozen
-        self._frozen.note(t, height)
-        if self._frozen.is_frozen and not was_frozen:
+        is_frozen = self._frozen.verdict == FROZEN
+        if is_frozen and not was_frozen:
             text = (
                 f"barometer not used: it repeats {sample.pressure:.2f} Pa exactly, which it did not do before: frozen"
             )
             self._journal.say(sample.stamp_ns, "baro.frozen", Level.WARN, text)
-        elif was_frozen and not self._frozen.is_frozen:
+        elif was_frozen and not is_frozen:
             self._journal.say(sample.stamp_ns, "baro.frozen.ended", Level.INFO, "the barometer's values change again")
 
     def _refuse_unit(self, stamp_ns: int, pressure: float, unit: str) -> None:

@@ -9,7 +9,10 @@ for long. The verdict therefore takes a time in proportion to the usual step bet
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+
+import numpy as np
+
+from nav_pose_estimator.core.numerics.jit import kernel
 
 _MEMORY = 300.0  # samples over which the rate of repetition is averaged
 _PRIOR_REPEATS, _PRIOR_SAMPLES = 5.0, 10.0  # prior of that rate: half of ten values repeat
@@ -19,46 +22,61 @@ _LEAST_TIME = 2.0  # s: shortest run that counts as frozen ...
 _TIME_PER_STEP = 30.0  # ... and s per unit of the usual step (for a height: per metre)
 _STEP_SHARE = 0.05  # weight of the newest step in the mean step
 
+LIVE, SUSPECT, FROZEN = 0, 1, 2
+"""Verdicts on a value: usual; it may be old, because its run is improbable; frozen beyond doubt."""
 
-@dataclass(eq=False)
+# --- the state of a ``Frozen``: index of each quantity ---------------------------------------------------------------
+_VALUE, _SINCE, _RUN = 0, 1, 2  # last value, s: time of the first of the equal values, repetitions so far
+_REPEATS, _SAMPLES = 3, 4  # repetitions and samples in completed runs, faded
+_STEP = 5  # mean step between different values
+_VERDICT = 6
+
+
 class Frozen:
-    """The detector. It receives every value; ``is_suspect`` and ``is_frozen`` are its verdicts on the last one."""
+    """The detector. It receives every value; ``verdict`` is that on the last one."""
 
-    is_suspect: bool = field(default=False, init=False)
-    """Whether the present run of equal values is improbable: the value may be old."""
-    is_frozen: bool = field(default=False, init=False)
-    """Whether the sensor is frozen beyond doubt."""
-    _value: float = field(default=math.nan, init=False)
-    _since: float = field(default=0.0, init=False)  # s: time of the first of the equal values
-    _run: int = field(default=0, init=False)  # repetitions in the present run
-    _repeats: float = field(default=_PRIOR_REPEATS, init=False)  # repetitions in completed runs, faded
-    _samples: float = field(default=_PRIOR_SAMPLES, init=False)  # samples in completed runs, faded
-    _step: float = field(default=math.nan, init=False)  # mean step between different values
+    def __init__(self) -> None:
+        self.state = np.array([math.nan, 0.0, 0.0, _PRIOR_REPEATS, _PRIOR_SAMPLES, math.nan, LIVE])
+        """State of ``take_value``."""
+        self.verdict: int = LIVE
 
     def note(self, t: float, value: float) -> None:
         """Add a ``value`` (height [m]) at ``t`` [s], in order of time."""
-        if value == self._value:
-            self._run += 1
-            self._judge(t)
-            return
-        if math.isfinite(self._value):
-            self._learn(abs(value - self._value))
-        self._value, self._since, self._run = value, t, 0
-        self.is_suspect = self.is_frozen = False
+        self.verdict = take_value(self.state, t, value)
 
-    def _learn(self, step: float) -> None:
-        """Learn from a run that ended with a ``step``; one that was frozen is not typical of a live sensor."""
-        self._step = step if math.isnan(self._step) else self._step + _STEP_SHARE * (step - self._step)
-        if self.is_frozen:
-            return
-        self._repeats, self._samples = self._repeats + self._run, self._samples + self._run + 1.0
-        if self._samples > _MEMORY:
-            self._repeats, self._samples = self._repeats * _MEMORY / self._samples, _MEMORY
 
-    def _judge(self, t: float) -> None:
-        if self._samples < _KNOWN:
-            return
-        likelihood = self._run * math.log(self._repeats / self._samples)
-        self.is_suspect = likelihood < _SUSPECT
-        enough = max(_LEAST_TIME, _TIME_PER_STEP * self._step)
-        self.is_frozen = self.is_frozen or (likelihood < _FROZEN and t - self._since > enough)
+@kernel
+def take_value(state, t, value):
+    """Add a ``value`` at ``t`` [s]; returns the verdict on it."""
+    if value == state[_VALUE]:
+        state[_RUN] += 1.0
+        _judge(state, t)
+        return int(state[_VERDICT])
+    if math.isfinite(state[_VALUE]):
+        _learn(state, abs(value - state[_VALUE]))
+    state[_VALUE], state[_SINCE], state[_RUN], state[_VERDICT] = value, t, 0.0, LIVE
+    return LIVE
+
+
+@kernel
+def _learn(state, step):
+    """Learn from a run that ended with a ``step``; one that was frozen is not typical of a live sensor."""
+    state[_STEP] = step if math.isnan(state[_STEP]) else state[_STEP] + _STEP_SHARE * (step - state[_STEP])
+    if state[_VERDICT] == FROZEN:
+        return
+    state[_REPEATS] += state[_RUN]
+    state[_SAMPLES] += state[_RUN] + 1.0
+    if state[_SAMPLES] > _MEMORY:
+        state[_REPEATS], state[_SAMPLES] = state[_REPEATS] * _MEMORY / state[_SAMPLES], _MEMORY
+
+
+@kernel
+def _judge(state, t):
+    if state[_SAMPLES] < _KNOWN or state[_VERDICT] == FROZEN:
+        return
+    likelihood = state[_RUN] * math.log(state[_REPEATS] / state[_SAMPLES])
+    enough = max(_LEAST_TIME, _TIME_PER_STEP * state[_STEP])
+    if likelihood < _FROZEN and t - state[_SINCE] > enough:
+        state[_VERDICT] = FROZEN
+    else:
+        state[_VERDICT] = SUSPECT if likelihood < _SUSPECT else LIVE

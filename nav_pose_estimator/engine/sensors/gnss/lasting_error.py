@@ -29,15 +29,15 @@ class LastingPosition:
     def __init__(self, gnss: GnssParameters) -> None:
         self.variance = position_sd(gnss) ** 2
         """(3,) [m^2]"""
-        self._stated = self.variance
+        self._stated = np.diag(self.variance)  # never written to
 
     def receive(self, stated: np.ndarray) -> None:
         """Note the covariance ``stated`` (3, 3) [m^2] of a fix, which is not below the floors."""
-        self._stated = stated.diagonal().copy()
+        self._stated = stated
 
     def second(self) -> None:
         """Follow the stated variance; called once a second, so that all data of a second see the same value."""
-        self.variance = self.variance + (self._stated - self.variance) / _FOLLOWING
+        self.variance = self.variance + (self._stated.diagonal() - self.variance) / _FOLLOWING
 
 
 def position_sd(gnss: GnssParameters) -> np.ndarray:
@@ -78,25 +78,35 @@ def white_position(R: np.ndarray, shared: float, lasting: np.ndarray, shown: Noi
     A variance beyond that of the states is inflated by ``shared``, since it is correlated without a state. The factor
     ``gnss_variance`` identified in flight is included.
     """
-    white: np.ndarray = white_noise(R, _WHITE_POSITION**2 * shown.position.white, shared, lasting, shown.gnss_variance)
+    white = np.empty((3, 3))
+    white_noise(R, _WHITE_POSITION**2 * shown.position.white, shared, lasting, shown.gnss_variance, white)
     return white
 
 
 def white_velocity(R: np.ndarray, variance: np.ndarray, shown: NoiseIdentification) -> np.ndarray:
     """``white_position`` for a velocity [(m/s)^2], with the ``variance`` (3,) of the parameters as ``lasting``."""
-    white: np.ndarray = white_noise(R, _WHITE_VELOCITY**2 * shown.velocity.white, 1.0, variance, shown.gnss_variance)
+    white = np.empty((3, 3))
+    white_noise(R, _WHITE_VELOCITY**2 * shown.velocity.white, 1.0, variance, shown.gnss_variance, white)
     return white
 
 
 @kernel
-def white_noise(R, share, beyond, lasting, factor):
-    """``factor`` times the sum of ``share`` R (3, 3) and of ``beyond`` times its variances above ``lasting`` (3,)."""
-    white = np.empty((3, 3))
+def raise_to(floor, R):
+    """Raise the variances of ``R`` (3, 3) to those of ``floor`` (3, 3)."""
+    for i in range(3):
+        R[i, i] = max(R[i, i], floor[i, i])
+
+
+@kernel
+def white_noise(R, share, beyond, lasting, factor, white):
+    """``factor`` times the sum of ``share`` R (3, 3) and of ``beyond`` times its variances above ``lasting`` (3,).
+
+    It is written to ``white`` (3, 3): to return an array to Python would take longer than the arithmetic.
+    """
     for i in range(3):
         for k in range(3):
             excess = beyond * max(R[i, i] - lasting[i], 0.0) if i == k else 0.0
             white[i, k] = factor * (share * R[i, k] + excess)
-    return white
 
 
 def figures(gnss: GnssParameters, position_variance: np.ndarray, shown: NoiseIdentification) -> dict[str, float]:

@@ -210,20 +210,21 @@ class GnssPositionSensor(Sensor):
             self._journal.say(o.stamp_ns, "gnss.rejected.height", Level.WARN, text)
         return math.nan
 
-    def _velocity_now(self, o: Observation, f: FilterView, position: Linearised) -> tuple[list[float] | None, float]:
+    def _velocity_now(self, o: Observation, f: FilterView, position: Linearised) -> tuple[Vector3 | None, float]:
         """The receiver's last velocity (None without one), and the joint distance that no drift explains."""
         last = self.velocity.misfit_at(o.t)
         if last is None:
             self._velocity_apart = 0.0
             return None, 0.0
         z, H, position_R = position
-        placed, rows = len(z), len(last.difference)
+        difference = np.array(last.difference)
+        placed, rows = len(z), len(difference)
         velocity_z, velocity_H = measurements.gnss_velocity(f.nav, len(f.P), np.zeros(3), self.lever)
         measurements.see_gnss_error(velocity_z, velocity_H, f.nav, f.constants, measurements.VELOCITY)
         R = np.zeros((placed + rows, placed + rows))
         R[:placed, :placed], R[placed:, placed:] = position_R, last.R
-        self._velocity_apart = distance(last.difference, velocity_H[:rows], f.P, last.R)
-        both = np.concatenate([z, last.difference]), np.concatenate([H, velocity_H[:rows]])
+        self._velocity_apart = distance(difference, velocity_H[:rows], f.P, last.R)
+        both = np.concatenate([z, difference]), np.concatenate([H, velocity_H[:rows]])
         strange = unexplained(*both, f.P, R, placed)
         return last.velocity, strange
 

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import pairwise
+from operator import sub
 
 import numpy as np
 
-from nav_pose_estimator.core.earth.ellipsoid import step_enu
+from nav_pose_estimator.core.earth.ellipsoid import step_of
 from nav_pose_estimator.core.filter.noise_identification import NoiseIdentification
 from nav_pose_estimator.core.gnss import clock_offset
 from nav_pose_estimator.core.gnss.quality_gate import GateSettings, GnssGate, Notice
+from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.engine.events.catalogue import in_words
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.number_checks import is_covariance, is_position
 from nav_pose_estimator.engine.parameters.gnss import GnssParameters
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity, SatelliteCount
 from nav_pose_estimator.engine.sensors.aiding import Aiding
-from nav_pose_estimator.engine.sensors.frozen import Frozen
+from nav_pose_estimator.engine.sensors.frozen import FROZEN, LIVE, Frozen, take_value
 from nav_pose_estimator.engine.sensors.gnss import lasting_error
 from nav_pose_estimator.engine.sensors.gnss.rounding import Rounding
 from nav_pose_estimator.engine.sensors.gnss.stated_accuracy import Scatter, VelocityScatter
@@ -28,14 +29,28 @@ from nav_pose_estimator.engine.solutions import Level
 _PERIOD_MEMORY = 6  # fixes from which the period is estimated
 _STUCK = 4  # consecutive repetitions of a position after which the receiver may be stuck
 _MOVED = 8.0  # m: displacement by velocities beyond which a repeated position is stuck or rounded
-_ZEROS = 2  # heights of exactly zero, from the start and at different positions, that show an unfilled field
+_ZEROS_TOLD = 2  # heights of exactly zero, from the start and at different positions, that show an unfilled field
 _CELLS = 2.0  # the same limit for rounded positions, in steps of the rounding
 _INTEGER_DEGREES = 1e5  # deg: larger values are probably degrees times 1e7
 _HIGHEST = 1e5  # m: larger heights are probably in mm
 _CLIMBED = 4.0  # m: change of the barometric height that shows a receiver whose static hold does not end
 _WEATHER = 0.02  # m/s: change of the barometric height by weather and warming up, which shows nothing
 _AHEAD = 1.0  # s: a fix whose stamp is further ahead of the IMU is rejected
+_UNFILLED = FROZEN + 1  # another verdict on heights besides those of ``frozen``
+_HEIGHT_FAULTS = {
+    _UNFILLED: "it is exactly zero, as drivers send it that do not fill it",
+    FROZEN: "it repeats to the last digit while latitude and longitude change",
+}
+"""Why heights are not used, one clause for the user."""
 _LEVELS = {"info": Level.INFO, "warn": Level.WARN, "error": Level.ERROR}
+
+# --- the state of ``_Repeats``: index of each quantity, with its size if that is not 1 -------------------------------
+_PLACE, _T = 0, 3  # (3) rad, rad, m: last fix, and its time [s]
+_REPEATS, _STAYS = 4, 5  # its repetitions, and those of latitude and longitude
+_WAY = 6  # (2) m: where velocities led when the place came for the first time, East and North
+_HEIGHT = 8  # m: pressure altitude then, which follows the weather
+_HEIGHT_T, _ZEROS, _VERDICT = 9, 10, 11  # s: last height; heights of zero so far (none once it is filled); the verdict
+_SIZE = 12
 
 
 class GnssReception:
@@ -57,7 +72,7 @@ class GnssReception:
         self._fix_times: list[float] = []  # of the newest fixes, in order of time
         self.fix_period = 1.0
         """Time between fixes [s]: the shortest of the last few, so that it is the same when one comes late."""
-        self._stay, self._height = _Stay(), _Height(journal)
+        self._repeats = _Repeats(journal)
         self._no_height_told = False
         self._told_ahead = math.nan  # s: clock offset of the last event
 
@@ -86,9 +101,7 @@ class GnssReception:
         if sample.lat == 0.0 and sample.lon == 0.0:
             why = "latitude and longitude are exactly zero, which is what drivers send before the first fix"
             return self.refuse(sample.stamp_ns, "gnss.rejected.null_island", why)
-        stayed_for = self._stay.note(sample, t, self.velocities)
-        if self._stay.is_new:
-            self._height.note(sample, t)
+        stayed_for = self._repeats.note(sample, t, self.velocities)
         self.rounding.fix(sample.lat, sample.lon, _MOVED < stayed_for < math.inf, sample.stamp_ns)
         if stayed_for > _MOVED and stayed_for > _CELLS * self.rounding.step:
             why = "the position repeats to the last digit while the vehicle moves: the receiver is stuck"
@@ -99,10 +112,12 @@ class GnssReception:
             return self.refuse(sample.stamp_ns, "gnss.rejected.future", self._clocks(sample, t - now))
         if not self.enabled:
             return self.refuse(sample.stamp_ns, "gnss.rejected.disabled", "GNSS is switched off by the operator")
+        horizontal = vertical = None
         cov = None if sample.cov_enu is None else self._known(_horizontal(sample.alt, sample.cov_enu), "position")
-        sd = None if cov is None else np.sqrt(np.diag(cov))
-        horizontal = None if sd is None else float(max(sd[0], sd[1]))
-        vertical = None if sd is None or math.isnan(sample.alt) else float(sd[2])
+        if cov is not None:
+            east, north, up = cov.diagonal().tolist()
+            horizontal = math.sqrt(max(east, north))
+            vertical = None if math.isnan(sample.alt) else math.sqrt(up)
         verdict = self.gate.assess_fix(t, sample.status, horizontal, vertical, age=max(now - t, 0.0))
         self._aiding.fix_period = self.gate.period
         for notice in verdict.notices:
@@ -111,16 +126,15 @@ class GnssReception:
             late = verdict.reason == "gnss.rejected.age"
             why = self._clocks(sample, t - now) if late else _why(verdict.reason, self.gate.settings)
             return self.refuse(sample.stamp_ns, verdict.reason, why)
-        times = self._fix_times = sorted([*self._fix_times, t])[-_PERIOD_MEMORY:]
-        self.fix_period = min(max(min([b - a for a, b in pairwise(times)], default=1.0), 0.02), 5.0)
+        self.fix_period = _period_with(self._fix_times, t)
         self._usable = True
         self._aiding.fix_offered = t
         self.way.add(sample.lat, sample.lon)
         if math.isnan(sample.alt):
             self._tell_no_height(sample.stamp_ns)
-        if self._stay.is_new and not self.rounding.is_on:
+        if self._repeats.is_new and not self.rounding.is_on:
             walk = self.velocity_scatter.sd * math.sqrt(self.fix_period)
-            self.velocities.fix(self._height.believed(sample), t, horizontal or 0.0, walk)
+            self.velocities.fix(self._repeats.believed(sample), t, horizontal or 0.0, walk)
             # other noise models find such noise by themselves
             if self._parameters.noise == "fixed" and self.velocities.is_fresh(t) and not self.velocities.doubted:
                 stated = max(horizontal or 0.0, self._parameters.position_sd)
@@ -129,7 +143,7 @@ class GnssReception:
 
     def believed(self, sample: GnssFix) -> GnssFix:
         """A fix that has passed, without its height where that is known to be wrong."""
-        sample = self._height.believed(sample)
+        sample = self._repeats.believed(sample)
         return replace(sample, alt=math.nan) if self.velocities.height_fault else sample
 
     def velocity(self, sample: GnssVelocity, t: float) -> GnssVelocity | None:
@@ -144,7 +158,7 @@ class GnssReception:
         cov = None if sample.cov_enu is None else self._known(_horizontal(sample.alt, sample.cov_enu))
         R = _floored(cov, self._position_floor)
         if self.rounding.is_on:
-            R[0, 0], R[1, 1] = R[0, 0] + self.rounding.sd[0] ** 2, R[1, 1] + self.rounding.sd[1] ** 2
+            R = R + np.diag([self.rounding.sd[0] ** 2, self.rounding.sd[1] ** 2, 0.0])
         shared = 1.0 + self._parameters.position_correlation / self.fix_period
         if in_filter and self.lasting is not None:
             self.lasting.receive(R)
@@ -223,86 +237,92 @@ class Way:
     def __init__(self) -> None:
         self.place = 0j
         """East + i North [m]."""
-        self._last: tuple[float, float, float] | None = None  # latitude and longitude [rad], no height
+        self._last: tuple[float, float] | None = None  # latitude and longitude [rad]
 
     def add(self, lat: float, lon: float) -> None:
         """Add a fix at ``lat``, ``lon`` [rad]."""
-        here = lat, lon, 0.0
-        east, north, _ = step_enu(self._last or here, here).tolist()
+        before, self._last = self._last or (lat, lon), (lat, lon)
+        east, north, _ = step_of(*before, 0.0, lat, lon, 0.0)
         self.place += complex(east, north)
-        self._last = here
 
 
-class _Stay:
-    """Detection of positions that repeat exactly."""
+class _Repeats:
+    """Detection of positions that repeat exactly, and of a height that the driver never fills or that is frozen."""
 
-    def __init__(self) -> None:
-        self._repeats = self._stays = 0  # of latitude, longitude and height, and without the height
-        self._last = (math.nan, math.nan, math.nan)
-        self._way_before = 0j  # m: where velocities led when the place came for the first time
-        self._height_before = math.nan  # m: pressure altitude then, which follows the weather
-        self._t = -math.inf  # s: last fix
-
-    @property
-    def is_new(self) -> bool:
+    def __init__(self, journal: Journal) -> None:
+        self._journal, self._frozen = journal, Frozen()
+        self._state = np.full(_SIZE, math.nan)
+        self._state[_T] = self._state[_HEIGHT_T] = -math.inf
+        self._state[_REPEATS] = self._state[_STAYS] = self._state[_ZEROS] = 0.0
+        self._state[_VERDICT] = LIVE
+        self._verdict = LIVE  # on the height
+        self.is_new = True
         """Whether the last fix differed from the one before it."""
-        return self._repeats == 0
 
     def note(self, sample: GnssFix, t: float, velocities: VelocityInput) -> float:
         """Displacement [m] by velocities while the position has repeated up to the fix valid at ``t`` [s].
 
-        It is infinite if velocities repeat as well, or are zero while the barometer climbs or sinks.
+        It is infinite if velocities repeat as well, or are zero while the barometer climbs or sinks. An event tells
+        when the height of the fix says nothing, or again.
         """
-        here = (sample.lat, sample.lon, sample.alt)
-        self._repeats = self._repeats + 1 if here == self._last else 0
-        self._stays = self._stays + 1 if here[:2] == self._last[:2] else 0
-        self._last = here
-        if not self._stays:
-            self._way_before, self._height_before = velocities.way, velocities.pressure_altitude
-        climbed = velocities.pressure_altitude - self._height_before
-        if t > self._t > -math.inf and math.isfinite(climbed):
-            self._height_before += math.copysign(min(abs(climbed), _WEATHER * (t - self._t)), climbed)
-        self._t = t
-        if self._stays < _STUCK:
-            return 0.0
-        held = velocities.is_zero and abs(climbed) > _CLIMBED
-        if min(self._repeats, velocities.repeats) >= _STUCK or held:
-            return math.inf
-        return abs(velocities.way - self._way_before)
+        place, way = (sample.lat, sample.lon, sample.alt), velocities.way
+        others = way.real, way.imag, velocities.pressure_altitude, velocities.is_zero, velocities.repeats
+        was = self._verdict
+        self.is_new, stayed_for, self._verdict = _take_place(self._state, self._frozen.state, t, place, others)
+        if self._verdict != was:
+            self._tell_height(was in _HEIGHT_FAULTS, sample.stamp_ns)
+        return stayed_for
 
-
-class _Height:
-    """Detection of a height that the driver never fills, or that is frozen while latitude and longitude change."""
-
-    def __init__(self, journal: Journal) -> None:
-        self._journal, self._frozen = journal, Frozen()
-        self._zeros, self._is_filled = 0, False
-        self._t = -math.inf
-
-    def note(self, sample: GnssFix, t: float) -> None:
-        """A fix valid at ``t`` [s] that differs from the one before it: tell when its height says nothing, or again."""
-        if math.isnan(sample.alt) or t <= self._t:
-            return
-        was, self._t = self.reason, t
-        self._is_filled = self._is_filled or sample.alt != 0.0
-        self._zeros += not self._is_filled
-        self._frozen.note(t, sample.alt)
-        if self.reason and not was:
-            text = f"GNSS height not used: {self.reason}; it is the barometer's or held"
-            self._journal.say(sample.stamp_ns, "gnss.height.stuck", Level.WARN, text)
-        elif was and not self.reason:
-            self._journal.say(sample.stamp_ns, "gnss.height.stuck.ended", Level.INFO, "GNSS heights change again")
-
-    @property
-    def reason(self) -> str:
-        """Why heights are not used, one clause for the user; empty while no fault is established."""
-        if self._zeros >= _ZEROS and not self._is_filled:
-            return "it is exactly zero, as drivers send it that do not fill it"
-        return "it repeats to the last digit while latitude and longitude change" if self._frozen.is_frozen else ""
+    def _tell_height(self, was_at_fault: bool, stamp_ns: int) -> None:
+        reason = _HEIGHT_FAULTS.get(self._verdict)
+        if reason and not was_at_fault:
+            text = f"GNSS height not used: {reason}; it is the barometer's or held"
+            self._journal.say(stamp_ns, "gnss.height.stuck", Level.WARN, text)
+        elif was_at_fault and not reason:
+            self._journal.say(stamp_ns, "gnss.height.stuck.ended", Level.INFO, "GNSS heights change again")
 
     def believed(self, sample: GnssFix) -> GnssFix:
         """The fix, without its height while that is or may be at fault."""
-        return replace(sample, alt=math.nan) if self.reason or self._frozen.is_suspect else sample
+        return sample if self._verdict == LIVE else replace(sample, alt=math.nan)
+
+
+@kernel
+def _take_place(state, frozen, t, place, others):
+    """``_Repeats.note``; ``others``: way by velocities [m], East and North, pressure altitude [m], whether the velocity
+    is zero, and how often it has been repeated. Returns also ``is_new`` and the verdict on the height."""
+    way_east, way_north, altitude, is_zero, repeated = others
+    stays = place[0] == state[_PLACE] and place[1] == state[_PLACE + 1]
+    repeats = stays and place[2] == state[_PLACE + 2]
+    state[_STAYS] = state[_STAYS] + 1.0 if stays else 0.0
+    state[_REPEATS] = state[_REPEATS] + 1.0 if repeats else 0.0
+    for axis in range(3):
+        state[_PLACE + axis] = place[axis]
+    if not stays:
+        state[_WAY], state[_WAY + 1], state[_HEIGHT] = way_east, way_north, altitude
+    climbed = altitude - state[_HEIGHT]
+    if t > state[_T] > -math.inf and math.isfinite(climbed):
+        state[_HEIGHT] += math.copysign(min(abs(climbed), _WEATHER * (t - state[_T])), climbed)
+    state[_T] = t
+    if not repeats and not math.isnan(place[2]) and t > state[_HEIGHT_T]:
+        _take_height(state, frozen, t, place[2])
+    stayed_for = 0.0
+    if state[_STAYS] >= _STUCK:
+        held = is_zero and abs(climbed) > _CLIMBED
+        stayed_for = math.hypot(way_east - state[_WAY], way_north - state[_WAY + 1])
+        if held or min(state[_REPEATS], repeated) >= _STUCK:
+            stayed_for = math.inf
+    return not repeats, stayed_for, int(state[_VERDICT])
+
+
+@kernel
+def _take_height(state, frozen, t, alt):
+    """Judge the height [m] of a fix that differs from the one before it."""
+    state[_HEIGHT_T] = t
+    if alt != 0.0:
+        state[_ZEROS] = -math.inf  # it is filled
+    state[_ZEROS] += 1.0
+    verdict = take_value(frozen, t, alt)
+    state[_VERDICT] = _UNFILLED if state[_ZEROS] >= _ZEROS_TOLD else verdict
 
 
 def _no_place(sample: GnssFix) -> str:
@@ -335,13 +355,25 @@ def _horizontal(alt: float, cov: np.ndarray) -> np.ndarray:
 
 
 def _floored(cov: np.ndarray | None, floor: np.ndarray) -> np.ndarray:
-    """``cov`` with at least the diagonal of ``floor`` (3, 3); the floor alone where the receiver states none."""
+    """``cov`` with at least the diagonal of ``floor`` (3, 3), the floor itself where the receiver states none: never to
+    be written to."""
     if cov is None:
-        return floor.copy()
-    R = np.array(cov, dtype=float)
-    for i in range(3):
-        R[i, i] = max(R[i, i], floor[i, i])
+        return floor
+    R = np.array(cov, dtype=float, order="C")
+    lasting_error.raise_to(floor, R)
     return R
+
+
+def _period_with(times: list[float], t: float) -> float:
+    """Time between fixes [s] at the last few ``times`` [s], to which that of another fix ``t`` is added."""
+    times.append(t)
+    if len(times) == 1:
+        return 1.0
+    if t < times[-2]:
+        times.sort()
+    if len(times) > _PERIOD_MEMORY:
+        del times[0]
+    return min(max(min(map(sub, times[1:], times)), 0.02), 5.0)
 
 
 def _gate_settings(parameters: GnssParameters) -> GateSettings:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 
 import numpy as np
 
 from nav_pose_estimator.core.filter.measurement_noise import NoiseModel
 from nav_pose_estimator.core.numerics.jit import kernel
-from nav_pose_estimator.core.numerics.order import about_median
+from nav_pose_estimator.core.numerics.order import about_median, in_order
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import Observation
 from nav_pose_estimator.engine.solutions import Level
@@ -27,6 +26,13 @@ _SLOWEST = 0.3  # s: longest interval of fixes at which the vertical acceleratio
 _PAUSE = 1.5  # s: longest interval of fixes in a difference
 _EVEN = 1.5  # largest ratio of two intervals in a second difference
 _LASTING = 3.0  # part of such noise that does not average out: one over this
+
+# --- the state of a ``Scatter``: index of each quantity, with its size if that is not 1 ------------------------------
+_T, _PLACE = 0, 1  # s, (3) m: last fix; its East and North less the integral of the velocities, and its height
+_BEFORE, _LOW = 4, 5  # s, m: interval and height of the fix before it
+_FIXES = 6  # fixes without a pause, at most two
+_STEPS, _BENDS = 7, 8  # numbers of differences so far
+_SIZE = 9
 
 
 class StatedAccuracy:
@@ -74,9 +80,8 @@ class Scatter:
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
         self.sd = (0.0, 0.0)
-        self._last: list[tuple[float, complex, float]] = []  # s, m, m: the last two fixes
-        self._steps, self._count = np.empty((_COUNT, 2)), 0  # m: East, North; the oldest one is replaced
-        self._vertical: deque[float] = deque(maxlen=_COUNT)
+        self._state = np.zeros(_SIZE)
+        self._steps, self._bends = np.empty((_COUNT, 2)), np.empty(_COUNT)  # m; the oldest ones are replaced
 
     @property
     def is_on(self) -> bool:
@@ -99,39 +104,11 @@ class Scatter:
         ``place`` [m]: position less integrated velocity, East + i North; ``height`` [m], NaN without; ``stated`` [m]:
         horizontal deviation of a fix.
         """
-        if self._last and t <= self._last[-1][0]:
-            return
-        if self._last and t > self._last[-1][0] + _PAUSE:
-            self._last.clear()
-            self._count = 0
-        if self._last:
-            step = place - self._last[-1][1]
-            stated = max(stated, _LEAST, _LEAST_RATE * (t - self._last[-1][0]))
-            self._steps[self._count % _COUNT] = step.real, step.imag
-            self._count += 1
-        if len(self._last) == 2:
-            (t0, _, low), (t1, _, middle) = self._last
-            before, now, bend = t1 - t0, t - t1, abs(height - 2.0 * middle + low)
-            if max(before, now) < min(_EVEN * min(before, now), _SLOWEST) and math.isfinite(bend):
-                self._vertical.append(bend)
-        self._last = [*self._last[-1:], (t, place, height)]
-        self._weigh(stated, stamp_ns)
-
-    def _weigh(self, stated: float, stamp_ns: int) -> None:
-        if self._count < _ENOUGH:
-            return
-        steps, was_on = self._steps[: self._count], self.is_on
-        horizontal = float(scatter_sd(steps))
-        # few differences may be large by chance
-        limit = _OFF if was_on else _ON * math.sqrt(_COUNT / len(steps))
-        if horizontal < limit * stated:
-            self.sd = (0.0, 0.0)
-        else:
-            vertical = sorted(self._vertical)[len(self._vertical) // 2] / _NORMAL if self._vertical else horizontal
-            self.sd = horizontal, vertical
+        was_on = self.is_on
+        self.sd = _take(self._state, (self._steps, self._bends), t, (place.real, place.imag, height), stated, self.sd)
         if self.is_on and not was_on:
             text = f"{self.reason}; they are used with that noise"
-            self._journal.say(stamp_ns, "gnss.scatters", Level.WARN, text, sd=horizontal)
+            self._journal.say(stamp_ns, "gnss.scatters", Level.WARN, text, sd=self.sd[0])
         elif was_on and not self.is_on:
             self._journal.say(stamp_ns, "gnss.scatters.ended", Level.INFO, "GNSS positions scatter as stated again")
 
@@ -182,6 +159,53 @@ class VelocityScatter:
         elif was_on and not self.is_on:
             text = "GNSS velocities scatter as stated again"
             self._journal.say(stamp_ns, "gnss.velocity.scatters.ended", Level.INFO, text)
+
+
+@kernel
+def _take(state, recent, t, place, stated, sd):
+    """``Scatter.fix`` with a ``place`` of three numbers; ``recent``: steps (N, 2) and bends (N,). Returns the new
+    ``sd``."""
+    seconds = t - state[_T]
+    if state[_FIXES] > 0.0 and seconds <= 0.0:
+        return sd
+    if state[_FIXES] > 0.0 and seconds > _PAUSE:
+        state[_FIXES] = state[_STEPS] = 0.0
+    if state[_FIXES] > 0.0:
+        stated = max(stated, _LEAST, _LEAST_RATE * seconds)
+        _add_differences(state, recent[0], recent[1], seconds, place)
+    state[_BEFORE], state[_LOW] = seconds, state[_PLACE + 2]
+    state[_T], state[_FIXES] = t, min(state[_FIXES] + 1.0, 2.0)
+    for axis in range(3):
+        state[_PLACE + axis] = place[axis]
+    return _weighed(state, recent[0], recent[1], stated, sd)
+
+
+@kernel
+def _add_differences(state, steps, bends, seconds, place):
+    """Add the step from the last fix and, of three fixes at equal intervals, the bend of their heights."""
+    row = int(state[_STEPS]) % _COUNT
+    steps[row, 0], steps[row, 1] = place[0] - state[_PLACE], place[1] - state[_PLACE + 1]
+    state[_STEPS] += 1.0
+    if state[_FIXES] < 2.0:
+        return
+    before, bend = state[_BEFORE], abs(place[2] - 2.0 * state[_PLACE + 2] + state[_LOW])
+    if max(before, seconds) < min(_EVEN * min(before, seconds), _SLOWEST) and math.isfinite(bend):
+        bends[int(state[_BENDS]) % _COUNT] = bend
+        state[_BENDS] += 1.0
+
+
+@kernel
+def _weighed(state, steps, bends, stated, sd):
+    """The new ``sd``, for a deviation ``stated`` [m]."""
+    count, bent = min(int(state[_STEPS]), _COUNT), min(int(state[_BENDS]), _COUNT)
+    if count < _ENOUGH:
+        return sd
+    horizontal = scatter_sd(steps[:count])
+    # few differences may be large by chance
+    limit = _OFF if sd[0] > 0.0 else _ON * math.sqrt(_COUNT / count)
+    if horizontal < limit * stated:
+        return 0.0, 0.0
+    return horizontal, (in_order(bends[:bent])[bent // 2] / _NORMAL if bent > 0 else horizontal)
 
 
 @kernel

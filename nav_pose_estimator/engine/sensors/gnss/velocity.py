@@ -12,7 +12,7 @@ from nav_pose_estimator.core.gnss.doubt import Doubt
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.observation import GATED, LEFT_OUT, Decision, FilterView, Kind, Observation
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import GnssVelocity
+from nav_pose_estimator.engine.samples import GnssVelocity, Vector3
 from nav_pose_estimator.engine.sensors.aiding import Aiding
 from nav_pose_estimator.engine.sensors.gnss.innovation_record import InnovationRecord
 from nav_pose_estimator.engine.sensors.gnss.reception import GnssReception
@@ -29,9 +29,9 @@ class Misfit(NamedTuple):
     """Difference of the receiver's last velocity from the navigator's, after its update."""
 
     t: float  # s
-    difference: np.ndarray  # (2,) or (3,) m/s: navigator minus receiver
+    difference: list[float]  # (2,) or (3,) m/s: navigator minus receiver
     R: np.ndarray
-    velocity: list[float]  # (3,) m/s, ENU
+    velocity: Vector3  # m/s, ENU
 
 
 class GnssVelocitySensor(Sensor):
@@ -60,7 +60,7 @@ class GnssVelocitySensor(Sensor):
     def observe(self, sample: GnssVelocity, t: float) -> Observation:
         """The observation of a velocity valid at ``t`` [s] that has passed the reception."""
         R = self.reception.velocity_noise(sample, in_filter=True)
-        return Observation(t, sample.stamp_ns, self.kind, np.array(sample.vel_enu), R)
+        return Observation(t, sample.stamp_ns, self.kind, sample.vel_enu, R)
 
     def decide(self, o: Observation, f: FilterView) -> Decision:
         """Gate it while fixes are used; a velocity alone does not end an outage."""
@@ -73,7 +73,7 @@ class GnssVelocitySensor(Sensor):
     def linearise(self, o: Observation, f: FilterView) -> Linearised:
         """Two or three rows: velocity of the antenna."""
         assert o.stated_R is not None
-        z, H = measurements.gnss_velocity(f.nav, len(f.P), o.measured, self.lever)
+        z, H = measurements.gnss_velocity(f.nav, len(f.P), np.array(o.measured), self.lever)
         measurements.see_gnss_error(z, H, f.nav, f.constants, measurements.VELOCITY)
         rows = rows_of(o)
         return z[:rows], H[:rows], o.stated_R[:rows, :rows]
@@ -106,7 +106,7 @@ class GnssVelocitySensor(Sensor):
         self._is_refused = False
         self._journal.count("gnss.used.velocity")
         R = self._accuracy.lasting(o, o.stated_R[:rows, :rows], self.noise, self._journal)
-        self.misfit = Misfit(o.t, np.array(left[:rows]), R, o.measured.tolist())
+        self.misfit = Misfit(o.t, left[:rows], R, o.measured)
 
     def misfit_at(self, t: float) -> Misfit | None:
         """``misfit`` where it is recent enough for a fix at ``t`` [s] and not mostly noise, else None."""
@@ -120,15 +120,15 @@ class GnssVelocitySensor(Sensor):
             return
         assert o.stated_R is not None
         scatter = self.reception.velocity_scatter
-        stated = math.sqrt(max(o.stated_R[0, 0], o.stated_R[1, 1]) - scatter.sd**2)
-        stated = max(stated, self.reception.least_velocity_sd)
+        stated = max(o.stated_R[0, 0], o.stated_R[1, 1]) - scatter.sd**2
+        stated = math.sqrt(max(stated, self.reception.least_velocity_sd**2))  # the noise may be newer than R
         before = last.difference
         scatter.change(o.t - last.t, east - before[0], north - before[1], stated)
 
     def _remember(self, o: Observation, f: FilterView) -> None:
         z, _, R = self.linearise(o, f)
         R = self._accuracy.lasting(o, R, self.noise, self._journal)
-        self.misfit = Misfit(o.t, z, R, o.measured.tolist())
+        self.misfit = Misfit(o.t, z.tolist(), R, o.measured)
 
     def settle(self, o: Observation, f: FilterView) -> None:
         """Update the identification of the gyroscope bias's noise while GNSS is good."""

@@ -12,7 +12,6 @@ from nav_pose_estimator.core.gnss.climb_check import DOWN
 from nav_pose_estimator.core.gnss.velocity_check import VelocityCheck
 from nav_pose_estimator.core.gnss.velocity_mistakes import UNIT
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.number_checks import is_within
 from nav_pose_estimator.engine.samples import GnssFix, GnssVelocity
 from nav_pose_estimator.engine.sensors.gnss.velocity_report import VelocityReport
 
@@ -47,7 +46,6 @@ class VelocityInput:
         """Integral of the velocities, East + i North [m], from an arbitrary start."""
         self._before = (math.inf, 0j)
         self._place = (math.nan, math.nan)  # deg, of the last fix
-        self._judged: tuple[int | bool | str | float, ...] = ()  # what was known at the last fix
         self._learns = True
 
     def forget_time(self) -> None:
@@ -111,13 +109,11 @@ class VelocityInput:
             return
         check, stamp_ns = self._check, sample.stamp_ns
         self._place = math.degrees(sample.lat), math.degrees(sample.lon)
-        check.walk = walk
+        check.expect_walk(walk)
         check.fix(t, sample.lat, sample.lon, sample.alt, sd)
-        horizontal = check.sound_steps, check.suspect, check.fault, check.name, check.certain
-        judged = (*horizontal, check.climb.fault, check.climb.height_fault, check.late.delay)
-        if judged == self._judged:  # nothing can be new
+        if not check.is_new:
             return
-        self._judged = judged
+        check.is_new = False
         is_withheld = self.doubted
         new = [is_withheld and not self._is_withheld]
         self._is_withheld = is_withheld
@@ -132,18 +128,19 @@ class VelocityInput:
 
     def velocity(self, sample: GnssVelocity, t: float, fix_usable: bool) -> GnssVelocity | None:
         """The usable part of a velocity valid at ``t`` [s], corrected where necessary; None (and counted) without."""
-        same = sample.vel_enu == self._last and math.hypot(*sample.vel_enu[:2]) > _MOVING
+        east, north, up = sample.vel_enu
+        same = sample.vel_enu == self._last and math.hypot(east, north) > _MOVING
         self.repeats, self._last = self.repeats + 1 if same else 0, sample.vel_enu
-        self.is_zero = not any(sample.vel_enu)
-        if not is_within(sample.vel_enu[:2], _LARGEST_SPEED) or abs(sample.vel_enu[2]) > _LARGEST_SPEED:
+        self.is_zero = east == north == up == 0.0
+        if not (abs(east) <= _LARGEST_SPEED and abs(north) <= _LARGEST_SPEED) or abs(up) > _LARGEST_SPEED:
             self._journal.count("gnss.rejected.velocity_value")
             return None
         if not fix_usable:
             self._journal.count("gnss.rejected.velocity_without_fix")
             return None
         if self._learns:
-            self._check.velocity(t, *sample.vel_enu)
-        self._add_up(t, complex(*sample.vel_enu[:2]))
+            self._check.velocity(t, east, north, up)
+        self._add_up(t, complex(east, north))
         return self._believed(sample)
 
     def _add_up(self, t: float, velocity: complex) -> None:

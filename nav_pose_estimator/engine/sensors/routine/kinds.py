@@ -64,7 +64,7 @@ class RoutineVelocity:
     def values(self, o: Observation) -> list[float]:
         """Two or three rows, with the stated noise."""
         assert o.stated_R is not None
-        return [rows_of(o), *o.measured.tolist(), *o.stated_R.ravel().tolist(), 0.0]
+        return [rows_of(o), *o.measured, *o.stated_R.ravel().tolist(), 0.0]
 
     def again(self, o: Observation) -> int:
         """Behind the gate, or left out as before."""

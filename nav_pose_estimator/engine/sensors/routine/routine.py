@@ -116,18 +116,15 @@ class Routine:
         return settings
 
     def _events(self, coming: Sequence[Coming], settings: list[float], t: float) -> np.ndarray:
-        ready: dict[str, bool] = {}
+        numbers: dict[str, int] = {}  # of observations that act for the first time
         events: list[float] = []
         for behind, o in coming:
             name = o.kind.name
             kind = self._kinds.get(name)
-            if kind is not None and name not in ready:
-                ready[name] = kind.prepare(settings, t)
-            number = table.UNUSUAL
-            if kind is not None and o.decision is not None:
-                number = kind.again(o)
-            elif kind is not None and ready[name]:
-                number = kind.number
+            if name not in numbers:
+                is_ready = kind is not None and kind.prepare(settings, t)
+                numbers[name] = kind.number if kind is not None and is_ready else table.UNUSUAL
+            number = numbers[name] if kind is None or o.decision is None else kind.again(o)
             events += (o.t, number, behind)
             events += _NOTHING if kind is None or number == table.UNUSUAL else kind.values(o)
         # numpy takes five times as long to make an array of a list
