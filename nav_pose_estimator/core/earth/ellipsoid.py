@@ -99,6 +99,16 @@ def enu_of(lat, lon, h, origin_lat, origin_lon, origin_h):
     return co * dy - so * dx, cl * dz - sl * outward, cl * outward + sl * dz
 
 
+@inlined
+def step_of(lat0, lon0, h0, lat, lon, h):
+    """``step_enu`` as a tuple, for the inside of kernels."""
+    r_m, r_n = radii(lat)
+    east = lon - lon0
+    if abs(east) > math.pi:  # across the 180th meridian
+        east -= math.copysign(2.0 * math.pi, east)
+    return east * (r_n + h) * math.cos(lat), (lat - lat0) * (r_m + h), h - h0
+
+
 # --- numpy forms for arrays ----------------------------------------------------------------------------------------
 def radii_many(lat: ArrayLike) -> tuple[Array, Array]:
     """``radii`` of latitudes (...)."""
@@ -167,7 +177,4 @@ def enu_to_lla(enu: ArrayLike, origin_lat: float, origin_lon: float, origin_h: f
 
 def step_enu(before: Sequence[float] | Array, after: Sequence[float] | Array) -> Array:
     """Displacement (3,) [m, ENU] between two geodetic positions (3,) [rad, rad, m] that are close to each other."""
-    (lat0, lon0, h0), (lat, lon, h) = map(float, before), map(float, after)
-    r_m, r_n = radii(lat)
-    east = math.remainder(lon - lon0, 2.0 * math.pi)  # across the 180th meridian, too
-    return np.array([east * (r_n + h) * math.cos(lat), (lat - lat0) * (r_m + h), h - h0])
+    return np.array(step_of(*map(float, before), *map(float, after)))

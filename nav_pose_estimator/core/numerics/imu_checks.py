@@ -132,3 +132,8 @@ def first_after(rows, t):
         else:
             begin = middle + 1
     return begin
+
+
+def first_from(rows: np.ndarray, t: float) -> int:
+    """``first_after`` of the times that are not earlier than ``t`` [s]."""
+    return first_after(rows, math.nextafter(t, -math.inf))  # type: ignore[no-any-return]
