@@ -85,28 +85,37 @@ def is_calm(rows, usual, bounds, dead):
     return True
 
 
-def finest_and_largest(columns: np.ndarray) -> tuple[float, float]:
-    """Smallest nonzero step between consecutive samples of ``columns`` (N, 3), and largest absolute value.
+def finest_and_largest(rows: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Smallest nonzero step between consecutive values of an axis, and largest absolute value, of rates and of forces.
 
-    The step is infinite where no value changes.
+    Of IMU rows (N, 7). The step is infinite where no value changes.
     """
     if COMPILED:
-        finest, largest = _finest_and_largest(columns)
-        return finest, largest
-    steps = np.abs(np.diff(columns, axis=0))
-    return float(steps[steps > 0.0].min(initial=math.inf)), float(np.abs(columns).max())
+        finest_rate, largest_rate, finest_force, largest_force = _finest_and_largest(rows)
+        return (finest_rate, largest_rate), (finest_force, largest_force)
+    steps, sizes = np.abs(np.diff(rows, axis=0)), np.abs(rows)
+    rate, force = (
+        (float(steps[:, k : k + 3][steps[:, k : k + 3] > 0.0].min(initial=math.inf)), float(sizes[:, k : k + 3].max()))
+        for k in (1, 4)
+    )
+    return rate, force
 
 
 @kernel
-def _finest_and_largest(columns):
-    finest, largest = math.inf, 0.0
-    for i in range(len(columns)):
+def _finest_and_largest(rows):
+    finest_rate = finest_force = math.inf
+    largest_rate = largest_force = 0.0
+    for i in range(len(rows)):
         for axis in range(3):
-            largest = max(largest, abs(columns[i, axis]))
-            step = abs(columns[i, axis] - columns[i - 1, axis]) if i > 0 else 0.0
-            if 0.0 < step < finest:
-                finest = step
-    return finest, largest
+            w, f = rows[i, 1 + axis], rows[i, 4 + axis]
+            largest_rate, largest_force = max(largest_rate, abs(w)), max(largest_force, abs(f))
+            step = abs(w - rows[i - 1, 1 + axis]) if i > 0 else 0.0
+            if 0.0 < step < finest_rate:
+                finest_rate = step
+            step = abs(f - rows[i - 1, 4 + axis]) if i > 0 else 0.0
+            if 0.0 < step < finest_force:
+                finest_force = step
+    return finest_rate, largest_rate, finest_force, largest_force
 
 
 @kernel
