@@ -48,40 +48,35 @@ def is_calm(rows, usual, bounds, dead):
     no verdict: the exact test decides. Where it is True, ``usual`` becomes the mean of the rows but the first.
     """
     struck_rate, struck_force, clipped_rate, clipped_force = bounds
-    silent_gyro = silent_accel = 0.0  # s since the first of equal values, its own step included
-    for column in range(1, 7):
-        silent = 0.0
-        for i in range(1, len(rows)):
-            silent = rows[i, 0] - rows[i - 1, 0] + (silent if rows[i, column] == rows[i - 1, column] else 0.0)
-            if silent >= 0.99 * dead[1]:
-                return False
+    silent = np.zeros(6)  # s since the first of equal values of each axis, its own step included
+    silent_gyro = silent_accel = 0.0  # the same of the whole sensors
+    totals = np.zeros(6)
     for i in range(1, len(rows)):
         step = rows[i, 0] - rows[i - 1, 0]
         same_gyro = same_accel = 0
-        away_gyro = away_accel = 0.0
-        for k in range(3):
-            w, f = rows[i, 1 + k], rows[i, 4 + k]
-            away_gyro += (w - usual[k]) ** 2
-            away_accel += (f - usual[3 + k]) ** 2
-            if w == rows[i - 1, 1 + k]:
-                same_gyro += 1
-                if not abs(w) <= clipped_rate:
-                    return False
-            if f == rows[i - 1, 4 + k]:
-                same_accel += 1
-                if not abs(f) <= clipped_force:
-                    return False
+        away_gyro = away_accel = longest = 0.0
+        for k in range(6):
+            value = rows[i, 1 + k]
+            is_same = value == rows[i - 1, 1 + k]
+            silent[k] = step + (silent[k] if is_same else 0.0)
+            longest = max(longest, silent[k])
+            totals[k] += value
+            if k < 3:
+                away_gyro += (value - usual[k]) ** 2
+                same_gyro += is_same
+            else:
+                away_accel += (value - usual[k]) ** 2
+                same_accel += is_same
+            if is_same and not abs(value) <= (clipped_rate if k < 3 else clipped_force):
+                return False
         if not (away_gyro <= struck_rate**2 and away_accel <= struck_force**2):  # false for NaN
             return False
         silent_gyro = step + (silent_gyro if same_gyro == 3 else 0.0)
         silent_accel = step + (silent_accel if same_accel == 3 else 0.0)
-        if max(silent_gyro, silent_accel) >= 0.99 * dead[0]:
+        if longest >= 0.99 * dead[1] or max(silent_gyro, silent_accel) >= 0.99 * dead[0]:
             return False
     for k in range(6):
-        total = 0.0
-        for i in range(1, len(rows)):
-            total += rows[i, 1 + k]
-        usual[k] = total / (len(rows) - 1)
+        usual[k] = totals[k] / (len(rows) - 1)
     return True
 
 
