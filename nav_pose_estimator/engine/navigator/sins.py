@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from nav_pose_estimator.core.alignment.types import KnownBiases
+from nav_pose_estimator.core.numerics.deep_copy import shallow_copy
 from nav_pose_estimator.engine import warm_up_flight
 from nav_pose_estimator.engine.continuation.warm_start import LONGEST
 from nav_pose_estimator.engine.engine_clock import NS
@@ -119,7 +119,7 @@ class SinsEngine:
 
     def snapshot(self) -> SinsEngine:
         """An independent copy of the engine."""
-        twin = copy.copy(self)
+        twin = shallow_copy(self)
         twin._input = ImuInput(self.parameters.imu)
         twin.restore(self)
         return twin
