@@ -7,7 +7,6 @@ from collections import deque
 
 import numpy as np
 
-from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.numerics.imu_checks import first_from
 from nav_pose_estimator.engine.imu import plausibility
 from nav_pose_estimator.engine.imu.clipping import ClipWatch

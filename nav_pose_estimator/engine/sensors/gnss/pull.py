@@ -98,7 +98,7 @@ class Pull:
         now = float(f.nav[at.TIME])
         if self._unaided:
             rows = rows[first_after(rows, self._unaided[0].time) :]
-            if not all([one.carry(f.constants, rows, lever) for one in self._unaided]):
+            if not all(one.carry(f.constants, rows, lever) for one in self._unaided):
                 self.interrupt()
         end = math.floor(now + 1e-6) - _LATE
         received = np.array(self._received).reshape(-1, 4)

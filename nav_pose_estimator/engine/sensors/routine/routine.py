@@ -40,7 +40,7 @@ class Leg(NamedTuple):
     unfinished: list[float] | None
     """Then the first result of these, which does not count in ``shift``; else None."""
     moves: list[tuple[int, np.ndarray]]
-    """Changes of the sum (3,) [m], ENU, of all corrections of the position: number of rows before it, sum until then."""
+    """Changes of the sum (3,) [m], ENU, of all corrections of the position: rows before it, and the sum until then."""
     shift: np.ndarray
     """That sum in the end."""
 
