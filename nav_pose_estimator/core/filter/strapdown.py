@@ -121,7 +121,8 @@ def unaided_velocities(nav, constants, rows, lever, out, angle):
     motion, earth = _motion(nav), _earth(float(nav[LAT]), float(nav[ALT]))
     last_rate, last_force, t = load3(nav, PREV_RATE), load3(nav, PREV_FORCE), float(nav[TIME])
     for i in range(len(rows)):
-        gyro, dt, t = load3(rows[i], IMU_GYRO), rows[i, IMU_T] - t, float(rows[i, IMU_T])
+        gyro, now = load3(rows[i], IMU_GYRO), float(rows[i, IMU_T])
+        dt, t = now - t, now
         for k in range(3):
             angle[k] += dt * gyro[k] if i > 0 else 0.0
         rate = corrected_rate(nav, constants, gyro)
