@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.engine.journal import Journal
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample
+from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, joined
 from nav_pose_estimator.engine.solutions import Level
 
 NS = 1e-9
@@ -49,13 +48,10 @@ class EngineClock:
 
     def rows_of(self, blocks: Sequence[ImuBlock]) -> tuple[np.ndarray, np.ndarray]:
         """``imu_rows`` of consecutive blocks, one at least."""
-        stamps = np.concatenate([block.stamps_ns for block in blocks])
-        self._start(int(stamps[0]))
-        rows = np.empty((len(stamps), at.IMU_COLUMNS))
-        rows[:, at.IMU_T] = (stamps - self.zero_ns) * NS
-        np.concatenate([block.gyro for block in blocks], out=rows[:, at.IMU_GYRO : at.IMU_ACCEL])
-        np.concatenate([block.accel for block in blocks], out=rows[:, at.IMU_ACCEL :])
-        return stamps, rows
+        whole = joined(blocks)
+        self._start(int(whole.stamps_ns[0]))
+        times = (whole.stamps_ns - self.zero_ns) * NS
+        return whole.stamps_ns, np.concatenate((times[:, None], whole.gyro, whole.accel), axis=1)
 
     def _start(self, stamp_ns: int) -> None:
         if not self.running:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from nav_pose_estimator.core.numerics.deep_copy import deep_copy
+from nav_pose_estimator.core.numerics.deep_copy import deep_copy, shallow_copy
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator.sins import SinsEngine
 from nav_pose_estimator.offline.benchmarks.speed.plain_flight import samples
@@ -98,6 +98,18 @@ def test_what_is_known_already_is_taken() -> None:
     """GIVEN an object that stands for another WHEN what refers to that is copied THEN the copy refers to the first."""
     old, new = [1], [2]
     assert deep_copy({"a": old}, {id(old): new})["a"] is new
+
+
+def test_a_shallow_copy_holds_the_same_and_changes_by_itself() -> None:
+    """GIVEN an object WHEN it is copied alone THEN both hold the same things, and each has its own attributes."""
+    node = Node()
+    twin = shallow_copy(node)
+    assert vars(twin) == vars(node)
+    assert twin.rows is node.rows
+    twin.rows = np.zeros(1)
+    node.late = 1  # type: ignore[attr-defined]
+    assert len(node.rows) == 2
+    assert not hasattr(twin, "late")
 
 
 @dataclass

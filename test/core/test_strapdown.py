@@ -20,7 +20,7 @@ from nav_pose_estimator.core.earth.ellipsoid import (
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX, Wander
 from nav_pose_estimator.core.filter.constants import make_constants
-from nav_pose_estimator.core.filter.strapdown import flush_covariance, propagate
+from nav_pose_estimator.core.filter.strapdown import flush_covariance, propagate, unaided_velocities
 from nav_pose_estimator.core.numerics.jit import COMPILED
 from nav_pose_estimator.core.numerics.rotation import quat_from_matrix, quat_multiply, rotvec_from_quat
 
@@ -252,3 +252,21 @@ def test_the_date_line_is_crossed():
     rows = motion.imu_rows(times_of(2.0, 100.0))
     run_imu(nav, zero_covariance(), WITHOUT_COVARIANCE, rows, np.empty((len(rows), at.OUT_COLUMNS)))
     assert nav[at.LON] == pytest.approx(-math.pi + 1e-5, abs=1e-9)
+
+
+def test_velocities_on_the_imu_alone_are_those_of_the_mechanization():
+    # GIVEN aerobatics
+    motion, second = aerobatics(), 200
+    rows = motion.imu_rows(times_of(10.0, 200.0))
+    whole, alone = motion.nav(0.0), motion.nav(0.0)
+    out, trace, angle = np.empty((len(rows), at.OUT_COLUMNS)), np.empty((len(rows), 4)), np.zeros(3)
+    run_imu(whole, zero_covariance(), WITHOUT_COVARIANCE, rows, out)
+    # WHEN only the velocity is propagated, with latitude and gravity once a second
+    for k in range(0, len(rows), second):
+        part = slice(k, k + second)
+        unaided_velocities(alone, WITHOUT_COVARIANCE, rows[part], np.zeros(3), trace[part], angle)
+    # THEN it is the same horizontally, and vertically but for the change of gravity with the height
+    apart = np.abs(out[:, at.OUT_VEL : at.OUT_VEL + 3] - trace[:, 1:]).max(axis=0)
+    assert apart[:2].max() < 1e-6
+    assert apart[2] < 1e-3
+    assert trace[-1, 0] == whole[at.TIME]

@@ -113,8 +113,8 @@ def run_block(memory, rows, begin, end, due, out):
     """Propagate the filter over IMU rows ``begin`` to ``end`` of ``rows`` (N, 7), but not beyond the time ``due`` [s].
 
     Returns the index of the row before which it stopped. That is ``end`` where all rows are earlier than ``due``.
-    Otherwise state and P are at ``due``, within the interval of that row, ready for an observation. The last rows of
-    ``out`` (M, OUT_COLUMNS) receive the state after each row that was reached.
+    Otherwise state and P are at ``due``, within the interval of that row, ready for an observation. The rows of ``out``
+    (M, OUT_COLUMNS) receive the state after each of the last M rows that was reached.
     """
     n = int(memory[STATES])
     nav, constants, P = memory[NAV:CONSTANTS], memory[CONSTANTS:ORIGIN], memory[HEAD : HEAD + n * n].reshape(n, n)
@@ -134,7 +134,8 @@ def run_block(memory, rows, begin, end, due, out):
             covariance_step_in(nav, P, constants, space)
         if stops:
             return i
-        write_output(nav, P, out, out.shape[0] - end + i)
+        if i >= end - out.shape[0]:
+            write_output(nav, P, out, out.shape[0] - end + i)
         if nav[TIME] >= mark:
             add_checkpoint(memory)
             mark = nav[TIME] + memory[PERIOD]

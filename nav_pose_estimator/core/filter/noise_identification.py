@@ -133,7 +133,7 @@ class NoiseIdentification:
             return False
         flying = self._flying
         rows = rows[first_after(rows, flying[memory.NAV + at.TIME]) :]
-        memory.run_block(flying, rows, 0, len(rows), math.inf, np.empty((len(rows), at.OUT_COLUMNS)))
+        memory.run_block(flying, rows, 0, len(rows), math.inf, np.empty((0, at.OUT_COLUMNS)))
         self._calls += 1
         if self._calls == RECEIVER_TRIAL:
             self.gnss_variance = self._moved(self.gnss_variance, self._ratio(nav, P))

@@ -48,65 +48,69 @@ def is_calm(rows, usual, bounds, dead):
     no verdict: the exact test decides. Where it is True, ``usual`` becomes the mean of the rows but the first.
     """
     struck_rate, struck_force, clipped_rate, clipped_force = bounds
-    silent_gyro = silent_accel = 0.0  # s since the first of equal values, its own step included
-    for column in range(1, 7):
-        silent = 0.0
-        for i in range(1, len(rows)):
-            silent = rows[i, 0] - rows[i - 1, 0] + (silent if rows[i, column] == rows[i - 1, column] else 0.0)
-            if silent >= 0.99 * dead[1]:
-                return False
+    silent = np.zeros(6)  # s since the first of equal values of each axis, its own step included
+    silent_gyro = silent_accel = 0.0  # the same of the whole sensors
+    totals = np.zeros(6)
     for i in range(1, len(rows)):
         step = rows[i, 0] - rows[i - 1, 0]
         same_gyro = same_accel = 0
-        away_gyro = away_accel = 0.0
-        for k in range(3):
-            w, f = rows[i, 1 + k], rows[i, 4 + k]
-            away_gyro += (w - usual[k]) ** 2
-            away_accel += (f - usual[3 + k]) ** 2
-            if w == rows[i - 1, 1 + k]:
-                same_gyro += 1
-                if not abs(w) <= clipped_rate:
-                    return False
-            if f == rows[i - 1, 4 + k]:
-                same_accel += 1
-                if not abs(f) <= clipped_force:
-                    return False
+        away_gyro = away_accel = longest = 0.0
+        for k in range(6):
+            value = rows[i, 1 + k]
+            is_same = value == rows[i - 1, 1 + k]
+            silent[k] = step + (silent[k] if is_same else 0.0)
+            longest = max(longest, silent[k])
+            totals[k] += value
+            if k < 3:
+                away_gyro += (value - usual[k]) ** 2
+                same_gyro += is_same
+            else:
+                away_accel += (value - usual[k]) ** 2
+                same_accel += is_same
+            if is_same and not abs(value) <= (clipped_rate if k < 3 else clipped_force):
+                return False
         if not (away_gyro <= struck_rate**2 and away_accel <= struck_force**2):  # false for NaN
             return False
         silent_gyro = step + (silent_gyro if same_gyro == 3 else 0.0)
         silent_accel = step + (silent_accel if same_accel == 3 else 0.0)
-        if max(silent_gyro, silent_accel) >= 0.99 * dead[0]:
+        if longest >= 0.99 * dead[1] or max(silent_gyro, silent_accel) >= 0.99 * dead[0]:
             return False
     for k in range(6):
-        total = 0.0
-        for i in range(1, len(rows)):
-            total += rows[i, 1 + k]
-        usual[k] = total / (len(rows) - 1)
+        usual[k] = totals[k] / (len(rows) - 1)
     return True
 
 
-def finest_and_largest(columns: np.ndarray) -> tuple[float, float]:
-    """Smallest nonzero step between consecutive samples of ``columns`` (N, 3), and largest absolute value.
+def finest_and_largest(rows: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Smallest nonzero step between consecutive values of an axis, and largest absolute value, of rates and of forces.
 
-    The step is infinite where no value changes.
+    Of IMU rows (N, 7). The step is infinite where no value changes.
     """
     if COMPILED:
-        finest, largest = _finest_and_largest(columns)
-        return finest, largest
-    steps = np.abs(np.diff(columns, axis=0))
-    return float(steps[steps > 0.0].min(initial=math.inf)), float(np.abs(columns).max())
+        finest_rate, largest_rate, finest_force, largest_force = _finest_and_largest(rows)
+        return (finest_rate, largest_rate), (finest_force, largest_force)
+    steps, sizes = np.abs(np.diff(rows, axis=0)), np.abs(rows)
+    rate, force = (
+        (float(steps[:, k : k + 3][steps[:, k : k + 3] > 0.0].min(initial=math.inf)), float(sizes[:, k : k + 3].max()))
+        for k in (1, 4)
+    )
+    return rate, force
 
 
 @kernel
-def _finest_and_largest(columns):
-    finest, largest = math.inf, 0.0
-    for i in range(len(columns)):
+def _finest_and_largest(rows):
+    finest_rate = finest_force = math.inf
+    largest_rate = largest_force = 0.0
+    for i in range(len(rows)):
         for axis in range(3):
-            largest = max(largest, abs(columns[i, axis]))
-            step = abs(columns[i, axis] - columns[i - 1, axis]) if i > 0 else 0.0
-            if 0.0 < step < finest:
-                finest = step
-    return finest, largest
+            w, f = rows[i, 1 + axis], rows[i, 4 + axis]
+            largest_rate, largest_force = max(largest_rate, abs(w)), max(largest_force, abs(f))
+            step = abs(w - rows[i - 1, 1 + axis]) if i > 0 else 0.0
+            if 0.0 < step < finest_rate:
+                finest_rate = step
+            step = abs(f - rows[i - 1, 4 + axis]) if i > 0 else 0.0
+            if 0.0 < step < finest_force:
+                finest_force = step
+    return finest_rate, largest_rate, finest_force, largest_force
 
 
 @kernel
@@ -132,3 +136,8 @@ def first_after(rows, t):
         else:
             begin = middle + 1
     return begin
+
+
+def first_from(rows: np.ndarray, t: float) -> int:
+    """``first_after`` of the times that are not earlier than ``t`` [s]."""
+    return first_after(rows, math.nextafter(t, -math.inf))  # type: ignore[no-any-return]

@@ -2,9 +2,11 @@
 
 import math
 
+from nav_pose_estimator.core.earth.ellipsoid import step_of
 from nav_pose_estimator.core.filter import memory as at
 from nav_pose_estimator.core.filter.layout import IMU_T, TIME
 from nav_pose_estimator.core.numerics.jit import kernel
+from nav_pose_estimator.core.numerics.vectors import load3
 from nav_pose_estimator.core.routine import table
 from nav_pose_estimator.core.routine.observations import act
 
@@ -70,6 +72,37 @@ def fly(memory, rows, begin, end, is_followed, events, settings, out, results):
                 return done, k, AT_TIME if at_row and k > acted else AT_ROW
             if at_row:
                 at.renew_checkpoint(memory)
+
+
+@kernel
+def sum_corrections(events, results, count, rows, begin, is_within, moves):
+    """Sum the corrections of the position by the first ``count`` ``events`` of ``fly``, for each row they act behind.
+
+    Events count one by one, or together where they came behind the row of their time. ``begin`` as in ``fly``;
+    ``is_within``: it ended at ``AT_TIME``. Row k of ``moves`` (K, 4) has the number of rows before the k-th change of
+    the sum, and the sum (3,) [m], ENU, until then; on entry, row 0 has that before all of them.
+
+    Returns the number of changes, and the index of the first of the events at the time of the last row, where others
+    of that time have not been applied; they do not count. -1 without such events.
+    """
+    k = changes = 0
+    while k < count:
+        first, t, ahead = k, events[k, table.EVENT_T], int(results[k, table.RESULT_AHEAD])
+        k += 1
+        if t == rows[begin + ahead - 1, IMU_T]:
+            while k < count and events[k, table.EVENT_T] == t:
+                k += 1
+            if is_within and k == count:
+                return changes, first
+        lat0, lon0, h0 = load3(results[first], table.RESULT_BEFORE)
+        lat, lon, h = load3(results[k - 1], table.RESULT_AFTER)
+        if lat != lat0 or lon != lon0 or h != h0:
+            moves[changes, 0] = ahead
+            step = step_of(lat0, lon0, h0, lat, lon, h)
+            for i in range(3):
+                moves[changes + 1, 1 + i] = moves[changes, 1 + i] + step[i]
+            changes += 1
+    return changes, -1
 
 
 @kernel

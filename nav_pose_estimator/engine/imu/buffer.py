@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from nav_pose_estimator.core.filter.layout import IMU_COLUMNS, IMU_T
-from nav_pose_estimator.core.numerics.imu_checks import first_after
+from nav_pose_estimator.core.filter.layout import IMU_COLUMNS
+from nav_pose_estimator.core.numerics.imu_checks import first_after, first_from
 
 
 class ImuBuffer:
@@ -47,4 +47,4 @@ class ImuBuffer:
 
     def drop_before(self, t: float) -> None:
         """Drop the rows before ``t`` [s] except the last one, which point-sampled data interpolate from."""
-        self.first += max(int(self.live()[:, IMU_T].searchsorted(t)) - 1, 0)
+        self.first += max(first_from(self.live(), t) - 1, 0)

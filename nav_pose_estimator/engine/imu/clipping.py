@@ -46,7 +46,8 @@ class ClipWatch:
         if len(rows) < _RUN:
             return None
         gyroscope, accelerometer = self._sensors
-        angle, velocity = gyroscope.second(rows), accelerometer.second(rows)
+        rates, forces = finest_and_largest(rows)
+        angle, velocity = gyroscope.second(rows, *rates), accelerometer.second(rows, *forces)
         if angle > 0.0:
             words = f"gyroscope clips at {gyroscope.bound:.3g} rad/s"
         elif velocity > 0.0:
@@ -66,16 +67,17 @@ class _Range:
     _waiting: float = field(default=0.0, init=False)  # lost signal of plateaus that are not yet established
     _finest: float = field(default=math.inf, init=False)  # smallest step between two values: the resolution
 
-    def second(self, rows: np.ndarray) -> float:
-        """Integral [unit s] of the signal beyond the range; 0 while saturation is not established."""
-        columns = rows[:, at.IMU_GYRO + self.first : at.IMU_GYRO + self.first + 3]
-        finest, largest = finest_and_largest(columns)
+    def second(self, rows: np.ndarray, finest: float, largest: float) -> float:
+        """Integral [unit s] of the signal beyond the range; 0 while saturation is not established.
+
+        ``finest`` and ``largest``: smallest step and largest absolute value of the second.
+        """
         self._finest = min(self._finest, finest)
         if largest < max(_LEAST[self.first // 3], self.bound * (1.0 - _SAME)):
             return 0.0
         if largest > self.bound * (1.0 + _SAME):
             self.bound, self._evidence, self._waiting = largest, 0.0, 0.0
-        t = rows[:, at.IMU_T]
+        t, columns = rows[:, at.IMU_T], rows[:, at.IMU_GYRO + self.first : at.IMU_GYRO + self.first + 3]
         for sign in (1.0, -1.0):
             for axis in np.flatnonzero((sign * columns).max(axis=0) >= self.bound * (1.0 - _SAME)).tolist():
                 self._look_at(t, sign * columns[:, axis])

@@ -7,7 +7,7 @@ from collections import deque
 
 import numpy as np
 
-from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.imu_checks import first_from
 from nav_pose_estimator.engine.imu import plausibility
 from nav_pose_estimator.engine.imu.clipping import ClipWatch
 from nav_pose_estimator.engine.imu.doubt import Doubt, DoubtMeter
@@ -91,7 +91,7 @@ class ImuPhysics:
         ``gyro_bias`` (3,) [rad/s] is the navigator's estimate, None before it runs; ``is_aided``: GNSS aids it.
         Returns the error that faulty data of this second may have caused, None for good data.
         """
-        own = rows[rows[:, at.IMU_T].searchsorted(end - SECOND) :]
+        own = rows[first_from(rows, end - SECOND) :]
         with_one_more = rows[max(len(rows) - len(own) - 1, 0) :]
         self.motion.second(round(end), with_one_more, np.zeros(3) if gyro_bias is None else gyro_bias)
         doubt = self._watch_clipping(with_one_more, self._doubt.measure(with_one_more), journal, stamp_ns)

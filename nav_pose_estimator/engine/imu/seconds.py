@@ -44,18 +44,17 @@ def second_of(rows: np.ndarray, end: float) -> ImuSecond | None:
     """Statistics of the IMU rows (N, 7) of the second up to ``end`` [s]; None where too many rows are missing."""
     if len(rows) < 5 or rows[-1, at.IMU_T] - rows[0, at.IMU_T] < _COMPLETE:
         return None
-    numbers, squares = np.empty(13), np.empty((2, 3 * (len(rows) - 1)))
-    interleaved = _summary(rows, numbers, squares)
-    rate_x, rate_y, rate_z, force_x, force_y, force_z, *spread, norm = numbers.tolist()
-    shaking, vibration = np.add.reduce(squares, axis=1).tolist()
+    numbers = np.empty(15)
+    interleaved = _summary(rows, numbers)
+    rate_x, rate_y, rate_z, force_x, force_y, force_z, *spread, norm, shaking, vibration = numbers.tolist()
     return ImuSecond(
         end=end,
         samples=len(rows),
         rate=(rate_x, rate_y, rate_z),
         force=(force_x, force_y, force_z),
         norm=norm,
-        vibration=math.sqrt(0.5 * vibration / (len(rows) - 1)),
-        shaking=math.sqrt(0.5 * shaking / (len(rows) - 1)),
+        vibration=vibration,
+        shaking=shaking,
         spread=tuple(spread),
         interleaved=interleaved,
         gravity=math.hypot(force_x, force_y, force_z),
@@ -64,33 +63,32 @@ def second_of(rows: np.ndarray, end: float) -> ImuSecond | None:
 
 
 @kernel
-def _summary(rows, out, squares):
-    """Write means (6), ranges (6) and mean norm of the force to ``out`` (13,); True where two IMUs alternate.
+def _summary(rows, out):
+    """Write means (6), ranges (6), mean norm of the force, shaking and vibration to ``out`` (15,).
 
-    ``squares`` (2, 3 (N - 1)) receives the squared differences of consecutive samples, of rates and of forces.
+    Returns True where two IMUs alternate.
     """
-    count = len(rows)
-    for i in range(count - 1):
-        for axis in range(3):
-            turn = rows[i + 1, at.IMU_GYRO + axis] - rows[i, at.IMU_GYRO + axis]
-            push = rows[i + 1, at.IMU_ACCEL + axis] - rows[i, at.IMU_ACCEL + axis]
-            squares[0, 3 * i + axis], squares[1, 3 * i + axis] = turn * turn, push * push
-    norm = 0.0
+    count, interleaved = len(rows), False
+    out[12] = out[13] = out[14] = 0.0
     for i in range(count):
         x, y, z = rows[i, at.IMU_ACCEL], rows[i, at.IMU_ACCEL + 1], rows[i, at.IMU_ACCEL + 2]
-        norm += math.sqrt(x * x + y * y + z * z)
-    out[12] = norm / count
-    interleaved = False
+        out[12] += math.sqrt(x * x + y * y + z * z)
+    out[12] /= count
     for axis in range(6):
-        total, least, most = 0.0, math.inf, -math.inf
+        total, least, most, squares = 0.0, math.inf, -math.inf, 0.0
         for i in range(count):
             value = rows[i, at.IMU_GYRO + axis]
             total += value
             least, most = min(least, value), max(most, value)
+            if i > 0:
+                squares += (value - rows[i - 1, at.IMU_GYRO + axis]) ** 2
         out[axis], out[6 + axis] = total / count, most - least
+        out[13 + axis // 3] += squares
         interleaved = interleaved or _is_interleaved(
             rows, at.IMU_GYRO + axis, _APART_RATE if axis < 3 else _APART_FORCE
         )
+    for sensor in range(2):
+        out[13 + sensor] = math.sqrt(0.5 * out[13 + sensor] / (count - 1))
     return interleaved
 
 
@@ -100,11 +98,14 @@ def _is_interleaved(rows, column, large):
     count = len(rows) - 2
     mean = 0.0
     for i in range(count):
-        mean += _apart(rows, column, i) / count
+        mean += _apart(rows, column, i)
+    mean /= count
+    if abs(mean) <= large:
+        return False
     square = 0.0
     for i in range(count):
         square += (_apart(rows, column, i) - mean) ** 2
-    return abs(mean) > _SETS_APART * math.sqrt(square / count**2) and abs(mean) > large
+    return abs(mean) > _SETS_APART * math.sqrt(square / count**2)
 
 
 @inlined

@@ -7,13 +7,13 @@ processes the same data again, with the present knowledge of the velocities.
 
 from __future__ import annotations
 
-import copy
 import math
 
 import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import step_enu
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.deep_copy import deep_copy
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.navigator import intake, stretch
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
@@ -58,7 +58,7 @@ def _again(run: FilterRun) -> FilterRun | None:
     twin = start.copy(journal)
     twin.origin, twin.origin_is_fixed = run.origin, run.origin_is_fixed
     twin.gnss.reception.velocities = run.gnss.reception.velocities.in_hindsight(journal)
-    twin.imu_physics.motion.body = copy.deepcopy(run.imu_physics.motion.body)
+    twin.imu_physics.motion.body = deep_copy(run.imu_physics.motion.body, {})
     for now, sample in heard:
         rows = _carry(twin, rows, now)
         if twin.failure:

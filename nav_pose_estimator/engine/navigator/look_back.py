@@ -9,6 +9,7 @@ import numpy as np
 from nav_pose_estimator.core.alignment.rest import Stillness
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import noise_identification
+from nav_pose_estimator.core.numerics.imu_checks import first_after
 from nav_pose_estimator.engine.imu import physics
 from nav_pose_estimator.engine.imu.doubt import Doubt
 from nav_pose_estimator.engine.navigator import heading_trial
@@ -38,61 +39,66 @@ def look_back(run: FilterRun, t: float) -> None:
 
 
 def _look_at_motion(run: FilterRun) -> None:
-    whole = run.timeline.filter
-    mean_rate = run.stillness.add(run.timeline.rows_since(whole.time - Stillness.PERIOD))
-    _watch_for_a_pull(run)
-    run.gnss.position.elsewhere.second(whole.time, mean_rate is not None)
-    run.gnss.reception.velocity_scatter.second(run.clock.stamp(whole.time))
-    _doubt_the_position(run)
-    _doubt_the_body_velocity(run)
+    whole, t = run.timeline.filter, run.timeline.filter.time
+    is_aided = run.aiding.gnss_is_good(t)
+    rows = run.timeline.rows_since(t - _ROWS)
+    mean_rate = run.stillness.add(rows[first_after(rows, t - Stillness.PERIOD) :])
+    rests = mean_rate is not None
+    _watch_for_a_pull(run, rows, is_aided)
+    run.gnss.position.elsewhere.second(t, rests)
+    run.gnss.reception.velocity_scatter.second(run.clock.stamp(t))
+    if is_aided:
+        _doubt_the_position(run, t)
+    _doubt_the_body_velocity(run, t, is_aided)
     if run.parameters.imu.learn_noise:
-        _identify_noise(run, rests=mean_rate is not None)
+        _identify_noise(run, rows, is_aided, rests)
     if mean_rate is not None and run.parameters.aids.zero_velocity:
-        run.observe(run.rest.observe(mean_rate, whole.view, run.clock.stamp(whole.time)))
+        run.observe(run.rest.observe(mean_rate, whole.view, run.clock.stamp(t)))
 
 
-def _watch_for_a_pull(run: FilterRun) -> None:
-    """Check whether the fixes move without a measured force (a drag-off); only an aided filter can tell."""
+def _watch_for_a_pull(run: FilterRun, rows: np.ndarray, is_aided: bool) -> None:
+    """Check whether the fixes move without a measured force (a drag-off); only an aided filter can tell.
+
+    ``rows`` (N, 7): of the IMU since the last second or longer, here and below.
+    """
     whole, pull = run.timeline.filter, run.gnss.position.pull
-    if whole.branches is not None or not run.aiding.gnss_is_good(whole.time):
+    if whole.branches is not None or not is_aided:
         pull.interrupt()
         return
-    rows = run.timeline.rows_since(whole.time - _ROWS)
     pull.second(whole.view, rows, run.gnss.position.lever, run.clock.stamp(whole.time))
 
 
-def _doubt_the_position(run: FilterRun) -> None:
+def _doubt_the_position(run: FilterRun, t: float) -> None:
     """Widen the position by a lasting offset of the fixes: velocities drag the filter, or the fixes are dragged."""
-    whole = run.timeline.filter
-    if not run.aiding.gnss_is_good(whole.time):
-        return
     off = run.gnss.position.record.lasting(_OFF_FOR)
     if off > max(_OFF_SDS * run.parameters.gnss.position_sd, _OFF):
-        run.observe(run.imu_doubt.observe(Doubt(0.0, 0.0, way=off), whole.time, run.clock.stamp(whole.time)))
+        run.observe(run.imu_doubt.observe(Doubt(0.0, 0.0, way=off), t, run.clock.stamp(t)))
 
 
-def _doubt_the_body_velocity(run: FilterRun) -> None:
+def _doubt_the_body_velocity(run: FilterRun, t: float, is_aided: bool) -> None:
     """Widen the covariance in an outage by what the errors of a body velocity may have caused in a second."""
-    whole, sensor = run.timeline.filter, run.aids[BodyVelocity]
+    sensor = run.aids[BodyVelocity]
     assert isinstance(sensor, BodyVelocitySensor)
-    if run.aiding.gnss_is_good(whole.time):
+    if is_aided:
         sensor.doubt.end()
         return
-    holds = whole.time - run.aiding.bounded_by.get(sensor.kind.name, -math.inf) < Stillness.PERIOD
-    velocity = complex(*whole.nav[at.VEL : at.VEL + 2].tolist()) if holds else 0j
+    holds = t - run.aiding.bounded_by.get(sensor.kind.name, -math.inf) < Stillness.PERIOD
+    velocity = complex(*run.timeline.filter.nav[at.VEL : at.VEL + 2].tolist()) if holds else 0j
     doubt = sensor.doubt.second(velocity, sensor.possible_error)
     if doubt is not None:
-        run.observe(run.imu_doubt.observe(doubt, whole.time, run.clock.stamp(whole.time)))
+        run.observe(run.imu_doubt.observe(doubt, t, run.clock.stamp(t)))
 
 
-def _identify_noise(run: FilterRun, rests: bool) -> None:
+def _identify_noise(run: FilterRun, rows: np.ndarray, is_aided: bool, rests: bool) -> None:
     whole = run.timeline.filter
-    # rest is told from a smooth cruise by the speed; on the ground, with motors off, there is no vibration to identify
-    grounded = rests and math.hypot(*whole.nav[at.VEL : at.VEL + 3].tolist()) < _GROUNDED
-    if grounded or not run.aiding.gnss_is_good(whole.time) or whole.branches is not None:
+    if not is_aided or whole.branches is not None:
         run.noise.interrupt()
         return
-    changed = run.noise.note(whole.nav, whole.P, whole.constants, run.timeline.rows_since(whole.time - _ROWS))
+    # rest is told from a smooth cruise by the speed; on the ground, with motors off, there is no vibration to identify
+    if rests and math.hypot(*whole.nav[at.VEL : at.VEL + 3].tolist()) < _GROUNDED:
+        run.noise.interrupt()
+        return
+    changed = run.noise.note(whole.nav, whole.P, whole.constants, rows)
     gnss = run.gnss
     if gnss.reception.lasting is not None:
         gnss.reception.lasting.second()

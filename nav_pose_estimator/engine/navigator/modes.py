@@ -50,13 +50,16 @@ class ModeKeeper:
 
     def deadline(self, t: float, aiding: Aiding) -> float:
         """The next time [s] after ``t`` at which the mode may change without an observation."""
-        times = (
-            aiding.fix_used + aiding.lost_after,
+        soonest, lost_after = math.inf, aiding.lost_after
+        for at in (
+            aiding.fix_used + lost_after,
             aiding.fix_used + self._parameters.expire_after,
-            aiding.fix_offered + max(_OFFER_HOLDS, aiding.lost_after),
+            aiding.fix_offered + max(_OFFER_HOLDS, lost_after),
             aiding.drift_bounded + AID_HOLDS,
-        )
-        return min((at for at in times if at > t), default=math.inf)
+        ):
+            if t < at < soonest:
+                soonest = at
+        return soonest
 
     def update(self, t: float, aiding: Aiding, refusal: str, journal: Journal, stamp: Callable[[float], int]) -> Mode:
         """Update the mode of a running filter to ``t`` [s], with an event for a change.

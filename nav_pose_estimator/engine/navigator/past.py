@@ -5,13 +5,13 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
+from nav_pose_estimator.core.numerics.deep_copy import shallow_copy
 from nav_pose_estimator.engine.journal import Journal
 from nav_pose_estimator.engine.samples import GnssVelocity, Sample
 
@@ -43,7 +43,7 @@ class Past:
 
     def __deepcopy__(self, _memo: dict) -> Past:
         """A copy with its own lists of the same items, which are never written to."""
-        twin = copy.copy(self)
+        twin = shallow_copy(self)
         twin._starts, twin._heard, twin._seconds = list(self._starts), list(self._heard), list(self._seconds)
         return twin
 

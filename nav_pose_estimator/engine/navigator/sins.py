@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from nav_pose_estimator.core.alignment.types import KnownBiases
+from nav_pose_estimator.core.numerics.deep_copy import shallow_copy
 from nav_pose_estimator.engine import warm_up_flight
 from nav_pose_estimator.engine.continuation.warm_start import LONGEST
 from nav_pose_estimator.engine.engine_clock import NS
@@ -119,7 +119,7 @@ class SinsEngine:
 
     def snapshot(self) -> SinsEngine:
         """An independent copy of the engine."""
-        twin = copy.copy(self)
+        twin = shallow_copy(self)
         twin._input = ImuInput(self.parameters.imu)
         twin.restore(self)
         return twin
@@ -194,17 +194,18 @@ def _on_block(engine: SinsEngine, backlog: stretch.Backlog, block: ImuBlock, pas
 
 
 def _let_wait(engine: SinsEngine, backlog: stretch.Backlog, block: ImuBlock) -> list[Output]:
-    """Add ``block`` to the backlog; where a look back is due within it, the part before that is processed first."""
+    """Add ``block`` to the open backlog; where a look back is due within it, the part before is processed first."""
     outputs: list[Output] = []
-    later: ImuBlock | None = block
-    while later is not None:
+    later = backlog.add(block)
+    while True:
+        if backlog.is_full:
+            outputs += _flown(engine, backlog)
+        if later is None:
+            return outputs
         if backlog.run is not engine.run or not backlog.look_back_before(later) or not backlog.is_open():
             rest: list[ImuBlock | Event] = [later]
             return [*outputs, *engine._carry(rest)]
         later = backlog.add(later)
-        if backlog.is_full:
-            outputs += _flown(engine, backlog)
-    return outputs
 
 
 def _flown(engine: SinsEngine, backlog: stretch.Backlog) -> list[Output]:

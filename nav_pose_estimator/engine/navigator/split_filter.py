@@ -42,7 +42,7 @@ class SplitFilter:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore a copy; its views refer to its own vector."""
-        vars(self).update(state)
+        self.__dict__ = state
         self._hold(self.vector)
 
     def start(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections import deque
 from collections.abc import Sequence
@@ -21,7 +20,7 @@ from nav_pose_estimator.core.filter.blocks import state_count
 from nav_pose_estimator.core.filter.kalman import correct, gated_correct
 from nav_pose_estimator.core.filter.vertical_channel import gated_height
 from nav_pose_estimator.core.gnss import unfelt_change
-from nav_pose_estimator.core.numerics.deep_copy import deep_copy
+from nav_pose_estimator.core.numerics.deep_copy import deep_copy, own_dictionary
 from nav_pose_estimator.engine.continuation.warm_start import WarmStart
 from nav_pose_estimator.engine.imu import motion_check
 from nav_pose_estimator.engine.number_checks import is_covariance, is_within
@@ -77,8 +76,8 @@ class StartUp:
         """A copy; it shares a completed aligner, which no longer changes."""
         if self.aligner.is_complete:
             memo[id(self.aligner)] = self.aligner
-        twin = copy.copy(self)
-        twin.__dict__ = deep_copy(self.__dict__, memo)
+        twin: StartUp = object.__new__(StartUp)
+        twin.__dict__ = deep_copy(own_dictionary(self), memo)
         return twin
 
     def afresh(self, parameters: Parameters) -> StartUp:

@@ -17,6 +17,7 @@ import numpy as np
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter.blocks import DVL
 from nav_pose_estimator.core.gnss.doubt import HOPELESS
+from nav_pose_estimator.core.numerics.imu_checks import first_from
 from nav_pose_estimator.core.routine import table
 from nav_pose_estimator.engine.engine_clock import NS
 from nav_pose_estimator.engine.navigator import heading_trial
@@ -34,7 +35,7 @@ from nav_pose_estimator.engine.samples import (
     Sample,
     SatelliteCount,
 )
-from nav_pose_estimator.engine.sensors.routine.routine import Coming, Leg, moved
+from nav_pose_estimator.engine.sensors.routine.routine import Coming
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, Output
 
 Periods = list[tuple[int, float]]
@@ -82,7 +83,7 @@ def _in_one_mode(run: FilterRun, stamps_ns: np.ndarray, rows: np.ndarray) -> lis
         look_back(run, now)
     telling = run.timeline.queue.due_besides_quiet(drifts=run.modes.mode is Mode.DEAD_RECKONING)
     limit = min(run.modes.deadline(now, run.aiding), telling, run.second_due)
-    count = len(times) if times[-1] < limit else max(int(np.searchsorted(times, limit)), 1)
+    count = len(times) if times[-1] < limit else max(first_from(rows, limit), 1)
     if run.modes.at(now, run.aiding) is not run.modes.mode or run.failure:
         count = 1  # the mode changes at its row, independent of the block size
     out = run.timeline.advance(rows[:count])
@@ -265,7 +266,7 @@ class Backlog:
         run = self.run
         if run.timeline.late:
             run.timeline.settle()
-        ahead = int(rows[:, at.IMU_T].searchsorted(run.second_due))
+        ahead = first_from(rows, run.second_due)
         if not ahead or not _is_routine(run):
             return rows[:0], coming
 
@@ -341,11 +342,11 @@ def fly(
     timeline.dirty = None
     events = sorted([*(Coming(0, o) for o in queue.take_waiting()), *coming], key=_ORDER)
     out = np.empty((len(rows), at.OUT_COLUMNS))
-    leg = routine.fly(timeline.filter.vector, (imu.rows, begin, imu.last, is_followed), events, out)
+    leg = routine.fly((timeline.filter.vector, timeline.shift), (imu.rows, begin, imu.last, is_followed), events, out)
+    timeline.moves, timeline.shift = leg.moves, leg.shift
     imu.last = begin + leg.rows
     acted, rest = events[: len(leg.results)], events[len(leg.results) :]
     queue.add_acted([one.observation for one in acted])
-    unfinished = _note_moves(timeline, begin, acted, leg)
     for one, result in zip(acted, leg.results, strict=True):
         routine.tell(one.observation, result, _period(periods, result[table.RESULT_AHEAD]))
     last, left = imu.rows[imu.last - 1, at.IMU_T], []
@@ -354,9 +355,9 @@ def fly(
             queue.insert(one.observation)
         else:
             left.append(Coming(one.behind - leg.rows, one.observation))
-    if unfinished is not None:
+    if leg.unfinished is not None:
         before = timeline.shift
-        timeline.finish(np.array(unfinished[table.RESULT_BEFORE : table.RESULT_AFTER]))
+        timeline.finish(np.array(leg.unfinished[table.RESULT_BEFORE : table.RESULT_AFTER]))
         timeline.moves.append((leg.rows, before))
     timeline.tidy()
     return out[: leg.rows], sorted(left, key=lambda one: one.observation.arrival)
@@ -367,26 +368,3 @@ def _period(periods: Periods, row: float) -> float:
     if len(periods) == 1:
         return periods[0][1]
     return periods[bisect.bisect_right(periods, row, key=_FIRST) - 1][1]
-
-
-def _note_moves(timeline: Timeline, begin: int, acted: list[Coming], leg: Leg) -> list[float] | None:
-    """Account for the corrections of the position, in ``moves`` and ``shift`` of the time line, as without routine.
-
-    Observations count one by one, or together where they came behind the row of their time. ``begin``: index of the
-    first row in the time line. If observations at the time of the last row have acted and others of that time have not,
-    the first result of these is returned, else None.
-    """
-    timeline.moves, k = [], 0
-    while k < len(acted):
-        first, ahead, t = leg.results[k], int(leg.results[k][table.RESULT_AHEAD]), acted[k].observation.t
-        k += 1
-        if t == timeline.imu.rows[begin + ahead - 1, at.IMU_T]:
-            while k < len(acted) and acted[k].observation.t == t:
-                k += 1
-            if leg.within and k == len(acted):
-                return first
-        before = timeline.shift
-        timeline.shift = moved(before, first, leg.results[k - 1])
-        if timeline.shift is not before:
-            timeline.moves.append((ahead, before))
-    return None

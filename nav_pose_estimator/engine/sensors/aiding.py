@@ -25,7 +25,8 @@ class Aiding:
     @property
     def lost_after(self) -> float:
         """s without a used fix after which GNSS counts as lost; longer for a receiver with a low rate."""
-        return max(self.patience, _PERIODS * self.fix_period)
+        slow = _PERIODS * self.fix_period
+        return slow if slow > self.patience else self.patience
 
     def is_quick(self, period: float) -> bool:
         """Whether ``lost_after`` of a receiver that fixes every ``period`` [s] is ``patience``."""

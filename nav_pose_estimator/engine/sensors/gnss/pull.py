@@ -44,10 +44,14 @@ class Unaided:
         """Means (N, COLUMNS) of the last consecutive seconds, ``SPANS`` at most; read only."""
         return self._seconds[: self._count]
 
+    @property
+    def time(self) -> float:
+        """Time up to which the velocity is propagated [s]."""
+        return float(self._nav[at.TIME])
+
     def carry(self, constants: np.ndarray, rows: np.ndarray, lever: np.ndarray) -> bool:
-        """Propagate over the IMU ``rows`` (N, 7) of another second; False where they do not follow."""
-        rows = rows[first_after(rows, self._nav[at.TIME]) :]
-        if len(rows) == 0 or rows[-1, at.IMU_T] - self._nav[at.TIME] > _LONGEST_STEP:
+        """Propagate over the IMU ``rows`` (N, 7) after ``time``; False where they are not another second."""
+        if len(rows) == 0 or rows[-1, at.IMU_T] - self.time > _LONGEST_STEP:
             return False
         kept = sum(self._lengths)
         trace = np.empty((kept + len(rows), 4))
@@ -92,8 +96,10 @@ class Pull:
     def second(self, f: FilterView, rows: np.ndarray, lever: np.ndarray, stamp_ns: int) -> None:
         """Process the aided filter at a whole second, with the IMU ``rows`` (N, 7) since the last one or longer."""
         now = float(f.nav[at.TIME])
-        if not all(one.carry(f.constants, rows, lever) for one in self._unaided):
-            self.interrupt()
+        if self._unaided:
+            rows = rows[first_after(rows, self._unaided[0].time) :]
+            if not all(one.carry(f.constants, rows, lever) for one in self._unaided):
+                self.interrupt()
         end = math.floor(now + 1e-6) - _LATE
         received = np.array(self._received).reshape(-1, 4)
         for one in self._unaided:

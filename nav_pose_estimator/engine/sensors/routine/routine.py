@@ -37,6 +37,12 @@ class Leg(NamedTuple):
     """Results of the observations that have acted (``core.routine.table``)."""
     within: bool
     """Whether some observations of the filter's present time have acted and others have not."""
+    unfinished: list[float] | None
+    """Then the first result of these, which does not count in ``shift``; else None."""
+    moves: list[tuple[int, np.ndarray]]
+    """Changes of the sum (3,) [m], ENU, of all corrections of the position: rows before it, and the sum until then."""
+    shift: np.ndarray
+    """That sum in the end."""
 
 
 class Routine:
@@ -80,14 +86,28 @@ class Routine:
         return done, acted
 
     def fly(
-        self, vector: np.ndarray, rows: tuple[np.ndarray, int, int, bool], coming: Sequence[Coming], out: np.ndarray
+        self,
+        whole: tuple[np.ndarray, np.ndarray],
+        rows: tuple[np.ndarray, int, int, bool],
+        coming: Sequence[Coming],
+        out: np.ndarray,
     ) -> Leg:
-        """Call ``core.routine.flight.fly``; ``rows``: all IMU rows, ``begin``, ``end`` and ``is_followed``."""
+        """Call ``core.routine.flight.fly``; ``rows``: all IMU rows, ``begin``, ``end`` and ``is_followed``.
+
+        ``whole``: the vector of the filter, and the sum (3,) [m], ENU, of all corrections of its position.
+        """
+        vector, shift = whole
         settings = self._settings()
         events = self._events(coming, settings, float(vector[memory.NAV + TIME]))
         results = np.empty((len(events), table.RESULT_COLUMNS))
         done, acted, where = flight.fly(vector, *rows, events, np.array(settings), out, results)
-        return Leg(done, results[:acted].tolist(), where == flight.AT_TIME)
+        sums = np.empty((acted + 1, 4))
+        sums[0, 1:] = shift
+        count, first = flight.sum_corrections(events, results, acted, *rows[:2], where == flight.AT_TIME, sums)
+        told = results[:acted].tolist()
+        moves = [(int(ahead), sums[k, 1:]) for k, ahead in enumerate(sums[:count, 0].tolist())]
+        unfinished = None if first < 0 else told[first]
+        return Leg(done, told, where == flight.AT_TIME, unfinished, moves, sums[count, 1:] if count else shift)
 
     def is_calm(self, t: float) -> bool:
         """Whether all sensors leave their observations to the routine at ``t`` [s]."""
@@ -139,6 +159,7 @@ def warm_up(constants: np.ndarray) -> None:
     settings, out = np.zeros(table.SETTINGS_SIZE), np.empty((0, OUT_COLUMNS))
     flight.fly(vector, rows, 1, 1, False, events, settings, out, results)
     flight.act_now(vector, events, 0, 0, 0, settings, results)
+    flight.sum_corrections(events, results, 0, rows, 1, False, np.zeros((1, 4)))
 
 
 def moved(shift: np.ndarray, first: list[float], last: list[float]) -> np.ndarray:
