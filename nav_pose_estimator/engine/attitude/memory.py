@@ -9,7 +9,7 @@ import numpy as np
 from nav_pose_estimator.core.attitude import layout as at
 from nav_pose_estimator.core.attitude.motion import subtract_velocity_change
 from nav_pose_estimator.engine.number_checks import is_within
-from nav_pose_estimator.engine.samples import NavigatorVelocity
+from nav_pose_estimator.engine.samples import NavigatorVelocity, Vector3
 from nav_pose_estimator.engine.solutions import Event
 
 _NS = 1e-9
@@ -81,15 +81,14 @@ def _learn_from(sample: NavigatorVelocity, q_nb: Sequence[float], s: np.ndarray,
         s[at.NAV_HEADING_VAR] = sample.heading_sd**2 * _HEADING_TAU / dt
     if sample.tilt_sd < _GOOD_LEVEL:
         # The filter's up (from the accelerometer) less the navigator's up, in b, is the bias over gravity.
-        change = _up_in_b(s[at.QUAT : at.QUAT + 4]) - _up_in_b(q_nb)
-        bias = s[at.FORCE_BIAS : at.FORCE_BIAS + 3]
-        bias += min(dt / _LEVEL_TAU, 1.0) * s[at.GRAVITY] * change
-        np.clip(bias, -_MOST_BIAS, _MOST_BIAS, out=bias)
+        ups = zip(_up_in_b(*s[at.QUAT : at.QUAT + 4].tolist()), _up_in_b(*q_nb), strict=True)
+        gain = min(dt / _LEVEL_TAU, 1.0) * float(s[at.GRAVITY])
+        for i, (ours, theirs) in enumerate(ups, at.FORCE_BIAS):
+            s[i] = min(max(float(s[i]) + gain * (ours - theirs), -_MOST_BIAS), _MOST_BIAS)
 
 
-def _up_in_b(q: Sequence[float] | np.ndarray) -> np.ndarray:
-    w, x, y, z = q
-    return np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
+def _up_in_b(w: float, x: float, y: float, z: float) -> Vector3:
+    return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
 
 
 def _heading_from(sample: NavigatorVelocity, s: np.ndarray) -> float | None:
