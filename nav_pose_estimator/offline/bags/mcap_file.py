@@ -38,7 +38,6 @@ class McapFile:
         self._told: list[str] = []
         self._left_out: dict[int, tuple[str, float]] = {}  # offset of a damaged chunk -> why, seconds in it
         self._bad_records = 0
-        self._released = 0  # the file was read up to here, and its memory released
         self._directory = mcap.Directory()
         self._chunks: list[mcap.Chunk] = []
         loose: list[tuple[int, int, int, int]] = []  # messages outside chunks: time, channel, offset, length
@@ -120,7 +119,7 @@ class McapFile:
                 self._told.append(f"{self.path.name} breaks off: {size - position} bytes of an unfinished record")
             try:
                 if opcode == mcap.CHUNK:
-                    self._released = _release(data, self._released, position)
+                    _release(data)
                     self._chunks.append(mcap.Chunk.parse(data, start, min(length, size - start), whole))
                 elif whole and opcode == mcap.MESSAGE:
                     loose.append(self._loose_message(position))
@@ -175,7 +174,7 @@ class McapFile:
         """Records of a chunk; empty if it is damaged."""
         try:
             data = chunk.records(self._map)
-            self._released = _release(self._map, self._released, chunk.offset + chunk.size)
+            _release(self._map)
             return data
         except DamagedError as error:
             seconds = (chunk.end_ns - chunk.start_ns) * 1e-9
@@ -183,15 +182,10 @@ class McapFile:
             return b""
 
 
-def _release(pages: mmap.mmap, begin: int, end: int) -> int:
-    """Release the memory of the file from ``begin``, up to which it is released, to ``end``; returns ``end``.
-
-    Released pages are read again when needed. The whole file at every chunk would cost as much as all the decoding.
-    """
+def _release(pages: mmap.mmap) -> None:
+    """Release the memory of pages that have been read; they are read again when needed."""
     if hasattr(pages, "madvise"):  # not on every system
-        first = begin - begin % mmap.PAGESIZE if begin < end else 0  # chunks need not be in order of time
-        pages.madvise(mmap.MADV_DONTNEED, first, end - first)
-    return end
+        pages.madvise(mmap.MADV_DONTNEED)
 
 
 def _batch(table: np.ndarray, wanted: dict[int, int], data: bytes) -> RawBatch:

@@ -1,7 +1,7 @@
 """Replay of a recording with the engine of the nodes, without middleware, as fast as possible."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -9,8 +9,10 @@ import numpy as np
 
 from nav_pose_estimator.core.filter.layout import BASE_STATES, D_ACCEL_BIAS, D_GYRO_BIAS, OUT_COLUMNS
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.navigator.filter_run import FilterRun
+from nav_pose_estimator.engine.navigator.sins import solution_at_end
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
+from nav_pose_estimator.engine.samples import ImuBlock, Sample
 from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution, Output, PredictedDrift, Status
 from nav_pose_estimator.offline.flights.outage_errors import OutageErrors, judge
 from nav_pose_estimator.offline.flights.outages import GnssRemoval, Outage, OutageProof
@@ -19,7 +21,7 @@ from nav_pose_estimator.offline.flights.tracks import Reference, Track, TrackRec
 from nav_pose_estimator.offline.replay.second_core import SecondCore
 
 STATE_PERIOD_NS = 1_000_000_000
-"""Period in which biases are recorded; the last IMU sample of a block is then fed by itself."""
+"""Period in which biases are recorded."""
 DRAWN = 18_000
 """Largest number of drawn rows of a track: six minutes at 50 Hz; longer ones are decimated."""
 RESETS = frozenset(("reset", "resume.begun"))
@@ -46,14 +48,16 @@ class Record:
             if isinstance(output, NavBlock):
                 self.tracks.add(output)
                 self._note_mode(int(output.stamps_ns[0]), output.mode)
-            elif isinstance(output, NavSolution):
-                self.biases.append(_biases(output, self.epoch_ns))
-                self.tracks.add(as_block(output))
-                self._note_mode(output.stamp_ns, output.mode)
             elif isinstance(output, PredictedDrift):
                 self.predictions.append(output)
             elif isinstance(output, Event):
                 self._note_event(output)
+
+    def note_biases(self, run: FilterRun, outputs: Sequence[Output]) -> None:
+        """Store the biases of a navigator at the end of ``outputs``, its last ones, if it has a solution there."""
+        block = next((output for output in reversed(outputs) if isinstance(output, NavBlock)), None)
+        if block is not None and run.timeline.running:
+            self.biases.append(_biases(solution_at_end(run, block), self.epoch_ns))
 
     @property
     def bias_history(self) -> "BiasHistory":
@@ -202,15 +206,12 @@ def run(
         last_ns = int(sample.stamps_ns[-1])
         if not next_state - 2 * STATE_PERIOD_NS < last_ns < next_state:  # also after a clock that went back
             next_state = last_ns + STATE_PERIOD_NS
-            waiting[-1:] = [*([sample.part(0, -1)] if len(sample) > 1 else []), _last(sample)]
             ahead(last_ns)
-            record.take(engine.feed_all(waiting))
+            outputs = engine.feed_all(waiting)
+            record.take(outputs)
+            record.note_biases(engine.sins.run, outputs)
             waiting = []
         if progress is not None:
             progress(len(sample))
     ahead(last_ns)
     record.take(engine.feed_all(waiting))
-
-
-def _last(block: ImuBlock) -> ImuSample:
-    return ImuSample(int(block.stamps_ns[-1]), tuple(block.gyro[-1].tolist()), tuple(block.accel[-1].tolist()))
