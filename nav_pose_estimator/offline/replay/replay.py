@@ -7,7 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
-from nav_pose_estimator.core.filter.layout import BASE_STATES, D_ACCEL_BIAS, D_GYRO_BIAS, OUT_COLUMNS
+from nav_pose_estimator.core.filter.layout import (
+    BASE_STATES,
+    D_ACCEL_BIAS,
+    D_GYRO_BIAS,
+    OUT_COLUMNS,
+    SOLUTION_BIASES,
+    SOLUTION_COV,
+    SOLUTION_ENU,
+)
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.navigator.filter_run import FilterRun
 from nav_pose_estimator.engine.navigator.sins import solution_at_end
@@ -102,10 +110,9 @@ class BiasHistory:
 
 
 def _biases(solution: NavSolution, epoch_ns: int) -> np.ndarray:
-    sd = np.sqrt(np.diag(solution.cov)[:BASE_STATES])
-    spread = sd[D_GYRO_BIAS : D_GYRO_BIAS + 3], sd[D_ACCEL_BIAS : D_ACCEL_BIAS + 3]
-    t = (solution.stamp_ns - epoch_ns) * 1e-9
-    return np.concatenate([[t], solution.gyro_bias, solution.accel_bias, *spread])
+    biases, variances = solution.values[SOLUTION_BIASES:SOLUTION_ENU], solution.values[SOLUTION_COV :: BASE_STATES + 1]
+    spread = (variances[first : first + 3] for first in (D_GYRO_BIAS, D_ACCEL_BIAS))
+    return np.concatenate([[(solution.stamp_ns - epoch_ns) * 1e-9], biases, *map(np.sqrt, spread)])
 
 
 @dataclass
@@ -195,7 +202,7 @@ def run(
 
     ``ahead`` receives the newest IMU stamp [ns] before it is fed to the estimator.
     """
-    next_state = last_ns = 0
+    next_state = last_ns = reported = 0
     waiting: list[Sample] = []
     for sample in samples:
         proof.check(sample)
@@ -211,7 +218,8 @@ def run(
             record.take(outputs)
             record.note_biases(engine.sins.run, outputs)
             waiting = []
-        if progress is not None:
-            progress(len(sample))
+            if progress is not None:
+                progress(record.imu_samples - reported)
+            reported = record.imu_samples
     ahead(last_ns)
     record.take(engine.feed_all(waiting))

@@ -31,7 +31,6 @@ class SecondCore:
 
     def __init__(self) -> None:
         self._can_copy = sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1
-        self._seen: set[str] = set()
         self._copy: _Copy | None = None
         self._trainings: list[tuple[float, OutageLearner, Work]] = []
         self.engine: PoseEstimator | None = None
@@ -47,14 +46,14 @@ class SecondCore:
 
     def rehearse(self, work: Work) -> Work:
         """Begin a rehearsal; calling the returned function waits for its outcome."""
-        return self._begin("rehearsal", work)
+        return self._begin(work)
 
     def train(self, job: TrainingJob) -> None:
         """Begin a training. Its result takes effect ``TAKE_OVER`` after its data; ``deliver`` provides it before."""
         assert self.engine is not None
         assert self.engine.outage_aid is not None
         learner = self.engine.outage_aid.learner
-        self._trainings.append((job.until, learner, self._begin("training", job.run)))
+        self._trainings.append((job.until, learner, self._begin(job.run)))
 
     def deliver(self, stamp_ns: int) -> None:
         """Provide the results of trainings that could take effect by ``stamp_ns``, and after a clock that went back."""
@@ -65,10 +64,9 @@ class SecondCore:
                 outcome: TrainingResult = result()
                 aid.accept(outcome)
 
-    def _begin(self, kind: str, work: Work) -> Work:
-        """Begin ``work``; the first of each ``kind`` is done in this process, which loads its kernels."""
-        if not self._can_copy or kind not in self._seen:
-            self._seen.add(kind)
+    def _begin(self, work: Work) -> Work:
+        """Begin ``work``; the kernels that only it needs are loaded by the fork alone."""
+        if not self._can_copy:
             result = work()
             return lambda: result
         if self._copy is None:
