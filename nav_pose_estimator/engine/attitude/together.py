@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
-from nav_pose_estimator.engine.attitude.field import DISTURBED, disturbance
+from nav_pose_estimator.engine.attitude.field import DISTURBED, NO_FIELD, disturbance
 from nav_pose_estimator.engine.samples import ImuBlock, MagSample, NavigatorVelocity
 from nav_pose_estimator.engine.solutions import AttitudeBlock, Output
 
@@ -31,11 +31,15 @@ def feed_together(
     imu = engine.input.mounting.block(imu)
     apart = {place: sample for place, sample in fields if place == 0 or place in velocities}
     within = {place: sample for place, sample in fields if place not in apart}
-    outputs: list[Output] = []
-    done = 0
+    field, outputs, done = _in_body(engine, within, len(imu)), list[Output](), 0
     for end in sorted({*apart, *velocities, len(imu)}):
-        outputs += _run(engine, imu.part(done, end), {place - done: one for place, one in within.items()})
-        done = end
+        while done < end:
+            # while the field is disturbed, every sample of it causes an event
+            rows = engine.run(imu.part(done, end), field[done:end], -1.0 if memory.disturbed else DISTURBED)
+            outputs.append(AttitudeBlock(imu.stamps_ns[done : done + len(rows)], rows))
+            done += len(rows)
+            if done in within:
+                outputs += [engine.note(event) for event in disturbance(within[done].stamp_ns, memory)]
         if end in velocities:
             engine.feed(velocities[end])
         if end in apart:
@@ -45,18 +49,11 @@ def feed_together(
     return outputs
 
 
-def _run(engine: AttitudeEngine, imu: ImuBlock, fields: Mapping[int, MagSample]) -> list[Output]:
-    """Process IMU samples in body axes, and ``fields`` by the number of IMU samples before them."""
-    memory, outputs, done = engine.memory, list[Output](), 0
-    in_body = np.full((len(imu), 3), math.nan)
+def _in_body(engine: AttitudeEngine, fields: Mapping[int, MagSample], count: int) -> np.ndarray:
+    """Fields (count, 3) in b that follow each IMU sample, NaN for none; (0, 3) without any."""
+    if not fields:
+        return NO_FIELD
+    in_body = np.full((count, 3), math.nan)
     for place, sample in fields.items():
-        if 0 < place <= len(imu):
-            in_body[place - 1] = engine.field.in_body(sample)
-    while done < len(imu):
-        # while the field is disturbed, every sample of it causes an event
-        rows = engine.run(imu.part(done, None), in_body[done:], -1.0 if memory.disturbed else DISTURBED)
-        outputs.append(AttitudeBlock(imu.stamps_ns[done : done + len(rows)], rows))
-        done += len(rows)
-        if done in fields:
-            outputs += [engine.note(event) for event in disturbance(fields[done].stamp_ns, memory)]
-    return outputs
+        in_body[place - 1] = engine.field.in_body(sample)
+    return in_body
