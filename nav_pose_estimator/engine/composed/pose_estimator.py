@@ -285,7 +285,7 @@ def _attitudes_together(
     for sample in samples:
         if isinstance(sample, ImuBlock):
             blocks.append(sample)
-            count += len(sample)
+            count += len(sample.stamps_ns)
         elif isinstance(sample, MagSample):
             fields.append((count, sample))
         elif isinstance(sample, ImuSample):
