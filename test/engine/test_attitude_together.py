@@ -37,12 +37,12 @@ def fields(block: ImuBlock, disturbed: tuple[float, float]) -> list[tuple[int, M
 
 def velocities(block: ImuBlock) -> dict[int, NavigatorVelocity]:
     places = range(EXCHANGE, len(block) + 1, EXCHANGE)
-    return {
-        place: NavigatorVelocity(
-            int(block.stamps_ns[place - 1]), (0.1 * place, 2.0, 0.0), heading_sd=1.0, tilt_sd=0.005
-        )
-        for place in places
-    }
+    out = {}
+    for place in places:
+        stamp_ns, level = int(block.stamps_ns[place - 1]), (math.cos(0.1), 0.0, 0.0, math.sin(0.1))
+        speed = (0.1 * place, 2.0, 0.0)
+        out[place] = NavigatorVelocity(stamp_ns, speed, q_nb=level, heading_sd=0.05, tilt_sd=0.005)
+    return out
 
 
 def in_turn(engine: AttitudeEngine, block: ImuBlock, mags: dict, speeds: dict, begin: int, end: int) -> list:
@@ -58,6 +58,7 @@ def in_turn(engine: AttitudeEngine, block: ImuBlock, mags: dict, speeds: dict, b
     return outputs
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("kind", ["complementary", "two_stage"])
 def test_many_samples_at_once_give_the_same_as_one_by_one(kind: str) -> None:
     """GIVEN IMU, velocities and a field that is disturbed for a while, some of them behind the same IMU sample WHEN a
@@ -82,6 +83,7 @@ def test_many_samples_at_once_give_the_same_as_one_by_one(kind: str) -> None:
     assert whole.status() == single.status()
 
 
+@pytest.mark.compiled
 def test_a_refused_field_leaves_all_as_it_was() -> None:
     """GIVEN a field that is not finite, or late, or the first one WHEN it comes with many samples THEN nothing has been
     done yet."""

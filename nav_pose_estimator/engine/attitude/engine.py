@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.core.attitude import layout as at
+from nav_pose_estimator.core.attitude import navigator_aid
 from nav_pose_estimator.core.attitude.motion import turn_heading
 from nav_pose_estimator.engine.attitude.body_velocity import BodyVelocityInput
 from nav_pose_estimator.engine.attitude.field import NO_FIELD, FieldInput
@@ -36,6 +37,7 @@ from nav_pose_estimator.engine.samples import (
 from nav_pose_estimator.engine.solutions import AttitudeBlock, AttitudeSolution, Event, Level, Mode, Output, Status
 
 _NS = 1e-9
+_NOWHERE, _NOTHING = np.empty(0, np.int64), np.empty((0, navigator_aid.SIZE))
 
 _HEALTHY = {at.EXTRA_PSD: 0.0, at.EXTRA_SWAY_PSD: 0.0, at.FROZEN: 0.0}
 _SENSOR_TROUBLE: dict[str, dict[int, float]] = {
@@ -183,18 +185,26 @@ class AttitudeEngine:
         memory.last_ns = stamp_ns
         return AttitudeSolution(stamp_ns, memory.state[: at.HEAD_SIZE].copy())
 
-    def run(self, block: ImuBlock, field: np.ndarray, anomaly: float = math.inf) -> np.ndarray:
+    def run(
+        self,
+        block: ImuBlock,
+        field: np.ndarray,
+        anomaly: float = math.inf,
+        behind: np.ndarray = _NOWHERE,
+        said: np.ndarray = _NOTHING,
+    ) -> np.ndarray:
         """Rows (N, BLOCK_COLUMNS) of the solution at accepted samples; ``field`` (N, 3) or (0, 3) in b.
 
         Fewer rows where a field differs by more than ``anomaly`` from the learned one; it belongs to the last row.
+        ``said`` (M, navigator_aid.SIZE): what a navigator says behind the samples ``behind`` (M,), in order of time.
         """
         memory = self.memory
         if memory.last_ns is None:
             memory.last_ns = memory.started_ns = int(block.stamps_ns[0])
         rows = np.empty((len(block), at.BLOCK_COLUMNS))
-        stamps, gyro, accel = block.stamps_ns, block.gyro, block.accel
-        done = self._kernels.run(memory.state, memory.last_ns, stamps, gyro, accel, field, anomaly, rows)
-        memory.last_ns = int(stamps[done - 1])
+        imu = block.stamps_ns, block.gyro, block.accel
+        done = self._kernels.run(memory.state, memory.last_ns, *imu, field, anomaly, behind, said, rows)
+        memory.last_ns = int(block.stamps_ns[done - 1])
         return rows[:done]
 
     def _restart(self, name: str) -> None:

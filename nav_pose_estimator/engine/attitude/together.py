@@ -5,8 +5,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from nav_pose_estimator.core.attitude import navigator_aid
 from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
 from nav_pose_estimator.engine.attitude.field import DISTURBED, NO_FIELD, disturbance
+from nav_pose_estimator.engine.attitude.memory import judge_velocity
 from nav_pose_estimator.engine.samples import ImuBlock, MagSample, NavigatorVelocity
 from nav_pose_estimator.engine.solutions import AttitudeBlock, Output
 
@@ -19,34 +21,47 @@ def feed_together(
 ) -> list[Output] | None:
     """Feed the samples ``imu``, ``velocities`` by the number of IMU samples before them, and ``fields``.
 
-    Of a field and a velocity behind the same IMU sample, the velocity comes first. Numbers and events are those of
+    Whether a field or a velocity comes first behind an IMU sample makes no difference. Numbers and events are those of
     ``AttitudeEngine.feed`` for each sample; events of velocities are only counted. None, and nothing has changed, where
-    a sample may be refused or may cause an event on arrival: all must then be fed one by one.
+    a sample may be refused or may cause an event on arrival, and without compiled kernels: all must then be fed one by
+    one.
     """
     memory = engine.memory
     if memory.last_ns is None or not engine.field.passes(fields, imu.stamps_ns, memory):
         return None
-    if not engine.input.accept_whole(imu):
+    if any(one.q_nb is None for one in velocities.values()) or not engine.input.accept_whole(imu):
         return None
     imu = engine.input.mounting.block(imu)
-    apart = {place: sample for place, sample in fields if place == 0 or place in velocities}
-    within = {place: sample for place, sample in fields if place not in apart}
-    field, outputs, done = _in_body(engine, within, len(imu)), list[Output](), 0
-    for end in sorted({*apart, *velocities, len(imu)}):
-        while done < end:
-            # while the field is disturbed, every sample of it causes an event
-            rows = engine.run(imu.part(done, end), field[done:end], -1.0 if memory.disturbed else DISTURBED)
-            outputs.append(AttitudeBlock(imu.stamps_ns[done : done + len(rows)], rows))
-            done += len(rows)
-            if done in within:
-                outputs += [engine.note(event) for event in disturbance(within[done].stamp_ns, memory)]
-        if end in velocities:
-            engine.feed(velocities[end])
-        if end in apart:
-            outputs += engine.feed(apart[end])
+    outputs: list[Output] = []
+    if fields and fields[0][0] == 0:
+        outputs += engine.feed(fields[0][1])
+    arrivals = {place: sample for place, sample in fields if place > 0}
+    behind, said = _judged(engine, velocities)
+    field, done = _in_body(engine, arrivals, len(imu)), 0
+    while done < len(imu):
+        limit = -1.0 if memory.disturbed else DISTURBED  # while the field is disturbed, each sample causes an event
+        told = int(behind.searchsorted(done))
+        rows = engine.run(imu.part(done, None), field[done:], limit, behind[told:] - done, said[told:])
+        outputs.append(AttitudeBlock(imu.stamps_ns[done : done + len(rows)], rows))
+        done += len(rows)
+        if done in arrivals:
+            outputs += [engine.note(event) for event in disturbance(arrivals[done].stamp_ns, memory)]
     if fields:
         memory.mag_ns = fields[-1][1].stamp_ns
     return outputs
+
+
+def _judged(engine: AttitudeEngine, velocities: Mapping[int, NavigatorVelocity]) -> tuple[np.ndarray, np.ndarray]:
+    """Indices (M,) of the IMU samples behind which the navigator says something, and what it says (M, SIZE)."""
+    behind, said = [], []
+    for place, velocity in velocities.items():
+        events, change = judge_velocity(velocity, engine.memory)
+        for event in events:
+            engine.note(event)
+        if change is not None:
+            behind.append(place - 1)
+            said.append(change)
+    return np.array(behind, np.int64), np.array(said).reshape(-1, navigator_aid.SIZE)
 
 
 def _in_body(engine: AttitudeEngine, fields: Mapping[int, MagSample], count: int) -> np.ndarray:
