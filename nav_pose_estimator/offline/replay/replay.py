@@ -61,10 +61,13 @@ class Record:
             elif isinstance(output, Event):
                 self._note_event(output)
 
-    def note_biases(self, run: FilterRun, outputs: Sequence[Output]) -> None:
-        """Store the biases of a navigator at the end of ``outputs``, its last ones, if it has a solution there."""
+    def note_biases(self, run: FilterRun, outputs: Sequence[Output], stamp_ns: int) -> None:
+        """Store the biases of a navigator at ``stamp_ns``, its last IMU sample, if the last solution is that of it.
+
+        It is not after a gap, for example, behind which the navigator aligns again.
+        """
         block = next((output for output in reversed(outputs) if isinstance(output, NavBlock)), None)
-        if block is not None and run.timeline.running:
+        if block is not None and block.stamps_ns[-1] == stamp_ns and run.timeline.running:
             self.biases.append(_biases(solution_at_end(run, block), self.epoch_ns))
 
     @property
@@ -216,7 +219,7 @@ def run(
             ahead(last_ns)
             outputs = engine.feed_all(waiting)
             record.take(outputs)
-            record.note_biases(engine.sins.run, outputs)
+            record.note_biases(engine.sins.run, outputs, last_ns)
             waiting = []
             if progress is not None:
                 progress(record.imu_samples - reported)
