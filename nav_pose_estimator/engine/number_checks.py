@@ -33,4 +33,7 @@ def is_position(lat: float, lon: float, alt: float) -> bool:
 
 def is_within(values: Sequence[float], bound: float) -> bool:
     """Whether all ``values`` are finite numbers of magnitude at most ``bound``."""
-    return all(abs(value) <= bound for value in values)  # false for NaN
+    for value in values:  # noqa: SIM110 - a generator takes three times as long
+        if not abs(value) <= bound:  # true for NaN
+            return False
+    return True

@@ -34,7 +34,7 @@ def split(flight: list, late: bool) -> tuple[list, list[Epoch]]:
     for k in range(COUNT):
         begin = AIDED_NS + HALF_NS * (k - late)
         mags = [s for s in flight if isinstance(s, MagSample) and begin < s.stamp_ns <= begin + HALF_NS]
-        epochs.append(Epoch([*mags, imu.part(int(ends[k]), int(ends[k + 1]))], None))
+        epochs.append(Epoch.of([*mags, imu.part(int(ends[k]), int(ends[k + 1]))], None))
     cuts = imu.stamps_ns.searchsorted([known_stamp(sample) for sample in before], side="right").tolist()
     aided: list = []
     for first, cut, sample in zip([0, *cuts], cuts, before, strict=False):
@@ -46,7 +46,7 @@ def alone(rehearsal: Rehearsal, sins: SinsEngine, epochs: list[Epoch]) -> Iterat
     """Copies of the navigator that fly the epochs, each with the evidence of its own guide."""
     for name, guide in {COAST: None, **rehearsal.guides}.items():
         twin, collector = sins.snapshot(), rehearsal.copy().collectors.get(name)
-        for sample in (sample for epoch in epochs for sample in epoch.samples):
+        for sample in (sample for epoch in epochs for sample in (*epoch.others, epoch.imu)):
             for output in twin.feed(sample):
                 if collector is not None and isinstance(output, NavBlock) and collector.feed(output) is not None:
                     for sample in guide.advise(last_stamp(output), collector.recent).samples:

@@ -5,11 +5,13 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from nav_pose_estimator.core.filter.layout import OUT_COLUMNS, SOLUTION_SIZE
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 from nav_pose_estimator.engine.parameters import Parameters
 from nav_pose_estimator.engine.parameters.schema import update
@@ -25,7 +27,7 @@ from nav_pose_estimator.offline.flights.recording import Recording, load
 from nav_pose_estimator.offline.flights.tracks import TrackRecorder
 from nav_pose_estimator.offline.output_folder import MARK
 from nav_pose_estimator.offline.page import live, svg
-from nav_pose_estimator.offline.replay.replay import replay
+from nav_pose_estimator.offline.replay.replay import Record, replay
 from nav_pose_estimator.offline.replay.report import mode_spans
 from small_bags import COUNT, EPOCH_NS, FIX, count, fix, write_bag
 
@@ -51,6 +53,18 @@ def finished(bag, tmp_path_factory) -> Path:
 def plain_recording(delay: float = 0.0, seconds: float = SECONDS) -> Recording:
     epoch = 10**18
     return Recording(Path("plain_bag"), samples(seconds, 100.0, 5.0, delay), epoch, seconds)
+
+
+def test_biases_are_recorded_only_where_the_last_solution_is_that_of_the_last_sample():
+    """GIVEN solutions that end before the last IMU sample, as before a gap WHEN biases are due THEN none are stored."""
+    filter_ = SimpleNamespace(complete=lambda row: np.full(SOLUTION_SIZE, 4.0))
+    run = SimpleNamespace(timeline=SimpleNamespace(running=True, filter=filter_))
+    block = NavBlock(np.array([10, 20]) * 10**9, np.zeros((2, OUT_COLUMNS)), Mode.AIDED, 0, np.zeros(3))
+    record = Record(0, TrackRecorder(0))
+    record.note_biases(run, [block], 30 * 10**9)
+    assert len(record.bias_history) == 0
+    record.note_biases(run, [block], 20 * 10**9)
+    assert record.bias_history.rows.tolist() == [[20.0] + [4.0] * 6 + [2.0] * 6]
 
 
 # --- what it leaves behind -------------------------------------------------------------------------------------------

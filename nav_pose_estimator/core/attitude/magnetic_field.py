@@ -56,6 +56,12 @@ NOTHING, FIRST, USUAL, REPLACED = 0, 1, 2, 3
 
 
 @kernel
+def field_anomaly(s):
+    """Smoothed squared deviation of the field from the learned one, relative to it; infinite for a useless field."""
+    return s[FIELD_ANOMALY] if s[FIELD_TRUST] > 0.0 else math.inf
+
+
+@kernel
 def observe_field(s):
     """Evaluate the mean field of the window: ``(kind, heading error [rad], seconds that it stands for)``.
 

@@ -33,7 +33,7 @@ from nav_pose_estimator.core.attitude.layout import (
     SUM_WALK,
     TRUST,
 )
-from nav_pose_estimator.core.attitude.magnetic_field import FIRST, NOTHING, USUAL
+from nav_pose_estimator.core.attitude.magnetic_field import FIRST, NOTHING, USUAL, field_anomaly
 from nav_pose_estimator.core.attitude.motion import (
     add_field,
     begin,
@@ -46,6 +46,7 @@ from nav_pose_estimator.core.attitude.motion import (
     write_covariance,
     write_row,
 )
+from nav_pose_estimator.core.attitude.navigator_aid import follow_navigator
 from nav_pose_estimator.core.numerics.jit import kernel
 from nav_pose_estimator.core.numerics.vectors import load3, load4, q_exp, q_multiply, q_rotate_back, store4
 
@@ -100,14 +101,22 @@ def add_magnetic_field(s, mx, my, mz):
 
 
 @kernel
-def run(s, last_ns, stamps, gyro, accel, mag, out):
+def run(s, last_ns, stamps, gyro, accel, mag, anomaly, behind, said, out):
     """Loop of :func:`step` and :func:`add_magnetic_field`; arguments as of ``core.attitude.complementary.run``."""
+    told = 0
     for i in range(len(stamps)):
         dt = (stamps[i] - (stamps[i - 1] if i > 0 else last_ns)) * 1e-9
         step(s, dt, gyro[i, 0], gyro[i, 1], gyro[i, 2], accel[i, 0], accel[i, 1], accel[i, 2])
-        if len(mag) > 0 and not math.isnan(mag[i, 0] + mag[i, 1] + mag[i, 2]):
+        if told < len(behind) and behind[told] == i:
+            follow_navigator(s, said[told])
+            told += 1
+        has_field = len(mag) > 0 and not math.isnan(mag[i, 0] + mag[i, 1] + mag[i, 2])
+        if has_field:
             add_magnetic_field(s, mag[i, 0], mag[i, 1], mag[i, 2])
         write_row(s, out, i)
+        if has_field and field_anomaly(s) > anomaly:
+            return i + 1
+    return len(stamps)
 
 
 @kernel

@@ -114,12 +114,19 @@ def _finest_and_largest(rows):
 
 
 @kernel
-def stays_in_period(stamps, period, length):
-    """Whether all ``stamps`` (N,) [ns] lie in the ``period``-th interval of ``length`` [ns]."""
-    for i in range(len(stamps)):  # noqa: SIM110 - a compiled kernel has no generators
-        if stamps[i] // length != period:
-            return False
-    return True
+def next_exchange(stamps, begin, period, length, periods):
+    """Index from ``begin`` on of the first of ``stamps`` (N,) [ns] behind which data are exchanged; N without one.
+
+    That is the first stamp in another group of ``periods`` intervals of ``length`` [ns] than the stamp before it, or
+    more than one interval away from it. ``period`` is the number of the interval of the stamp before ``begin``.
+    """
+    before = period
+    for i in range(begin, len(stamps)):
+        now = stamps[i] // length
+        if now // periods != before // periods or abs(now - before) > 1:
+            return i
+        before = now
+    return len(stamps)
 
 
 @kernel

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.core.attitude import layout as at
+from nav_pose_estimator.core.attitude import navigator_aid
 from nav_pose_estimator.core.attitude.motion import turn_heading
 from nav_pose_estimator.engine.attitude.body_velocity import BodyVelocityInput
 from nav_pose_estimator.engine.attitude.field import NO_FIELD, FieldInput
@@ -36,6 +37,7 @@ from nav_pose_estimator.engine.samples import (
 from nav_pose_estimator.engine.solutions import AttitudeBlock, AttitudeSolution, Event, Level, Mode, Output, Status
 
 _NS = 1e-9
+_NOWHERE, _NOTHING = np.empty(0, np.int64), np.empty((0, navigator_aid.SIZE))
 
 _HEALTHY = {at.EXTRA_PSD: 0.0, at.EXTRA_SWAY_PSD: 0.0, at.FROZEN: 0.0}
 _SENSOR_TROUBLE: dict[str, dict[int, float]] = {
@@ -58,7 +60,7 @@ class AttitudeEngine:
         self.field = FieldInput(self._parameters, self._kernels)
         self._body_velocity = BodyVelocityInput(self._parameters)
         self._counters: Counter[str] = Counter()
-        self._memory = _fresh(self._parameters)
+        self.memory = _fresh(self._parameters)
 
     # --- interface of all engines ----------------------------------------------------------------------------------
 
@@ -72,11 +74,11 @@ class AttitudeEngine:
         if isinstance(sample, ImuBlock):
             return [self._handle(item) for item in self.input.accept_block(sample)]
         if isinstance(sample, MagSample):
-            return [self.note(event) for event in self.field.take(sample, self._memory)]
+            return [self.note(event) for event in self.field.take(sample, self.memory)]
         if isinstance(sample, NavigatorVelocity):
-            return [self.note(event) for event in take_velocity(sample, self._memory)]
+            return [self.note(event) for event in take_velocity(sample, self.memory)]
         if isinstance(sample, BodyVelocity):
-            return [self.note(event) for event in self._body_velocity.take(sample, self._memory)]
+            return [self.note(event) for event in self._body_velocity.take(sample, self.memory)]
         return []
 
     def _handle(self, item: ImuSample | ImuBlock | Event) -> Output:
@@ -93,19 +95,19 @@ class AttitudeEngine:
         if event.name in RESTARTS:
             self._restart(event.name)
         for slot, value in _SENSOR_TROUBLE.get(event.name, {}).items():
-            self._memory.state[slot] = value
+            self.memory.state[slot] = value
         return event
 
     @property
     def mode(self) -> Mode:
         """AIDED once the attitude is level."""
-        if self._memory.last_ns is None:
+        if self.memory.last_ns is None:
             return Mode.WAITING_IMU
-        return Mode.AIDED if self._memory.age >= 1.0 else Mode.ALIGNING
+        return Mode.AIDED if self.memory.age >= 1.0 else Mode.ALIGNING
 
     def status(self) -> Status:
         """Status of the filter; ``values`` holds standard deviations [deg] and learned quantities."""
-        memory, s = self._memory, self._memory.state
+        memory, s = self.memory, self.memory.state
         values = {
             "tilt_sd_deg": math.degrees(math.sqrt(max(s[at.COV], s[at.COV + 4]))),
             "yaw_sd_deg": math.degrees(math.sqrt(s[at.COV + 8])),
@@ -127,24 +129,24 @@ class AttitudeEngine:
 
     def snapshot(self) -> Any:
         """The whole state except the counters, for :meth:`restore`."""
-        return copy.deepcopy(self._memory), self.input.snapshot()
+        return copy.deepcopy(self.memory), self.input.snapshot()
 
     def restore(self, snapshot: Any) -> None:
         """Go back to an earlier :meth:`snapshot`."""
         memory, door = snapshot
-        self._memory = copy.deepcopy(memory)
+        self.memory = copy.deepcopy(memory)
         self.input.restore(door)
 
     def set_parameters(self, parameters: Parameters) -> None:
         """Change the constants of the running filter; estimates stay. The choice of filter must be the same."""
         self._parameters = parameters
-        state, declination = self._memory.state, self._memory.state[at.DECLINATION]
+        state, declination = self.memory.state, self.memory.state[at.DECLINATION]
         state[at.PERIOD : at.OWN] = MAKE_STATE[parameters.attitude.filter](parameters)[at.PERIOD : at.OWN]
         state[at.DECLINATION] = declination
 
     def set_declination(self, declination: float) -> None:
         """Set the magnetic declination [rad], east positive; a heading from the field changes with it."""
-        state = self._memory.state
+        state = self.memory.state
         change = declination - state[at.DECLINATION]
         if change == 0.0:
             return
@@ -154,7 +156,7 @@ class AttitudeEngine:
 
     def reset(self, stamp_ns: int, reason: str) -> list[Output]:
         """Reset everything except the counters and the declination; the event gives the ``reason``."""
-        self._memory = _fresh(self._parameters, float(self._memory.state[at.DECLINATION]))
+        self.memory = _fresh(self._parameters, float(self.memory.state[at.DECLINATION]))
         self.input.reset()
         text = f"the attitude filter restarts: {reason}"
         return [self.note(Event(stamp_ns, "attitude.reset", Level.WARN, text))]
@@ -176,28 +178,40 @@ class AttitudeEngine:
     # --- IMU -------------------------------------------------------------------------------------------------------
 
     def _step(self, stamp_ns: int, gyro: Vector3, accel: Vector3) -> AttitudeSolution:
-        memory = self._memory
+        memory = self.memory
         if memory.last_ns is None:
             memory.last_ns = memory.started_ns = stamp_ns
         self._kernels.step(memory.state, (stamp_ns - memory.last_ns) * _NS, *gyro, *accel)
         memory.last_ns = stamp_ns
         return AttitudeSolution(stamp_ns, memory.state[: at.HEAD_SIZE].copy())
 
-    def run(self, block: ImuBlock, field: np.ndarray) -> np.ndarray:
-        """Rows (N, BLOCK_COLUMNS) of the solution at accepted samples; ``field`` (N, 3) or (0, 3) in b."""
-        memory = self._memory
+    def run(
+        self,
+        block: ImuBlock,
+        field: np.ndarray,
+        anomaly: float = math.inf,
+        behind: np.ndarray = _NOWHERE,
+        said: np.ndarray = _NOTHING,
+    ) -> np.ndarray:
+        """Rows (N, BLOCK_COLUMNS) of the solution at accepted samples; ``field`` (N, 3) or (0, 3) in b.
+
+        Fewer rows where a field differs by more than ``anomaly`` from the learned one; it belongs to the last row.
+        ``said`` (M, navigator_aid.SIZE): what a navigator says behind the samples ``behind`` (M,), in order of time.
+        """
+        memory = self.memory
         if memory.last_ns is None:
             memory.last_ns = memory.started_ns = int(block.stamps_ns[0])
         rows = np.empty((len(block), at.BLOCK_COLUMNS))
-        self._kernels.run(memory.state, memory.last_ns, block.stamps_ns, block.gyro, block.accel, field, rows)
-        memory.last_ns = int(block.stamps_ns[-1])
-        return rows
+        imu = block.stamps_ns, block.gyro, block.accel
+        done = self._kernels.run(memory.state, memory.last_ns, *imu, field, anomaly, behind, said, rows)
+        memory.last_ns = int(block.stamps_ns[done - 1])
+        return rows[:done]
 
     def _restart(self, name: str) -> None:
         """Start levelling again; learned sensor errors are kept unless the clock changed."""
-        memory = self._memory
+        memory = self.memory
         if name == CLOCK_JUMP:
-            self._memory = _fresh(self._parameters, float(memory.state[at.DECLINATION]))
+            self.memory = _fresh(self._parameters, float(memory.state[at.DECLINATION]))
             return
         memory.state[at.AGE] = -1.0
         memory.last_ns, memory.velocity, memory.body_velocity_ns = None, None, None

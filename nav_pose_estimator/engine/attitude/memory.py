@@ -1,13 +1,11 @@
 """State of an attitude engine, and the aiding of its filter by the navigator's velocity."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from nav_pose_estimator.core.attitude import layout as at
-from nav_pose_estimator.core.attitude.motion import subtract_velocity_change
+from nav_pose_estimator.core.attitude.navigator_aid import follow_navigator
 from nav_pose_estimator.engine.number_checks import is_within
 from nav_pose_estimator.engine.samples import NavigatorVelocity
 from nav_pose_estimator.engine.solutions import Event
@@ -18,10 +16,8 @@ _LARGEST_SPEED, _LARGEST_COMPONENT = 1e4, 1.1  # m/s, and of a unit quaternion: 
 _GOOD_HEADING = 0.1  # rad: largest deviation of a navigator's heading that corrects the filter
 _GOOD_LEVEL = 0.01  # rad: largest deviation of a navigator's tilt that corrects the accelerometer bias
 _LEVEL_TAU = 60.0  # s: time constant of that correction, slow compared with the filter's own levelling
-_MOST_BIAS = 0.5  # m/s^2: bound of the accelerometer bias
 _HEADING_TAU = 20.0  # s: correlation time of the navigator's heading error while GNSS aids it
-# rad: a filter with a larger heading deviation cannot resolve a velocity without orientation in its own axes.
-_KNOWN_HEADING = 0.35
+_NO_ATTITUDE = (0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass
@@ -51,50 +47,30 @@ class Memory:
 
 def take_velocity(sample: NavigatorVelocity, memory: Memory) -> list[Event]:
     """Pass the change of the vehicle's velocity since the last sample to the filter, which is not gravity."""
+    events, said = judge_velocity(sample, memory)
+    if said is not None and not follow_navigator(memory.state, np.array(said)):
+        return [Event(sample.stamp_ns, "navigator_velocity.ignored.heading_unknown")]
+    return events
+
+
+def judge_velocity(sample: NavigatorVelocity, memory: Memory) -> tuple[list[Event], list[float] | None]:
+    """Remember a velocity; returns the event of a rejection, and what the navigator says of its change since the last
+    one (``core.attitude.navigator_aid``), None if nothing."""
     stamp, before = sample.stamp_ns, memory.velocity
     if not (is_within(sample.vel_enu, _LARGEST_SPEED) and is_within(sample.q_nb or (), _LARGEST_COMPONENT)):
-        return [Event(stamp, "navigator_velocity.rejected.nan")]
+        return [Event(stamp, "navigator_velocity.rejected.nan")], None
     if memory.last_ns is None:
-        return [Event(stamp, "navigator_velocity.rejected.no_attitude_yet")]
+        return [Event(stamp, "navigator_velocity.rejected.no_attitude_yet")], None
     if before is not None and stamp <= before.stamp_ns:
-        return [Event(stamp, "navigator_velocity.rejected.stamp")]
+        return [Event(stamp, "navigator_velocity.rejected.stamp")], None
     memory.velocity = sample
     if before is None or not (sample.valid and before.valid) or stamp - before.stamp_ns > _VELOCITY_GAP_NS:
-        return []
-    turn = _heading_from(sample, memory.state)
-    if turn is None:
-        return [Event(stamp, "navigator_velocity.ignored.heading_unknown")]
-    dt, c, d = (stamp - before.stamp_ns) * _NS, math.cos(turn), math.sin(turn)
-    if sample.q_nb is not None and not sample.drifting:
-        _learn_from(sample, sample.q_nb, memory.state, turn, dt)
-    east, north, up = (now - then for now, then in zip(sample.vel_enu, before.vel_enu, strict=True))
-    change = (c * east - d * north, d * east + c * north, up)
+        return [], None
+    dt = (stamp - before.stamp_ns) * _NS
+    change = [now - then for now, then in zip(sample.vel_enu, before.vel_enu, strict=True)]
     speed = -1.0 if sample.drifting else math.hypot(*sample.vel_enu)
-    subtract_velocity_change(memory.state, change, dt, 2.0 * dt, speed)
-    return []
-
-
-def _learn_from(sample: NavigatorVelocity, q_nb: Sequence[float], s: np.ndarray, turn: float, dt: float) -> None:
-    """Learn heading and accelerometer bias from a navigator that GNSS aids; after its loss both are only kept."""
-    if sample.heading_sd < _GOOD_HEADING:
-        s[at.NAV_HEADING] = math.remainder(-turn, 2.0 * math.pi)
-        s[at.NAV_HEADING_VAR] = sample.heading_sd**2 * _HEADING_TAU / dt
-    if sample.tilt_sd < _GOOD_LEVEL:
-        # The filter's up (from the accelerometer) less the navigator's up, in b, is the bias over gravity.
-        change = _up_in_b(s[at.QUAT : at.QUAT + 4]) - _up_in_b(q_nb)
-        bias = s[at.FORCE_BIAS : at.FORCE_BIAS + 3]
-        bias += min(dt / _LEVEL_TAU, 1.0) * s[at.GRAVITY] * change
-        np.clip(bias, -_MOST_BIAS, _MOST_BIAS, out=bias)
-
-
-def _up_in_b(q: Sequence[float] | np.ndarray) -> np.ndarray:
-    w, x, y, z = q
-    return np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
-
-
-def _heading_from(sample: NavigatorVelocity, s: np.ndarray) -> float | None:
-    """Angle [rad] about Up from the navigator's axes to those of the filter; None where it is unknown."""
-    if sample.q_nb is None:
-        return 0.0 if s[at.COV + 8] < _KNOWN_HEADING**2 else None
-    (a, b, c, d), (w, x, y, z) = s[at.QUAT : at.QUAT + 4].tolist(), sample.q_nb
-    return 2.0 * math.atan2(d * w - a * z + c * x - b * y, a * w + b * x + c * y + d * z)
+    heading_var = levelling = 0.0
+    if not sample.drifting:  # after the loss of GNSS, heading and accelerometer bias are only kept
+        heading_var = sample.heading_sd**2 * _HEADING_TAU / dt if sample.heading_sd < _GOOD_HEADING else 0.0
+        levelling = min(dt / _LEVEL_TAU, 1.0) if sample.tilt_sd < _GOOD_LEVEL else 0.0
+    return [], [dt, *change, speed, *(sample.q_nb or _NO_ATTITUDE), heading_var, levelling]

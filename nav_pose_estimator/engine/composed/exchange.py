@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from nav_pose_estimator.core.filter import layout as at
-from nav_pose_estimator.core.numerics.imu_checks import stays_in_period
+from nav_pose_estimator.core.numerics.imu_checks import next_exchange
 from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, NavigatorVelocity
 from nav_pose_estimator.engine.solutions import Mode, NavBlock, NavSolution, Output
 
@@ -31,28 +29,21 @@ class ExchangeClock:
 
     def pieces(self, block: ImuBlock, periods: int = 1) -> Iterator[tuple[int, int]]:
         """Cuts a block behind each sample at which data are exchanged, so that blocks give what single samples give."""
-        count = len(block)
-        if stays_in_period(block.stamps_ns, self.period, _PERIOD_NS):
-            return iter([(0, count)])
-        now = block.stamps_ns // _PERIOD_NS
-        ends = np.flatnonzero(_talk(np.append(self.period, now[:-1]), now, periods)) + 1
-        cuts = [0, *ends.tolist()]
-        return itertools.pairwise(cuts if cuts[-1] == count else [*cuts, count])
+        stamps, begin, period = block.stamps_ns, 0, self.period
+        while begin < len(stamps):
+            end = min(next_exchange(stamps, begin, period, _PERIOD_NS, periods) + 1, len(stamps))
+            yield begin, end
+            begin, period = end, int(stamps[end - 1]) // _PERIOD_NS
 
     def is_due(self, sample: ImuSample | ImuBlock, periods: int = 1) -> bool:
         """Whether the estimators exchange data behind ``sample``; advances the clock."""
         before, self.period = self.period, newest_stamp(sample) // _PERIOD_NS
-        return bool(_talk(before, self.period, periods))
+        return self.period // periods != before // periods or abs(self.period - before) > 1
 
 
 def newest_stamp(sample: ImuSample | ImuBlock) -> int:
     """Stamp [ns] of the last IMU sample."""
     return sample.stamp_ns if isinstance(sample, ImuSample) else int(sample.stamps_ns[-1])
-
-
-def _talk(before: Any, now: Any, periods: int) -> Any:
-    """Whether data are exchanged behind an IMU sample in the period ``now``, if the one before was in ``before``."""
-    return (now // periods != before // periods) | (abs(now - before) > 1)
 
 
 def navigator_velocity(outputs: Iterable[Output], after_ns: int, until_ns: int) -> NavigatorVelocity | None:
@@ -73,9 +64,10 @@ def navigator_velocity(outputs: Iterable[Output], after_ns: int, until_ns: int) 
 
 def _velocity(output: NavBlock | NavSolution, row: int) -> NavigatorVelocity:
     if isinstance(output, NavSolution):
-        stamp, velocity, q_nb, variances = output.stamp_ns, output.vel_n, output.q_nb, np.diag(output.cov)[:3]
+        stamp, velocity, q_nb = output.stamp_ns, output.vel_n.tolist(), output.q_nb.tolist()
+        variances = np.diag(output.cov)[:3].tolist()
     else:
-        stamp, last = int(output.stamps_ns[row]), output.rows[row]
+        stamp, last = int(output.stamps_ns[row]), output.rows[row].tolist()
         velocity, q_nb = last[at.OUT_VEL : at.OUT_QUAT], last[at.OUT_QUAT : at.OUT_RATE]
         variances = last[at.OUT_VAR : at.OUT_VAR + 3]
     is_aided = output.mode is Mode.AIDED
@@ -83,9 +75,9 @@ def _velocity(output: NavBlock | NavSolution, row: int) -> NavigatorVelocity:
     is_valid = is_aided or tilt_sd < _GOOD_TILT
     return NavigatorVelocity(
         stamp,
-        tuple(velocity.tolist()),
+        tuple(velocity),
         is_valid,
-        tuple(q_nb.tolist()),
+        tuple(q_nb),
         drifting=not is_aided,
         heading_sd=heading_sd,
         tilt_sd=tilt_sd,

@@ -11,6 +11,7 @@ import numpy as np
 
 from nav_pose_estimator.engine import warm_up_flight
 from nav_pose_estimator.engine.attitude.engine import AttitudeEngine
+from nav_pose_estimator.engine.attitude.together import feed_together
 from nav_pose_estimator.engine.composed import sensor_batch
 from nav_pose_estimator.engine.composed.exchange import ExchangeClock, navigator_velocity, newest_stamp
 from nav_pose_estimator.engine.composed.sensor_batch import Early, SensorBatch
@@ -33,10 +34,12 @@ from nav_pose_estimator.engine.samples import (
     ImuBlock,
     ImuSample,
     MagSample,
+    NavigatorVelocity,
     PressureSample,
     Sample,
     SatelliteCount,
     VelocityError,
+    joined,
 )
 from nav_pose_estimator.engine.sensors.magnetometer import WRONG_START
 from nav_pose_estimator.engine.solutions import (
@@ -54,6 +57,7 @@ from nav_pose_estimator.engine.solutions import (
 _ANOTHER_STATE = (WRONG_START, UNDONE, TURNED)
 _BETWEEN = (GnssFix, GnssVelocity, MagSample, PressureSample, SatelliteCount, BeamVelocitySample)
 """Samples that the navigator takes together with the IMU's."""
+_MANY = 8  # least number of IMU samples that the attitude filter takes together with what is between them
 _EPOCH, _SECOND = 2, 4  # number of exchanges in half a second and in a second
 
 
@@ -247,6 +251,9 @@ def _attitudes(
     solutions: list[Output],
 ) -> list[Output]:
     """Feed the attitude filter, at each exchange also the velocity from ``solutions``; returns its outputs."""
+    together = None if attitude is None else _attitudes_together(attitude, clock, samples, early, solutions)
+    if together is not None:
+        return together
     outputs: list[Output] = []
     exchanged_ns = done = 0
     for part in _cut(samples, clock):
@@ -263,6 +270,40 @@ def _attitudes(
             velocity = navigator_velocity(solutions, since_ns, exchanged_ns)
             if velocity is not None:
                 attitude.feed(velocity)
+    return outputs
+
+
+def _attitudes_together(
+    attitude: AttitudeEngine,
+    clock: ExchangeClock,
+    samples: Sequence[Sample],
+    early: Early,
+    solutions: list[Output],
+) -> list[Output] | None:
+    """``_attitudes`` for many IMU samples at once; None where they must be fed block by block."""
+    blocks, fields, count = list[ImuBlock](), list[tuple[int, MagSample]](), 0
+    for sample in samples:
+        if isinstance(sample, ImuBlock):
+            blocks.append(sample)
+            count += len(sample.stamps_ns)
+        elif isinstance(sample, MagSample):
+            fields.append((count, sample))
+        elif isinstance(sample, ImuSample):
+            return None
+    if count < _MANY:
+        return None
+    fields += [(place, sample) for place, sample in early if isinstance(sample, MagSample)]
+    imu = joined(blocks)
+    velocities, exchanged_ns, now = dict[int, NavigatorVelocity](), 0, replace(clock)
+    for begin, end in clock.pieces(imu):
+        if now.is_due(_part(imu, begin, end)):
+            since_ns, exchanged_ns = exchanged_ns, int(imu.stamps_ns[end - 1])
+            velocity = navigator_velocity(solutions, since_ns, exchanged_ns)
+            if velocity is not None:
+                velocities[end] = velocity
+    outputs = feed_together(attitude, imu, fields, velocities)
+    if outputs is not None:
+        clock.period = now.period
     return outputs
 
 

@@ -86,20 +86,19 @@ class ImuInput:
 
         Accepted blocks still have to be rotated into b. False leaves the state unchanged.
         """
-        if not (COMPILED and len(blocks) > 1):
+        return len(blocks) > 1 and self.accept_whole(joined(blocks))
+
+    def accept_whole(self, block: ImuBlock) -> bool:
+        """``accept_all`` for one block."""
+        if not (COMPILED and self._block_passes(block)):
             return False
-        whole = joined(blocks)
-        if not self._block_passes(whole):
-            return False
-        stamp = int(whole.stamps_ns[-1])
-        self._remember_end(whole, (stamp, stamp))
+        stamp = int(block.stamps_ns[-1])
+        self._remember_end(block, (stamp, stamp))
         return True
 
     def accept_block(self, block: ImuBlock) -> list[ImuBlock | Event]:
         """Events of ``block`` and the accepted runs of its samples in body axes, in order."""
-        if COMPILED and self._block_passes(block):
-            stamp = int(block.stamps_ns[-1])
-            self._remember_end(block, (stamp, stamp))
+        if self.accept_whole(block):
             return [self.mounting.block(block)]
         if len(block) > _FEW:
             since = self._quiet_since(block)

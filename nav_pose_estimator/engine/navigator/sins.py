@@ -140,12 +140,8 @@ class SinsEngine:
             in_body = self._input.mounting.sample(sample)
             values = run.timeline.advance_one(t, in_body.gyro, in_body.accel)
             return [NavSolution(sample.stamp_ns, run.modes.mode, values, run.timeline.shift, run.gnss.position.resets)]
-        solutions: list[NavSolution] = []
-        for block in self._carry(self._input.accept(sample)):  # of one sample, at which the filter stands
-            values = self.run.timeline.filter.complete(block.rows[0])
-            stamp = int(block.stamps_ns[0])
-            solutions.append(NavSolution(stamp, block.mode, values, block.correction_enu, block.reset_count))
-        return solutions
+        blocks = self._carry(self._input.accept(sample))
+        return [solution_at_end(self.run, block) for block in blocks]  # of one sample, at which the filter stands
 
     def _carry(self, items: list[ImuSample | Event] | list[ImuBlock | Event]) -> list[NavBlock]:
         """Process the output of the IMU input in order: samples, and events, which may end the run."""
@@ -180,6 +176,12 @@ class SinsEngine:
             ahead = stretch.carry(self.run, stamps_ns, rows) if len(rows) else []
             blocks = [*blocks, *ahead]
         return blocks
+
+
+def solution_at_end(run: FilterRun, block: NavBlock) -> NavSolution:
+    """The whole solution at the last row of ``block``, at which the filter of ``run`` stands."""
+    values = run.timeline.filter.complete(block.rows[-1])
+    return NavSolution(int(block.stamps_ns[-1]), block.mode, values, block.correction_enu, block.reset_count)
 
 
 def _on_block(engine: SinsEngine, backlog: stretch.Backlog, block: ImuBlock, passes: bool) -> list[Output]:

@@ -31,8 +31,16 @@ LENGTH_NS = 30_000_000_000
 class Epoch(NamedTuple):
     """Samples that the copy gets together, and the aided navigator's ``velocity`` then, East and North [m/s]."""
 
-    samples: list[Sample]
+    imu: ImuBlock | None
+    others: list[Sample]
     velocity: tuple[float, float] | None
+
+    @classmethod
+    def of(cls, samples: list[Sample], velocity: tuple[float, float] | None) -> Epoch:
+        """The epoch of ``samples`` in the order of arrival. The IMU's are joined: many blocks take long to pickle."""
+        imu = [sample for sample in samples if isinstance(sample, (ImuSample, ImuBlock))]
+        others: list[Sample] = [sample for sample in samples if not isinstance(sample, (ImuSample, ImuBlock))]
+        return cls(joined(imu) if imu else None, others, velocity)
 
 
 class Outcome(NamedTuple):
@@ -91,12 +99,10 @@ class Rehearsal:
         """
         epochs, self.epochs = self.epochs, []
         for epoch in epochs:
-            imu = [sample for sample in epoch.samples if isinstance(sample, (ImuSample, ImuBlock))]
-            for sample in epoch.samples:
-                if not isinstance(sample, (ImuSample, ImuBlock)):
-                    self.sins.feed(sample)
-            if imu:
-                self._carry(joined(imu))
+            for sample in epoch.others:
+                self.sins.feed(sample)
+            if epoch.imu is not None:
+                self._carry(epoch.imu)
             if self.has_restarted:
                 return
             self.tally = self.tally + self._decided(epoch.velocity)

@@ -203,7 +203,7 @@ class Rehearsals:
 
     def _catch_up(self, running: Rehearsal, velocity: tuple[float, float] | None = None) -> None:
         """Fly the copies over the waiting samples; together these cost a quarter of what they would one by one."""
-        running.epochs.append(Epoch(self.state.waiting, velocity))
+        running.epochs.append(Epoch.of(self.state.waiting, velocity))
         self.state.drop()
         if self._elsewhere is None:
             running.fly()

@@ -170,7 +170,9 @@ def indexed_messages(data: bytes, offsets: np.ndarray) -> np.ndarray | None:
     The offsets are only used if the messages there, with records of other kinds in between, fill the data without gaps;
     None for an incorrect index.
     """
-    positions = np.unique(offsets)
+    positions = np.sort(offsets)  # np.unique takes ten times as long
+    if (positions[1:] == positions[:-1]).any():
+        positions = np.unique(positions)
     if not len(positions) or positions[-1] + MESSAGE_DATA > len(data) or positions[0] < 0:
         return None
     heads = np.lib.stride_tricks.sliding_window_view(np.frombuffer(data, np.uint8), MESSAGE_HEAD.size)[positions]

@@ -143,7 +143,7 @@ class BagReader:
         """Samples of each message that is not from the IMU."""
         out: list[tuple[Sample, ...]] = [()] * len(others)
         kinds = batch.topics[others]
-        for index in np.unique(kinds).tolist():
+        for index in np.flatnonzero(np.bincount(kinds)).tolist():
             places = np.flatnonzero(kinds == index)
             messages = batch.select(others[places])
             for convert_batch in players[index]:
@@ -152,6 +152,8 @@ class BagReader:
         return out
 
     def _samples_of(self, items: Converted) -> tuple[Sample, ...]:
+        if len(items) == 1 and not isinstance(items[0], Event):
+            return (items[0],)
         for event in items:
             if isinstance(event, Event):
                 self.event_counts[event.name] += 1

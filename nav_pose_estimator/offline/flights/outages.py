@@ -92,8 +92,8 @@ class _Clock:
 
     def advance(self, sample: Sample) -> None:
         stamp = int(sample.stamps_ns[-1]) if isinstance(sample, ImuBlock) else sample.stamp_ns
-        if stamp is not None:
-            self.now_ns = max(self.now_ns, stamp)
+        if stamp is not None and stamp > self.now_ns:
+            self.now_ns = stamp
 
 
 class GnssRemoval:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from nav_pose_estimator.errors import UserError
+from nav_pose_estimator.offline.import_time import without_garbage_collection
 from nav_pose_estimator.offline.process_clock import seconds_since_start
 from nav_pose_estimator.offline.terminal import aligned, printable
 
@@ -54,14 +55,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command. Raises ``UserError`` for wrong options, unreadable recordings and unusable output folders."""
-    from nav_pose_estimator.offline.bags.topic_map import parse_remaps
-    from nav_pose_estimator.offline.flights import latency, methods, outages
-    from nav_pose_estimator.offline.flights.config_file import load_parameters
-    from nav_pose_estimator.offline.output_folder import OutputFolder
-    from nav_pose_estimator.offline.replay import rerun_file
-    from nav_pose_estimator.offline.replay.aid_option import with_aids
-    from nav_pose_estimator.offline.replay.files import REPORT
-    from nav_pose_estimator.offline.replay.origin_option import with_origin
+    with without_garbage_collection():
+        from nav_pose_estimator.offline.bags.topic_map import parse_remaps
+        from nav_pose_estimator.offline.flights import latency, methods, outages
+        from nav_pose_estimator.offline.flights.config_file import load_parameters
+        from nav_pose_estimator.offline.logs import open_recording  # noqa: F401  for ``_Plan``
+        from nav_pose_estimator.offline.output_folder import OutputFolder
+        from nav_pose_estimator.offline.replay import replay, report, rerun_file, solution_bag  # noqa: F401  for ``_replay``
+        from nav_pose_estimator.offline.replay.aid_option import with_aids
+        from nav_pose_estimator.offline.replay.files import REPORT
+        from nav_pose_estimator.offline.replay.origin_option import with_origin
 
     if not 0.0 < arguments.rate <= 1000.0:
         raise UserError("--rate must lie between 0 and 1000 Hz")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from nav_pose_estimator.core.earth.ellipsoid import lla_to_enu
+from nav_pose_estimator.core.numerics.decimal_text import decimal_rows
 from nav_pose_estimator.core.numerics.rotation import euler_from_quat_many
 from nav_pose_estimator.engine.parameters.schema import flatten
 from nav_pose_estimator.engine.solutions import Mode
@@ -24,6 +25,8 @@ CSV_COLUMNS = (
     "t_s,lat_deg,lon_deg,alt_m,east_m,north_m,up_m,v_east_mps,v_north_mps,v_up_mps,roll_deg,pitch_deg,yaw_deg,"
     "sd_east_m,sd_north_m,sd_up_m,mode"
 )
+_CSV_DECIMALS = (4, 9, 9, *(4,) * 13)
+_TUM_DECIMALS = (6, 6, 6, 9, 9, 9, 9)
 
 
 def decimated(track: Track, rate_hz: float) -> Iterator[Track]:
@@ -70,26 +73,26 @@ def write_summary(path: Path, result: ReplayResult, wall_seconds: float) -> dict
 
 def write_tum(path: Path, result: ReplayResult, rate_hz: float) -> None:
     """Write lines ``stamp x y z qx qy qz qw`` with ENU metres from the origin, the format of evo."""
-    form = "%d.%09d" + " %.6f" * 3 + " %.9f" * 4
     with path.open("w", encoding="utf-8") as file:
         for track in decimated(result.track, rate_hz):
-            rows = np.column_stack([_local(track, result), track.q_nb[:, [1, 2, 3, 0]]]).tolist()
+            rows = decimal_rows(
+                np.column_stack([_local(track, result), track.q_nb[:, [1, 2, 3, 0]]]), _TUM_DECIMALS, " "
+            )
             stamps = (np.round(track.t * 1e9).astype(np.int64) + result.recording.epoch_ns).tolist()
-            lines = [form % (s // 10**9, s % 10**9, *row) for s, row in zip(stamps, rows, strict=True)]
-            file.writelines(f"{line}\n" for line in lines)
+            file.writelines(f"{s // 10**9}.{s % 10**9:09d} {row}\n" for s, row in zip(stamps, rows, strict=True))
 
 
 def write_csv(path: Path, result: ReplayResult, rate_hz: float) -> None:
     """Write the estimate as text with the columns ``CSV_COLUMNS``; t is relative to the bag's first stamp."""
-    form = "%.4f,%.9f,%.9f" + ",%.4f" * 13 + ",%s\n"
     with path.open("w", encoding="utf-8") as file:
         file.write(CSV_COLUMNS + "\n")
         for track in decimated(result.track, rate_hz):
             angles = np.degrees(euler_from_quat_many(track.q_nb))
             position = track.position * np.array([180.0 / math.pi, 180.0 / math.pi, 1.0])
             parts = [track.t, position, _local(track, result), track.velocity, angles, track.sd("position")]
-            rows = zip(np.column_stack(parts).tolist(), modes_at(result, track.t), strict=True)
-            file.writelines(form % (*row, mode.value) for row, mode in rows)
+            rows = decimal_rows(np.column_stack(parts), _CSV_DECIMALS, ",")
+            modes = modes_at(result, track.t)
+            file.writelines(f"{row},{mode.value}\n" for row, mode in zip(rows, modes, strict=True))
 
 
 def modes_at(result: ReplayResult, t: np.ndarray) -> list[Mode]:

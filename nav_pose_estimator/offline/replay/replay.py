@@ -1,16 +1,26 @@
 """Replay of a recording with the engine of the nodes, without middleware, as fast as possible."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from nav_pose_estimator.core.filter.layout import BASE_STATES, D_ACCEL_BIAS, D_GYRO_BIAS, OUT_COLUMNS
+from nav_pose_estimator.core.filter.layout import (
+    BASE_STATES,
+    D_ACCEL_BIAS,
+    D_GYRO_BIAS,
+    OUT_COLUMNS,
+    SOLUTION_BIASES,
+    SOLUTION_COV,
+    SOLUTION_ENU,
+)
 from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
+from nav_pose_estimator.engine.navigator.filter_run import FilterRun
+from nav_pose_estimator.engine.navigator.sins import solution_at_end
 from nav_pose_estimator.engine.parameters import Parameters
-from nav_pose_estimator.engine.samples import ImuBlock, ImuSample, Sample
+from nav_pose_estimator.engine.samples import ImuBlock, Sample
 from nav_pose_estimator.engine.solutions import Event, Mode, NavBlock, NavSolution, Output, PredictedDrift, Status
 from nav_pose_estimator.offline.flights.outage_errors import OutageErrors, judge
 from nav_pose_estimator.offline.flights.outages import GnssRemoval, Outage, OutageProof
@@ -19,7 +29,7 @@ from nav_pose_estimator.offline.flights.tracks import Reference, Track, TrackRec
 from nav_pose_estimator.offline.replay.second_core import SecondCore
 
 STATE_PERIOD_NS = 1_000_000_000
-"""Period in which biases are recorded; the last IMU sample of a block is then fed by itself."""
+"""Period in which biases are recorded."""
 DRAWN = 18_000
 """Largest number of drawn rows of a track: six minutes at 50 Hz; longer ones are decimated."""
 RESETS = frozenset(("reset", "resume.begun"))
@@ -46,14 +56,19 @@ class Record:
             if isinstance(output, NavBlock):
                 self.tracks.add(output)
                 self._note_mode(int(output.stamps_ns[0]), output.mode)
-            elif isinstance(output, NavSolution):
-                self.biases.append(_biases(output, self.epoch_ns))
-                self.tracks.add(as_block(output))
-                self._note_mode(output.stamp_ns, output.mode)
             elif isinstance(output, PredictedDrift):
                 self.predictions.append(output)
             elif isinstance(output, Event):
                 self._note_event(output)
+
+    def note_biases(self, run: FilterRun, outputs: Sequence[Output], stamp_ns: int) -> None:
+        """Store the biases of a navigator at ``stamp_ns``, its last IMU sample, if the last solution is that of it.
+
+        It is not after a gap, for example, behind which the navigator aligns again.
+        """
+        block = next((output for output in reversed(outputs) if isinstance(output, NavBlock)), None)
+        if block is not None and block.stamps_ns[-1] == stamp_ns and run.timeline.running:
+            self.biases.append(_biases(solution_at_end(run, block), self.epoch_ns))
 
     @property
     def bias_history(self) -> "BiasHistory":
@@ -98,10 +113,9 @@ class BiasHistory:
 
 
 def _biases(solution: NavSolution, epoch_ns: int) -> np.ndarray:
-    sd = np.sqrt(np.diag(solution.cov)[:BASE_STATES])
-    spread = sd[D_GYRO_BIAS : D_GYRO_BIAS + 3], sd[D_ACCEL_BIAS : D_ACCEL_BIAS + 3]
-    t = (solution.stamp_ns - epoch_ns) * 1e-9
-    return np.concatenate([[t], solution.gyro_bias, solution.accel_bias, *spread])
+    biases, variances = solution.values[SOLUTION_BIASES:SOLUTION_ENU], solution.values[SOLUTION_COV :: BASE_STATES + 1]
+    spread = (variances[first : first + 3] for first in (D_GYRO_BIAS, D_ACCEL_BIAS))
+    return np.concatenate([[(solution.stamp_ns - epoch_ns) * 1e-9], biases, *map(np.sqrt, spread)])
 
 
 @dataclass
@@ -191,7 +205,7 @@ def run(
 
     ``ahead`` receives the newest IMU stamp [ns] before it is fed to the estimator.
     """
-    next_state = last_ns = 0
+    next_state = last_ns = reported = 0
     waiting: list[Sample] = []
     for sample in samples:
         proof.check(sample)
@@ -202,15 +216,13 @@ def run(
         last_ns = int(sample.stamps_ns[-1])
         if not next_state - 2 * STATE_PERIOD_NS < last_ns < next_state:  # also after a clock that went back
             next_state = last_ns + STATE_PERIOD_NS
-            waiting[-1:] = [*([sample.part(0, -1)] if len(sample) > 1 else []), _last(sample)]
             ahead(last_ns)
-            record.take(engine.feed_all(waiting))
+            outputs = engine.feed_all(waiting)
+            record.take(outputs)
+            record.note_biases(engine.sins.run, outputs, last_ns)
             waiting = []
-        if progress is not None:
-            progress(len(sample))
+            if progress is not None:
+                progress(record.imu_samples - reported)
+            reported = record.imu_samples
     ahead(last_ns)
     record.take(engine.feed_all(waiting))
-
-
-def _last(block: ImuBlock) -> ImuSample:
-    return ImuSample(int(block.stamps_ns[-1]), tuple(block.gyro[-1].tolist()), tuple(block.accel[-1].tolist()))

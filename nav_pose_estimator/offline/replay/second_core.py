@@ -22,7 +22,7 @@ from nav_pose_estimator.engine.outage.learner import TAKE_OVER, OutageLearner
 from nav_pose_estimator.engine.outage.methods.method import TrainingJob, TrainingResult
 
 Work = Callable[[], Any]
-_AHEAD = 0.5  # s before a result takes effect from which the replay waits for it
+_AHEAD = 0.01  # s before a result takes effect from which the replay waits for it; more than times are rounded by
 _KINDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -31,9 +31,9 @@ class SecondCore:
 
     def __init__(self) -> None:
         self._can_copy = sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1
-        self._seen: set[str] = set()
         self._copy: _Copy | None = None
         self._trainings: list[tuple[float, OutageLearner, Work]] = []
+        self._rehearsals: list[Callable[[], None]] = []  # not begun yet
         self.engine: PoseEstimator | None = None
         """Whose trainings these are."""
 
@@ -46,18 +46,39 @@ class SecondCore:
             self._copy = None
 
     def rehearse(self, work: Work) -> Work:
-        """Begin a rehearsal; calling the returned function waits for its outcome."""
-        return self._begin("rehearsal", work)
+        """Begin a rehearsal at the next ``deliver``; calling the returned function waits for its outcome.
+
+        Its outcome is needed after half a minute of flight. A training that begins at the same time, the result of
+        which is needed after five seconds, is done first.
+        """
+        begun: list[Work] = []
+
+        def begin() -> None:
+            if not begun:
+                begun.append(self._begin(work))
+
+        def outcome() -> Any:
+            begin()
+            return begun[0]()
+
+        self._rehearsals.append(begin)
+        return outcome
 
     def train(self, job: TrainingJob) -> None:
         """Begin a training. Its result takes effect ``TAKE_OVER`` after its data; ``deliver`` provides it before."""
         assert self.engine is not None
         assert self.engine.outage_aid is not None
         learner = self.engine.outage_aid.learner
-        self._trainings.append((job.until, learner, self._begin("training", job.run)))
+        self._trainings.append((job.until, learner, self._begin(job.run)))
 
     def deliver(self, stamp_ns: int) -> None:
-        """Provide the results of trainings that could take effect by ``stamp_ns``, and after a clock that went back."""
+        """Provide the results of trainings that could take effect by ``stamp_ns``, and after a clock that went back.
+
+        To be called once a second of flight; rehearsals begin here.
+        """
+        rehearsals, self._rehearsals = self._rehearsals, []
+        for begin in rehearsals:
+            begin()
         while self._trainings and not 0.0 <= stamp_ns * 1e-9 - self._trainings[0][0] < TAKE_OVER - _AHEAD:
             _, learner, result = self._trainings.pop(0)
             aid = None if self.engine is None else self.engine.outage_aid
@@ -65,10 +86,9 @@ class SecondCore:
                 outcome: TrainingResult = result()
                 aid.accept(outcome)
 
-    def _begin(self, kind: str, work: Work) -> Work:
-        """Begin ``work``; the first of each ``kind`` is done in this process, which loads its kernels."""
-        if not self._can_copy or kind not in self._seen:
-            self._seen.add(kind)
+    def _begin(self, work: Work) -> Work:
+        """Begin ``work``; the kernels that only it needs are loaded by the fork alone."""
+        if not self._can_copy:
             result = work()
             return lambda: result
         if self._copy is None:

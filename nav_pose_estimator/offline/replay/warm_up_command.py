@@ -109,11 +109,15 @@ def _outage_methods() -> None:
 
 def _whole() -> None:
     """Compile what is still missing, such as after simultaneous writes to the same cache index."""
+    import numpy as np
+
+    from nav_pose_estimator.core.numerics.decimal_text import decimal_rows
     from nav_pose_estimator.engine.composed.pose_estimator import PoseEstimator
 
     _attitude_filters()
     _outage_methods()
     PoseEstimator().warm_up()
+    decimal_rows(np.zeros((1, 1)), (1,), ",")  # the files of a replay
 
 
 _PARTS: dict[str, Callable[[], object]] = {

@@ -292,5 +292,6 @@ def _numpy_code(field: _Field) -> str:
 
 def _gather(buffer: np.ndarray, starts: np.ndarray, size: int) -> np.ndarray:
     """Bytes (N, size) from the offsets ``starts`` (N,)."""
-    windows = np.lib.stride_tricks.sliding_window_view(buffer, size)
-    return np.ascontiguousarray(windows[starts])
+    # one opaque item per window: numpy copies it whole, three times as fast as its bytes
+    windows = np.ndarray((len(buffer) - size + 1,), np.dtype((np.void, size)), buffer, strides=(1,))
+    return windows[starts].view(np.uint8).reshape(len(starts), size)

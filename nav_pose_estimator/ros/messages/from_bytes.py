@@ -58,9 +58,10 @@ def magnetic_fields(found: dict[str, np.ndarray]) -> list[Converted]:
 
 def pressures(found: dict[str, np.ndarray]) -> list[Converted] | None:
     """Convert columns of sensor_msgs/FluidPressure; None if their variances differ or are unusable."""
-    if len(np.unique(found["variance"])) > 1:
+    variances = found["variance"]
+    if (variances != variances[0]).any():
         return None
-    variance, flaw = covariance.read_variance(found["variance"][0])
+    variance, flaw = covariance.read_variance(variances[0])
     if flaw:
         return None
     stamps, values = found["stamp_ns"].tolist(), found["fluid_pressure"].tolist()

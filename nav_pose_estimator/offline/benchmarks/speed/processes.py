@@ -222,8 +222,12 @@ def _ready(module: str, name: str, folder: Path | None = None) -> tuple[float, f
 
 
 def _run(command: list[str], environment: dict[str, str] | None = None, folder: Path | None = None) -> str:
-    """Output of ``command``; ``RuntimeError`` with its last line if it fails."""
-    done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT, env=environment, cwd=folder)
+    """Output of ``command``; ``RuntimeError`` with its last line if it fails.
+
+    As with most users, Python keeps the compiled sources; otherwise each start would compile them again.
+    """
+    given = {name: value for name, value in (environment or os.environ).items() if name != "PYTHONDONTWRITEBYTECODE"}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT, env=given, cwd=folder)
     if done.returncode != 0:
         raise RuntimeError(f"{' '.join(command[:4])} said: {done.stderr.strip()[-300:]}")
     return done.stdout
