@@ -12,14 +12,14 @@ from nav_pose_estimator.core.gnss.velocity_mistakes import LINEAR, UNIT
 EARTH, LAT, PERIOD = 6.371e6, 0.8, 0.2
 
 
-def fly(check: VelocityCheck, wrong, seconds: float = 40.0, late: float = 0.0) -> VelocityCheck:
+def fly(check: VelocityCheck, wrong, seconds: float = 40.0, late: float = 0.0, period: float = PERIOD) -> VelocityCheck:
     """A way that winds at 6 m/s; ``wrong`` gives what is said of a velocity."""
 
     def place(t: float) -> complex:
         return complex(60.0 * math.sin(0.1 * t), 40.0 * math.sin(0.13 * t + 0.5))
 
-    for k in range(round(seconds / PERIOD)):
-        t = k * PERIOD
+    for k in range(round(seconds / period)):
+        t = k * period
         true = (place(t - late + 0.05) - place(t - late - 0.05)) / 0.1
         said = wrong(true)
         check.velocity(t, said.real, said.imag, 0.1)
@@ -72,6 +72,13 @@ def test_a_delay_is_found_to_a_quarter_of_a_second(late: float) -> None:
     """GIVEN velocities of some time ago THEN the delay is found; a fifth of a second is nothing strange."""
     check = fly(VelocityCheck(), lambda v: v, 60.0, late=late)
     assert check.late.delay == (late if late > 0.5 else 0.0)
+    assert not check.fault
+
+
+def test_a_delay_is_found_at_a_high_rate() -> None:
+    """GIVEN 50 velocities a second, more than there is room for at first THEN the delay is found as well."""
+    check = fly(VelocityCheck(), lambda v: v, 60.0, late=1.0, period=0.02)
+    assert check.late.delay == 1.0
     assert not check.fault
 
 

@@ -40,7 +40,7 @@ class Lateness:
 
     delay: float = field(default=0.0, init=False)
     state: NDArray[np.float64] = field(default_factory=lambda: np.zeros(_SIZE), init=False)
-    """State of ``take_velocity``."""
+    """State of ``integrate``."""
     sums: NDArray[np.float64] = field(default_factory=lambda: np.empty((_ROWS, 3)), init=False)
     """Its rows: time [s] and integral of the velocities up to then [m], East and North."""
     _waiting: deque[Step] = field(default_factory=deque, init=False)
@@ -66,7 +66,7 @@ class Lateness:
         while self._waiting and self._waiting[0].end + DELAYS[-1] <= t:
             s = self._waiting.popleft()
             variance = s.floor**2 + (_SCALE * abs(s.way)) ** 2 + (_TIMING * min(s.turn, _TURNS)) ** 2
-            self.delay = float(_weigh(self.state, self.sums, self._odds, self.delay, tuple(s[:3]), variance))
+            self.delay = float(_judge_delays(self.state, self.sums, self._odds, self.delay, tuple(s[:3]), variance))
         return self.delay != before
 
     def stretch(self, stretch: Step) -> None:
@@ -75,7 +75,7 @@ class Lateness:
 
 
 @kernel
-def take_velocity(state, sums, t, east, north):
+def integrate(state, sums, t, east, north):
     """Add a velocity [m/s] valid at ``t`` [s] according to its stamp, for which ``sums`` has room."""
     begin, end = int(state[_BEGIN]), int(state[_END])
     sums[end, 0], sums[end, 1], sums[end, 2] = t, 0.0, 0.0
@@ -91,7 +91,7 @@ def take_velocity(state, sums, t, east, north):
 
 
 @kernel
-def _weigh(state, sums, odds, delay, step, variance):
+def _judge_delays(state, sums, odds, delay, step, variance):
     """Add the evidence of a ``step`` (begin, end, way) to the ``odds`` of all delays; returns the established delay."""
     own = _square(state, sums, step, 0.0, variance)
     if own == _MISSING:

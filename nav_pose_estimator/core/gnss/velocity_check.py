@@ -122,7 +122,7 @@ class VelocityCheck:
         self.climb.velocity(east, north, up)
         steps, late = self._steps, self.late
         late.make_room()
-        _hear(steps.state, steps.velocities, late.state, late.sums, t, late.delay, east, north, up)
+        _note_velocity(steps.state, steps.velocities, late.state, late.sums, t, late.delay, east, north, up)
         self.is_new = late.evaluate(t) or self.is_new
 
     def expect_walk(self, walk: float) -> None:
@@ -235,11 +235,11 @@ class VelocityCheck:
 
 
 @kernel
-def _hear(steps, velocities, late, sums, t, delay, east, north, up):
+def _note_velocity(steps, velocities, late, sums, t, delay, east, north, up):
     """Add a velocity valid at ``t`` [s], or ``delay`` [s] before that. Arguments as in ``take_velocity`` of
-    ``velocity_steps`` and of ``lateness``."""
+    ``velocity_steps`` and ``integrate`` of ``lateness``."""
     velocity_steps.take_velocity(steps, velocities, t - delay, east, north, up)
-    lateness.take_velocity(late, sums, t, east, north)
+    lateness.integrate(late, sums, t, east, north)
 
 
 @kernel
