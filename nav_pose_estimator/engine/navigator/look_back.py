@@ -9,6 +9,7 @@ import numpy as np
 from nav_pose_estimator.core.alignment.rest import Stillness
 from nav_pose_estimator.core.filter import layout as at
 from nav_pose_estimator.core.filter import noise_identification
+from nav_pose_estimator.core.filter.blocks import GYRO_MATRIX
 from nav_pose_estimator.engine.imu import physics
 from nav_pose_estimator.engine.imu.doubt import Doubt
 from nav_pose_estimator.engine.navigator import heading_trial
@@ -44,10 +45,28 @@ def _look_at_motion(run: FilterRun) -> None:
     run.gnss.position.elsewhere.second(whole.time, mean_rate is not None)
     _doubt_the_position(run)
     _doubt_the_body_velocity(run)
+    _watch_the_gyroscope(run)
     if run.parameters.imu.learn_noise:
         _identify_noise(run, rests=mean_rate is not None)
     if mean_rate is not None and run.parameters.aids.zero_velocity:
         run.observe(run.rest.observe(mean_rate, whole.view, run.clock.stamp(whole.time)))
+
+
+def _watch_the_gyroscope(run: FilterRun) -> None:
+    """Check the gyroscope's scale with the filter's own estimate of it, and release its prior where it is wrong."""
+    whole, watch = run.timeline.filter, run.gyro_watch
+    if whole.branches is not None or not GYRO_MATRIX.is_in(whole.constants):
+        return
+    motion = run.imu_physics.motion
+    # velocities that are late or in wrong axes, and heavy vibration, are no evidence against the gyroscope
+    misled = motion.latency.delay or motion.shakes or run.gnss.reception.velocities.doubted
+    if misled or not run.aiding.gnss_is_good(whole.time):
+        watch.evidence.skip()
+        return
+    own, stamp_ns = GYRO_MATRIX.states(whole.constants), run.clock.stamp(whole.time)
+    nis = run.gnss.velocity.doubt.largest_nis(whole.time - Stillness.PERIOD)
+    if watch.second(whole.nav[GYRO_MATRIX.estimates], whole.P[own, own], nis, run.journal, stamp_ns):
+        run.observe(run.gyro_matrix.observe(watch.evidence, whole.time, stamp_ns))
 
 
 def _watch_for_a_pull(run: FilterRun) -> None:
