@@ -91,11 +91,11 @@ SECTIONS: dict[str, tuple[Entry, ...]] = {
         Entry(
             "imu.gyroscope.doubted",
             "the gyroscope's rates do not fit GNSS: attitude and heading are uncertain, and its scale is learned",
-            "check range and unit of the gyroscope, signs and axes of both sensors; else ros.input.velocity_frame",
+            "check range and unit of the gyroscope, signs and axes of both sensors; if they are right: gnss.delay",
         ),
         Entry(
             "imu.gyroscope.scale",
-            "GNSS has shown the scale error of the gyroscope, and the navigator corrects it",
+            "the gyroscope fits GNSS with another scale, which the navigator uses from now on",
             "set the range that the driver converts with; the log line has the factor of each axis",
         ),
         Entry("imu.gyroscope.fits", "the gyroscope's scale is right after all: the doubt has ended"),

@@ -1,8 +1,9 @@
 """Watch over the gyroscope's scale, signs and axes: doubt as soon as the filter's own estimate contradicts its prior.
 
-With the doubt the prior of the scale factors is released (``prior``): attitude and heading become as
-uncertain as an unknown scale makes them, and the filter learns the scale from GNSS. The doubt ends when GNSS has agreed
-with the filter for a while. Other signs or axes stay in doubt, until ``engine.imu.motion_check`` names them.
+With the doubt the prior of the scale factors is released (``prior``): attitude and heading become as uncertain as an
+unknown scale makes them, and the filter learns the scale from GNSS. The doubt ends when GNSS has agreed with the filter
+for a while. Other signs or axes stay in doubt, until ``engine.imu.motion_check`` names them. A bias that changes while
+the vehicle turns steadily is taken for a scale: the two cannot be told apart there.
 """
 
 from __future__ import annotations
@@ -51,8 +52,8 @@ class GyroWatch:
         self.evidence.skip()
         self.reason = "the gyroscope's rates do not fit GNSS: attitude and heading are uncertain"
         text = (
-            "the gyroscope's rates do not fit GNSS: its scale, signs or axes are probably wrong; attitude and heading "
-            "are uncertain until GNSS has shown the scale"
+            "the gyroscope's rates do not fit GNSS: its scale, signs or axes are probably wrong, or its bias has "
+            "changed, or the stamps of GNSS are late; attitude and heading are uncertain until they fit"
         )
         journal.say(stamp_ns, "imu.gyroscope.doubted", Level.WARN, text)
         return True
@@ -72,9 +73,9 @@ class GyroWatch:
             journal.say(stamp_ns, "imu.gyroscope.fits", Level.INFO, "the gyroscope's rates fit GNSS again")
             return
         # the filter multiplies the rates by 1 - s
-        told = ", ".join(f"{axis} by {1.0 / (1.0 - s):.2f}" for axis, s in known.items())
+        told = ", ".join(f"{1.0 / (1.0 - s):.2f} ({axis})" for axis, s in known.items())
         text = (
-            f"the gyroscope's scale is wrong, as GNSS shows: its rates are multiplied along {told}; the navigator "
-            "corrects them, but check range and unit in the driver"
+            f"the gyroscope fits GNSS when its rates are divided by {told}, which the navigator does from now on: "
+            "check range and unit in the driver; in steady turns, a bias that has changed looks the same"
         )
         journal.say(stamp_ns, "imu.gyroscope.scale", Level.WARN, text)
