@@ -5,7 +5,7 @@ import pytest
 
 from nav_pose_estimator.core.alignment.gyro_evidence import SIZE, GyroEvidence
 
-V, W = 0.01**2, 0.3**2  # variances of the narrow prior and of wrong scales
+V, WRONG = 0.01**2, (0.3**2, 1.0)  # variances of the narrow prior and of wrong scales
 DIAGONAL = np.eye(SIZE)[:, [0, 4, 8]]
 COMMON = DIAGONAL.sum(axis=1, keepdims=True)
 SCALED = (DIAGONAL @ np.full(3, 0.2)).astype(float)
@@ -46,7 +46,7 @@ def test_the_odds_are_the_bayes_factor_of_the_two_priors(truth: np.ndarray) -> N
     """GIVEN observations of M WHEN the odds are computed from the narrow posterior THEN they are the exact ones."""
     found, J, h = evidence_of(truth, seconds=4)
     narrow = log_marginal(J, h, V * np.eye(SIZE))
-    wide = [log_marginal(J, h, V * np.eye(SIZE) + W * B @ B.T) for B in (COMMON, DIAGONAL)]
+    wide = [log_marginal(J, h, V * np.eye(SIZE) + w * B @ B.T) for B in (COMMON, DIAGONAL) for w in WRONG]
     assert found.odds == pytest.approx(max(wide) - narrow, rel=1e-6, abs=1e-6)
 
 

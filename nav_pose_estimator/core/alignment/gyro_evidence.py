@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 SIZE = 9  # elements of M, row-major
 _SCALES = (0, 4, 8)  # those on the diagonal
-_WIDE = 0.3**2  # variance of scale factors of a wrong gyroscope
+_WIDE = (0.3**2, 1.0)  # variances of scale factors: of a gyroscope of another range, of another sign or axis
 _GREW = 1.01  # growth of a variance within a second beyond the driving noise
 
 
@@ -46,21 +46,21 @@ class GyroEvidence:
         """Log Bayes factor of wrong scale factors against right ones."""
         self._before, self._variances = np.zeros((SIZE + 1, SIZE)), np.zeros(SIZE)
         self._total = np.zeros((SIZE + 1, SIZE))  # J, and h in the last row
-        self._unit_weight, self._skips = 1.0, False
+        self._skips = False
 
     def add(self, m: Array, P: Array, nis: float) -> None:
         """Add a second, at whose end the filter has the estimate ``m`` (9,) with covariance ``P`` (9, 9).
 
-        ``nis``: largest normalised innovation squared per row of the GNSS velocities in this second.
+        ``nis``: largest normalised innovation squared per row of the last GNSS velocities.
         """
-        variances, unit_weight = P.diagonal().copy(), max(nis, 1.0)
+        variances = P.diagonal().copy()
         if self.variance == 0.0:
             self.centre, self.variance = m.copy(), float(variances.max())
             self._skips = True
         # only a new prior or an enlarged covariance makes a variance grow, and neither is an observation
         skips = self._skips or bool((variances > _GREW * self._variances).any())
-        weight = 0.0 if skips else 1.0 / max(unit_weight, self._unit_weight)
-        self._variances, self._unit_weight, self._skips = variances, unit_weight, False
+        weight = 0.0 if skips else 1.0 / max(nis, 1.0)
+        self._variances, self._skips = variances, False
         if _add_information(P, m - self.centre, weight, self._before, self._total):
             self.odds = _log_bayes_factor(self._total, self.variance)
 
@@ -93,7 +93,7 @@ def _add_information(P, away, weight, before, total):
 
 @kernel
 def _log_bayes_factor(total, variance):
-    """The larger of the log Bayes factors of a common scale and of three scales; minus infinity where invalid."""
+    """Largest log Bayes factor of a common scale and of three scales, over ``_WIDE``; minus infinity where invalid."""
     size = total.shape[1]
     precision, C = np.empty((size, size)), np.zeros((size, size))
     for i in range(size):
@@ -111,17 +111,23 @@ def _log_bayes_factor(total, variance):
             K[a, b] = ((variance if a == b else 0.0) - C[_SCALES[a], _SCALES[b]]) / variance**2
             common += K[a, b]
         slope += g[a]
-    one = -0.5 * math.log(max(1.0 + _WIDE * common, 1.0)) + 0.5 * slope**2 / (max(common, 0.0) + 1.0 / _WIDE)
-    return max(one, _of_three_scales(K, g))
+    common, best = max(common, 0.0), -math.inf
+    for wide in _WIDE:
+        one = -0.5 * math.log(1.0 + wide * common) + 0.5 * slope**2 / (common + 1.0 / wide)
+        best = max(best, one, _of_three_scales(K, g, wide))
+    return best
 
 
 @kernel
-def _of_three_scales(K, g):
-    """Log Bayes factor of three scales with information ``K`` (3, 3), ``g`` (3,); minus infinity where invalid."""
+def _of_three_scales(K, g, wide):
+    """Log Bayes factor of three scales of variance ``wide``; minus infinity where invalid.
+
+    ``K`` (3, 3) and ``g`` (3,) are the information on them.
+    """
     L, whitened = K.copy(), np.empty(3)
-    odds = -1.5 * math.log(_WIDE)
+    odds = -1.5 * math.log(wide)
     for i in range(3):
-        L[i, i] += 1.0 / _WIDE
+        L[i, i] += 1.0 / wide
     if not factorise(L):
         return -math.inf
     for i in range(3):

@@ -101,8 +101,8 @@ class Doubt:
         return self._velocity_nis() if self._velocities else max(self._off**2 / 2.0, 1.0)
 
     def largest_nis(self, since: float) -> float:
-        """Largest NIS per row of the velocities after ``since`` [s]; 0 without any, infinite for a rejected one."""
-        return max([one[2] for one in self._velocities if one[0] > since], default=0.0)
+        """Largest NIS per row of the velocities after ``since`` [s]; infinite without any."""
+        return max([one[2] for one in self._velocities if one[0] > since], default=math.inf)
 
     def is_hopeless(self, t: float) -> bool:
         """Whether velocities and positions have contradicted the filter for so long that it has to restart."""

@@ -22,6 +22,7 @@ _GROUNDED = 1.0  # m/s
 _OFF_FOR = 4.0  # s over which the median innovation of positions is taken
 _OFF_SDS, _OFF = 2.4, 3.6
 """Deviations of a fix, and metres, by which that median must exceed chance; recorded flights: 3.1 m, 4.5 m in loops."""
+_LATELY = 2.0  # s: velocities of this time judge how much a second shows of the gyroscope
 _ROWS = 1.5 * noise_identification.PERIOD  # s: the last second began with the row before it
 
 
@@ -64,7 +65,7 @@ def _watch_the_gyroscope(run: FilterRun) -> None:
         watch.evidence.skip()
         return
     own, stamp_ns = GYRO_MATRIX.states(whole.constants), run.clock.stamp(whole.time)
-    nis = run.gnss.velocity.doubt.largest_nis(whole.time - Stillness.PERIOD)
+    nis = run.gnss.velocity.doubt.largest_nis(whole.time - _LATELY)
     if watch.second(whole.nav[GYRO_MATRIX.estimates], whole.P[own, own], nis, run.journal, stamp_ns):
         run.observe(run.gyro_matrix.observe(watch.evidence, whole.time, stamp_ns))
 

@@ -40,7 +40,7 @@ class GyroWatch:
     def second(self, m: np.ndarray, P: np.ndarray, nis: float, journal: Journal, stamp_ns: int) -> bool:
         """Add a second with the estimate ``m`` (9,) of covariance ``P`` (9, 9).
 
-        ``nis``: largest NIS per row of a GNSS velocity in this second. True where the prior is to be released.
+        ``nis``: largest NIS per row of the last GNSS velocities. True where the prior is to be released.
         """
         self.evidence.add(m, P, nis)
         if self._is_wide:
